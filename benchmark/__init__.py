@@ -1,0 +1,1 @@
+"""How it is judged: metrics, runner, result store, timing and method checks."""

@@ -1,0 +1,1 @@
+"""How it is recorded: boards over a serial port (nothing here yet)."""

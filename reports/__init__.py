@@ -1,0 +1,1 @@
+"""How it is shown: leaderboards and figures made from stored results."""

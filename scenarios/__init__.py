@@ -1,0 +1,1 @@
+"""What is measured: sensors, drive patterns, forward physics, phantoms, noise, recordings, suites."""

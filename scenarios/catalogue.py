@@ -1,0 +1,43 @@
+"""The registry of sensors by name: the default skin and one for every recorded set."""
+
+from dataclasses import replace
+
+from eitbench.scenarios.errors import InputError, unknown_name
+from eitbench.scenarios.outlines import rectangle
+from eitbench.scenarios.patterns import offset_pattern
+from eitbench.scenarios.recordings.descriptors import RECORDED_SETS
+from eitbench.scenarios.sensors import Sensor, SensorBuilder, even_electrodes
+
+
+def foam16() -> Sensor:
+    """The default sensor: a 0.1 m square of conductive foam with 16 electrodes, offset 3.
+
+    Electrodes are 10 mm wide, four a side, centred at 12.5, 37.5, 62.5 and 87.5 mm, numbered
+    counter-clockwise from the lower-left corner; contact impedance 1e-3 Ohm*m, background 1 S/m.
+    """
+    outline = rectangle(0.1, 0.1)
+    electrodes = even_electrodes(outline, 16, 0.01, 1e-3, start=0.0125)
+    return Sensor("foam16", outline, electrodes, offset_pattern(16, 3))
+
+
+def sensors() -> dict[str, SensorBuilder]:
+    """Every sensor that can be asked for by name."""
+    return {"foam16": foam16} | {s.sensor_name: s.sensor for s in RECORDED_SETS.values()}
+
+
+def sensor(name: str, *, offset: int | None = None) -> Sensor:
+    """The sensor called `name`; `offset` replaces its drive pattern by (i, i+offset).
+
+    Raises:
+        InputError: unknown name (the nearest one is suggested) or an impossible offset.
+    """
+    builders = sensors()
+    if name not in builders:
+        raise unknown_name("sensor", name, builders)
+    nominal = builders[name]()
+    if offset is None:
+        return nominal
+    return replace(nominal, pattern=offset_pattern(nominal.n_electrodes, offset))
+
+
+__all__ = ["InputError", "foam16", "sensor", "sensors"]

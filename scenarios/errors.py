@@ -1,0 +1,28 @@
+"""Errors that speak to the user: one sentence that says what was wrong and what to do."""
+
+import difflib
+from collections.abc import Iterable
+
+
+class EitbenchError(Exception):
+    """Base of every error the command line prints as one sentence, without a traceback."""
+
+
+class InputError(EitbenchError, ValueError):
+    """What was given cannot be used: a name, a file, an array, an option."""
+
+
+class DataUnavailableError(EitbenchError):
+    """Recorded data is not on this machine and could not be fetched."""
+
+
+class DataCorruptError(EitbenchError):
+    """A file's content is not what its checksum or format promises."""
+
+
+def unknown_name(kind: str, name: str, known: Iterable[str]) -> InputError:
+    """The error for an unknown `name`, suggesting the nearest of the `known` ones."""
+    names = sorted(known)
+    near = difflib.get_close_matches(name, names, n=1, cutoff=0.5)
+    hint = f"did you mean {near[0]!r}?" if near else f"known: {', '.join(names) or 'none'}."
+    return InputError(f"Unknown {kind} {name!r}: {hint}")

@@ -1,0 +1,161 @@
+"""Outlines of sensors: closed curves in metres, walked counter-clockwise along their rim."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from eitbench.scenarios.errors import InputError
+
+Array = NDArray[np.float64]
+
+
+class Outline(Protocol):
+    """A closed curve; arc length `s` [m] runs counter-clockwise from a fixed start point."""
+
+    @property
+    def perimeter(self) -> float:
+        """Length of the rim [m]."""
+        ...
+
+    @property
+    def bounds(self) -> tuple[float, float, float, float]:
+        """Bounding box (x_min, y_min, x_max, y_max) [m]."""
+        ...
+
+    @property
+    def corners(self) -> Array:
+        """Arc lengths (k,) [m] at which a mesh must have a node."""
+        ...
+
+    def point(self, s: ArrayLike) -> Array:
+        """Points (..., 2) [m] at arc lengths `s` (...) [m]; `s` wraps around the rim."""
+        ...
+
+    def contains(self, x: ArrayLike, y: ArrayLike) -> NDArray[np.bool_]:
+        """Whether the points (x, y) [m] lie inside."""
+        ...
+
+    def describe(self) -> dict[str, object]:
+        """What defines the outline, as plain values for hashing and printing."""
+        ...
+
+
+@dataclass(frozen=True)
+class Polygon:
+    """A simple polygon; `vertices` are (x, y) [m] in counter-clockwise order, the first is s = 0.
+
+    Raises:
+        InputError: fewer than three vertices, or clockwise order.
+    """
+
+    vertices: tuple[tuple[float, float], ...]
+
+    def __post_init__(self) -> None:
+        if len(self.vertices) < 3:
+            raise InputError(f"A polygon needs at least 3 vertices, got {len(self.vertices)}.")
+        x, y = self._closed[:-1].T
+        if np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y) <= 0:
+            raise InputError("The vertices of a polygon must run counter-clockwise around an area.")
+
+    @cached_property
+    def _closed(self) -> Array:
+        return np.array([*self.vertices, self.vertices[0]], dtype=np.float64)
+
+    @cached_property
+    def _arc(self) -> Array:
+        sides = np.hypot(*np.diff(self._closed, axis=0).T)
+        return np.concatenate([[0.0], np.cumsum(sides)])
+
+    @property
+    def perimeter(self) -> float:
+        """Length of the rim [m]."""
+        return float(self._arc[-1])
+
+    @property
+    def bounds(self) -> tuple[float, float, float, float]:
+        """Bounding box (x_min, y_min, x_max, y_max) [m]."""
+        low, high = self._closed.min(axis=0), self._closed.max(axis=0)
+        return float(low[0]), float(low[1]), float(high[0]), float(high[1])
+
+    @property
+    def corners(self) -> Array:
+        """Arc lengths (n_vertices,) [m] of the vertices."""
+        return self._arc[:-1]
+
+    def point(self, s: ArrayLike) -> Array:
+        """Points (..., 2) [m] at arc lengths `s` (...) [m]; `s` wraps around the rim."""
+        wrapped = np.mod(s, self.perimeter)
+        x, y = self._closed.T
+        return np.stack([np.interp(wrapped, self._arc, x), np.interp(wrapped, self._arc, y)], -1)
+
+    def contains(self, x: ArrayLike, y: ArrayLike) -> NDArray[np.bool_]:
+        """Whether the points (x, y) [m] lie inside (even-odd rule)."""
+        px, py = np.broadcast_arrays(np.asarray(x, float), np.asarray(y, float))
+        inside = np.zeros(px.shape, dtype=bool)
+        for (x0, y0), (x1, y1) in zip(self._closed[:-1], self._closed[1:], strict=True):
+            if y0 == y1:
+                continue
+            crosses = (y0 > py) != (y1 > py)
+            inside ^= crosses & (px < x0 + (py - y0) * (x1 - x0) / (y1 - y0))
+        return inside
+
+    def describe(self) -> dict[str, object]:
+        """What defines the outline, as plain values for hashing and printing."""
+        return {"polygon": [list(v) for v in self.vertices]}
+
+
+def rectangle(width: float, height: float) -> Polygon:
+    """A `width` x `height` [m] rectangle with its lower-left corner, s = 0, at the origin."""
+    if not (width > 0 and height > 0):
+        raise InputError(f"A rectangle needs positive sides, got {width} x {height} m.")
+    return Polygon(((0.0, 0.0), (width, 0.0), (width, height), (0.0, height)))
+
+
+def is_rectangle(outline: Outline) -> bool:
+    """Whether the pixel grid fills the outline exactly (an axis-parallel rectangle)."""
+    if not isinstance(outline, Polygon) or len(outline.vertices) != 4:
+        return False
+    x0, y0, x1, y1 = outline.bounds
+    return set(outline.vertices) == {(x0, y0), (x1, y0), (x1, y1), (x0, y1)}
+
+
+@dataclass(frozen=True)
+class Disc:
+    """A disc of `radius` [m] centred at the origin; s = 0 lies on the positive x axis."""
+
+    radius: float
+
+    def __post_init__(self) -> None:
+        if not self.radius > 0:
+            raise InputError(f"A disc needs a positive radius, got {self.radius} m.")
+
+    @property
+    def perimeter(self) -> float:
+        """Length of the rim [m]."""
+        return 2 * np.pi * self.radius
+
+    @property
+    def bounds(self) -> tuple[float, float, float, float]:
+        """Bounding box (x_min, y_min, x_max, y_max) [m]."""
+        return -self.radius, -self.radius, self.radius, self.radius
+
+    @property
+    def corners(self) -> Array:
+        """Arc lengths [m] of the corners: a disc has none."""
+        return np.empty(0)
+
+    def point(self, s: ArrayLike) -> Array:
+        """Points (..., 2) [m] at arc lengths `s` (...) [m]; `s` wraps around the rim."""
+        angle = np.asarray(s, float) / self.radius
+        return self.radius * np.stack([np.cos(angle), np.sin(angle)], -1)
+
+    def contains(self, x: ArrayLike, y: ArrayLike) -> NDArray[np.bool_]:
+        """Whether the points (x, y) [m] lie inside."""
+        return np.asarray(np.hypot(x, y) < self.radius)
+
+    def describe(self) -> dict[str, object]:
+        """What defines the outline, as plain values for hashing and printing."""
+        return {"disc": self.radius}

@@ -1,0 +1,1 @@
+"""Forward physics: meshes, elements, the complete electrode model, sensitivities."""

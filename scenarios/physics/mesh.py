@@ -1,0 +1,173 @@
+"""Meshes for the forward model: the pixel grid of a rectangle, triangles for any other outline."""
+
+import hashlib
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage, sparse
+
+from eitbench.scenarios.outlines import is_rectangle
+from eitbench.scenarios.sensors import Sensor
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+# A triangle straddles pixels; its share in each is counted on SUBDIVISION**2 equal sub-triangles.
+SUBDIVISION = 4
+# The current density is singular at the ends of electrodes: triangles there are this much smaller.
+ELECTRODE_END_REFINEMENT = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """A finite-element mesh of a sensor.
+
+    Attributes:
+        nodes: (n, 2) coordinates [m], numbered so that neighbours have close numbers.
+        elements: (k, 3) triangles or (k, 4) quadrilaterals as counter-clockwise node numbers.
+        rim_edges: (r, 2) node numbers of the edges on the rim, counter-clockwise.
+        rim_arcs: (r, 2) arc length [m] of the edges' ends along the outline, increasing.
+        pixel_shares: (k, H*W) sparse; the fraction of each element that lies in each pixel.
+    """
+
+    nodes: Array
+    elements: Index
+    rim_edges: Index
+    rim_arcs: Array
+    pixel_shares: sparse.csr_array
+
+    @cached_property
+    def content_hash(self) -> str:
+        """SHA-256 (hex) of the mesh: two meshes with the same hash discretise alike."""
+        digest = hashlib.sha256()
+        scale = np.abs(self.nodes).max()
+        digest.update(np.round(self.nodes / scale, 9).tobytes())
+        digest.update(self.elements.tobytes())
+        return digest.hexdigest()
+
+
+def build_mesh(sensor: Sensor) -> Mesh:
+    """One bilinear element per pixel where pixels fill the outline, else triangles of pixel size."""
+    return grid_mesh(sensor) if is_rectangle(sensor.outline) else triangle_mesh(sensor)
+
+
+def grid_mesh(sensor: Sensor) -> Mesh:
+    """The pixel grid itself: (H+1)(W+1) nodes, one quadrilateral per pixel."""
+    height, width = sensor.image_shape
+    x0, y0, x1, y1 = sensor.outline.bounds
+    # Rows are numbered along the shorter side: the bandwidth of the system is that side.
+    by_row = width <= height
+    number = np.arange((height + 1) * (width + 1), dtype=np.int64)
+    number = (
+        number.reshape(height + 1, width + 1) if by_row else number.reshape(width + 1, height + 1).T
+    )
+    x, y = np.meshgrid(np.linspace(x0, x1, width + 1), np.linspace(y0, y1, height + 1))
+    nodes = np.empty((number.size, 2))
+    nodes[number.ravel()] = np.column_stack([x.ravel(), y.ravel()])
+    corners = (number[:-1, :-1], number[:-1, 1:], number[1:, 1:], number[1:, :-1])
+    elements = np.stack(corners, axis=-1).reshape(-1, 4)
+    rim = np.concatenate([number[0], number[1:, -1], number[-1, -2::-1], number[-2::-1, 0]])
+    steps = np.hypot(*np.diff(nodes[rim], axis=0).T)
+    arc = np.concatenate([[0.0], np.cumsum(steps)])
+    return Mesh(
+        nodes,
+        elements,
+        np.column_stack([rim[:-1], rim[1:]]),
+        np.column_stack([arc[:-1], arc[1:]]),
+        sparse.csr_array(sparse.eye_array(height * width)),
+    )
+
+
+def triangle_mesh(sensor: Sensor) -> Mesh:
+    """Unstructured triangles no larger than a pixel, finer at electrode ends (mesher: Netgen)."""
+    # Imported here: square sensors do not need the mesher.
+    from netgen.geom2d import SplineGeometry
+
+    size = min(sensor.pixel_size)
+    arcs, is_end = _rim_points(sensor, size)
+    geometry = SplineGeometry()
+    for (x, y), end in zip(sensor.outline.point(arcs), is_end, strict=True):
+        geometry.AppendPoint(x, y, maxh=size / ELECTRODE_END_REFINEMENT if end else size)
+    for k in range(len(arcs)):
+        following = (k + 1) % len(arcs)
+        geometry.Append(["line", k, following], leftdomain=1, rightdomain=0, bc=k + 1)
+    made = geometry.GenerateMesh(maxh=size)
+
+    nodes = np.array([point.p[:2] for point in made.Points()])
+    triangles = np.array([[v.nr - 1 for v in e.vertices] for e in made.Elements2D()], dtype=np.int64)
+    edges = np.array([[v.nr - 1 for v in e.vertices] for e in made.Elements1D()], dtype=np.int64)
+    side = np.array([e.index - 1 for e in made.Elements1D()], dtype=np.int64)
+
+    rim_arcs = _arc_lengths(nodes[edges], side, arcs, sensor)
+    backwards = rim_arcs[:, 0] > rim_arcs[:, 1]
+    edges[backwards] = edges[backwards, ::-1]
+    rim_arcs[backwards] = rim_arcs[backwards, ::-1]
+
+    nodes, triangles, edges = _renumbered(nodes, triangles, edges)
+    return Mesh(nodes, triangles, edges, rim_arcs, _pixel_shares(nodes, triangles, sensor))
+
+
+def _rim_points(sensor: Sensor, size: float) -> tuple[Array, NDArray[np.bool_]]:
+    """Arc lengths (p,) [m] of rim points at most `size` apart, and which are electrode ends."""
+    perimeter = sensor.outline.perimeter
+    ends = np.array([e.centre + sign * e.width / 2 for e in sensor.electrodes for sign in (-1, 1)])
+    keys = np.concatenate([ends % perimeter, sensor.outline.corners])
+    is_end = np.arange(len(keys)) < len(ends)
+    order = np.argsort(keys)
+    keys, is_end = keys[order], is_end[order]
+    distinct = np.concatenate([[True], np.diff(keys) > 1e-9 * perimeter])
+    keys, is_end = keys[distinct], is_end[distinct]
+    arcs, flags = [], []
+    for k, start in enumerate(keys):
+        gap = (keys[(k + 1) % len(keys)] - start) % perimeter
+        pieces = max(1, int(np.ceil(gap / size - 1e-9)))
+        arcs.append(start + gap * np.arange(pieces) / pieces)
+        flags.append(np.arange(pieces) == 0 if is_end[k] else np.zeros(pieces, dtype=bool))
+    return np.concatenate(arcs), np.concatenate(flags)
+
+
+def _arc_lengths(ends: Array, side: Index, arcs: Array, sensor: Sensor) -> Array:
+    """Arc lengths (r, 2) of rim edges whose `ends` (r, 2, 2) lie on the straight piece `side` (r,)."""
+    start, stop = arcs[side], np.append(arcs[1:], arcs[0] + sensor.outline.perimeter)[side]
+    origin, target = sensor.outline.point(start), sensor.outline.point(stop)
+    along = target - origin
+    fraction = np.einsum("rpx,rx->rp", ends - origin[:, None], along) / np.sum(along**2, axis=1)[:, None]
+    return np.asarray(start[:, None] + fraction * (stop - start)[:, None])
+
+
+def _renumbered(nodes: Array, triangles: Index, edges: Index) -> tuple[Array, Index, Index]:
+    """The mesh with nodes in reverse Cuthill-McKee order, which keeps the system's band narrow."""
+    pairs = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
+    links = sparse.coo_array((np.ones(len(pairs)), pairs.T), shape=(len(nodes),) * 2).tocsr()
+    order = sparse.csgraph.reverse_cuthill_mckee(links + links.T, symmetric_mode=True)
+    rank = np.empty(len(nodes), dtype=np.int64)
+    rank[order] = np.arange(len(nodes))
+    return nodes[order], rank[triangles], rank[edges]
+
+
+def _pixel_shares(nodes: Array, triangles: Index, sensor: Sensor) -> sparse.csr_array:
+    """(k, H*W) fraction of each triangle in each masked pixel; what lies beyond goes to the nearest."""
+    height, width = sensor.image_shape
+    points = np.einsum("qc,kcx->kqx", _sub_centroids(SUBDIVISION), nodes[triangles])
+    x0, y0, _, _ = sensor.outline.bounds
+    dx, dy = sensor.pixel_size
+    column = np.clip(((points[..., 0] - x0) / dx).astype(np.int64), 0, width - 1)
+    row = np.clip(((points[..., 1] - y0) / dy).astype(np.int64), 0, height - 1)
+    nearest = ndimage.distance_transform_edt(
+        ~sensor.mask, return_distances=False, return_indices=True
+    )
+    pixel = nearest[0, row, column] * width + nearest[1, row, column]
+    share = np.full(pixel.size, 1 / SUBDIVISION**2)
+    rows = np.repeat(np.arange(len(triangles)), SUBDIVISION**2)
+    shape = (len(triangles), height * width)
+    return sparse.csr_array(sparse.coo_array((share, (rows, pixel.ravel())), shape=shape))
+
+
+def _sub_centroids(m: int) -> Array:
+    """Barycentric coordinates (m*m, 3) of the centroids of a triangle cut into m*m equal ones."""
+    upright = [(3 * i + 1, 3 * j + 1) for i in range(m) for j in range(m - i)]
+    inverted = [(3 * i + 2, 3 * j + 2) for i in range(m - 1) for j in range(m - 1 - i)]
+    first_two = np.array(upright + inverted) / (3 * m)
+    return np.column_stack([first_two, 1 - first_two.sum(axis=1)])

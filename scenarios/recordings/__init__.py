@@ -1,0 +1,1 @@
+"""Recorded sensor sets: descriptors, readers and verified downloads."""

@@ -1,0 +1,11 @@
+"""eitbench: the benchmark for electrical impedance tomography (EIT) tactile sensing."""
+
+from pathlib import Path as _Path
+
+__version__ = "0.1.0"
+
+# In a checkout the sub-packages are the repository's top-level folders; the links beside this
+# file serve type checkers and editors, and these lines make it work where links do not exist.
+_src = _Path(__file__).resolve().parents[1]
+if _src.name == "src" and (_src.parent / "pyproject.toml").is_file():
+    __path__.insert(0, str(_src.parent))
