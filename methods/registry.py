@@ -4,6 +4,7 @@ import hashlib
 import importlib
 import importlib.util
 import sys
+import warnings
 from collections.abc import Callable
 from importlib.metadata import entry_points
 from pathlib import Path
@@ -45,13 +46,17 @@ def register(name: str) -> Callable[[AnyMethod], AnyMethod]:
 
     def decorate(cls: AnyMethod) -> AnyMethod:
         if not (isinstance(cls, type) and issubclass(cls, Method)):
-            raise InputError(f"{name!r} is registered on {cls!r}, which is not a subclass of Method.")
+            raise InputError(
+                f"{name!r} is registered on {cls!r}, which is not a subclass of Method."
+            )
         taken = _registered.get(name)
         if taken is not None and (taken.__module__, taken.__qualname__) != (
             cls.__module__,
             cls.__qualname__,
         ):
-            raise InputError(f"The method name {name!r} is taken by {taken.__module__}: choose another.")
+            raise InputError(
+                f"The method name {name!r} is taken by {taken.__module__}: choose another."
+            )
         _registered[name] = cls
         return cls
 
@@ -66,9 +71,11 @@ def methods() -> dict[str, type[Method]]:
         try:
             loaded = point.load()
         except Exception as error:  # a broken plugin must not take the others down
-            raise InputError(
-                f"The installed plugin {point.value!r} does not import ({error}): mend or uninstall it."
-            ) from error
+            warnings.warn(
+                f"The installed plugin {point.value!r} does not import ({error}): mend or remove it.",
+                stacklevel=2,
+            )
+            continue
         if isinstance(loaded, type) and loaded not in _registered.values():
             register(point.name)(loaded)
     return dict(sorted(_registered.items()))
@@ -115,5 +122,7 @@ def load_plugin(path: str | Path) -> list[str]:
         ) from error
     names = [name for name, cls in _registered.items() if cls.__module__ == module_name]
     if not names:
-        raise InputError(f"The plugin {file.name} registers no method: decorate a class with @register.")
+        raise InputError(
+            f"The plugin {file.name} registers no method: decorate a class with @register."
+        )
     return names

@@ -2,10 +2,10 @@
 
 from dataclasses import replace
 
-from eitbench.scenarios.errors import InputError, unknown_name
+from eitbench.scenarios.errors import unknown_name
 from eitbench.scenarios.outlines import rectangle
 from eitbench.scenarios.patterns import offset_pattern
-from eitbench.scenarios.recordings.descriptors import RECORDED_SETS
+from eitbench.scenarios.recordings import RECORDED_SETS
 from eitbench.scenarios.sensors import Sensor, SensorBuilder, even_electrodes
 
 
@@ -38,6 +38,3 @@ def sensor(name: str, *, offset: int | None = None) -> Sensor:
     if offset is None:
         return nominal
     return replace(nominal, pattern=offset_pattern(nominal.n_electrodes, offset))
-
-
-__all__ = ["InputError", "foam16", "sensor", "sensors"]

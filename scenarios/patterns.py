@@ -28,7 +28,9 @@ class DrivePattern:
     def __post_init__(self) -> None:
         table = np.array(self.table, dtype=np.int64)
         if table.ndim != 2 or table.shape[1] != 4 or len(table) == 0:
-            raise InputError(f"A drive pattern is an (M, 4) table src, sink, a, b; got {table.shape}.")
+            raise InputError(
+                f"A drive pattern is an (M, 4) table src, sink, a, b; got {table.shape}."
+            )
         if (table[:, 0] == table[:, 1]).any() or (table[:, 2] == table[:, 3]).any():
             raise InputError("A drive pattern drives or measures between an electrode and itself.")
         table.setflags(write=False)

@@ -66,7 +66,9 @@ class Sensor:
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.background) and self.background > 0):
-            raise InputError(f"Sensor {self.name!r} needs a background > 0 S/m, got {self.background}.")
+            raise InputError(
+                f"Sensor {self.name!r} needs a background > 0 S/m, got {self.background}."
+            )
         if min(self.image_shape) < 2:
             raise InputError(f"Sensor {self.name!r} needs an image of at least 2 x 2 pixels.")
         self._check_electrodes()
@@ -81,7 +83,9 @@ class Sensor:
 
     def _check_electrodes(self) -> None:
         perimeter = self.outline.perimeter
-        order = sorted(range(len(self.electrodes)), key=lambda k: self.electrodes[k].centre % perimeter)
+        order = sorted(
+            range(len(self.electrodes)), key=lambda k: self.electrodes[k].centre % perimeter
+        )
         for here, following in zip(order, order[1:] + order[:1], strict=True):
             first, second = self.electrodes[here], self.electrodes[following]
             spacing = (second.centre - first.centre) % perimeter if here != following else perimeter
@@ -133,7 +137,9 @@ class Sensor:
 
     def refined(self, factor: int) -> "Sensor":
         """The same sensor on an image grid, and so a mesh, `factor` times finer."""
-        return replace(self, image_shape=(self.image_shape[0] * factor, self.image_shape[1] * factor))
+        return replace(
+            self, image_shape=(self.image_shape[0] * factor, self.image_shape[1] * factor)
+        )
 
     def describe(self) -> dict[str, object]:
         """All declared parameters as plain values, for hashing and printing."""
@@ -148,8 +154,13 @@ class Sensor:
 
 
 def even_electrodes(
-    outline: Outline, count: int, width: float, contact_impedance: float,
-    *, start: float = 0.0, clockwise: bool = False,
+    outline: Outline,
+    count: int,
+    width: float,
+    contact_impedance: float,
+    *,
+    start: float = 0.0,
+    clockwise: bool = False,
 ) -> tuple[Electrode, ...]:
     """`count` equal electrodes evenly along the rim, the first centred at arc length `start` [m]."""
     step = outline.perimeter / count * (-1 if clockwise else 1)

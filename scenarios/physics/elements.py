@@ -59,7 +59,9 @@ class ElectrodeTerms(NamedTuple):
     conductance: Array
 
 
-def electrode_terms(mesh: Mesh, electrodes: tuple[Electrode, ...], perimeter: float) -> ElectrodeTerms:
+def electrode_terms(
+    mesh: Mesh, electrodes: tuple[Electrode, ...], perimeter: float
+) -> ElectrodeTerms:
     """Integrals over the electrodes; an electrode may begin or end inside an edge of the rim."""
     n = len(mesh.nodes)
     mass = sparse.csr_array((n, n))

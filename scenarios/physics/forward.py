@@ -60,9 +60,8 @@ class ForwardModel:
         """
         images = self._checked(sigma)
         frames = np.empty((len(images), self.sensor.n_measurements))
-        for k, image in enumerate(images):
-            _, resistance = self._solve(image)
-            frames[k] = self._measured(resistance)
+        for frame, image in zip(frames, images, strict=True):
+            frame[:] = self._measured(self._solve(image)[1])
         if self.sensor.pattern.magnitudes:
             frames = np.abs(frames)
         return frames.reshape(*np.shape(sigma)[:-2], -1)
@@ -76,26 +75,41 @@ class ForwardModel:
         Raises:
             InputError: a wrong image shape, or a pixel that is not finite and positive.
         """
-        image = self._checked(sigma)
-        if len(image) != 1 or np.ndim(sigma) != 2:
-            raise InputError(f"A Jacobian belongs to one image (H, W), got shape {np.shape(sigma)}.")
-        potential, resistance = self._solve(image[0])
-        fields = (potential @ resistance)[self.mesh.elements]
+        return self.linearise(sigma)[1]
+
+    def linearise(self, sigma: ArrayLike) -> tuple[Array, Array]:
+        """Voltages (M,) and Jacobian (M, H, W) at one image (H, W), from one factorisation."""
+        if np.ndim(sigma) != 2:
+            raise InputError(
+                f"A Jacobian belongs to one image (H, W), got shape {np.shape(sigma)}."
+            )
+        potential, resistance = self._solve(self._checked(sigma)[0])
+        voltages = self._measured(resistance)
+        per_element = self._sensitivity(potential @ resistance)
+        shares = self.mesh.pixel_shares
+        jacobian = per_element if shares is None else (shares.T @ per_element.T).T
+        if self.sensor.pattern.magnitudes:
+            # d|V| = sign(V) dV
+            jacobian = np.sign(voltages)[:, None] * jacobian
+            voltages = np.abs(voltages)
+        return voltages, np.ascontiguousarray(jacobian).reshape(-1, *self.sensor.image_shape)
+
+    def _sensitivity(self, fields: Array) -> Array:
+        """dV/dsigma (M, k) per element from the potentials (n, E) of unit currents into electrodes."""
         src, sink, a, b = self.sensor.pattern.table.T
         drives, drive = np.unique(np.column_stack([src, sink]), axis=0, return_inverse=True)
         senses, sense = np.unique(np.column_stack([a, b]), axis=0, return_inverse=True)
-        # (pairs, k, c): corner potentials per element for every drive and every measuring pair.
-        u = np.stack([fields[..., i] - fields[..., j] for i, j in drives])
-        w = np.stack([fields[..., i] - fields[..., j] for i, j in senses])
-        flux = np.matmul(u[:, :, None, :], self._stiffness)[:, :, 0, :]
-        per_element = np.empty((self.sensor.n_measurements, self.n_elements))
+        # Potentials at the c corners of the k elements, for each pair: (pairs, c, k).
+        corners = np.ascontiguousarray(fields.T)[:, self.mesh.elements.T]
+        u = corners[drives[:, 0]] - corners[drives[:, 1]]
+        w = corners[senses[:, 0]] - corners[senses[:, 1]]
+        flux = np.zeros_like(u)
+        for i, j in np.ndindex(u.shape[1], u.shape[1]):
+            flux[:, i] -= self._stiffness[:, i, j] * u[:, j]
+        sensitivity = np.empty((len(drive), self.n_elements))
         for m, (d, s) in enumerate(zip(drive, sense, strict=True)):
-            np.einsum("kc,kc->k", flux[d], w[s], out=per_element[m])
-        per_pixel = -(self.mesh.pixel_shares.T @ per_element.T).T
-        if self.sensor.pattern.magnitudes:
-            # d|V| = sign(V) dV
-            per_pixel *= np.sign(self._measured(resistance))[:, None]
-        return np.ascontiguousarray(per_pixel).reshape(-1, *self.sensor.image_shape)
+            np.einsum("ck,ck->k", flux[d], w[s], out=sensitivity[m])
+        return sensitivity
 
     @cached_property
     def background(self) -> Array:
@@ -133,14 +147,16 @@ class ForwardModel:
         lower = row >= column
         element = np.repeat(np.arange(len(elements)), corners**2)
         entry = (row - column) + depth * column
-        shape = (depth * n, len(elements))
-        per_element = sparse.coo_array(
-            (self._stiffness.ravel()[lower], (entry[lower], element[lower])), shape=shape
-        )
+        assembly = sparse.coo_array(
+            (self._stiffness.ravel()[lower], (entry[lower], element[lower])),
+            shape=(depth * n, len(elements)),
+        ).tocsr()
+        if self.mesh.pixel_shares is not None:
+            assembly = assembly @ self.mesh.pixel_shares
         below = mass.row >= mass.col
         mass_entry = (mass.row - mass.col + depth * mass.col)[below]
         band = np.bincount(mass_entry, weights=mass.data[below], minlength=depth * n)
-        return sparse.csr_array(per_element.tocsr() @ self.mesh.pixel_shares), band
+        return sparse.csr_array(assembly), band
 
     def _solve(self, image: Array) -> tuple[Array, Array]:
         """A^-1 B (n, E) and the electrode resistance S^+ (E, E) [Ohm] for one `image` (H, W)."""

@@ -29,14 +29,15 @@ class Mesh:
         elements: (k, 3) triangles or (k, 4) quadrilaterals as counter-clockwise node numbers.
         rim_edges: (r, 2) node numbers of the edges on the rim, counter-clockwise.
         rim_arcs: (r, 2) arc length [m] of the edges' ends along the outline, increasing.
-        pixel_shares: (k, H*W) sparse; the fraction of each element that lies in each pixel.
+        pixel_shares: (k, H*W) sparse; the fraction of each element that lies in each pixel. None
+            where element k is pixel k.
     """
 
     nodes: Array
     elements: Index
     rim_edges: Index
     rim_arcs: Array
-    pixel_shares: sparse.csr_array
+    pixel_shares: sparse.csr_array | None
 
     @cached_property
     def content_hash(self) -> str:
@@ -76,7 +77,7 @@ def grid_mesh(sensor: Sensor) -> Mesh:
         elements,
         np.column_stack([rim[:-1], rim[1:]]),
         np.column_stack([arc[:-1], arc[1:]]),
-        sparse.csr_array(sparse.eye_array(height * width)),
+        pixel_shares=None,
     )
 
 
@@ -96,7 +97,9 @@ def triangle_mesh(sensor: Sensor) -> Mesh:
     made = geometry.GenerateMesh(maxh=size)
 
     nodes = np.array([point.p[:2] for point in made.Points()])
-    triangles = np.array([[v.nr - 1 for v in e.vertices] for e in made.Elements2D()], dtype=np.int64)
+    triangles = np.array(
+        [[v.nr - 1 for v in e.vertices] for e in made.Elements2D()], dtype=np.int64
+    )
     edges = np.array([[v.nr - 1 for v in e.vertices] for e in made.Elements1D()], dtype=np.int64)
     side = np.array([e.index - 1 for e in made.Elements1D()], dtype=np.int64)
 
@@ -133,7 +136,9 @@ def _arc_lengths(ends: Array, side: Index, arcs: Array, sensor: Sensor) -> Array
     start, stop = arcs[side], np.append(arcs[1:], arcs[0] + sensor.outline.perimeter)[side]
     origin, target = sensor.outline.point(start), sensor.outline.point(stop)
     along = target - origin
-    fraction = np.einsum("rpx,rx->rp", ends - origin[:, None], along) / np.sum(along**2, axis=1)[:, None]
+    fraction = (
+        np.einsum("rpx,rx->rp", ends - origin[:, None], along) / np.sum(along**2, axis=1)[:, None]
+    )
     return np.asarray(start[:, None] + fraction * (stop - start)[:, None])
 
 

@@ -1,1 +1,41 @@
 """Recorded sensor sets: descriptors, readers and verified downloads."""
+
+from eitbench.scenarios.errors import unknown_name
+from eitbench.scenarios.recordings.descriptors import RecordedSet, Recording
+from eitbench.scenarios.recordings.hydrogel import MULTITOUCH, OHMC8, OHMC16
+from eitbench.scenarios.recordings.hydrogel_rectangle import FIXED_PRESS, RECTANGLE, REPEATS
+from eitbench.scenarios.recordings.jku_tank import JKU_TANKS
+from eitbench.scenarios.recordings.kuopio import KTC2023
+from eitbench.scenarios.recordings.pyeidors_tank import PYEIDORS_TANK
+from eitbench.scenarios.recordings.sciospec_tank import SCIOSPEC_TANK
+
+RECORDED_SETS: dict[str, RecordedSet] = {
+    recorded.name: recorded
+    for recorded in (
+        OHMC16,
+        OHMC8,
+        MULTITOUCH,
+        RECTANGLE,
+        FIXED_PRESS,
+        REPEATS,
+        KTC2023,
+        SCIOSPEC_TANK,
+        *JKU_TANKS,
+        PYEIDORS_TANK,
+    )
+}
+"""Every recorded set by name."""
+
+
+def recorded_set(name: str) -> RecordedSet:
+    """The descriptor of the set called `name`.
+
+    Raises:
+        InputError: unknown name (the nearest one is suggested).
+    """
+    if name not in RECORDED_SETS:
+        raise unknown_name("recorded set", name, RECORDED_SETS)
+    return RECORDED_SETS[name]
+
+
+__all__ = ["RECORDED_SETS", "RecordedSet", "Recording", "recorded_set"]

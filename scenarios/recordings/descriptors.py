@@ -1,4 +1,4 @@
-"""What a recorded set is; `RECORDED_SETS` lists every one."""
+"""What a recorded set is: its descriptor, and the frames that its reader returns."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -9,31 +9,28 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from eitbench.scenarios.errors import DataCorruptError
+from eitbench.scenarios.recordings.sources import RecordedFile, Source
 from eitbench.scenarios.sensors import Sensor, SensorBuilder
 
 Truth = Literal["position", "classes", "none"]
 
 
-@dataclass(frozen=True)
-class RecordedFile:
-    """One upstream file: its path inside the repository, its size and its SHA-256."""
-
-    path: str
-    bytes: int
-    sha256: str
-
-
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """The frames of a recorded set, in the board's own units.
+    """The frames of a recorded set.
+
+    Voltages are V/A where the source states its drive current, else the board's own units; a
+    method calibrates the gain from the reference frame.
 
     Attributes:
         voltages: (n, M) frames, re-based on the common `reference` where every frame has its own
             untouched frame (v = reference + pressed - released), so that drift is removed alike
             for all methods.
-        reference: (M,) the untouched sensor.
-        samples: one row per frame; column `split` is "validation" or "test"; press positions are
-            `x_m`, `y_m` [m] in the robot's frame, `depth_mm` where known.
+        reference: (M,) the untouched sensor (or the state that stands for it, see the reader).
+        samples: one row per frame. Column `split` is "validation" or "test". Where known: `x_m`,
+            `y_m` [m] and `depth_mm` of a press in the robot's frame; `touched`, whether anything
+            but the empty sensor was measured; `state`, equal for frames that repeat one state.
         classes: (n, H, W) int8 truth: 0 background, -1 resistive, +1 conductive; None if unknown.
     """
 
@@ -50,11 +47,11 @@ class RecordedSet:
     Attributes:
         name: registry name, also the name of its scenario.
         title: one line for listings.
-        sensor_name, sensor: registry name and builder of its sensor.
+        sensor_name, sensor: registry name and builder of its sensor; needs no data.
         truth: what is known of each frame.
-        repository, commit, files: the public GitHub source, fixed.
-        licence, citation: as stated upstream.
-        read: from the folder that holds the repository's files to a `Recording`.
+        source: the public repository at a fixed commit, its licence and the files of this set.
+        citation: what to cite.
+        reader: from the folder that holds the repository's files to a `Recording`.
     """
 
     name: str
@@ -62,12 +59,66 @@ class RecordedSet:
     sensor_name: str
     sensor: SensorBuilder
     truth: Truth
-    repository: str
-    commit: str
-    files: tuple[RecordedFile, ...]
-    licence: str
+    source: Source
     citation: str
-    read: Callable[[Path, Sensor], Recording]
+    reader: Callable[[Path, Sensor], Recording]
+
+    @property
+    def repository(self) -> str:
+        """`owner/name` of the public repository."""
+        return self.source.repository
+
+    @property
+    def commit(self) -> str:
+        """The commit that the files belong to."""
+        return self.source.commit
+
+    @property
+    def files(self) -> tuple[RecordedFile, ...]:
+        """The upstream files of this set."""
+        return self.source.files
+
+    @property
+    def licence(self) -> str:
+        """The licence stated upstream."""
+        return self.source.licence
+
+    def read(self, folder: Path) -> Recording:
+        """The frames in `folder`, which holds the repository's files at their upstream paths.
+
+        Raises:
+            DataCorruptError: a file that is not what the reader expects.
+        """
+        nominal = self.sensor()
+        recording = self.reader(folder, nominal)
+        self._check(recording, nominal)
+        return recording
+
+    def _check(self, recording: Recording, nominal: Sensor) -> None:
+        n, m = len(recording.samples), nominal.n_measurements
+        wanted = {"voltages": (n, m), "reference": (m,)}
+        for label, shape in wanted.items():
+            values = getattr(recording, label)
+            if values.shape != shape:
+                raise DataCorruptError(
+                    f"The {label} of {self.name!r} have shape {values.shape} where {shape} is "
+                    "expected: fetch its files again."
+                )
+            if not np.isfinite(values).all():
+                raise DataCorruptError(
+                    f"The {label} of {self.name!r} are not all finite: fetch its files again."
+                )
 
 
-RECORDED_SETS: dict[str, RecordedSet] = {}
+def validation_every_fifth(n: int) -> list[str]:
+    """Column `split` of `n` samples: the first of every five is "validation", the rest "test".
+
+    The rule looks at the running number only, never at the data, and spreads both splits evenly
+    over the time of the recording, so that drift and ageing touch them alike.
+    """
+    return ["test" if k % 5 else "validation" for k in range(n)]
+
+
+def is_validation(samples: pd.DataFrame) -> NDArray[np.bool_]:
+    """(n,): the rows of the validation split."""
+    return (samples["split"] == "validation").to_numpy(dtype=bool)

@@ -1,0 +1,123 @@
+"""Nonlinear reconstruction: Gauss-Newton steps through the exact forward model.
+
+Each step linearises the model at the present image s_k with contrast x_k and solves
+
+    minimise over x   1/2 |F(s_k) + J_k (x - x_k) - (F(background) + dv)|^2 + prior(x).
+
+Data enter as differences added to what the model predicts for the untouched sensor, so that errors
+common to both frames (mesh, electrodes) cancel to first order.
+"""
+
+from abc import abstractmethod
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import linalg
+
+from eitbench.methods.linearisation import Linearisation, damping
+from eitbench.methods.method import Method
+from eitbench.methods.noser import noser_covariance
+from eitbench.methods.problem import Problem
+from eitbench.methods.registry import register
+from eitbench.methods.search import BOUNDS, ROWS, VARIATION, WEIGHTS
+from eitbench.methods.tv_solver import TVSolver
+
+Array = NDArray[np.float64]
+
+# ADMM steps between two linearisations; the solver goes on from where it stood.
+TV_ITERATIONS = 30
+
+
+@dataclass
+class GaussNewton(Method):
+    """Base of the nonlinear methods; a subclass solves the linearised problem of a step.
+
+    Attributes:
+        weight: of the prior, relative to the data term at the background.
+        row_exponent, upper: see `Linearisation`.
+        steps: number of linearisations.
+    """
+
+    weight: float = 1e-3
+    row_exponent: float = 0.0
+    upper: float | None = None
+    steps: int = 6
+
+    def fit(self, problem: Problem) -> None:
+        """Linearise at the background, which scales data and prior for every later step."""
+        self._problem = problem
+        self._linearisation = Linearisation(problem, self.row_exponent, self.upper)
+        self._compression = self._linearisation.compression()
+        self._expected = self._combined(problem.background_voltages)
+
+    def reconstruct(self, voltages: Array) -> Array:
+        """Absolute conductivity (n, H, W) [S/m] from frames (n, M)."""
+        targets = self._linearisation.data(voltages) @ self._compression.T + self._expected
+        return np.concatenate(
+            [self._linearisation.images(self._solve(target)[None]) for target in targets]
+            or [np.empty((0, *self._problem.mask.shape))]
+        )
+
+    def linearised(self, contrast: Array, target: Array) -> tuple[Array, Array]:
+        """J_k (m, P) and the data J_k x_k + target - F(s_k) (m,) at `contrast` x_k (P,)."""
+        image = self._linearisation.images(contrast[None])[0]
+        voltages, sensitivity = self._problem.model.linearise(image)
+        jacobian = self._combined(sensitivity[:, self._problem.mask])
+        return jacobian, jacobian @ contrast + target - self._combined(voltages)
+
+    def _combined(self, values: Array) -> Array:
+        """Model voltages or rows (M, ...) as the independent combinations (m, ...) of the data."""
+        return self._compression @ self._linearisation.weighted(values)
+
+    @abstractmethod
+    def _solve(self, target: Array) -> Array:
+        """Contrast (P,) [S/m] whose modelled voltages, combined, come near `target` (m,)."""
+
+
+@register("gauss-newton-noser")
+@dataclass
+class GaussNewtonNoser(GaussNewton):
+    """Nonlinear Gauss-Newton with the NOSER prior."""
+
+    source: ClassVar[str] = "Yorkey, Webster and Tompkins, IEEE Trans. Biomed. Eng. 34(11), 1987"
+    search: ClassVar = {**WEIGHTS, **ROWS, **BOUNDS}
+
+    def fit(self, problem: Problem) -> None:
+        """Linearise at the background, where the prior is taken."""
+        super().fit(problem)
+        rows = self._compression @ self._linearisation.jacobian
+        self._covariance = noser_covariance(rows)
+        self._damping = damping((rows * self._covariance) @ rows.T, self.weight)
+
+    def _solve(self, target: Array) -> Array:
+        contrast = np.zeros(len(self._covariance))
+        for _ in range(self.steps):
+            jacobian, data = self.linearised(contrast, target)
+            prior = jacobian * self._covariance
+            solved = linalg.solve(prior @ jacobian.T + self._damping, data, assume_a="pos")
+            contrast = np.clip(solved @ prior, *self._linearisation.bounds)
+        return contrast
+
+
+@register("gauss-newton-tv")
+@dataclass
+class GaussNewtonTV(GaussNewton):
+    """Nonlinear Gauss-Newton with total variation and bounds."""
+
+    source: ClassVar[str] = "Borsic et al., IEEE Trans. Med. Imaging 29(1), 2010"
+    search: ClassVar = {**VARIATION, **ROWS, **BOUNDS}
+    steps: int = 10
+
+    def _solve(self, target: Array) -> Array:
+        mask, state = self._problem.mask, None
+        contrast = np.zeros(int(mask.sum()))
+        for _ in range(self.steps):
+            jacobian, data = self.linearised(contrast, target)
+            rows = np.zeros((len(jacobian), *mask.shape))
+            rows[:, mask] = jacobian
+            solver = TVSolver(rows, self.weight, self._linearisation.bounds)
+            state = solver.run(data[None], state or solver.start(1), TV_ITERATIONS)
+            contrast = state.image[0, mask]
+        return contrast

@@ -1,0 +1,11 @@
+"""What the classical methods let the validation split choose."""
+
+from collections.abc import Mapping, Sequence
+
+Search = Mapping[str, Sequence[object]]
+
+WEIGHTS: Search = {"weight": (1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 3e-2, 0.1, 0.3, 1.0, 3.0)}
+ROWS: Search = {"row_exponent": (0.0, 0.5, 1.0)}
+BOUNDS: Search = {"upper": (None, 1.0)}
+ONE_STEP: Search = {**WEIGHTS, **ROWS, **BOUNDS}
+VARIATION: Search = {"weight": (1e-5, 3e-5, 1e-4, 3e-4, 1e-3, 3e-3, 1e-2)}

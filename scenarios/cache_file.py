@@ -1,0 +1,104 @@
+"""One file of the cache of simulated voltages: written whole or not at all, verified when read."""
+
+import hashlib
+import io
+import json
+import os
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from eitbench.scenarios.errors import DataCorruptError, EitbenchError
+
+Array = NDArray[np.float64]
+
+# A temporary file this old [s] was left by a killed process: writing one takes milliseconds.
+ABANDONED_AFTER_S = 3600.0
+
+
+@dataclass(frozen=True)
+class CacheFile:
+    """Voltages stored with the parameters they were made from.
+
+    Attributes:
+        path: the HDF5 file.
+        parameters: all that decides its content, as plain values.
+    """
+
+    path: Path
+    parameters: Mapping[str, object]
+
+    def read(self) -> Array | None:
+        """The stored voltages (n, M), or None if there is no file.
+
+        Raises:
+            DataCorruptError: the file is damaged or was made from other parameters.
+            EitbenchError: the file may not be read.
+        """
+        try:
+            content = self.path.read_bytes()
+        except FileNotFoundError:
+            return None
+        except OSError as error:
+            raise self._unusable("read", error) from error
+        try:
+            # From memory: HDF5's own file locks would hold up concurrent processes.
+            with h5py.File(io.BytesIO(content), "r") as file:
+                voltages = np.asarray(file["voltages"][()], dtype=np.float64)
+                stored, digest = str(file.attrs["parameters"]), str(file.attrs["sha256"])
+        except (OSError, KeyError, ValueError, TypeError, RuntimeError) as error:
+            raise DataCorruptError(f"The cache file {self.path} is unreadable.") from error
+        if stored != self._parameters_text():
+            raise DataCorruptError(f"The cache file {self.path} was made from other parameters.")
+        if digest != self._digest(voltages):
+            raise DataCorruptError(f"The cache file {self.path} does not match its checksum.")
+        return voltages
+
+    def write(self, voltages: Array) -> None:
+        """Store `voltages` (n, M); other processes see the old file or the new, nothing between.
+
+        Raises:
+            EitbenchError: the folder is not writable or full.
+        """
+        buffer = io.BytesIO()
+        with h5py.File(buffer, "w") as file:
+            file["voltages"] = voltages
+            file.attrs["parameters"] = self._parameters_text()
+            file.attrs["sha256"] = self._digest(voltages)
+        temporary = self.path.with_name(f".{self.path.name}.{os.getpid()}.tmp")
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            self._sweep()
+            try:
+                temporary.write_bytes(buffer.getbuffer())
+                temporary.replace(self.path)
+            finally:
+                temporary.unlink(missing_ok=True)
+        except OSError as error:
+            raise self._unusable("write", error) from error
+
+    def _sweep(self) -> None:
+        """Remove what killed processes left beside this file."""
+        for left in self.path.parent.glob(f".{self.path.name}.*.tmp"):
+            if time.time() - left.stat().st_mtime > ABANDONED_AFTER_S:
+                left.unlink(missing_ok=True)
+
+    def _unusable(self, action: str, error: OSError) -> EitbenchError:
+        return EitbenchError(
+            f"Cannot {action} the cache file {self.path} ({error.strerror or error}): make room or "
+            "give access there, or set EITBENCH_CACHE to another folder."
+        )
+
+    def _parameters_text(self) -> str:
+        return json.dumps(self.parameters, sort_keys=True, allow_nan=False)
+
+    def _digest(self, voltages: Array) -> str:
+        digest = hashlib.sha256(self._parameters_text().encode())
+        digest.update(str(voltages.shape).encode())
+        digest.update(np.ascontiguousarray(voltages).tobytes())
+        return digest.hexdigest()

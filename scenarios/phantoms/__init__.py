@@ -1,0 +1,1 @@
+"""Phantoms: the families and their ranges, how one is drawn, how it becomes an image."""

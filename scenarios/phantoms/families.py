@@ -1,0 +1,179 @@
+"""The families of phantoms: one table of shapes and ranges.
+
+The publication names its six families but gives no ranges; these are ours. Sizes are fractions of
+the sensor's side (the shorter side of its bounding box), conductivities fractions of its
+background (foam16: 1 S/m, so they read as S/m). Every value is uniform in its range.
+
+| family | shape | sizes | conductivity |
+|---|---|---|---|
+| `circle` | disc | radius 0.08-0.22 | 0.1-0.9 |
+| `two-circles` | two discs at least 0.03 apart | radii 0.08-0.18 | 0.1-0.9, each its own |
+| `l-shape` | L with two equal arms | arm 0.25-0.5, width 0.1-0.2 | 0.1-0.9 |
+| `triangle` | right isosceles triangle | leg 0.25-0.5 | 0.1-0.9 |
+| `rectangle` | rectangle | sides 0.12-0.45 | 0.1-0.9 |
+| `ring` | concentric ring | outer radius 0.18-0.3, inner 0.4-0.65 of it | 0.1-0.9 |
+| `ellipse` | ellipse | semi-axes 0.12-0.28 and 0.06-0.11 | 0.1-0.9 |
+| `star` | five points | outer radius 0.15-0.28, inner 0.4-0.55 of it | 0.1-0.9 |
+| `three-contacts` | three discs at least 0.03 apart | radii 0.06-0.12 | 0.1-0.9, each its own |
+| `four-contacts` | four discs at least 0.03 apart | radii 0.05-0.1 | 0.1-0.9, each its own |
+| `conductive` | disc or rectangle | as `circle` and `rectangle` | 1.1-1.9 |
+| `soft-press` | disc or rectangular indenter | radius 0.06-0.15, sides 0.1-0.3 | 2-60 kPa |
+
+`conductive` mirrors the contrasts of the published families, so the span stays 1 S/m, the data
+range of the metrics. `soft-press` turns pressure into conductivity by the law in
+`eitbench.scenarios.press`.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from eitbench.scenarios.errors import unknown_name
+from eitbench.scenarios.phantoms.regions import Circle, Ellipse, Polygonal, Pose, Region, Ring
+
+Range = tuple[float, float]
+Sizes = Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A kind of region.
+
+    Attributes:
+        name: what the samples table calls it.
+        sizes: range of every size, as fractions of the sensor's side; a size whose name ends in
+            `ratio` is a fraction of another size.
+        build: from sizes [m] and a pose to the region.
+    """
+
+    name: str
+    sizes: Mapping[str, Range]
+    build: Callable[[Sizes, Pose], Region]
+
+
+@dataclass(frozen=True)
+class Family:
+    """A family of phantoms.
+
+    Attributes:
+        name: registry name.
+        shapes: what an inclusion may be, each as likely as the others.
+        conductivity: range as fractions of the background; for a soft press see `pressure`.
+        count: number of inclusions.
+        gap: least distance between inclusions, as a fraction of the sensor's side.
+        pressure: range [Pa] of a soft press; None for inclusions of given conductivity.
+        published: one of the six families of the publication.
+    """
+
+    name: str
+    shapes: tuple[Shape, ...]
+    conductivity: Range = (0.1, 0.9)
+    count: int = 1
+    gap: float = 0.0
+    pressure: Range | None = None
+    published: bool = False
+
+    def describe(self) -> dict[str, object]:
+        """The ranges as plain values, for hashing and printing."""
+        return {
+            "name": self.name,
+            "shapes": [[s.name, {k: list(v) for k, v in s.sizes.items()}] for s in self.shapes],
+            "conductivity": list(self.conductivity),
+            "count": self.count,
+            "gap": self.gap,
+            "pressure": None if self.pressure is None else list(self.pressure),
+        }
+
+
+def _circle(sizes: Sizes, pose: Pose) -> Region:
+    return Circle(sizes["radius"], pose)
+
+
+def _ellipse(sizes: Sizes, pose: Pose) -> Region:
+    return Ellipse(sizes["long"], sizes["short"], pose)
+
+
+def _ring(sizes: Sizes, pose: Pose) -> Region:
+    return Ring(sizes["outer"], sizes["outer"] * sizes["inner_ratio"], pose)
+
+
+def _rectangle(sizes: Sizes, pose: Pose) -> Region:
+    x, y = sizes["width"] / 2, sizes["height"] / 2
+    return Polygonal(((-x, -y), (x, -y), (x, y), (-x, y)), pose)
+
+
+def _triangle(sizes: Sizes, pose: Pose) -> Region:
+    # About the centroid, so that the pose's place is the middle of the contact.
+    leg = sizes["leg"]
+    third = leg / 3
+    return Polygonal(((-third, -third), (leg - third, -third), (-third, leg - third)), pose)
+
+
+def _l_shape(sizes: Sizes, pose: Pose) -> Region:
+    arm, width = sizes["arm"], sizes["width"]
+    # Centroid of the L with its outer corner at the origin, alike in x and y.
+    middle = (arm**2 + arm * width - width**2) / (2 * (2 * arm - width))
+    corners = ((0.0, 0.0), (arm, 0.0), (arm, width), (width, width), (width, arm), (0.0, arm))
+    return Polygonal(tuple((x - middle, y - middle) for x, y in corners), pose)
+
+
+def _star(sizes: Sizes, pose: Pose) -> Region:
+    angle = np.pi * np.arange(10) / 5
+    radius = sizes["outer"] * np.where(np.arange(10) % 2 == 0, 1.0, sizes["inner_ratio"])
+    corners = zip((radius * np.cos(angle)).tolist(), (radius * np.sin(angle)).tolist(), strict=True)
+    return Polygonal(tuple(corners), pose)
+
+
+def _disc(low: float, high: float) -> Shape:
+    return Shape("circle", {"radius": (low, high)}, _circle)
+
+
+def _box(low: float, high: float) -> Shape:
+    return Shape("rectangle", {"width": (low, high), "height": (low, high)}, _rectangle)
+
+
+FAMILIES: dict[str, Family] = {
+    family.name: family
+    for family in (
+        Family("circle", (_disc(0.08, 0.22),), published=True),
+        Family("two-circles", (_disc(0.08, 0.18),), count=2, gap=0.03, published=True),
+        Family(
+            "l-shape",
+            (Shape("l-shape", {"arm": (0.25, 0.5), "width": (0.1, 0.2)}, _l_shape),),
+            published=True,
+        ),
+        Family("triangle", (Shape("triangle", {"leg": (0.25, 0.5)}, _triangle),), published=True),
+        Family("rectangle", (_box(0.12, 0.45),), published=True),
+        Family(
+            "ring",
+            (Shape("ring", {"outer": (0.18, 0.3), "inner_ratio": (0.4, 0.65)}, _ring),),
+            published=True,
+        ),
+        Family(
+            "ellipse",
+            (Shape("ellipse", {"long": (0.12, 0.28), "short": (0.06, 0.11)}, _ellipse),),
+        ),
+        Family(
+            "star",
+            (Shape("star", {"outer": (0.15, 0.28), "inner_ratio": (0.4, 0.55)}, _star),),
+        ),
+        Family("three-contacts", (_disc(0.06, 0.12),), count=3, gap=0.03),
+        Family("four-contacts", (_disc(0.05, 0.1),), count=4, gap=0.03),
+        Family("conductive", (_disc(0.08, 0.22), _box(0.12, 0.45)), conductivity=(1.1, 1.9)),
+        Family("soft-press", (_disc(0.06, 0.15), _box(0.1, 0.3)), pressure=(2e3, 60e3)),
+    )
+}
+
+PUBLISHED_FAMILIES = tuple(name for name, family in FAMILIES.items() if family.published)
+
+
+def family(name: str) -> Family:
+    """The family called `name`.
+
+    Raises:
+        InputError: unknown name (the nearest one is suggested).
+    """
+    if name not in FAMILIES:
+        raise unknown_name("phantom family", name, FAMILIES)
+    return FAMILIES[name]

@@ -1,0 +1,167 @@
+"""A phantom as a value: what lies on the sensor, how it is drawn, how it becomes an image."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.outlines import Outline
+from eitbench.scenarios.phantoms.families import Family, Shape
+from eitbench.scenarios.phantoms.regions import Indenter, Pose, Region
+from eitbench.scenarios.press import FOAM
+from eitbench.scenarios.sensors import Sensor
+
+Array = NDArray[np.float64]
+
+# Four contacts on foam16 need about 20 tries; a hundred times more means there is no place.
+MAX_TRIES = 10_000
+
+
+class Inclusion(Protocol):
+    """Something that changes the conductivity of a part of the sensor."""
+
+    @property
+    def region(self) -> Region:
+        """Where it touches."""
+        ...
+
+    def paint(self, sigma: Array, x: Array, y: Array) -> None:
+        """Change the conductivity `sigma` [S/m] at the points (x, y) [m], in place."""
+        ...
+
+
+@dataclass(frozen=True)
+class Patch:
+    """A region of one `conductivity` [S/m]."""
+
+    region: Region
+    conductivity: float
+
+    def paint(self, sigma: Array, x: Array, y: Array) -> None:
+        """Set the conductivity inside the region."""
+        sigma[self.region.contains(x, y)] = self.conductivity
+
+
+@dataclass(frozen=True)
+class SoftPress:
+    """An indenter, `region`, that presses on the foam with `pressure` [Pa]."""
+
+    region: Indenter
+    pressure: float
+
+    def paint(self, sigma: Array, x: Array, y: Array) -> None:
+        """Lower the conductivity under the indenter, and beside it as the foam gives way."""
+        sigma *= FOAM.pressed(self.pressure, self.region.distance(x, y))
+
+
+@dataclass(frozen=True)
+class Phantom:
+    """Inclusions on a homogeneous sensor.
+
+    Attributes:
+        family: the family it was drawn from.
+        shape: kind of its inclusions; the family's name where the family has only one.
+        background: conductivity [S/m] of the untouched sensor.
+        inclusions: painted in order.
+        parameters: what was drawn, for the table of samples; lengths in m, conductivity in S/m.
+    """
+
+    family: str
+    shape: str
+    background: float
+    inclusions: tuple[Inclusion, ...]
+    parameters: Mapping[str, float]
+
+
+def rasterise(phantom: Phantom, sensor: Sensor) -> Array:
+    """Conductivity (H, W) [S/m] of `phantom` at the pixel centres of `sensor`."""
+    x, y = sensor.pixel_centres
+    sigma = np.full(sensor.image_shape, phantom.background)
+    for inclusion in phantom.inclusions:
+        inclusion.paint(sigma, x, y)
+    return sigma
+
+
+def draw(family: Family, sensor: Sensor, rng: np.random.Generator) -> Phantom:
+    """A random phantom of `family`: its inclusions lie wholly inside `sensor` and apart.
+
+    Sizes and conductivities are drawn first, then places and rotations are tried, uniform over the
+    sensor, until they fit: the place never favours small inclusions.
+
+    Raises:
+        InputError: no place was found in MAX_TRIES tries.
+    """
+    x0, y0, x1, y1 = sensor.outline.bounds
+    side = min(x1 - x0, y1 - y0)
+    shape = family.shapes[rng.integers(len(family.shapes))]
+    sizes = [_sizes(shape, side, rng) for _ in range(family.count)]
+    levels = rng.uniform(*(family.pressure or family.conductivity), size=family.count)
+    poses = _places([shape.build(s, Pose()) for s in sizes], sensor.outline, family.gap * side, rng)
+    if poses is None:
+        raise InputError(
+            f"No place for a phantom of family {family.name!r} inside sensor {sensor.name!r} after "
+            f"{MAX_TRIES} tries: its outline is too narrow for the sizes of that family."
+        )
+    if family.pressure is None:
+        levels = levels * sensor.background
+    inclusions = []
+    parameters: dict[str, float] = {}
+    for k, (size, pose, level) in enumerate(zip(sizes, poses, levels.tolist(), strict=True)):
+        inclusions.append(_inclusion(family, shape.build(size, pose), level))
+        number = f"_{k + 1}" if family.count > 1 else ""
+        parameters |= {
+            f"x{number}_m": pose.x,
+            f"y{number}_m": pose.y,
+            f"angle{number}_rad": pose.angle,
+            f"conductivity{number}" if family.pressure is None else f"pressure{number}_pa": level,
+        }
+        parameters |= {n if _is_ratio(n) else f"{n}{number}_m": v for n, v in size.items()}
+    name = shape.name if len(family.shapes) > 1 else family.name
+    return Phantom(family.name, name, sensor.background, tuple(inclusions), parameters)
+
+
+def _inclusion(family: Family, region: Region, level: float) -> Inclusion:
+    """An inclusion of conductivity or pressure `level`, whichever the family varies."""
+    if family.pressure is None:
+        return Patch(region, level)
+    if not isinstance(region, Indenter):
+        raise InputError(f"A {type(region).__name__} cannot press: its distance is not known.")
+    return SoftPress(region, level)
+
+
+def _is_ratio(size: str) -> bool:
+    return size.endswith("ratio")
+
+
+def _sizes(shape: Shape, side: float, rng: np.random.Generator) -> dict[str, float]:
+    """Sizes [m] of a `shape` on a sensor of the given `side` [m]."""
+    drawn = {name: float(rng.uniform(*limits)) for name, limits in shape.sizes.items()}
+    return {n: v if _is_ratio(n) else v * side for n, v in drawn.items()}
+
+
+def _places(
+    shapes: list[Region], outline: Outline, gap: float, rng: np.random.Generator
+) -> list[Pose] | None:
+    """Poses of the `shapes`, all in the `outline` and `gap` [m] apart; None if none were found."""
+    x0, y0, x1, y1 = outline.bounds
+    rims = [shape.rim() for shape in shapes]
+    # Inclusions that must keep apart are discs, so the circles around them are what must not touch.
+    reaches = [float(np.hypot(*rim.T).max()) for rim in rims]
+    for _ in range(MAX_TRIES):
+        low, high = (x0, y0, 0.0), (x1, y1, 2 * np.pi)
+        poses = [Pose(*pose) for pose in rng.uniform(low, high, size=(len(shapes), 3)).tolist()]
+        apart = all(
+            np.hypot(poses[i].x - poses[j].x, poses[i].y - poses[j].y)
+            >= reaches[i] + reaches[j] + gap
+            for i in range(len(poses))
+            for j in range(i)
+        )
+        if not apart:
+            continue
+        points = np.concatenate([pose.place(rim) for pose, rim in zip(poses, rims, strict=True)])
+        if outline.contains(*points.T).all():
+            return poses
+    return None

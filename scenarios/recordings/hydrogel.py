@@ -1,0 +1,163 @@
+"""Hydrogel disc e-skins of the HydrogelEIT project, pressed by a robot.
+
+From upstream: opposition drive, the pattern table (checked against `lookup192.mat` and
+`lookup32.mat`), magnitudes only, a skin 171 mm across (the scale of upstream's `calcEIT.m`),
+presses within 70 mm of its centre. Ours: electrodes a quarter of their spacing wide, contact
+impedance 1e-3 Ohm*m, electrode 0 at 287 degrees and numbers counter-clockwise in the robot's frame.
+Upstream draws electrode 0 lowermost, at 270 degrees; the direction and the angle used here are
+where the model's sensitivities agree best with the measured changes. A similarity transform between
+image and robot frame is still fitted by whoever judges positions.
+
+The boards' channels are uneven. In the half of a frame from source to sink the values are several
+times larger than those from sink to source, which fits common-mode voltage leaking into the
+difference; the last value of each drive even answers with the opposite sign.
+"""
+
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from eitbench.scenarios.errors import DataCorruptError
+from eitbench.scenarios.outlines import Disc
+from eitbench.scenarios.patterns import DrivePattern, pair_pattern
+from eitbench.scenarios.recordings.descriptors import (
+    RecordedSet,
+    Recording,
+    is_validation,
+    validation_every_fifth,
+)
+from eitbench.scenarios.recordings.matfile import read_mat
+from eitbench.scenarios.recordings.sources import source_of
+from eitbench.scenarios.sensors import Sensor, even_electrodes
+
+REPOSITORY = "DSHardman/HydrogelEIT"
+CITATION = (
+    "D. Hardman, T. George Thuruthel, F. Iida. Tactile perception in hydrogel-based robotic skins "
+    "using data-driven electrical impedance tomography. Materials Today Electronics 4, 2023; data: "
+    "https://github.com/DSHardman/HydrogelEIT"
+)
+DISTANCES_MM = {"A": 108.0, "B": 75.0, "C": 20.0}
+"""Distance between the two probes of each multi-touch file."""
+
+_RADIUS = 0.0855
+_FIRST_ELECTRODE = np.deg2rad(287.0)
+
+
+def opposition_pattern(n_electrodes: int) -> DrivePattern:
+    """Drive (i, i + E/2), measure (j + 1, j) for j ascending, magnitudes only."""
+    half = n_electrodes // 2
+    pattern = pair_pattern(
+        [(i, (i + half) % n_electrodes) for i in range(n_electrodes)],
+        [((j + 1) % n_electrodes, j) for j in range(n_electrodes)],
+    )
+    return DrivePattern(pattern.table, magnitudes=True)
+
+
+def check_lookup(folder: Path, pattern: DrivePattern) -> None:
+    """Compare `pattern` with upstream's table, which numbers 32 half electrodes.
+
+    Raises:
+        DataCorruptError: they differ.
+    """
+    m = pattern.n_measurements
+    path = folder / f"lookup{m}.mat"
+    lookup = read_mat(path, lookup=(m, 4))["lookup"]
+    if not np.array_equal(lookup, pattern.table * (32 // (pattern.table.max() + 1))):
+        raise DataCorruptError(f"{path} lists another pattern than the sensor: fetch it again.")
+
+
+def rebased(
+    pressed: NDArray[np.float64], released: NDArray[np.float64], samples: pd.DataFrame
+) -> Recording:
+    """Frames (n, M) on one reference: the median of the validation presses' released frames."""
+    reference = np.median(released[is_validation(samples)], axis=0)
+    return Recording(reference + pressed - released, reference, samples)
+
+
+def _disc_skin(name: str, n_electrodes: int) -> Sensor:
+    outline = Disc(_RADIUS)
+    electrodes = even_electrodes(
+        outline, n_electrodes, outline.perimeter / n_electrodes / 4, 1e-3,
+        start=_RADIUS * _FIRST_ELECTRODE,
+    )  # fmt: skip
+    return Sensor(name, outline, electrodes, opposition_pattern(n_electrodes))
+
+
+def _read_presses(file: str, folder: Path, sensor: Sensor) -> Recording:
+    check_lookup(folder, sensor.pattern)
+    shape = (500, sensor.n_measurements)
+    mat = read_mat(folder / file, positions=(500, 3), responsedowns=shape, responseups=shape)
+    x, y, depth = mat["positions"].T
+    samples = pd.DataFrame(
+        {
+            "split": validation_every_fifth(500),
+            "x_m": x,
+            "y_m": y,
+            "depth_mm": np.round(depth * 1e3, 3),
+            "touched": True,
+        }
+    )
+    return rebased(mat["responsedowns"], mat["responseups"], samples)
+
+
+def _read_multitouch(folder: Path, sensor: Sensor) -> Recording:
+    check_lookup(folder, sensor.pattern)
+    pressed, released, distances = [], [], []
+    for part, distance in DISTANCES_MM.items():
+        n = 10 if part == "C" else 8
+        shape = (n, sensor.n_measurements)
+        path = folder / f"Extracted/MultiTouch/multitouch{part}.mat"
+        mat = read_mat(path, responsedowns=shape, responseups=shape)
+        pressed.append(mat["responsedowns"])
+        released.append(mat["responseups"])
+        distances += [distance] * n
+    samples = pd.DataFrame(
+        {
+            "split": validation_every_fifth(len(distances)),
+            "probe_distance_mm": distances,
+            "touched": True,
+            "state": np.unique(distances, return_inverse=True)[1],
+        }
+    )
+    return rebased(np.concatenate(pressed), np.concatenate(released), samples)
+
+
+OHMC16 = RecordedSet(
+    name="ohmc16",
+    title="hydrogel disc skin, 16 electrodes, 500 robot presses of 10, 15 and 20 mm",
+    sensor_name="ohmc16",
+    sensor=partial(_disc_skin, "ohmc16", 16),
+    truth="position",
+    source=source_of(REPOSITORY, "Extracted/ohmc16.mat", "lookup192.mat"),
+    citation=CITATION,
+    reader=partial(_read_presses, "Extracted/ohmc16.mat"),
+)
+
+OHMC8 = RecordedSet(
+    name="ohmc8",
+    title="hydrogel disc skin, 8 electrodes, 500 robot presses of 10, 15 and 20 mm",
+    sensor_name="ohmc8",
+    sensor=partial(_disc_skin, "ohmc8", 8),
+    truth="position",
+    source=source_of(REPOSITORY, "Extracted/ohmc8.mat", "lookup32.mat"),
+    citation=CITATION,
+    reader=partial(_read_presses, "Extracted/ohmc8.mat"),
+)
+
+MULTITOUCH = RecordedSet(
+    name="hydrogel-multitouch",
+    title="hydrogel disc skin, 16 electrodes, two probes 108, 75 and 20 mm apart",
+    sensor_name="ohmc16",
+    sensor=partial(_disc_skin, "ohmc16", 16),
+    truth="none",
+    source=source_of(
+        REPOSITORY,
+        "lookup192.mat",
+        *(f"Extracted/MultiTouch/multitouch{part}.mat" for part in DISTANCES_MM),
+    ),
+    citation=CITATION,
+    reader=_read_multitouch,
+)

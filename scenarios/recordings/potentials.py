@@ -1,0 +1,21 @@
+"""Boards that report the potential of every electrode against ground."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eitbench.scenarios.patterns import DrivePattern
+
+Drives = list[tuple[int, int]]
+
+
+def in_phase_differences(
+    potentials: NDArray[np.complex128], drives: Drives, pattern: DrivePattern
+) -> NDArray[np.float64]:
+    """Re(U[a] - U[b]) as (..., M) from potentials U (..., drives, electrodes).
+
+    The in-phase part carries the resistive field; a model with real conductivity has no other.
+    """
+    row = {drive: k for k, drive in enumerate(drives)}
+    src, sink, a, b = pattern.table.T
+    drive = [row[pair] for pair in zip(src.tolist(), sink.tolist(), strict=True)]
+    return np.real(potentials[..., drive, a] - potentials[..., drive, b])

@@ -1,0 +1,231 @@
+"""Scenarios: what is simulated or read, declared in full."""
+
+import re
+from dataclasses import replace
+from functools import lru_cache
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, field_validator
+
+from eitbench.scenarios.catalogue import sensor as sensor_by_name
+from eitbench.scenarios.errors import unknown_name
+from eitbench.scenarios.noise import Noise
+from eitbench.scenarios.phantoms.families import Family, family
+from eitbench.scenarios.physics.forward import ForwardModel, forward_model
+from eitbench.scenarios.press import FOAM
+from eitbench.scenarios.recordings import RECORDED_SETS, RecordedSet
+from eitbench.scenarios.sensors import Sensor, content_hash
+
+# Raised by one whenever the same declared parameters give other numbers than before.
+GENERATOR_VERSION = 1
+
+Split = Literal["train", "validation", "test"]
+MAX_SNR_DB = 200.0
+
+
+def _name(value: object) -> object:
+    # Names become folders, groups of result files and command-line arguments.
+    if not isinstance(value, str) or not re.fullmatch(r"[a-z0-9][a-z0-9-]*", value):
+        raise ValueError("a name has small letters, digits and hyphens only")
+    return value
+
+
+def _noise(value: object) -> object:
+    if value in ("clean", "mixture"):
+        return value
+    if isinstance(value, int | float) and not isinstance(value, bool) and 0 <= value <= MAX_SNR_DB:
+        return float(value)
+    raise ValueError(f'noise is an SNR of 0 to {MAX_SNR_DB:g} dB, "clean" or "mixture"')
+
+
+Name = Annotated[str, BeforeValidator(_name)]
+NoiseField = Annotated[Noise, BeforeValidator(_noise)]
+
+
+class Declaration(BaseModel):
+    """A frozen set of declared parameters; unknown ones are refused."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=False)
+
+
+class SplitNoise(Declaration):
+    """Noise of every split: an SNR in dB, "clean", or "mixture" (half clean, half 30-60 dB)."""
+
+    train: NoiseField = "clean"
+    validation: NoiseField = "clean"
+    test: NoiseField = "clean"
+
+
+class SimulatedScenario(Declaration):
+    """Phantoms on a simulated sensor.
+
+    Attributes:
+        name: registry name; noise is drawn from it.
+        sensor: registry name of the nominal sensor, the one methods are told of.
+        image_shape: (H, W) of the nominal image grid; the sensor's own by default.
+        families: phantom families of the test split, in equal numbers.
+        training_families: those of the other two splits; `families` by default.
+        noise: of every split. The reference frame is measured once, with the noise of `test`.
+        mesh_refinement: the data come from a mesh this many times finer than the image grid.
+        train, validation, test: number of samples.
+        phantoms: name that phantoms are drawn from; scenarios that share it share their phantoms.
+    """
+
+    kind: Literal["simulated"] = "simulated"
+    name: Name
+    sensor: str = "foam16"
+    image_shape: tuple[Annotated[int, Field(ge=2)], Annotated[int, Field(ge=2)]] | None = None
+    families: tuple[str, ...] = Field(min_length=1)
+    training_families: tuple[str, ...] | None = Field(default=None, min_length=1)
+    noise: SplitNoise = SplitNoise()
+    mesh_refinement: int = Field(default=1, ge=1, le=8)
+    train: int = Field(ge=0)
+    validation: int = Field(ge=0)
+    test: int = Field(ge=0)
+    phantoms: str = ""
+
+    @field_validator("sensor")
+    @classmethod
+    def _known_sensor(cls, value: str) -> str:
+        sensor_by_name(value)
+        return value
+
+    @field_validator("families", "training_families")
+    @classmethod
+    def _known_families(cls, value: tuple[str, ...] | None) -> tuple[str, ...] | None:
+        for name in value or ():
+            family(name)
+        return value
+
+    @property
+    def nominal_sensor(self) -> Sensor:
+        """The sensor that methods are told of."""
+        return _nominal_sensor(self.sensor, self.image_shape)
+
+    @property
+    def data_model(self) -> ForwardModel:
+        """The forward model the data come from."""
+        return forward_model(_data_sensor(self.sensor, self.image_shape, self.mesh_refinement))
+
+    @property
+    def phantom_stream(self) -> str:
+        """The name phantoms are drawn from."""
+        return self.phantoms or self.name
+
+    @property
+    def inverse_crime(self) -> bool:
+        """Whether the data come from a mesh no finer than the one methods invert with."""
+        data, nominal = self.data_model, forward_model(self.nominal_sensor)
+        return data.mesh_hash == nominal.mesh_hash or data.n_elements <= nominal.n_elements
+
+    def split_families(self, split: Split) -> tuple[Family, ...]:
+        """The phantom families of `split`."""
+        names = self.families if split == "test" else self.training_families or self.families
+        return tuple(family(name) for name in names)
+
+    def split_noise(self, split: Split) -> Noise:
+        """The noise of `split`."""
+        noise: Noise = getattr(self.noise, split)
+        return noise
+
+    def size(self, split: Split) -> int:
+        """Number of samples in `split`."""
+        size: int = getattr(self, split)
+        return size
+
+    def clean_parameters(self, split: Split) -> dict[str, object]:
+        """All that decides the voltages of `split` before noise: the key of the cache."""
+        model = self.data_model
+        return {
+            "generator": GENERATOR_VERSION,
+            "sensor": model.sensor.describe(),
+            "mesh": model.mesh_hash,
+            "families": [f.describe() for f in self.split_families(split)],
+            "foam": vars(FOAM),
+            "phantoms": self.phantom_stream,
+            "split": split,
+        }
+
+    def data_hash(self, split: Split) -> str:
+        """SHA-256 (hex) of every declared parameter and all that decides the data of `split`."""
+        return content_hash(
+            {
+                "scenario": self.model_dump(mode="json"),
+                "sensor": self.nominal_sensor.describe(),
+                "clean": self.clean_parameters(split),
+            }
+        )
+
+
+class RecordedScenario(Declaration):
+    """Frames of a recorded set.
+
+    Attributes:
+        name: registry name.
+        recording: registry name of the recorded set.
+    """
+
+    kind: Literal["recorded"] = "recorded"
+    name: Name
+    recording: str
+
+    @field_validator("recording")
+    @classmethod
+    def _known_recording(cls, value: str) -> str:
+        if value not in RECORDED_SETS:
+            raise unknown_name("recorded set", value, RECORDED_SETS)
+        return value
+
+    @property
+    def recorded_set(self) -> RecordedSet:
+        """The set's descriptor."""
+        return RECORDED_SETS[self.recording]
+
+    @property
+    def nominal_sensor(self) -> Sensor:
+        """The sensor that methods are told of."""
+        return _nominal_sensor(self.recorded_set.sensor_name, None)
+
+    def data_hash(self, split: Split) -> str:
+        """SHA-256 (hex) of the descriptor, the upstream files and the sensor."""
+        recorded = self.recorded_set
+        return content_hash(
+            {
+                "generator": GENERATOR_VERSION,
+                "scenario": self.model_dump(mode="json"),
+                "files": [[f.path, f.sha256] for f in recorded.files],
+                "source": [recorded.repository, recorded.commit, recorded.truth],
+                "sensor": self.nominal_sensor.describe(),
+                "split": split,
+            }
+        )
+
+
+Scenario = Annotated[SimulatedScenario | RecordedScenario, Field(discriminator="kind")]
+
+
+def checked_split(split: str) -> Split:
+    """`split` if it is one of the three.
+
+    Raises:
+        InputError: it is not.
+    """
+    known: dict[str, Split] = {"train": "train", "validation": "validation", "test": "test"}
+    if split not in known:
+        raise unknown_name("split", split, known)
+    return known[split]
+
+
+# Forward models are cached per sensor object, so equal scenarios must share one.
+@lru_cache(maxsize=32)
+def _nominal_sensor(name: str, image_shape: tuple[int, int] | None) -> Sensor:
+    nominal = sensor_by_name(name)
+    if image_shape is None:
+        return nominal
+    return replace(nominal, image_shape=image_shape)
+
+
+@lru_cache(maxsize=32)
+def _data_sensor(name: str, image_shape: tuple[int, int] | None, refinement: int) -> Sensor:
+    nominal = _nominal_sensor(name, image_shape)
+    return nominal if refinement == 1 else nominal.refined(refinement)

@@ -1,0 +1,206 @@
+"""Suites: which scenarios are run with which methods, read from TOML files."""
+
+import difflib
+import re
+import tomllib
+from collections.abc import Mapping, Sequence
+from functools import cache
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from pydantic import Field, ValidationError, field_validator
+
+from eitbench.scenarios.errors import InputError, unknown_name
+from eitbench.scenarios.scenario import (
+    Declaration,
+    Name,
+    RecordedScenario,
+    Scenario,
+    SimulatedScenario,
+    SplitNoise,
+)
+
+Key = tuple[str | int, ...]
+
+
+class Suite(Declaration):
+    """A suite.
+
+    Attributes:
+        name: registry name.
+        title: one line for listings.
+        description: what it is for, in a few sentences.
+        methods: methods run when the user names none.
+        scenarios: what they are run on.
+        limit: number of test samples of each scenario when the user names none; all by default.
+        fit_limit_s: a method may take this long to set itself up on a scenario [s].
+        frame_limit_s: a method may take this long for one frame [s].
+    """
+
+    name: Name
+    title: str
+    description: str = ""
+    methods: tuple[str, ...] = Field(min_length=1)
+    scenarios: tuple[Scenario, ...] = Field(min_length=1)
+    limit: int | None = Field(default=None, ge=1)
+    fit_limit_s: float = Field(default=600.0, gt=0, allow_inf_nan=False)
+    frame_limit_s: float = Field(default=10.0, gt=0, allow_inf_nan=False)
+
+    @field_validator("scenarios")
+    @classmethod
+    def _distinct(cls, value: tuple[Scenario, ...]) -> tuple[Scenario, ...]:
+        names = [scenario.name for scenario in value]
+        twice = sorted({name for name in names if names.count(name) > 1})
+        if twice:
+            raise ValueError(f"scenario {twice[0]!r} is declared twice")
+        return value
+
+
+def suites() -> dict[str, Path]:
+    """The packaged suites: name to TOML file."""
+    folder = Path(str(files("eitbench.scenarios"))) / "suite_files"
+    return {path.stem: path for path in sorted(folder.glob("*.toml"))}
+
+
+def load_suite(name: str | Path) -> Suite:
+    """A packaged suite by name, or any suite by the path of its `.toml` file.
+
+    Raises:
+        InputError: unknown name (the nearest one is suggested), or a file that cannot be read or
+            declares something wrong (the line and the field are named).
+    """
+    known = suites()
+    if str(name) in known:
+        return read_suite(known[str(name)])
+    if Path(name).suffix == ".toml":
+        return read_suite(Path(name))
+    if Path(name).parent != Path():
+        raise InputError(f"A suite file ends in .toml, got {str(name)!r}.")
+    raise unknown_name("suite", str(name), known)
+
+
+@cache
+def scenarios() -> Mapping[str, SimulatedScenario | RecordedScenario]:
+    """Every scenario of the packaged suites by name."""
+    return {s.name: s for path in suites().values() for s in read_suite(path).scenarios}
+
+
+def scenario_by_name(name: str) -> SimulatedScenario | RecordedScenario:
+    """The packaged scenario called `name`.
+
+    Raises:
+        InputError: unknown name (the nearest one is suggested).
+    """
+    known = scenarios()
+    if name not in known:
+        raise unknown_name("scenario", name, known)
+    return known[name]
+
+
+def read_suite(path: Path) -> Suite:
+    """The suite declared in the TOML file at `path`.
+
+    Raises:
+        InputError: the file cannot be read or declares something wrong.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = getattr(error, "strerror", None) or "it is not UTF-8 text"
+        raise InputError(f"Cannot read the suite file {path}: {reason}.") from error
+    try:
+        declared = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(_syntax_message(path, text, str(error))) from error
+    try:
+        return Suite.model_validate(declared)
+    except ValidationError as error:
+        # The first in the file: later ones are often its consequence.
+        lines = key_lines(text)
+        found = [_problem(dict(e), declared, lines) for e in error.errors(include_url=False)]
+        line, field, problem = min(found, key=lambda entry: entry[0])
+        raise InputError(f"Suite file {path}, line {line}, field {field!r}: {problem}.") from error
+
+
+def key_lines(text: str) -> dict[Key, int]:
+    """The line (from 1) on which every key or table of a TOML `text` begins.
+
+    A scan by line is enough to point at a mistake: keys inside inline tables and keys that look
+    like text of a multi-line string are looked up at the nearest key that contains them.
+    """
+    lines: dict[Key, int] = {(): 1}
+    counts: dict[str, int] = {}
+    table: Key = ()
+    for number, line in enumerate(text.splitlines(), start=1):
+        if header := re.match(r"\s*\[\[\s*([\w-]+)\s*\]\]", line):
+            counts[header[1]] = counts.get(header[1], -1) + 1
+            table = (header[1], counts[header[1]])
+            lines.setdefault((header[1],), number)
+        elif header := re.match(r"\s*\[\s*([\w.-]+)\s*\]", line):
+            parts: list[str | int] = []
+            for part in header[1].split("."):
+                parts.append(part)
+                if part in counts and len(parts) == 1:
+                    parts.append(counts[part])
+            table = tuple(parts)
+        elif entry := re.match(r"\s*\"?([\w.-]+)\"?\s*=", line):
+            lines.setdefault((*table, *entry[1].split(".")), number)
+            continue
+        else:
+            continue
+        lines.setdefault(table, number)
+    return lines
+
+
+def _syntax_message(path: Path, text: str, reason: str) -> str:
+    place = re.search(r"line (\d+)", reason)
+    line = int(place[1]) if place else len(text.splitlines())
+    what = reason.split(" (at ")[0]
+    written = text.splitlines()[line - 1] if 0 < line <= len(text.splitlines()) else ""
+    key = re.match(r"\s*([\w.-]+)\s*=", written)
+    field = f", field {key[1]!r}" if key else ""
+    return f"Suite file {path}, line {line}{field}: not valid TOML, {what[:1].lower()}{what[1:]}."
+
+
+def _problem(
+    error: Mapping[str, Any], declared: Mapping[str, Any], lines: Mapping[Key, int]
+) -> tuple[int, str, str]:
+    """Line, field and sentence of one validation `error`."""
+    key = _declared_key(error["loc"], declared)
+    place = key
+    while place not in lines:
+        place = place[:-1]
+    field = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in key).lstrip(
+        "."
+    )
+    problem = str(error["msg"]).removeprefix("Value error, ").rstrip(".")
+    if error["type"] == "missing":
+        problem = "it is missing"
+    elif error["type"] == "extra_forbidden":
+        near = difflib.get_close_matches(str(key[-1]), _fields(), n=1)
+        problem = f"unknown field, the nearest is {near[0]!r}" if near else "unknown field"
+    elif error["type"].startswith("union_tag"):
+        field = f"{field}.kind"
+        problem = "it is 'simulated' or 'recorded'"
+    return lines[place], field, problem
+
+
+def _declared_key(loc: Sequence[str | int], declared: Mapping[str, Any]) -> Key:
+    """`loc` of a validation error without the union tags that the file does not have."""
+    key: list[str | int] = []
+    here: Any = declared
+    for k, part in enumerate(loc):
+        inside = part in here if isinstance(here, dict) else isinstance(here, list)
+        if inside:
+            here = here[part]
+        elif k < len(loc) - 1:
+            continue
+        key.append(part)
+    return tuple(key)
+
+
+def _fields() -> list[str]:
+    models: tuple[type[Declaration], ...]
+    models = (Suite, SimulatedScenario, RecordedScenario, SplitNoise)
+    return sorted({field for model in models for field in model.model_fields})
