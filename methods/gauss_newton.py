@@ -28,6 +28,8 @@ Array = NDArray[np.float64]
 
 # ADMM steps between two linearisations; the solver goes on from where it stood.
 TV_ITERATIONS = 30
+# Fractions of a full step that the line search tries.
+STEP_LENGTHS = (1.0, 0.5, 0.25, 0.125)
 
 
 @dataclass
@@ -43,7 +45,7 @@ class GaussNewton(Method):
     weight: float = 1e-3
     row_exponent: float = 0.0
     upper: float | None = None
-    steps: int = 6
+    steps: int = 5
 
     def fit(self, problem: Problem) -> None:
         """Linearise at the background, which scales data and prior for every later step."""
@@ -93,12 +95,29 @@ class GaussNewtonNoser(GaussNewton):
 
     def _solve(self, target: Array) -> Array:
         contrast = np.zeros(len(self._covariance))
+        cost = self._cost(contrast, target)
         for _ in range(self.steps):
             jacobian, data = self.linearised(contrast, target)
             prior = jacobian * self._covariance
             solved = linalg.solve(prior @ jacobian.T + self._damping, data, assume_a="pos")
-            contrast = np.clip(solved @ prior, *self._linearisation.bounds)
+            full = np.clip(solved @ prior, *self._linearisation.bounds) - contrast
+            # A full step overshoots where the contrast is strong: shorten it until it pays.
+            for length in STEP_LENGTHS:
+                shorter = self._cost(contrast + length * full, target)
+                if shorter < cost:
+                    contrast, cost = contrast + length * full, shorter
+                    break
+            else:
+                break
         return contrast
+
+    def _cost(self, contrast: Array, target: Array) -> float:
+        """|F(x) - target|^2 / w + x^T C^-1 x, what the steps are to lower."""
+        image = self._linearisation.images(contrast[None])[0]
+        misfit = self._combined(self._problem.model.voltages(image)) - target
+        return float(
+            misfit @ misfit / self._damping[0, 0] + contrast @ (contrast / self._covariance)
+        )
 
 
 @register("gauss-newton-tv")

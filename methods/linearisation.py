@@ -8,7 +8,7 @@ from eitbench.methods.problem import Problem
 Array = NDArray[np.float64]
 
 # Conductivity is positive: no estimate falls below this fraction of the background.
-LOWEST = 0.01
+LOWEST = 0.05
 
 
 class Linearisation:
@@ -37,7 +37,7 @@ class Linearisation:
 
     def data(self, voltages: Array) -> Array:
         """Weighted differences (n, M) from frames (n, M)."""
-        return self._problem.difference(voltages) * self._weights
+        return np.asarray(self._problem.difference(voltages) * self._weights)
 
     def weighted(self, values: Array) -> Array:
         """Model voltages or rows (M, ...) under the same weighting."""

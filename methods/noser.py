@@ -13,7 +13,7 @@ from eitbench.methods.search import ONE_STEP
 
 Array = NDArray[np.float64]
 
-# Between 0 (Tikhonov) and 1 (as first published); 0.5 is the usual choice, which keeps the rim calm.
+# Between 0 (Tikhonov) and 1 (as first published); the usual choice, which keeps the rim calm.
 EXPONENT = 0.5
 
 

@@ -55,7 +55,7 @@ class Problem:
 
     @cached_property
     def gain(self) -> float:
-        """Board units per V/A: the least-squares factor from the model's untouched frame to v_ref."""
+        """Board units per V/A: the least-squares factor from the model's frame to v_ref."""
         modelled = self.background_voltages
         gain = float(modelled @ self.reference / (modelled @ modelled))
         if not gain > 0:

@@ -64,7 +64,7 @@ def register(name: str) -> Callable[[AnyMethod], AnyMethod]:
 
 
 def methods() -> dict[str, type[Method]]:
-    """Every method known: built in, installed through the entry-point group, loaded from a file."""
+    """Every method known: built in, installed (entry-point group), loaded from a file."""
     for module in BUILT_IN:
         importlib.import_module(f"eitbench.methods.{module}")
     for point in entry_points(group=ENTRY_POINT_GROUP):

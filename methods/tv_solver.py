@@ -66,7 +66,7 @@ class TVSolver:
         return TVState(image, image.copy(), gradient, gradient.copy())
 
     def run(self, data: Array, state: TVState, iterations: int) -> TVState:
-        """The state after `iterations` more steps for `data` (n, m); `state.image` is the solution."""
+        """The state `iterations` steps on, for `data` (n, m); its `image` is the solution."""
         n = len(data)
         data_term = (data @ self._rows).reshape(n, *self._shape)
         z, w, d, u = state.image, state.image_dual, state.gradient, state.gradient_dual
@@ -92,7 +92,7 @@ class TVSolver:
 
 
 def _laplacian_spectrum(n: int) -> Array:
-    """Eigenvalues (n,) of the 1-D Laplacian with zero flux, in the order of the cosine transform."""
+    """Eigenvalues (n,) of the 1-D Laplacian with zero flux, in the cosine transform's order."""
     return np.asarray(2 - 2 * np.cos(np.pi * np.arange(n) / n))
 
 
