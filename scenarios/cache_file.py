@@ -4,8 +4,10 @@ import hashlib
 import io
 import json
 import os
+import threading
 import time
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,6 +21,9 @@ Array = NDArray[np.float64]
 
 # A temporary file this old [s] was left by a killed process: writing one takes milliseconds.
 ABANDONED_AFTER_S = 3600.0
+
+# What h5py raises on damaged content, found by altering files at random.
+_DAMAGE = (OSError, KeyError, ValueError, TypeError, RuntimeError, OverflowError, MemoryError)
 
 
 @dataclass(frozen=True)
@@ -51,7 +56,7 @@ class CacheFile:
             with h5py.File(io.BytesIO(content), "r") as file:
                 voltages = np.asarray(file["voltages"][()], dtype=np.float64)
                 stored, digest = str(file.attrs["parameters"]), str(file.attrs["sha256"])
-        except (OSError, KeyError, ValueError, TypeError, RuntimeError) as error:
+        except _DAMAGE as error:
             raise DataCorruptError(f"The cache file {self.path} is unreadable.") from error
         if stored != self._parameters_text():
             raise DataCorruptError(f"The cache file {self.path} was made from other parameters.")
@@ -70,7 +75,8 @@ class CacheFile:
             file["voltages"] = voltages
             file.attrs["parameters"] = self._parameters_text()
             file.attrs["sha256"] = self._digest(voltages)
-        temporary = self.path.with_name(f".{self.path.name}.{os.getpid()}.tmp")
+        writer = f"{os.getpid()}-{threading.get_ident()}"
+        temporary = self.path.with_name(f".{self.path.name}.{writer}.tmp")
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
             self._sweep()
@@ -85,8 +91,10 @@ class CacheFile:
     def _sweep(self) -> None:
         """Remove what killed processes left beside this file."""
         for left in self.path.parent.glob(f".{self.path.name}.*.tmp"):
-            if time.time() - left.stat().st_mtime > ABANDONED_AFTER_S:
-                left.unlink(missing_ok=True)
+            # Its writer, or another process that sweeps, may be done with it meanwhile.
+            with suppress(FileNotFoundError):
+                if time.time() - left.stat().st_mtime > ABANDONED_AFTER_S:
+                    left.unlink()
 
     def _unusable(self, action: str, error: OSError) -> EitbenchError:
         return EitbenchError(

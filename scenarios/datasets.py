@@ -92,6 +92,7 @@ def load(
     *,
     jobs: int = 1,
     progress: bool = False,
+    download_limit_s: float | None = None,
 ) -> Dataset:
     """The first `limit` samples of a scenario's split, simulated or fetched if need be.
 
@@ -101,6 +102,7 @@ def load(
         limit: number of samples; all by default.
         jobs: number of processes to simulate with.
         progress: show a progress bar on stderr.
+        download_limit_s: how long a recorded set may take to download [s]; no limit by default.
 
     Raises:
         InputError: unknown scenario or split, or a limit or number of jobs below 1.
@@ -116,7 +118,7 @@ def load(
         scenario = scenario_by_name(scenario)
     part = checked_split(split)
     if isinstance(scenario, RecordedScenario):
-        return _recorded(scenario, part, limit)
+        return _recorded(scenario, part, limit, download_limit_s, progress)
     return _simulated(scenario, part, limit, jobs, progress)
 
 
@@ -156,7 +158,13 @@ def _simulated(
     )
 
 
-def _recorded(scenario: RecordedScenario, split: Split, limit: int | None) -> Dataset:
+def _recorded(
+    scenario: RecordedScenario,
+    split: Split,
+    limit: int | None,
+    download_limit_s: float | None,
+    progress: bool,
+) -> Dataset:
     if split == "train":
         raise InputError(
             f"Recorded scenario {scenario.name!r} has no training split: ask for 'validation' or "
@@ -165,7 +173,7 @@ def _recorded(scenario: RecordedScenario, split: Split, limit: int | None) -> Da
     # Imported here: simulated data need no download.
     from eitbench.scenarios.recordings.fetch import read_recording
 
-    recording = read_recording(scenario.recording)
+    recording = read_recording(scenario.recording, limit_s=download_limit_s, progress=progress)
     rows = np.flatnonzero(recording.samples["split"] == split)[:limit]
     if len(rows) == 0:
         raise InputError(f"Recorded scenario {scenario.name!r} has no {split} samples.")

@@ -56,7 +56,7 @@ class DrivePattern:
         return np.array(pairs, dtype=np.int64).reshape(-1, 2)
 
     def reciprocal_signs(self, pairs: NDArray[np.int64]) -> NDArray[np.float64]:
-        """The factor (k,) s with v[pairs[:, 1]] = s v[pairs[:, 0]]: -1 where one pair is reversed."""
+        """s (k,) with v[pairs[:, 1]] = s v[pairs[:, 0]]: -1 where one of the pairs is reversed."""
         first, second = self.table[pairs[:, 0]], self.table[pairs[:, 1]]
         same = (first[:, 0] == second[:, 2]) == (first[:, 2] == second[:, 0])
         return np.where(same | self.magnitudes, 1.0, -1.0)
@@ -84,7 +84,7 @@ def offset_pattern(n_electrodes: int, offset: int, *, driven: bool = False) -> D
 def pair_pattern(
     drives: Iterable[tuple[int, int]], senses: Iterable[tuple[int, int]], *, driven: bool = False
 ) -> DrivePattern:
-    """Every drive pair with every sense pair, drive-major; pairs sharing an electrode need `driven`."""
+    """Every drive with every sense pair, drive-major; sharing an electrode needs `driven`."""
     senses = list(senses)
     rows = [(*d, *s) for d in drives for s in senses if driven or not set(d) & set(s)]
     return DrivePattern(np.array(rows, dtype=np.int64).reshape(-1, 4))

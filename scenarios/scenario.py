@@ -98,6 +98,13 @@ class SimulatedScenario(Declaration):
         return value
 
     @property
+    def title(self) -> str:
+        """One line for listings."""
+        noise = f"{self.noise.test:g} dB" if isinstance(self.noise.test, float) else self.noise.test
+        mesh = "finer mesh" if self.mesh_refinement > 1 else "same mesh"
+        return f"{self.sensor}, {noise}, {mesh}: {', '.join(self.families)}"
+
+    @property
     def nominal_sensor(self) -> Sensor:
         """The sensor that methods are told of."""
         return _nominal_sensor(self.sensor, self.image_shape)
@@ -175,6 +182,11 @@ class RecordedScenario(Declaration):
         if value not in RECORDED_SETS:
             raise unknown_name("recorded set", value, RECORDED_SETS)
         return value
+
+    @property
+    def title(self) -> str:
+        """One line for listings."""
+        return self.recorded_set.title
 
     @property
     def recorded_set(self) -> RecordedSet:

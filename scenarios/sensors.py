@@ -67,7 +67,7 @@ class Sensor:
     def __post_init__(self) -> None:
         if not (np.isfinite(self.background) and self.background > 0):
             raise InputError(
-                f"Sensor {self.name!r} needs a background > 0 S/m, got {self.background}."
+                f"Sensor {self.name!r} needs a background above 0 S/m, got {self.background}."
             )
         if min(self.image_shape) < 2:
             raise InputError(f"Sensor {self.name!r} needs an image of at least 2 x 2 pixels.")

@@ -104,7 +104,10 @@ def _made(
     if jobs == 1 or len(chunks) < 2:
         yield from (_complete(scenario, split, chunk) for chunk in chunks)
         return
-    pool = joblib.Parallel(n_jobs=min(jobs, len(chunks)), return_as="generator_unordered")
+    # One chunk a task: each is stored and shown as soon as it is done.
+    pool = joblib.Parallel(
+        n_jobs=min(jobs, len(chunks)), return_as="generator_unordered", batch_size=1
+    )
     yield from pool(joblib.delayed(_complete)(scenario, split, chunk) for chunk in chunks)
 
 
@@ -142,7 +145,9 @@ def _shown(
     if not chunks:
         return
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), Remaining())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+    console = Console(stderr=True)
+    # Without a terminal there is nobody to watch, and a log needs no empty lines.
+    with Progress(*columns, console=console, disable=not console.is_terminal) as bar:
         task = bar.add_task(f"Simulating {name}", total=sum(chunk.count for chunk in chunks))
         for chunk, voltages in steps:
             bar.advance(task, chunk.count)

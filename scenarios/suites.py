@@ -36,6 +36,7 @@ class Suite(Declaration):
         limit: number of test samples of each scenario when the user names none; all by default.
         fit_limit_s: a method may take this long to set itself up on a scenario [s].
         frame_limit_s: a method may take this long for one frame [s].
+        download_limit_s: a recorded set may take this long to download [s]; no limit by default.
     """
 
     name: Name
@@ -46,6 +47,7 @@ class Suite(Declaration):
     limit: int | None = Field(default=None, ge=1)
     fit_limit_s: float = Field(default=600.0, gt=0, allow_inf_nan=False)
     frame_limit_s: float = Field(default=10.0, gt=0, allow_inf_nan=False)
+    download_limit_s: float | None = Field(default=None, gt=0, allow_inf_nan=False)
 
     @field_validator("scenarios")
     @classmethod
@@ -116,10 +118,12 @@ def read_suite(path: Path) -> Suite:
     try:
         return Suite.model_validate(declared)
     except ValidationError as error:
-        # The first in the file: later ones are often its consequence.
         lines = key_lines(text)
         found = [_problem(dict(e), declared, lines) for e in error.errors(include_url=False)]
-        line, field, problem = min(found, key=lambda entry: entry[0])
+        # The first in the file, unless it is but the consequence of one further inside: a list of
+        # nothing but mistakes also counts as too short.
+        causes = [f for f in found if not any(g[1].startswith(f[1] + "[") for g in found)]
+        line, field, problem = min(causes, key=lambda cause: cause[0])
         raise InputError(f"Suite file {path}, line {line}, field {field!r}: {problem}.") from error
 
 

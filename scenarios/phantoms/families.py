@@ -16,7 +16,7 @@ background (foam16: 1 S/m, so they read as S/m). Every value is uniform in its r
 | `star` | five points | outer radius 0.15-0.28, inner 0.4-0.55 of it | 0.1-0.9 |
 | `three-contacts` | three discs at least 0.03 apart | radii 0.06-0.12 | 0.1-0.9, each its own |
 | `four-contacts` | four discs at least 0.03 apart | radii 0.05-0.1 | 0.1-0.9, each its own |
-| `conductive` | disc or rectangle | as `circle` and `rectangle` | 1.1-1.9 |
+| `conductive` | disc or rectangle | radius 0.08-0.22, sides 0.12-0.45 | 1.1-1.9 |
 | `soft-press` | disc or rectangular indenter | radius 0.06-0.15, sides 0.1-0.3 | 2-60 kPa |
 
 `conductive` mirrors the contrasts of the published families, so the span stays 1 S/m, the data

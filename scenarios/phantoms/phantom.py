@@ -150,6 +150,8 @@ def _places(
     rims = [shape.rim() for shape in shapes]
     # Inclusions that must keep apart are discs, so the circles around them are what must not touch.
     reaches = [float(np.hypot(*rim.T).max()) for rim in rims]
+    # Where the outline is notched, the tip of the notch may lie between two points of a rim.
+    corners = outline.point(outline.corners).T
     for _ in range(MAX_TRIES):
         low, high = (x0, y0, 0.0), (x1, y1, 2 * np.pi)
         poses = [Pose(*pose) for pose in rng.uniform(low, high, size=(len(shapes), 3)).tolist()]
@@ -162,6 +164,9 @@ def _places(
         if not apart:
             continue
         points = np.concatenate([pose.place(rim) for pose, rim in zip(poses, rims, strict=True)])
-        if outline.contains(*points.T).all():
+        if not outline.contains(*points.T).all():
+            continue
+        placed = zip(shapes, poses, strict=True)
+        if not any(shape.contains(*pose.local(*corners)).any() for shape, pose in placed):
             return poses
     return None

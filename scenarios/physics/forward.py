@@ -95,7 +95,7 @@ class ForwardModel:
         return voltages, np.ascontiguousarray(jacobian).reshape(-1, *self.sensor.image_shape)
 
     def _sensitivity(self, fields: Array) -> Array:
-        """dV/dsigma (M, k) per element from the potentials (n, E) of unit currents into electrodes."""
+        """dV/dsigma (M, k) per element from potentials (n, E) of unit electrode currents."""
         src, sink, a, b = self.sensor.pattern.table.T
         drives, drive = np.unique(np.column_stack([src, sink]), axis=0, return_inverse=True)
         senses, sense = np.unique(np.column_stack([a, b]), axis=0, return_inverse=True)
@@ -155,7 +155,8 @@ class ForwardModel:
             assembly = assembly @ self.mesh.pixel_shares
         below = mass.row >= mass.col
         mass_entry = (mass.row - mass.col + depth * mass.col)[below]
-        band = np.bincount(mass_entry, weights=mass.data[below], minlength=depth * n)
+        band = np.zeros(depth * n)
+        np.add.at(band, mass_entry, mass.data[below])
         return sparse.csr_array(assembly), band
 
     def _solve(self, image: Array) -> tuple[Array, Array]:

@@ -50,7 +50,7 @@ class Mesh:
 
 
 def build_mesh(sensor: Sensor) -> Mesh:
-    """One bilinear element per pixel where pixels fill the outline, else triangles of pixel size."""
+    """Bilinear elements, one a pixel, where pixels fill the outline; else triangles."""
     return grid_mesh(sensor) if is_rectangle(sensor.outline) else triangle_mesh(sensor)
 
 
@@ -60,9 +60,9 @@ def grid_mesh(sensor: Sensor) -> Mesh:
     x0, y0, x1, y1 = sensor.outline.bounds
     # Rows are numbered along the shorter side: the bandwidth of the system is that side.
     by_row = width <= height
-    number = np.arange((height + 1) * (width + 1), dtype=np.int64)
+    count = np.arange((height + 1) * (width + 1), dtype=np.int64)
     number = (
-        number.reshape(height + 1, width + 1) if by_row else number.reshape(width + 1, height + 1).T
+        count.reshape(height + 1, width + 1) if by_row else count.reshape(width + 1, height + 1).T
     )
     x, y = np.meshgrid(np.linspace(x0, x1, width + 1), np.linspace(y0, y1, height + 1))
     nodes = np.empty((number.size, 2))
@@ -132,7 +132,7 @@ def _rim_points(sensor: Sensor, size: float) -> tuple[Array, NDArray[np.bool_]]:
 
 
 def _arc_lengths(ends: Array, side: Index, arcs: Array, sensor: Sensor) -> Array:
-    """Arc lengths (r, 2) of rim edges whose `ends` (r, 2, 2) lie on the straight piece `side` (r,)."""
+    """Arc lengths (r, 2) of rim edges with `ends` (r, 2, 2) on the straight pieces `side` (r,)."""
     start, stop = arcs[side], np.append(arcs[1:], arcs[0] + sensor.outline.perimeter)[side]
     origin, target = sensor.outline.point(start), sensor.outline.point(stop)
     along = target - origin
@@ -153,7 +153,7 @@ def _renumbered(nodes: Array, triangles: Index, edges: Index) -> tuple[Array, In
 
 
 def _pixel_shares(nodes: Array, triangles: Index, sensor: Sensor) -> sparse.csr_array:
-    """(k, H*W) fraction of each triangle in each masked pixel; what lies beyond goes to the nearest."""
+    """(k, H*W) share of each triangle in each masked pixel; what lies beyond goes to the nearest."""
     height, width = sensor.image_shape
     points = np.einsum("qc,kcx->kqx", _sub_centroids(SUBDIVISION), nodes[triangles])
     x0, y0, _, _ = sensor.outline.bounds

@@ -147,8 +147,9 @@ def _reason(failure: Exception) -> str:
     status = getattr(getattr(failure, "response", None), "status_code", None)
     if status is not None:
         return f"its source answered with HTTP status {status}"
-    if isinstance(failure, OSError) and failure.filename is not None:
-        return f"could not be stored ({failure.strerror}: {failure.filename})"
+    # The network's own errors are OSErrors too; those carry a request.
+    if isinstance(failure, OSError) and failure.strerror and not hasattr(failure, "request"):
+        return f"could not be stored in {cache_dir()} ({failure.strerror})"
     return "could not be downloaded"
 
 

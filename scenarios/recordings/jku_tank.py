@@ -88,7 +88,7 @@ def read_txt(path: Path, drives: Drives) -> NDArray[np.complex128]:
         raise DataCorruptError(f"{path} is not a readable measurement: fetch it again.") from error
     if found != drives or not current > 0:
         raise DataCorruptError(f"{path} was measured with another pattern: fetch it again.")
-    return (pairs[..., 0] + 1j * pairs[..., 1]) / current
+    return np.asarray((pairs[..., 0] + 1j * pairs[..., 1]) / current, dtype=np.complex128)
 
 
 def _read(files: Source, drive: str, folder: Path, sensor: Sensor) -> Recording:

@@ -69,7 +69,8 @@ def _frame(path: Path, current: str, voltage: str) -> NDArray[np.float64]:
         raise DataCorruptError(f"{path} lists another pattern than the sensor: fetch it again.")
     if not amplitude.all():
         raise DataCorruptError(f"{path} lists an injection without current: fetch it again.")
-    return (mat[voltage].reshape(_INJECTIONS, _DIFFERENCES) / (amplitude[:, None] * 1e-3)).ravel()
+    per_injection = mat[voltage].reshape(_INJECTIONS, _DIFFERENCES)
+    return np.ravel(per_injection / (amplitude[:, None] * 1e-3))
 
 
 def resampled(image: NDArray[np.float64], sensor: Sensor) -> NDArray[np.float64]:

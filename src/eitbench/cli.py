@@ -1,3 +1,307 @@
-"""The front door."""
+"""The command line: reads arguments, calls the rooms, prints; it decides nothing by itself.
+
+Libraries that take long to import are imported by the command that needs them, so that
+`eitbench --help` answers at once.
+"""
+
+import json
+import os
+import sys
+import time
+from collections.abc import Callable, Sequence
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn
+
+import typer
+
+if TYPE_CHECKING:
+    from eitbench.benchmark.checks import CheckReport
+    from eitbench.benchmark.runner import RunResult
+
+app = typer.Typer(
+    help="The benchmark for electrical impedance tomography (EIT) tactile sensing.",
+    epilog="Example: eitbench run quick",
+    add_completion=False,
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    rich_markup_mode="rich",
+)
+recordings_app = typer.Typer(help="Recorded sensor sets.", no_args_is_help=True)
+app.add_typer(recordings_app, name="recordings")
+
+Json = Annotated[bool, typer.Option("--json", help="Print JSON for programs.")]
+
+
+class Listing(StrEnum):
+    """What can be listed."""
+
+    methods = "methods"
+    scenarios = "scenarios"
+    sensors = "sensors"
+    suites = "suites"
+    recordings = "recordings"
+
+
+class Format(StrEnum):
+    """How a leaderboard can be printed."""
+
+    md = "md"
+    csv = "csv"
+    json = "json"
+    latex = "latex"
+
+
+def _version(asked: bool) -> None:
+    if asked:
+        from eitbench import __version__
+
+        typer.echo(f"eitbench {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _main_options(
+    version: Annotated[
+        bool,
+        typer.Option("--version", callback=_version, is_eager=True, help="Print the version."),
+    ] = False,
+    debug: Annotated[
+        bool, typer.Option("--debug", help="On an error, print the traceback too.")
+    ] = False,
+) -> None:
+    pass
+
+
+@app.command("list", epilog="Example: eitbench list methods")
+def list_command(
+    what: Annotated[Listing, typer.Argument(help="What to list.")],
+    as_json: Json = False,
+) -> None:
+    """List methods, scenarios, sensors, suites or recordings."""
+    from eitbench.benchmark.listing import LISTINGS
+
+    rows = LISTINGS[what.value]()
+    if as_json:
+        _print_json(rows)
+    else:
+        _print_table(rows)
+
+
+@app.command(epilog="Example: eitbench run quick --methods noser,tv --limit 12 --out runs/first")
+def run(
+    suite: Annotated[
+        str | None, typer.Argument(help="A suite's name, or the path of a suite file (.toml).")
+    ] = None,
+    methods: Annotated[
+        str | None, typer.Option(metavar="A,B", help="Run these methods only.")
+    ] = None,
+    scenarios: Annotated[
+        str | None, typer.Option(metavar="X,Y", help="Run these scenarios only.")
+    ] = None,
+    limit: Annotated[int | None, typer.Option(min=1, help="Test samples of each scenario.")] = None,
+    plugin: Annotated[
+        list[Path] | None, typer.Option(metavar="FILE.py", help="A file with more methods.")
+    ] = None,
+    jobs: Annotated[int, typer.Option(min=1, help="Cells (scenario x method) at a time.")] = 1,
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="New folder (default: runs/SUITE-TIME).")
+    ] = None,
+    resume: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Continue the run in DIR, in place.")
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Run a suite and print its leaderboard."""
+    from eitbench.benchmark.progress import RunProgress
+    from eitbench.benchmark.runner import (
+        RunInterruptedError,
+        make_plan,
+        resume_run,
+        start_run,
+    )
+    from eitbench.scenarios.suites import load_suite
+
+    if resume is not None and (methods or scenarios or limit or plugin or out):
+        raise typer.BadParameter("a resumed run keeps its choices: give SUITE and --jobs only")
+    if resume is None and suite is None:
+        raise typer.BadParameter("name a suite (eitbench list suites), or give --resume DIR")
+    chosen = None if suite is None else load_suite(suite)
+    progress = RunProgress()
+    try:
+        if resume is not None:
+            result = resume_run(resume, suite=chosen, jobs=jobs, progress=progress)
+        elif chosen is not None:
+            plan = make_plan(
+                chosen,
+                methods=_names(methods),
+                scenarios=_names(scenarios),
+                limit=limit,
+                plugins=plugin or (),
+            )
+            folder = out or Path("runs") / f"{chosen.name}-{time.strftime('%Y%m%d-%H%M%S')}"
+            result = start_run(plan, folder, jobs=jobs, progress=progress)
+    except RunInterruptedError as interrupted:
+        _fail(str(interrupted), 130)
+    _show_run(result, as_json)
+
+
+def _show_run(result: "RunResult", as_json: bool) -> None:
+    from eitbench.reports.figures import write_figures
+    from eitbench.reports.leaderboard import leaderboard, table, write_leaderboard
+
+    rows = leaderboard([result.path])
+    write_leaderboard(rows, result.path)
+    figures = write_figures(result.path)
+    if as_json:
+        _print_json(
+            {
+                "run": str(result.path),
+                "leaderboard": rows,
+                "figures": [str(path) for path in figures],
+                "skipped": list(result.skipped),
+            }
+        )
+        return
+    _print_renderable(table(rows))
+    typer.echo(f"Run: {result.path}")
+    for path in figures:
+        if path.suffix == ".png":
+            typer.echo(f"Picture: {path}")
+
+
+@app.command(epilog="Example: eitbench leaderboard runs/first --format latex > table.tex")
+def leaderboard(
+    runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="Run directories.")],
+    form: Annotated[
+        Format | None, typer.Option("--format", help="Print for a file, not for a terminal.")
+    ] = None,
+) -> None:
+    """Print the leaderboard of one or several runs."""
+    from eitbench.reports import leaderboard as reports
+
+    rows = reports.leaderboard(runs)
+    if form is None:
+        _print_renderable(reports.table(rows))
+    else:
+        typer.echo(reports.FORMATS[form.value](rows), nl=False)
+
+
+@app.command(epilog="Example: eitbench check noser, or: eitbench check my_method.py")
+def check(
+    target: Annotated[str, typer.Argument(metavar="METHOD|FILE.py", help="What to check.")],
+    as_json: Json = False,
+) -> None:
+    """Check that a method keeps the contract; exits 1 if any check fails."""
+    from eitbench.benchmark.checks import check_target
+
+    reports = check_target(target)
+    if as_json:
+        _print_json([report.describe() for report in reports])
+    else:
+        for report in reports:
+            _print_check(report)
+    if not all(report.passed for report in reports):
+        raise typer.Exit(1)
+
+
+def _print_check(report: "CheckReport") -> None:
+    for result in report.results:
+        typer.echo(f"{'passed' if result.passed else 'FAILED'}  {result.name}")
+        if result.message:
+            typer.echo(f"        {result.message}")
+    typer.echo(report.summary())
+
+
+@app.command("new-method", epilog="Example: eitbench new-method my-method")
+def new_method_command(
+    name: Annotated[str, typer.Argument(help="Small letters, digits and hyphens.")],
+    folder: Annotated[
+        Path | None, typer.Argument(metavar="[DIR]", help="New folder (default: eitbench-NAME).")
+    ] = None,
+) -> None:
+    """Write an installable package around a method that works, to put yours in its place."""
+    from eitbench.benchmark.scaffold import new_method
+
+    written = new_method(name, folder)
+    for path in written:
+        typer.echo(str(path))
+    typer.echo(f"Next: pip install -e {written[0].parent} && eitbench check {name}")
+
+
+@recordings_app.command(epilog="Example: eitbench recordings fetch ohmc16")
+def fetch(
+    name: Annotated[str, typer.Argument(help="A recorded set (eitbench list recordings).")],
+) -> None:
+    """Download a recorded set from its public source and verify it."""
+    from eitbench.scenarios.recordings import recorded_set
+    from eitbench.scenarios.recordings.fetch import fetch as fetch_recording
+
+    typer.echo(f"{name} is in {fetch_recording(recorded_set(name), progress=True)}")
+
+
+def _names(text: str | None) -> Sequence[str]:
+    return [name.strip() for name in (text or "").split(",") if name.strip()]
+
+
+def _print_json(value: Any) -> None:
+    typer.echo(json.dumps(value, indent=2, allow_nan=False, default=str))
+
+
+def _print_table(rows: Sequence[dict[str, Any]]) -> None:
+    from rich.table import Table
+    from rich.text import Text
+
+    shown = Table(box=None, pad_edge=False)
+    for column in rows[0] if rows else ():
+        shown.add_column(column)
+    for row in rows:
+        shown.add_row(*(Text("" if value is None else str(value)) for value in row.values()))
+    _print_renderable(shown)
+
+
+def _print_renderable(renderable: Any) -> None:
+    from rich.console import Console
+
+    # Without a terminal nothing limits the width: lines are not folded, so that grep works.
+    Console(width=None if sys.stdout.isatty() else 400).print(renderable)
+
+
 def main() -> None:
-    """Run the command line."""
+    """Run the command line; every error becomes one sentence and an exit code."""
+    debug = "--debug" in sys.argv[1:]
+    # Accepted anywhere, since it is added to a command that has just failed.
+    arguments = [argument for argument in sys.argv[1:] if argument != "--debug"]
+    _guarded(lambda: app(args=arguments, prog_name="eitbench"), debug)
+
+
+def _guarded(command: Callable[[], None], debug: bool) -> None:
+    try:
+        command()
+    except BrokenPipeError:
+        # The reader (head, less) has seen enough; nothing may be flushed to it at exit.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(0)
+    except KeyboardInterrupt:
+        _fail("Interrupted.", 130)
+    except Exception as error:
+        if debug:
+            raise
+        from eitbench.scenarios.errors import EitbenchError, InputError
+
+        if isinstance(error, EitbenchError):
+            _fail(str(error), 2 if isinstance(error, InputError) else 1)
+        _fail(
+            f"Unexpected {type(error).__name__}: {error}. Add --debug for the traceback, and "
+            "please report it.",
+            1,
+        )
+
+
+def _fail(sentence: str, code: int) -> NoReturn:
+    typer.echo(f"eitbench: {' '.join(sentence.split())}", err=True)
+    sys.exit(code)
+
+
+if __name__ == "__main__":
+    main()

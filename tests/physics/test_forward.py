@@ -1,6 +1,7 @@
 """Laws that the discrete forward model must keep, whatever the sensor."""
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ from numpy.typing import NDArray
 
 from eitbench.scenarios.catalogue import sensor
 from eitbench.scenarios.errors import InputError
-from eitbench.scenarios.outlines import Disc, Polygon, rectangle
+from eitbench.scenarios.outlines import Disc, Outline, Polygon, rectangle
 from eitbench.scenarios.patterns import DrivePattern, offset_pattern
 from eitbench.scenarios.physics.forward import ForwardModel, forward_model
 from eitbench.scenarios.sensors import Electrode, Sensor, even_electrodes
@@ -17,13 +18,14 @@ Array = NDArray[np.float64]
 
 
 def small(name: str) -> Sensor:
-    outline = {
+    outlines: dict[str, Outline] = {
         "square": rectangle(0.1, 0.1),
         "wide": rectangle(0.13, 0.06),
         "tall": rectangle(0.06, 0.13),
         "disc": Disc(0.05),
         "polygon": Polygon(((0, 0), (0.1, 0), (0.1, 0.05), (0.05, 0.05), (0.05, 0.1), (0, 0.1))),
-    }[name]
+    }
+    outline = outlines[name]
     shape = {"wide": (12, 26), "tall": (26, 12)}.get(name, (20, 20))
     electrodes = even_electrodes(outline, 16, 0.007, 1e-3, start=0.0125)
     return Sensor(name, outline, electrodes, offset_pattern(16, 3), image_shape=shape)
@@ -94,7 +96,7 @@ def test_voltages_converge_at_second_order_under_refinement() -> None:
         x, y = fine.pixel_centres
         sigma = 1 + 0.5 * np.sin(40 * x) * np.cos(30 * y)
         solutions.append(ForwardModel(fine).voltages(sigma))
-    gaps = [np.linalg.norm(b - a) for a, b in zip(solutions[:-1], solutions[1:], strict=True)]
+    gaps = [np.linalg.norm(b - a) for a, b in pairwise(solutions)]
     rates = -np.diff(np.log2(gaps))
     assert (rates > 1.7).all()
     assert (rates < 2.2).all()

@@ -14,8 +14,8 @@ from eitbench.scenarios.catalogue import foam16
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.phantoms.families import FAMILIES, PUBLISHED_FAMILIES
 from eitbench.scenarios.physics.forward import forward_model
-from eitbench.scenarios.recordings import descriptors
-from eitbench.scenarios.recordings.descriptors import RecordedFile, RecordedSet, Recording
+from eitbench.scenarios.recordings import RECORDED_SETS, RecordedSet, Recording, fetch
+from eitbench.scenarios.recordings.sources import RecordedFile, Source
 from eitbench.scenarios.scenario import RecordedScenario, SimulatedScenario, SplitNoise
 
 SMALL: dict[str, Any] = {
@@ -208,11 +208,12 @@ def test_split_without_samples_is_refused() -> None:
         load(SCENARIO.model_copy(update={"train": 0}), "train")
 
 
+SOURCE = Source("a/b", "0" * 40, "MIT", (RecordedFile("f", 1, "0" * 64),))
+
+
 @pytest.fixture
 def recorded(monkeypatch: pytest.MonkeyPatch) -> RecordedScenario:
     """A recorded set of five frames, the third and the fifth for test."""
-    from eitbench.scenarios.recordings import fetch
-
     frames = np.arange(5 * 208, dtype=float).reshape(5, 208)
     samples = pd.DataFrame(
         {
@@ -224,11 +225,10 @@ def recorded(monkeypatch: pytest.MonkeyPatch) -> RecordedScenario:
     recording = Recording(frames, np.ones(208), samples, classes)
     descriptor = RecordedSet(
         name="bench", title="", sensor_name="foam16", sensor=foam16, truth="classes",
-        repository="a/b", commit="0" * 40, files=(RecordedFile("f", 1, "0" * 64),),
-        licence="", citation="", read=lambda folder, sensor: recording,
+        source=SOURCE, citation="", reader=lambda folder, sensor: recording,
     )  # fmt: skip
-    monkeypatch.setitem(descriptors.RECORDED_SETS, "bench", descriptor)
-    monkeypatch.setattr(fetch, "read_recording", lambda name: recording)
+    monkeypatch.setitem(RECORDED_SETS, "bench", descriptor)
+    monkeypatch.setattr(fetch, "read_recording", lambda name, **options: recording)
     return RecordedScenario(name="bench", recording="bench")
 
 
@@ -256,9 +256,9 @@ def test_recorded_data_hash_follows_the_files(
 
     before = recorded.data_hash("test")
     assert recorded.data_hash("validation") != before
-    files = (RecordedFile("f", 1, "1" * 64),)
-    other = replace(descriptors.RECORDED_SETS["bench"], files=files)
-    monkeypatch.setitem(descriptors.RECORDED_SETS, "bench", other)
+    altered = replace(SOURCE, files=(RecordedFile("f", 1, "1" * 64),))
+    other = replace(RECORDED_SETS["bench"], source=altered)
+    monkeypatch.setitem(RECORDED_SETS, "bench", other)
     assert recorded.data_hash("test") != before
 
 

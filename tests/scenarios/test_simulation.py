@@ -191,7 +191,7 @@ def test_killed_generation_leaves_whole_files_that_are_used(
     slow = SCENARIO.model_copy(update={"test": 100_000})
     process = generating(slow, 100_000)
     deadline = time.monotonic() + 60
-    while len(files(cache)) < 3 and time.monotonic() < deadline:
+    while len(list(cache.rglob("*.h5"))) < 3 and time.monotonic() < deadline:
         time.sleep(0.01)
     process.send_signal(signal.SIGKILL)
     process.communicate()
@@ -270,8 +270,12 @@ class ThreadedParallel(simulation.joblib.Parallel):  # type: ignore[misc]
 
 
 def test_progress_is_shown_on_stderr_and_only_when_there_is_something_to_do(
-    capsys: pytest.CaptureFixture[str],
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    load(SCENARIO, "test", 2, progress=True)
+    assert capsys.readouterr().err == ""
+    # Rich takes this as a terminal.
+    monkeypatch.setenv("FORCE_COLOR", "1")
     load(SCENARIO, "test", 3, progress=True)
     shown = capsys.readouterr()
     assert shown.out == ""

@@ -54,7 +54,11 @@ def test_paper_is_as_published() -> None:
     (paper,) = simulated("paper")
     assert (paper.train, paper.test, paper.families) == (24_000, 6_000, PUBLISHED_FAMILIES)
     assert paper.validation >= 1_000
-    assert paper.noise.model_dump() == {"train": "mixture", "validation": "mixture", "test": "clean"}
+    assert paper.noise.model_dump() == {
+        "train": "mixture",
+        "validation": "mixture",
+        "test": "clean",
+    }
     assert paper.inverse_crime is True
 
 

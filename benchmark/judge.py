@@ -1,0 +1,250 @@
+"""Scores the estimates of one method on one data set, by what is known of the truth."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike, NDArray
+
+from eitbench.benchmark import metrics, tactile
+from eitbench.benchmark.tactile import Similarity
+from eitbench.scenarios.datasets import Dataset
+from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.sensors import Sensor
+
+Array = NDArray[np.float64]
+Columns = dict[str, Array]
+
+METRIC_COLUMNS = (
+    "ssim",
+    "cc",
+    "rie",
+    "psnr",
+    "score",
+    "localisation_mm",
+    "contact_count_error",
+    "area_error",
+    "iou",
+    "iou_resistive",
+    "iou_conductive",
+    "strength",
+    "response",
+    "found_x_m",
+    "found_y_m",
+    "expected_x_m",
+    "expected_y_m",
+)
+"""Per sample, NaN where not defined; `found` and `expected` places are in the image's frame."""
+
+# What a press is known by; the first column that holds a number counts.
+LOAD_COLUMNS = ("pressure_pa", "depth_mm")
+_BLOCK = 256
+
+
+def judge(
+    dataset: Dataset, estimates: ArrayLike, registration: Similarity | None = None
+) -> pd.DataFrame:
+    """One row per sample with `sample`, `METRIC_COLUMNS` and `cc_undefined`.
+
+    Estimates are scored as float32, the precision they are kept in. A frame with a value that is
+    not finite inside the sensor has no figures.
+
+    Args:
+        dataset: frames with what is known of them.
+        estimates: (n, H, W) absolute conductivity [S/m].
+        registration: maps the image's frame onto the robot's; needed where only positions are
+            known, see `fit_registration`.
+
+    Raises:
+        InputError: estimates of the wrong shape, or no registration where it is needed.
+    """
+    images = _checked(dataset, estimates)
+    if dataset.truth == "position" and registration is None:
+        raise InputError(
+            f"Scenario {dataset.scenario!r} knows positions in the robot's frame only: fit a "
+            "registration on its validation split first."
+        )
+    n = len(images)
+    table = pd.DataFrame({"sample": dataset.samples["sample"].to_numpy()})
+    for name in METRIC_COLUMNS:
+        table[name] = np.nan
+    table["cc_undefined"] = False
+    valid = np.flatnonzero(np.isfinite(images[:, dataset.sensor.mask]).all(axis=1))
+    for start in range(0, n, _BLOCK):
+        rows = valid[(valid >= start) & (valid < start + _BLOCK)]
+        if len(rows):
+            figures = _JUDGES[dataset.truth](dataset, rows, images[rows], registration)
+            for name, values in figures.items():
+                table.loc[rows, name] = values
+    return table
+
+
+def fit_registration(validation: Dataset, estimates: ArrayLike) -> Similarity:
+    """The similarity from a method's images onto the robot's frame, from validation presses.
+
+    Where the images do not determine one (nothing found, or always the same place), the sensor's
+    centre is put on the mean press position, unturned: such a method gains nothing by it.
+
+    Raises:
+        InputError: estimates of the wrong shape.
+    """
+    sensor = validation.sensor
+    images = _checked(validation, estimates).astype(np.float64)
+    images[~np.isfinite(images[:, sensor.mask]).all(axis=1)] = sensor.background
+    found = tactile.locate(images - sensor.background, sensor)
+    presses = _presses(validation)
+    similarity = tactile.fit_similarity(found, presses)
+    if similarity is not None:
+        return similarity
+    x0, y0, x1, y1 = sensor.outline.bounds
+    centre = np.array([x0 + x1, y0 + y1]) / 2
+    return Similarity(1.0, np.eye(2), presses.mean(axis=0) - centre)
+
+
+def cell_figures(rows: pd.DataFrame) -> dict[str, float]:
+    """Figures of a whole cell from its valid sample rows; NaN where they are not defined.
+
+    `strength_spearman`: rank correlation of contact strength with pressure or press depth.
+    `repeatability_db`: 20 log10 of rms response to touched over rms response to untouched frames.
+    """
+    return {
+        "strength_spearman": _strength_correlation(rows),
+        "repeatability_db": _repeatability(rows),
+    }
+
+
+def _strength_correlation(rows: pd.DataFrame) -> float:
+    for name in LOAD_COLUMNS:
+        if name in rows and rows[name].notna().any():
+            known = rows[rows[name].notna() & rows["strength"].notna()]
+            return tactile.spearman(known["strength"], known[name])
+    return float("nan")
+
+
+def _repeatability(rows: pd.DataFrame) -> float:
+    if "touched" not in rows or not rows["response"].notna().any():
+        return float("nan")
+    known = rows[rows["touched"].notna() & rows["response"].notna()]
+    touched = known["touched"].to_numpy(dtype=bool)
+    response = known["response"].to_numpy(dtype=np.float64)
+    if touched.all() or not touched.any():
+        return float("nan")
+    signal, noise = (float(np.sqrt(np.mean(response[of] ** 2))) for of in (touched, ~touched))
+    if signal == 0:
+        return float("nan")
+    # Responses are differences of float32 images, so silence below their rounding means nothing.
+    return min(20 * float(np.log10(signal / max(noise, 1e-30))), metrics.PSNR_CEILING_DB)
+
+
+def _checked(dataset: Dataset, estimates: ArrayLike) -> NDArray[np.float32]:
+    images = np.asarray(estimates, dtype=np.float32)
+    expected = (len(dataset.voltages), *dataset.sensor.image_shape)
+    if images.shape != expected:
+        raise InputError(
+            f"Scenario {dataset.scenario!r} needs estimates of shape {expected}, got "
+            f"{images.shape}."
+        )
+    return images
+
+
+def _presses(dataset: Dataset) -> Array:
+    return dataset.samples[["x_m", "y_m"]].to_numpy(dtype=np.float64)
+
+
+def _judge_conductivity(
+    dataset: Dataset, rows: NDArray[np.intp], images: NDArray[np.float32], _: Similarity | None
+) -> Columns:
+    if dataset.conductivity is None:
+        raise InputError(f"Scenario {dataset.scenario!r} holds no true conductivity.")
+    truth, sensor = dataset.conductivity[rows], dataset.sensor
+    mask, data_range = sensor.mask, sensor.data_range
+    figures = {
+        "ssim": metrics.ssim(truth, images, data_range, mask),
+        "cc": metrics.cc(truth, images, mask),
+        "rie": metrics.rie(truth, images, mask),
+        "psnr": metrics.psnr(truth, images, data_range, mask),
+    }
+    figures["score"] = metrics.score(**figures)
+    figures["cc_undefined"] = metrics.is_constant(truth, mask) | metrics.is_constant(images, mask)
+    contrast = images.astype(np.float64) - sensor.background
+    return figures | _tactile(truth - sensor.background, contrast, sensor)
+
+
+def _judge_classes(
+    dataset: Dataset, rows: NDArray[np.intp], images: NDArray[np.float32], _: Similarity | None
+) -> Columns:
+    if dataset.classes is None:
+        raise InputError(f"Scenario {dataset.scenario!r} holds no true classes.")
+    truth, sensor = dataset.classes[rows].astype(np.float64), dataset.sensor
+    contrast = images.astype(np.float64) - sensor.background
+    constant = [metrics.is_constant(stack, sensor.mask) for stack in (truth, contrast)]
+    return {
+        "cc": metrics.cc(truth, contrast, sensor.mask),
+        "cc_undefined": constant[0] | constant[1],
+    } | _tactile(truth, contrast, sensor)
+
+
+def _tactile(truth: Array, contrast: Array, sensor: Sensor) -> Columns:
+    true, found = tactile.contacts(truth, sensor), tactile.contacts(contrast, sensor)
+    area = true.total_area
+    area_error = np.full(len(truth), np.nan)
+    np.divide(np.abs(found.total_area - area), area, out=area_error, where=area > 0)
+    place = found.strongest(found.position, np.nan)
+    return {
+        "localisation_mm": 1e3 * tactile.localisation(true, found, sensor),
+        "contact_count_error": np.abs(found.count - true.count).astype(np.float64),
+        "area_error": area_error,
+        "iou": tactile.overlap(true.region, found.region),
+        "iou_resistive": tactile.overlap(true.region, found.region, (-1,)),
+        "iou_conductive": tactile.overlap(true.region, found.region, (1,)),
+        "strength": found.strongest(found.strength, 0.0),
+        "found_x_m": place[:, 0],
+        "found_y_m": place[:, 1],
+    }
+
+
+def _judge_position(
+    dataset: Dataset,
+    rows: NDArray[np.intp],
+    images: NDArray[np.float32],
+    registration: Similarity | None,
+) -> Columns:
+    if registration is None:
+        raise InputError(f"Scenario {dataset.scenario!r} needs a registration.")
+    sensor = dataset.sensor
+    found = tactile.contacts(images.astype(np.float64) - sensor.background, sensor)
+    place = found.strongest(found.position, np.nan)
+    presses = _presses(dataset)[rows]
+    error = np.hypot(*(registration(place) - presses).T)
+    # Finding nothing costs what the farthest wrong place in the sensor would.
+    error[np.isnan(place[:, 0])] = registration.scale * tactile.diameter(sensor)
+    expected = registration.inverse(presses)
+    return {
+        "localisation_mm": 1e3 * error,
+        "strength": found.strongest(found.strength, 0.0),
+        "found_x_m": place[:, 0],
+        "found_y_m": place[:, 1],
+        "expected_x_m": expected[:, 0],
+        "expected_y_m": expected[:, 1],
+    }
+
+
+def _judge_response(
+    dataset: Dataset, rows: NDArray[np.intp], images: NDArray[np.float32], _: Similarity | None
+) -> Columns:
+    contrast = images[:, dataset.sensor.mask].astype(np.float64) - dataset.sensor.background
+    return {"response": np.sqrt(np.mean(contrast**2, axis=1))}
+
+
+_JUDGES: dict[
+    str,
+    Callable[
+        [Dataset, NDArray[np.intp], NDArray[np.float32], Similarity | None],
+        dict[str, Array],
+    ],
+] = {
+    "conductivity": _judge_conductivity,
+    "classes": _judge_classes,
+    "position": _judge_position,
+    "none": _judge_response,
+}

@@ -1,0 +1,80 @@
+"""What `eitbench list` shows: one row of plain values for each thing that has a name."""
+
+import inspect
+from collections.abc import Callable
+
+from eitbench.methods.registry import methods
+from eitbench.scenarios.catalogue import sensors
+from eitbench.scenarios.recordings import RECORDED_SETS
+from eitbench.scenarios.scenario import SimulatedScenario
+from eitbench.scenarios.suites import load_suite, suites
+
+Row = dict[str, str | int | None]
+
+
+def _methods() -> list[Row]:
+    return [
+        {"name": name, "description": _first_line(cls), "source": cls.source}
+        for name, cls in methods().items()
+    ]
+
+
+def _first_line(cls: type) -> str:
+    return (inspect.getdoc(cls) or "").partition("\n")[0]
+
+
+def _suites() -> list[Row]:
+    loaded = [load_suite(name) for name in suites()]
+    return [{"name": s.name, "title": s.title, "scenarios": len(s.scenarios)} for s in loaded]
+
+
+def _scenarios() -> list[Row]:
+    return [
+        {
+            "name": scenario.name,
+            "suite": name,
+            "kind": scenario.kind,
+            "sensor": scenario.nominal_sensor.name,
+            "test": scenario.test if isinstance(scenario, SimulatedScenario) else None,
+        }
+        for name in suites()
+        for scenario in load_suite(name).scenarios
+    ]
+
+
+def _sensors() -> list[Row]:
+    rows: list[Row] = []
+    for name, build in sensors().items():
+        sensor = build()
+        height, width = sensor.image_shape
+        rows.append(
+            {
+                "name": name,
+                "electrodes": sensor.n_electrodes,
+                "measurements": sensor.n_measurements,
+                "image": f"{height} x {width}",
+            }
+        )
+    return rows
+
+
+def _recordings() -> list[Row]:
+    return [
+        {
+            "name": name,
+            "title": recorded.title,
+            "truth": recorded.truth,
+            "licence": recorded.licence,
+            "source": recorded.repository,
+        }
+        for name, recorded in RECORDED_SETS.items()
+    ]
+
+
+LISTINGS: dict[str, Callable[[], list[Row]]] = {
+    "methods": _methods,
+    "scenarios": _scenarios,
+    "sensors": _sensors,
+    "suites": _suites,
+    "recordings": _recordings,
+}

@@ -1,0 +1,110 @@
+"""The manifest of a run: what was asked for, on which data, with which versions and machine."""
+
+import importlib.metadata
+import json
+import os
+import platform
+import subprocess
+import sys
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import psutil
+
+import eitbench
+from eitbench.scenarios.errors import InputError
+
+FILE_NAME = "manifest.json"
+PACKAGES = ("numpy", "scipy", "pandas", "h5py", "pyarrow", "netgen-mesher", "threadpoolctl")
+
+Manifest = dict[str, Any]
+
+
+def now() -> str:
+    """The time in UTC, ISO 8601, to the second."""
+    return datetime.now(UTC).isoformat(timespec="seconds")
+
+
+def environment() -> Manifest:
+    """Versions, machine and git commit: what a reader needs to judge or repeat a run."""
+    return {
+        "versions": versions(),
+        "machine": machine(),
+        "git_commit": git_commit(),
+    }
+
+
+def versions() -> dict[str, str | None]:
+    """Versions of Python, eitbench and the libraries that shape the numbers."""
+    found: dict[str, str | None] = {
+        "python": platform.python_version(),
+        "eitbench": eitbench.__version__,
+    }
+    for package in PACKAGES:
+        try:
+            found[package] = importlib.metadata.version(package)
+        except importlib.metadata.PackageNotFoundError:
+            found[package] = None
+    return found
+
+
+def machine() -> dict[str, str | int | None]:
+    """Processor, cores, memory and operating system; no host or user name."""
+    return {
+        "cpu": _cpu_model(),
+        "cores": os.cpu_count(),
+        "memory_mb": psutil.virtual_memory().total // 2**20,
+        "os": platform.platform(),
+    }
+
+
+def _cpu_model() -> str:
+    cpuinfo = Path("/proc/cpuinfo")
+    if cpuinfo.is_file():
+        for line in cpuinfo.read_text(errors="replace").splitlines():
+            key, _, value = line.partition(":")
+            if key.strip() == "model name":
+                return value.strip()
+    return platform.processor() or platform.machine()
+
+
+def git_commit() -> str | None:
+    """The commit of the checkout eitbench runs from, "-dirty" if changed; None if installed."""
+    root = Path(eitbench.__file__).resolve().parents[2]
+    if not (root / ".git").exists():
+        return None
+    try:
+        commit = _git(root, "rev-parse", "HEAD")
+        return commit + ("-dirty" if _git(root, "status", "--porcelain") else "")
+    except (OSError, subprocess.SubprocessError):
+        return None
+
+
+def _git(root: Path, *arguments: str) -> str:
+    command = ["git", "-C", str(root), *arguments]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=10)
+    return done.stdout.strip()
+
+
+def command_line() -> str:
+    """The command as typed, its program without the folder."""
+    return " ".join([Path(sys.argv[0]).name, *sys.argv[1:]])
+
+
+def read(run: Path) -> Manifest:
+    """The manifest of the run directory `run`.
+
+    Raises:
+        InputError: no run directory, or one whose manifest cannot be read.
+    """
+    path = run / FILE_NAME
+    if not path.is_file():
+        raise InputError(f"{run} is not a run directory: it holds no {FILE_NAME}.")
+    try:
+        manifest = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise InputError(f"The manifest {path} cannot be read: {error}.") from error
+    if not isinstance(manifest, dict):
+        raise InputError(f"The manifest {path} is not a JSON object.")
+    return manifest

@@ -1,0 +1,260 @@
+"""Reads run directories, and sums their rows up to a leaderboard."""
+
+import json
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from eitbench.benchmark import manifest
+from eitbench.benchmark.cards import METRICS
+from eitbench.benchmark.judge import cell_figures
+from eitbench.benchmark.store import METHODS, RECONSTRUCTIONS, SAMPLES, TRUTH
+from eitbench.scenarios.errors import DataCorruptError, InputError
+
+Row = dict[str, Any]
+
+TIMINGS = (
+    "first_frame_ms",
+    "frame_ms_p50",
+    "frame_ms_p99",
+    "batch_fps",
+    "setup_s",
+    "train_s",
+    "memory_mb",
+)
+
+# What decides a rank, by the first of these that any method of the scenario has: a true
+# conductivity gives a score, true classes a CC, presses a place, and recordings else a response.
+_RANKED_BY = ("score", "cc", "localisation_mm", "repeatability_db")
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """What is known of the images of a scenario.
+
+    Attributes:
+        bounds: (x_min, y_min, x_max, y_max) [m].
+        background: conductivity of the untouched sensor [S/m].
+        data_range: [S/m].
+        mask: (H, W) pixels of the sensor.
+        sample: (n,) sample numbers of `truth`.
+        truth: (n, H, W) true conductivity [S/m] or classes; None where neither is known.
+        has_classes: whether `truth` holds classes: -1 resistive, 0, +1 conductive.
+    """
+
+    bounds: tuple[float, float, float, float]
+    background: float
+    data_range: float
+    mask: NDArray[np.bool_]
+    sample: NDArray[np.int64]
+    truth: NDArray[np.float64] | None
+    has_classes: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """A run directory.
+
+    Attributes:
+        path: the directory.
+        manifest: how the run was made.
+        samples: one row per scenario, method and sample.
+        methods: one row per scenario and method.
+    """
+
+    path: Path
+    manifest: dict[str, Any]
+    samples: pd.DataFrame
+    methods: pd.DataFrame
+
+    def scenarios(self) -> list[str]:
+        """Names of the scenarios that have rows, in the order of the run."""
+        return [] if self.samples.empty else list(self.samples["scenario"].unique())
+
+    def cell(self, scenario: str, method: str) -> pd.DataFrame:
+        """The sample rows of one method on one scenario."""
+        of = (self.samples["scenario"] == scenario) & (self.samples["method"] == method)
+        return self.samples[of]
+
+    def scene(self, scenario: str, samples: Sequence[int]) -> Scene:
+        """What is known of a scenario, with the truth of the given samples."""
+        with self._images() as file:
+            group = self._group(file, scenario, TRUTH)
+            rows = _rows_of(group["sample"][:], samples)
+            names = [name for name in ("conductivity", "classes") if name in group]
+            truth = group[names[0]][rows].astype(np.float64) if names else None
+            x0, y0, x1, y1 = (float(value) for value in group.attrs["bounds"])
+            return Scene(
+                bounds=(x0, y0, x1, y1),
+                background=float(group.attrs["background"]),
+                data_range=float(group.attrs["data_range"]),
+                mask=group["mask"][:].astype(bool),
+                sample=group["sample"][:][rows],
+                truth=truth,
+                has_classes=names == ["classes"],
+            )
+
+    def estimates(
+        self, scenario: str, method: str, samples: Sequence[int]
+    ) -> NDArray[np.float32] | None:
+        """Conductivity (k, H, W) [S/m] of the given samples, NaN where there was no valid output.
+
+        None where the run holds none of these samples of this method.
+        """
+        with self._images() as file:
+            group = self._group(file, scenario, method)
+            numbers = group["sample"][:]
+            images = np.full((len(samples), *group["conductivity"].shape[1:]), np.nan, np.float32)
+            known = np.isin(samples, numbers)
+            if not known.any():
+                return None
+            images[known] = group["conductivity"][_rows_of(numbers, np.array(samples)[known])]
+            return images
+
+    @contextmanager
+    def _images(self) -> Iterator[h5py.File]:
+        path = self.path / RECONSTRUCTIONS
+        try:
+            with h5py.File(path, "r") as file:
+                yield file
+        except OSError as error:
+            raise DataCorruptError(
+                f"{path} cannot be read: resume the run or repeat it."
+            ) from error
+
+    def _group(self, file: h5py.File, scenario: str, name: str) -> h5py.Group:
+        try:
+            return file[f"{scenario}/{name}"]
+        except KeyError as error:
+            raise DataCorruptError(
+                f"{self.path / RECONSTRUCTIONS} holds no images of {name!r} on scenario "
+                f"{scenario!r}: resume the run."
+            ) from error
+
+
+def _rows_of(numbers: NDArray[np.int64], samples: Iterable[int]) -> list[int]:
+    """Row numbers of the given samples, rising as HDF5 wants them; samples are stored in order."""
+    return sorted(np.flatnonzero(np.isin(numbers, list(samples))).tolist())
+
+
+def read_run(path: Path) -> Run:
+    """Read a run directory.
+
+    Raises:
+        InputError: it is none, or its run was not finished.
+        DataCorruptError: one of its files is damaged.
+    """
+    content = path / manifest.FILE_NAME
+    if not content.is_file():
+        raise InputError(f"{path} is not a run directory: it holds no {manifest.FILE_NAME}.")
+    if not (path / SAMPLES).is_file() or not (path / METHODS).is_file():
+        raise InputError(
+            f"The run in {path} has no results yet: finish it with `eitbench run --resume {path}`."
+        )
+    return Run(path, _read_json(content), _read_table(path / SAMPLES), _read_table(path / METHODS))
+
+
+def _read_json(path: Path) -> dict[str, Any]:
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise DataCorruptError(f"{path} is not valid JSON: run again.") from error
+    if not isinstance(content, dict):
+        raise DataCorruptError(f"{path} does not hold a manifest: run again.")
+    return content
+
+
+def _read_table(path: Path) -> pd.DataFrame:
+    try:
+        return pd.read_parquet(path)
+    except (OSError, ValueError) as error:
+        raise DataCorruptError(f"{path} is not a readable Parquet file: run again.") from error
+
+
+def leaderboard_rows(runs: Sequence[Run]) -> list[Row]:
+    """One row per run, scenario, method and track, ranked within each scenario.
+
+    Figures are means over the valid samples (localisation: the median); None where not defined.
+    The best value has rank 1; methods that lost samples come after those that lost none, methods
+    without a figure come last, and equals share a rank.
+    """
+    rows = [_row(run, keys, cell) for run in runs for keys, cell in _cells(run)]
+    boards: dict[tuple[str, str], list[Row]] = {}
+    for row in rows:
+        boards.setdefault((row["suite"], row["scenario"]), []).append(row)
+    ranked = []
+    for board in boards.values():
+        _rank(board)
+        ranked += sorted(board, key=lambda row: (row["rank"], row["method"]))
+    return ranked
+
+
+def _cells(run: Run) -> Iterable[tuple[tuple[str, ...], pd.DataFrame]]:
+    if run.samples.empty:
+        return []
+    keys = ["suite", "scenario", "method", "track"]
+    return [(tuple(map(str, k)), cell) for k, cell in run.samples.groupby(keys, sort=False)]
+
+
+def _row(run: Run, keys: tuple[str, ...], cell: pd.DataFrame) -> Row:
+    suite, scenario, method, track = keys
+    valid = cell[cell["status"] == "ok"]
+    row: Row = {
+        "suite": suite,
+        "scenario": scenario,
+        "method": method,
+        "track": track,
+        "run": run.path.name,
+        "n": len(cell),
+        "coverage": len(valid) / len(cell),
+        "rank": None,
+    }
+    whole = cell_figures(valid)
+    for name, card in METRICS.items():
+        row[name] = _plain(whole[name] if name in whole else _average(valid, name, card.average))
+    of = run.methods[
+        (run.methods["scenario"] == scenario)
+        & (run.methods["method"] == method)
+        & (run.methods["track"] == track)
+    ]
+    for name in TIMINGS:
+        row[name] = _plain(of[name].iloc[0]) if name in of and len(of) else None
+    return row
+
+
+def _average(rows: pd.DataFrame, name: str, average: str) -> float:
+    if name not in rows:
+        return float("nan")
+    values = rows[name].to_numpy(dtype=np.float64, na_value=np.nan)
+    values = values[~np.isnan(values)]
+    if not len(values):
+        return float("nan")
+    return float(np.median(values) if average == "median" else np.mean(values))
+
+
+def _plain(value: Any) -> float | None:
+    number = float("nan") if value is None else float(value)
+    return number if np.isfinite(number) else None
+
+
+def _rank(board: list[Row]) -> None:
+    """Give the rows of one scenario their ranks, 1 the best."""
+    names = [name for name in _RANKED_BY if any(row[name] is not None for row in board)]
+    keys = [_standing(row, names[0] if names else None) for row in board]
+    for row, key in zip(board, keys, strict=True):
+        row["rank"] = 1 + sum(other < key for other in keys)
+
+
+def _standing(row: Row, name: str | None) -> tuple[bool, bool, float]:
+    """Sorts rows from the best to the worst."""
+    value = None if name is None else row[name]
+    if name is None or value is None:
+        return True, True, 0.0
+    return False, row["coverage"] < 1, -value if METRICS[name].best == "max" else value

@@ -1,0 +1,258 @@
+"""The run directory: rows that survive an interruption, and the files that a finished run holds.
+
+While a run is going, every batch of frames is written to `parts/<scenario>/<method>/` as soon as it
+is reconstructed, and every finished cell (scenario x method) adds its judged rows. `assemble` turns
+parts into `samples.parquet`, `methods.parquet` and `reconstructions.h5`; each file appears whole or
+not at all.
+"""
+
+import json
+import shutil
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+from zipfile import BadZipFile
+
+import h5py
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from eitbench.benchmark import manifest
+from eitbench.benchmark.worker import Images
+from eitbench.scenarios.datasets import Dataset
+from eitbench.scenarios.errors import DataCorruptError, EitbenchError, InputError
+
+SAMPLES = "samples.parquet"
+METHODS = "methods.parquet"
+RECONSTRUCTIONS = "reconstructions.h5"
+TRUTH = "truth"
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One scenario with one method."""
+
+    scenario: str
+    method: str
+
+    def __str__(self) -> str:
+        return f"{self.scenario}--{self.method}"
+
+
+@dataclass(frozen=True, eq=False)
+class Batch:
+    """The outcome of some frames of a cell.
+
+    Attributes:
+        start: position of its first frame in the data set.
+        estimates: (k, H, W) conductivity [S/m], NaN where the status is not "ok".
+        status, message: k texts each.
+        frame_ms: (k,) time per frame [ms], NaN where unknown.
+    """
+
+    start: int
+    estimates: Images
+    status: Sequence[str]
+    message: Sequence[str]
+    frame_ms: NDArray[np.float64]
+
+    @property
+    def stop(self) -> int:
+        """Position after its last frame."""
+        return self.start + len(self.estimates)
+
+
+class RunStore:
+    """Reads and writes one run directory."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    @classmethod
+    def create(cls, path: Path) -> "RunStore":
+        """A new, empty run directory.
+
+        Raises:
+            InputError: `path` holds something already or is not a folder.
+            EitbenchError: it cannot be written.
+        """
+        if path.exists() and not path.is_dir():
+            raise InputError(f"The output {path} is a file: choose a folder with --out.")
+        if path.is_dir() and any(path.iterdir()):
+            raise InputError(
+                f"The output folder {path} is not empty: choose another with --out, or continue "
+                f"a run in it with `eitbench run --resume {path}`."
+            )
+        with _said(path):
+            (path / "logs").mkdir(parents=True, exist_ok=True)
+        return cls(path)
+
+    def discard(self) -> None:
+        """Remove a run directory in which nothing has happened."""
+        shutil.rmtree(self.path, ignore_errors=True)
+
+    def log(self, cell: Cell) -> Path:
+        """Where a cell's method writes what it prints."""
+        return self.path / "logs" / f"{_folder(cell.scenario)}--{_folder(cell.method)}.log"
+
+    def write_manifest(self, content: manifest.Manifest) -> None:
+        """Replace the manifest."""
+        text = json.dumps(content, indent=2, allow_nan=False, default=str) + "\n"
+        self._replace(self.path / manifest.FILE_NAME, lambda part: _write_text(part, text))
+
+    def save_batch(self, cell: Cell, split: str, batch: Batch) -> None:
+        """Keep the outcome of a batch."""
+        self._replace(
+            self._batch_path(cell, split, batch.start),
+            lambda part: np.savez(
+                part,
+                estimates=batch.estimates,
+                status=np.array(batch.status, dtype=np.str_),
+                message=np.array(batch.message, dtype=np.str_),
+                frame_ms=batch.frame_ms,
+            ),
+        )
+
+    def batches(self, cell: Cell, split: str) -> Iterator[Batch]:
+        """The batches kept of a cell, in order, one in memory at a time."""
+        for path in sorted(self._parts(cell).glob(f"{split}-*.npz")):
+            try:
+                with np.load(path, allow_pickle=False) as arrays:
+                    batch = Batch(
+                        start=int(path.stem.rpartition("-")[2]),
+                        estimates=arrays["estimates"],
+                        status=arrays["status"].tolist(),
+                        message=arrays["message"].tolist(),
+                        frame_ms=arrays["frame_ms"],
+                    )
+            except (OSError, ValueError, KeyError, BadZipFile) as error:
+                raise DataCorruptError(
+                    f"{path} cannot be read ({error}): delete it and resume the run."
+                ) from error
+            yield batch
+
+    def has_batch(self, cell: Cell, split: str, start: int) -> bool:
+        """Whether the batch at `start` is kept."""
+        return self._batch_path(cell, split, start).is_file()
+
+    def has_batches(self, cell: Cell) -> bool:
+        """Whether any test batch of the cell is kept."""
+        return any(self._parts(cell).glob("test-*.npz"))
+
+    def save_cell(self, cell: Cell, samples: pd.DataFrame, row: dict[str, Any]) -> None:
+        """Keep the judged rows and the row of `methods.parquet` of a cell."""
+        folder = self._parts(cell)
+        self._replace(folder / SAMPLES, lambda part: samples.to_parquet(part, index=False))
+        # Written last: its presence says that the cell is judged.
+        table = pd.DataFrame([row])
+        self._replace(folder / METHODS, lambda part: table.to_parquet(part, index=False))
+
+    def finished(self, cell: Cell) -> bool:
+        """Whether every frame of the cell has its judged row."""
+        path = self._parts(cell) / METHODS
+        return path.is_file() and bool(pd.read_parquet(path)["complete"].iloc[0])
+
+    def assemble(self, cells: Sequence[Cell], datasets: dict[str, Dataset]) -> None:
+        """Write the result files from the parts of all `cells` that have judged rows."""
+        judged = [cell for cell in cells if (self._parts(cell) / METHODS).is_file()]
+        samples = _concatenate([pd.read_parquet(self._parts(c) / SAMPLES) for c in judged])
+        rows = _concatenate([pd.read_parquet(self._parts(c) / METHODS) for c in judged])
+        rows = rows.drop(columns="complete", errors="ignore")
+        self._replace(self.path / SAMPLES, lambda part: samples.to_parquet(part, index=False))
+        self._replace(self.path / METHODS, lambda part: rows.to_parquet(part, index=False))
+        self._replace(
+            self.path / RECONSTRUCTIONS, lambda part: self._write_images(part, judged, datasets)
+        )
+
+    def remove_parts(self) -> None:
+        """Forget the parts of a run that is assembled."""
+        shutil.rmtree(self.path / "parts", ignore_errors=True)
+
+    def _write_images(
+        self, path: Path, cells: Sequence[Cell], datasets: dict[str, Dataset]
+    ) -> None:
+        with h5py.File(path, "w") as file:
+            for name in dict.fromkeys(cell.scenario for cell in cells):
+                _write_truth(file.create_group(f"{name}/{TRUTH}"), datasets[name])
+            for cell in cells:
+                dataset = datasets[cell.scenario]
+                numbers = pd.read_parquet(self._parts(cell) / SAMPLES, columns=["sample"])["sample"]
+                group = file.create_group(f"{cell.scenario}/{cell.method}")
+                group["sample"] = numbers.to_numpy(np.int64)
+                shape = (len(numbers), *dataset.sensor.image_shape)
+                images = group.create_dataset(
+                    "conductivity", shape, np.float32, **_compression(shape)
+                )
+                row = 0
+                for batch in self.batches(cell, "test"):
+                    images[row : row + len(batch.estimates)] = batch.estimates
+                    row += len(batch.estimates)
+
+    def _parts(self, cell: Cell) -> Path:
+        return self.path / "parts" / _folder(cell.scenario) / _folder(cell.method)
+
+    def _batch_path(self, cell: Cell, split: str, start: int) -> Path:
+        return self._parts(cell) / f"{split}-{start:08d}.npz"
+
+    def _replace(self, path: Path, write: Callable[[Path], None]) -> None:
+        """Write a file beside its place, then move it there in one step."""
+        part = path.with_name(f".{path.name}.part{path.suffix}")
+        with _said(path):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            try:
+                write(part)
+                part.replace(path)
+            finally:
+                part.unlink(missing_ok=True)
+
+
+def _write_truth(group: h5py.Group, dataset: Dataset) -> None:
+    sensor = dataset.sensor
+    group.attrs["bounds"] = np.asarray(sensor.outline.bounds, dtype=np.float64)
+    group.attrs["background"] = sensor.background
+    group.attrs["data_range"] = sensor.data_range
+    group["mask"] = sensor.mask
+    group["sample"] = dataset.samples["sample"].to_numpy(np.int64)
+    images = dataset.conductivity if dataset.truth == "conductivity" else dataset.classes
+    if images is not None:
+        name = "conductivity" if dataset.truth == "conductivity" else "classes"
+        group.create_dataset(name, data=images, **_compression(images.shape))
+
+
+def _compression(shape: tuple[int, ...]) -> dict[str, Any]:
+    if 0 in shape:
+        return {}
+    return {
+        "chunks": (1, *shape[1:]),
+        "compression": "gzip",
+        "compression_opts": 1,
+        "shuffle": True,
+    }
+
+
+def _concatenate(tables: list[pd.DataFrame]) -> pd.DataFrame:
+    return pd.concat(tables, ignore_index=True) if tables else pd.DataFrame()
+
+
+def _folder(name: str) -> str:
+    """`name` as one folder name on any system: what could be a path is percent-encoded."""
+    quoted = quote(name, safe=" +=@")
+    return "%2E" + quoted[1:] if quoted.startswith(".") else quoted
+
+
+def _write_text(path: Path, text: str) -> None:
+    path.write_text(text, encoding="utf-8")
+
+
+@contextmanager
+def _said(path: Path) -> Iterator[None]:
+    """Turn an error of the file system into one sentence."""
+    try:
+        yield
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise EitbenchError(f"Could not write {path}: {reason}.") from error

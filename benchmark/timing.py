@@ -1,0 +1,44 @@
+"""Times that can be compared: percentiles of single frames and a calibration solve per machine."""
+
+import time
+from collections.abc import Sequence
+
+import numpy as np
+from scipy import sparse
+from scipy.sparse.linalg import splu
+from threadpoolctl import threadpool_limits
+
+WARM_FRAMES = 100
+WARM_SECONDS = 1.0
+
+
+def warm_percentiles(frame_ms: Sequence[float]) -> tuple[float, float]:
+    """Median and 99th percentile of single-frame times; NaN where there is none."""
+    if not frame_ms:
+        return float("nan"), float("nan")
+    p50, p99 = np.percentile(frame_ms, [50, 99])
+    return float(p50), float(p99)
+
+
+def calibration(repeats: int = 5) -> float:
+    """Milliseconds this machine needs for a fixed solve on one thread (the fastest of `repeats`).
+
+    The work resembles what methods do: a sparse factorisation of a 5-point Laplacian on an
+    80 x 80 grid with 16 right-hand sides, then a dense product the size of a Jacobian. Times of two
+    machines may be divided by it to be compared.
+    """
+    side = 80
+    line = sparse.diags_array([-1.0, 2.01, -1.0], offsets=[-1, 0, 1], shape=(side, side))
+    unit = sparse.eye_array(side)
+    laplacian = sparse.csc_array(sparse.kron(line, unit) + sparse.kron(unit, line))
+    right = np.cos(np.arange(side * side * 16, dtype=np.float64)).reshape(-1, 16)
+    dense = np.sin(np.arange(208 * side * side, dtype=np.float64)).reshape(208, -1)
+    fastest = np.inf
+    with threadpool_limits(1):
+        for _ in range(repeats):
+            start = time.perf_counter()
+            solution = splu(laplacian).solve(right)
+            dense @ solution
+            dense @ dense.T
+            fastest = min(fastest, time.perf_counter() - start)
+    return fastest * 1e3

@@ -1,0 +1,62 @@
+"""The contract checks find what they claim to find, and nothing else."""
+
+from pathlib import Path
+
+import pytest
+
+from eitbench.benchmark.checks import CHECKS, check_method, check_target
+from eitbench.scenarios.errors import InputError
+
+EVERYTHING = set(CHECKS)
+BROKEN = {
+    "contract-kept": set(),
+    "contract-contrast": {
+        "zero contrast gives the background",
+        "a conductive contact is positive",
+    },
+    "contract-inverted": {"a resistive contact is negative", "a conductive contact is positive"},
+    "contract-unsigned": {"a conductive contact is positive"},
+    "contract-batch": {"a batch equals its single frames"},
+    "contract-random": {"the same twice"},
+    "contract-short": {"refuses frames of the wrong length"},
+    "contract-nan": {"refuses frames with NaN"},
+}
+REFUSES = {"refuses frames of the wrong length", "refuses frames with NaN"}
+MISBEHAVING = {
+    "toy-good": set(),
+    "toy-prints": {"prints nothing"},
+    "toy-fit-raises": EVERYTHING,
+    "toy-hangs": EVERYTHING,
+    "toy-raises": EVERYTHING,
+    "toy-shape": EVERYTHING - REFUSES,
+    "toy-complex": EVERYTHING - REFUSES,
+    "toy-mutates": EVERYTHING - REFUSES,
+}
+
+
+@pytest.mark.parametrize("name", BROKEN)
+def test_a_broken_promise_is_found_alone(name: str, broken_contract: Path) -> None:
+    report = check_method(name, plugin=broken_contract)
+    assert {result.name for result in report.failed} == BROKEN[name]
+    assert len(report.results) == len(CHECKS)
+    assert all(result.message.endswith(".") for result in report.failed)
+
+
+@pytest.mark.parametrize("name", MISBEHAVING)
+def test_a_misbehaving_method_fails_and_the_check_goes_on(name: str, toys: Path) -> None:
+    report = check_method(name, plugin=toys, limit_s=0.5 if name == "toy-hangs" else 60)
+    assert {result.name for result in report.failed} == MISBEHAVING[name]
+    failed = len(MISBEHAVING[name])
+    assert f"{len(CHECKS)} checks ran, {len(CHECKS) - failed} passed, {failed} failed" in (
+        report.summary()
+    )
+
+
+def test_a_file_is_checked_whole(broken_contract: Path) -> None:
+    reports = check_target(str(broken_contract))
+    assert {report.method for report in reports} == set(BROKEN)
+
+
+def test_an_unknown_method_suggests_the_nearest() -> None:
+    with pytest.raises(InputError, match="did you mean 'noser'"):
+        check_target("nosr")
