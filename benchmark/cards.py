@@ -115,7 +115,8 @@ METRICS: dict[str, MetricCard] = {
             "Localisation",
             "distance between the |contrast|-weighted centroids of true and found contacts, "
             "optimally assigned (simulated or classes); between the press and the strongest "
-            "contact, mapped by a similarity fitted on the validation split (positions)",
+            "contact, mapped by the similarity with the least sum of distances on the validation "
+            "split (positions)",
             "scenarios where contacts or positions are known",
             "mm",
             "min",
@@ -169,7 +170,7 @@ METRICS: dict[str, MetricCard] = {
             "iou_resistive",
             "IoU resistive",
             "as IoU, contrast below the background only",
-            _TRUE_IMAGES,
+            "scenarios with true classes",
             "1",
             "max",
             _SENSOR,
@@ -183,7 +184,7 @@ METRICS: dict[str, MetricCard] = {
             "iou_conductive",
             "IoU conductive",
             "as IoU, contrast above the background only",
-            _TRUE_IMAGES,
+            "scenarios with true classes",
             "1",
             "max",
             _SENSOR,

@@ -39,6 +39,7 @@ class CellPlan:
 
     Attributes:
         parameters: constructor parameters of the method; empty on track "default".
+        batch: frames asked for at once; a run keeps to the number it was started with.
     """
 
     cell: Cell
@@ -49,6 +50,7 @@ class CellPlan:
     plugins: tuple[Path, ...]
     fit_limit_s: float
     frame_limit_s: float
+    batch: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,7 +113,7 @@ class _CellRun:
         pending = [
             (split, start)
             for split in ("validation", "test")
-            for start in range(0, len(self.data.voltages(split)), BATCH)
+            for start in range(0, len(self.data.voltages(split)), plan.batch)
             if not self.store.has_batch(plan.cell, split, start)
         ]
         outstanding = sum(len(self._frames(split, start)) for split, start in pending)
@@ -218,7 +220,7 @@ class _CellRun:
         return images
 
     def _frames(self, split: str, start: int) -> Frames:
-        return self.data.voltages(split)[start : start + BATCH]
+        return self.data.voltages(split)[start : start + self.plan.batch]
 
     def _keep(self, split: str, start: int, outcome: "_Outcome") -> None:
         batch = outcome.batch(start, self.data.test.sensor.image_shape)

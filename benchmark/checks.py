@@ -11,8 +11,10 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
 from eitbench.benchmark.worker import (
+    THREADS,
     Failure,
     Frames,
     Images,
@@ -109,7 +111,8 @@ class _Subject:
 
     def simulate(self, contrast_factor: NDArray[np.float64]) -> Frames:
         """One frame (1, M) of the background times `contrast_factor`, from the finer mesh."""
-        return SCENARIO.data_model.voltages(self.sensor.background * contrast_factor)[None]
+        with threadpool_limits(THREADS):  # more threads make so small a solve slower
+            return SCENARIO.data_model.voltages(self.sensor.background * contrast_factor)[None]
 
     def inclusion(self, factor: float) -> Frames:
         """A frame (1, M) with the conductivity multiplied by `factor` inside a disc."""

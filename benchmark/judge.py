@@ -7,13 +7,13 @@ import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 from eitbench.benchmark import metrics, tactile
-from eitbench.benchmark.tactile import Similarity
+from eitbench.benchmark.tactile import Contacts, Similarity
 from eitbench.scenarios.datasets import Dataset
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.sensors import Sensor
 
 Array = NDArray[np.float64]
-Columns = dict[str, Array]
+Columns = dict[str, NDArray[np.float64] | NDArray[np.bool_]]
 
 METRIC_COLUMNS = (
     "ssim",
@@ -158,16 +158,21 @@ def _judge_conductivity(
         raise InputError(f"Scenario {dataset.scenario!r} holds no true conductivity.")
     truth, sensor = dataset.conductivity[rows], dataset.sensor
     mask, data_range = sensor.mask, sensor.data_range
-    figures = {
-        "ssim": metrics.ssim(truth, images, data_range, mask),
-        "cc": metrics.cc(truth, images, mask),
-        "rie": metrics.rie(truth, images, mask),
-        "psnr": metrics.psnr(truth, images, data_range, mask),
-    }
-    figures["score"] = metrics.score(**figures)
-    figures["cc_undefined"] = metrics.is_constant(truth, mask) | metrics.is_constant(images, mask)
+    similarity = metrics.ssim(truth, images, data_range, mask)
+    correlation = metrics.cc(truth, images, mask)
+    error = metrics.rie(truth, images, mask)
+    ratio = metrics.psnr(truth, images, data_range, mask)
     contrast = images.astype(np.float64) - sensor.background
-    return figures | _tactile(truth - sensor.background, contrast, sensor)
+    figures: Columns = {
+        "ssim": similarity,
+        "cc": correlation,
+        "rie": error,
+        "psnr": ratio,
+        "score": metrics.score(similarity, correlation, error, ratio),
+        "cc_undefined": metrics.is_constant(truth, mask) | metrics.is_constant(images, mask),
+    }
+    true = tactile.contacts(truth - sensor.background, sensor)
+    return figures | _tactile(true, tactile.contacts(contrast, sensor), sensor)
 
 
 def _judge_classes(
@@ -177,17 +182,20 @@ def _judge_classes(
         raise InputError(f"Scenario {dataset.scenario!r} holds no true classes.")
     truth, sensor = dataset.classes[rows].astype(np.float64), dataset.sensor
     contrast = images.astype(np.float64) - sensor.background
-    constant = [metrics.is_constant(stack, sensor.mask) for stack in (truth, contrast)]
-    return {
-        "cc": metrics.cc(truth, contrast, sensor.mask),
-        "cc_undefined": constant[0] | constant[1],
-    } | _tactile(truth, contrast, sensor)
-
-
-def _tactile(truth: Array, contrast: Array, sensor: Sensor) -> Columns:
+    mask = sensor.mask
     true, found = tactile.contacts(truth, sensor), tactile.contacts(contrast, sensor)
+    figures: Columns = {
+        "cc": metrics.cc(truth, contrast, mask),
+        "cc_undefined": metrics.is_constant(truth, mask) | metrics.is_constant(images, mask),
+        "iou_resistive": tactile.overlap(true.region, found.region, (-1,)),
+        "iou_conductive": tactile.overlap(true.region, found.region, (1,)),
+    }
+    return figures | _tactile(true, found, sensor)
+
+
+def _tactile(true: Contacts, found: Contacts, sensor: Sensor) -> Columns:
     area = true.total_area
-    area_error = np.full(len(truth), np.nan)
+    area_error = np.full(len(area), np.nan)
     np.divide(np.abs(found.total_area - area), area, out=area_error, where=area > 0)
     place = found.strongest(found.position, np.nan)
     return {
@@ -195,8 +203,6 @@ def _tactile(truth: Array, contrast: Array, sensor: Sensor) -> Columns:
         "contact_count_error": np.abs(found.count - true.count).astype(np.float64),
         "area_error": area_error,
         "iou": tactile.overlap(true.region, found.region),
-        "iou_resistive": tactile.overlap(true.region, found.region, (-1,)),
-        "iou_conductive": tactile.overlap(true.region, found.region, (1,)),
         "strength": found.strongest(found.strength, 0.0),
         "found_x_m": place[:, 0],
         "found_y_m": place[:, 1],
@@ -240,7 +246,7 @@ _JUDGES: dict[
     str,
     Callable[
         [Dataset, NDArray[np.intp], NDArray[np.float32], Similarity | None],
-        dict[str, Array],
+        Columns,
     ],
 ] = {
     "conductivity": _judge_conductivity,

@@ -125,9 +125,7 @@ class Run:
             with h5py.File(path, "r") as file:
                 yield file
         except OSError as error:
-            raise DataCorruptError(
-                f"{path} cannot be read: resume the run or repeat it."
-            ) from error
+            raise DataCorruptError(f"{path} cannot be read: resume the run.") from error
 
     def _group(self, file: h5py.File, scenario: str, name: str) -> h5py.Group:
         try:

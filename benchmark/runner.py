@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from eitbench.benchmark import manifest as manifests
-from eitbench.benchmark.cell import CellData, CellPlan, judge_cell, run_cell
+from eitbench.benchmark.cell import BATCH, CellData, CellPlan, judge_cell, run_cell
 from eitbench.benchmark.manifest import Manifest
 from eitbench.benchmark.progress import RunProgress
 from eitbench.benchmark.selection import selected_parameters
@@ -241,6 +241,7 @@ def _new_manifest(
         **manifests.environment(),
         "calibration_ms": calibration(),
         "jobs": jobs,
+        "batch": BATCH,
         "threads": THREADS,
         "seeds": {"methods": SEED},
         "plan": plan.describe(),
@@ -291,6 +292,7 @@ def _execute(
             plugins=tuple(path for path, _ in plan.plugins),
             fit_limit_s=plan.suite.fit_limit_s,
             frame_limit_s=plan.suite.frame_limit_s,
+            batch=manifest["batch"],
         )
         for entry in manifest["cells"]
     ]

@@ -24,6 +24,7 @@ Array = NDArray[np.float64]
 AMPLITUDE_FRACTION = 0.25
 """Adler et al., Physiol. Meas. 30 (2009) S35, section 3.1: the quarter-amplitude set."""
 SMALLEST_AREA_FRACTION = 1e-3
+_WEISZFELD_STEPS = 30
 
 # Neighbours within an image along sides and corners; never from one image to the next.
 _NEIGHBOURS = np.zeros((3, 3, 3), dtype=bool)
@@ -61,7 +62,7 @@ class Contacts:
     @property
     def total_area(self) -> Array:
         """Area of all contacts of every image (n,) [m^2]."""
-        return np.bincount(self.image, weights=self.area, minlength=len(self.region))
+        return _totals(self.image, self.area, len(self.region))
 
     def strongest(self, values: Array, missing: float) -> Array:
         """The `values` (k, ...) of each image's strongest contact; `missing` where it has none."""
@@ -99,7 +100,7 @@ def contacts(contrast: ArrayLike, sensor: Sensor) -> Contacts:
     image[number] = place[0]
     x, y = (axis[place[1:]] for axis in sensor.pixel_centres)
     total, x, y, pixels = (
-        np.bincount(number, weights=w, minlength=k) for w in (weight, weight * x, weight * y, None)
+        _totals(number, w, k) for w in (weight, weight * x, weight * y, np.ones(len(number)))
     )
     keep = _large_enough(pixels, image, sensor)
     order = np.lexsort((-total, image))
@@ -112,6 +113,11 @@ def contacts(contrast: ArrayLike, sensor: Sensor) -> Contacts:
         area=pixels[order] * pixel_area,
         region=(np.sign(values) * np.append(False, keep)[labels]).astype(np.int8),
     )
+
+
+def _totals(number: NDArray[np.integer], weights: Array, count: int) -> Array:
+    """The weights added up by number: (count,)."""
+    return np.bincount(number, weights=weights, minlength=count).astype(np.float64)
 
 
 def _large_enough(pixels: Array, image: NDArray[np.int64], sensor: Sensor) -> NDArray[np.bool_]:
@@ -211,23 +217,38 @@ class Similarity:
 def fit_similarity(source: ArrayLike, target: ArrayLike) -> Similarity | None:
     """The similarity, with or without reflection, that maps `source` best onto `target`.
 
-    Least squares over points (n, 2) [m]; rows with NaN are left out. None where fewer than three
-    points are left, or where they do not determine a positive scale.
+    It makes the sum of distances least over points (n, 2) [m], not that of their squares: a method
+    that loses some contacts altogether keeps the registration of those it finds. Rows with NaN are
+    left out. None where fewer than three points are left, or where they determine no similarity.
 
-    Source: Umeyama, IEEE Trans. Pattern Anal. 13 (1991) 376, eqs. 40-43; without the constraint on
-    the determinant, so that reflections are allowed.
+    Source: Umeyama, IEEE Trans. Pattern Anal. 13 (1991) 376, eqs. 40-43, without the constraint on
+    the determinant, so that reflections are allowed; repeated with the points weighted by their
+    inverse distances (Weiszfeld's iteration).
     """
     x, y = np.asarray(source, float), np.asarray(target, float)
     known = np.isfinite(x).all(axis=1) & np.isfinite(y).all(axis=1)
     x, y = x[known], y[known]
     if len(x) < 3:
         return None
-    x_mean, y_mean = x.mean(axis=0), y.mean(axis=0)
-    u, singular, vt = np.linalg.svd((y - y_mean).T @ (x - x_mean))
-    spread = float(np.sum((x - x_mean) ** 2))
+    weights = np.ones(len(x))
+    # Points that lie this close count alike: a distance of zero must not weigh infinitely.
+    close = 0.01 * float(np.sqrt(np.mean((y - y.mean(axis=0)) ** 2)))
+    fitted = _weighted_similarity(x, y, weights)
+    for _ in range(_WEISZFELD_STEPS):
+        if fitted is None or close == 0:
+            break
+        weights = 1 / np.maximum(np.hypot(*(fitted(x) - y).T), close)
+        fitted = _weighted_similarity(x, y, weights)
+    return fitted
+
+
+def _weighted_similarity(x: Array, y: Array, weights: Array) -> Similarity | None:
+    w = (weights / weights.sum())[:, None]
+    x_mean, y_mean = (w * x).sum(axis=0), (w * y).sum(axis=0)
+    u, singular, vt = np.linalg.svd((w * (y - y_mean)).T @ (x - x_mean))
     # A second singular value of zero leaves open whether to reflect.
-    if singular[1] <= 1e-12 * max(spread, singular[0]):
+    if singular[1] <= 1e-12 * singular[0] or singular[0] == 0:
         return None
     turn = u @ vt
-    scale = float(singular.sum()) / spread
+    scale = float(singular.sum() / (w * (x - x_mean) ** 2).sum())
     return Similarity(scale, turn, y_mean - scale * turn @ x_mean)

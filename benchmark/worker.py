@@ -49,6 +49,8 @@ PINNED = {
 }
 POLL_SECONDS = 0.2
 PLUGIN_LIMIT_S = 60.0
+# Cells run in threads, and starting a worker changes this process's environment for a moment.
+_STARTING = threading.Lock()
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,13 +139,13 @@ class Worker:
         stop: threading.Event | None = None,
     ) -> None:
         """Start `serve(connection, *arguments)` with its output going to `log` (None: nowhere)."""
-        context = process_context()
+        with _STARTING:
+            context = process_context()
+            environment = dict(os.environ)
         self._connection, theirs = context.Pipe()
         self._stop = stop or threading.Event()
         self._process = context.Process(  # type: ignore[attr-defined]
-            target=_enter,
-            args=(theirs, log, dict(os.environ), serve, arguments),
-            name="eitbench-worker",
+            target=_enter, args=(theirs, log, environment, serve, arguments), name="eitbench-worker"
         )
         self._process.start()
         theirs.close()

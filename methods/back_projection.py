@@ -6,7 +6,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from eitbench.methods.linearisation import Linearisation
+from eitbench.methods.linearisation import Linearisation, Variable
 from eitbench.methods.method import Method
 from eitbench.methods.problem import Problem
 from eitbench.methods.registry import register
@@ -21,17 +21,18 @@ class BackProjection(Method):
     """Sensitivity-weighted back-projection, scaled to explain the data best.
 
     Attributes:
-        row_exponent, upper: see `Linearisation`.
+        variable, row_exponent, upper: see `Linearisation`.
     """
 
     source: ClassVar[str] = "Kotre, Clin. Phys. Physiol. Meas. 10(3), 1989"
     search: ClassVar = {**ROWS, **BOUNDS}
+    variable: Variable = "conductivity"
     row_exponent: float = 0.0
     upper: float | None = None
 
     def fit(self, problem: Problem) -> None:
         """Normalise the sensitivity of each pixel."""
-        self._linearisation = Linearisation(problem, self.row_exponent, self.upper)
+        self._linearisation = Linearisation(problem, self.variable, self.row_exponent, self.upper)
         jacobian = self._linearisation.jacobian
         total = np.sum(np.abs(jacobian), axis=0)
         self._smear = jacobian / np.maximum(total, 1e-6 * total.max())

@@ -1,8 +1,8 @@
 """Nonlinear reconstruction: Gauss-Newton steps through the exact forward model.
 
-Each step linearises the model at the present image s_k with contrast x_k and solves
+Each step linearises the model at the present unknown x_k (see `Linearisation`) and solves
 
-    minimise over x   1/2 |F(s_k) + J_k (x - x_k) - (F(background) + dv)|^2 + prior(x).
+    minimise over x   1/2 |F(x_k) + J_k (x - x_k) - (F(0) + dv)|^2 + prior(x).
 
 Data enter as differences added to what the model predicts for the untouched sensor, so that errors
 common to both frames (mesh, electrodes) cancel to first order.
@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
-from eitbench.methods.linearisation import Linearisation, damping
+from eitbench.methods.linearisation import Linearisation, Variable, damping
 from eitbench.methods.method import Method
 from eitbench.methods.noser import noser_covariance
 from eitbench.methods.problem import Problem
@@ -38,11 +38,12 @@ class GaussNewton(Method):
 
     Attributes:
         weight: of the prior, relative to the data term at the background.
-        row_exponent, upper: see `Linearisation`.
+        variable, row_exponent, upper: see `Linearisation`.
         steps: number of linearisations.
     """
 
     weight: float = 1e-3
+    variable: Variable = "conductivity"
     row_exponent: float = 0.0
     upper: float | None = None
     steps: int = 5
@@ -50,7 +51,7 @@ class GaussNewton(Method):
     def fit(self, problem: Problem) -> None:
         """Linearise at the background, which scales data and prior for every later step."""
         self._problem = problem
-        self._linearisation = Linearisation(problem, self.row_exponent, self.upper)
+        self._linearisation = Linearisation(problem, self.variable, self.row_exponent, self.upper)
         self._compression = self._linearisation.compression()
         self._expected = self._combined(problem.background_voltages)
 
@@ -62,12 +63,13 @@ class GaussNewton(Method):
             or [np.empty((0, *self._problem.mask.shape))]
         )
 
-    def linearised(self, contrast: Array, target: Array) -> tuple[Array, Array]:
-        """J_k (m, P) and the data J_k x_k + target - F(s_k) (m,) at `contrast` x_k (P,)."""
-        image = self._linearisation.images(contrast[None])[0]
+    def linearised(self, x: Array, target: Array) -> tuple[Array, Array]:
+        """J_k (m, P) and the data J_k x_k + target - F(x_k) (m,) at the unknown `x` x_k (P,)."""
+        image = self._linearisation.images(x[None])[0]
         voltages, sensitivity = self._problem.model.linearise(image)
-        jacobian = self._combined(sensitivity[:, self._problem.mask])
-        return jacobian, jacobian @ contrast + target - self._combined(voltages)
+        rows = sensitivity[:, self._problem.mask] * self._linearisation.slope(x)
+        jacobian = self._combined(rows)
+        return jacobian, jacobian @ x + target - self._combined(voltages)
 
     def _combined(self, values: Array) -> Array:
         """Model voltages or rows (M, ...) as the independent combinations (m, ...) of the data."""
@@ -75,7 +77,7 @@ class GaussNewton(Method):
 
     @abstractmethod
     def _solve(self, target: Array) -> Array:
-        """Contrast (P,) [S/m] whose modelled voltages, combined, come near `target` (m,)."""
+        """The unknown (P,) whose modelled voltages, combined, come near `target` (m,)."""
 
 
 @register("gauss-newton-noser")
@@ -94,30 +96,28 @@ class GaussNewtonNoser(GaussNewton):
         self._damping = damping((rows * self._covariance) @ rows.T, self.weight)
 
     def _solve(self, target: Array) -> Array:
-        contrast = np.zeros(len(self._covariance))
-        cost = self._cost(contrast, target)
+        x = np.zeros(len(self._covariance))
+        cost = self._cost(x, target)
         for _ in range(self.steps):
-            jacobian, data = self.linearised(contrast, target)
+            jacobian, data = self.linearised(x, target)
             prior = jacobian * self._covariance
             solved = linalg.solve(prior @ jacobian.T + self._damping, data, assume_a="pos")
-            full = np.clip(solved @ prior, *self._linearisation.bounds) - contrast
+            full = np.clip(solved @ prior, *self._linearisation.bounds) - x
             # A full step overshoots where the contrast is strong: shorten it until it pays.
             for length in STEP_LENGTHS:
-                shorter = self._cost(contrast + length * full, target)
+                shorter = self._cost(x + length * full, target)
                 if shorter < cost:
-                    contrast, cost = contrast + length * full, shorter
+                    x, cost = x + length * full, shorter
                     break
             else:
                 break
-        return contrast
+        return x
 
-    def _cost(self, contrast: Array, target: Array) -> float:
+    def _cost(self, x: Array, target: Array) -> float:
         """|F(x) - target|^2 / w + x^T C^-1 x, what the steps are to lower."""
-        image = self._linearisation.images(contrast[None])[0]
+        image = self._linearisation.images(x[None])[0]
         misfit = self._combined(self._problem.model.voltages(image)) - target
-        return float(
-            misfit @ misfit / self._damping[0, 0] + contrast @ (contrast / self._covariance)
-        )
+        return float(misfit @ misfit / self._damping[0, 0] + x @ (x / self._covariance))
 
 
 @register("gauss-newton-tv")
@@ -127,16 +127,16 @@ class GaussNewtonTV(GaussNewton):
 
     source: ClassVar[str] = "Borsic et al., IEEE Trans. Med. Imaging 29(1), 2010"
     search: ClassVar = {**VARIATION, **ROWS, **BOUNDS}
-    steps: int = 10
+    steps: int = 6
 
     def _solve(self, target: Array) -> Array:
         mask, state = self._problem.mask, None
-        contrast = np.zeros(int(mask.sum()))
+        x = np.zeros(int(mask.sum()))
         for _ in range(self.steps):
-            jacobian, data = self.linearised(contrast, target)
+            jacobian, data = self.linearised(x, target)
             rows = np.zeros((len(jacobian), *mask.shape))
             rows[:, mask] = jacobian
             solver = TVSolver(rows, self.weight, self._linearisation.bounds)
             state = solver.run(data[None], state or solver.start(1), TV_ITERATIONS)
-            contrast = state.image[0, mask]
-        return contrast
+            x = state.image[0, mask]
+        return x

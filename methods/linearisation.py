@@ -1,39 +1,58 @@
 """The linearised problem that the classical methods share: J x = dv on the sensor's pixels."""
 
+from typing import Literal
+
 import numpy as np
 from numpy.typing import NDArray
 
 from eitbench.methods.problem import Problem
 
 Array = NDArray[np.float64]
+Variable = Literal["conductivity", "clausius-mossotti"]
 
-# Conductivity is positive: no estimate falls below this fraction of the background.
-LOWEST = 0.05
+# Conductivity is positive and finite: estimates stay within these multiples of the background.
+LOWEST, HIGHEST = 0.05, 20.0
 
 
 class Linearisation:
-    """Rows of the Jacobian and of the data under one weighting, and images made from contrasts.
+    """What is estimated, how measurements are weighted, and how images come of it.
+
+    The unknown x is either the contrast sigma - sigma_0, as in the textbooks, or the 2-D
+    Clausius-Mossotti factor x = 2 (sigma - sigma_0) / (sigma + sigma_0): a small disc of any
+    conductivity perturbs the voltages in exact proportion to it (Maxwell 1873, art. 314; in 2-D),
+    so that far stronger contrasts are linear in it. Both agree to first order, up to sigma_0.
 
     Rows are divided by their norm to the power `row_exponent`: 0 trusts every volt alike (white
     noise, as on simulated boards), 1 trusts every measurement alike.
 
     Attributes:
-        jacobian: (M, P) weighted rows on the P pixels inside the sensor.
-        bounds: least and greatest contrast [S/m].
+        jacobian: (M, P) weighted rows dv/dx at x = 0 on the P pixels inside the sensor.
+        bounds: least and greatest x.
     """
 
-    def __init__(self, problem: Problem, row_exponent: float, upper: float | None) -> None:
+    def __init__(
+        self, problem: Problem, variable: Variable, row_exponent: float, upper: float | None
+    ) -> None:
         self._problem = problem
-        rows = problem.jacobian[:, problem.mask]
+        self._variable = variable
+        rows = problem.jacobian[:, problem.mask] * self.slope(np.zeros(1))
         norms = np.linalg.norm(rows, axis=1)
         floor = 1e-6 * norms.max()  # a row that sees nothing must not be blown up
         self._weights = (np.maximum(norms, floor) / norms.max()) ** -row_exponent
         self.jacobian: Array = self._weights[:, None] * rows
-        background = problem.background
-        self.bounds = (
-            (LOWEST - 1) * background,
-            np.inf if upper is None else (upper - 1) * background,
-        )
+        self.bounds = (self._unknown(LOWEST), self._unknown(HIGHEST if upper is None else upper))
+
+    def _unknown(self, multiple: float) -> float:
+        """x of a conductivity given as a multiple of the background."""
+        if self._variable == "conductivity":
+            return (multiple - 1) * self._problem.background
+        return 2 * (multiple - 1) / (multiple + 1)
+
+    def slope(self, x: Array) -> Array:
+        """d sigma / dx [S/m] at `x`."""
+        if self._variable == "conductivity":
+            return np.ones_like(x)
+        return np.asarray(4 * self._problem.background / (2 - x) ** 2)
 
     def data(self, voltages: Array) -> Array:
         """Weighted differences (n, M) from frames (n, M)."""
@@ -53,11 +72,15 @@ class Linearisation:
         kept = energy > 1e-12 * energy[-1]
         return np.asarray(vectors[:, kept].T / np.sqrt(energy[-1]))
 
-    def images(self, contrast: Array) -> Array:
-        """Absolute conductivity (n, H, W) [S/m] from contrasts (n, P), kept within the bounds."""
+    def images(self, x: Array) -> Array:
+        """Absolute conductivity (n, H, W) [S/m] from unknowns (n, P), kept within the bounds."""
         mask, background = self._problem.mask, self._problem.background
-        images = np.full((len(contrast), *mask.shape), background)
-        images[:, mask] += np.clip(contrast, *self.bounds)
+        x = np.clip(x, *self.bounds)
+        images = np.full((len(x), *mask.shape), background)
+        if self._variable == "conductivity":
+            images[:, mask] += x
+        else:
+            images[:, mask] *= (2 + x) / (2 - x)
         return images
 
 

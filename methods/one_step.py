@@ -1,4 +1,4 @@
-"""One-step linear methods: contrast = R dv with a matrix R that is computed once."""
+"""One-step linear methods: x = R dv with a matrix R that is computed once."""
 
 from abc import abstractmethod
 from dataclasses import dataclass
@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
-from eitbench.methods.linearisation import Linearisation, damping
+from eitbench.methods.linearisation import Linearisation, Variable, damping
 from eitbench.methods.method import Method
 from eitbench.methods.problem import Problem
 
@@ -20,17 +20,18 @@ class OneStep(Method):
 
     Attributes:
         weight: regularisation relative to the mean diagonal of the regularised Gram matrix.
-        row_exponent: how measurements are weighted, see `Linearisation`.
-        upper: greatest conductivity as a multiple of the background; None for no bound.
+        variable, row_exponent: what is estimated from which weighting, see `Linearisation`.
+        upper: greatest conductivity as a multiple of the background.
     """
 
     weight: float = 0.03
+    variable: Variable = "conductivity"
     row_exponent: float = 0.0
     upper: float | None = None
 
     def fit(self, problem: Problem) -> None:
         """Compute the reconstruction matrix."""
-        self._linearisation = Linearisation(problem, self.row_exponent, self.upper)
+        self._linearisation = Linearisation(problem, self.variable, self.row_exponent, self.upper)
         self._matrix = np.ascontiguousarray(self.matrix(self._linearisation.jacobian, problem).T)
 
     @abstractmethod

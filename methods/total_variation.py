@@ -1,4 +1,4 @@
-"""Total variation: the contrast with the least jumps that explains the data, within bounds."""
+"""Total variation: the image with the least jumps that explains the data, within bounds."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -6,7 +6,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from eitbench.methods.linearisation import Linearisation
+from eitbench.methods.linearisation import Linearisation, Variable
 from eitbench.methods.method import Method
 from eitbench.methods.problem import Problem
 from eitbench.methods.registry import register
@@ -28,18 +28,19 @@ class TotalVariation(Method):
 
     Attributes:
         weight: of the total variation, relative to the Jacobian's largest singular value squared.
-        row_exponent, upper: see `Linearisation`.
+        variable, row_exponent, upper: see `Linearisation`.
     """
 
     source: ClassVar[str] = "Borsic et al., IEEE Trans. Med. Imaging 29(1), 2010"
     search: ClassVar = {**VARIATION, **ROWS, **BOUNDS}
     weight: float = 1e-3
+    variable: Variable = "conductivity"
     row_exponent: float = 0.0
     upper: float | None = None
 
     def fit(self, problem: Problem) -> None:
         """Factorise the linearised problem."""
-        self._linearisation = Linearisation(problem, self.row_exponent, self.upper)
+        self._linearisation = Linearisation(problem, self.variable, self.row_exponent, self.upper)
         self._compression = self._linearisation.compression()
         self._mask = problem.mask
         rows = np.zeros((len(self._compression), *problem.mask.shape))
@@ -49,9 +50,9 @@ class TotalVariation(Method):
     def reconstruct(self, voltages: Array) -> Array:
         """Absolute conductivity (n, H, W) [S/m] from frames (n, M)."""
         data = self._linearisation.data(voltages) @ self._compression.T
-        contrast = np.empty((len(data), int(self._mask.sum())))
+        unknown = np.empty((len(data), int(self._mask.sum())))
         for first in range(0, len(data), BATCH):
             frames = data[first : first + BATCH]
             state = self._solver.run(frames, self._solver.start(len(frames)), ITERATIONS)
-            contrast[first : first + BATCH] = state.image[:, self._mask]
-        return self._linearisation.images(contrast)
+            unknown[first : first + BATCH] = state.image[:, self._mask]
+        return self._linearisation.images(unknown)

@@ -247,11 +247,11 @@ def _shown(board: Sequence[Row]) -> list[Column]:
 
 def _is_best(column: Column, row: Row, board: Sequence[Row]) -> bool:
     values: list[Any] = [r[column.name] for r in board if r[column.name] is not None]
-    if column.best is None or row[column.name] is None or len(board) < 2:
+    if column.best is None or row[column.name] is None:
         return False
-    best = max(values) if column.best == "max" else min(values)
-    # Values that print alike are highlighted alike.
-    return column.text(row) == format(best, column.form)
+    # Values that print alike are highlighted alike, unless there is nothing to choose from.
+    best = format(max(values) if column.best == "max" else min(values), column.form)
+    return column.text(row) == best and any(format(v, column.form) != best for v in values)
 
 
 def _markdown(text: str) -> str:

@@ -3,14 +3,16 @@
 From upstream: opposition drive, the pattern table (checked against `lookup192.mat` and
 `lookup32.mat`), magnitudes only, a skin 171 mm across (the scale of upstream's `calcEIT.m`),
 presses within 70 mm of its centre. Ours: electrodes a quarter of their spacing wide, contact
-impedance 1e-3 Ohm*m, electrode 0 at 287 degrees and numbers counter-clockwise in the robot's frame.
-Upstream draws electrode 0 lowermost, at 270 degrees; the direction and the angle used here are
-where the model's sensitivities agree best with the measured changes. A similarity transform between
-image and robot frame is still fitted by whoever judges positions.
+impedance 1e-3 Ohm*m, electrode 0 at 281.25 degrees, numbers counter-clockwise in the robot's frame.
+The mirrored order contradicts the measured changes. The angle is uncertain: upstream draws
+electrode 0 lowermost (270 degrees), the changes fit best at 272 or 287 degrees with or without the
+leak described below. Whoever judges positions fits a similarity transform between the frames.
 
-The boards' channels are uneven. In the half of a frame from source to sink the values are several
-times larger than those from sink to source, which fits common-mode voltage leaking into the
-difference; the last value of each drive even answers with the opposite sign.
+The boards' channels are uneven: between source and sink the values of a frame are several times
+larger in the first half of the rim than in the second, so that a homogeneous disc hardly correlates
+with the reference (0.19 for 16 electrodes, -0.03 for 8). Common-mode voltage that leaks into the
+difference, V = U[a] - U[b] - 0.46 ((U[a] + U[b]) / 2 - U[sink]), explains most of it on both boards
+(0.74 and 0.73), including the last values of each drive, which answer with the opposite sign.
 """
 
 from functools import partial
@@ -43,7 +45,7 @@ DISTANCES_MM = {"A": 108.0, "B": 75.0, "C": 20.0}
 """Distance between the two probes of each multi-touch file."""
 
 _RADIUS = 0.0855
-_FIRST_ELECTRODE = np.deg2rad(287.0)
+_FIRST_ELECTRODE = np.deg2rad(281.25)
 
 
 def opposition_pattern(n_electrodes: int) -> DrivePattern:
@@ -83,7 +85,10 @@ def _disc_skin(name: str, n_electrodes: int) -> Sensor:
         outline, n_electrodes, outline.perimeter / n_electrodes / 4, 1e-3,
         start=_RADIUS * _FIRST_ELECTRODE,
     )  # fmt: skip
-    return Sensor(name, outline, electrodes, opposition_pattern(n_electrodes))
+    # Sixteen electrodes resolve far less than 80 x 80; 3.6 mm pixels keep real time in reach.
+    return Sensor(
+        name, outline, electrodes, opposition_pattern(n_electrodes), image_shape=(48, 48)
+    )
 
 
 def _read_presses(file: str, folder: Path, sensor: Sensor) -> Recording:

@@ -27,7 +27,11 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode="rich",
 )
-recordings_app = typer.Typer(help="Recorded sensor sets.", no_args_is_help=True)
+recordings_app = typer.Typer(
+    help="Recorded sensor sets.",
+    epilog="Example: eitbench recordings fetch ohmc16",
+    no_args_is_help=True,
+)
 app.add_typer(recordings_app, name="recordings")
 
 Json = Annotated[bool, typer.Option("--json", help="Print JSON for programs.")]
@@ -50,6 +54,7 @@ class Format(StrEnum):
     csv = "csv"
     json = "json"
     latex = "latex"
+    html = "html"
 
 
 def _version(asked: bool) -> None:
@@ -291,6 +296,8 @@ def _guarded(command: Callable[[], None], debug: bool) -> None:
 
         if isinstance(error, EitbenchError):
             _fail(str(error), 2 if isinstance(error, InputError) else 1)
+        if isinstance(error, OSError) and error.filename is not None:
+            _fail(f"Could not use {error.filename}: {error.strerror}.", 1)
         _fail(
             f"Unexpected {type(error).__name__}: {error}. Add --debug for the traceback, and "
             "please report it.",

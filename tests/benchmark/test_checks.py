@@ -52,11 +52,6 @@ def test_a_misbehaving_method_fails_and_the_check_goes_on(name: str, toys: Path)
     )
 
 
-def test_a_file_is_checked_whole(broken_contract: Path) -> None:
-    reports = check_target(str(broken_contract))
-    assert {report.method for report in reports} == set(BROKEN)
-
-
 def test_an_unknown_method_suggests_the_nearest() -> None:
     with pytest.raises(InputError, match="did you mean 'noser'"):
         check_target("nosr")

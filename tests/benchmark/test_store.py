@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from eitbench.benchmark import store as stores
 from eitbench.benchmark.store import Batch, Cell, RunStore
 from eitbench.scenarios.errors import DataCorruptError, EitbenchError, InputError
 
@@ -44,7 +43,7 @@ def test_a_full_disk_is_one_sentence_and_leaves_no_piece(
         Path(path).write_bytes(b"half of it")
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr(stores.np, "savez", full)
+    monkeypatch.setattr(np, "savez", full)
     with pytest.raises(EitbenchError, match=r"Could not write .*No space left on device"):
         store.save_batch(CELL, "test", batch(0))
     assert not store.has_batch(CELL, "test", 0)

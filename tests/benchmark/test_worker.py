@@ -56,9 +56,9 @@ def task(suite: Suite, data: Dataset, method: str, plugin: Path) -> Task:
 
 
 def fitted(
-    suite: Suite, data: Dataset, method: str, plugin: Path, **more: threading.Event
+    suite: Suite, data: Dataset, method: str, plugin: Path, stop: threading.Event | None = None
 ) -> Worker:
-    worker = Worker(serve_method, task(suite, data, method, plugin), **more)
+    worker = Worker(serve_method, task(suite, data, method, plugin), stop=stop)
     reply: Reply = worker.ask("fit", limit=60, what="fit")
     assert reply.failure is None
     return worker

@@ -137,7 +137,7 @@ def test_presses_are_rebased_on_the_validation_median(tmp_path: Path) -> None:
     recording = RECORDED_SETS["ohmc8"].read(tmp_path)
     np.testing.assert_allclose(recording.reference, np.median(np.arange(0, 500, 5)))
     np.testing.assert_allclose(recording.voltages - recording.reference, 1)
-    assert recording.samples.loc[0, ["x_m", "y_m", "depth_mm"]].tolist() == [0.01, -0.02, 15.0]
+    assert recording.samples[["x_m", "y_m", "depth_mm"]].iloc[0].tolist() == [0.01, -0.02, 15.0]
 
 
 def test_a_table_other_than_the_sensors_pattern_is_refused(tmp_path: Path) -> None:

@@ -1,0 +1,51 @@
+# The two commands: `make demo` and `make test`. Both need Python 3.11 or newer and nothing else.
+PYTHON ?= $(firstword $(foreach v,3.13 3.12 3.11,$(shell command -v python$(v) 2>/dev/null)) python3)
+BIN := .venv/bin
+STAMPS := .venv/.stamps
+
+.PHONY: help demo test slow bench lint types tune clean
+
+help:  ## what can be made
+	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/'
+
+demo: $(STAMPS)/demo  ## install, run the suite `quick`, print its leaderboard
+	$(BIN)/eitbench run quick --jobs 2
+
+test: $(STAMPS)/test  ## install what tests need and run them
+	$(BIN)/pytest
+
+slow: $(STAMPS)/test  ## the long tests, too
+	$(BIN)/pytest -m "slow or not slow" --timeout 3600
+
+bench: $(STAMPS)/test  ## speed, measured beside rivals in one run
+	OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(BIN)/pytest tests/benchmarks --benchmark-only -o addopts="--import-mode=importlib" --benchmark-columns=median,iqr,rounds --benchmark-sort=name
+
+lint: $(STAMPS)/lint  ## ruff
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+types: $(STAMPS)/lint $(STAMPS)/test  ## mypy, strict
+	$(BIN)/mypy
+
+tune: $(STAMPS)/demo  ## choose the packaged hyper-parameters again (about an hour)
+	for suite in quick paper paper-noise noise shapes recorded; do $(BIN)/eitbench tune $$suite --jobs 2 --out benchmark/selected || exit 1; done
+
+$(STAMPS)/venv:
+	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "eitbench needs Python 3.11 or newer: set PYTHON=python3.x")'
+	$(PYTHON) -m venv .venv
+	@mkdir -p $(STAMPS) && touch $@
+
+$(STAMPS)/demo: $(STAMPS)/venv pyproject.toml constraints.txt
+	$(BIN)/pip install --quiet -c constraints.txt -e .
+	@touch $@
+
+$(STAMPS)/test: $(STAMPS)/demo
+	$(BIN)/pip install --quiet -c constraints.txt -e '.[test]'
+	@touch $@
+
+$(STAMPS)/lint: $(STAMPS)/demo
+	$(BIN)/pip install --quiet -c constraints.txt -e '.[lint]'
+	@touch $@
+
+clean:  ## forget the environment and the tools' caches
+	rm -rf .venv .pytest_cache .mypy_cache .ruff_cache

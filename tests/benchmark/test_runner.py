@@ -1,0 +1,360 @@
+"""A run: misbehaviour is a row, rows survive, a resumed run equals an uninterrupted one."""
+
+import errno
+import json
+from collections import Counter
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pandas as pd
+import pytest
+
+from eitbench.benchmark import runner
+from eitbench.benchmark.judge import METRIC_COLUMNS, judge
+from eitbench.benchmark.runner import Plan, RunResult, make_plan, resume_run, start_run
+from eitbench.scenarios.datasets import Dataset, load
+from eitbench.scenarios.errors import DataUnavailableError, EitbenchError, InputError
+from eitbench.scenarios.scenario import RecordedScenario, Split
+from eitbench.scenarios.suites import Suite
+
+N = 5
+TIMES = ("frame_ms", "setup_s", "first_frame_ms", "frame_ms_p50", "frame_ms_p99", "batch_fps")
+NOT_COMPARED = [*TIMES, "memory_mb"]
+
+
+@pytest.fixture(scope="module")
+def data(tiny: Suite) -> Dataset:
+    return load(tiny.scenarios[0])
+
+
+@pytest.fixture(scope="module")
+def toy_run(
+    tiny: Suite, toys: Path, data: Dataset, tmp_path_factory: pytest.TempPathFactory
+) -> Path:
+    """One run of every toy method, two cells at a time."""
+    out = tmp_path_factory.mktemp("runs") / "toys"
+    largest = np.sort(data.voltages.max(axis=1))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("TOY_LIMIT", repr(float(largest[-2:].mean())))
+        return start_run(make_plan(tiny, plugins=[toys]), out, jobs=2).path
+
+
+@pytest.fixture(scope="module")
+def samples(toy_run: Path) -> pd.DataFrame:
+    return pd.read_parquet(toy_run / "samples.parquet")
+
+
+@pytest.fixture(scope="module")
+def table(toy_run: Path) -> pd.DataFrame:
+    return pd.read_parquet(toy_run / "methods.parquet").set_index("method")
+
+
+@pytest.mark.parametrize(
+    ("method", "statuses", "message"),
+    [
+        ("noser", {"ok": N}, ""),
+        ("toy-good", {"ok": N}, ""),
+        ("toy-raises", {"error": N}, "RuntimeError: the sky is falling"),
+        ("toy-fit-raises", {"error": N}, "ValueError: no licence for this sensor"),
+        ("toy-nan", {"ok": N - 1, "invalid-output": 1}, "not finite"),
+        ("toy-shape", {"invalid-output": N}, "shape (5, 1600) instead of (5, 40, 40)"),
+        ("toy-complex", {"invalid-output": N}, "complex128 instead of real numbers"),
+        ("toy-ragged", {"invalid-output": N}, "a list that is not an array"),
+        ("toy-prints", {"ok": N}, ""),
+        ("toy-hangs", {"timeout": N}, "took longer than 2 s"),
+        ("toy-mutates", {"error": N}, "changed its input voltages in place"),
+        ("toy-killed", {"out-of-memory": N}, "was killed (SIGKILL)"),
+        ("toy-memory", {"ok": N}, ""),  # single frames fit
+        ("toy-no-memory", {"out-of-memory": N}, "MemoryError: image too large"),
+        ("toy-exits", {"error": N}, "exit code 3"),
+        ("toy-one-bad", {"ok": N - 1, "error": 1}, "ArithmeticError: this frame diverges"),
+        ("toy-random", {"ok": N}, ""),
+    ],
+)
+def test_a_method_costs_its_own_rows_only(
+    method: str, statuses: dict[str, int], message: str, samples: pd.DataFrame, table: pd.DataFrame
+) -> None:
+    rows = samples[samples["method"] == method]
+    assert rows["sample"].tolist() == list(range(N))
+    assert Counter(rows["status"]) == statuses
+    bad = rows[rows["status"] != "ok"]
+    assert all(message in text for text in bad["message"])
+    assert (rows.loc[rows["status"] == "ok", "message"] == "").all()
+    assert bad[list(METRIC_COLUMNS)].isna().all(axis=None)
+    assert rows.loc[rows["status"] == "ok", "score"].notna().all()
+    assert table.loc[method, "n"] == N
+    assert table.loc[method, "coverage"] == statuses.get("ok", 0) / N
+
+
+def test_every_method_saw_the_same_frames(samples: pd.DataFrame, data: Dataset) -> None:
+    for _, rows in samples.groupby("method"):
+        assert rows["input_hash"].tolist() == data.frame_hashes
+
+
+def test_what_a_method_prints_goes_to_its_log(toy_run: Path) -> None:
+    text = (toy_run / "logs" / "tiny--toy-prints.log").read_text()
+    assert "hello from the plugin" in text
+    assert "hello from the system" in text
+
+
+def test_scoring_the_stored_images_again_gives_the_same_bits(
+    toy_run: Path, samples: pd.DataFrame, data: Dataset
+) -> None:
+    with h5py.File(toy_run / "reconstructions.h5") as file:
+        truth = file["tiny/truth"]
+        np.testing.assert_array_equal(truth["conductivity"][:], data.conductivity)
+        np.testing.assert_array_equal(truth["mask"][:], data.sensor.mask)
+        assert truth.attrs["background"] == 1.0
+        assert truth.attrs["data_range"] == 1.0
+        assert truth.attrs["bounds"].tolist() == [0.0, 0.0, 0.1, 0.1]
+        for method, rows in samples.groupby("method"):
+            images = file[f"tiny/{method}/conductivity"][:]
+            assert images.dtype == np.float32
+            assert file[f"tiny/{method}/sample"][:].tolist() == list(range(N))
+            bad = (rows["status"] != "ok").to_numpy()
+            np.testing.assert_array_equal(np.isnan(images).all(axis=(1, 2)), bad)
+            again = judge(data, images)
+            for metric in METRIC_COLUMNS:
+                np.testing.assert_array_equal(again[metric], rows[metric])
+
+
+def test_times_are_told_apart(table: pd.DataFrame) -> None:
+    good = table.loc["toy-slow"]
+    assert good["setup_s"] > 0
+    assert good["first_frame_ms"] > 20
+    assert 20 < good["frame_ms_p50"] <= good["frame_ms_p99"]
+    assert 0 < good["batch_fps"] < 50
+    assert good["memory_mb"] > 10
+    assert np.isnan(good["train_s"])
+    assert table["frame_ms_p50"].isna()["toy-raises"]
+    assert json.loads(str(table.loc["noser", "parameters"]))["weight"] > 0
+
+
+def test_the_manifest_tells_the_whole_story(toy_run: Path, data: Dataset, tiny: Suite) -> None:
+    manifest = json.loads((toy_run / "manifest.json").read_text())
+    assert manifest["status"] == "finished"
+    assert manifest["finished"] >= manifest["started"]
+    assert manifest["data"]["tiny"]["hash"] == data.data_hash
+    assert manifest["data"]["tiny"]["inverse_crime"] is True
+    assert manifest["threads"] == 1
+    assert manifest["jobs"] == 2
+    assert manifest["seeds"]
+    assert manifest["calibration_ms"] > 0
+    assert Suite.model_validate(manifest["plan"]["suite"]) == tiny
+    assert manifest["cells"][0]["track"] == "default"
+    assert manifest["command_line"]
+
+
+def test_a_finished_run_has_no_parts(toy_run: Path) -> None:
+    assert not (toy_run / "parts").exists()
+    assert {path.name for path in toy_run.iterdir()} == {
+        "logs",
+        "manifest.json",
+        "methods.parquet",
+        "reconstructions.h5",
+        "samples.parquet",
+    }
+
+
+def read(run: Path) -> tuple[pd.DataFrame, pd.DataFrame, dict[str, Any]]:
+    with h5py.File(run / "reconstructions.h5") as file:
+        images = {
+            f"{scenario}/{method}/{name}": array[:]
+            for scenario, methods in file.items()
+            for method, group in methods.items()
+            for name, array in group.items()
+        }
+    order = ["scenario", "method"]
+    samples = pd.read_parquet(run / "samples.parquet").sort_values([*order, "sample"])
+    table = pd.read_parquet(run / "methods.parquet").sort_values(order)
+    return (
+        samples.drop(columns="frame_ms").reset_index(drop=True),
+        table.drop(columns=NOT_COMPARED, errors="ignore").reset_index(drop=True),
+        images,
+    )
+
+
+def assert_same_results(one: Path, other: Path) -> None:
+    first, second = read(one), read(other)
+    pd.testing.assert_frame_equal(first[0], second[0], check_exact=True)
+    pd.testing.assert_frame_equal(first[1], second[1], check_exact=True)
+    assert first[2].keys() == second[2].keys()
+    for name, array in first[2].items():
+        np.testing.assert_array_equal(array, second[2][name])
+
+
+def plan_of(suite: Suite, toys: Path, *methods: str) -> Plan:
+    return make_plan(suite, methods=methods, plugins=[toys])
+
+
+def fill_disk_after(count: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let `count` batches be written and refuse the next."""
+    save = np.savez
+    written: list[Path] = []
+
+    def savez(path: Path, **arrays: Any) -> None:
+        if len(written) == count:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        written.append(path)
+        save(path, **arrays)
+
+    monkeypatch.setattr(np, "savez", savez)
+
+
+def test_a_full_disk_keeps_what_was_finished_and_resumes(
+    tiny: Suite, toys: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plan = plan_of(tiny, toys, "noser", "toy-random", "toy-nan")
+    whole, cut = tmp_path / "whole", tmp_path / "cut"
+    with monkeypatch.context() as patch:
+        # Resuming must keep to the batches of the start, whatever is usual by then.
+        patch.setattr(runner, "BATCH", 2)
+        start_run(plan, whole)
+        fill_disk_after(4, patch)  # the first cell whole, the second in its middle
+        with pytest.raises(EitbenchError, match=r"No space left.*eitbench run --resume .*cut"):
+            start_run(plan, cut)
+    kept = sorted(path.name for path in (cut / "parts").rglob("test-*.npz"))
+    assert len(kept) == 4
+    result = resume_run(cut)
+    assert result == RunResult(cut, ())
+    assert_same_results(whole, cut)
+    manifest = json.loads((cut / "manifest.json").read_text())
+    assert len(manifest["resumed"]) == 1
+    assert resume_run(cut, suite=tiny).path == cut  # nothing left to do
+
+
+def test_several_cells_at_a_time_change_nothing(tiny: Suite, toys: Path, tmp_path: Path) -> None:
+    plan = plan_of(tiny, toys, "noser", "toy-random", "toy-good")
+    start_run(plan, tmp_path / "one", jobs=1)
+    start_run(plan, tmp_path / "three", jobs=3)
+    assert_same_results(tmp_path / "one", tmp_path / "three")
+
+
+@pytest.fixture
+def cut_run(tiny: Suite, toys: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A run that stopped before its first batch, of a plugin of its own."""
+    plugin = tmp_path / "plugin.py"
+    plugin.write_text(toys.read_text())
+    with monkeypatch.context() as patch:
+        fill_disk_after(0, patch)
+        with pytest.raises(EitbenchError):
+            start_run(make_plan(tiny, methods=["toy-good"], plugins=[plugin]), tmp_path / "cut")
+    return tmp_path / "cut"
+
+
+def test_resuming_refuses_another_suite(cut_run: Path, tiny: Suite) -> None:
+    other = tiny.model_copy(update={"frame_limit_s": 3.0})
+    with pytest.raises(InputError, match="is a run of suite 'tiny' as it was then"):
+        resume_run(cut_run, suite=other)
+
+
+def test_resuming_refuses_a_changed_plugin(cut_run: Path) -> None:
+    plugin = cut_run.parent / "plugin.py"
+    plugin.write_text(plugin.read_text() + "\n# changed\n")
+    with pytest.raises(InputError, match=r"the plugin .*plugin\.py has changed"):
+        resume_run(cut_run)
+
+
+def test_resuming_refuses_changed_data(cut_run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def changed(*args: Any, **kwargs: Any) -> Dataset:
+        return replace(load(*args, **kwargs), data_hash="0" * 64)
+
+    monkeypatch.setattr(runner, "load", changed)
+    with pytest.raises(InputError, match="the data of scenario 'tiny' have changed"):
+        resume_run(cut_run)
+
+
+def test_resuming_refuses_a_manifest_without_a_plan(cut_run: Path) -> None:
+    manifest = json.loads((cut_run / "manifest.json").read_text())
+    del manifest["plan"]["methods"]
+    (cut_run / "manifest.json").write_text(json.dumps(manifest))
+    with pytest.raises(InputError, match="its manifest is incomplete"):
+        resume_run(cut_run)
+
+
+def test_resuming_needs_a_run(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="is not a run directory"):
+        resume_run(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("choice", "sentence"),
+    [
+        ({"methods": ["nosr"]}, "Unknown method 'nosr': did you mean 'noser'"),
+        ({"scenarios": ["tinny"]}, "Unknown scenario of suite 'tiny' 'tinny': did you mean 'tiny'"),
+        ({"plugins": [Path("no-such.py")]}, "a Python file that exists"),
+    ],
+)
+def test_unknown_names_suggest_the_nearest(
+    choice: dict[str, Any], sentence: str, tiny: Suite
+) -> None:
+    with pytest.raises(InputError, match=sentence):
+        make_plan(tiny, **choice)
+
+
+@pytest.mark.parametrize("name", ["truth", ".."])
+def test_names_that_result_files_use_are_refused(name: str, tiny: Suite, tmp_path: Path) -> None:
+    plugin = tmp_path / "plugin.py"
+    plugin.write_text(
+        "from eitbench.methods import Method, register\n"
+        f"@register({name!r})\n"
+        "class Odd(Method):\n"
+        "    def fit(self, problem): ...\n"
+        "    def reconstruct(self, voltages): ...\n"
+    )
+    with pytest.raises(InputError, match="cannot be"):
+        make_plan(tiny, plugins=[plugin])
+
+
+def test_methods_of_a_plugin_join_the_suite(tiny: Suite, toys: Path) -> None:
+    plan = make_plan(tiny, plugins=[toys, toys])
+    assert plan.methods[0] == "noser"
+    assert "toy-good" in plan.methods
+    assert len(plan.plugins) == 1
+    assert make_plan(tiny, methods=["toy-nan"], plugins=[toys]).methods == ("toy-nan",)
+
+
+@pytest.fixture
+def with_skin(tiny: Suite) -> Suite:
+    skin = RecordedScenario(name="skin", recording="ohmc16")
+    return tiny.model_copy(update={"scenarios": (*tiny.scenarios, skin), "limit": 3})
+
+
+def test_data_out_of_reach_is_skipped(
+    with_skin: Suite, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def locate(*args: object, **kwargs: object) -> Path:
+        raise DataUnavailableError("It is not here: fetch it.")
+
+    monkeypatch.setattr(runner, "locate", locate)
+    result = start_run(make_plan(with_skin), tmp_path / "run")
+    assert result.skipped == ("Scenario 'skin' is skipped: It is not here: fetch it.",)
+    samples = pd.read_parquet(result.path / "samples.parquet")
+    assert set(samples["scenario"]) == {"tiny"}
+    with pytest.raises(DataUnavailableError, match="fetch it"):
+        start_run(make_plan(with_skin, scenarios=["skin"]), tmp_path / "nothing")
+    assert not (tmp_path / "nothing").exists()
+
+
+def test_positions_are_judged_after_registration(
+    with_skin: Suite, tmp_path: Path, data: Dataset, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A made-up press data set: where conductivity falls most is where it was pressed, shifted."""
+
+    def presses(scenario: object, split: Split = "test", **kwargs: object) -> Dataset:
+        frames = data.samples[["sample", "x_m", "y_m"]].copy()
+        frames["x_m"] += 0.5
+        return replace(
+            data, scenario="skin", split=split, samples=frames, truth="position", phantoms=()
+        )
+
+    monkeypatch.setattr(runner, "load", presses)
+    monkeypatch.setattr(runner, "locate", lambda *args, **kwargs: tmp_path)
+    result = start_run(make_plan(with_skin, scenarios=["skin"]), tmp_path / "run")
+    samples = pd.read_parquet(result.path / "samples.parquet")
+    assert len(samples) == N
+    assert samples["localisation_mm"].median() < 15
+    assert samples["score"].isna().all()

@@ -1,0 +1,119 @@
+import csv
+import io
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from rich.console import Console
+
+from eitbench.reports.leaderboard import FORMATS, leaderboard, table, write_leaderboard
+
+NASTY = "a|b_<img src=x>$\\%&`\x1b[31m\nend"
+CONTRACT = {
+    "suite", "scenario", "method", "track", "n", "coverage", "ssim", "cc", "rie", "psnr", "score",
+    "rank", "localisation_mm", "frame_ms_p50", "frame_ms_p99", "setup_s", "train_s",
+}  # fmt: skip
+
+
+@pytest.fixture
+def nasty(build: Any, dataset_of: Any) -> list[dict[str, Any]]:
+    dataset = dataset_of("conductivity", 4)
+    build.add(dataset, NASTY, dataset.conductivity)
+    build.add(dataset, "plain", 0.5 * (dataset.conductivity - 1) + 1)
+    return leaderboard([build.write()])
+
+
+def test_rows_hold_the_contract_and_full_precision(full_run: Path) -> None:
+    rows = leaderboard([full_run])
+    assert len(rows) == 12
+    assert all(set(row) >= CONTRACT for row in rows)
+    assert json.loads(FORMATS["json"](rows)) == rows
+    read = list(csv.DictReader(io.StringIO(FORMATS["csv"](rows))))
+    for row, line in zip(rows, read, strict=True):
+        for name in ("score", "localisation_mm", "frame_ms_p50"):
+            assert (line[name] == "") if row[name] is None else (float(line[name]) == row[name])
+
+
+def test_files_are_written_beside_the_run(full_run: Path, tmp_path: Path) -> None:
+    rows = leaderboard([full_run])
+    written = write_leaderboard(rows, tmp_path)
+    assert {path.name for path in written} == {f"leaderboard.{f}" for f in ("json", "csv", "md")}
+    assert json.loads((tmp_path / "leaderboard.json").read_text()) == rows
+
+
+def test_an_empty_leaderboard_prints_in_every_format() -> None:
+    assert json.loads(FORMATS["json"]([])) == []
+    assert all(FORMATS[form]([]) == "" for form in ("csv", "md", "latex", "html"))
+
+
+def test_markdown_shows_one_table_per_scenario_with_the_best_in_bold(full_run: Path) -> None:
+    text = FORMATS["md"](leaderboard([full_run]))
+    assert text.count("### ") == 4
+    tables = dict(part.split("\n", 1) for part in text.split("### ")[1:])
+    assert "SSIM" in tables["bench / conductivity-set"]
+    assert "SSIM" not in tables["bench / position-set"]
+    assert "Training" not in text
+    assert "Run" not in text
+    best = min(
+        (r for r in leaderboard([full_run]) if r["scenario"] == "position-set"),
+        key=lambda row: float(row["localisation_mm"]),
+    )
+    line = next(x for x in tables["bench / position-set"].splitlines() if best["method"] in x)
+    assert f"**{best['localisation_mm']:.1f}**" in line
+
+
+def test_an_undefined_figure_is_a_dash(full_run: Path) -> None:
+    text = FORMATS["md"](leaderboard([full_run])).split("none-set")[1]
+    line = next(x for x in text.splitlines() if "constant" in x)
+    assert "–" in line
+
+
+def test_names_are_data_in_markdown(nasty: list[dict[str, Any]]) -> None:
+    text = FORMATS["md"](nasty)
+    assert "<img" not in text
+    assert "&lt;img" in text
+    assert "\x1b" not in text
+    rows = [line for line in text.splitlines() if line.startswith("|")]
+    cells = {line.replace("\\|", "").count("|") for line in rows}
+    assert len(rows) == 4
+    assert len(cells) == 1
+
+
+def test_names_are_data_in_latex(nasty: list[dict[str, Any]]) -> None:
+    text = FORMATS["latex"](nasty)
+    line = next(x for x in text.splitlines() if "img" in x)
+    name = line.split(" & ")[1]
+    assert name.startswith(r"a\textbar{}b\_\textless{}img")
+    assert r"\$\textbackslash{}\%\&" in name
+    for rule in ("\\toprule", "\\midrule", "\\bottomrule", "\\usepackage{booktabs}"):
+        assert rule in text
+
+
+def test_names_are_data_in_html_csv_and_json(nasty: list[dict[str, Any]]) -> None:
+    assert "<img" not in FORMATS["html"](nasty)
+    assert "&lt;img" in FORMATS["html"](nasty)
+    read = list(csv.DictReader(io.StringIO(FORMATS["csv"](nasty), newline="")))
+    assert read[0]["method"] == NASTY
+    assert json.loads(FORMATS["json"](nasty))[0]["method"] == NASTY
+
+
+def test_the_terminal_shows_names_as_they_are_and_no_markup(nasty: list[dict[str, Any]]) -> None:
+    console = Console(record=True, width=200, file=io.StringIO())
+    nasty[1]["method"] = "[bold]odd[/bold]"
+    console.print(table(nasty))
+    text = console.export_text()
+    assert "[bold]odd[/bold]" in text
+    assert "\x1b" not in text
+    assert "bench / conductivity-set" in text
+    assert "SSIM" in text
+
+
+def test_nothing_is_highlighted_where_all_are_equal(nasty: list[dict[str, Any]]) -> None:
+    for row in nasty:
+        row["iou"] = 0.5
+        row["cc"] = 0.25 if row["method"] == "plain" else 0.75
+    line = next(x for x in FORMATS["md"](nasty).splitlines() if "plain" in x)
+    assert "**0.500**" not in line
+    assert "0.250" in line
+    assert "**0.750**" in FORMATS["md"](nasty)

@@ -1,0 +1,129 @@
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pandas as pd
+import pytest
+
+from eitbench.benchmark.results import leaderboard_rows, read_run
+from eitbench.scenarios.errors import DataCorruptError, InputError
+
+
+def board(run: Path, scenario: str) -> dict[str, dict[str, Any]]:
+    rows = leaderboard_rows([read_run(run)])
+    return {row["method"]: row for row in rows if row["scenario"] == scenario}
+
+
+def test_figures_are_means_over_valid_samples_and_localisation_the_median(full_run: Path) -> None:
+    rows = board(full_run, "conductivity-set")
+    table = pd.read_parquet(full_run / "samples.parquet")
+    of = table[(table["scenario"] == "conductivity-set") & (table["method"] == "sharp")]
+    assert rows["sharp"]["n"] == 8
+    assert rows["sharp"]["coverage"] == 0.75
+    assert rows["sharp"]["ssim"] == pytest.approx(of["ssim"][:6].mean())
+    assert rows["sharp"]["localisation_mm"] == pytest.approx(of["localisation_mm"][:6].median())
+    assert rows["sharp"]["setup_s"] == 0.25
+    assert rows["sharp"]["train_s"] is None
+
+
+def test_full_coverage_ranks_before_a_better_score(full_run: Path) -> None:
+    rows = board(full_run, "conductivity-set")
+    assert rows["sharp"]["score"] > rows["blurred"]["score"] > rows["constant"]["score"]
+    assert [rows[m]["rank"] for m in ("blurred", "constant", "sharp")] == [1, 2, 3]
+
+
+@pytest.mark.parametrize(
+    ("scenario", "figure"),
+    [
+        ("position-set", "localisation_mm"),
+        ("classes-set", "cc"),
+        ("none-set", "repeatability_db"),
+    ],
+)
+def test_rank_follows_what_is_known(full_run: Path, scenario: str, figure: str) -> None:
+    rows = board(full_run, scenario)
+    assert rows["sharp"][figure] is not None
+    ranks = sorted(rows.values(), key=lambda row: int(row["rank"]))
+    assert ranks[0]["method"] in ("sharp", "blurred")
+    assert ranks[-1]["method"] == "constant"
+    assert all(row["score"] is None for row in ranks)
+
+
+def test_strength_and_response_are_figures_of_the_whole_cell(full_run: Path) -> None:
+    assert board(full_run, "position-set")["sharp"]["strength_spearman"] == pytest.approx(1)
+    assert board(full_run, "position-set")["constant"]["strength_spearman"] == 0
+    assert board(full_run, "none-set")["constant"]["repeatability_db"] is None
+
+
+def test_equals_share_a_rank_and_lost_methods_come_last(build: Any, dataset_of: Any) -> None:
+    dataset = dataset_of("conductivity", 4)
+    images = 0.9 * (dataset.conductivity - 1) + 1
+    for name, lost in (("a", 0), ("b", 0), ("c", 4), ("d", 1)):
+        build.add(dataset, name, images, lost)
+    rows = board(build.write(), "conductivity-set")
+    assert {name: row["rank"] for name, row in rows.items()} == {"a": 1, "b": 1, "d": 3, "c": 4}
+    assert rows["c"]["coverage"] == 0
+    assert rows["c"]["score"] is None
+
+
+def test_several_runs_are_ranked_together(full_run: Path, tmp_path: Path) -> None:
+    other = shutil.copytree(full_run, tmp_path / "other")
+    rows = leaderboard_rows([read_run(full_run), read_run(other)])
+    simulated = [row for row in rows if row["scenario"] == "conductivity-set"]
+    assert [row["rank"] for row in simulated] == [1, 1, 3, 3, 5, 5]
+    assert {row["run"] for row in simulated} == {"full", "other"}
+
+
+def test_images_of_chosen_samples(full_run: Path) -> None:
+    run = read_run(full_run)
+    images = run.estimates("conductivity-set", "sharp", [1, 4, 7])
+    assert images is not None
+    with h5py.File(full_run / "reconstructions.h5") as file:
+        stored = file["conductivity-set/sharp/conductivity"][:]
+    np.testing.assert_array_equal(images, stored[[1, 4, 7]])
+    assert np.isnan(images[2]).all()
+    assert run.estimates("conductivity-set", "sharp", [99]) is None
+    scene = run.scene("classes-set", [2, 3])
+    assert scene.has_classes
+    assert scene.truth is not None
+    assert set(np.unique(scene.truth)) == {-1.0, 0.0}
+    assert run.scene("position-set", [0]).truth is None
+
+
+Spoil = Callable[[Path], object]
+
+
+@pytest.mark.parametrize(
+    ("spoil", "error", "words"),
+    [
+        (lambda p: (p / "manifest.json").unlink(), InputError, "is not a run directory"),
+        (lambda p: (p / "samples.parquet").unlink(), InputError, "--resume"),
+        (lambda p: (p / "manifest.json").write_text("{"), DataCorruptError, "not valid JSON"),
+        (lambda p: (p / "manifest.json").write_text("[]"), DataCorruptError, "manifest"),
+        (
+            lambda p: (p / "methods.parquet").write_bytes(b"PAR1"),
+            DataCorruptError,
+            "not a readable Parquet",
+        ),
+    ],
+)
+def test_a_damaged_run_is_refused(
+    full_run: Path, tmp_path: Path, spoil: Spoil, error: type[Exception], words: str
+) -> None:
+    path = shutil.copytree(full_run, tmp_path / "spoilt")
+    spoil(path)
+    with pytest.raises(error, match=words):
+        read_run(path)
+
+
+def test_damaged_or_missing_images_are_named(full_run: Path, tmp_path: Path) -> None:
+    run = read_run(shutil.copytree(full_run, tmp_path / "spoilt"))
+    with pytest.raises(DataCorruptError, match="no images of 'nobody'"):
+        run.estimates("none-set", "nobody", [0])
+    images = run.path / "reconstructions.h5"
+    images.write_bytes(images.read_bytes()[:500])
+    with pytest.raises(DataCorruptError, match=r"reconstructions\.h5 cannot be read"):
+        run.scene("none-set", [0])

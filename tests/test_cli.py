@@ -1,0 +1,285 @@
+"""The command line: answers, exit codes, one sentence for every error, Ctrl-C."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from eitbench import __version__, cli
+
+DATA = Path(__file__).parent / "benchmark" / "data"
+TINY, TOYS = str(DATA / "tiny.toml"), str(DATA / "toy_methods.py")
+
+Run = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture(scope="session", autouse=True)
+def own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("EITBENCH_CACHE", str(tmp_path_factory.mktemp("cache")))
+        yield
+
+
+@pytest.fixture
+def eitbench(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Run:
+    """Run a command in this process: exit code, stdout, stderr."""
+
+    def call(*arguments: str) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["eitbench", *arguments])
+        with pytest.raises(SystemExit) as end:
+            cli.main()
+        out, err = capsys.readouterr()
+        code = end.value.code
+        return code if isinstance(code, int) else int(code is not None), out, err
+
+    return call
+
+
+COMMANDS = [
+    (),
+    ("list",),
+    ("run",),
+    ("leaderboard",),
+    ("check",),
+    ("new-method",),
+    ("recordings",),
+    ("recordings", "fetch"),
+]
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_has_help_with_an_example(command: tuple[str, ...], eitbench: Run) -> None:
+    code, out, _ = eitbench(*command, "--help")
+    assert code == 0
+    assert f"Example: eitbench {' '.join(command)}" in " ".join(out.split())
+
+
+def test_help_imports_nothing_heavy() -> None:
+    program = (
+        "import sys\n"
+        "from eitbench import cli\n"
+        "sys.argv = ['eitbench', '--help']\n"
+        "try:\n    cli.main()\n"
+        "except SystemExit: pass\n"
+        "heavy = {'numpy', 'scipy', 'pandas', 'pyarrow', 'h5py', 'matplotlib', 'pydantic'}\n"
+        "sys.exit(str(sorted(heavy & set(sys.modules)) or ''))\n"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert done.stderr.strip() == ""
+    assert "leaderboard" in done.stdout
+
+
+def test_version(eitbench: Run) -> None:
+    assert eitbench("--version") == (0, f"eitbench {__version__}\n", "")
+
+
+@pytest.mark.parametrize(
+    ("what", "name"),
+    [
+        ("methods", "noser"),
+        ("scenarios", "quick"),
+        ("sensors", "foam16"),
+        ("suites", "paper"),
+        ("recordings", "ohmc16"),
+    ],
+)
+def test_list(what: str, name: str, eitbench: Run) -> None:
+    code, out, err = eitbench("list", what)
+    assert (code, err) == (0, "")
+    assert name in out
+    code, out, _ = eitbench("list", what, "--json")
+    assert code == 0
+    assert name in {row["name"] for row in json.loads(out)}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "sentence"),
+    [
+        (("run", "qiuck"), 2, "Unknown suite 'qiuck': did you mean 'quick'?"),
+        (("run", TINY, "--methods", "nosr"), 2, "Unknown method 'nosr': did you mean 'noser'?"),
+        (("run", TINY, "--scenarios", "tinny"), 2, "did you mean 'tiny'?"),
+        (("run", "no-such.toml"), 2, "Cannot read the suite file no-such.toml"),
+        (("run", TINY, "--plugin", "no-such.py"), 2, "A plugin is a Python file that exists"),
+        (("run", "--resume", "no-such-run"), 2, "is not a run directory"),
+        (("check", "nosr"), 2, "Unknown method 'nosr': did you mean 'noser'?"),
+        (("check", "no-such.py"), 2, "A plugin is a Python file that exists"),
+        (("new-method", "No Good"), 2, "cannot name a new method"),
+        (("recordings", "fetch", "ohmc61"), 2, "Unknown recorded set 'ohmc61'"),
+        (("leaderboard", "no-such-run"), 2, "no-such-run"),
+    ],
+)
+def test_errors_are_one_sentence(
+    arguments: tuple[str, ...], code: int, sentence: str, eitbench: Run
+) -> None:
+    found, out, err = eitbench(*arguments)
+    assert found == code
+    assert out == ""
+    assert err.startswith("eitbench: ")
+    assert sentence in err
+    assert err.count("\n") == 1
+    assert "Traceback" not in err
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("run",),
+        ("run", TINY, "--limit", "0"),
+        ("run", TINY, "--jobs", "none"),
+        ("run", "--resume", "somewhere", "--methods", "noser"),
+        ("list", "nonsense"),
+        ("no-such-command",),
+    ],
+)
+def test_bad_usage_exits_2(arguments: tuple[str, ...], eitbench: Run) -> None:
+    code, out, err = eitbench(*arguments)
+    assert code == 2
+    assert out == ""
+    assert "Traceback" not in err
+
+
+def test_a_traceback_only_with_debug(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "argv", ["eitbench", "run", "qiuck", "--debug"])
+    with pytest.raises(ValueError, match="Unknown suite"):
+        cli.main()
+
+
+def test_a_bug_is_one_sentence_too(monkeypatch: pytest.MonkeyPatch, eitbench: Run) -> None:
+    from eitbench.benchmark import listing
+
+    monkeypatch.setitem(listing.LISTINGS, "suites", lambda: [1 / 0])
+    code, _, err = eitbench("list", "suites")
+    assert code == 1
+    assert err == (
+        "eitbench: Unexpected ZeroDivisionError: division by zero. Add --debug for the traceback, "
+        "and please report it.\n"
+    )
+
+
+def test_a_reader_that_stops_early_is_no_error() -> None:
+    program = f"{sys.executable} -m eitbench.cli list recordings --json | head -n 1"
+    done = subprocess.run(program, shell=True, capture_output=True, text=True)  # noqa: S602
+    assert done.stdout == "[\n"
+    assert done.stderr == ""
+
+
+def test_a_run_prints_its_leaderboard_and_where_everything_is(
+    tmp_path: Path, eitbench: Run
+) -> None:
+    out_folder = tmp_path / "first"
+    code, out, err = eitbench(
+        "run", TINY, "--plugin", TOYS, "--methods", "noser,toy-raises", "--out", str(out_folder)
+    )
+    assert code == 0
+    assert "noser" in out
+    assert str(out_folder) in out
+    assert ".png" in out
+    assert "[2/2]" in err
+    for name in ("leaderboard.json", "leaderboard.csv", "leaderboard.md", "samples.parquet"):
+        assert (out_folder / name).is_file()
+    assert list((out_folder / "figures").glob("*.png"))
+    rows = json.loads((out_folder / "leaderboard.json").read_text())
+    assert {row["method"]: row["coverage"] for row in rows} == {"noser": 1.0, "toy-raises": 0.0}
+
+    code, out, _ = eitbench("leaderboard", str(out_folder), "--format", "json")
+    assert code == 0
+    assert json.loads(out) == rows
+    code, out, _ = eitbench("leaderboard", str(out_folder), "--format", "latex")
+    assert "\\toprule" in out
+    code, out, _ = eitbench("leaderboard", str(out_folder))
+    assert "noser" in out
+
+    code, _, err = eitbench("run", TINY, "--out", str(out_folder))
+    assert code == 2
+    assert "is not empty: choose another with --out" in err
+    code, _, err = eitbench("run", TINY, "--out", str(out_folder / "manifest.json" / "run"))
+    assert code == 1
+    assert "Could not write" in err
+
+
+def test_json_for_programs(tmp_path: Path, eitbench: Run) -> None:
+    code, out, _ = eitbench("run", TINY, "--limit", "2", "--out", str(tmp_path / "run"), "--json")
+    assert code == 0
+    answer = json.loads(out)
+    assert answer["run"] == str(tmp_path / "run")
+    assert [row["n"] for row in answer["leaderboard"]] == [2]
+    assert answer["skipped"] == []
+
+
+def test_check_says_how_many_ran(eitbench: Run) -> None:
+    code, out, _ = eitbench("check", "noser")
+    assert code == 0
+    assert "noser: 12 checks ran, 12 passed, 0 failed." in out
+    code, out, _ = eitbench("check", str(DATA / "broken_contract.py"), "--json")
+    assert code == 1
+    failed = {report["method"]: report["failed"] for report in json.loads(out)}
+    assert len(failed) == 8
+    assert failed["contract-kept"] == 0
+    assert failed["contract-batch"] == 1
+
+
+def test_new_method_says_what_is_next(tmp_path: Path, eitbench: Run) -> None:
+    code, out, _ = eitbench("new-method", "my-method", str(tmp_path / "package"))
+    assert code == 0
+    assert "eitbench check my-method" in out
+    code, out, _ = eitbench("check", str(tmp_path / "package" / "eitbench_my_method.py"))
+    assert code == 0
+
+
+SMALL_BATCHES = """
+import sys
+from eitbench.benchmark import runner
+from eitbench import cli
+runner.BATCH = 1
+cli.main()
+"""
+
+
+@pytest.mark.skipif(os.name == "nt", reason="sends the signal that Ctrl-C sends")
+def test_ctrl_c_keeps_finished_rows_and_resume_continues(
+    tmp_path: Path, eitbench: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from eitbench.benchmark import runner
+
+    cut, whole = tmp_path / "cut", tmp_path / "whole"
+    choice = (TINY, "--plugin", TOYS, "--methods", "toy-random,toy-slow")
+    command = [sys.executable, "-c", SMALL_BATCHES, "run", *choice, "--out", str(cut)]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+        deadline = time.monotonic() + 120
+        while not list((cut / "parts").glob("tiny/toy-slow/test-*.npz")):
+            assert process.poll() is None
+            assert time.monotonic() < deadline
+            time.sleep(0.005)
+        process.send_signal(signal.SIGINT)
+        _, err = process.communicate(timeout=120)
+    assert process.returncode == 130
+    assert f"eitbench run --resume {cut}" in err.splitlines()[-1]
+    assert "Traceback" not in err
+    kept = pd.read_parquet(cut / "samples.parquet")
+    assert set(kept["method"]) == {"toy-random", "toy-slow"}
+    assert (kept["status"] == "ok").all()
+    assert 5 < len(kept) < 10
+
+    code, out, _ = eitbench("run", "--resume", str(cut))
+    assert code == 0
+    assert "toy-slow" in out
+    assert not (cut / "parts").exists()
+    monkeypatch.setattr(runner, "BATCH", 1)
+    code, _, _ = eitbench("run", *choice, "--out", str(whole))
+    assert code == 0
+    order = ["method", "sample"]
+    resumed, uninterrupted = (
+        pd.read_parquet(run / "samples.parquet").sort_values(order, ignore_index=True)
+        for run in (cut, whole)
+    )
+    exact = uninterrupted.columns.drop("frame_ms")
+    pd.testing.assert_frame_equal(resumed[exact], uninterrupted[exact], check_exact=True)
+    assert np.isfinite(resumed["frame_ms"]).all()
