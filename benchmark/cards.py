@@ -114,9 +114,9 @@ METRICS: dict[str, MetricCard] = {
             "localisation_mm",
             "Localisation",
             "distance between the |contrast|-weighted centroids of true and found contacts, "
-            "optimally assigned (simulated or classes); between the press and the strongest "
-            "contact, mapped by the similarity with the least sum of distances on the validation "
-            "split (positions)",
+            "optimally assigned (simulated or classes); between the press and the centre of the "
+            "|contrast| in excess of 1/4 of its largest value, mapped by the similarity with the "
+            "least sum of distances on the validation split (positions)",
             "scenarios where contacts or positions are known",
             "mm",
             "min",

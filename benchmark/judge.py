@@ -39,6 +39,8 @@ METRIC_COLUMNS = (
 # What a press is known by; the first column that holds a number counts.
 LOAD_COLUMNS = ("pressure_pa", "depth_mm")
 _BLOCK = 256
+REGISTRATION_FRAMES = 100
+"""Validation presses, the first ones, that register a method's images with the robot."""
 
 
 def judge(
@@ -218,8 +220,8 @@ def _judge_position(
     if registration is None:
         raise InputError(f"Scenario {dataset.scenario!r} needs a registration.")
     sensor = dataset.sensor
-    found = tactile.contacts(images.astype(np.float64) - sensor.background, sensor)
-    place = found.strongest(found.position, np.nan)
+    contrast = images.astype(np.float64) - sensor.background
+    place = tactile.locate(contrast, sensor)
     presses = _presses(dataset)[rows]
     error = np.hypot(*(registration(place) - presses).T)
     # Finding nothing costs what the farthest wrong place in the sensor would.
@@ -227,7 +229,7 @@ def _judge_position(
     expected = registration.inverse(presses)
     return {
         "localisation_mm": 1e3 * error,
-        "strength": found.strongest(found.strength, 0.0),
+        "strength": tactile.contacts(contrast, sensor).total_strength,
         "found_x_m": place[:, 0],
         "found_y_m": place[:, 1],
         "expected_x_m": expected[:, 0],

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from eitbench.benchmark import manifest as manifests
 from eitbench.benchmark.cell import BATCH, CellData, CellPlan, judge_cell, run_cell
+from eitbench.benchmark.judge import REGISTRATION_FRAMES
 from eitbench.benchmark.manifest import Manifest
 from eitbench.benchmark.progress import RunProgress
 from eitbench.benchmark.selection import selected_parameters
@@ -217,7 +218,9 @@ def _load(
                 locate(scenario.recorded_set, limit_s=limit_s, progress=shown)
             test = load(scenario, split="test", limit=plan.limit, jobs=jobs, progress=shown)
             positions = test.truth == "position"
-            validation = load(scenario, split="validation") if positions else None
+            validation = (
+                load(scenario, split="validation", limit=REGISTRATION_FRAMES) if positions else None
+            )
         except DataUnavailableError as error:
             skipped[scenario.name] = f"Scenario {scenario.name!r} is skipped: {error}"
             continue

@@ -1,12 +1,13 @@
 """Hyper-parameters chosen on the validation split, with the same budget for every method.
 
 The rule, recorded with every choice: coordinate search over the values that a method declares in
-`search`, from its defaults, at most BUDGET trials, each judged on the first FRAMES validation
-samples with the noise of the test split, by the figure the scenario is ranked by. The test split is
-never loaded here.
+`search`, from its defaults, at most 16 trials, each judged on the first 18 validation samples (100
+of a recorded set) with the noise of the test split, by the figure the scenario is ranked by. The
+test split is never loaded here.
 """
 
 import json
+import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -14,13 +15,14 @@ from typing import Any
 
 import numpy as np
 
-from eitbench.benchmark.judge import fit_registration, judge
+from eitbench.benchmark.judge import REGISTRATION_FRAMES, fit_registration, judge
 from eitbench.methods import Problem, create, methods
 from eitbench.scenarios.cache_dir import cache_dir
 from eitbench.scenarios.datasets import Dataset, load
 from eitbench.scenarios.scenario import RecordedScenario, Scenario, SimulatedScenario
+from eitbench.scenarios.sensors import content_hash
 
-BUDGET = 24
+BUDGET = 16
 FRAMES = 18
 # What a scenario is ranked by, for each kind of truth; larger is better here.
 FIGURES = {
@@ -96,8 +98,8 @@ def choose(scenario: Scenario, method: str) -> Choice | None:
     if not search:
         return None
     seen = validation_scenario(scenario)
-    # A recorded set's validation part is small and also fits the registration: all of it is used.
-    limit = None if isinstance(scenario, RecordedScenario) else FRAMES
+    # Presses also fit the registration, which takes more of them.
+    limit = REGISTRATION_FRAMES if isinstance(scenario, RecordedScenario) else FRAMES
     data = load(seen, split="validation", limit=limit)
     if data.truth not in FIGURES or not len(data.voltages):
         return None
@@ -131,40 +133,57 @@ def _no_other_split(split: str, limit: int | None) -> Dataset:
     raise RuntimeError(f"Selection does not load the {split} split.")
 
 
+def validation_key(scenario: Scenario) -> str:
+    """SHA-256 (hex) of all that decides a choice: sensor, validation phantoms and noise, or the set.
+
+    Scenarios that differ in name, in sample numbers or in their test phantoms share their choices.
+    """
+    if isinstance(scenario, SimulatedScenario):
+        return content_hash(
+            {
+                "sensor": scenario.nominal_sensor.describe(),
+                "clean": scenario.clean_parameters("validation"),
+                "noise": scenario.noise.test,
+            }
+        )
+    return scenario.data_hash("validation")
+
+
 def record(scenario: Scenario, choices: Mapping[str, Choice], folder: Path) -> Path:
-    """Add `choices` to the file of `scenario` in `folder`, keeping those of other methods."""
-    path = folder / f"{scenario.name}.json"
-    validation_hash = validation_scenario(scenario).data_hash("validation")
-    content: dict[str, Any] = json.loads(path.read_text()) if path.exists() else {}
-    if content.get("validation_hash") != validation_hash:
-        content = {"choices": {}}
-    kept = content["choices"] | {name: asdict(choice) for name, choice in choices.items()}
+    """Add `choices` to the file for the data of `scenario` in `folder`."""
+    key = validation_key(scenario)
+    path = folder / f"{key[:16]}.json"
+    known = json.loads(path.read_text())["choices"] if path.exists() else {}
     content = {
-        "scenario": scenario.name,
-        "validation_hash": validation_hash,
+        "made_on": scenario.name,
+        "validation_key": key,
         "rule": " ".join((__doc__ or "").split("\n\n", 1)[1].split()),
-        "budget": BUDGET,
-        "choices": dict(sorted(kept.items())),
+        "choices": dict(sorted((known | {m: asdict(c) for m, c in choices.items()}).items())),
     }
     folder.mkdir(parents=True, exist_ok=True)
-    path.write_text(json.dumps(content, indent=1) + "\n")
+    partial = path.with_suffix(f".{os.getpid()}.partial")
+    partial.write_text(json.dumps(content, indent=1) + "\n")
+    partial.replace(path)
     return path
 
 
 def selected_parameters(scenario: Scenario, method: str) -> dict[str, Any] | None:
-    """The recorded choice for `method` on `scenario`; None where there is none.
+    """The recorded choice for `method` on data like those of `scenario`; None where there is none.
 
-    The user's own choices (in the cache) come before the packaged ones. A choice counts only for
-    the data it was made on: it is found by the hash of the validation split.
+    The user's own choices (in the cache) come before the packaged ones.
     """
-    for folder in (cache_dir() / "selected", PACKAGED):
-        path = folder / f"{scenario.name}.json"
+    key = validation_key(scenario)
+    for folder in (user_choices(), PACKAGED):
+        path = folder / f"{key[:16]}.json"
         if not path.is_file():
             continue
-        content = json.loads(path.read_text())
-        if content["validation_hash"] != validation_scenario(scenario).data_hash("validation"):
-            continue
-        if method in content["choices"]:
-            parameters: dict[str, Any] = content["choices"][method]["parameters"]
+        choice = json.loads(path.read_text())["choices"].get(method)
+        if choice is not None:
+            parameters: dict[str, Any] = choice["parameters"]
             return parameters
     return None
+
+
+def user_choices() -> Path:
+    """Where the user's own choices are kept."""
+    return cache_dir() / "selected"

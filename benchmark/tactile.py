@@ -60,6 +60,11 @@ class Contacts:
         return np.bincount(self.image, minlength=len(self.region))
 
     @property
+    def total_strength(self) -> Array:
+        """Strength of all contacts of every image (n,) [S/m * m^2]."""
+        return np.bincount(self.image, weights=self.strength, minlength=len(self.region))
+
+    @property
     def total_area(self) -> Array:
         """Area of all contacts of every image (n,) [m^2]."""
         return _totals(self.image, self.area, len(self.region))
@@ -78,15 +83,7 @@ def contacts(contrast: ArrayLike, sensor: Sensor) -> Contacts:
     Raises:
         InputError: a wrong shape, or values inside the sensor that are not finite.
     """
-    values = np.where(sensor.mask, np.asarray(contrast, dtype=np.float64), 0.0)
-    if values.ndim != 3:
-        raise InputError(f"Contrast must have shape (n, H, W), got {np.shape(contrast)}.")
-    if not np.isfinite(values).all():
-        raise InputError("Contrast must be finite inside the sensor: leave such frames out.")
-    magnitude = np.abs(values)
-    peak = magnitude.max(axis=(1, 2), initial=0.0)
-    if len(values):
-        peak[is_constant(values, sensor.mask)] = 0.0
+    values, magnitude, peak = _standing_out(contrast, sensor)
     high = (magnitude >= AMPLITUDE_FRACTION * peak[:, None, None]) & (peak > 0)[:, None, None]
     high &= magnitude > 0
     labels, n_positive = label(high & (values > 0), _NEIGHBOURS)
@@ -126,12 +123,38 @@ def _large_enough(pixels: Array, image: NDArray[np.int64], sensor: Sensor) -> ND
 
 
 def locate(contrast: ArrayLike, sensor: Sensor) -> Array:
-    """Where each image of `contrast` (n, H, W) [S/m] shows its strongest contact: (n, 2) [m].
+    """Where each image of `contrast` (n, H, W) [S/m] shows its only contact: (n, 2) [m].
 
-    NaN where it shows none.
+    For a sensor known to be touched once, all that stands out belongs to that touch, in however
+    many pieces it is drawn. The place is the centre of the |contrast| in excess of a quarter of the
+    image's largest; taking the excess makes it change continuously with the image. NaN where the
+    contrast is constant.
+
+    Raises:
+        InputError: a wrong shape, or values inside the sensor that are not finite.
     """
-    found = contacts(contrast, sensor)
-    return found.strongest(found.position, np.nan)
+    _, magnitude, peak = _standing_out(contrast, sensor)
+    weight = np.maximum(magnitude - AMPLITUDE_FRACTION * peak[:, None, None], 0.0)
+    weight[peak == 0] = 0.0
+    total = weight.sum(axis=(1, 2))
+    place = np.stack([np.tensordot(weight, c, axes=2) for c in sensor.pixel_centres], axis=-1)
+    return np.divide(
+        place, total[:, None], out=np.full_like(place, np.nan), where=total[:, None] > 0
+    )
+
+
+def _standing_out(contrast: ArrayLike, sensor: Sensor) -> tuple[Array, Array, Array]:
+    """Contrast and |contrast| (n, H, W), 0 outside the sensor, and its peak (n,), 0 if constant."""
+    values = np.where(sensor.mask, np.asarray(contrast, dtype=np.float64), 0.0)
+    if values.ndim != 3:
+        raise InputError(f"Contrast must have shape (n, H, W), got {np.shape(contrast)}.")
+    if not np.isfinite(values).all():
+        raise InputError("Contrast must be finite inside the sensor: leave such frames out.")
+    magnitude = np.abs(values)
+    peak = magnitude.max(axis=(1, 2), initial=0.0)
+    if len(values):
+        peak[is_constant(values, sensor.mask)] = 0.0
+    return values, magnitude, peak
 
 
 def diameter(sensor: Sensor) -> float:

@@ -10,7 +10,7 @@ from eitbench.methods.linearisation import Linearisation, Variable
 from eitbench.methods.method import Method
 from eitbench.methods.problem import Problem
 from eitbench.methods.registry import register
-from eitbench.methods.search import BOUNDS, ROWS
+from eitbench.methods.search import ROWS, UNKNOWN
 
 Array = NDArray[np.float64]
 
@@ -25,7 +25,7 @@ class BackProjection(Method):
     """
 
     source: ClassVar[str] = "Kotre, Clin. Phys. Physiol. Meas. 10(3), 1989"
-    search: ClassVar = {**ROWS, **BOUNDS}
+    search: ClassVar = {**UNKNOWN, **ROWS}
     variable: Variable = "conductivity"
     row_exponent: float = 0.0
     upper: float | None = None

@@ -21,7 +21,7 @@ from eitbench.methods.method import Method
 from eitbench.methods.noser import noser_covariance
 from eitbench.methods.problem import Problem
 from eitbench.methods.registry import register
-from eitbench.methods.search import BOUNDS, ROWS, VARIATION, WEIGHTS
+from eitbench.methods.search import ROWS, UNKNOWN, VARIATION, WEIGHTS
 from eitbench.methods.tv_solver import TVSolver
 
 Array = NDArray[np.float64]
@@ -86,7 +86,7 @@ class GaussNewtonNoser(GaussNewton):
     """Nonlinear Gauss-Newton with the NOSER prior."""
 
     source: ClassVar[str] = "Yorkey, Webster and Tompkins, IEEE Trans. Biomed. Eng. 34(11), 1987"
-    search: ClassVar = {**WEIGHTS, **ROWS, **BOUNDS}
+    search: ClassVar = {**UNKNOWN, **WEIGHTS, **ROWS}
 
     def fit(self, problem: Problem) -> None:
         """Linearise at the background, where the prior is taken."""
@@ -126,7 +126,7 @@ class GaussNewtonTV(GaussNewton):
     """Nonlinear Gauss-Newton with total variation and bounds."""
 
     source: ClassVar[str] = "Borsic et al., IEEE Trans. Med. Imaging 29(1), 2010"
-    search: ClassVar = {**VARIATION, **ROWS, **BOUNDS}
+    search: ClassVar = {**UNKNOWN, **VARIATION, **ROWS}
     steps: int = 6
 
     def _solve(self, target: Array) -> Array:

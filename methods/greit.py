@@ -11,7 +11,7 @@ from eitbench.methods.linearisation import damping
 from eitbench.methods.one_step import OneStep
 from eitbench.methods.problem import Problem
 from eitbench.methods.registry import register
-from eitbench.methods.search import BOUNDS, ROWS, WEIGHTS
+from eitbench.methods.search import ROWS, UNKNOWN, WEIGHTS
 
 Array = NDArray[np.float64]
 
@@ -30,7 +30,7 @@ class Greit(OneStep):
     """
 
     source: ClassVar[str] = "Adler et al., Physiol. Meas. 30(6), 2009"
-    search: ClassVar = {**WEIGHTS, **ROWS, **BOUNDS, "blur": (0.05, 0.08, 0.12)}
+    search: ClassVar = {**UNKNOWN, **WEIGHTS, "blur": (0.05, 0.08, 0.12), **ROWS}
     blur: float = 0.08
 
     def matrix(self, jacobian: Array, problem: Problem) -> Array:

@@ -25,6 +25,7 @@ BUILT_IN = (
 )
 
 MAX_NAME = 80
+RESERVED = "truth"  # stands beside the methods in a file of reconstructions
 FORBIDDEN = set("/\\,")  # paths inside a run directory, and the separator of --methods a,b
 
 AnyMethod = TypeVar("AnyMethod", bound=type[Method])
@@ -35,13 +36,14 @@ def register(name: str) -> Callable[[AnyMethod], AnyMethod]:
     """Class decorator: make a `Method` known as `name`.
 
     Raises:
-        InputError: a name that is empty, longer than 80 characters, holds a slash, comma or control
-            character, or belongs to another class; a decorated class that is not a `Method`.
+        InputError: a name that cannot be used or belongs to another class; a decorated class that
+            is not a `Method`.
     """
-    if not 0 < len(name) <= MAX_NAME or not name.isprintable() or FORBIDDEN & set(name):
+    usable = 0 < len(name) <= MAX_NAME and name.isprintable() and not FORBIDDEN & set(name)
+    if not usable or name.startswith(".") or name == RESERVED:
         raise InputError(
             f"{name!r} cannot name a method: use 1 to {MAX_NAME} printable characters without "
-            "slashes and commas."
+            f"slashes and commas, not {RESERVED!r} and no dot at the start."
         )
 
     def decorate(cls: AnyMethod) -> AnyMethod:

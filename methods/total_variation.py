@@ -10,7 +10,7 @@ from eitbench.methods.linearisation import Linearisation, Variable
 from eitbench.methods.method import Method
 from eitbench.methods.problem import Problem
 from eitbench.methods.registry import register
-from eitbench.methods.search import BOUNDS, ROWS, VARIATION
+from eitbench.methods.search import ROWS, UNKNOWN, VARIATION
 from eitbench.methods.tv_solver import TVSolver
 
 Array = NDArray[np.float64]
@@ -32,7 +32,7 @@ class TotalVariation(Method):
     """
 
     source: ClassVar[str] = "Borsic et al., IEEE Trans. Med. Imaging 29(1), 2010"
-    search: ClassVar = {**VARIATION, **ROWS, **BOUNDS}
+    search: ClassVar = {**UNKNOWN, **VARIATION, **ROWS}
     weight: float = 1e-3
     variable: Variable = "conductivity"
     row_exponent: float = 0.0

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 from scipy.linalg import lapack
+from threadpoolctl import ThreadpoolController
 
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.physics.elements import ElectrodeTerms, electrode_terms, stiffness
@@ -40,6 +41,7 @@ class ForwardModel:
             self.mesh, sensor.electrodes, sensor.outline.perimeter
         )
         self._stiffness = stiffness(self.mesh)
+        self._threads = ThreadpoolController()
         self._assembly, self._electrode_band = self._band_assembly()
 
     @property
@@ -163,7 +165,9 @@ class ForwardModel:
         """A^-1 B (n, E) and the electrode resistance S^+ (E, E) [Ohm] for one `image` (H, W)."""
         band = self._assembly @ image.ravel() + self._electrode_band
         band = band.reshape(-1, self._bandwidth + 1).T
-        _, potential, info = lapack.dpbsv(band, self._terms.coupling, lower=1, overwrite_ab=1)
+        # Systems this small are slower on several threads, and differ in the last bit.
+        with self._threads.limit(limits=1, user_api="blas"):
+            _, potential, info = lapack.dpbsv(band, self._terms.coupling, lower=1, overwrite_ab=1)
         if info != 0:
             raise InputError("The conductivity is too uneven to solve: raise its smallest pixels.")
         conductance = np.diag(self._terms.conductance) - self._terms.coupling.T @ potential

@@ -86,6 +86,12 @@ def test_a_constant_image_shows_no_contact(level: float) -> None:
     assert np.isnan(tactile.locate(image, sensor)).all()
 
 
+def test_the_only_contact_may_be_drawn_in_pieces() -> None:
+    """Two equal blobs of one press: its place is between them; a faint third changes nothing."""
+    image = blobs((0.03, 0.05, 0.01, -0.8), (0.07, 0.05, 0.01, -0.8), (0.05, 0.09, 0.01, 0.19))
+    np.testing.assert_allclose(tactile.locate(image, FOAM), [[0.05, 0.05]], atol=1e-9)
+
+
 def test_what_lies_outside_the_sensor_is_not_seen() -> None:
     sensor = disc_sensor()
     image = blobs((0.02, -0.03, 0.012, 0.4), sensor=sensor)
