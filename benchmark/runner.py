@@ -13,7 +13,7 @@ from eitbench.benchmark.judge import REGISTRATION_FRAMES
 from eitbench.benchmark.manifest import Manifest
 from eitbench.benchmark.progress import RunProgress
 from eitbench.benchmark.selection import selected_parameters
-from eitbench.benchmark.store import TRUTH, Cell, RunStore
+from eitbench.benchmark.store import Cell, RunStore
 from eitbench.benchmark.timing import calibration
 from eitbench.benchmark.worker import (
     SEED,
@@ -124,8 +124,6 @@ def make_plan(
     for name in chosen:
         if name not in known:
             raise unknown_name("method", name, known)
-        if name == TRUTH or name.startswith("."):
-            raise InputError(f"A method cannot be called {name!r}: result files use that name.")
     offered = [scenario.name for scenario in suite.scenarios]
     for name in scenarios:
         if name not in offered:

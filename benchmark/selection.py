@@ -8,15 +8,16 @@ test split is never loaded here.
 
 import json
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+import joblib
 import numpy as np
 
 from eitbench.benchmark.judge import REGISTRATION_FRAMES, fit_registration, judge
-from eitbench.methods import Problem, create, methods
+from eitbench.methods import Problem, create, load_plugin, methods
 from eitbench.scenarios.cache_dir import cache_dir
 from eitbench.scenarios.datasets import Dataset, load
 from eitbench.scenarios.scenario import RecordedScenario, Scenario, SimulatedScenario
@@ -133,8 +134,37 @@ def _no_other_split(split: str, limit: int | None) -> Dataset:
     raise RuntimeError(f"Selection does not load the {split} split.")
 
 
+def tune(
+    scenarios: Sequence[Scenario],
+    names: Sequence[str],
+    folder: Path,
+    *,
+    plugins: Sequence[Path] = (),
+    jobs: int = 1,
+) -> Iterator[tuple[str, str, Choice]]:
+    """Choose for every scenario and method, `jobs` at a time; yield each choice once recorded.
+
+    Scenarios with the same validation data are tuned once. A recorded set whose data cannot be had
+    raises DataUnavailableError.
+    """
+    different = {validation_key(scenario): scenario for scenario in reversed(scenarios)}
+    cells = [(s, name) for s in reversed(different.values()) for name in names]
+    parallel = joblib.Parallel(n_jobs=jobs, return_as="generator", inner_max_num_threads=1)
+    found = parallel(joblib.delayed(_choose)(s, name, plugins) for s, name in cells)
+    for (scenario, name), choice in zip(cells, found, strict=True):
+        if choice is not None:
+            record(scenario, {name: choice}, folder)
+            yield scenario.name, name, choice
+
+
+def _choose(scenario: Scenario, method: str, plugins: Sequence[Path]) -> Choice | None:
+    for plugin in plugins:
+        load_plugin(plugin)
+    return choose(scenario, method)
+
+
 def validation_key(scenario: Scenario) -> str:
-    """SHA-256 (hex) of all that decides a choice: sensor, validation phantoms and noise, or the set.
+    """SHA-256 (hex) of what decides a choice: sensor, validation phantoms, noise; or the set.
 
     Scenarios that differ in name, in sample numbers or in their test phantoms share their choices.
     """
@@ -168,7 +198,7 @@ def record(scenario: Scenario, choices: Mapping[str, Choice], folder: Path) -> P
 
 
 def selected_parameters(scenario: Scenario, method: str) -> dict[str, Any] | None:
-    """The recorded choice for `method` on data like those of `scenario`; None where there is none.
+    """The recorded choice for `method` on data like `scenario`'s; None where there is none.
 
     The user's own choices (in the cache) come before the packaged ones.
     """

@@ -62,7 +62,8 @@ class Contacts:
     @property
     def total_strength(self) -> Array:
         """Strength of all contacts of every image (n,) [S/m * m^2]."""
-        return np.bincount(self.image, weights=self.strength, minlength=len(self.region))
+        total = np.bincount(self.image, weights=self.strength, minlength=len(self.region))
+        return total.astype(np.float64)
 
     @property
     def total_area(self) -> Array:
@@ -138,9 +139,8 @@ def locate(contrast: ArrayLike, sensor: Sensor) -> Array:
     weight[peak == 0] = 0.0
     total = weight.sum(axis=(1, 2))
     place = np.stack([np.tensordot(weight, c, axes=2) for c in sensor.pixel_centres], axis=-1)
-    return np.divide(
-        place, total[:, None], out=np.full_like(place, np.nan), where=total[:, None] > 0
-    )
+    place[total == 0] = np.nan
+    return np.asarray(place / np.where(total > 0, total, 1.0)[:, None])
 
 
 def _standing_out(contrast: ArrayLike, sensor: Sensor) -> tuple[Array, Array, Array]:

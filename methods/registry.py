@@ -74,7 +74,7 @@ def methods() -> dict[str, type[Method]]:
             loaded = point.load()
         except Exception as error:  # a broken plugin must not take the others down
             warnings.warn(
-                f"The installed plugin {point.value!r} does not import ({error}): mend or remove it.",
+                f"The installed plugin {point.value!r} does not import: {error}.",
                 stacklevel=2,
             )
             continue

@@ -21,7 +21,8 @@ def add_noise(frame: ArrayLike, snr_db: float, rng: np.random.Generator) -> Arra
     """`frame` (M,) plus white Gaussian noise of standard deviation rms(frame) 10^(-snr_db/20)."""
     clean = np.asarray(frame, dtype=np.float64)
     rms = np.sqrt(np.mean(clean**2))
-    return clean + rms * 10 ** (-snr_db / 20) * rng.standard_normal(clean.shape)
+    noise = rms * 10 ** (-snr_db / 20) * rng.standard_normal(clean.shape)
+    return np.asarray(clean + noise)
 
 
 def measured_frames(

@@ -162,7 +162,7 @@ def even_electrodes(
     start: float = 0.0,
     clockwise: bool = False,
 ) -> tuple[Electrode, ...]:
-    """`count` equal electrodes evenly along the rim, the first centred at arc length `start` [m]."""
+    """`count` equal electrodes evenly along the rim, the first centred at `start` [m]."""
     step = outline.perimeter / count * (-1 if clockwise else 1)
     return tuple(
         Electrode((start + step * k) % outline.perimeter, width, contact_impedance)

@@ -153,7 +153,7 @@ def _renumbered(nodes: Array, triangles: Index, edges: Index) -> tuple[Array, In
 
 
 def _pixel_shares(nodes: Array, triangles: Index, sensor: Sensor) -> sparse.csr_array:
-    """(k, H*W) share of each triangle in each masked pixel; what lies beyond goes to the nearest."""
+    """(k, H*W) share of each triangle in each pixel; beyond the mask, in the nearest one."""
     height, width = sensor.image_shape
     points = np.einsum("qc,kcx->kqx", _sub_centroids(SUBDIVISION), nodes[triangles])
     x0, y0, _, _ = sensor.outline.bounds

@@ -192,6 +192,45 @@ def leaderboard(
         typer.echo(reports.FORMATS[form.value](rows), nl=False)
 
 
+@app.command(epilog="Example: eitbench tune quick --methods noser,tv --jobs 2")
+def tune(
+    suite: Annotated[str, typer.Argument(help="A suite's name, or the path of a suite file.")],
+    methods: Annotated[
+        str | None, typer.Option(metavar="A,B", help="Tune these methods only.")
+    ] = None,
+    scenarios: Annotated[
+        str | None, typer.Option(metavar="X,Y", help="On these scenarios only.")
+    ] = None,
+    plugin: Annotated[
+        list[Path] | None, typer.Option(metavar="FILE.py", help="A file with more methods.")
+    ] = None,
+    jobs: Annotated[int, typer.Option(min=1, help="Methods at a time.")] = 1,
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Where choices go (default: your cache).")
+    ] = None,
+) -> None:
+    """Choose hyper-parameters on the validation split; later runs use them (track `tuned`)."""
+    from eitbench.benchmark.runner import make_plan
+    from eitbench.benchmark.selection import tune as choose_all
+    from eitbench.benchmark.selection import user_choices
+    from eitbench.scenarios.suites import load_suite
+
+    plan = make_plan(
+        load_suite(suite),
+        methods=_names(methods),
+        scenarios=_names(scenarios),
+        plugins=plugin or (),
+    )
+    chosen = [s for s in plan.suite.scenarios if s.name in plan.scenarios]
+    folder = out or user_choices()
+    files = [path for path, _ in plan.plugins]
+    for scenario, name, choice in choose_all(
+        chosen, plan.methods, folder, plugins=files, jobs=jobs
+    ):
+        typer.echo(f"{scenario}  {name}  {json.dumps(choice.parameters)}")
+    typer.echo(f"Choices: {folder}")
+
+
 @app.command(epilog="Example: eitbench check noser, or: eitbench check my_method.py")
 def check(
     target: Annotated[str, typer.Argument(metavar="METHOD|FILE.py", help="What to check.")],

@@ -30,9 +30,10 @@ class SparseLU:
         self.rows = np.repeat(self.mesh.elements, 4, axis=1).ravel()
         self.columns = np.tile(self.mesh.elements, (1, 4)).ravel()
         coupling = sparse.csr_array(-terms.coupling)
-        self.fixed = sparse.block_array(
-            [[terms.mass, coupling], [coupling.T, sparse.diags_array(terms.conductance)]]
-        ).tocsr()
+        conductance = sparse.csr_array(np.diag(terms.conductance))
+        self.fixed = sparse.vstack(
+            [sparse.hstack([terms.mass, coupling]), sparse.hstack([coupling.T, conductance])]
+        )
         self.size = n + e
         src, sink = self.sensor.pattern.table[:, 0], self.sensor.pattern.table[:, 1]
         drives, self.drive = np.unique(np.column_stack([src, sink]), axis=0, return_inverse=True)

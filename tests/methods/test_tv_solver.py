@@ -29,7 +29,7 @@ def objective(x: Array, rows: Array, data: Array, weight: float) -> float:
 
 
 def chambolle_pock(rows: Array, data: Array, weight: float, bounds: tuple[float, float]) -> Array:
-    """Condat and Vu's primal-dual iteration: slow, and nothing in common with ADMM's inner solve."""
+    """Condat and Vu's primal-dual iteration: slow, and nothing in common with ADMM."""
     d = differences()
     step = 0.9 / (np.linalg.norm(rows, 2) ** 2 / 2 + 8)
     x, p = np.zeros(rows.shape[1]), np.zeros((2, rows.shape[1]))

@@ -1,10 +1,10 @@
 """The complete electrode model on a disc, against its series solution.
 
 On a disc the map from current density j on the rim to the potential there is diagonal in Fourier
-modes, R / (sigma |k|), times (1 + mu rho^2k) / (1 - mu rho^2k) with a concentric inclusion of radius
-rho R and mu = (sigma - sigma_i) / (sigma + sigma_i). Expanding j in Legendre polynomials on each
-electrode, whose Fourier coefficients are spherical Bessel functions, turns z j + u = U_l into a
-small dense system (Somersalo, Cheney and Isaacson 1992; Demidenko 2011).
+modes, R / (sigma |k|), times (1 + mu rho^2k) / (1 - mu rho^2k) with a concentric inclusion of
+radius rho R and mu = (sigma - sigma_i) / (sigma + sigma_i). Expanding j in Legendre
+polynomials on each electrode, whose Fourier coefficients are spherical Bessel functions, turns
+z j + u = U_l into a small dense system (Somersalo, Cheney and Isaacson 1992; Demidenko 2011).
 """
 
 import numpy as np

@@ -7,15 +7,14 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import h5py
+import joblib
 import numpy as np
 import pytest
 
-from eitbench.scenarios import simulation
 from eitbench.scenarios.cache_file import ABANDONED_AFTER_S
 from eitbench.scenarios.datasets import load
 from eitbench.scenarios.errors import EitbenchError
@@ -48,7 +47,7 @@ def files(cache: Path) -> list[Path]:
 
 
 @pytest.fixture
-def solves(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[int]]:
+def solves(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """Counts the images solved in this process."""
     counted: list[int] = []
     solve = ForwardModel.voltages
@@ -246,25 +245,7 @@ def test_unwritable_cache_folder_is_one_clear_sentence(
         clean_voltages(SCENARIO, "test", 1)
 
 
-@pytest.mark.parametrize("jobs", [1, 2])
-def test_full_disk_is_one_clear_sentence_and_leaves_nothing(
-    jobs: int, cache: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def full(self: Path, target: Path) -> Path:
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-    monkeypatch.setattr(Path, "replace", full)
-    if jobs == 2:
-        # Worker processes do not share the patch, so it is run on threads.
-        monkeypatch.setattr(
-            simulation.joblib, "Parallel", lambda **options: ThreadedParallel(**options)
-        )
-    with pytest.raises(EitbenchError, match="No space left on device"):
-        clean_voltages(SCENARIO, "test", 40, jobs=jobs)
-    assert files(cache) == []
-
-
-class ThreadedParallel(simulation.joblib.Parallel):  # type: ignore[misc]
+class ThreadedParallel(joblib.Parallel):  # type: ignore[misc]
     def __init__(self, **options: object) -> None:
         super().__init__(**{**options, "backend": "threading"})
 
@@ -294,3 +275,19 @@ def test_any_first_samples_are_balanced_and_resemble_no_other_split() -> None:
         for k in range(20)
     }
     assert len(drawn) == 60
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_full_disk_is_one_clear_sentence_and_leaves_nothing(
+    jobs: int, cache: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(self: Path, target: Path) -> Path:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(Path, "replace", full)
+    if jobs == 2:
+        # Worker processes do not share the patch, so it is run on threads.
+        monkeypatch.setattr(joblib, "Parallel", ThreadedParallel)
+    with pytest.raises(EitbenchError, match="No space left on device"):
+        clean_voltages(SCENARIO, "test", 40, jobs=jobs)
+    assert files(cache) == []
