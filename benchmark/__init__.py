@@ -1,1 +1,5 @@
 """How it is judged: metrics, runner, result store, timing and method checks."""
+
+from eitbench.scenarios.errors import EitbenchError
+
+__all__ = ["EitbenchError"]

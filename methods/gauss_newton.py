@@ -87,6 +87,7 @@ class GaussNewtonNoser(GaussNewton):
 
     source: ClassVar[str] = "Yorkey, Webster and Tompkins, IEEE Trans. Biomed. Eng. 34(11), 1987"
     search: ClassVar = {**UNKNOWN, **WEIGHTS, **ROWS}
+    weight: float = 0.03
 
     def fit(self, problem: Problem) -> None:
         """Linearise at the background, where the prior is taken."""

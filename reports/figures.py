@@ -11,9 +11,9 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from eitbench.benchmark import EitbenchError
 from eitbench.benchmark.results import Run, Scene, leaderboard_rows, read_run
 from eitbench.reports.leaderboard import printable
-from eitbench.scenarios.errors import EitbenchError
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

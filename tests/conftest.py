@@ -1,6 +1,7 @@
 """What all tests share: where independent reference data lie, and a cache of their own."""
 
 import os
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -10,6 +11,24 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 SHARED = Path(__file__).resolve().parents[2] / "shared"
+
+
+@pytest.fixture(scope="session", autouse=True)
+def own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """No test reads or fills the user's cache."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("EITBENCH_CACHE", str(tmp_path_factory.mktemp("cache")))
+        yield
+
+
+@pytest.fixture
+def recorded_data(monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The folder of real recordings, which EITBENCH_DATA names for the test; skips without one."""
+    folder = Path(os.environ.get("EITBENCH_DATA") or SHARED / "recordings")
+    if not folder.is_dir():
+        pytest.skip("needs the real recordings: set EITBENCH_DATA to the folder that holds them")
+    monkeypatch.setenv("EITBENCH_DATA", str(folder))
+    return folder
 
 
 @pytest.fixture(scope="session")

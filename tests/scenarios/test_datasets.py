@@ -31,13 +31,6 @@ SMALL: dict[str, Any] = {
 SCENARIO = SimulatedScenario(**SMALL)
 
 
-@pytest.fixture(autouse=True, scope="module")
-def cache(tmp_path_factory: pytest.TempPathFactory) -> Any:
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("EITBENCH_CACHE", str(tmp_path_factory.mktemp("cache")))
-        yield
-
-
 def test_dataset_holds_what_the_contract_says() -> None:
     data = load(SCENARIO, "test")
     assert len(data) == 20

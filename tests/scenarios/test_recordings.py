@@ -1,6 +1,5 @@
 """The recorded sets as read from the real files."""
 
-import os
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -22,19 +21,6 @@ from eitbench.scenarios.sensors import Sensor
 Array = NDArray[np.float64]
 
 pytestmark = pytest.mark.usefixtures("recorded_data")
-
-BESIDE_REPOSITORY = Path(__file__).resolve().parents[2].parent / "shared" / "recordings"
-
-
-@pytest.fixture
-def recorded_data(monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The folder of real recordings, which EITBENCH_DATA names for the test; skips without one."""
-    folder = Path(os.environ.get("EITBENCH_DATA") or BESIDE_REPOSITORY)
-    if not folder.is_dir():
-        pytest.skip("needs the real recordings: set EITBENCH_DATA to the folder that holds them")
-    monkeypatch.setenv("EITBENCH_DATA", str(folder))
-    return folder
-
 
 read = cache(read_recording)
 

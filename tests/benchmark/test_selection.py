@@ -1,0 +1,153 @@
+"""Choices on the validation split: the search, its records, and what it never sees."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from eitbench.benchmark import selection
+from eitbench.benchmark.selection import (
+    BUDGET,
+    Choice,
+    choose,
+    coordinate_search,
+    record,
+    selected_parameters,
+    validation_key,
+)
+from eitbench.methods import methods
+from eitbench.scenarios.datasets import Dataset, load
+from eitbench.scenarios.scenario import Scenario, SimulatedScenario, SplitNoise
+from eitbench.scenarios.suites import load_suite, scenarios, suites
+
+SMALL = SimulatedScenario(
+    name="small",
+    image_shape=(16, 16),
+    families=("circle", "rectangle"),
+    noise=SplitNoise(train="mixture", validation="mixture", test=40),
+    train=4,
+    validation=8,
+    test=4,
+)
+
+
+def test_search_finds_the_best_value_of_each_parameter() -> None:
+    search = {"a": (1, 2, 3), "b": (10, 20)}
+    choice = coordinate_search(
+        search, {"a": 1, "b": 10}, lambda p: -((p["a"] - 2) ** 2) - abs(p["b"] - 20)
+    )
+    assert choice.parameters == {"a": 2, "b": 20}
+    assert choice.figure == 0
+    assert choice.figure == max(t.figure for t in choice.trials if t.figure is not None)
+
+
+def test_search_keeps_to_its_budget_and_asks_nothing_twice() -> None:
+    asked = []
+
+    def evaluate(p: dict[str, Any]) -> float:
+        asked.append(json.dumps(p, sort_keys=True))
+        return float(p["a"] + p["b"])
+
+    coordinate_search({"a": range(10), "b": range(10)}, {"a": 0, "b": 0}, evaluate, budget=BUDGET)
+    assert len(asked) == len(set(asked)) == BUDGET
+
+
+def test_a_failed_trial_cannot_win() -> None:
+    choice = coordinate_search({"a": (1, 2)}, {"a": 1}, lambda p: None if p["a"] == 2 else -9.0)
+    assert choice.parameters == {"a": 1}
+    assert [t.figure for t in choice.trials] == [-9.0, None]
+
+
+def test_only_the_validation_split_is_loaded(monkeypatch: pytest.MonkeyPatch) -> None:
+    loaded = []
+
+    def spy(scenario: Scenario, split: str, limit: int | None = None) -> Dataset:
+        loaded.append(split)
+        return load(scenario, split=split, limit=limit)
+
+    monkeypatch.setattr(selection, "load", spy)
+    choice = choose(SMALL, "tikhonov")
+    assert choice is not None
+    assert set(loaded) == {"validation"}
+    assert len(choice.trials) == BUDGET
+
+
+def test_a_choice_is_made_at_the_noise_of_the_test_split(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen = []
+
+    def spy(scenario: SimulatedScenario, split: str, limit: int | None = None) -> Dataset:
+        seen.append(scenario.noise.validation)
+        return load(scenario, split=split, limit=limit)
+
+    monkeypatch.setattr(selection, "load", spy)
+    choose(SMALL, "back-projection")
+    assert seen == [40.0]
+
+
+def test_choices_are_found_by_the_data_they_were_made_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("EITBENCH_CACHE", str(tmp_path))
+    assert selected_parameters(SMALL, "noser") is None
+    record(SMALL, {"noser": Choice({"weight": 0.5}, 1.0, ())}, tmp_path / "selected")
+    record(SMALL, {"tv": Choice({"weight": 0.7}, 1.0, ())}, tmp_path / "selected")
+    assert selected_parameters(SMALL, "noser") == {"weight": 0.5}
+    same = SMALL.model_copy(update={"name": "renamed", "phantoms": "small", "test": 3})
+    assert selected_parameters(same, "tv") == {"weight": 0.7}
+    for change in (
+        {"noise": SplitNoise(test=50)},
+        {"mesh_refinement": 2},
+        {"families": ("circle",)},
+        {"image_shape": (18, 18)},
+    ):
+        other = SMALL.model_copy(update=change)
+        assert validation_key(other) != validation_key(SMALL)
+        assert selected_parameters(other, "noser") is None
+
+
+def test_every_packaged_simulated_scenario_has_choices_from_the_search_space() -> None:
+    chosen = 0
+    for scenario in scenarios().values():
+        if scenario.kind != "simulated":
+            continue
+        for name, cls in methods().items():
+            if not cls.search:
+                continue
+            parameters = selected_parameters(scenario, name)
+            assert parameters is not None, f"{scenario.name}: eitbench tune has not seen {name}"
+            assert set(parameters) == set(cls.search)
+            for key, value in parameters.items():
+                assert value in cls.search[key]
+            chosen += 1
+    assert chosen >= 8 * 12
+
+
+def test_packaged_choices_record_their_rule_and_every_trial() -> None:
+    files = sorted(selection.PACKAGED.glob("*.json"))
+    assert files
+    for file in files:
+        content = json.loads(file.read_text())
+        assert file.stem == content["validation_key"][:16]
+        assert "validation" in content["rule"]
+        for choice in content["choices"].values():
+            figures = [t["figure"] for t in choice["trials"] if t["figure"] is not None]
+            assert choice["figure"] == max(figures)
+            assert len(choice["trials"]) <= BUDGET
+
+
+def test_default_methods_of_all_suites_exist() -> None:
+    for name in suites():
+        assert set(load_suite(name).methods) <= set(methods())
+
+
+def test_ranked_figure_prefers_the_better_image() -> None:
+    data = load(SMALL, split="validation")
+    assert data.conductivity is not None
+    truth = data.conductivity
+    good = selection.ranked_figure(data, truth + 0.01)
+    bad = selection.ranked_figure(data, np.ones_like(truth))
+    assert good is not None
+    assert bad is not None
+    assert good > bad

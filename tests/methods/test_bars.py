@@ -1,0 +1,71 @@
+"""What the classical methods must reach with the packaged choices, on 120 samples (20 a family)."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from eitbench.benchmark import metrics
+from eitbench.benchmark.judge import REGISTRATION_FRAMES, fit_registration, judge
+from eitbench.benchmark.selection import selected_parameters
+from eitbench.methods import Problem, create
+from eitbench.scenarios.datasets import load
+from eitbench.scenarios.suites import scenarios
+
+SAMPLES = 120
+LEVELS = ["paper", "paper-60db", "paper-50db", "paper-40db", "paper-30db"]
+
+
+@cache
+def figures(scenario: str, name: str) -> dict[str, float]:
+    """Mean SSIM, CC and PSNR of `name` on the first test samples of `scenario`."""
+    data = load(scenario, limit=SAMPLES)
+    method = create(name, **(selected_parameters(scenarios()[scenario], name) or {}))
+    method.fit(Problem(data.sensor, data.reference, lambda split, n: load(scenario, split, n)))
+    estimates = method.reconstruct(data.voltages)
+    truth, span = data.conductivity, data.sensor.data_range
+    assert truth is not None
+    return {
+        "ssim": float(metrics.ssim(truth, estimates, span).mean()),
+        "cc": float(metrics.cc(truth, estimates).mean()),
+        "psnr": float(metrics.psnr(truth, estimates, span).mean()),
+    }
+
+
+def test_noser() -> None:
+    assert figures("paper", "noser")["cc"] >= 0.79
+    assert figures("paper", "noser")["psnr"] >= 18.5
+    assert figures("paper-50db", "noser")["cc"] >= 0.72
+
+
+def test_total_variation() -> None:
+    assert figures("paper", "tv")["ssim"] >= 0.82
+    assert figures("paper", "tv")["psnr"] >= 20.5
+    assert figures("paper-50db", "tv")["ssim"] >= 0.80
+
+
+@pytest.mark.parametrize("scenario", LEVELS)
+def test_total_variation_beats_noser_at_every_noise_level(scenario: str) -> None:
+    tv, noser = figures(scenario, "tv"), figures(scenario, "noser")
+    assert tv["ssim"] > noser["ssim"]
+    assert tv["psnr"] > noser["psnr"]
+
+
+@pytest.mark.slow
+def test_nonlinear_total_variation() -> None:
+    assert figures("paper", "gauss-newton-tv")["ssim"] >= 0.86
+    assert figures("paper", "gauss-newton-tv")["psnr"] >= 26
+    assert figures("paper-50db", "gauss-newton-tv")["psnr"] >= 23
+
+
+@pytest.mark.usefixtures("recorded_data")
+def test_noser_finds_presses_on_a_real_skin() -> None:
+    """The median error on the 400 test presses is at most 13 mm; guessing the centre gives 50."""
+    validation = load("ohmc16", split="validation", limit=REGISTRATION_FRAMES)
+    test = load("ohmc16", split="test")
+    assert len(test.voltages) == 400
+    method = create("noser", **(selected_parameters(scenarios()["ohmc16"], "noser") or {}))
+    method.fit(Problem(test.sensor, test.reference, lambda split, n: load("ohmc16", split, n)))
+    registration = fit_registration(validation, method.reconstruct(validation.voltages))
+    errors = judge(test, method.reconstruct(test.voltages), registration)["localisation_mm"]
+    assert np.median(errors) <= 13
