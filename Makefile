@@ -1,5 +1,6 @@
 # The two commands: `make demo` and `make test`. Both need Python 3.11 or newer and nothing else.
-PYTHON ?= $(firstword $(foreach v,3.13 3.12 3.11,$(shell command -v python$(v) 2>/dev/null)) python3)
+PYTHON ?= $(firstword $(shell for p in python3 python3.13 python3.12 python3.11; do \
+	$$p -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && echo $$p; done) python3)
 BIN := .venv/bin
 STAMPS := .venv/.stamps
 
@@ -18,7 +19,7 @@ slow: $(STAMPS)/test  ## the long tests, too
 	$(BIN)/pytest -m "slow or not slow" --timeout 3600
 
 bench: $(STAMPS)/test  ## speed, measured beside rivals in one run
-	OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(BIN)/pytest tests/benchmarks --benchmark-only -o addopts="--import-mode=importlib" --benchmark-columns=median,iqr,rounds --benchmark-sort=name
+	$(BIN)/pytest tests/benchmarks --benchmark-only -o addopts="--import-mode=importlib" --benchmark-columns=median,iqr,rounds --benchmark-sort=name
 
 lint: $(STAMPS)/lint  ## ruff
 	$(BIN)/ruff check .
@@ -31,7 +32,7 @@ tune: $(STAMPS)/demo  ## choose the packaged hyper-parameters again (about an ho
 	for suite in quick paper paper-noise noise shapes recorded; do $(BIN)/eitbench tune $$suite --jobs 2 --out benchmark/selected || exit 1; done
 
 $(STAMPS)/venv:
-	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "eitbench needs Python 3.11 or newer: set PYTHON=python3.x")'
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "eitbench needs Python 3.11 or newer: make PYTHON=python3.x")'
 	$(PYTHON) -m venv .venv
 	@mkdir -p $(STAMPS) && touch $@
 

@@ -305,7 +305,7 @@ def test_names_that_result_files_use_are_refused(name: str, tiny: Suite, tmp_pat
         "    def fit(self, problem): ...\n"
         "    def reconstruct(self, voltages): ...\n"
     )
-    with pytest.raises(InputError, match="cannot be"):
+    with pytest.raises(InputError, match="cannot name a method"):
         make_plan(tiny, plugins=[plugin])
 
 
