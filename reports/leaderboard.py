@@ -53,7 +53,7 @@ def _metric(name: str, form: str) -> Column:
 COLUMNS = (
     Column("rank", "#", "d", always=True),
     Column("method", "Method", always=True),
-    Column("track", "Track"),
+    Column("track", "Track", always=True),
     Column("run", "Run"),
     _metric("score", ".3f"),
     _metric("ssim", ".3f"),
@@ -76,11 +76,17 @@ COLUMNS = (
     Column("n", "n", "d", always=True),
 )
 
-# A terminal is narrow: the rest is in the files.
-_TERMINAL = {
-    "rank", "method", "track", "run", "score", "ssim", "cc", "rie", "psnr", "localisation_mm",
-    "iou", "strength_spearman", "repeatability_db", "frame_ms_p50", "setup_s", "coverage", "n",
+# What a terminal shows, the most important first, under headings of a word a line; what does not
+# fit its width is left out from the end, and is in the files.
+TERMINAL = {
+    "rank": "#", "method": "Method", "score": "S", "localisation_mm": "Loc.\nmm",
+    "coverage": "Cover-\nage", "ssim": "SSIM", "psnr": "PSNR\ndB", "cc": "CC",
+    "repeatability_db": "Repeat.\ndB", "frame_ms_p50": "Frame\nms", "rie": "RIE",
+    "strength_spearman": "Strength", "iou": "IoU", "n": "n", "track": "Track",
+    "setup_s": "Set-up\ns", "run": "Run",
 }  # fmt: skip
+_LONGEST_NAME = 24
+_PADDING = 3
 
 
 def leaderboard(runs: Sequence[Path]) -> list[Row]:
@@ -191,8 +197,8 @@ FORMATS: dict[str, Callable[[Sequence[Row]], str]] = {
 }
 
 
-def table(rows: Sequence[Row]) -> "Group":
-    """One table per scenario for a terminal, the best values in bold green."""
+def table(rows: Sequence[Row], width: int) -> "Group":
+    """One table per scenario for a terminal of `width` characters, the best values green."""
     from rich import box
     from rich.console import Group
     from rich.table import Table
@@ -200,13 +206,15 @@ def table(rows: Sequence[Row]) -> "Group":
 
     tables = []
     for title, board in _boards(rows):
-        columns = [c for c in _shown(board) if c.name in _TERMINAL]
+        columns = _fitting(board, width)
         shown = Table(title=Text(title, style="bold"), title_justify="left", box=box.SIMPLE_HEAD)
         for column in columns:
             shown.add_column(
-                Text(column.title),
+                Text(TERMINAL[column.name]),
                 justify="right" if column.form else "left",
+                vertical="bottom",
                 no_wrap=column.form != "",
+                max_width=None if column.form else _LONGEST_NAME,
                 overflow="fold",
             )
         for row in board:
@@ -218,6 +226,22 @@ def table(rows: Sequence[Row]) -> "Group":
             )
         tables.append(shown)
     return Group(*tables)
+
+
+def _fitting(board: Sequence[Row], width: int) -> list[Column]:
+    """The most important columns that fit into `width` characters, in the usual order."""
+    shown = {column.name: column for column in _shown(board)}
+    kept, free = [], width
+    for name, heading in TERMINAL.items():
+        if name not in shown:
+            continue
+        texts = [*heading.split("\n"), *(shown[name].text(row) for row in board)]
+        longest = max(map(len, texts))
+        free -= (longest if shown[name].form else min(longest, _LONGEST_NAME)) + _PADDING
+        if free < 0:
+            break
+        kept.append(name)
+    return [column for column in COLUMNS if column.name in kept]
 
 
 def printable(text: str) -> str:
@@ -235,12 +259,14 @@ def _boards(rows: Sequence[Row]) -> Iterable[Board]:
 
 def _shown(board: Sequence[Row]) -> list[Column]:
     """The columns that say something about this scenario."""
-    varies = {name: len({row[name] for row in board}) > 1 for name in ("track", "run")}
+    several_runs = len({row["run"] for row in board}) > 1
     return [
         column
         for column in COLUMNS
-        if varies.get(
-            column.name, column.always or any(row[column.name] is not None for row in board)
+        if (
+            several_runs
+            if column.name == "run"
+            else column.always or any(row[column.name] is not None for row in board)
         )
     ]
 

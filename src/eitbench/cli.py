@@ -168,7 +168,7 @@ def _show_run(result: "RunResult", as_json: bool) -> None:
             }
         )
         return
-    _print_renderable(table(rows))
+    _print_renderable(table(rows, _width()))
     typer.echo(f"Run: {result.path}")
     for path in figures:
         if path.suffix == ".png":
@@ -187,7 +187,7 @@ def leaderboard(
 
     rows = reports.leaderboard(runs)
     if form is None:
-        _print_renderable(reports.table(rows))
+        _print_renderable(reports.table(rows, _width()))
     else:
         typer.echo(reports.FORMATS[form.value](rows), nl=False)
 
@@ -307,8 +307,14 @@ def _print_table(rows: Sequence[dict[str, Any]]) -> None:
 def _print_renderable(renderable: Any) -> None:
     from rich.console import Console
 
-    # Without a terminal nothing limits the width: lines are not folded, so that grep works.
-    Console(width=None if sys.stdout.isatty() else 400).print(renderable)
+    Console(width=_width()).print(renderable)
+
+
+def _width() -> int:
+    """Characters in a line; without a terminal nothing is folded, so that grep works."""
+    import shutil
+
+    return shutil.get_terminal_size().columns if sys.stdout.isatty() else 400
 
 
 def main() -> None:

@@ -101,12 +101,25 @@ def test_names_are_data_in_html_csv_and_json(nasty: list[dict[str, Any]]) -> Non
 def test_the_terminal_shows_names_as_they_are_and_no_markup(nasty: list[dict[str, Any]]) -> None:
     console = Console(record=True, width=200, file=io.StringIO())
     nasty[1]["method"] = "[bold]odd[/bold]"
-    console.print(table(nasty))
+    console.print(table(nasty, 200))
     text = console.export_text()
     assert "[bold]odd[/bold]" in text
     assert "\x1b" not in text
     assert "bench / conductivity-set" in text
     assert "SSIM" in text
+
+
+@pytest.mark.parametrize("width", [60, 80, 100, 150])
+def test_a_narrow_terminal_shows_fewer_columns_but_whole_ones(
+    nasty: list[dict[str, Any]], width: int
+) -> None:
+    nasty[0]["method"] = "gauss-newton-noser"
+    console = Console(record=True, width=width, file=io.StringIO())
+    console.print(table(nasty, width))
+    text = console.export_text()
+    assert max(map(len, text.splitlines())) <= width
+    assert "gauss-newton-noser" in text
+    assert format(nasty[0]["score"], ".3f") in text
 
 
 def test_nothing_is_highlighted_where_all_are_equal(nasty: list[dict[str, Any]]) -> None:
