@@ -136,7 +136,7 @@ def comparison(run: Run, scenario: str) -> Comparison:
         bounds=scene.bounds,
         footnote=(
             "+  where the press was, mapped into each method's image by the similarity fitted on "
-            "the validation split"
+            "the validation split (not drawn where that is outside the image)"
             if crosses
             else ""
         ),
