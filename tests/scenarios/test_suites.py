@@ -66,7 +66,7 @@ def test_quick_has_simulated_and_recorded_data_without_inverse_crime() -> None:
     first, second = load_suite("quick").scenarios
     assert isinstance(first, SimulatedScenario)
     assert first.inverse_crime is False
-    assert (first.noise.test, first.test) == (50.0, 48)
+    assert (first.noise.test, first.test) == (50.0, 36)
     assert isinstance(second, RecordedScenario)
     assert second.recording == "ohmc16"
 
