@@ -21,18 +21,17 @@ class BackProjection(Method):
     """Sensitivity-weighted back-projection, scaled to explain the data best.
 
     Attributes:
-        variable, row_exponent, upper: see `Linearisation`.
+        variable, row_exponent: see `Linearisation`.
     """
 
     source: ClassVar[str] = "Kotre, Clin. Phys. Physiol. Meas. 10(3), 1989"
     search: ClassVar = {**UNKNOWN, **ROWS}
     variable: Variable = "conductivity"
     row_exponent: float = 0.0
-    upper: float | None = None
 
     def fit(self, problem: Problem) -> None:
         """Normalise the sensitivity of each pixel."""
-        self._linearisation = Linearisation(problem, self.variable, self.row_exponent, self.upper)
+        self._linearisation = Linearisation(problem, self.variable, self.row_exponent)
         jacobian = self._linearisation.jacobian
         total = np.sum(np.abs(jacobian), axis=0)
         self._smear = jacobian / np.maximum(total, 1e-6 * total.max())

@@ -38,20 +38,19 @@ class GaussNewton(Method):
 
     Attributes:
         weight: of the prior, relative to the data term at the background.
-        variable, row_exponent, upper: see `Linearisation`.
+        variable, row_exponent: see `Linearisation`.
         steps: number of linearisations.
     """
 
     weight: float = 1e-3
     variable: Variable = "conductivity"
     row_exponent: float = 0.0
-    upper: float | None = None
     steps: int = 5
 
     def fit(self, problem: Problem) -> None:
         """Linearise at the background, which scales data and prior for every later step."""
         self._problem = problem
-        self._linearisation = Linearisation(problem, self.variable, self.row_exponent, self.upper)
+        self._linearisation = Linearisation(problem, self.variable, self.row_exponent)
         self._compression = self._linearisation.compression()
         self._expected = self._combined(problem.background_voltages)
 

@@ -1,17 +1,16 @@
 """The linearised problem that the classical methods share: J x = dv on the sensor's pixels."""
 
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eitbench.methods.problem import Problem
+from eitbench.scenarios.errors import InputError
 
 Array = NDArray[np.float64]
 Variable = Literal["conductivity", "clausius-mossotti"]
-
-# Conductivity is positive and finite: estimates stay within these multiples of the background.
-LOWEST, HIGHEST = 0.05, 20.0
+VARIABLES: tuple[Variable, ...] = get_args(Variable)
 
 
 class Linearisation:
@@ -27,12 +26,12 @@ class Linearisation:
 
     Attributes:
         jacobian: (M, P) weighted rows dv/dx at x = 0 on the P pixels inside the sensor.
-        bounds: least and greatest x.
+        bounds: least and greatest x, from the sensor's conductivity range.
     """
 
-    def __init__(
-        self, problem: Problem, variable: Variable, row_exponent: float, upper: float | None
-    ) -> None:
+    def __init__(self, problem: Problem, variable: Variable, row_exponent: float) -> None:
+        if variable not in VARIABLES:
+            raise InputError(f"A variable is one of {', '.join(VARIABLES)}, got {variable!r}.")
         self._problem = problem
         self._variable = variable
         rows = problem.jacobian[:, problem.mask] * self.slope(np.zeros(1))
@@ -40,7 +39,8 @@ class Linearisation:
         floor = 1e-6 * norms.max()  # a row that sees nothing must not be blown up
         self._weights = (np.maximum(norms, floor) / norms.max()) ** -row_exponent
         self.jacobian: Array = self._weights[:, None] * rows
-        self.bounds = (self._unknown(LOWEST), self._unknown(HIGHEST if upper is None else upper))
+        low, high = problem.sensor.conductivity_range
+        self.bounds = (self._unknown(low), self._unknown(high))
 
     def _unknown(self, multiple: float) -> float:
         """x of a conductivity given as a multiple of the background."""

@@ -21,17 +21,15 @@ class OneStep(Method):
     Attributes:
         weight: regularisation relative to the mean diagonal of the regularised Gram matrix.
         variable, row_exponent: what is estimated from which weighting, see `Linearisation`.
-        upper: greatest conductivity as a multiple of the background.
     """
 
     weight: float = 0.03
     variable: Variable = "conductivity"
     row_exponent: float = 0.0
-    upper: float | None = None
 
     def fit(self, problem: Problem) -> None:
         """Compute the reconstruction matrix."""
-        self._linearisation = Linearisation(problem, self.variable, self.row_exponent, self.upper)
+        self._linearisation = Linearisation(problem, self.variable, self.row_exponent)
         self._matrix = np.ascontiguousarray(self.matrix(self._linearisation.jacobian, problem).T)
 
     @abstractmethod

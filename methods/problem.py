@@ -19,7 +19,7 @@ class Problem:
     """The nominal sensor, its untouched frame, forward physics and data to learn from.
 
     Attributes:
-        sensor: the nominal sensor; a real one differs from it.
+        sensor: the nominal sensor, with the range of conductivity to expect; a real one differs.
         reference: (M,) the untouched frame v_ref, measured like any other, in the board's units.
     """
 

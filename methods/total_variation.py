@@ -28,7 +28,7 @@ class TotalVariation(Method):
 
     Attributes:
         weight: of the total variation, relative to the Jacobian's largest singular value squared.
-        variable, row_exponent, upper: see `Linearisation`.
+        variable, row_exponent: see `Linearisation`.
     """
 
     source: ClassVar[str] = "Borsic et al., IEEE Trans. Med. Imaging 29(1), 2010"
@@ -36,11 +36,10 @@ class TotalVariation(Method):
     weight: float = 1e-3
     variable: Variable = "conductivity"
     row_exponent: float = 0.0
-    upper: float | None = None
 
     def fit(self, problem: Problem) -> None:
         """Factorise the linearised problem."""
-        self._linearisation = Linearisation(problem, self.variable, self.row_exponent, self.upper)
+        self._linearisation = Linearisation(problem, self.variable, self.row_exponent)
         self._compression = self._linearisation.compression()
         self._mask = problem.mask
         rows = np.zeros((len(self._compression), *problem.mask.shape))

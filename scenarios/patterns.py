@@ -26,7 +26,10 @@ class DrivePattern:
     magnitudes: bool = False
 
     def __post_init__(self) -> None:
-        table = np.array(self.table, dtype=np.int64)
+        given = np.asarray(self.table)
+        if given.size and not np.issubdtype(given.dtype, np.integer):
+            raise InputError("A drive pattern numbers electrodes with whole numbers.")
+        table = given.astype(np.int64)
         if table.ndim != 2 or table.shape[1] != 4 or len(table) == 0:
             raise InputError(
                 f"A drive pattern is an (M, 4) table src, sink, a, b; got {table.shape}."
@@ -75,8 +78,8 @@ def offset_pattern(n_electrodes: int, offset: int, *, driven: bool = False) -> D
     Raises:
         InputError: an offset that is not between 1 and n_electrodes - 1.
     """
-    if not 1 <= offset < n_electrodes:
-        raise InputError(f"An offset lies between 1 and {n_electrodes - 1}, got {offset}.")
+    if not (isinstance(offset, int) and 1 <= offset < n_electrodes):
+        raise InputError(f"An offset is a whole number from 1 to {n_electrodes - 1}, got {offset}.")
     pairs = [(i, (i + offset) % n_electrodes) for i in range(n_electrodes)]
     return pair_pattern(pairs, pairs, driven=driven)
 

@@ -63,6 +63,8 @@ class SimulatedScenario(Declaration):
         name: registry name; noise is drawn from it.
         sensor: registry name of the nominal sensor, the one methods are told of.
         image_shape: (H, W) of the nominal image grid; the sensor's own by default.
+        conductivity_range: least and greatest conductivity that methods are told to expect, as
+            multiples of the background; the sensor's own by default.
         families: phantom families of the test split, in equal numbers.
         training_families: those of the other two splits; `families` by default.
         noise: of every split. The reference frame is measured once, with the noise of `test`.
@@ -75,6 +77,9 @@ class SimulatedScenario(Declaration):
     name: Name
     sensor: str = "foam16"
     image_shape: tuple[Annotated[int, Field(ge=2)], Annotated[int, Field(ge=2)]] | None = None
+    conductivity_range: (
+        tuple[Annotated[float, Field(gt=0, lt=1)], Annotated[float, Field(ge=1, le=1000)]] | None
+    ) = None
     families: tuple[str, ...] = Field(min_length=1)
     training_families: tuple[str, ...] | None = Field(default=None, min_length=1)
     noise: SplitNoise = SplitNoise()
@@ -107,7 +112,7 @@ class SimulatedScenario(Declaration):
     @property
     def nominal_sensor(self) -> Sensor:
         """The sensor that methods are told of."""
-        return _nominal_sensor(self.sensor, self.image_shape)
+        return _nominal_sensor(self.sensor, self.image_shape, self.conductivity_range)
 
     @property
     def data_model(self) -> ForwardModel:
@@ -196,7 +201,7 @@ class RecordedScenario(Declaration):
     @property
     def nominal_sensor(self) -> Sensor:
         """The sensor that methods are told of."""
-        return _nominal_sensor(self.recorded_set.sensor_name, None)
+        return _nominal_sensor(self.recorded_set.sensor_name)
 
     def data_hash(self, split: Split) -> str:
         """SHA-256 (hex) of the descriptor, the upstream files and the sensor."""
@@ -230,11 +235,17 @@ def checked_split(split: str) -> Split:
 
 # Forward models are cached per sensor object, so equal scenarios must share one.
 @lru_cache(maxsize=32)
-def _nominal_sensor(name: str, image_shape: tuple[int, int] | None) -> Sensor:
+def _nominal_sensor(
+    name: str,
+    image_shape: tuple[int, int] | None = None,
+    conductivity_range: tuple[float, float] | None = None,
+) -> Sensor:
     nominal = sensor_by_name(name)
-    if image_shape is None:
-        return nominal
-    return replace(nominal, image_shape=image_shape)
+    return replace(
+        nominal,
+        image_shape=image_shape or nominal.image_shape,
+        conductivity_range=conductivity_range or nominal.conductivity_range,
+    )
 
 
 @lru_cache(maxsize=32)

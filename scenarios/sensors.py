@@ -35,7 +35,8 @@ class Electrode:
     contact_impedance: float
 
     def __post_init__(self) -> None:
-        if not (np.isfinite(self.centre) and self.width > 0 and self.contact_impedance > 0):
+        sizes = np.array([self.width, self.contact_impedance])
+        if not (np.isfinite(self.centre) and np.isfinite(sizes).all() and (sizes > 0).all()):
             raise InputError(f"An electrode needs a place, a width > 0 and z > 0, got {self}.")
 
 
@@ -51,6 +52,8 @@ class Sensor:
         background: conductivity of the untouched sensor [S/m].
         image_shape: (H, W) of the image grid, which fills the outline's bounding box.
         data_range: range of conductivity [S/m] that SSIM and PSNR are computed for.
+        conductivity_range: least and greatest conductivity as multiples of the background, a prior
+            that all methods are told alike: (0.05, 1) where a touch can only lower it.
 
     Raises:
         InputError: overlapping electrodes, or a pattern that names a missing electrode.
@@ -63,8 +66,17 @@ class Sensor:
     background: float = 1.0
     image_shape: tuple[int, int] = (80, 80)
     data_range: float = 1.0
+    conductivity_range: tuple[float, float] = (0.05, 20.0)
 
     def __post_init__(self) -> None:
+        if not (np.isfinite(self.data_range) and self.data_range > 0):
+            raise InputError(f"Sensor {self.name!r} needs a data range above 0 S/m.")
+        low, high = self.conductivity_range
+        if not (0 < low < 1 <= high < np.inf):
+            raise InputError(
+                f"Sensor {self.name!r} needs a conductivity range from above 0 to at least 1 times "
+                f"the background, got {low} to {high}."
+            )
         if not (np.isfinite(self.background) and self.background > 0):
             raise InputError(
                 f"Sensor {self.name!r} needs a background above 0 S/m, got {self.background}."
@@ -150,6 +162,7 @@ class Sensor:
             "background": self.background,
             "image_shape": list(self.image_shape),
             "data_range": self.data_range,
+            "conductivity_range": list(self.conductivity_range),
         }
 
 

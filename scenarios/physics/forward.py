@@ -66,7 +66,7 @@ class ForwardModel:
             frame[:] = self._measured(self._solve(image)[1])
         if self.sensor.pattern.magnitudes:
             frames = np.abs(frames)
-        return frames.reshape(*np.shape(sigma)[:-2], -1)
+        return frames.reshape(*np.shape(sigma)[:-2], self.sensor.n_measurements)
 
     def jacobian(self, sigma: ArrayLike) -> Array:
         """dV/dsigma (M, H, W) [V/A per S/m] at `sigma` (H, W) [S/m], by the adjoint formula.

@@ -86,7 +86,10 @@ def _disc_skin(name: str, n_electrodes: int) -> Sensor:
         start=_RADIUS * _FIRST_ELECTRODE,
     )  # fmt: skip
     # Sixteen electrodes resolve far less than 80 x 80; 3.6 mm pixels keep real time in reach.
-    return Sensor(name, outline, electrodes, opposition_pattern(n_electrodes), image_shape=(48, 48))
+    return Sensor(
+        name, outline, electrodes, opposition_pattern(n_electrodes), image_shape=(48, 48),
+        conductivity_range=(0.05, 1.0),
+    )  # fmt: skip
 
 
 def _read_presses(file: str, folder: Path, sensor: Sensor) -> Recording:

@@ -46,7 +46,9 @@ def _skin(name: str, n_electrodes: int) -> Sensor:
     width = outline.perimeter / n_electrodes / 3
     electrodes = even_electrodes(outline, n_electrodes, width, 1e-3, start=0.0175)
     pattern = opposition_pattern(n_electrodes)
-    return Sensor(name, outline, electrodes, pattern, image_shape=(48, 104))
+    return Sensor(
+        name, outline, electrodes, pattern, image_shape=(48, 104), conductivity_range=(0.05, 1.0)
+    )
 
 
 def _skin8() -> Sensor:

@@ -29,8 +29,8 @@ def problem(s: Sensor, gain: float = 1.0) -> Problem:
     return Problem(s, reference, no_splits)  # type: ignore[arg-type]
 
 
-def foam(pixels: int = 20) -> Sensor:
-    return replace(sensor("foam16"), image_shape=(pixels, pixels))
+def foam(pixels: int = 20, upper: float = 20.0) -> Sensor:
+    return replace(sensor("foam16"), image_shape=(pixels, pixels), conductivity_range=(0.05, upper))
 
 
 def opposition_disc() -> Sensor:
@@ -116,8 +116,8 @@ def test_bad_frames_are_refused_in_one_sentence(name: str) -> None:
 
 @pytest.mark.parametrize("name", ["tv", "gauss-newton-tv", "gauss-newton-noser", "noser"])
 def test_bounds_are_kept(name: str) -> None:
-    s = foam(16)
-    method = create(name, upper=1.0)
+    s = foam(16, upper=1.0)
+    method = create(name)
     p = problem(s)
     method.fit(p)
     image = method.reconstruct(forward_model(s).voltages(touch(s, (0.05, 0.05), 0.02, -0.95))[None])
@@ -174,3 +174,8 @@ def test_an_offset_of_four_is_reconstructed_too() -> None:
     method.fit(p)
     image = method.reconstruct(forward_model(s).voltages(touch(s, (0.05, 0.05), 0.02, -0.3))[None])
     assert image[0, 8, 8] < 0.95
+
+
+def test_an_unknown_variable_is_refused() -> None:
+    with pytest.raises(InputError, match="one of conductivity, clausius-mossotti"):
+        create("noser", variable="resistivity").fit(problem(foam(12)))

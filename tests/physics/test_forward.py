@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pytest
@@ -220,7 +221,7 @@ def test_pattern_on_a_missing_electrode_is_refused() -> None:
 
 
 @pytest.mark.parametrize(
-    "table", [np.zeros((0, 4)), np.zeros((3, 3)), [[0, 0, 1, 2]], [[0, 1, 2, 2]]]
+    "table", [np.zeros((0, 4)), np.zeros((3, 3)), [[0, 0, 1, 2]], [[0, 1, 2, 2]], [[0.5, 1, 2, 3]]]
 )
 def test_impossible_patterns_are_refused(table: object) -> None:
     with pytest.raises(InputError):
@@ -230,3 +231,19 @@ def test_impossible_patterns_are_refused(table: object) -> None:
 def test_unknown_sensor_suggests_the_nearest() -> None:
     with pytest.raises(InputError, match="did you mean 'foam16'"):
         sensor("foam61")
+
+
+@pytest.mark.parametrize("offset", [0, 16, -1, 1.5])
+def test_impossible_offsets_are_refused(offset: int) -> None:
+    with pytest.raises(InputError, match="whole number from 1 to 15"):
+        sensor("foam16", offset=offset)
+
+
+@pytest.mark.parametrize("change", [{"data_range": -1.0}, {"conductivity_range": (0.0, 1.0)}])
+def test_impossible_ranges_are_refused(change: dict[str, Any]) -> None:
+    with pytest.raises(InputError, match="range"):
+        replace(sensor("foam16"), **change)
+
+
+def test_no_images_give_no_frames() -> None:
+    assert ForwardModel(small("square")).voltages(np.ones((0, 20, 20))).shape == (0, 208)
