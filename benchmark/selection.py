@@ -7,6 +7,7 @@ test split is never loaded here.
 """
 
 import json
+import logging
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -20,8 +21,11 @@ from eitbench.benchmark.judge import REGISTRATION_FRAMES, fit_registration, judg
 from eitbench.methods import Problem, create, load_plugin, methods
 from eitbench.scenarios.cache_dir import cache_dir
 from eitbench.scenarios.datasets import Dataset, load
+from eitbench.scenarios.errors import DataUnavailableError, InputError
 from eitbench.scenarios.scenario import RecordedScenario, Scenario, SimulatedScenario
 from eitbench.scenarios.sensors import content_hash
+
+_log = logging.getLogger(__name__)
 
 BUDGET = 16
 FRAMES = 18
@@ -105,14 +109,20 @@ def choose(scenario: Scenario, method: str) -> Choice | None:
     if data.truth not in FIGURES or not len(data.voltages):
         return None
     problem = Problem(data.sensor, data.reference, _no_other_split)
-    start = {name: getattr(create(method), name) for name in search}
+    made = create(method)
+    missing = [name for name in search if not hasattr(made, name)]
+    if missing:
+        raise InputError(
+            f"Method {method!r} lets {missing[0]!r} be chosen, but has no such parameter."
+        )
+    start = {name: getattr(made, name) for name in search}
 
     def evaluate(parameters: dict[str, Any]) -> float | None:
         try:
             candidate = create(method, **parameters)
             candidate.fit(problem)
             return ranked_figure(data, candidate.reconstruct(data.voltages.copy()))
-        except Exception:
+        except (Exception, SystemExit):
             return None  # a failed trial is recorded as such and cannot win
 
     return coordinate_search(search, start, evaluate)
@@ -123,10 +133,11 @@ def ranked_figure(data: Dataset, estimates: np.ndarray[Any, Any]) -> float | Non
     estimates = np.asarray(estimates, dtype=np.float32)
     if data.truth == "position":
         rows = judge(data, estimates, fit_registration(data, estimates))
-        value = -float(np.median(rows["localisation_mm"]))
+        value = -float(np.median(rows["localisation_mm"].to_numpy()))
     else:
         rows = judge(data, estimates)
-        value = float(rows["cc" if data.truth == "classes" else "score"].mean())
+        # A frame without figures makes the mean undefined: failing on some cannot win.
+        value = float(rows["cc" if data.truth == "classes" else "score"].to_numpy().mean())
     return value if np.isfinite(value) else None
 
 
@@ -145,9 +156,14 @@ def tune(
     """Choose for every scenario and method, `jobs` at a time; yield each choice once recorded.
 
     Scenarios with the same validation data are tuned once. A recorded set whose data cannot be had
-    raises DataUnavailableError.
+    is left out, with a warning.
+
+    Raises:
+        DataUnavailableError: no scenario is left.
     """
-    different = {validation_key(scenario): scenario for scenario in reversed(scenarios)}
+    different = {validation_key(s): s for s in reversed(scenarios) if _at_hand(s)}
+    if not different:
+        raise DataUnavailableError("There is nothing to tune on: fetch the recorded sets first.")
     cells = [(s, name) for s in reversed(different.values()) for name in names]
     parallel = joblib.Parallel(n_jobs=jobs, return_as="generator", inner_max_num_threads=1)
     found = parallel(joblib.delayed(_choose)(s, name, plugins) for s, name in cells)
@@ -155,6 +171,15 @@ def tune(
         if choice is not None:
             record(scenario, {name: choice}, folder)
             yield scenario.name, name, choice
+
+
+def _at_hand(scenario: Scenario) -> bool:
+    try:
+        load(scenario, split="validation", limit=1)
+    except DataUnavailableError as error:
+        _log.warning("Scenario %r is left out: %s", scenario.name, error)
+        return False
+    return True
 
 
 def _choose(scenario: Scenario, method: str, plugins: Sequence[Path]) -> Choice | None:
@@ -183,7 +208,7 @@ def record(scenario: Scenario, choices: Mapping[str, Choice], folder: Path) -> P
     """Add `choices` to the file for the data of `scenario` in `folder`."""
     key = validation_key(scenario)
     path = folder / f"{key[:16]}.json"
-    known = json.loads(path.read_text())["choices"] if path.exists() else {}
+    known = _choices(path)
     content = {
         "made_on": scenario.name,
         "validation_key": key,
@@ -205,13 +230,25 @@ def selected_parameters(scenario: Scenario, method: str) -> dict[str, Any] | Non
     key = validation_key(scenario)
     for folder in (user_choices(), PACKAGED):
         path = folder / f"{key[:16]}.json"
-        if not path.is_file():
-            continue
-        choice = json.loads(path.read_text())["choices"].get(method)
+        choice = _choices(path).get(method)
         if choice is not None:
             parameters: dict[str, Any] = choice["parameters"]
             return parameters
     return None
+
+
+def _choices(path: Path) -> dict[str, Any]:
+    """The choices that a file holds; a damaged file is named and counts as empty."""
+    if not path.is_file():
+        return {}
+    try:
+        choices: dict[str, Any] = json.loads(path.read_text())["choices"]
+        for choice in choices.values():
+            dict(choice["parameters"])
+    except (ValueError, KeyError, TypeError, AttributeError):
+        _log.warning("%s is damaged and is not used: delete it and tune again.", path)
+        return {}
+    return choices
 
 
 def user_choices() -> Path:
