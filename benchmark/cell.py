@@ -1,7 +1,7 @@
 """One cell of a run: one method on one scenario, in a worker, batch by batch."""
 
 import threading
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -10,24 +10,29 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from eitbench.benchmark.judge import fit_registration, judge
+from eitbench.benchmark.outcome import Outcome
 from eitbench.benchmark.progress import CellProgress
-from eitbench.benchmark.store import Batch, Cell, RunStore
+from eitbench.benchmark.store import Cell, RunStore
 from eitbench.benchmark.timing import WARM_FRAMES, WARM_SECONDS, warm_percentiles
 from eitbench.benchmark.worker import (
     Failure,
     Frames,
     Images,
     Reply,
+    StoppedError,
     Task,
     Worker,
     WorkerLostError,
+    describe_exception,
     scenario_splits,
     serve_method,
 )
 from eitbench.scenarios.datasets import Dataset
+from eitbench.scenarios.errors import EitbenchError
 from eitbench.scenarios.scenario import Scenario
 
 BATCH = 32
+RESTARTS = 3
 # Failures that asking again frame by frame would not mend.
 BROKEN_CONTRACT = frozenset({"mutated", "shape", "dtype"})
 NAN = float("nan")
@@ -39,6 +44,7 @@ class CellPlan:
 
     Attributes:
         parameters: constructor parameters of the method; empty on track "default".
+        plugin: the file that registers the method, None for one that is installed.
         batch: frames asked for at once; a run keeps to the number it was started with.
     """
 
@@ -47,7 +53,7 @@ class CellPlan:
     parameters: dict[str, Any]
     suite: str
     scenario: Scenario
-    plugins: tuple[Path, ...]
+    plugin: Path | None
     fit_limit_s: float
     frame_limit_s: float
     batch: int
@@ -84,6 +90,7 @@ def run_cell(
 
     Raises:
         StoppedError: the run was interrupted; finished batches are kept.
+        EitbenchError: what is kept could not be written or read.
     """
     row = _CellRun(plan, data, store, progress, stop).run()
     judge_cell(plan, data, store, row)
@@ -106,109 +113,193 @@ class _CellRun:
             stop,
         )
         self.memory_mb = NAN
-
-    def run(self) -> dict[str, Any]:
-        """Do the outstanding batches and return the cell's timings."""
-        plan, test = self.plan, self.data.test
-        pending = [
-            (split, start)
-            for split in ("validation", "test")
-            for start in range(0, len(self.data.voltages(split)), plan.batch)
-            if not self.store.has_batch(plan.cell, split, start)
-        ]
-        outstanding = sum(len(self._frames(split, start)) for split, start in pending)
-        self.progress.advance(self.data.n_frames - outstanding)
-        row = dict.fromkeys(
-            ("setup_s", "train_s", "first_frame_ms", "frame_ms_p50", "frame_ms_p99", "batch_fps"),
-            NAN,
-        )
-        task = Task(
-            test.sensor,
-            test.reference,
+        self._task = Task(
+            data.test.sensor,
+            data.test.reference,
             scenario_splits(plan.scenario),
             plan.cell.method,
             plan.parameters,
-            plan.plugins,
+            plan.plugin,
         )
-        parameters = ""
-        log = self.store.log(plan.cell)
-        with Worker(serve_method, task, log=log, stop=self.stop) as self.worker:
-            try:
-                reply = self._ask("fit", limit=plan.fit_limit_s, what="set-up")
-                failure = reply.failure
-                if failure is None:
-                    parameters = reply.value
-                    row["setup_s"] = reply.seconds
-                    row |= self._single_frames()
-                    row["batch_fps"] = self._batches(pending)
-            except WorkerLostError as lost:
-                failure = lost.failure
-        if failure is not None:
-            for split, start in pending:
-                self._keep(split, start, _Outcome().fail(len(self._frames(split, start)), failure))
-        return row | {"memory_mb": self.memory_mb, "parameters": parameters}
+        self._worker: Worker | None = None
+        self._restarts = 0
+        self._losses = 0
+        self._lost: Failure | None = None  # why the last worker was lost
+        self._first_lost: Failure | None = None  # set where the first frame alone cost a worker
+        self._alone = False  # whether frames are asked for one by one from the start
+        self._pending = [
+            (split, start)
+            for split in ("validation", "test")
+            for start in range(0, len(data.voltages(split)), plan.batch)
+            if not store.has_batch(plan.cell, split, start)
+        ]
 
-    def _single_frames(self) -> dict[str, float]:
-        """Time the first frame, then warm single frames up to a number and a time."""
-        frames = self.data.test.voltages
-        first = self._reconstruct(frames[:1], "the first frame")
+    def run(self) -> dict[str, Any]:
+        """Do the outstanding batches and return the cell's timings."""
+        outstanding = sum(len(self._frames(split, start)) for split, start in self._pending)
+        self.progress.advance(self.data.n_frames - outstanding)
+        row: dict[str, Any] = dict.fromkeys(
+            ("setup_s", "train_s", "first_frame_ms", "frame_ms_p50", "frame_ms_p99", "batch_fps"),
+            NAN,
+        )
+        row["parameters"] = ""
+        failure = None
+        try:
+            fitted = self._fit()
+            row |= {"parameters": fitted.value, "setup_s": fitted.seconds}
+            row["first_frame_ms"] = self._first_frame()
+            row["batch_fps"] = self._batches()
+            row |= self._warm_frames()
+        except WorkerLostError as lost:
+            failure = lost.failure
+        except (StoppedError, EitbenchError):
+            raise
+        except Exception as error:  # whatever else goes wrong here is this cell's affair
+            failure = describe_exception(error)
+        finally:
+            self._close()
+        if failure is not None:
+            for split, start in self._pending:
+                self._keep(split, start, Outcome().fail(len(self._frames(split, start)), failure))
+        return row | {"memory_mb": self.memory_mb}
+
+    def _fit(self) -> Reply:
+        """Start a worker and fit the method in it.
+
+        Raises:
+            WorkerLostError: the method cannot be fitted.
+        """
+        plan = self.plan
+        log = self.store.log(plan.cell)
+        self._worker = Worker(serve_method, self._task, log=log, stop=self.stop)
+        reply = self._ask("fit", limit=plan.fit_limit_s, what="set-up")
+        if reply.failure is not None:
+            raise WorkerLostError(reply.failure)
+        return reply
+
+    def _refit(self) -> None:
+        """Go on with a new worker, a few times in a cell.
+
+        Raises:
+            WorkerLostError: not again.
+        """
+        reason = self._lost or Failure("error", "its process was lost")
+        if self._restarts >= RESTARTS:
+            self._losses += 1
+            message = f"not tried after too many losses: {reason.message}"
+            raise WorkerLostError(replace(reason, message=message))
+        self._restarts += 1
+        try:
+            self._fit()
+        except WorkerLostError as lost:
+            self._close()
+            self._restarts, self._lost = RESTARTS, lost.failure  # fitting again would not help
+            raise
+
+    def _first_frame(self) -> float:
+        """Time of the first frame that a fitted method sees [ms]."""
+        try:
+            first = self._reconstruct(self.data.test.voltages[:1], "the first frame")
+        except WorkerLostError as lost:
+            self._first_lost = lost.failure
+            return NAN
+        return NAN if first.failure else first.seconds * 1e3
+
+    def _warm_frames(self) -> dict[str, float]:
+        """Time single good frames, up to a number and a time; the first one comes last."""
+        test = self.data.test.voltages
+        kept = _Kept(self.store, self.plan.cell, "test", self.data.test)
+        good = np.flatnonzero(kept.status == "ok")
         warm: list[float] = []
         spent = 0.0
-        while (
-            first.failure is None and len(warm) < WARM_FRAMES and (spent < WARM_SECONDS or not warm)
-        ):
-            k = (len(warm) + 1) % len(frames)
-            reply = self._reconstruct(frames[k : k + 1], "a single frame")
+        while len(good) and len(warm) < WARM_FRAMES and (spent < WARM_SECONDS or not warm):
+            k = good[(len(warm) + 1) % len(good)]
+            try:
+                reply = self._reconstruct(test[k : k + 1], "a single frame")
+            except WorkerLostError:  # every frame is kept by now
+                break
             if reply.failure is not None:
                 break
             warm.append(reply.seconds * 1e3)
             spent += reply.seconds
         p50, p99 = warm_percentiles(warm)
-        first_ms = NAN if first.failure else first.seconds * 1e3
-        return {"first_frame_ms": first_ms, "frame_ms_p50": p50, "frame_ms_p99": p99}
+        return {"frame_ms_p50": p50, "frame_ms_p99": p99}
 
-    def _batches(self, pending: list[tuple[str, int]]) -> float:
-        """Reconstruct and keep the `pending` batches, each leaving the list; frames per second."""
+    def _batches(self) -> float:
+        """Reconstruct and keep the pending batches, each leaving the list; frames per second."""
         done, seconds = 0, 0.0
-        while pending:
-            split, start = pending[0]
+        while self._pending:
+            split, start = self._pending[0]
             frames = self._frames(split, start)
-            outcome = _Outcome()
-            try:
-                reply = self._reconstruct(frames, f"a batch of {len(frames)} frames")
-                if reply.failure is None:
-                    done, seconds = done + len(frames), seconds + reply.seconds
-                    outcome.images(self._masked(reply.value), self._mask, reply.seconds)
-                elif BROKEN_CONTRACT.intersection(reply.failure.kinds):
-                    outcome.fail(len(frames), reply.failure)
-                else:
-                    self._one_by_one(frames, outcome)
-            except WorkerLostError as lost:
-                if len(outcome):
-                    self._keep(split, start, outcome.fail(len(frames) - len(outcome), lost.failure))
-                    pending.pop(0)
-                raise
+            outcome = Outcome()
+            reply = None if self._alone else self._together(split, start, frames)
+            failure = None if reply is None else reply.failure
+            if reply is not None and failure is None:
+                done, seconds = done + len(frames), seconds + reply.seconds
+                outcome.images(self._masked(reply.value), self._mask, reply.seconds)
+            elif failure is not None and BROKEN_CONTRACT.intersection(failure.kinds):
+                outcome.fail(len(frames), failure)
+            elif self._first_lost is not None and (split, start) == ("test", 0):
+                self._one_by_one(frames[1:], outcome.fail(1, self._first_lost))
+            else:
+                before = self._losses
+                self._one_by_one(frames, outcome)
+                # Where no frame was to blame the batch was: the next would cost a worker as well.
+                batch_lost = reply is None and not self._alone
+                self._alone = self._alone or (batch_lost and self._losses == before)
             self._keep(split, start, outcome)
-            pending.pop(0)
+            self._pending.pop(0)
         return done / seconds if seconds > 0 else NAN
 
-    def _one_by_one(self, frames: Frames, outcome: "_Outcome") -> None:
-        """A batch that raised is asked for again frame by frame: only bad frames are lost."""
+    def _together(self, split: str, start: int, frames: Frames) -> Reply | None:
+        """The answer to a whole batch; None where it cost a worker, or is known to."""
+        if self._first_lost is not None and (split, start) == ("test", 0):
+            return None
+        try:
+            return self._reconstruct(frames, f"a batch of {len(frames)} frames")
+        except WorkerLostError:
+            return None
+
+    def _one_by_one(self, frames: Frames, outcome: Outcome) -> None:
+        """Ask frame by frame, so that only bad frames are lost."""
         for frame in frames:
-            reply = self._reconstruct(frame[None], "a frame")
+            try:
+                reply = self._reconstruct(frame[None], "a frame")
+            except WorkerLostError as lost:
+                outcome.fail(1, lost.failure)
+                continue
             if reply.failure is None:
                 outcome.images(self._masked(reply.value), self._mask, reply.seconds)
             else:
                 outcome.fail(1, reply.failure)
 
     def _reconstruct(self, frames: Frames, what: str) -> Reply:
+        """Ask the worker, or a new one if the last was lost.
+
+        Raises:
+            WorkerLostError: the worker is lost, or was and cannot be replaced.
+        """
+        if self._worker is None:
+            self._refit()
         limit = self.plan.frame_limit_s * len(frames)
-        return self._ask("reconstruct", frames, limit=limit, what=what)
+        try:
+            return self._ask("reconstruct", frames, limit=limit, what=what)
+        except WorkerLostError as lost:
+            self._lost = lost.failure
+            self._losses += 1
+            self._close()
+            raise
 
     def _ask(self, *request: object, limit: float, what: str) -> Reply:
-        reply: Reply = self.worker.ask(*request, limit=limit, what=what)
-        self.memory_mb = reply.memory_mb
+        assert self._worker is not None
+        reply = self._worker.ask(*request, limit=limit, what=what)
+        self.memory_mb = float(np.fmax(self.memory_mb, reply.memory_mb))
         return reply
+
+    def _close(self) -> None:
+        if self._worker is not None:
+            self._worker.close()
+            self._worker = None
 
     @property
     def _mask(self) -> NDArray[np.bool_]:
@@ -222,48 +313,10 @@ class _CellRun:
     def _frames(self, split: str, start: int) -> Frames:
         return self.data.voltages(split)[start : start + self.plan.batch]
 
-    def _keep(self, split: str, start: int, outcome: "_Outcome") -> None:
+    def _keep(self, split: str, start: int, outcome: Outcome) -> None:
         batch = outcome.batch(start, self.data.test.sensor.image_shape)
         self.store.save_batch(self.plan.cell, split, batch)
         self.progress.advance(len(batch.estimates))
-
-
-class _Outcome:
-    """Collects the frames of one batch in order, good and bad."""
-
-    def __init__(self) -> None:
-        self._images: list[Images | None] = []
-        self._status: list[str] = []
-        self._message: list[str] = []
-        self._ms: list[float] = []
-
-    def __len__(self) -> int:
-        return len(self._status)
-
-    def images(self, images: Images, mask: NDArray[np.bool_], seconds: float) -> None:
-        """Add reconstructed frames that took `seconds` together."""
-        for image in images:
-            good = bool(np.isfinite(image[mask]).all())
-            self._images.append(image if good else None)
-            self._status.append("ok" if good else "invalid-output")
-            self._message.append("" if good else "returned values that are not finite")
-            self._ms.append(seconds * 1e3 / len(images))
-
-    def fail(self, count: int, failure: Failure) -> "_Outcome":
-        """Add `count` frames that were lost to `failure`."""
-        self._images += [None] * count
-        self._status += [failure.status] * count
-        self._message += [failure.message] * count
-        self._ms += [NAN] * count
-        return self
-
-    def batch(self, start: int, image_shape: tuple[int, int]) -> Batch:
-        """All of it, with NaN where there is no image."""
-        estimates = np.full((len(self), *image_shape), np.nan, dtype=np.float32)
-        for estimate, image in zip(estimates, self._images, strict=True):
-            if image is not None:
-                estimate[:] = image
-        return Batch(start, estimates, self._status, self._message, np.array(self._ms))
 
 
 def judge_cell(plan: CellPlan, data: CellData, store: RunStore, row: dict[str, Any]) -> None:

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from eitbench.benchmark.process import THREADS
 from eitbench.benchmark.worker import (
-    THREADS,
     Failure,
     Frames,
     Images,
@@ -34,6 +34,7 @@ from eitbench.scenarios.scenario import SimulatedScenario
 SCENARIO = SimulatedScenario(
     name="check",
     image_shape=(40, 40),
+    conductivity_range=(0.05, 20.0),  # contacts of both signs are shown
     families=("circle", "rectangle"),
     mesh_refinement=2,
     train=64,
@@ -104,7 +105,7 @@ class _Subject:
             scenario_splits(SCENARIO),
             method,
             {},
-            () if plugin is None else (plugin,),
+            plugin,
         )
         self._worker: Worker | None = None
         self._given_up = ""
@@ -135,20 +136,17 @@ class _Subject:
         try:
             if self._worker is None:
                 self._worker = self._fitted()
-            answer: Reply = self._worker.ask(
-                "reconstruct", frames, limit=self.limit_s, what="reconstruct"
-            )
+            return self._worker.ask("reconstruct", frames, limit=self.limit_s, what="reconstruct")
         except WorkerLostError as lost:
             self.restart()
             if lost.failure.status == "timeout":
                 self._given_up = f"{lost.failure.message}."
             raise _BrokenError(f"{lost.failure.message}.") from lost
-        return answer
 
     def _fitted(self) -> Worker:
         worker = Worker(serve_method, self._task, log=self.log)
         try:
-            reply: Reply = worker.ask("fit", limit=self.limit_s, what="fit")
+            reply = worker.ask("fit", limit=self.limit_s, what="fit")
         except WorkerLostError as lost:
             self._given_up = f"{lost.failure.message}."
             raise

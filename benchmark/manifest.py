@@ -20,6 +20,24 @@ PACKAGES = ("numpy", "scipy", "pandas", "h5py", "pyarrow", "netgen-mesher", "thr
 
 Manifest = dict[str, Any]
 
+# What a run is continued from.
+_NEEDED: dict[str, type] = {
+    "status": str,
+    "batch": int,
+    "resumed": list,
+    "skipped": dict,
+    "refused": dict,
+    "plan": dict,
+    "data": dict,
+    "cells": list,
+}
+_NEEDED_OF_CELL: dict[str, type] = {
+    "scenario": str,
+    "method": str,
+    "track": str,
+    "parameters": dict,
+}
+
 
 def now() -> str:
     """The time in UTC, ISO 8601, to the second."""
@@ -108,3 +126,30 @@ def read(run: Path) -> Manifest:
     if not isinstance(manifest, dict):
         raise InputError(f"The manifest {path} is not a JSON object.")
     return manifest
+
+
+def read_resumable(run: Path) -> Manifest:
+    """The manifest of a run that is to be continued.
+
+    Raises:
+        InputError: as for `read`, or something that is needed is missing.
+    """
+    manifest = read(run)
+    missing = _missing(manifest, _NEEDED)
+    for cell in () if missing else manifest["cells"]:
+        missing = missing or _missing(cell, _NEEDED_OF_CELL)
+    for data in () if missing else manifest["data"].values():
+        missing = missing or _missing(data, {"hash": str})
+    if missing:
+        raise InputError(
+            f"{run} cannot be resumed: its manifest is incomplete ({missing!r}). Start a new run."
+        )
+    return manifest
+
+
+def _missing(content: object, needed: dict[str, type]) -> str:
+    """The first of `needed` that `content` does not hold, or ""."""
+    for name, kind in needed.items():
+        if not isinstance(content, dict) or not isinstance(content.get(name), kind):
+            return name
+    return ""

@@ -1,37 +1,38 @@
 """Running a suite: every method on every scenario, into a run directory that can be resumed."""
 
-import hashlib
+import signal
 import threading
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_EXCEPTION, Future, ThreadPoolExecutor, wait
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from types import FrameType
 
 from eitbench.benchmark import manifest as manifests
 from eitbench.benchmark.cell import BATCH, CellData, CellPlan, judge_cell, run_cell
 from eitbench.benchmark.judge import REGISTRATION_FRAMES
+from eitbench.benchmark.lock import locked
 from eitbench.benchmark.manifest import Manifest
+from eitbench.benchmark.plan import Plan, make_plan
+from eitbench.benchmark.process import THREADS
 from eitbench.benchmark.progress import RunProgress
 from eitbench.benchmark.selection import selected_parameters
 from eitbench.benchmark.store import Cell, RunStore
 from eitbench.benchmark.timing import calibration
-from eitbench.benchmark.worker import (
-    SEED,
-    THREADS,
-    StoppedError,
-    plugin_methods,
-)
-from eitbench.methods.registry import methods as known_methods
+from eitbench.benchmark.worker import SEED, StoppedError
 from eitbench.scenarios.datasets import load
 from eitbench.scenarios.errors import (
+    DataCorruptError,
     DataUnavailableError,
     EitbenchError,
     InputError,
-    unknown_name,
 )
 from eitbench.scenarios.recordings.fetch import locate
 from eitbench.scenarios.scenario import RecordedScenario
 from eitbench.scenarios.suites import Suite
+
+__all__ = ["Plan", "RunInterruptedError", "RunResult", "make_plan", "resume_run", "start_run"]
 
 
 @dataclass(frozen=True)
@@ -40,101 +41,16 @@ class RunResult:
 
     Attributes:
         skipped: one sentence for each scenario whose data could not be had.
+        refused: one sentence for each scenario whose data are not what they should be.
     """
 
     path: Path
-    skipped: tuple[str, ...]
+    skipped: tuple[str, ...] = ()
+    refused: tuple[str, ...] = ()
 
 
 class RunInterruptedError(EitbenchError):
     """The run was stopped by the user; what was finished is kept."""
-
-
-@dataclass(frozen=True)
-class Plan:
-    """What is run: enough to continue it later.
-
-    Attributes:
-        methods, scenarios: names in the order they are run.
-        limit: number of test samples of each scenario, None for all.
-        plugins: files with more methods, each with the SHA-256 of its content.
-    """
-
-    suite: Suite
-    methods: tuple[str, ...]
-    scenarios: tuple[str, ...]
-    limit: int | None
-    plugins: tuple[tuple[Path, str], ...]
-
-    def describe(self) -> Manifest:
-        """Plain values for the manifest."""
-        return {
-            "suite": self.suite.model_dump(mode="json"),
-            "methods": list(self.methods),
-            "scenarios": list(self.scenarios),
-            "limit": self.limit,
-            "plugins": [{"path": str(path), "sha256": digest} for path, digest in self.plugins],
-        }
-
-    @classmethod
-    def of(cls, manifest: Manifest, run: Path) -> "Plan":
-        """The plan that `manifest` of the directory `run` describes.
-
-        Raises:
-            InputError: the manifest is incomplete, or a plugin has changed since.
-        """
-        try:
-            plan = manifest["plan"]
-            made = cls(
-                Suite.model_validate(plan["suite"]),
-                tuple(plan["methods"]),
-                tuple(plan["scenarios"]),
-                plan["limit"],
-                tuple((Path(p["path"]), p["sha256"]) for p in plan["plugins"]),
-            )
-        except (KeyError, TypeError, ValueError) as error:
-            raise InputError(
-                f"{run} cannot be resumed: its manifest is incomplete ({error}). Start a new run."
-            ) from error
-        for path, digest in made.plugins:
-            if not path.is_file() or _sha256(path) != digest:
-                raise InputError(
-                    f"{run} cannot be resumed: the plugin {path} has changed. Start a new run."
-                )
-        return made
-
-
-def make_plan(
-    suite: Suite,
-    *,
-    methods: Sequence[str] = (),
-    scenarios: Sequence[str] = (),
-    limit: int | None = None,
-    plugins: Iterable[Path] = (),
-) -> Plan:
-    """Choose from `suite`; without `methods`, its default methods and those of the plugins.
-
-    Raises:
-        InputError: an unknown method or scenario (the nearest is suggested), or a bad plugin.
-    """
-    files = tuple(dict.fromkeys(path.resolve() for path in plugins))
-    added = [name for path in files for name in plugin_methods(path)]
-    known = {*known_methods(), *added}
-    chosen = tuple(dict.fromkeys(methods or (*suite.methods, *added)))
-    for name in chosen:
-        if name not in known:
-            raise unknown_name("method", name, known)
-    offered = [scenario.name for scenario in suite.scenarios]
-    for name in scenarios:
-        if name not in offered:
-            raise unknown_name(f"scenario of suite {suite.name!r}", name, offered)
-    return Plan(
-        suite,
-        chosen,
-        tuple(name for name in offered if not scenarios or name in scenarios),
-        suite.limit if limit is None else limit,
-        tuple((path, _sha256(path)) for path in files),
-    )
 
 
 def start_run(
@@ -145,23 +61,22 @@ def start_run(
     Call it from a script only under `if __name__ == "__main__":`, since it starts processes.
 
     Raises:
-        InputError: `out` is not empty.
-        DataUnavailableError: no scenario's data could be had.
-        RunInterruptedError: Ctrl-C; `resume_run` continues.
+        InputError: `out` is not empty, or another process works in it.
+        DataUnavailableError, DataCorruptError: no scenario's data could be had.
+        RunInterruptedError: Ctrl-C or SIGTERM; `resume_run` continues.
         EitbenchError: `out` cannot be written.
     """
     progress = progress or RunProgress(quiet=True)
     store = RunStore.create(out)
-    try:
-        data, skipped = _load(plan, plan.scenarios, jobs, progress)
-        if not data:
-            raise DataUnavailableError(" ".join(skipped.values()))
-        manifest = _new_manifest(plan, data, skipped, jobs)
-        store.write_manifest(manifest)
-    except BaseException:  # nothing has been run: leave nothing behind, after Ctrl-C too
-        store.discard()
-        raise
-    return _execute(plan, store, manifest, data, jobs, progress)
+    with locked(out), _termination_interrupts():
+        try:
+            data, skipped, refused = _load(plan, plan.scenarios, jobs, progress)
+            manifest = _new_manifest(plan, data, skipped, refused, jobs)
+            store.write_manifest(manifest)
+        except BaseException:  # nothing has been run: leave nothing behind, after Ctrl-C too
+            store.discard()
+            raise
+        return _execute(plan, store, manifest, data, jobs, progress)
 
 
 def resume_run(
@@ -170,42 +85,86 @@ def resume_run(
     """Continue the run in `run`, in place, with the choices it was started with.
 
     Raises:
-        InputError: `run` is no run directory, or belongs to another suite, plugin or data.
+        InputError: `run` is no run directory, belongs to another suite, plugin or data, or another
+            process works in it.
         RunInterruptedError, EitbenchError: as for `start_run`.
     """
-    manifest = manifests.read(run)
+    manifest = manifests.read_resumable(run)
     plan = Plan.of(manifest, run)
     if suite is not None and suite != plan.suite:
         raise InputError(
             f"{run} is a run of suite {plan.suite.name!r} as it was then, not of this "
             f"{suite.name!r}: leave the suite out to continue it, or start a new run."
         )
-    progress = progress or RunProgress(quiet=True)
-    skipped: dict[str, str] = manifest["skipped"]
     if manifest["status"] == "finished":
-        return RunResult(run, tuple(skipped.values()))
-    data, missing = _load(plan, list(manifest["data"]), jobs, progress)
-    if missing:
-        raise DataUnavailableError(" ".join(missing.values()))
-    for name, there in data.items():
-        if there.test.data_hash != manifest["data"][name]["hash"]:
+        return _result(run, manifest)
+    progress = progress or RunProgress(quiet=True)
+    with locked(run), _termination_interrupts():
+        manifest = manifests.read_resumable(run)  # another process may just have finished it
+        if manifest["status"] == "finished":
+            return _result(run, manifest)
+        data = _load_again(plan, run, manifest, jobs, progress)
+        manifest["resumed"].append(
+            {"time": manifests.now(), "command_line": manifests.command_line(), "jobs": jobs}
+            | manifests.environment()
+        )
+        return _execute(plan, RunStore(run), manifest, data, jobs, progress)
+
+
+def _result(run: Path, manifest: Manifest) -> RunResult:
+    return RunResult(run, tuple(manifest["skipped"].values()), tuple(manifest["refused"].values()))
+
+
+@contextmanager
+def _termination_interrupts() -> Iterator[None]:
+    """SIGTERM is Ctrl-C: what is finished is kept and no worker stays behind."""
+    if threading.current_thread() is not threading.main_thread():
+        yield  # only the main thread may say what a signal does
+        return
+
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGTERM, interrupt)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+def _load_again(
+    plan: Plan, run: Path, manifest: Manifest, jobs: int, progress: RunProgress
+) -> dict[str, CellData]:
+    """The data of a run that is continued, which must be those it was started with."""
+    names = list(manifest["data"])
+    data, skipped, refused = _load(plan, names, jobs, progress)
+    if skipped or refused:
+        raise _no_data(skipped, refused)
+    for name in names:
+        if name not in data or data[name].test.data_hash != manifest["data"][name]["hash"]:
             raise InputError(
                 f"{run} cannot be resumed: the data of scenario {name!r} have changed since it "
                 "was started. Start a new run."
             )
-    manifest["resumed"].append(
-        {"time": manifests.now(), "command_line": manifests.command_line(), "jobs": jobs}
-        | manifests.environment()
-    )
-    return _execute(plan, RunStore(run), manifest, data, jobs, progress)
+    return data
+
+
+def _no_data(skipped: Mapping[str, str], refused: Mapping[str, str]) -> EitbenchError:
+    kind = DataCorruptError if refused else DataUnavailableError
+    return kind(" ".join([*refused.values(), *skipped.values()]))
 
 
 def _load(
     plan: Plan, names: Sequence[str], jobs: int, progress: RunProgress
-) -> tuple[dict[str, CellData], dict[str, str]]:
-    """Data of the scenarios called `names`, and a sentence for each that cannot be had."""
+) -> tuple[dict[str, CellData], dict[str, str], dict[str, str]]:
+    """Data of the scenarios `names`; a sentence for each that cannot be had, or is corrupt.
+
+    Raises:
+        DataUnavailableError, DataCorruptError: there are no data at all.
+    """
     data: dict[str, CellData] = {}
     skipped: dict[str, str] = {}
+    refused: dict[str, str] = {}
     for scenario in plan.suite.scenarios:
         if scenario.name not in names:
             continue
@@ -221,16 +180,23 @@ def _load(
             )
         except DataUnavailableError as error:
             skipped[scenario.name] = f"Scenario {scenario.name!r} is skipped: {error}"
-            continue
-        data[scenario.name] = CellData(test, validation)
-    if data:
-        for sentence in skipped.values():
-            progress.say(sentence)
-    return data, skipped
+        except DataCorruptError as error:
+            refused[scenario.name] = f"Scenario {scenario.name!r} is refused: {error}"
+        else:
+            data[scenario.name] = CellData(test, validation)
+    if not data:
+        raise _no_data(skipped, refused)
+    for sentence in (*skipped.values(), *refused.values()):
+        progress.say(sentence)
+    return data, skipped, refused
 
 
 def _new_manifest(
-    plan: Plan, data: dict[str, CellData], skipped: dict[str, str], jobs: int
+    plan: Plan,
+    data: dict[str, CellData],
+    skipped: dict[str, str],
+    refused: dict[str, str],
+    jobs: int,
 ) -> Manifest:
     return {
         "format": 1,
@@ -257,6 +223,7 @@ def _new_manifest(
             for name, there in data.items()
         },
         "skipped": skipped,
+        "refused": refused,
         "cells": [
             _chosen_parameters(plan, name, method) for name in data for method in plan.methods
         ],
@@ -290,7 +257,7 @@ def _execute(
             parameters=entry["parameters"],
             suite=plan.suite.name,
             scenario=scenarios[entry["scenario"]],
-            plugins=tuple(path for path, _ in plan.plugins),
+            plugin=plan.origins.get(entry["method"]),
             fit_limit_s=plan.suite.fit_limit_s,
             frame_limit_s=plan.suite.frame_limit_s,
             batch=manifest["batch"],
@@ -304,9 +271,11 @@ def _execute(
                 judge_cell(cell, data[cell.cell.scenario], store, {})
     datasets = {name: there.test for name, there in data.items()}
     store.assemble([cell.cell for cell in cells], datasets)
+    unfinished = sum(not store.finished(cell.cell) for cell in cells)
+    ended = not interrupted and not unfinished
     manifest |= {
-        "status": "interrupted" if interrupted else "finished",
-        "finished": None if interrupted else manifests.now(),
+        "status": "finished" if ended else "interrupted",
+        "finished": manifests.now() if ended else None,
     }
     store.write_manifest(manifest)
     if interrupted:
@@ -314,8 +283,13 @@ def _execute(
             f"Interrupted: finished rows are kept in {store.path}. Continue with "
             f"`eitbench run --resume {store.path}`."
         )
+    if unfinished:
+        raise EitbenchError(
+            f"{unfinished} of the {len(cells)} cells in {store.path} are not complete: continue "
+            f"with `eitbench run --resume {store.path}`."
+        )
     store.remove_parts()
-    return RunResult(store.path, tuple(manifest["skipped"].values()))
+    return _result(store.path, manifest)
 
 
 def _run_cells(
@@ -357,7 +331,3 @@ def _run_cells(
         if error is not None and not isinstance(error, StoppedError):
             raise error
     return True
-
-
-def _sha256(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()

@@ -6,6 +6,7 @@ parts into `samples.parquet`, `methods.parquet` and `reconstructions.h5`; each f
 not at all.
 """
 
+import hashlib
 import json
 import shutil
 from collections.abc import Callable, Iterator, Sequence
@@ -19,9 +20,10 @@ from zipfile import BadZipFile
 import h5py
 import numpy as np
 import pandas as pd
+import pyarrow as pa
 from numpy.typing import NDArray
 
-from eitbench.benchmark import manifest
+from eitbench.benchmark import lock, manifest
 from eitbench.benchmark.worker import Images
 from eitbench.scenarios.datasets import Dataset
 from eitbench.scenarios.errors import DataCorruptError, EitbenchError, InputError
@@ -30,6 +32,7 @@ SAMPLES = "samples.parquet"
 METHODS = "methods.parquet"
 RECONSTRUCTIONS = "reconstructions.h5"
 TRUTH = "truth"
+MAX_FOLDER = 120
 
 
 @dataclass(frozen=True)
@@ -74,7 +77,7 @@ class RunStore:
 
     @classmethod
     def create(cls, path: Path) -> "RunStore":
-        """A new, empty run directory.
+        """A new, empty run directory, or one in which a run was ended before it had begun.
 
         Raises:
             InputError: `path` holds something already or is not a folder.
@@ -82,7 +85,7 @@ class RunStore:
         """
         if path.exists() and not path.is_dir():
             raise InputError(f"The output {path} is a file: choose a folder with --out.")
-        if path.is_dir() and any(path.iterdir()):
+        if path.is_dir() and not _unused(path):
             raise InputError(
                 f"The output folder {path} is not empty: choose another with --out, or continue "
                 f"a run in it with `eitbench run --resume {path}`."
@@ -129,10 +132,8 @@ class RunStore:
                         message=arrays["message"].tolist(),
                         frame_ms=arrays["frame_ms"],
                     )
-            except (OSError, ValueError, KeyError, BadZipFile) as error:
-                raise DataCorruptError(
-                    f"{path} cannot be read ({error}): delete it and resume the run."
-                ) from error
+            except (OSError, EOFError, ValueError, KeyError, BadZipFile) as error:
+                raise _unreadable(path, error) from error
             yield batch
 
     def has_batch(self, cell: Cell, split: str, start: int) -> bool:
@@ -151,16 +152,25 @@ class RunStore:
         table = pd.DataFrame([row])
         self._replace(folder / METHODS, lambda part: table.to_parquet(part, index=False))
 
+    def judged(self, cell: Cell) -> bool:
+        """Whether the cell has rows, be it of some of its frames only."""
+        return all((self._parts(cell) / name).is_file() for name in (SAMPLES, METHODS))
+
     def finished(self, cell: Cell) -> bool:
-        """Whether every frame of the cell has its judged row."""
-        path = self._parts(cell) / METHODS
-        return path.is_file() and bool(pd.read_parquet(path)["complete"].iloc[0])
+        """Whether every frame of the cell has its judged row.
+
+        Raises:
+            DataCorruptError: the rows cannot be read.
+        """
+        if not self.judged(cell):
+            return False
+        return bool(_read_table(self._parts(cell) / METHODS, "complete")["complete"].iloc[0])
 
     def assemble(self, cells: Sequence[Cell], datasets: dict[str, Dataset]) -> None:
         """Write the result files from the parts of all `cells` that have judged rows."""
-        judged = [cell for cell in cells if (self._parts(cell) / METHODS).is_file()]
-        samples = _concatenate([pd.read_parquet(self._parts(c) / SAMPLES) for c in judged])
-        rows = _concatenate([pd.read_parquet(self._parts(c) / METHODS) for c in judged])
+        judged = [cell for cell in cells if self.judged(cell)]
+        samples = _concatenate([_read_table(self._parts(c) / SAMPLES, "sample") for c in judged])
+        rows = _concatenate([_read_table(self._parts(c) / METHODS, "complete") for c in judged])
         rows = rows.drop(columns="complete", errors="ignore")
         self._replace(self.path / SAMPLES, lambda part: samples.to_parquet(part, index=False))
         self._replace(self.path / METHODS, lambda part: rows.to_parquet(part, index=False))
@@ -180,7 +190,7 @@ class RunStore:
                 _write_truth(file.create_group(f"{name}/{TRUTH}"), datasets[name])
             for cell in cells:
                 dataset = datasets[cell.scenario]
-                numbers = pd.read_parquet(self._parts(cell) / SAMPLES, columns=["sample"])["sample"]
+                numbers = _read_table(self._parts(cell) / SAMPLES, "sample")["sample"]
                 group = file.create_group(f"{cell.scenario}/{cell.method}")
                 group["sample"] = numbers.to_numpy(np.int64)
                 shape = (len(numbers), *dataset.sensor.image_shape)
@@ -200,7 +210,7 @@ class RunStore:
 
     def _replace(self, path: Path, write: Callable[[Path], None]) -> None:
         """Write a file beside its place, then move it there in one step."""
-        part = path.with_name(f".{path.name}.part{path.suffix}")
+        part = _part(path)
         with _said(path):
             path.parent.mkdir(parents=True, exist_ok=True)
             try:
@@ -238,9 +248,45 @@ def _concatenate(tables: list[pd.DataFrame]) -> pd.DataFrame:
     return pd.concat(tables, ignore_index=True) if tables else pd.DataFrame()
 
 
+def _unused(path: Path) -> bool:
+    """Whether nothing is in the folder but what a run leaves that was killed as it began."""
+    left = (lock.FILE_NAME, _part(path / manifest.FILE_NAME).name)
+    return all(
+        there.name in left or (there.name == "logs" and there.is_dir() and not any(there.iterdir()))
+        for there in path.iterdir()
+    )
+
+
+def _part(path: Path) -> Path:
+    """Where a file is written before it is moved to `path`."""
+    return path.with_name(f".{path.name}.part{path.suffix}")
+
+
+def _read_table(path: Path, column: str) -> pd.DataFrame:
+    """A table of at least one row that has `column`.
+
+    Raises:
+        DataCorruptError: it is not.
+    """
+    try:
+        table = pd.read_parquet(path)
+        table[column].iloc[0]
+    except (OSError, ValueError, LookupError, pa.ArrowException) as error:
+        raise _unreadable(path, error) from error
+    return table
+
+
+def _unreadable(path: Path, error: Exception) -> DataCorruptError:
+    reason = (str(error).splitlines() or [type(error).__name__])[0].rstrip(".")
+    return DataCorruptError(f"{path} cannot be read ({reason}): delete it and resume the run.")
+
+
 def _folder(name: str) -> str:
     """`name` as one folder name on any system: what could be a path is percent-encoded."""
     quoted = quote(name, safe=" +=@")
+    if len(quoted) > MAX_FOLDER:  # file systems limit a name to 255 bytes
+        digest = hashlib.sha256(name.encode()).hexdigest()[:16]
+        quoted = f"{quoted[: MAX_FOLDER - 17]}~{digest}"
     return "%2E" + quoted[1:] if quoted.startswith(".") else quoted
 
 

@@ -1,34 +1,27 @@
 """A method in a process of its own, so that whatever it does costs its own rows only.
 
 The parent sends `("fit",)` or `("reconstruct", frames)` and waits for a `Reply`, up to a time
-limit; it never sends truth. The process runs on one BLAS thread and writes what the method prints
-to a log file.
+limit; it never sends truth.
 """
 
-import faulthandler
 import json
-import multiprocessing
-import os
 import random
 import signal
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Mapping
 from dataclasses import Field, dataclass
 from functools import partial
-from multiprocessing import forkserver
 from multiprocessing.connection import Connection, wait
-from multiprocessing.context import BaseContext
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 import psutil
 from numpy.typing import NDArray
-from threadpoolctl import threadpool_limits
 
+from eitbench.benchmark.process import end_group, start_process
 from eitbench.methods.method import Method
 from eitbench.methods.problem import Problem, Splits
 from eitbench.methods.registry import create, load_plugin
@@ -41,16 +34,10 @@ Frames = NDArray[np.float64]
 Images = NDArray[np.float32]
 Status = Literal["ok", "error", "timeout", "invalid-output", "out-of-memory"]
 
-THREADS = 1
 SEED = 0
-PINNED = {
-    name: str(THREADS)
-    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_NUM_THREADS")
-}
 POLL_SECONDS = 0.2
 PLUGIN_LIMIT_S = 60.0
-# Cells run in threads, and starting a worker changes this process's environment for a moment.
-_STARTING = threading.Lock()
+MAX_MESSAGE = 500
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +45,8 @@ class Task:
     """What a worker is told: the problem without its test split, and the method to make.
 
     Attributes:
-        plugins: files to load before the method is looked up.
+        plugin: the file that the method is registered in; no other is loaded, since loading one
+            may change what is there already.
     """
 
     sensor: Sensor
@@ -66,7 +54,7 @@ class Task:
     splits: Splits
     method: str
     parameters: Mapping[str, Any]
-    plugins: tuple[Path, ...] = ()
+    plugin: Path | None = None
 
 
 @dataclass(frozen=True)
@@ -88,7 +76,8 @@ class Reply:
     """What a worker answers.
 
     Attributes:
-        value: images (n, H, W) after "reconstruct", the method's parameters as JSON after "fit".
+        value: images (n, H, W) after "reconstruct", the method's parameters as JSON after "fit",
+            a list of names after "names".
         seconds: time in the method alone.
         memory_mb: peak resident memory of the worker so far [MiB].
         failure: set where the method gave no result.
@@ -139,16 +128,8 @@ class Worker:
         stop: threading.Event | None = None,
     ) -> None:
         """Start `serve(connection, *arguments)` with its output going to `log` (None: nowhere)."""
-        with _STARTING:
-            context = process_context()
-            environment = dict(os.environ)
-        self._connection, theirs = context.Pipe()
         self._stop = stop or threading.Event()
-        self._process = context.Process(  # type: ignore[attr-defined]
-            target=_enter, args=(theirs, log, environment, serve, arguments), name="eitbench-worker"
-        )
-        self._process.start()
-        theirs.close()
+        self._process, self._connection = start_process(serve, arguments, log)
 
     def __enter__(self) -> "Worker":
         return self
@@ -156,11 +137,12 @@ class Worker:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def ask(self, *request: object, limit: float, what: str) -> Any:
+    def ask(self, *request: object, limit: float, what: str) -> Reply:
         """Send `request` and wait at most `limit` seconds for the answer.
 
         Raises:
-            WorkerLostError: no answer in time, or the process died; `what` it was doing is said.
+            WorkerLostError: no answer in time, or the process died or answered nonsense; `what` it
+                was doing is said.
             StoppedError: the run was interrupted.
         """
         deadline = time.monotonic() + limit
@@ -179,77 +161,46 @@ class Worker:
                 ready = wait([self._connection, self._process.sentinel], min(left, POLL_SECONDS))
                 if self._process.sentinel in ready and not self._connection.poll():
                     raise EOFError
-            return self._connection.recv()
+            return self._receive(what)
         except (EOFError, OSError) as error:
             raise WorkerLostError(self._death(what)) from error
+
+    def _receive(self, what: str) -> Reply:
+        answer: object
+        try:
+            answer = self._connection.recv()
+        except (EOFError, OSError):
+            raise
+        except Exception as error:  # what is on the pipe is no message of ours
+            answer = error
+        if isinstance(answer, Reply):
+            return answer
+        self.close()
+        message = f"its process sent something that is no answer during {what}"
+        raise WorkerLostError(Failure("error", message))
 
     def close(self) -> None:
         """End the process and every process it started."""
         self._connection.close()
         if self._process.is_alive():
-            if hasattr(os, "killpg"):
-                with suppress(ProcessLookupError, PermissionError):
-                    os.killpg(self._process.pid, signal.SIGKILL)
+            if self._process.pid is not None:
+                end_group(self._process.pid)
             self._process.kill()
         self._process.join()
 
     def _death(self, what: str) -> Failure:
         self._process.join(5)
         code = self._process.exitcode
-        if code is not None and code < 0:
-            name = signal.Signals(-code).name
+        if code is None:  # alive, but what it sent cannot be read
+            self.close()
+            return Failure("error", f"its process sent something that is no answer during {what}")
+        if code < 0:
             if -code == getattr(signal, "SIGKILL", None):
-                return Failure("out-of-memory", f"its process was killed ({name}) during {what}")
+                message = f"its process was killed (out of memory, or by hand) during {what}"
+                return Failure("out-of-memory", message)
+            name = signal.Signals(-code).name
             return Failure("error", f"its process died of {name} during {what}")
         return Failure("error", f"its process ended by itself (exit code {code}) during {what}")
-
-
-def process_context() -> BaseContext:
-    """How worker processes are started: from a server that has imported eitbench, else afresh."""
-    if "forkserver" not in multiprocessing.get_all_start_methods():
-        return multiprocessing.get_context("spawn")
-    context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload([__name__])
-    with _pinned_environment():
-        forkserver.ensure_running()
-    return context
-
-
-@contextmanager
-def _pinned_environment() -> Iterator[None]:
-    """BLAS libraries read these variables once, when they are loaded in a new process."""
-    before = {name: os.environ.get(name) for name in PINNED}
-    os.environ.update(PINNED)
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
-
-
-def _enter(
-    connection: Connection,
-    log: Path | None,
-    environment: dict[str, str],
-    serve: Callable[..., None],
-    arguments: tuple[Any, ...],
-) -> None:
-    """First steps of a worker: own process group, own output, one thread."""
-    if hasattr(os, "setsid"):
-        os.setsid()  # Ctrl-C in the terminal is the parent's business, and children die together
-    # The server of processes has the environment it was started in, which may be an older one.
-    os.environ.clear()
-    os.environ.update(environment | PINNED)
-    with Path(log or os.devnull).open("a", buffering=1, errors="backslashreplace") as output:
-        os.dup2(output.fileno(), 1)
-        os.dup2(output.fileno(), 2)
-        sys.stdout = sys.stderr = output
-        faulthandler.enable(output)
-        with threadpool_limits(THREADS), suppress(EOFError, BrokenPipeError):
-            serve(connection, *arguments)
 
 
 def serve_method(connection: Connection, task: Task) -> None:
@@ -277,12 +228,16 @@ def serve_method(connection: Connection, task: Task) -> None:
 
 
 def serve_plugin_names(connection: Connection, plugin: Path) -> None:
-    """Answer once with the names of the methods in the file `plugin`, or with a `Failure`."""
+    """Answer once with the names of the methods in the file `plugin`."""
     connection.recv()
+    names: list[str] = []
+    failure = None
+    start = time.perf_counter()
     try:
-        connection.send(load_plugin(plugin))
+        names = load_plugin(plugin)
     except BaseException as error:  # whatever the file does stays in this process
-        connection.send(describe_exception(error))
+        failure = describe_exception(error)
+    connection.send(Reply(names, time.perf_counter() - start, peak_memory_mb(), failure))
 
 
 def plugin_methods(path: Path) -> list[str]:
@@ -293,19 +248,19 @@ def plugin_methods(path: Path) -> list[str]:
     """
     with Worker(serve_plugin_names, path) as worker:
         try:
-            answer = worker.ask("names", limit=PLUGIN_LIMIT_S, what=f"loading {path.name}")
+            reply = worker.ask("names", limit=PLUGIN_LIMIT_S, what=f"loading {path.name}")
         except WorkerLostError as lost:
             raise InputError(
                 f"The plugin {path} cannot be loaded: {lost.failure.message}."
             ) from lost
-    if isinstance(answer, Failure):
-        raise InputError(answer.message.removeprefix("InputError: "))
-    return list(answer)
+    if reply.failure is not None:
+        raise InputError(reply.failure.message.removeprefix("InputError: "))
+    return list(reply.value)
 
 
 def _fit(task: Task) -> tuple[Method, str, float]:
-    for plugin in task.plugins:
-        load_plugin(plugin)
+    if task.plugin is not None:
+        load_plugin(task.plugin)
     method = create(task.method, **task.parameters)
     parameters = json.dumps(constructor_parameters(method) | dict(task.parameters), default=str)
     problem = Problem(task.sensor, task.reference, task.splits)
@@ -343,10 +298,17 @@ def _reconstruct(
 
 
 def describe_exception(error: BaseException) -> Failure:
-    """The typed failure of an exception that a method raised."""
+    """The typed failure of an exception that a method raised, its message fit for any file."""
     status: Status = "out-of-memory" if isinstance(error, MemoryError) else "error"
     kinds = tuple(kind.__name__ for kind in type(error).__mro__)
-    return Failure(status, f"{type(error).__name__}: {error}", kinds)
+    try:
+        said = str(error)
+    except Exception:  # its own __str__ may be wrong too
+        said = "(its message cannot be printed)"
+    message = f"{kinds[0]}: {said}".encode(errors="backslashreplace").decode()
+    if len(message) > MAX_MESSAGE:
+        message = message[: MAX_MESSAGE - 1] + "…"
+    return Failure(status, message, kinds)
 
 
 def constructor_parameters(method: Method) -> dict[str, Any]:

@@ -24,7 +24,7 @@ BUILT_IN = (
     "gauss_newton",
 )
 
-MAX_NAME = 80
+MAX_NAME = 80  # bytes in UTF-8
 RESERVED = "truth"  # stands beside the methods in a file of reconstructions
 FORBIDDEN = set("/\\,")  # paths inside a run directory, and the separator of --methods a,b
 
@@ -39,11 +39,15 @@ def register(name: str) -> Callable[[AnyMethod], AnyMethod]:
         InputError: a name that cannot be used or belongs to another class; a decorated class that
             is not a `Method`.
     """
-    usable = 0 < len(name) <= MAX_NAME and name.isprintable() and not FORBIDDEN & set(name)
-    if not usable or name.startswith(".") or name == RESERVED:
+    usable = name.isprintable() and not FORBIDDEN & set(name)
+    if (
+        not (usable and 0 < len(name.encode()) <= MAX_NAME)
+        or name.startswith(".")
+        or name == RESERVED
+    ):
         raise InputError(
-            f"{name!r} cannot name a method: use 1 to {MAX_NAME} printable characters without "
-            f"slashes and commas, not {RESERVED!r} and no dot at the start."
+            f"{name!r} cannot name a method: use 1 to {MAX_NAME} bytes of printable characters "
+            f"without slashes and commas, not {RESERVED!r} and no dot at the start."
         )
 
     def decorate(cls: AnyMethod) -> AnyMethod:
@@ -112,6 +116,7 @@ def load_plugin(path: str | Path) -> list[str]:
     spec = importlib.util.spec_from_file_location(module_name, file)
     if spec is None or spec.loader is None:
         raise InputError(f"{file.name} cannot be loaded as a Python module.")
+    methods()  # first come, first served: a name that is taken must be taken by now
     module = importlib.util.module_from_spec(spec)
     sys.modules[module_name] = module
     try:

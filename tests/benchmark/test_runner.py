@@ -2,6 +2,11 @@
 
 import errno
 import json
+import os
+import signal
+import subprocess
+import sys
+import time
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
@@ -10,13 +15,20 @@ from typing import Any
 import h5py
 import numpy as np
 import pandas as pd
+import psutil
 import pytest
 
-from eitbench.benchmark import runner
+from eitbench.benchmark import cell, lock, runner
 from eitbench.benchmark.judge import METRIC_COLUMNS, judge
 from eitbench.benchmark.runner import Plan, RunResult, make_plan, resume_run, start_run
+from eitbench.benchmark.worker import Worker
 from eitbench.scenarios.datasets import Dataset, load
-from eitbench.scenarios.errors import DataUnavailableError, EitbenchError, InputError
+from eitbench.scenarios.errors import (
+    DataCorruptError,
+    DataUnavailableError,
+    EitbenchError,
+    InputError,
+)
 from eitbench.scenarios.scenario import RecordedScenario, Split
 from eitbench.scenarios.suites import Suite
 
@@ -39,6 +51,7 @@ def toy_run(
     largest = np.sort(data.voltages.max(axis=1))
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("TOY_LIMIT", repr(float(largest[-2:].mean())))
+        patch.setenv("TOY_FIRST", repr(float(data.voltages[0].max())))
         return start_run(make_plan(tiny, plugins=[toys]), out, jobs=2).path
 
 
@@ -66,7 +79,10 @@ def table(toy_run: Path) -> pd.DataFrame:
         ("toy-prints", {"ok": N}, ""),
         ("toy-hangs", {"timeout": N}, "took longer than 2 s"),
         ("toy-mutates", {"error": N}, "changed its input voltages in place"),
-        ("toy-killed", {"out-of-memory": N}, "was killed (SIGKILL)"),
+        ("toy-killed", {"ok": N}, ""),  # single frames fit
+        ("toy-dies-on-one", {"ok": N - 1, "error": 1}, "exit code 5"),
+        ("toy-dies-on-first", {"ok": N - 1, "error": 1}, "exit code 5"),
+        ("toy-strange-error", {"error": N}, "ValueError: \\ud800xxx"),
         ("toy-memory", {"ok": N}, ""),  # single frames fit
         ("toy-no-memory", {"out-of-memory": N}, "MemoryError: image too large"),
         ("toy-exits", {"error": N}, "exit code 3"),
@@ -130,6 +146,8 @@ def test_times_are_told_apart(table: pd.DataFrame) -> None:
     assert good["memory_mb"] > 10
     assert np.isnan(good["train_s"])
     assert table["frame_ms_p50"].isna()["toy-raises"]
+    assert table["frame_ms_p50"].notna()["toy-dies-on-one"]
+    assert table["first_frame_ms"].isna()["toy-dies-on-first"]
     assert json.loads(str(table.loc["noser", "parameters"]))["weight"] > 0
 
 
@@ -358,3 +376,200 @@ def test_positions_are_judged_after_registration(
     assert len(samples) == N
     assert samples["localisation_mm"].median() < 15
     assert samples["score"].isna().all()
+
+
+def test_corrupt_data_cost_their_scenario_only(
+    with_skin: Suite, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def locate(*args: object, **kwargs: object) -> Path:
+        raise DataCorruptError("The file has another checksum.")
+
+    monkeypatch.setattr(runner, "locate", locate)
+    result = start_run(make_plan(with_skin), tmp_path / "run")
+    sentence = "Scenario 'skin' is refused: The file has another checksum."
+    assert result == RunResult(tmp_path / "run", (), (sentence,))
+    assert resume_run(tmp_path / "run") == result
+    assert set(pd.read_parquet(result.path / "samples.parquet")["scenario"]) == {"tiny"}
+    with pytest.raises(DataCorruptError, match="another checksum"):
+        start_run(make_plan(with_skin, scenarios=["skin"]), tmp_path / "nothing")
+    assert not (tmp_path / "nothing").exists()
+
+
+VANDAL = """
+from eitbench.methods import Method, methods, register
+
+def broken(self, voltages):
+    raise RuntimeError("vandalised")
+
+methods()["noser"].reconstruct = broken
+
+@register("vandal")
+class Vandal(Method):
+    def fit(self, problem): ...
+    reconstruct = broken
+"""
+
+
+def test_a_plugin_does_not_change_the_rows_of_others(
+    tiny: Suite, toys: Path, tmp_path: Path
+) -> None:
+    vandal = tmp_path / "vandal.py"
+    vandal.write_text(VANDAL)
+    plan = make_plan(tiny, methods=["noser", "toy-good", "vandal"], plugins=[vandal, toys])
+    run = start_run(plan, tmp_path / "run").path
+    samples = pd.read_parquet(run / "samples.parquet")
+    assert samples.groupby("method")["status"].agg(set).to_dict() == {
+        "noser": {"ok"},
+        "toy-good": {"ok"},
+        "vandal": {"error"},
+    }
+    manifest = json.loads((run / "manifest.json").read_text())
+    assert manifest["plan"]["plugins"][0]["methods"] == ["vandal"]
+    assert Plan.of(manifest, run) == plan
+
+
+def test_two_plugins_may_not_share_a_name(tiny: Suite, toys: Path, tmp_path: Path) -> None:
+    copy = tmp_path / "copy.py"
+    copy.write_text(toys.read_text())
+    with pytest.raises(InputError, match=r"'toy-good' is registered by .*toy_methods.* and by"):
+        make_plan(tiny, plugins=[toys, copy])
+
+
+def test_an_unexpected_error_costs_its_cell_only(
+    tiny: Suite, toys: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def worker(*args: Any, **kwargs: Any) -> Any:
+        if args[1].method == "toy-good":
+            raise RuntimeError("no more processes")
+        return Worker(*args, **kwargs)
+
+    monkeypatch.setattr(cell, "Worker", worker)
+    run = start_run(plan_of(tiny, toys, "toy-good", "noser"), tmp_path / "run").path
+    samples = pd.read_parquet(run / "samples.parquet")
+    assert Counter(samples["message"]) == {"RuntimeError: no more processes": N, "": N}
+
+
+def test_a_hanging_frame_is_lost_alone(
+    tiny: Suite, tmp_path: Path, data: Dataset, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plugin = tmp_path / "plugin.py"
+    plugin.write_text(
+        "import os, time\n"
+        "import numpy as np\n"
+        "from eitbench.methods import Method, register\n"
+        "@register('hangs-on-one')\n"
+        "class HangsOnOne(Method):\n"
+        "    def fit(self, problem):\n"
+        "        self.shape = problem.mask.shape\n"
+        "    def reconstruct(self, voltages):\n"
+        "        if (voltages.max(axis=1) == float(os.environ['HANGS'])).any():\n"
+        "            time.sleep(1000)\n"
+        "        return np.ones((len(voltages), *self.shape))\n"
+    )
+    monkeypatch.setenv("HANGS", repr(float(data.voltages[2].max())))
+    suite = tiny.model_copy(update={"frame_limit_s": 0.5})
+    run = start_run(
+        make_plan(suite, methods=["hangs-on-one"], plugins=[plugin]), tmp_path / "run"
+    ).path
+    samples = pd.read_parquet(run / "samples.parquet")
+    assert samples["status"].tolist() == ["ok", "ok", "timeout", "ok", "ok"]
+
+
+def test_a_run_in_use_is_not_resumed(cut_run: Path) -> None:
+    with (
+        lock.locked(cut_run),
+        pytest.raises(InputError, match="Another process is working on"),
+    ):
+        resume_run(cut_run)
+    assert resume_run(cut_run).path == cut_run
+    assert not list(cut_run.glob(".lock*"))
+
+
+def test_the_lock_of_a_dead_process_is_taken_over(cut_run: Path) -> None:
+    # This process's number with another start: what a number that is used again looks like.
+    dead = {"pid": os.getpid(), "started": psutil.Process().create_time() - 1000}
+    (cut_run / ".lock").write_text(json.dumps(dead))
+    assert resume_run(cut_run).path == cut_run
+    assert not list(cut_run.glob(".lock*"))
+
+
+def test_a_run_is_finished_only_with_every_cell(
+    tiny: Suite, toys: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run_cell = cell.run_cell
+
+    def forget(plan: Any, *args: Any) -> None:
+        if plan.cell.method != "toy-good":
+            run_cell(plan, *args)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(runner, "run_cell", forget)
+        with pytest.raises(EitbenchError, match=r"1 of the 2 cells .* are not complete"):
+            start_run(plan_of(tiny, toys, "noser", "toy-good"), tmp_path / "run")
+    manifest = json.loads((tmp_path / "run" / "manifest.json").read_text())
+    assert manifest["status"] == "interrupted"
+    resume_run(tmp_path / "run")
+    assert len(pd.read_parquet(tmp_path / "run" / "samples.parquet")) == 2 * N
+
+
+@pytest.mark.parametrize("name", ["cells", "data", "skipped", "batch"])
+def test_resuming_refuses_a_manifest_without(name: str, cut_run: Path) -> None:
+    manifest = json.loads((cut_run / "manifest.json").read_text())
+    del manifest[name]
+    (cut_run / "manifest.json").write_text(json.dumps(manifest))
+    with pytest.raises(InputError, match=f"its manifest is incomplete \\('{name}'\\)"):
+        resume_run(cut_run)
+
+
+SCRIPT = """
+import sys
+from pathlib import Path
+from eitbench.benchmark.runner import RunInterruptedError, make_plan, start_run
+from eitbench.scenarios.suites import load_suite
+
+if __name__ == "__main__":
+    suite, plugin, out = map(Path, sys.argv[1:])
+    suite = load_suite(suite).model_copy(update={"frame_limit_s": 600.0})
+    try:
+        start_run(make_plan(suite, methods=["sleeper"], plugins=[plugin]), out)
+    except RunInterruptedError:
+        sys.exit(130)
+"""
+SLEEPER = """
+import os, time
+from eitbench.methods import Method, register
+
+@register("sleeper")
+class Sleeper(Method):
+    def fit(self, problem): ...
+    def reconstruct(self, voltages):
+        print(os.getpid(), flush=True)
+        time.sleep(600)
+"""
+
+
+def wait_for(condition: Any, seconds: float = 60) -> Any:
+    deadline = time.monotonic() + seconds
+    while not (found := condition()):
+        assert time.monotonic() < deadline, "it never happened"
+        time.sleep(0.05)
+    return found
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals")
+@pytest.mark.parametrize("name", ["SIGTERM", "SIGKILL"])
+def test_a_run_that_is_ended_leaves_no_process(name: str, toys: Path, tmp_path: Path) -> None:
+    script, plugin, run = tmp_path / "script.py", tmp_path / "plugin.py", tmp_path / "run"
+    script.write_text(SCRIPT)
+    plugin.write_text(SLEEPER)
+    process = subprocess.Popen(
+        [sys.executable, str(script), str(toys.with_name("tiny.toml")), str(plugin), str(run)]
+    )
+    log = run / "logs" / "tiny--sleeper.log"
+    worker = psutil.Process(int(wait_for(lambda: log.is_file() and log.read_text().strip())))
+    processes = [worker, *psutil.Process(process.pid).children(recursive=True)]
+    process.send_signal(signal.Signals[name])
+    assert process.wait(60) == (130 if name == "SIGTERM" else -signal.SIGKILL)
+    _, alive = psutil.wait_procs(processes, timeout=60)
+    assert not [p for p in alive if p.status() != psutil.STATUS_ZOMBIE]
+    assert (run / ".lock").exists() == (name == "SIGKILL")

@@ -4,6 +4,7 @@ import errno
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from eitbench.benchmark.store import Batch, Cell, RunStore
@@ -50,11 +51,12 @@ def test_a_full_disk_is_one_sentence_and_leaves_no_piece(
     assert not [path for path in (tmp_path / "run" / "parts").rglob("*") if path.is_file()]
 
 
-def test_a_truncated_batch_is_named(tmp_path: Path) -> None:
+@pytest.mark.parametrize("size", [0, 100])
+def test_a_truncated_batch_is_named(size: int, tmp_path: Path) -> None:
     store = RunStore.create(tmp_path / "run")
     store.save_batch(CELL, "test", batch(0))
     (path,) = (tmp_path / "run").rglob("*.npz")
-    path.write_bytes(path.read_bytes()[:100])
+    path.write_bytes(path.read_bytes()[:size])
     with pytest.raises(DataCorruptError, match=path.name):
         list(store.batches(CELL, "test"))
 
@@ -66,6 +68,29 @@ def test_an_output_in_use_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="is a file"):
         RunStore.create(tmp_path / "notes.txt")
     assert [path.name for path in tmp_path.iterdir()] == ["notes.txt"]
+
+
+def test_a_run_killed_before_it_began_may_be_started_again(tmp_path: Path) -> None:
+    (tmp_path / "logs").mkdir()
+    (tmp_path / ".lock").write_text("")
+    RunStore.create(tmp_path)
+    (tmp_path / "logs" / "a.log").write_text("")
+    with pytest.raises(InputError, match="not empty"):
+        RunStore.create(tmp_path)
+
+
+@pytest.mark.parametrize("content", [b"", b"PAR1", b"half of it"])
+def test_truncated_rows_are_named(content: bytes, tmp_path: Path) -> None:
+    store = RunStore.create(tmp_path / "run")
+    store.save_batch(CELL, "test", batch(0))
+    store.save_cell(CELL, pd.DataFrame({"sample": [0, 1]}), {"complete": True})
+    assert store.finished(CELL)
+    (path,) = (tmp_path / "run" / "parts").rglob("methods.parquet")
+    path.write_bytes(content)
+    with pytest.raises(DataCorruptError, match=r"methods\.parquet cannot be read .*resume the run"):
+        store.finished(CELL)
+    path.unlink()
+    assert not store.finished(CELL)
 
 
 def test_an_output_that_cannot_be_made_is_one_sentence(tmp_path: Path) -> None:
@@ -86,11 +111,12 @@ def test_a_read_only_output_is_one_sentence(
         RunStore.create(tmp_path / "run")
 
 
-@pytest.mark.parametrize("name", ["..", ".", "a method", "ünï:cø*de?", "x" * 80])
+@pytest.mark.parametrize("name", ["..", ".", "a method", "ünï:cø*de?", "x" * 80, "ü" * 40])
 def test_method_names_stay_inside_the_run(name: str, tmp_path: Path) -> None:
     run = tmp_path / "run"
     store = RunStore.create(run)
     cell = Cell("some-scenario", name)
+    store.log(cell).write_text("")
     store.save_batch(cell, "test", batch(0))
     assert store.has_batch(cell, "test", 0)
     assert store.log(cell).parent == run / "logs"

@@ -1,6 +1,8 @@
 """A method in its own process: limits, deaths, isolation."""
 
+import operator
 import os
+import signal
 import threading
 import time
 from pathlib import Path
@@ -11,11 +13,11 @@ import pytest
 
 from eitbench.benchmark.worker import (
     Failure,
-    Reply,
     StoppedError,
     Task,
     Worker,
     WorkerLostError,
+    describe_exception,
     learning_splits,
     plugin_methods,
     scenario_splits,
@@ -52,14 +54,14 @@ def data(tiny: Suite) -> Dataset:
 
 def task(suite: Suite, data: Dataset, method: str, plugin: Path) -> Task:
     splits = scenario_splits(suite.scenarios[0])
-    return Task(data.sensor, data.reference, splits, method, {}, (plugin,))
+    return Task(data.sensor, data.reference, splits, method, {}, plugin)
 
 
 def fitted(
     suite: Suite, data: Dataset, method: str, plugin: Path, stop: threading.Event | None = None
 ) -> Worker:
     worker = Worker(serve_method, task(suite, data, method, plugin), stop=stop)
-    reply: Reply = worker.ask("fit", limit=60, what="fit")
+    reply = worker.ask("fit", limit=60, what="fit")
     assert reply.failure is None
     return worker
 
@@ -88,7 +90,7 @@ def test_a_killed_process_ran_out_of_memory(tiny: Suite, data: Dataset, toys: Pa
     ):
         worker.ask("reconstruct", data.voltages, limit=60, what="a batch")
     assert lost.value.failure == Failure(
-        "out-of-memory", "its process was killed (SIGKILL) during a batch"
+        "out-of-memory", "its process was killed (out of memory, or by hand) during a batch"
     )
 
 
@@ -159,3 +161,68 @@ def test_plugins_are_loaded_elsewhere(toys: Path, capfd: pytest.CaptureFixture[s
     from eitbench.methods import methods
 
     assert "toy-good" not in methods()
+
+
+def test_an_answer_that_is_none_loses_the_worker() -> None:
+    with (
+        Worker(operator.methodcaller("send", "nonsense")) as worker,
+        pytest.raises(WorkerLostError, match="sent something that is no answer during it") as lost,
+    ):
+        worker.ask("fit", limit=60, what="it")
+    assert lost.value.failure.status == "error"
+
+
+class MuteError(Exception):
+    def __str__(self) -> str:
+        raise RuntimeError
+
+
+@pytest.mark.parametrize(
+    ("error", "message"),
+    [
+        (ValueError("\ud800"), "ValueError: \\ud800"),
+        (ValueError("x" * 1000), "ValueError: " + "x" * 487 + "…"),
+        (MuteError(), "MuteError: (its message cannot be printed)"),
+    ],
+)
+def test_any_message_can_be_written(error: Exception, message: str) -> None:
+    assert describe_exception(error).message == message
+    assert len(message.encode()) <= 510
+
+
+REGISTERS = """
+from eitbench.methods import Method, register
+
+@register({!r})
+class Mine(Method):
+    def fit(self, problem): ...
+    def reconstruct(self, voltages): ...
+"""
+
+
+@pytest.mark.parametrize(
+    ("name", "sentence"),
+    [
+        ("noser", r"'noser' is taken by eitbench\.methods\.noser"),
+        ("ü" * 41, "cannot name a method: use 1 to 80 bytes"),
+    ],
+)
+def test_a_plugin_cannot_have_any_name(name: str, sentence: str, tmp_path: Path) -> None:
+    plugin = tmp_path / "plugin.py"
+    plugin.write_text(REGISTERS.format("ü" * 40), encoding="utf-8")
+    assert plugin_methods(plugin) == ["ü" * 40]
+    plugin.write_text(REGISTERS.format(name), encoding="utf-8")
+    with pytest.raises(InputError, match=sentence):
+        plugin_methods(plugin)
+
+
+@pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="reads /proc")
+def test_ctrl_c_does_not_reach_what_a_run_starts(toys: Path) -> None:
+    plugin_methods(toys)
+    with Worker(operator.methodcaller("recv")) as worker:
+        process = psutil.Process(worker._process.pid)
+        for pid in (process.pid, process.ppid()):
+            status = Path(f"/proc/{pid}/status").read_text()
+            masks = dict(line.split(":", 1) for line in status.splitlines())
+            assert int(masks["SigBlk"], 16) & 1 << (signal.SIGINT - 1)
+    assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, ())

@@ -119,6 +119,34 @@ class Killed(Toy):
         return super().reconstruct(voltages)
 
 
+@register("toy-dies-on-one")
+class DiesOnOne(Toy):
+    """Ends the process on a frame whose largest voltage passes a limit from the environment."""
+
+    def reconstruct(self, voltages: Array) -> Array:
+        if (voltages.max(axis=1) > float(os.environ["TOY_LIMIT"])).any():
+            os._exit(5)
+        return super().reconstruct(voltages)
+
+
+@register("toy-dies-on-first")
+class DiesOnFirst(Toy):
+    """Ends the process on the frame with a largest voltage from the environment."""
+
+    def reconstruct(self, voltages: Array) -> Array:
+        if (voltages.max(axis=1) == float(os.environ["TOY_FIRST"])).any():
+            os._exit(5)
+        return super().reconstruct(voltages)
+
+
+@register("toy-strange-error")
+class StrangeError(Toy):
+    """Raises a message that is long and no valid Unicode."""
+
+    def reconstruct(self, voltages: Array) -> Array:
+        raise ValueError("\ud800" + 10000 * "x")
+
+
 @register("toy-memory")
 class Memory(Toy):
     """Asks for too much in a batch."""
