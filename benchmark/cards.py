@@ -208,7 +208,7 @@ METRICS: dict[str, MetricCard] = {
         ),
         MetricCard(
             "repeatability_db",
-            "Response",
+            "Repeatability",
             "20 log10(rms contrast of touched frames / rms contrast of untouched frames)",
             "recorded scenarios of which nothing but touched or untouched is known",
             "dB",

@@ -66,6 +66,7 @@ def _recordings() -> list[Row]:
             "truth": recorded.truth,
             "licence": recorded.licence,
             "source": recorded.repository,
+            "citation": recorded.citation,
         }
         for name, recorded in RECORDED_SETS.items()
     ]

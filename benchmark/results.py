@@ -30,6 +30,10 @@ TIMINGS = (
     "memory_mb",
 )
 
+# What is known of a scenario's data beside its rows, if it is recorded.
+NOTES = ("reciprocity_error", "repeat_noise", "guess_mm")
+NOTES_FILE = "recordings.json"
+
 # What decides a rank, by the first of these that any method of the scenario has: a true
 # conductivity gives a score, true classes a CC, presses a place, and recordings else a response.
 _RANKED_BY = ("score", "cc", "localisation_mm", "repeatability_db")
@@ -67,12 +71,14 @@ class Run:
         manifest: how the run was made.
         samples: one row per scenario, method and sample.
         methods: one row per scenario and method.
+        notes: figures of recorded scenarios, by scenario and by a name of `NOTES`.
     """
 
     path: Path
     manifest: dict[str, Any]
     samples: pd.DataFrame
     methods: pd.DataFrame
+    notes: dict[str, dict[str, float | None]]
 
     def scenarios(self) -> list[str]:
         """Names of the scenarios that have rows, in the order of the run."""
@@ -156,7 +162,14 @@ def read_run(path: Path) -> Run:
         raise InputError(
             f"The run in {path} has no results yet: finish it with `eitbench run --resume {path}`."
         )
-    return Run(path, _read_json(content), _read_table(path / SAMPLES), _read_table(path / METHODS))
+    notes = path / NOTES_FILE
+    return Run(
+        path,
+        _read_json(content),
+        _read_table(path / SAMPLES),
+        _read_table(path / METHODS),
+        _read_json(notes) if notes.is_file() else {},
+    )
 
 
 def _read_json(path: Path) -> dict[str, Any]:
@@ -165,7 +178,7 @@ def _read_json(path: Path) -> dict[str, Any]:
     except ValueError as error:
         raise DataCorruptError(f"{path} is not valid JSON: run again.") from error
     if not isinstance(content, dict):
-        raise DataCorruptError(f"{path} does not hold a manifest: run again.")
+        raise DataCorruptError(f"{path} does not hold a JSON object: run again.")
     return content
 
 
@@ -177,21 +190,27 @@ def _read_table(path: Path) -> pd.DataFrame:
 
 
 def leaderboard_rows(runs: Sequence[Run]) -> list[Row]:
-    """One row per run, scenario, method and track, ranked within each scenario.
+    """One row per run, scenario, method and track, ranked among those of the same data.
 
     Figures are means over the valid samples (localisation: the median); None where not defined.
     The best value has rank 1; methods that lost samples come after those that lost none, methods
     without a figure come last, and equals share a rank.
     """
     rows = [_row(run, keys, cell) for run in runs for keys, cell in _cells(run)]
-    boards: dict[tuple[str, str], list[Row]] = {}
-    for row in rows:
-        boards.setdefault((row["suite"], row["scenario"]), []).append(row)
     ranked = []
-    for board in boards.values():
+    for board in boards(rows):
         _rank(board)
         ranked += sorted(board, key=lambda row: (row["rank"], row["method"]))
     return ranked
+
+
+def boards(rows: Iterable[Row]) -> list[list[Row]]:
+    """The rows that may be compared, together: of one suite, scenario and data."""
+    found: dict[tuple[Any, ...], list[Row]] = {}
+    for row in rows:
+        key = tuple(row[name] for name in ("suite", "scenario", "data_hash", "data_n"))
+        found.setdefault(key, []).append(row)
+    return list(found.values())
 
 
 def _cells(run: Run) -> Iterable[tuple[tuple[str, ...], pd.DataFrame]]:
@@ -204,6 +223,7 @@ def _cells(run: Run) -> Iterable[tuple[tuple[str, ...], pd.DataFrame]]:
 def _row(run: Run, keys: tuple[str, ...], cell: pd.DataFrame) -> Row:
     suite, scenario, method, track = keys
     valid = cell[cell["status"] == "ok"]
+    data = run.manifest.get("data", {}).get(scenario, {})
     row: Row = {
         "suite": suite,
         "scenario": scenario,
@@ -224,7 +244,9 @@ def _row(run: Run, keys: tuple[str, ...], cell: pd.DataFrame) -> Row:
     ]
     for name in TIMINGS:
         row[name] = _plain(of[name].iloc[0]) if name in of and len(of) else None
-    return row
+    row |= {"data_hash": data.get("hash"), "data_n": data.get("n")}
+    noted = run.notes.get(scenario, {})
+    return row | {name: _plain(noted.get(name)) for name in NOTES}
 
 
 def _average(rows: pd.DataFrame, name: str, average: str) -> float:

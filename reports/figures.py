@@ -62,7 +62,7 @@ class Comparison:
         limits: the values [S/m] at the ends of the colour scale.
         contrast: whether images show contrast, not conductivity.
         bounds: (x_min, y_min, x_max, y_max) [m] of an image.
-        footnote: what the crosses mean; "" if there are none.
+        footnote: what the crosses mean and which methods are left out; "" if there is neither.
     """
 
     title: str
@@ -72,6 +72,9 @@ class Comparison:
     contrast: bool
     bounds: tuple[float, float, float, float]
     footnote: str
+
+
+Columns = list[tuple[str, list[Tile]]]
 
 
 def write_figures(run: Path) -> list[Path]:
@@ -108,7 +111,7 @@ def comparison(run: Run, scenario: str) -> Comparison:
     scene = run.scene(scenario, samples)
     contrast = scene.truth is None or scene.has_classes
     shift = scene.background if contrast else 0.0
-    columns: list[tuple[str, list[Tile]]] = []
+    columns: Columns = []
     for method in methods:
         images = run.estimates(scenario, method, samples)
         cell = _by_sample(run.cell(scenario, method))
@@ -117,6 +120,7 @@ def comparison(run: Run, scenario: str) -> Comparison:
             for k, sample in enumerate(samples)
         ]
         columns.append((printable(method), tiles))
+    columns, without = _with_images(columns, always=scene.truth is None)
     limits = _limits(scene, shift, [tile.image for _, tiles in columns for tile in tiles])
     if scene.truth is not None:
         scale = limits[1] if scene.has_classes else 1.0
@@ -124,7 +128,11 @@ def comparison(run: Run, scenario: str) -> Comparison:
         columns.insert(0, (heading, [_true_tile(scene, sample, scale) for sample in samples]))
     described = _by_sample(run.samples[run.samples["scenario"] == scenario])
     labels = [_label(described[sample]) for sample in samples]
-    crosses = any(tile.cross for _, tiles in columns for tile in tiles)
+    footnotes = []
+    if any(tile.cross for _, tiles in columns for tile in tiles):
+        footnotes.append(_CROSSES)
+    if without:
+        footnotes.append(f"left out, without any image here: {', '.join(without)}")
     return Comparison(
         title=printable(f"{rows[0]['suite']} / {scenario}"),
         columns=tuple(name for name, _ in columns),
@@ -134,13 +142,30 @@ def comparison(run: Run, scenario: str) -> Comparison:
         limits=limits,
         contrast=contrast,
         bounds=scene.bounds,
-        footnote=(
-            "+  where the press was, mapped into each method's image by the similarity fitted on "
-            "the validation split (not drawn where that is outside the image)"
-            if crosses
-            else ""
-        ),
+        footnote="\n".join(footnotes),
     )
+
+
+_CROSSES = (
+    "+  where the press was, mapped into each method's image by the similarity fitted on the "
+    "validation split (not drawn where that is outside the image)"
+)
+
+
+def _with_images(columns: Columns, *, always: bool) -> tuple[Columns, list[str]]:
+    """The columns that hold any image, and the others' names with why they hold none.
+
+    Where no column holds one, all are kept if there must `always` be some.
+    """
+    kept = [c for c in columns if any(tile.image is not None for tile in c[1])]
+    if always and not kept:
+        return columns, []
+    reasons = {
+        name: ", ".join(dict.fromkeys(line for tile in tiles for line in tile.note))
+        for name, tiles in columns
+        if all(tile.image is None for tile in tiles)
+    }
+    return kept, [f"{name} ({reason})" for name, reason in reasons.items()]
 
 
 def _by_sample(rows: pd.DataFrame) -> dict[int, dict[str, Any]]:
@@ -254,7 +279,12 @@ def draw(picture: Comparison) -> "Figure":
     top = _MARGIN + TITLE * 2 / 72 + head_lines * HEADING * 1.25 / 72
     width = 2 * _MARGIN + _LABEL + len(picture.columns) * (_CELL + _GAP) + _BAR
     # A narrow picture still has to hold the words under it.
-    foot_lines = textwrap.wrap(picture.footnote, int(width * 72 / (NOTE * 0.6)))
+    letters = int(width * 72 / (NOTE * 0.6))
+    foot_lines = [
+        line
+        for footnote in picture.footnote.splitlines()
+        for line in textwrap.wrap(footnote, letters)
+    ]
     foot = (len(foot_lines) + 1) * _LINE if foot_lines else 0.0
     height = top + len(picture.rows) * row_height + foot + _MARGIN
 

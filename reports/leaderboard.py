@@ -10,12 +10,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from eitbench.benchmark.cards import METRICS
-from eitbench.benchmark.results import Row, leaderboard_rows, read_run
+from eitbench.benchmark.results import Row, boards, leaderboard_rows, read_run
 
 if TYPE_CHECKING:
     from rich.console import Group
 
 Board = tuple[str, list[Row]]
+_HASH_DIGITS = 6
 
 
 @dataclass(frozen=True)
@@ -25,7 +26,7 @@ class Column:
     Attributes:
         name: key in a row.
         title: heading; units belong to it.
-        form: format specification of its numbers; "" for text.
+        form: format specification of its numbers, `TIME` for durations; "" for text.
         best: whether the largest or the smallest value is highlighted, if any.
         always: shown even if no row of the scenario has a value.
     """
@@ -41,7 +42,22 @@ class Column:
         value = row[self.name]
         if value is None:
             return "–"
-        return format(value, self.form) if self.form else printable(str(value))
+        return self.number(value) if self.form else printable(str(value))
+
+    def number(self, value: float) -> str:
+        """A number as printed."""
+        return _time(value) if self.form == TIME else format(value, self.form)
+
+
+TIME = "time"
+
+
+def _time(value: float) -> str:
+    """At most 3 significant digits and 3 decimals, and no exponent."""
+    if 0 < value < 0.0005:
+        return "<0.001"
+    rounded = float(f"{value:.3g}")
+    return f"{rounded:.3f}".rstrip("0").rstrip(".")
 
 
 def _metric(name: str, form: str) -> Column:
@@ -68,10 +84,10 @@ COLUMNS = (
     _metric("iou_conductive", ".3f"),
     _metric("strength_spearman", ".2f"),
     _metric("repeatability_db", ".1f"),
-    Column("frame_ms_p50", "Frame p50 [ms]", ".3g", "min"),
-    Column("frame_ms_p99", "p99 [ms]", ".3g", "min"),
-    Column("setup_s", "Set-up [s]", ".3g", "min"),
-    Column("train_s", "Training [s]", ".3g", "min"),
+    Column("frame_ms_p50", "Frame p50 [ms]", TIME, "min"),
+    Column("frame_ms_p99", "p99 [ms]", TIME, "min"),
+    Column("setup_s", "Set-up [s]", TIME, "min"),
+    Column("train_s", "Training [s]", TIME, "min"),
     Column("coverage", "Coverage", ".1%", always=True),
     Column("n", "n", "d", always=True),
 )
@@ -80,8 +96,8 @@ COLUMNS = (
 # fit its width is left out from the end, and is in the files.
 TERMINAL = {
     "rank": "#", "method": "Method", "score": "S", "localisation_mm": "Loc.\nmm",
-    "coverage": "Cover-\nage", "ssim": "SSIM", "psnr": "PSNR\ndB", "cc": "CC",
-    "repeatability_db": "Repeat.\ndB", "frame_ms_p50": "Frame\nms", "rie": "RIE",
+    "coverage": "Done", "ssim": "SSIM", "psnr": "PSNR\ndB", "cc": "CC",
+    "repeatability_db": "Repeatability\ndB", "frame_ms_p50": "Frame\nms", "rie": "RIE",
     "strength_spearman": "Strength", "iou": "IoU", "n": "n", "track": "Track",
     "setup_s": "Set-up\ns", "run": "Run",
 }  # fmt: skip
@@ -125,7 +141,7 @@ def to_csv(rows: Sequence[Row]) -> str:
 
 
 def to_markdown(rows: Sequence[Row]) -> str:
-    """One table per scenario, the best values in bold."""
+    """One table per scenario, the best values in bold, and what is known of recorded data."""
     parts = []
     for title, board in _boards(rows):
         columns = _shown(board)
@@ -140,6 +156,8 @@ def to_markdown(rows: Sequence[Row]) -> str:
                 + " | ".join(f"**{t}**" if b else t for t, b in zip(cells, bold, strict=True))
                 + " |"
             )
+        if said := note(board):
+            lines += ["", _markdown(said)]
         parts.append("\n".join(lines) + "\n")
     return "\n".join(parts)
 
@@ -166,7 +184,10 @@ def to_latex(rows: Sequence[Row]) -> str:
                 " & ".join(f"\\textbf{{{t}}}" if b else t for t, b in zip(cells, bold, strict=True))
                 + " \\\\"
             )
-        lines += ["\\bottomrule", "\\end{tabular}", "\\end{table}"]
+        lines += ["\\bottomrule", "\\end{tabular}"]
+        if said := note(board):
+            lines += ["", f"\\smallskip{{\\footnotesize {_latex(said)}}}"]
+        lines.append("\\end{table}")
         parts.append("\n".join(lines) + "\n")
     return "\n".join(parts)
 
@@ -185,6 +206,8 @@ def to_html(rows: Sequence[Row]) -> str:
             marked = (f"<td><strong>{t}</strong></td>" if b else f"<td>{t}</td>" for t, b in cells)
             lines.append(f"<tr>{''.join(marked)}</tr>")
         lines += ["</tbody>", "</table>"]
+        if said := note(board):
+            lines.append(f"<p>{html.escape(said)}</p>")
     return "\n".join(lines) + "\n" if lines else ""
 
 
@@ -198,13 +221,16 @@ FORMATS: dict[str, Callable[[Sequence[Row]], str]] = {
 
 
 def table(rows: Sequence[Row], width: int) -> "Group":
-    """One table per scenario for a terminal of `width` characters, the best values green."""
+    """One table per scenario for a terminal of `width` characters, the best values green.
+
+    Under it stands what is known of recorded data.
+    """
     from rich import box
-    from rich.console import Group
+    from rich.console import Group, RenderableType
     from rich.table import Table
     from rich.text import Text
 
-    tables = []
+    shown_below: list[RenderableType] = []
     for title, board in _boards(rows):
         columns = _fitting(board, width)
         shown = Table(title=Text(title, style="bold"), title_justify="left", box=box.SIMPLE_HEAD)
@@ -224,8 +250,10 @@ def table(rows: Sequence[Row], width: int) -> "Group":
                     for c in columns
                 )
             )
-        tables.append(shown)
-    return Group(*tables)
+        shown_below.append(shown)
+        if said := note(board):
+            shown_below += [Text(f" {said}"), Text()]
+    return Group(*shown_below)
 
 
 def _fitting(board: Sequence[Row], width: int) -> list[Column]:
@@ -250,11 +278,36 @@ def printable(text: str) -> str:
 
 
 def _boards(rows: Sequence[Row]) -> Iterable[Board]:
-    """The rows of each suite and scenario under their title, in the order given."""
-    boards: dict[tuple[str, str], list[Row]] = {}
-    for row in rows:
-        boards.setdefault((row["suite"], row["scenario"]), []).append(row)
-    return [(printable(f"{suite} / {scenario}"), b) for (suite, scenario), b in boards.items()]
+    """The rows of each suite, scenario and data under their title, in the order given."""
+    found = boards(rows)
+    names = [f"{board[0]['suite']} / {board[0]['scenario']}" for board in found]
+    return [
+        (printable(name if names.count(name) == 1 else f"{name} ({_data(board[0])})"), board)
+        for name, board in zip(names, found, strict=True)
+    ]
+
+
+def _data(row: Row) -> str:
+    """What tells unlike data of one scenario apart."""
+    digits = "unknown" if row["data_hash"] is None else row["data_hash"][:_HASH_DIGITS]
+    return f"n = {row['n'] if row['data_n'] is None else row['data_n']}, data {digits}"
+
+
+def note(board: Sequence[Row]) -> str:
+    """What is known of the recorded data of a board, as one line; "" where nothing is."""
+    said = []
+    for name, words in _NOTES.items():
+        known = [row[name] for row in board if row[name] is not None]
+        if known:
+            said.append(words.format(known[0]))
+    return f"{'; '.join(said)}." if said else ""
+
+
+_NOTES = {
+    "guess_mm": "guessing one place: {:.1f} mm",
+    "reciprocity_error": "reciprocity error of the reference frame: {:.2%}",
+    "repeat_noise": "noise between repeats: {:.3%}",
+}
 
 
 def _shown(board: Sequence[Row]) -> list[Column]:
@@ -272,12 +325,14 @@ def _shown(board: Sequence[Row]) -> list[Column]:
 
 
 def _is_best(column: Column, row: Row, board: Sequence[Row]) -> bool:
-    values: list[Any] = [r[column.name] for r in board if r[column.name] is not None]
-    if column.best is None or row[column.name] is None:
+    # A mean over the easier part of the samples is no rival of one over all of them.
+    whole = [r for r in board if r["coverage"] == 1]
+    values: list[Any] = [r[column.name] for r in whole if r[column.name] is not None]
+    if column.best is None or row["coverage"] < 1 or row[column.name] is None:
         return False
     # Values that print alike are highlighted alike, unless there is nothing to choose from.
-    best = format(max(values) if column.best == "max" else min(values), column.form)
-    return column.text(row) == best and any(format(v, column.form) != best for v in values)
+    best = column.number(max(values) if column.best == "max" else min(values))
+    return column.text(row) == best and any(column.number(v) != best for v in values)
 
 
 def _markdown(text: str) -> str:

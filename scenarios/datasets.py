@@ -105,21 +105,26 @@ def load(
         download_limit_s: how long a recorded set may take to download [s]; no limit by default.
 
     Raises:
-        InputError: unknown scenario or split, or a limit or number of jobs below 1.
+        InputError: unknown scenario or split, or a limit or number of jobs that is no whole
+            number of at least 1.
         DataUnavailableError: recorded data is neither here nor within reach.
         DataCorruptError: recorded data is not what its checksum promises.
         EitbenchError: the cache folder is not writable or full.
     """
-    if limit is not None and limit < 1:
-        raise InputError(f"A limit is at least 1 sample, got {limit}.")
-    if jobs < 1:
-        raise InputError(f"The number of jobs is at least 1, got {jobs}.")
+    if limit is not None and not _is_count(limit):
+        raise InputError(f"A limit is a whole number of at least 1 sample, got {limit!r}.")
+    if not _is_count(jobs):
+        raise InputError(f"The number of jobs is a whole number of at least 1, got {jobs!r}.")
     if isinstance(scenario, str):
         scenario = scenario_by_name(scenario)
     part = checked_split(split)
     if isinstance(scenario, RecordedScenario):
         return _recorded(scenario, part, limit, download_limit_s, progress)
     return _simulated(scenario, part, limit, jobs, progress)
+
+
+def _is_count(value: object) -> bool:
+    return isinstance(value, int | np.integer) and not isinstance(value, bool) and int(value) >= 1
 
 
 def _simulated(

@@ -1,6 +1,7 @@
 """Suites: which scenarios are run with which methods, read from TOML files."""
 
 import difflib
+import json
 import re
 import tomllib
 from collections.abc import Mapping, Sequence
@@ -9,6 +10,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
+from numpy.lib.stride_tricks import sliding_window_view
 from pydantic import Field, ValidationError, field_validator
 
 from eitbench.scenarios.errors import InputError, unknown_name
@@ -22,6 +24,8 @@ from eitbench.scenarios.scenario import (
 )
 
 Key = tuple[str | int, ...]
+WINDOW = 7
+"""Side [pixels] of the windows that images are judged in; one must fit into the sensor."""
 
 
 class Suite(Declaration):
@@ -115,16 +119,65 @@ def read_suite(path: Path) -> Suite:
         declared = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise InputError(_syntax_message(path, text, str(error))) from error
+    lines = key_lines(text)
     try:
-        return Suite.model_validate(declared)
+        # Read as JSON, so that numbers written as text are refused but lists can be tuples.
+        suite = Suite.model_validate_json(json.dumps(declared, default=_date), strict=True)
     except ValidationError as error:
-        lines = key_lines(text)
         found = [_problem(dict(e), declared, lines) for e in error.errors(include_url=False)]
         # The first in the file, unless it is but the consequence of one further inside: a list of
         # nothing but mistakes also counts as too short.
         causes = [f for f in found if not any(g[1].startswith(f[1] + "[") for g in found)]
         line, field, problem = min(causes, key=lambda cause: cause[0])
-        raise InputError(f"Suite file {path}, line {line}, field {field!r}: {problem}.") from error
+        stop = "" if problem.endswith("?") else "."
+        raise InputError(f"{_place(path, line, field)}: {problem}{stop}") from error
+    for k, scenario in enumerate(suite.scenarios):
+        if isinstance(scenario, SimulatedScenario) and (wrong := _unusable(scenario)):
+            name, problem = wrong
+            place = _place(path, _line(("scenarios", k, name), lines), f"scenarios[{k}].{name}")
+            raise InputError(f"{place}: {problem}.")
+    return suite
+
+
+def _date(value: object) -> dict[str, str]:
+    """What stands for a date of TOML, which no field holds: not a string, which many do."""
+    return {"date": str(value)}
+
+
+def _unusable(scenario: SimulatedScenario) -> tuple[str, str] | None:
+    """The field and the reason why no method could be judged on `scenario`, if so."""
+    if scenario.test < 1:
+        return "test", "a suite judges methods on at least 1 test sample"
+    # Every sensor holds a window of a fine grid, whose mask may be too large to look.
+    if scenario.image_shape is None or min(scenario.image_shape) > 10 * WINDOW:
+        return None
+    mask = scenario.nominal_sensor.mask
+    if (
+        min(mask.shape) < WINDOW
+        or not sliding_window_view(mask, (WINDOW, WINDOW)).all((2, 3)).any()
+    ):
+        return "image_shape", (
+            f"no place of {WINDOW} x {WINDOW} pixels, as SSIM needs, lies inside the sensor: "
+            "choose a finer grid"
+        )
+    return None
+
+
+def declared_at(path: Path, field: str) -> str:
+    """Where the suite file at `path` declares its `field`: the beginning of a sentence."""
+    lines = key_lines(path.read_text(encoding="utf-8"))
+    return _place(path, _line((field,), lines), field)
+
+
+def _place(path: Path, line: int, field: str) -> str:
+    return f"Suite file {path}, line {line}, field {field!r}"
+
+
+def _line(key: Key, lines: Mapping[Key, int]) -> int:
+    """The line of `key`, or of the nearest key that contains it."""
+    while key not in lines:
+        key = key[:-1]
+    return lines[key]
 
 
 def key_lines(text: str) -> dict[Key, int]:
@@ -172,9 +225,6 @@ def _problem(
 ) -> tuple[int, str, str]:
     """Line, field and sentence of one validation `error`."""
     key = _declared_key(error["loc"], declared)
-    place = key
-    while place not in lines:
-        place = place[:-1]
     field = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in key).lstrip(
         "."
     )
@@ -187,7 +237,7 @@ def _problem(
     elif error["type"].startswith("union_tag"):
         field = f"{field}.kind"
         problem = "it is 'simulated' or 'recorded'"
-    return lines[place], field, problem
+    return _line(key, lines), field, problem
 
 
 def _declared_key(loc: Sequence[str | int], declared: Mapping[str, Any]) -> Key:

@@ -1,5 +1,6 @@
 """The command line: answers, exit codes, one sentence for every error, Ctrl-C."""
 
+import dataclasses
 import json
 import os
 import signal
@@ -8,6 +9,7 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -122,27 +124,138 @@ def test_errors_are_one_sentence(
 
 
 @pytest.mark.parametrize(
-    "arguments",
+    ("arguments", "says"),
     [
-        ("run",),
-        ("run", TINY, "--limit", "0"),
-        ("run", TINY, "--jobs", "none"),
-        ("run", "--resume", "somewhere", "--methods", "noser"),
-        ("list", "nonsense"),
-        ("no-such-command",),
+        (("run",), "Name a suite"),
+        (("run", TINY, "--limit", "0"), "'--limit'"),
+        (("run", TINY, "--jobs", "none"), "'--jobs'"),
+        (("run", TINY, "--no-such-option"), "--no-such-option"),
+        (("run", TINY, "--methods", ","), "--methods names nothing"),
+        (("run", TINY, "--methods", ""), "--methods names nothing"),
+        (("run", TINY, "--scenarios", " , "), "--scenarios names nothing"),
+        (("run", "--resume", "somewhere", "--methods", "noser"), "A resumed run keeps its choices"),
+        (("run", "--resume", "somewhere", "--methods", ""), "A resumed run keeps its choices"),
+        (("tune",), "Missing argument"),
+        (("list", "nonsense"), "nonsense"),
+        (("no-such-command",), "no-such-command"),
     ],
 )
-def test_bad_usage_exits_2(arguments: tuple[str, ...], eitbench: Run) -> None:
+def test_bad_usage_is_one_sentence_and_exits_2(
+    arguments: tuple[str, ...], says: str, eitbench: Run
+) -> None:
     code, out, err = eitbench(*arguments)
     assert code == 2
     assert out == ""
-    assert "Traceback" not in err
+    assert err.startswith("eitbench: ")
+    assert says in err
+    assert err.count("\n") == 1
+    assert err.endswith("--help`.\n")
+
+
+def test_a_suite_that_names_an_unknown_method_is_named_by_line(
+    tmp_path: Path, eitbench: Run
+) -> None:
+    path = tmp_path / "bad.toml"
+    path.write_text(Path(TINY).read_text().replace('"noser"', '"nosr"'))
+    place = f"Suite file {path}, line 3, field 'methods': "
+    for command in ("run", "tune"):
+        code, _, err = eitbench(command, str(path))
+        assert (code, err) == (
+            2, f"eitbench: {place}Unknown method 'nosr': did you mean 'noser'?\n"
+        )  # fmt: skip
+    _, _, err = eitbench("run", str(path), "--methods", "tvv")
+    assert err.startswith("eitbench: Unknown method 'tvv'")
+
+
+def test_without_a_command_the_help_is_shown(eitbench: Run) -> None:
+    code, out, err = eitbench()
+    assert code == 2
+    assert "Usage: eitbench" in out + err
+
+
+@pytest.mark.parametrize("what", ["methods", "scenarios", "sensors", "suites", "recordings"])
+@pytest.mark.parametrize("width", [40, 80])
+def test_names_in_a_list_are_never_cut(
+    what: str, width: int, eitbench: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    names = [row["name"] for row in json.loads(eitbench("list", what, "--json")[1])]
+    monkeypatch.setattr(cli, "_width", lambda: width)
+    _, out, _ = eitbench("list", what)
+    assert {line.split(" ")[0] for line in out.splitlines()} >= set(names)
+    assert max(map(len, out.splitlines())) <= width
+
+
+def test_recordings_are_listed_with_what_to_cite(eitbench: Run) -> None:
+    rows = json.loads(eitbench("list", "recordings", "--json")[1])
+    assert all(row["citation"] and row["licence"] and row["source"] for row in rows)
+    assert "citation" not in eitbench("list", "recordings")[1]
+
+
+def test_fetch_reports_the_folder_that_holds_the_set(recorded_data: Path, eitbench: Run) -> None:
+    folder = recorded_data / "DSHardman" / "HydrogelEIT"
+    assert eitbench("recordings", "fetch", "ohmc16") == (0, f"ohmc16 is in {folder}\n", "")
+
+
+def test_a_limit_above_the_split_is_said(tmp_path: Path, eitbench: Run) -> None:
+    code, _, err = eitbench("run", TINY, "--limit", "99", "--out", str(tmp_path / "run"))
+    assert code == 0
+    assert err.splitlines()[-1] == (
+        "eitbench: Scenario 'tiny' has only 5 test samples: --limit 99 is above."
+    )
+
+
+@pytest.mark.parametrize(("refused", "code"), [((), 0), (("Scenario 'b' is damaged.",), 1)])
+def test_skipped_and_refused_scenarios_are_repeated_below(
+    refused: tuple[str, ...],
+    code: int,
+    tmp_path: Path,
+    eitbench: Run,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    from eitbench.benchmark import runner
+
+    start = runner.start_run
+
+    def started(*arguments: Any, **options: Any) -> runner.RunResult:
+        result = start(*arguments, **options)
+        skipped = ("Scenario 'a' is skipped.",)
+        return dataclasses.replace(result, skipped=skipped, refused=refused)
+
+    monkeypatch.setattr(runner, "start_run", started)
+    found, out, _ = eitbench("run", TINY, "--limit", "1", "--out", str(tmp_path / "run"))
+    assert found == code
+    lines = [line.strip() for line in out.splitlines()]
+    sentences = ["Scenario 'a' is skipped.", *refused]
+    first = lines.index(sentences[0])
+    assert lines[first : first + len(sentences)] == sentences
+    assert any("noser" in line for line in lines[:first])
+
+
+def test_a_run_without_rows_says_so(
+    tmp_path: Path, eitbench: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from eitbench.reports import leaderboard
+
+    monkeypatch.setattr(leaderboard, "leaderboard", lambda runs: [])
+    code, out, err = eitbench("leaderboard", str(tmp_path))
+    assert (code, out.strip()) == (0, "")
+    assert err == f"eitbench: There are no rows in {tmp_path}: nothing was finished there.\n"
 
 
 def test_a_traceback_only_with_debug(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "argv", ["eitbench", "run", "qiuck", "--debug"])
     with pytest.raises(ValueError, match="Unknown suite"):
         cli.main()
+
+
+def test_ctrl_c_is_one_sentence(monkeypatch: pytest.MonkeyPatch, eitbench: Run) -> None:
+    from eitbench.benchmark import listing
+
+    def interrupted() -> list[listing.Row]:
+        raise KeyboardInterrupt
+
+    monkeypatch.setitem(listing.LISTINGS, "suites", interrupted)
+    assert eitbench("list", "suites") == (130, "", "eitbench: Interrupted.\n")
 
 
 def test_a_bug_is_one_sentence_too(monkeypatch: pytest.MonkeyPatch, eitbench: Run) -> None:

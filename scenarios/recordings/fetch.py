@@ -135,6 +135,22 @@ def fetch(recorded: RecordedSet, *, limit_s: float | None = None, progress: bool
     return folder
 
 
+def intact(recorded: RecordedSet, *, progress: bool = False) -> Path:
+    """The folder that holds all files of the set, verified; downloaded or repaired if need be.
+
+    Only the cache is repaired: a folder that `EITBENCH_DATA` names belongs to the user.
+
+    Raises:
+        DataUnavailableError: not on this machine and not to be had from the network.
+        DataCorruptError: a file differs from what was published.
+    """
+    folder = find(recorded)
+    if folder is None or folder == cached_folder(recorded):
+        return fetch(recorded, progress=progress)
+    verify(recorded, folder)
+    return folder
+
+
 def _unavailable(recorded: RecordedSet, reason: str) -> DataUnavailableError:
     return DataUnavailableError(
         f"The recorded set {recorded.name!r} is not on this machine and {reason}: run `eitbench "
@@ -183,7 +199,9 @@ class _Download:
         from rich.console import Console
         from rich.progress import Progress
 
-        bar = Progress(console=Console(stderr=True), transient=True)
+        console = Console(stderr=True)
+        # Without a terminal a bar would leave but an empty line.
+        bar = Progress(console=console, transient=True, disable=not console.is_terminal)
         bar.add_task(self.recorded.name, total=sum(file.bytes for file in self.files))
         return bar
 

@@ -17,7 +17,7 @@ import typer
 
 if TYPE_CHECKING:
     from eitbench.benchmark.checks import CheckReport
-    from eitbench.benchmark.runner import RunResult
+    from eitbench.benchmark.runner import Plan, RunResult
 
 app = typer.Typer(
     help="The benchmark for electrical impedance tomography (EIT) tactile sensing.",
@@ -90,7 +90,9 @@ def list_command(
     if as_json:
         _print_json(rows)
     else:
-        _print_table(rows)
+        from eitbench.reports.listing import names_table
+
+        _print_renderable(names_table(rows))
 
 
 @app.command(epilog="Example: eitbench run quick --methods noser,tv --limit 12 --out runs/first")
@@ -119,42 +121,68 @@ def run(
 ) -> None:
     """Run a suite and print its leaderboard."""
     from eitbench.benchmark.progress import RunProgress
-    from eitbench.benchmark.runner import (
-        RunInterruptedError,
-        make_plan,
-        resume_run,
-        start_run,
-    )
+    from eitbench.benchmark.runner import RunInterruptedError, resume_run, start_run
     from eitbench.scenarios.suites import load_suite
 
-    if resume is not None and (methods or scenarios or limit or plugin or out):
+    choices = (methods, scenarios, limit, plugin or None, out)
+    if resume is not None and any(choice is not None for choice in choices):
         raise typer.BadParameter("a resumed run keeps its choices: give SUITE and --jobs only")
     if resume is None and suite is None:
         raise typer.BadParameter("name a suite (eitbench list suites), or give --resume DIR")
-    chosen = None if suite is None else load_suite(suite)
     progress = RunProgress()
     try:
         if resume is not None:
+            chosen = None if suite is None else load_suite(suite)
             result = resume_run(resume, suite=chosen, jobs=jobs, progress=progress)
-        elif chosen is not None:
-            plan = make_plan(
-                chosen,
-                methods=_names(methods),
-                scenarios=_names(scenarios),
-                limit=limit,
-                plugins=plugin or (),
-            )
-            folder = out or Path("runs") / f"{chosen.name}-{time.strftime('%Y%m%d-%H%M%S')}"
+        elif suite is not None:
+            plan = _plan(suite, methods, scenarios, limit, plugin)
+            folder = out or Path("runs") / f"{plan.suite.name}-{time.strftime('%Y%m%d-%H%M%S')}"
             result = start_run(plan, folder, jobs=jobs, progress=progress)
     except RunInterruptedError as interrupted:
         _fail(str(interrupted), 130)
-    _show_run(result, as_json)
+    _show_run(result, as_json, limit)
+    if result.refused:
+        raise typer.Exit(1)
 
 
-def _show_run(result: "RunResult", as_json: bool) -> None:
+def _plan(
+    suite: str,
+    methods: str | None,
+    scenarios: str | None,
+    limit: int | None,
+    plugins: Sequence[Path] | None,
+) -> "Plan":
+    from eitbench.benchmark.runner import make_plan
+    from eitbench.scenarios.errors import InputError
+    from eitbench.scenarios.suites import declared_at, load_suite, suites
+
+    chosen = load_suite(suite)
+    try:
+        return make_plan(
+            chosen,
+            methods=_names("--methods", methods),
+            scenarios=_names("--scenarios", scenarios),
+            limit=limit,
+            plugins=plugins or (),
+        )
+    except InputError as error:
+        # Methods are unknown to scenarios, so that only here a suite's own can be wrong.
+        own = methods is None and suite not in suites()
+        if own and str(error).startswith("Unknown method "):
+            raise InputError(f"{declared_at(Path(suite), 'methods')}: {error}") from error
+        raise
+
+
+def _show_run(result: "RunResult", as_json: bool, limit: int | None) -> None:
+    from eitbench.benchmark import manifest
+    from eitbench.benchmark.recorded import write_notes
     from eitbench.reports.figures import write_figures
     from eitbench.reports.leaderboard import leaderboard, table, write_leaderboard
 
+    for name, data in manifest.read(result.path)["data"].items():
+        if limit is not None and data["n"] < limit:
+            _warn(f"Scenario {name!r} has only {data['n']} test samples: --limit {limit} is above.")
+    write_notes(result.path)
     rows = leaderboard([result.path])
     write_leaderboard(rows, result.path)
     figures = write_figures(result.path)
@@ -165,10 +193,13 @@ def _show_run(result: "RunResult", as_json: bool) -> None:
                 "leaderboard": rows,
                 "figures": [str(path) for path in figures],
                 "skipped": list(result.skipped),
+                "refused": list(result.refused),
             }
         )
         return
     _print_renderable(table(rows, _width()))
+    for sentence in (*result.skipped, *result.refused):
+        typer.echo(sentence)
     typer.echo(f"Run: {result.path}")
     for path in figures:
         if path.suffix == ".png":
@@ -186,6 +217,8 @@ def leaderboard(
     from eitbench.reports import leaderboard as reports
 
     rows = reports.leaderboard(runs)
+    if not rows:
+        _warn(f"There are no rows in {', '.join(map(str, runs))}: nothing was finished there.")
     if form is None:
         _print_renderable(reports.table(rows, _width()))
     else:
@@ -210,17 +243,10 @@ def tune(
     ] = None,
 ) -> None:
     """Choose hyper-parameters on the validation split; later runs use them (track `tuned`)."""
-    from eitbench.benchmark.runner import make_plan
     from eitbench.benchmark.selection import tune as choose_all
     from eitbench.benchmark.selection import user_choices
-    from eitbench.scenarios.suites import load_suite
 
-    plan = make_plan(
-        load_suite(suite),
-        methods=_names(methods),
-        scenarios=_names(scenarios),
-        plugins=plugin or (),
-    )
+    plan = _plan(suite, methods, scenarios, None, plugin)
     chosen = [s for s in plan.suite.scenarios if s.name in plan.scenarios]
     folder = out or user_choices()
     files = [path for path, _ in plan.plugins]
@@ -277,37 +303,29 @@ def new_method_command(
 def fetch(
     name: Annotated[str, typer.Argument(help="A recorded set (eitbench list recordings).")],
 ) -> None:
-    """Download a recorded set from its public source and verify it."""
+    """Find or download a recorded set and verify it."""
     from eitbench.scenarios.recordings import recorded_set
-    from eitbench.scenarios.recordings.fetch import fetch as fetch_recording
+    from eitbench.scenarios.recordings.fetch import intact
 
-    typer.echo(f"{name} is in {fetch_recording(recorded_set(name), progress=True)}")
+    typer.echo(f"{name} is in {intact(recorded_set(name), progress=True)}")
 
 
-def _names(text: str | None) -> Sequence[str]:
-    return [name.strip() for name in (text or "").split(",") if name.strip()]
+def _names(option: str, text: str | None) -> Sequence[str]:
+    """The names in `text`; none where the option was not given."""
+    names = [name.strip() for name in (text or "").split(",") if name.strip()]
+    if text is not None and not names:
+        raise typer.BadParameter(f"{option} names nothing: give names with commas between them")
+    return names
 
 
 def _print_json(value: Any) -> None:
     typer.echo(json.dumps(value, indent=2, allow_nan=False, default=str))
 
 
-def _print_table(rows: Sequence[dict[str, Any]]) -> None:
-    from rich.table import Table
-    from rich.text import Text
-
-    shown = Table(box=None, pad_edge=False)
-    for column in rows[0] if rows else ():
-        shown.add_column(column)
-    for row in rows:
-        shown.add_row(*(Text("" if value is None else str(value)) for value in row.values()))
-    _print_renderable(shown)
-
-
 def _print_renderable(renderable: Any) -> None:
     from rich.console import Console
 
-    Console(width=_width()).print(renderable)
+    Console(width=_width(), highlight=False).print(renderable)
 
 
 def _width() -> int:
@@ -322,12 +340,20 @@ def main() -> None:
     debug = "--debug" in sys.argv[1:]
     # Accepted anywhere, since it is added to a command that has just failed.
     arguments = [argument for argument in sys.argv[1:] if argument != "--debug"]
-    _guarded(lambda: app(args=arguments, prog_name="eitbench"), debug)
+    code = _guarded(lambda: app(args=arguments, prog_name="eitbench", standalone_mode=False), debug)
+    sys.exit(code)
 
 
-def _guarded(command: Callable[[], None], debug: bool) -> None:
+# Typer raises these of click's, or of its own copy of click, which has no public name.
+_UsageError = typer.BadParameter.__mro__[1]
+
+
+def _guarded(command: Callable[[], object], debug: bool) -> int:
+    """The exit code of `command`."""
     try:
-        command()
+        code = command()
+    except typer.Abort:
+        code = 130
     except BrokenPipeError:
         # The reader (head, less) has seen enough; nothing may be flushed to it at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -335,6 +361,8 @@ def _guarded(command: Callable[[], None], debug: bool) -> None:
     except KeyboardInterrupt:
         _fail("Interrupted.", 130)
     except Exception as error:
+        if isinstance(error, _UsageError):
+            _fail_usage(error)
         if debug:
             raise
         from eitbench.scenarios.errors import EitbenchError, InputError
@@ -348,11 +376,27 @@ def _guarded(command: Callable[[], None], debug: bool) -> None:
             "please report it.",
             1,
         )
+    if code == 130:
+        _fail("Interrupted.", 130)
+    return code if isinstance(code, int) else 0
+
+
+def _fail_usage(error: Any) -> NoReturn:
+    if type(error).__name__ == "NoArgsIsHelpError":
+        error.show()
+        sys.exit(2)
+    sentence = str(error.format_message()).removeprefix("Invalid value: ").rstrip(".")
+    command = error.ctx.command_path if error.ctx is not None else "eitbench"
+    _fail(f"{sentence[:1].upper()}{sentence[1:]}; see `{command} --help`.", 2)
 
 
 def _fail(sentence: str, code: int) -> NoReturn:
-    typer.echo(f"eitbench: {' '.join(sentence.split())}", err=True)
+    _warn(sentence)
     sys.exit(code)
+
+
+def _warn(sentence: str) -> None:
+    typer.echo(f"eitbench: {' '.join(sentence.split())}", err=True)
 
 
 if __name__ == "__main__":

@@ -92,6 +92,7 @@ class RunBuilder:
     methods: list[dict[str, Any]] = field(default_factory=list)
     datasets: dict[str, Dataset] = field(default_factory=dict)
     images: dict[tuple[str, str], NDArray[np.float32]] = field(default_factory=dict)
+    hash: str = "3f2a1b9c"
 
     def add(self, dataset: Dataset, method: str, images: Array, lost: int = 0) -> "RunBuilder":
         """Add a cell; its last `lost` frames timed out."""
@@ -141,7 +142,8 @@ class RunBuilder:
     def write(self) -> Path:
         """Write the directory."""
         self.path.mkdir(parents=True, exist_ok=True)
-        (self.path / "manifest.json").write_text(json.dumps({"suite": self.suite}))
+        data = {name: {"hash": self.hash, "n": len(d)} for name, d in self.datasets.items()}
+        (self.path / "manifest.json").write_text(json.dumps({"suite": self.suite, "data": data}))
         pd.concat(self.samples, ignore_index=True).to_parquet(self.path / "samples.parquet")
         pd.DataFrame(self.methods).to_parquet(self.path / "methods.parquet")
         with h5py.File(self.path / "reconstructions.h5", "w") as file:

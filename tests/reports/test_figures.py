@@ -87,10 +87,22 @@ def test_presses_are_marked_in_the_image_s_frame(full_run: Path) -> None:
 
 def test_a_lost_frame_says_why(build: Any, dataset_of: Any) -> None:
     dataset = dataset_of("conductivity", 3)
-    build.add(dataset, "lost", dataset.conductivity, lost=3)
+    build.add(dataset, "some", dataset.conductivity, lost=1)
     picture = comparison(read_run(build.write()), "conductivity-set")
-    assert all(tiles[1].image is None for _, tiles in picture.rows)
-    assert all(tiles[1].note == ("timeout",) for _, tiles in picture.rows)
+    notes = [tiles[1].note for _, tiles in picture.rows if tiles[1].image is None]
+    assert notes == [("timeout",)]
+    assert_no_text_overlaps_or_is_cut(draw(picture))
+
+
+@pytest.mark.parametrize("truth", ["conductivity", "position"])
+def test_methods_without_any_image_are_named_below(build: Any, dataset_of: Any, truth: str) -> None:
+    dataset = dataset_of(truth, 3)
+    images = dataset.__dict__["conductivity"]
+    build.add(dataset, "lost", images, lost=3).add(dataset, "kept", images)
+    picture = comparison(read_run(build.write()), f"{truth}-set")
+    assert "kept" in picture.columns
+    assert "lost" not in picture.columns
+    assert picture.footnote.splitlines()[-1].endswith("lost (timeout)")
     assert_no_text_overlaps_or_is_cut(draw(picture))
 
 

@@ -1,13 +1,24 @@
 import csv
 import io
 import json
+import re
+import shutil
 from pathlib import Path
 from typing import Any
 
 import pytest
 from rich.console import Console
 
-from eitbench.reports.leaderboard import FORMATS, leaderboard, table, write_leaderboard
+from eitbench.benchmark.cards import METRICS
+from eitbench.reports.leaderboard import (
+    COLUMNS,
+    FORMATS,
+    TERMINAL,
+    leaderboard,
+    note,
+    table,
+    write_leaderboard,
+)
 
 NASTY = "a|b_<img src=x>$\\%&`\x1b[31m\nend"
 CONTRACT = {
@@ -130,3 +141,80 @@ def test_nothing_is_highlighted_where_all_are_equal(nasty: list[dict[str, Any]])
     assert "**0.500**" not in line
     assert "0.250" in line
     assert "**0.750**" in FORMATS["md"](nasty)
+
+
+def test_unlike_data_get_tables_of_their_own(full_run: Path, tmp_path: Path) -> None:
+    other = shutil.copytree(full_run, tmp_path / "other")
+    content = json.loads((other / "manifest.json").read_text())
+    content["data"]["conductivity-set"] = {"hash": "77c0ffee", "n": 8}
+    (other / "manifest.json").write_text(json.dumps(content))
+    text = FORMATS["html"](leaderboard([full_run, other]))
+    assert re.findall("<caption>(.*)</caption>", text) == [
+        "bench / conductivity-set (n = 8, data 3f2a1b)",
+        "bench / position-set",
+        "bench / classes-set",
+        "bench / none-set",
+        "bench / conductivity-set (n = 8, data 77c0ff)",
+    ]
+
+
+def test_the_best_is_among_those_that_lost_nothing(full_run: Path) -> None:
+    rows = [row for row in leaderboard([full_run]) if row["scenario"] == "conductivity-set"]
+    lines = {row["method"]: "" for row in rows}
+    for line in FORMATS["md"](rows).splitlines():
+        lines |= {name: line for name in lines if f" {name} " in line}
+    ssim = {row["method"]: row["ssim"] for row in rows}
+    assert ssim["sharp"] > ssim["blurred"] > ssim["constant"]
+    assert "**" not in lines["sharp"]
+    assert f"**{ssim['blurred']:.3f}**" in lines["blurred"]
+
+
+NOTES = {"guess_mm": 35.52, "reciprocity_error": 0.026, "repeat_noise": 0.000316}
+NOTE = "guessing one place: 35.5 mm; reciprocity error of the reference frame: 2.60%; "
+
+
+@pytest.mark.parametrize("form", ["md", "html", "latex", "terminal"])
+def test_what_is_known_of_recorded_data_stands_below_their_table(full_run: Path, form: str) -> None:
+    rows = leaderboard([full_run])
+    noted = [row | (NOTES if row["scenario"] == "position-set" else {}) for row in rows]
+
+    def shown(board: list[dict[str, Any]]) -> str:
+        if form != "terminal":
+            return FORMATS[form](board).replace("\\", "")
+        console = Console(record=True, width=200, file=io.StringIO())
+        console.print(table(board, 200))
+        return console.export_text()
+
+    assert "guessing" not in shown(rows)
+    text = shown(noted)
+    assert text.count(f"{NOTE}noise between repeats: 0.032%.") == 1
+    after = text.index("guessing")
+    assert text.index("position-set") < after < text.index("classes-set")
+    assert note([row for row in noted if row["scenario"] == "none-set"]) == ""
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (8.71e-7, "<0.001"),
+        (0.0, "0"),
+        (0.00123, "0.001"),
+        (0.01267, "0.013"),
+        (0.5, "0.5"),
+        (12.345, "12.3"),
+        (100, "100"),
+        (123456.0, "123000"),
+    ],
+)
+def test_times_have_no_exponent(value: float, text: str, nasty: list[dict[str, Any]]) -> None:
+    times = [column for column in COLUMNS if column.name.endswith(("_s", "_ms_p50", "_ms_p99"))]
+    assert len(times) == 4
+    for column in times:
+        assert column.text(nasty[0] | {column.name: value}) == text
+
+
+def test_a_metric_has_one_name(full_run: Path) -> None:
+    title = METRICS["repeatability_db"].title
+    assert title in FORMATS["md"](leaderboard([full_run]))
+    assert TERMINAL["repeatability_db"].startswith(title)
+    assert TERMINAL["coverage"] == "Done"

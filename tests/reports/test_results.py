@@ -1,3 +1,4 @@
+import json
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -127,3 +128,33 @@ def test_damaged_or_missing_images_are_named(full_run: Path, tmp_path: Path) -> 
     images.write_bytes(images.read_bytes()[:500])
     with pytest.raises(DataCorruptError, match=r"reconstructions\.h5 cannot be read"):
         run.scene("none-set", [0])
+
+
+def with_data(run: Path, copy: Path, **data: object) -> Path:
+    """A copy of `run` whose simulated data are described otherwise."""
+    path = shutil.copytree(run, copy)
+    content = json.loads((path / "manifest.json").read_text())
+    content["data"]["conductivity-set"] |= data
+    (path / "manifest.json").write_text(json.dumps(content))
+    return path
+
+
+@pytest.mark.parametrize("data", [{"hash": "77c0ffee"}, {"n": 9}])
+def test_unlike_data_are_not_ranked_together(
+    full_run: Path, tmp_path: Path, data: dict[str, object]
+) -> None:
+    other = with_data(full_run, tmp_path / "other", **data)
+    rows = leaderboard_rows([read_run(full_run), read_run(other)])
+    simulated = [row for row in rows if row["scenario"] == "conductivity-set"]
+    assert [row["rank"] for row in simulated] == [1, 2, 3, 1, 2, 3]
+    assert [row["run"] for row in simulated] == ["full"] * 3 + ["other"] * 3
+    assert [row["rank"] for row in rows if row["scenario"] == "classes-set"][-1] >= 5
+
+
+def test_what_is_known_of_recorded_data_is_in_their_rows(full_run: Path, tmp_path: Path) -> None:
+    path = shutil.copytree(full_run, tmp_path / "noted")
+    notes = {"position-set": {"guess_mm": 35.5, "reciprocity_error": None, "repeat_noise": 1e-3}}
+    (path / "recordings.json").write_text(json.dumps(notes))
+    for row in leaderboard_rows([read_run(path)]):
+        known = (row["guess_mm"], row["reciprocity_error"], row["repeat_noise"])
+        assert known == ((35.5, None, 1e-3) if row["scenario"] == "position-set" else (None,) * 3)

@@ -119,6 +119,7 @@ def changed(scenario: SimulatedScenario, field: str) -> SimulatedScenario:
         "name": "other",
         "sensor": "foam16-adjacent",
         "image_shape": (14, 12),
+        "conductivity_range": (0.05, 3.0),
         "families": ("circle", "star"),
         "training_families": ("circle",),
         "noise": SplitNoise(train="mixture", validation=30, test=41),
@@ -269,3 +270,15 @@ def test_public_names_can_be_imported() -> None:
     with pytest.raises(AttributeError, match="nothing"):
         _ = package.nothing
     assert Path(package.__file__ or "").name == "__init__.py"
+
+
+@pytest.mark.parametrize("bad", [2.5, "3", True, 0, float("nan")])
+def test_counts_that_are_no_counts_are_one_sentence(bad: Any) -> None:
+    with pytest.raises(InputError, match="A limit is a whole number of at least 1 sample"):
+        load(SimulatedScenario(**SMALL), limit=bad)
+    with pytest.raises(InputError, match="The number of jobs is a whole number of at least 1"):
+        load(SimulatedScenario(**SMALL), jobs=bad)
+
+
+def test_a_count_of_numpy_is_a_count() -> None:
+    assert len(load(SimulatedScenario(**SMALL), limit=np.int64(2))) == 2  # type: ignore[arg-type]

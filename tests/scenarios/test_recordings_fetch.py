@@ -22,6 +22,7 @@ from eitbench.scenarios.recordings.fetch import (
     cached_folder,
     fetch,
     find,
+    intact,
     locate,
     read_recording,
     verify,
@@ -297,3 +298,31 @@ def test_several_processes_at_once_leave_no_broken_file(
     verify(skin, cached_folder(skin))
     assert left_in_cache(skin) == set(CONTENT)
     assert served.is_dir()
+
+
+def test_a_set_in_the_named_folder_is_verified_and_not_downloaded(
+    skin: RecordedSet, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = lay_out(tmp_path / "mine" / REPOSITORY, CONTENT)
+    monkeypatch.setenv("EITBENCH_DATA", str(tmp_path / "mine"))
+    assert intact(skin) == folder
+    assert not cached_folder(skin).exists()
+    (folder / "a b.txt").write_bytes(b"0" * 50_000)
+    with pytest.raises(DataCorruptError, match=r"a b\.txt is not the file that was published"):
+        intact(skin)
+
+
+@pytest.mark.usefixtures("served")
+def test_without_the_named_folder_the_cache_is_filled_and_repaired(skin: RecordedSet) -> None:
+    folder = intact(skin)
+    assert folder == cached_folder(skin)
+    (folder / "a b.txt").write_bytes(b"broken")
+    verify(skin, intact(skin))
+
+
+@pytest.mark.usefixtures("served")
+def test_no_bar_leaves_an_empty_line_where_there_is_no_terminal(
+    skin: RecordedSet, capsys: pytest.CaptureFixture[str]
+) -> None:
+    fetch(skin, progress=True)
+    assert capsys.readouterr().err == ""

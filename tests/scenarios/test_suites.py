@@ -4,10 +4,19 @@ from pathlib import Path
 
 import pytest
 
+from eitbench.benchmark import metrics
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.phantoms.families import FAMILIES, PUBLISHED_FAMILIES
 from eitbench.scenarios.scenario import RecordedScenario, SimulatedScenario
-from eitbench.scenarios.suites import load_suite, read_suite, scenario_by_name, scenarios, suites
+from eitbench.scenarios.suites import (
+    WINDOW,
+    declared_at,
+    load_suite,
+    read_suite,
+    scenario_by_name,
+    scenarios,
+    suites,
+)
 
 GOOD = """\
 name = "mine"
@@ -114,7 +123,15 @@ def test_own_suite_by_path(tmp_path: Path) -> None:
         ('title = "My suite"', 'titel = "My suite"', 1, "title", "missing"),
         ('name = "mine"', 'name = "My Suite"', 1, "name", "small letters"),
         ('name = "mine"', 'name = "../mine"', 1, "name", "small letters"),
-        ('methods = ["noser"]', 'methods = "noser"', 3, "methods", "tuple"),
+        ('methods = ["noser"]', 'methods = "noser"', 3, "methods", "array"),
+        ("", 'fit_limit_s = "3"\n', 1, "fit_limit_s", "valid number"),
+        ("", "limit = true\n", 1, "limit", "valid integer"),
+        ('title = "My suite"', "title = 2020-01-01", 2, "title", "valid string"),
+        ("", "frame_limit_s = inf\n", 1, "frame_limit_s", "finite"),
+        ("train = 0", 'train = "0"', 9, "scenarios[0].train", "valid integer"),
+        ("test = 6", "test = 0", 11, "scenarios[0].test", "at least 1 test sample"),
+        ("test = 6", "test = 6\nimage_shape = [5, 5]", 12, "scenarios[0].image_shape", "7 x 7"),
+        ("test = 6", "test = 6\nimage_shape = [40, 6]", 12, "scenarios[0].image_shape", "7 x 7"),
         ('methods = ["noser"]', "methods = []", 3, "methods", "at least 1"),
         ("", "limit = 0\n", 1, "limit", "greater than or equal to 1"),
         ("", "frame_limit_s = -1\n", 1, "frame_limit_s", "greater than 0"),
@@ -148,6 +165,7 @@ def test_bad_suite_file_names_line_and_field(
     assert message.startswith(f"Suite file {path}, line {line}, field '{field}': ")
     assert says in message
     assert "\n" not in message
+    assert "?." not in message
 
 
 def test_unknown_recording_suggests_the_nearest(tmp_path: Path) -> None:
@@ -175,3 +193,17 @@ def test_unknown_names_suggest_the_nearest() -> None:
         load_suite("papr")
     with pytest.raises(InputError, match="Unknown scenario 'noise-50': did you mean 'noise-50db'"):
         scenario_by_name("noise-50")
+
+
+def test_the_smallest_grid_is_what_ssim_needs(tmp_path: Path) -> None:
+    assert WINDOW == metrics.WINDOW
+    path = tmp_path / "small.toml"
+    path.write_text(GOOD.replace("test = 6", "test = 6\nimage_shape = [7, 7]", 1))
+    assert read_suite(path).scenarios[0].nominal_sensor.image_shape == (7, 7)
+
+
+def test_a_field_is_found_for_those_who_know_what_is_wrong_with_it(tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text(GOOD)
+    assert declared_at(path, "methods") == f"Suite file {path}, line 3, field 'methods'"
+    assert declared_at(path, "limit") == f"Suite file {path}, line 1, field 'limit'"
