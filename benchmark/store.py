@@ -25,13 +25,14 @@ from numpy.typing import NDArray
 
 from eitbench.benchmark import lock, manifest
 from eitbench.benchmark.worker import Images
+from eitbench.methods.registry import RESERVED
 from eitbench.scenarios.datasets import Dataset
 from eitbench.scenarios.errors import DataCorruptError, EitbenchError, InputError
 
 SAMPLES = "samples.parquet"
 METHODS = "methods.parquet"
 RECONSTRUCTIONS = "reconstructions.h5"
-TRUTH = "truth"
+TRUTH = RESERVED
 MAX_FOLDER = 120
 
 

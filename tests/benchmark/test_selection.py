@@ -186,9 +186,19 @@ def test_a_search_over_a_parameter_that_does_not_exist_is_refused(tmp_path: Path
         list(selection.tune([SMALL], ["odd-search"], tmp_path, plugins=[plugin]))
 
 
-def test_tuning_leaves_out_recorded_sets_that_cannot_be_had(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_tuning_leaves_out_data_that_cannot_be_had(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    monkeypatch.setattr(selection, "_at_hand", lambda scenario: scenario is not SMALL)
+    away = SMALL.model_copy(update={"name": "away", "image_shape": (18, 18)})
+
+    def spy(scenario: Scenario, split: str, limit: int | None = None) -> Dataset:
+        if scenario.name == "away":
+            raise DataUnavailableError("It is not on this machine.")
+        return load(scenario, split=split, limit=limit)
+
+    monkeypatch.setattr(selection, "load", spy)
+    done = selection.tune([away, SMALL], ["back-projection"], tmp_path)
+    assert [scenario for scenario, _, _ in done] == ["small"]
+    assert "'away' is left out" in caplog.text
     with pytest.raises(DataUnavailableError, match="nothing to tune on"):
-        list(selection.tune([SMALL], ["noser"], tmp_path))
+        list(selection.tune([away], ["back-projection"], tmp_path))
