@@ -1,7 +1,27 @@
-"""How it is inverted: the method interface and registry, and the methods themselves."""
+"""How it is inverted: methods and forward operators, their interfaces and registries."""
 
 from eitbench.methods.method import Method
+from eitbench.methods.operators.operator import Operator
 from eitbench.methods.problem import Problem
-from eitbench.methods.registry import create, load_plugin, methods, register
+from eitbench.methods.registry import (
+    create,
+    load_plugin,
+    methods,
+    operator,
+    operators,
+    register,
+    register_operator,
+)
 
-__all__ = ["Method", "Problem", "create", "load_plugin", "methods", "register"]
+__all__ = [
+    "Method",
+    "Operator",
+    "Problem",
+    "create",
+    "load_plugin",
+    "methods",
+    "operator",
+    "operators",
+    "register",
+    "register_operator",
+]

@@ -1,4 +1,6 @@
-"""Finding methods: built in, installed (entry points), or given as a file."""
+"""Finding methods and forward operators: built in, installed (entry points), or from a file."""
+
+from __future__ import annotations
 
 import hashlib
 import importlib
@@ -8,105 +10,163 @@ import warnings
 from collections.abc import Callable
 from importlib.metadata import entry_points
 from pathlib import Path
-from typing import TypeVar
+from typing import TYPE_CHECKING, Generic, TypeVar
 
 from eitbench.methods.method import Method
+from eitbench.methods.operators.operator import Operator
 from eitbench.scenarios.errors import InputError, unknown_name
 
-ENTRY_POINT_GROUP = "eitbench.methods"
-BUILT_IN = (
-    "back_projection",
-    "tikhonov",
-    "noser",
-    "laplacian",
-    "greit",
-    "total_variation",
-    "gauss_newton",
-)
+if TYPE_CHECKING:
+    from eitbench.scenarios.sensors import Sensor
 
 MAX_NAME = 80  # bytes in UTF-8
 RESERVED = "truth"  # stands beside the methods in a file of reconstructions
 FORBIDDEN = set("/\\,")  # paths inside a run directory, and the separator of --methods a,b
 
-AnyMethod = TypeVar("AnyMethod", bound=type[Method])
-_registered: dict[str, type[Method]] = {}
+Base = TypeVar("Base", Method, Operator)
+AnyClass = TypeVar("AnyClass", bound=type)
 
 
-def register(name: str) -> Callable[[AnyMethod], AnyMethod]:
-    """Class decorator: make a `Method` known as `name`.
+class Registry(Generic[Base]):
+    """Subclasses of `base` by name.
 
-    Raises:
-        InputError: a name that cannot be used or belongs to another class; a decorated class that
-            is not a `Method`.
+    Attributes:
+        kind: what a member is called in messages.
+        base: the class that members are made from.
+        group: the group of entry points that installed packages offer members in.
+        built_in: the modules of eitbench that register members when they are imported.
     """
-    usable = name.isprintable() and not FORBIDDEN & set(name)
-    if (
-        not (usable and 0 < len(name.encode()) <= MAX_NAME)
-        or name.startswith(".")
-        or name == RESERVED
-    ):
-        raise InputError(
-            f"{name!r} cannot name a method: use 1 to {MAX_NAME} bytes of printable characters "
-            f"without slashes and commas, not {RESERVED!r} and no dot at the start."
-        )
 
-    def decorate(cls: AnyMethod) -> AnyMethod:
-        if not (isinstance(cls, type) and issubclass(cls, Method)):
-            raise InputError(
-                f"{name!r} is registered on {cls!r}, which is not a subclass of Method."
-            )
-        taken = _registered.get(name)
-        if taken is not None and (taken.__module__, taken.__qualname__) != (
-            cls.__module__,
-            cls.__qualname__,
+    def __init__(self, kind: str, base: type[Base], group: str, built_in: tuple[str, ...]) -> None:
+        self.kind = kind
+        self.base: type[Base] = base
+        self.group = group
+        self.built_in = built_in
+        self._registered: dict[str, type[Base]] = {}
+
+    def register(self, name: str) -> Callable[[AnyClass], AnyClass]:
+        """Class decorator: make a subclass of `base` known as `name`.
+
+        Raises:
+            InputError: a name that cannot be used or belongs to another class; a decorated class
+                that is no subclass of `base`.
+        """
+        usable = name.isprintable() and not FORBIDDEN & set(name)
+        if (
+            not (usable and 0 < len(name.encode()) <= MAX_NAME)
+            or name.startswith(".")
+            or name == RESERVED
         ):
             raise InputError(
-                f"The method name {name!r} is taken by {taken.__module__}: choose another."
+                f"{name!r} cannot name a {self.kind}: use 1 to {MAX_NAME} bytes of printable "
+                f"characters without slashes and commas, not {RESERVED!r} and no dot at the start."
             )
-        _registered[name] = cls
-        return cls
 
-    return decorate
+        def decorate(cls: AnyClass) -> AnyClass:
+            if not (isinstance(cls, type) and issubclass(cls, self.base)):
+                raise InputError(
+                    f"{name!r} is registered on {cls!r}, which is not a subclass of "
+                    f"{self.base.__name__}."
+                )
+            if not cls.__module__.startswith("eitbench.methods."):
+                self._import_built_in()  # their names are taken before a plugin's
+            taken = self._registered.get(name)
+            if taken is not None and (taken.__module__, taken.__qualname__) != (
+                cls.__module__,
+                cls.__qualname__,
+            ):
+                raise InputError(
+                    f"The {self.kind} name {name!r} is taken by {taken.__module__}: choose another."
+                )
+            self._registered[name] = cls
+            return cls
 
+        return decorate
 
-def methods() -> dict[str, type[Method]]:
-    """Every method known: built in, installed (entry-point group), loaded from a file."""
-    for module in BUILT_IN:
-        importlib.import_module(f"eitbench.methods.{module}")
-    for point in entry_points(group=ENTRY_POINT_GROUP):
+    def known(self) -> dict[str, type[Base]]:
+        """Every member: built in, installed (entry-point group), loaded from a file."""
+        self._import_built_in()
+        for point in entry_points(group=self.group):
+            try:
+                loaded = point.load()
+            except Exception as error:  # a broken plugin must not take the others down
+                warnings.warn(
+                    f"The installed plugin {point.value!r} does not import: {error}.",
+                    stacklevel=2,
+                )
+                continue
+            if isinstance(loaded, type) and loaded not in self._registered.values():
+                self.register(point.name)(loaded)
+        return dict(sorted(self._registered.items()))
+
+    def create(self, name: str, *arguments: object, **parameters: object) -> Base:
+        """A member made with the given arguments of its constructor.
+
+        Raises:
+            InputError: an unknown name (the nearest is suggested) or parameters it does not take.
+        """
+        known = self.known()
+        if name not in known:
+            raise unknown_name(self.kind, name, known)
         try:
-            loaded = point.load()
-        except Exception as error:  # a broken plugin must not take the others down
-            warnings.warn(
-                f"The installed plugin {point.value!r} does not import: {error}.",
-                stacklevel=2,
-            )
-            continue
-        if isinstance(loaded, type) and loaded not in _registered.values():
-            register(point.name)(loaded)
-    return dict(sorted(_registered.items()))
+            make: Callable[..., Base] = known[name]
+            return make(*arguments, **parameters)
+        except TypeError as error:
+            raise InputError(
+                f"{self.kind.capitalize()} {name!r} cannot be made with {parameters}: {error}."
+            ) from error
+
+    def of_module(self, module: str) -> list[str]:
+        """The names that the Python module called `module` registered."""
+        return [name for name, cls in self._registered.items() if cls.__module__ == module]
+
+    def _import_built_in(self) -> None:
+        for module in self.built_in:
+            importlib.import_module(f"eitbench.methods.{module}")
 
 
-def create(name: str, **parameters: object) -> Method:
-    """The method `name` with the given constructor parameters.
+METHODS = Registry(
+    "method",
+    Method,  # type: ignore[type-abstract]
+    "eitbench.methods",
+    (
+        "back_projection",
+        "tikhonov",
+        "noser",
+        "laplacian",
+        "greit",
+        "total_variation",
+        "gauss_newton",
+    ),
+)
+OPERATORS = Registry(
+    "operator",
+    Operator,  # type: ignore[type-abstract]
+    "eitbench.operators",
+    ("operators.jacobian", "operators.fem"),
+)
+
+register = METHODS.register
+methods = METHODS.known
+create = METHODS.create
+register_operator = OPERATORS.register
+operators = OPERATORS.known
+
+
+def operator(name: str, sensor: Sensor) -> Operator:
+    """The forward operator `name` of `sensor`.
 
     Raises:
-        InputError: an unknown name (the nearest is suggested) or parameters it does not take.
+        InputError: an unknown name (the nearest is suggested).
     """
-    known = methods()
-    if name not in known:
-        raise unknown_name("method", name, known)
-    try:
-        return known[name](**parameters)
-    except TypeError as error:
-        raise InputError(f"Method {name!r} cannot be made with {parameters}: {error}.") from error
+    return OPERATORS.create(name, sensor)
 
 
 def load_plugin(path: str | Path) -> list[str]:
     """Run the Python file `path` and return the names of the methods that it registers.
 
     Raises:
-        InputError: no such file, not Python, an error while it runs, or no method registered.
+        InputError: no such file, not Python, an error while it runs, or nothing registered.
     """
     file = Path(path).resolve()
     if file.suffix != ".py" or not file.is_file():
@@ -127,8 +187,8 @@ def load_plugin(path: str | Path) -> list[str]:
         raise InputError(
             f"The plugin {file.name} does not run: {type(error).__name__}: {error}."
         ) from error
-    names = [name for name, cls in _registered.items() if cls.__module__ == module_name]
-    if not names:
+    names = METHODS.of_module(module_name)
+    if not names and not OPERATORS.of_module(module_name):
         raise InputError(
             f"The plugin {file.name} registers no method: decorate a class with @register."
         )

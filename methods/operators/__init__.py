@@ -1,0 +1,1 @@
+"""Forward operators: conductivity to voltages, differentiable in NumPy, torch and JAX."""
