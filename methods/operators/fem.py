@@ -17,6 +17,7 @@ class Fem(Operator):
     """The exact finite-element model with complete electrodes, and its adjoint derivative."""
 
     source: ClassVar[str] = "Somersalo, Cheney and Isaacson, SIAM J. Appl. Math. 52(4), 1992"
+    exact: ClassVar[bool] = True
 
     def __init__(self, sensor: Sensor) -> None:
         super().__init__(sensor)

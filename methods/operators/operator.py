@@ -31,10 +31,16 @@ class Operator(ABC):
 
     Attributes:
         source: the publication it follows.
+        exact: whether it solves the model's equations, so that their laws must hold to rounding.
         sensor: what is modelled.
+        train_s: time its weights took to train [s]; 0 if there was nothing to train.
+        trained_on: the device they were trained on; "" if there was nothing to train.
     """
 
     source: ClassVar[str] = ""
+    exact: ClassVar[bool] = False
+    train_s: float = 0.0
+    trained_on: str = ""
 
     def __init__(self, sensor: Sensor) -> None:
         self.sensor = sensor
