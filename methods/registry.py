@@ -10,7 +10,7 @@ import warnings
 from collections.abc import Callable
 from importlib.metadata import entry_points
 from pathlib import Path
-from typing import TYPE_CHECKING, Generic, TypeVar
+from typing import TYPE_CHECKING, Generic, NamedTuple, TypeVar
 
 from eitbench.methods.method import Method
 from eitbench.methods.operators.operator import Operator
@@ -143,7 +143,7 @@ OPERATORS = Registry(
     "operator",
     Operator,  # type: ignore[type-abstract]
     "eitbench.operators",
-    ("operators.jacobian", "operators.fem"),
+    ("operators.jacobian", "operators.surrogate", "operators.fem"),
 )
 
 register = METHODS.register
@@ -162,8 +162,15 @@ def operator(name: str, sensor: Sensor) -> Operator:
     return OPERATORS.create(name, sensor)
 
 
-def load_plugin(path: str | Path) -> list[str]:
-    """Run the Python file `path` and return the names of the methods that it registers.
+class Plugin(NamedTuple):
+    """The names that a file registers."""
+
+    methods: list[str]
+    operators: list[str]
+
+
+def load_plugin(path: str | Path) -> Plugin:
+    """Run the Python file `path` and return the names that it registers.
 
     Raises:
         InputError: no such file, not Python, an error while it runs, or nothing registered.
@@ -187,9 +194,10 @@ def load_plugin(path: str | Path) -> list[str]:
         raise InputError(
             f"The plugin {file.name} does not run: {type(error).__name__}: {error}."
         ) from error
-    names = METHODS.of_module(module_name)
-    if not names and not OPERATORS.of_module(module_name):
+    registered = Plugin(METHODS.of_module(module_name), OPERATORS.of_module(module_name))
+    if not any(registered):
         raise InputError(
-            f"The plugin {file.name} registers no method: decorate a class with @register."
+            f"The plugin {file.name} registers no method and no operator: decorate a class with "
+            "@register or @register_operator."
         )
-    return names
+    return registered

@@ -2,7 +2,9 @@
 
 from typing import Any, ClassVar
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
@@ -14,7 +16,11 @@ from eitbench.scenarios.sensors import Sensor
 
 @register_operator("fem")
 class Fem(Operator):
-    """The exact finite-element model with complete electrodes, and its adjoint derivative."""
+    """The exact finite-element model with complete electrodes, and its adjoint derivative.
+
+    It computes in float64 whatever comes in, so that float32 costs no more than rounding what goes
+    in and out: five to six digits of the voltages' response to a touch, measured in its tests.
+    """
 
     source: ClassVar[str] = "Somersalo, Cheney and Isaacson, SIAM J. Appl. Math. 52(4), 1992"
     exact: ClassVar[bool] = True
@@ -24,17 +30,28 @@ class Fem(Operator):
         self.model = forward_model(sensor)
 
     def tensor_voltages(self, sigma: Tensor) -> Tensor:
-        """The exact voltages: (n, H, W) to (n, M), computed in float64 whatever comes in."""
-        frames: Tensor = _Exact.apply(sigma, self.model)  # type: ignore[no-untyped-call]
+        """The exact voltages: (n, H, W) to (n, M); differentiable once."""
+        if not (torch.is_grad_enabled() and sigma.requires_grad):
+            return torch.from_numpy(self.model.voltages(_double(sigma))).to(sigma)
+        frames: Tensor = _Voltages.apply(sigma, self.model)  # type: ignore[no-untyped-call]
         return frames
 
 
-class _Exact(torch.autograd.Function):
+class _Voltages(torch.autograd.Function):
+    """`ForwardModel` under autograd: the derivation stands in `scenarios.physics.forward`."""
+
     @staticmethod
     def forward(ctx: Any, sigma: Tensor, model: ForwardModel) -> Tensor:
-        raise NotImplementedError
+        voltages, ctx.fields = model.voltages_and_fields(_double(sigma))
+        ctx.model = model
+        return torch.from_numpy(voltages).to(sigma)
 
     @staticmethod
     @once_differentiable
     def backward(ctx: Any, cotangent: Tensor) -> tuple[Tensor, None]:
-        raise NotImplementedError
+        gradient = ctx.model.pullback(ctx.fields, _double(cotangent))
+        return torch.from_numpy(gradient).to(cotangent), None
+
+
+def _double(tensor: Tensor) -> NDArray[np.float64]:
+    return tensor.detach().to("cpu", torch.float64).numpy()

@@ -45,6 +45,18 @@ def _weighted_gradients(corners: Array, slopes: Array, weight: float) -> Array:
     return np.asarray(np.einsum("k,kxi,kxj->kij", measure, gradients, gradients))
 
 
+def couplings(mesh: Mesh, stiffness: Array) -> tuple[NDArray[np.uint32], Array]:
+    """Corners (k, 4) of the elements and K_ij (k, 6) of the pairs 01, 02, 03, 12, 13, 23 of them.
+
+    Triangles have their last corner twice, the second time without any coupling.
+    """
+    missing = 4 - mesh.elements.shape[1]
+    corners = np.pad(mesh.elements, ((0, 0), (0, missing)), mode="edge").astype(np.uint32)
+    padded = np.pad(stiffness, ((0, 0), (0, missing), (0, missing)))
+    i, j = np.triu_indices(4, 1)
+    return corners, padded[:, i, j]
+
+
 class ElectrodeTerms(NamedTuple):
     """The boundary terms of the complete electrode model, in S (2-D: S per metre of thickness).
 

@@ -1,0 +1,211 @@
+"""Nested dissection: in which order the unknowns of a mesh are eliminated, and with which others.
+
+The elements are cut in halves again and again (George 1973). Eliminating, from the smallest parts
+upwards, the nodes that no other part shares couples every part only to its own rim, so that a grid
+of n x n elements costs O(n^3) operations instead of the O(n^4) of a banded elimination. The dense
+matrix of one part, its own unknowns first, is called its front (Duff and Reid 1983).
+
+Unknowns are the mesh's n nodes, then its E electrodes, which are never eliminated.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eitbench.scenarios.physics.elements import ElectrodeTerms
+from eitbench.scenarios.physics.mesh import Mesh
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+Place = NDArray[np.uint32]  # unsigned: compiled loops need not look for negative indices
+
+# Parts of this many elements are not cut further: smaller ones spend their time on bookkeeping,
+# larger ones on arithmetic (measured: `make bench`).
+LEAF_ELEMENTS = 16
+# Rows of fronts begin at multiples of this many numbers, the width of a vector register.
+LANES = 8
+
+
+class Dissection(NamedTuple):
+    """The parts of a mesh, children before parents, the whole last; all that does not vary.
+
+    Ragged lists are stored one after another; those of part p are at [start[p], start[p + 1]).
+
+    Attributes:
+        n_nodes: n.
+        size, eliminated: (p,) unknowns of each front, and how many of them, the first, end here.
+        children: (p, 2) the parts that a part consists of; -1 for the smallest.
+        unknowns, unknowns_start: the unknowns of each front; its electrodes come last.
+        places, places_start: where in the parent's front each remaining unknown of a part goes.
+        entry, element, coefficient, entries_start: front[entry] += coefficient * sigma[element].
+        fixed_entry, fixed, fixed_start: front[fixed_entry] += fixed, the electrodes' share.
+        factor_start: (p + 1,) where the eliminated rows of each front are kept.
+    """
+
+    n_nodes: int
+    size: Index
+    eliminated: Index
+    children: Index
+    unknowns: Place
+    unknowns_start: Index
+    places: Place
+    places_start: Index
+    entry: Place
+    element: Place
+    coefficient: Array
+    entries_start: Index
+    fixed_entry: Place
+    fixed: Array
+    fixed_start: Index
+    factor_start: Index
+
+
+def stride(size: int) -> int:
+    """Numbers between the rows of a front of `size` unknowns: at least one more than it has."""
+    return (size // LANES + 1) * LANES
+
+
+def dissect(mesh: Mesh, stiffness: Array, terms: ElectrodeTerms) -> Dissection:
+    """The dissection of `mesh` with element matrices (k, c, c) and its electrodes' terms."""
+    n_nodes, corners = len(mesh.nodes), mesh.elements
+    parts, children = _cut(mesh.nodes[corners].mean(axis=1))
+    fixed = _fixed_entries(corners, parts, terms, n_nodes)
+    leaf_unknowns = [
+        None if part is None else _distinct(corners[part], *(ij for ij, _ in fixed[p]))
+        for p, part in enumerate(parts)
+    ]
+    eliminated, remaining = _order(leaf_unknowns, children, n_nodes)
+    fronts = [np.concatenate([e, r]) for e, r in zip(eliminated, remaining, strict=True)]
+
+    where = [{u: k for k, u in enumerate(front.tolist())} for front in fronts]
+    places: list[list[int]] = [[] for _ in fronts]
+    for parent, pair in enumerate(children):
+        for child in pair:
+            places[child] = [where[parent][u] for u in remaining[child].tolist()]
+
+    entries, elements, fixed_entries = (
+        [np.empty(0, dtype=np.int64) for _ in fronts] for _ in range(3)
+    )
+    coefficients, fixed_values = ([np.empty(0) for _ in fronts] for _ in range(2))
+    i, j = np.triu_indices(corners.shape[1])
+    for p, part in enumerate(parts):
+        if part is None:
+            continue
+        order = np.argsort(fronts[p])
+        at = order[np.searchsorted(fronts[p], corners[part], sorter=order)]
+        # Element matrices are symmetric, and of fronts only the upper triangle is used.
+        row, column = np.minimum(at[:, i], at[:, j]), np.maximum(at[:, i], at[:, j])
+        entries[p] = (row * stride(len(fronts[p])) + column).ravel()
+        elements[p] = np.repeat(part, len(i))
+        coefficients[p] = stiffness[part][:, i, j].ravel()
+        pairs = [sorted(where[p][u] for u in ij) for ij, _ in fixed[p]]
+        fixed_entries[p] = np.array([r * stride(len(fronts[p])) + c for r, c in pairs], dtype=int)
+        fixed_values[p] = np.array([value for _, value in fixed[p]])
+
+    size = np.array([len(front) for front in fronts])
+    counts = np.array([len(e) for e in eliminated])
+    kept = np.array([count * stride(s) for count, s in zip(counts, size, strict=True)])
+    return Dissection(
+        n_nodes,
+        size,
+        counts,
+        np.array([pair or (-1, -1) for pair in children], dtype=np.int64),
+        *_ragged(fronts),
+        *_ragged([np.array(p, dtype=np.int64) for p in places]),
+        np.concatenate(entries).astype(np.uint32),
+        np.concatenate(elements).astype(np.uint32),
+        np.concatenate(coefficients),
+        _starts(entries),
+        np.concatenate(fixed_entries).astype(np.uint32),
+        np.concatenate(fixed_values),
+        _starts(fixed_entries),
+        np.concatenate([[0], np.cumsum(kept)]),
+    )
+
+
+def _cut(centres: Array) -> tuple[list[Index | None], list[tuple[int, ...]]]:
+    """Elements of every smallest part (None for the others), and the children of every part."""
+    parts: list[Index | None] = []
+    children: list[tuple[int, ...]] = []
+
+    def add(elements: Index) -> int:
+        pair: tuple[int, ...] = ()
+        if len(elements) > LEAF_ELEMENTS:
+            here = centres[elements]
+            width, height = np.ptp(here, axis=0)
+            along = here[:, 0 if width > height * (1 + 1e-9) else 1]
+            # Between two lines of the grid, so that the cut is straight.
+            levels = np.unique(np.round(along / np.ptp(centres), 9)) * np.ptp(centres)
+            low = along < (levels[len(levels) // 2 - 1] + levels[len(levels) // 2]) / 2
+            pair = (add(elements[low]), add(elements[~low]))
+        parts.append(None if pair else elements)
+        children.append(pair)
+        return len(parts) - 1
+
+    add(np.arange(len(centres)))
+    return parts, children
+
+
+def _fixed_entries(
+    corners: Index, parts: list[Index | None], terms: ElectrodeTerms, n_nodes: int
+) -> list[list[tuple[tuple[int, int], float]]]:
+    """((unknown, unknown), value) of the electrodes' terms, each given to one smallest part."""
+    part_of = np.empty(len(corners), dtype=np.int64)
+    for p, part in enumerate(parts):
+        if part is not None:
+            part_of[part] = p
+    elements_at: dict[int, set[int]] = {}
+    rim = set(terms.mass.tocoo().row.tolist()) | set(np.nonzero(terms.coupling)[0].tolist())
+    for element, node in zip(*np.nonzero(np.isin(corners, list(rim))), strict=True):
+        elements_at.setdefault(int(corners[element, node]), set()).add(int(element))
+    fixed: list[list[tuple[tuple[int, int], float]]] = [[] for _ in parts]
+    mass = terms.mass.tocoo()
+    for i, j, value in zip(mass.row.tolist(), mass.col.tolist(), mass.data.tolist(), strict=True):
+        if i <= j:
+            fixed[part_of[min(elements_at[i] & elements_at[j])]].append(((i, j), value))
+    for i, electrode in zip(*(k.tolist() for k in np.nonzero(terms.coupling)), strict=True):
+        value = -float(terms.coupling[i, electrode])
+        fixed[part_of[min(elements_at[i])]].append(((i, n_nodes + electrode), value))
+    return fixed
+
+
+def _order(
+    leaf_unknowns: list[Index | None], children: list[tuple[int, ...]], n_nodes: int
+) -> tuple[list[Index], list[Index]]:
+    """The unknowns that end in each part, and those that remain, in the order they end later."""
+    uses = np.bincount(np.concatenate([u for u in leaf_unknowns if u is not None]))
+    ends = np.arange(len(uses))  # electrodes, numbered after all nodes, end after all nodes
+    n_ended = 0
+    eliminated: list[Index] = []
+    seen: list[dict[int, int]] = []
+    for unknowns, pair in zip(leaf_unknowns, children, strict=True):
+        # How many smallest parts of this part use an unknown; when all do, it ends here.
+        here = dict.fromkeys([] if unknowns is None else unknowns.tolist(), 1)
+        for child in pair:
+            for unknown, count in seen[child].items():
+                here[unknown] = here.get(unknown, 0) + count
+        done = sorted(u for u, count in here.items() if u < n_nodes and count == uses[u])
+        ends[done] = n_ended + np.arange(len(done))
+        n_ended += len(done)
+        eliminated.append(np.array(done, dtype=np.int64))
+        seen.append({u: count for u, count in here.items() if u >= n_nodes or count < uses[u]})
+    # One order for all parts: places in a parent's front then increase, too.
+    remaining = [
+        np.array(sorted(here, key=lambda u: int(ends[u])), dtype=np.int64) for here in seen
+    ]
+    return eliminated, remaining
+
+
+def _distinct(corners: Index, *pairs: tuple[int, int]) -> Index:
+    return np.unique(np.concatenate([corners.ravel(), np.array(pairs, dtype=np.int64).ravel()]))
+
+
+def _starts(lists: list[Index]) -> Index:
+    return np.concatenate([[0], np.cumsum([len(values) for values in lists])])
+
+
+def _ragged(lists: list[Index]) -> tuple[Place, Index]:
+    return np.concatenate(lists).astype(np.uint32), _starts(lists)
