@@ -18,8 +18,10 @@ test: $(STAMPS)/test  ## install what tests need and run them
 slow: $(STAMPS)/test  ## the long tests, too
 	$(BIN)/pytest -m "slow or not slow" --timeout 3600
 
-bench: $(STAMPS)/test  ## speed, measured beside rivals in one run
-	$(BIN)/pytest tests/benchmarks --benchmark-only -o addopts="--import-mode=importlib" --benchmark-columns=median,iqr,rounds --benchmark-sort=name
+bench: $(STAMPS)/bench  ## speed, measured beside rivals in one run (docs/speed.md)
+	@mkdir -p .benchmarks
+	$(BIN)/pytest tests/benchmarks --benchmark-only -o addopts="--import-mode=importlib" --benchmark-columns=median,iqr,rounds --benchmark-sort=name --benchmark-json=.benchmarks/last.json
+	$(BIN)/python tests/benchmarks/ratios.py .benchmarks/last.json
 
 lint: $(STAMPS)/lint  ## ruff
 	$(BIN)/ruff check .
@@ -42,6 +44,10 @@ $(STAMPS)/demo: $(STAMPS)/venv pyproject.toml constraints.txt
 
 $(STAMPS)/test: $(STAMPS)/demo
 	$(BIN)/pip install --quiet -c constraints.txt -e '.[test]'
+	@touch $@
+
+$(STAMPS)/bench: $(STAMPS)/test
+	$(BIN)/pip install --quiet -c constraints.txt -e '.[bench]'
 	@touch $@
 
 $(STAMPS)/lint: $(STAMPS)/demo

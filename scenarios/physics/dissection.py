@@ -62,6 +62,15 @@ class Dissection(NamedTuple):
     fixed_start: Index
     factor_start: Index
 
+    @property
+    def operations(self) -> int:
+        """Multiplications and additions of one elimination, of upper triangles alone."""
+        return sum(
+            (size - pivot) * (size - pivot + 1)
+            for size, count in zip(self.size.tolist(), self.eliminated.tolist(), strict=True)
+            for pivot in range(1, count + 1)
+        )
+
 
 def stride(size: int) -> int:
     """Numbers between the rows of a front of `size` unknowns: at least one more than it has."""
