@@ -33,7 +33,7 @@ from threadpoolctl import ThreadpoolController
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.physics.dissection import dissect
 from eitbench.scenarios.physics.elements import couplings, electrode_terms, stiffness
-from eitbench.scenarios.physics.elimination import element_gradients, solve
+from eitbench.scenarios.physics.elimination import element_gradients, sensitivities, solve
 from eitbench.scenarios.physics.mesh import Mesh, build_mesh
 from eitbench.scenarios.sensors import Sensor
 
@@ -52,10 +52,10 @@ class ForwardModel:
         self.sensor = sensor
         self.mesh = build_mesh(sensor) if mesh is None else mesh
         terms = electrode_terms(self.mesh, sensor.electrodes, sensor.outline.perimeter)
-        self._stiffness = stiffness(self.mesh)
+        local = stiffness(self.mesh)
         self._conductance = terms.conductance
-        self._parts = dissect(self.mesh, self._stiffness, terms)
-        self._corners, self._couplings = couplings(self.mesh, self._stiffness)
+        self._parts = dissect(self.mesh, local, terms)
+        self._corners, self._couplings = couplings(self.mesh, local)
         self._threads = ThreadpoolController()
 
     @property
@@ -128,7 +128,12 @@ class ForwardModel:
                 f"A Jacobian belongs to one image (H, W), got shape {np.shape(sigma)}."
             )
         voltages, fields = self.voltages_and_fields(np.asarray(sigma)[None])
-        jacobian = self._per_pixel(self._sensitivity(fields[0]))
+        per_element = np.empty((self.sensor.n_measurements, self.n_elements))
+        drives, senses = np.ascontiguousarray(
+            self.sensor.pattern.table.reshape(-1, 2, 2).swapaxes(0, 1)
+        )
+        sensitivities(fields[0], drives, senses, self._corners, self._couplings, per_element)
+        jacobian = self._per_pixel(per_element)
         if self.sensor.pattern.magnitudes:
             # d|V| = sign(V) dV
             signed = self._signed(fields[:, len(self.mesh.nodes) :])[0]
@@ -139,23 +144,6 @@ class ForwardModel:
         """Derivatives (n, H * W) by pixels from derivatives (n, k) by elements."""
         shares = self.mesh.pixel_shares
         return per_element if shares is None else np.ascontiguousarray((shares.T @ per_element.T).T)
-
-    def _sensitivity(self, fields: Array) -> Array:
-        """dV/dsigma (M, k) per element from potentials (n, E) of unit electrode currents."""
-        src, sink, a, b = self.sensor.pattern.table.T
-        drives, drive = np.unique(np.column_stack([src, sink]), axis=0, return_inverse=True)
-        senses, sense = np.unique(np.column_stack([a, b]), axis=0, return_inverse=True)
-        # Potentials at the c corners of the k elements, for each pair: (pairs, c, k).
-        corners = np.ascontiguousarray(fields.T)[:, self.mesh.elements.T]
-        u = corners[drives[:, 0]] - corners[drives[:, 1]]
-        w = corners[senses[:, 0]] - corners[senses[:, 1]]
-        flux = np.zeros_like(u)
-        for i, j in np.ndindex(u.shape[1], u.shape[1]):
-            flux[:, i] -= self._stiffness[:, i, j] * u[:, j]
-        sensitivity = np.empty((len(drive), self.n_elements))
-        for m, (d, s) in enumerate(zip(drive, sense, strict=True)):
-            np.einsum("ck,ck->k", flux[d], w[s], out=sensitivity[m])
-        return sensitivity
 
     @cached_property
     def _differences(self) -> Array:
