@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Literal
 
-_SENSOR = "pixels whose centre lies inside the sensor"
+SENSOR = "pixels whose centre lies inside the sensor"
 _SIMULATED = "scenarios with a true conductivity"
 _TRUE_IMAGES = "scenarios with a true conductivity or true classes"
 _RANGE = "the sensor's data range, 1.0 S/m for foam16"
@@ -16,11 +16,12 @@ class MetricCard:
     Attributes:
         name: column name.
         title: as printed in tables.
-        formula: in words or symbols; t is the truth, p the estimate, both in S/m.
+        formula: in words or symbols; t is the truth, p the estimate, both in S/m. Of operators, v
+            are the model's clean voltages, w the operator's, z and y the same standardised.
         domain: scenarios it is computed for.
         unit: "1" where it has none.
         best: whether more or less is better; None where it is descriptive.
-        mask: which pixels count.
+        mask: which pixels or measurements count.
         data_range: the range of conductivity it uses, if any.
         average: how it is summed up over the samples of a scenario.
         traps: what it hides or rewards.
@@ -64,7 +65,7 @@ METRICS: dict[str, MetricCard] = {
             _TRUE_IMAGES,
             "1",
             "max",
-            _SENSOR,
+            SENSOR,
             "none",
             "mean",
             "Blind to scale and offset: an image of the wrong conductivity can reach 1. A constant "
@@ -77,7 +78,7 @@ METRICS: dict[str, MetricCard] = {
             _SIMULATED,
             "1",
             "min",
-            _SENSOR,
+            SENSOR,
             "none",
             "mean",
             "Relative to the absolute conductivity, background included: it shrinks when the "
@@ -90,7 +91,7 @@ METRICS: dict[str, MetricCard] = {
             _SIMULATED,
             "dB",
             "max",
-            _SENSOR,
+            SENSOR,
             _RANGE,
             "mean",
             "At most 138.5 dB: images are kept in float32, and an error below its rounding says "
@@ -104,7 +105,7 @@ METRICS: dict[str, MetricCard] = {
             _SIMULATED,
             "1",
             "max",
-            _SENSOR,
+            SENSOR,
             _RANGE,
             "mean",
             "As published. PSNR is about twenty times as large as the other terms, so S ranks "
@@ -120,7 +121,7 @@ METRICS: dict[str, MetricCard] = {
             "scenarios where contacts or positions are known",
             "mm",
             "min",
-            _SENSOR,
+            SENSOR,
             "none",
             "median",
             "A contact that was missed is charged the distance to the nearest found one; an image "
@@ -136,7 +137,7 @@ METRICS: dict[str, MetricCard] = {
             _TRUE_IMAGES,
             "1",
             "min",
-            _SENSOR,
+            SENSOR,
             "none",
             "mean",
             "Contacts weaker than a quarter of the strongest count neither in truth nor in "
@@ -149,7 +150,7 @@ METRICS: dict[str, MetricCard] = {
             _TRUE_IMAGES,
             "1",
             "min",
-            _SENSOR,
+            SENSOR,
             "none",
             "mean",
             "Blind to place. A smooth image looks large at a quarter of its height.",
@@ -161,7 +162,7 @@ METRICS: dict[str, MetricCard] = {
             _TRUE_IMAGES,
             "1",
             "max",
-            _SENSOR,
+            SENSOR,
             "none",
             "mean",
             "Blind to strength, hard on small contacts.",
@@ -173,7 +174,7 @@ METRICS: dict[str, MetricCard] = {
             "scenarios with true classes",
             "1",
             "max",
-            _SENSOR,
+            SENSOR,
             "none",
             "mean",
             "Not defined where neither image has such a contact; 0 where only one has. With true "
@@ -187,7 +188,7 @@ METRICS: dict[str, MetricCard] = {
             "scenarios with true classes",
             "1",
             "max",
-            _SENSOR,
+            SENSOR,
             "none",
             "mean",
             "As IoU resistive.",
@@ -200,7 +201,7 @@ METRICS: dict[str, MetricCard] = {
             "scenarios where a pressure or a press depth is known",
             "1",
             "max",
-            _SENSOR,
+            SENSOR,
             "none",
             "whole scenario",
             "Ranks only. Sensitivity falls towards the centre, so place disturbs it. A method of "
@@ -213,7 +214,7 @@ METRICS: dict[str, MetricCard] = {
             "recorded scenarios of which nothing but touched or untouched is known",
             "dB",
             "max",
-            _SENSOR,
+            SENSOR,
             "none",
             "whole scenario",
             "Says that a method responds to a touch more than to noise and drift, not that its "

@@ -1,155 +1,104 @@
-"""One cell of a run: one method on one scenario, in a worker, batch by batch."""
+"""One cell of a run: one method or operator on one scenario, in a worker, batch by batch."""
 
 import threading
-from dataclasses import dataclass, replace
-from pathlib import Path
+from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
-from eitbench.benchmark.judge import fit_registration, judge
-from eitbench.benchmark.outcome import Outcome
+from eitbench.benchmark.outcome import Kept, Outcome
 from eitbench.benchmark.progress import CellProgress
-from eitbench.benchmark.store import Cell, RunStore
-from eitbench.benchmark.timing import WARM_FRAMES, WARM_SECONDS, warm_percentiles
+from eitbench.benchmark.subject import NAN, Judged, Subject
 from eitbench.benchmark.worker import (
     Failure,
-    Frames,
-    Images,
     Reply,
     StoppedError,
-    Task,
     Worker,
     WorkerLostError,
     describe_exception,
-    scenario_splits,
-    serve_method,
+    serve,
 )
-from eitbench.scenarios.datasets import Dataset
 from eitbench.scenarios.errors import EitbenchError
-from eitbench.scenarios.scenario import Scenario
 
-BATCH = 32
 RESTARTS = 3
-# Failures that asking again frame by frame would not mend.
+# Failures that asking again sample by sample would not mend.
 BROKEN_CONTRACT = frozenset({"mutated", "shape", "dtype"})
-NAN = float("nan")
 
 
-@dataclass(frozen=True, eq=False)
-class CellPlan:
-    """What a cell is, apart from its data.
-
-    Attributes:
-        parameters: constructor parameters of the method; empty on track "default".
-        plugin: the file that registers the method, None for one that is installed.
-        batch: frames asked for at once; a run keeps to the number it was started with.
-    """
-
-    cell: Cell
-    track: str
-    parameters: dict[str, Any]
-    suite: str
-    scenario: Scenario
-    plugin: Path | None
-    fit_limit_s: float
-    frame_limit_s: float
-    batch: int
-
-
-@dataclass(frozen=True, eq=False)
-class CellData:
-    """The data of a cell's scenario.
-
-    Attributes:
-        validation: frames the registration is fitted on; None unless only positions are known.
-    """
-
-    test: Dataset
-    validation: Dataset | None
-
-    def voltages(self, split: str) -> Frames:
-        """Frames (n, M) of "test" or "validation"."""
-        dataset = self.test if split == "test" else self.validation
-        return (
-            np.empty((0, self.test.sensor.n_measurements)) if dataset is None else dataset.voltages
-        )
-
-    @property
-    def n_frames(self) -> int:
-        """Frames to reconstruct altogether."""
-        return len(self.voltages("test")) + len(self.voltages("validation"))
-
-
-def run_cell(
-    plan: CellPlan, data: CellData, store: RunStore, progress: CellProgress, stop: threading.Event
-) -> None:
-    """Reconstruct what is not kept yet, then judge the cell; whatever the method does is a row.
+def run_cell(subject: Judged, progress: CellProgress, stop: threading.Event) -> None:
+    """Ask for what is not kept yet, then judge the cell; whatever it does is a row.
 
     Raises:
         StoppedError: the run was interrupted; finished batches are kept.
         EitbenchError: what is kept could not be written or read.
     """
-    row = _CellRun(plan, data, store, progress, stop).run()
-    judge_cell(plan, data, store, row)
+    judge_cell(subject, CellRun(subject, progress, stop).run())
 
 
-class _CellRun:
-    def __init__(
-        self,
-        plan: CellPlan,
-        data: CellData,
-        store: RunStore,
-        progress: CellProgress,
-        stop: threading.Event,
-    ) -> None:
-        self.plan, self.data, self.store, self.progress, self.stop = (
-            plan,
-            data,
-            store,
-            progress,
-            stop,
-        )
+def prepare(subject: Subject, progress: CellProgress, stop: threading.Event) -> None:
+    """Run what other cells need, unless it is kept already.
+
+    Raises:
+        StoppedError: the run was interrupted; finished batches are kept.
+        EitbenchError: it cannot be had.
+    """
+    run = CellRun(subject, progress, stop)
+    if run.pending:
+        run.run()
+    store, cell = subject.store, subject.plan.cell
+    for batch in store.batches(cell, "test"):
+        for status, message in zip(batch.status, batch.message, strict=True):
+            if status != "ok":
+                store.forget(cell)
+                raise EitbenchError(
+                    f"What the cells of scenario {cell.scenario!r} are compared with cannot be "
+                    f"computed: {message}."
+                )
+
+
+class CellRun:
+    """Runs what is not kept yet of one cell.
+
+    Attributes:
+        pending: the batches that are not kept yet.
+    """
+
+    def __init__(self, subject: Subject, progress: CellProgress, stop: threading.Event) -> None:
+        self.subject, self.progress, self.stop = subject, progress, stop
+        self.plan, self.store = subject.plan, subject.store
         self.memory_mb = NAN
-        self._task = Task(
-            data.test.sensor,
-            data.test.reference,
-            scenario_splits(plan.scenario),
-            plan.cell.method,
-            plan.parameters,
-            plan.plugin,
-        )
         self._worker: Worker | None = None
         self._restarts = 0
         self._losses = 0
         self._lost: Failure | None = None  # why the last worker was lost
-        self._first_lost: Failure | None = None  # set where the first frame alone cost a worker
-        self._alone = False  # whether frames are asked for one by one from the start
-        self._pending = [
-            (split, start)
-            for split in ("validation", "test")
-            for start in range(0, len(data.voltages(split)), plan.batch)
-            if not store.has_batch(plan.cell, split, start)
+        self._first_lost: Failure | None = None  # set where the first sample alone cost a worker
+        self._alone = False  # whether samples are asked for one by one from the start
+        self.pending = [
+            (split, slice(start, min(start + self.plan.batch, size)))
+            for split, size in subject.sizes.items()
+            for start in range(0, size, self.plan.batch)
+            if not self.store.has_batch(self.plan.cell, split, start)
         ]
 
     def run(self) -> dict[str, Any]:
-        """Do the outstanding batches and return the cell's timings."""
-        outstanding = sum(len(self._frames(split, start)) for split, start in self._pending)
-        self.progress.advance(self.data.n_frames - outstanding)
-        row: dict[str, Any] = dict.fromkeys(
-            ("setup_s", "train_s", "first_frame_ms", "frame_ms_p50", "frame_ms_p99", "batch_fps"),
-            NAN,
-        )
-        row["parameters"] = ""
+        """Do the outstanding batches and return figures of the cell as a whole.
+
+        Raises:
+            StoppedError: the run was interrupted; finished batches are kept.
+            EitbenchError: what is kept could not be written or read.
+        """
+        outstanding = sum(rows.stop - rows.start for _, rows in self.pending)
+        self.progress.advance(sum(self.subject.sizes.values()) - outstanding)
+        row: dict[str, Any] = {}
         failure = None
         try:
-            fitted = self._fit()
-            row |= {"parameters": fitted.value, "setup_s": fitted.seconds}
-            row["first_frame_ms"] = self._first_frame()
+            ready = self._set_up()
+            row |= {**ready.value, "setup_s": ready.seconds}
+            row["first_frame_ms"] = self._first()
             row["batch_fps"] = self._batches()
-            row |= self._warm_frames()
+            row |= self.subject.warm(lambda what, rows: self._answer("test", rows, what))
         except WorkerLostError as lost:
             failure = lost.failure
         except (StoppedError, EitbenchError):
@@ -159,25 +108,25 @@ class _CellRun:
         finally:
             self._close()
         if failure is not None:
-            for split, start in self._pending:
-                self._keep(split, start, Outcome().fail(len(self._frames(split, start)), failure))
+            for split, rows in self.pending:
+                lost_rows = Outcome(self.subject.blank).fail(rows.stop - rows.start, failure)
+                self._keep(split, rows, lost_rows)
         return row | {"memory_mb": self.memory_mb}
 
-    def _fit(self) -> Reply:
-        """Start a worker and fit the method in it.
+    def _set_up(self) -> Reply:
+        """Start a worker and make the subject ready in it.
 
         Raises:
-            WorkerLostError: the method cannot be fitted.
+            WorkerLostError: that fails.
         """
-        plan = self.plan
-        log = self.store.log(plan.cell)
-        self._worker = Worker(serve_method, self._task, log=log, stop=self.stop)
-        reply = self._ask("fit", limit=plan.fit_limit_s, what="set-up")
+        log = self.store.log(self.plan.cell)
+        self._worker = Worker(serve, self.subject.servant(), log=log, stop=self.stop)
+        reply = self._ask("set_up", limit=self.plan.fit_limit_s, what="set-up")
         if reply.failure is not None:
             raise WorkerLostError(reply.failure)
         return reply
 
-    def _refit(self) -> None:
+    def _set_up_again(self) -> None:
         """Go on with a new worker, a few times in a cell.
 
         Raises:
@@ -190,100 +139,79 @@ class _CellRun:
             raise WorkerLostError(replace(reason, message=message))
         self._restarts += 1
         try:
-            self._fit()
+            self._set_up()
         except WorkerLostError as lost:
             self._close()
-            self._restarts, self._lost = RESTARTS, lost.failure  # fitting again would not help
+            self._restarts, self._lost = RESTARTS, lost.failure  # another time would not help
             raise
 
-    def _first_frame(self) -> float:
-        """Time of the first frame that a fitted method sees [ms]."""
+    def _first(self) -> float:
+        """Time of the first sample that a subject sees [ms]."""
         try:
-            first = self._reconstruct(self.data.test.voltages[:1], "the first frame")
+            first = self._answer("test", slice(0, 1), "the first frame")
         except WorkerLostError as lost:
             self._first_lost = lost.failure
             return NAN
         return NAN if first.failure else first.seconds * 1e3
 
-    def _warm_frames(self) -> dict[str, float]:
-        """Time single good frames, up to a number and a time; the first one comes last."""
-        test = self.data.test.voltages
-        kept = _Kept(self.store, self.plan.cell, "test", self.data.test)
-        good = np.flatnonzero(kept.status == "ok")
-        warm: list[float] = []
-        spent = 0.0
-        while len(good) and len(warm) < WARM_FRAMES and (spent < WARM_SECONDS or not warm):
-            k = good[(len(warm) + 1) % len(good)]
-            try:
-                reply = self._reconstruct(test[k : k + 1], "a single frame")
-            except WorkerLostError:  # every frame is kept by now
-                break
-            if reply.failure is not None:
-                break
-            warm.append(reply.seconds * 1e3)
-            spent += reply.seconds
-        p50, p99 = warm_percentiles(warm)
-        return {"frame_ms_p50": p50, "frame_ms_p99": p99}
-
     def _batches(self) -> float:
-        """Reconstruct and keep the pending batches, each leaving the list; frames per second."""
+        """Keep the answers to the pending batches, each leaving the list; samples per second."""
         done, seconds = 0, 0.0
-        while self._pending:
-            split, start = self._pending[0]
-            frames = self._frames(split, start)
-            outcome = Outcome()
-            reply = None if self._alone else self._together(split, start, frames)
+        while self.pending:
+            split, rows = self.pending[0]
+            first = self._first_lost if (split, rows.start) == ("test", 0) else None
+            outcome = Outcome(self.subject.blank)
+            reply = None if self._alone or first else self._together(split, rows)
             failure = None if reply is None else reply.failure
             if reply is not None and failure is None:
-                done, seconds = done + len(frames), seconds + reply.seconds
-                outcome.images(self._masked(reply.value), self._mask, reply.seconds)
+                done, seconds = done + rows.stop - rows.start, seconds + reply.seconds
+                outcome.add(*self.subject.values(split, rows, reply))
             elif failure is not None and BROKEN_CONTRACT.intersection(failure.kinds):
-                outcome.fail(len(frames), failure)
-            elif self._first_lost is not None and (split, start) == ("test", 0):
-                self._one_by_one(frames[1:], outcome.fail(1, self._first_lost))
+                outcome.fail(rows.stop - rows.start, failure)
+            elif first is not None:
+                self._one_by_one(split, slice(1, rows.stop), outcome.fail(1, first))
             else:
                 before = self._losses
-                self._one_by_one(frames, outcome)
-                # Where no frame was to blame the batch was: the next would cost a worker as well.
+                self._one_by_one(split, rows, outcome)
+                # Where no sample was to blame the batch was: the next would cost a worker as well.
                 batch_lost = reply is None and not self._alone
                 self._alone = self._alone or (batch_lost and self._losses == before)
-            self._keep(split, start, outcome)
-            self._pending.pop(0)
+            self._keep(split, rows, outcome)
+            self.pending.pop(0)
         return done / seconds if seconds > 0 else NAN
 
-    def _together(self, split: str, start: int, frames: Frames) -> Reply | None:
-        """The answer to a whole batch; None where it cost a worker, or is known to."""
-        if self._first_lost is not None and (split, start) == ("test", 0):
-            return None
+    def _together(self, split: str, rows: slice) -> Reply | None:
+        """The answer to a whole batch; None where it cost a worker."""
         try:
-            return self._reconstruct(frames, f"a batch of {len(frames)} frames")
+            return self._answer(split, rows, f"a batch of {rows.stop - rows.start} frames")
         except WorkerLostError:
             return None
 
-    def _one_by_one(self, frames: Frames, outcome: Outcome) -> None:
-        """Ask frame by frame, so that only bad frames are lost."""
-        for frame in frames:
+    def _one_by_one(self, split: str, rows: slice, outcome: Outcome) -> None:
+        """Ask sample by sample, so that only bad ones are lost."""
+        for k in range(rows.start, rows.stop):
+            row = slice(k, k + 1)
             try:
-                reply = self._reconstruct(frame[None], "a frame")
+                reply = self._answer(split, row, "a frame")
             except WorkerLostError as lost:
                 outcome.fail(1, lost.failure)
                 continue
             if reply.failure is None:
-                outcome.images(self._masked(reply.value), self._mask, reply.seconds)
+                outcome.add(*self.subject.values(split, row, reply))
             else:
                 outcome.fail(1, reply.failure)
 
-    def _reconstruct(self, frames: Frames, what: str) -> Reply:
+    def _answer(self, split: str, rows: slice, what: str) -> Reply:
         """Ask the worker, or a new one if the last was lost.
 
         Raises:
             WorkerLostError: the worker is lost, or was and cannot be replaced.
         """
         if self._worker is None:
-            self._refit()
-        limit = self.plan.frame_limit_s * len(frames)
+            self._set_up_again()
+        limit = self.plan.frame_limit_s * (rows.stop - rows.start)
         try:
-            return self._ask("reconstruct", frames, limit=limit, what=what)
+            return self._ask(*self.subject.request(split, rows), limit=limit, what=what)
         except WorkerLostError as lost:
             self._lost = lost.failure
             self._losses += 1
@@ -301,83 +229,42 @@ class _CellRun:
             self._worker.close()
             self._worker = None
 
-    @property
-    def _mask(self) -> NDArray[np.bool_]:
-        return self.data.test.sensor.mask
-
-    def _masked(self, images: Images) -> Images:
-        """What a method says outside the sensor does not count: it is set to the background."""
-        images[:, ~self._mask] = self.data.test.sensor.background
-        return images
-
-    def _frames(self, split: str, start: int) -> Frames:
-        return self.data.voltages(split)[start : start + self.plan.batch]
-
-    def _keep(self, split: str, start: int, outcome: Outcome) -> None:
-        batch = outcome.batch(start, self.data.test.sensor.image_shape)
-        self.store.save_batch(self.plan.cell, split, batch)
-        self.progress.advance(len(batch.estimates))
+    def _keep(self, split: str, rows: slice, outcome: Outcome) -> None:
+        self.store.save_batch(self.plan.cell, split, outcome.batch(rows.start))
+        self.progress.advance(rows.stop - rows.start)
 
 
-def judge_cell(plan: CellPlan, data: CellData, store: RunStore, row: dict[str, Any]) -> None:
-    """Score the kept frames of a cell and keep its rows; an unfinished cell has fewer of them."""
-    test = data.test
-    kept = _Kept(store, plan.cell, "test", test)
+def judge_cell(subject: Judged, row: Mapping[str, Any] | None) -> None:
+    """Score the kept samples of a cell and keep its rows.
+
+    Args:
+        row: figures of the cell as a whole; None for one that is not finished.
+    """
+    plan, test, store = subject.plan, subject.test, subject.store
+    kept = Kept(store, plan.cell, "test", len(test), subject.blank)
+    who = {"scenario": plan.cell.scenario, store.kind.name: plan.cell.name, **subject.labels}
+    figures, whole = subject.figures(kept)
+    described = test.samples.drop(columns=["sample", *figures.columns], errors="ignore")
     table = pd.DataFrame(
         {
             "suite": plan.suite,
-            "scenario": plan.cell.scenario,
-            "method": plan.cell.method,
-            "track": plan.track,
+            **who,
             "sample": test.samples["sample"].to_numpy(),
-            "input_hash": test.frame_hashes,
+            "input_hash": subject.input_hashes,
             "status": kept.status,
             "message": kept.message,
         }
     )
-    metrics = _metrics(data, store, plan.cell, kept).drop(columns="sample")
-    described = test.samples.drop(columns=["sample", *metrics.columns], errors="ignore")
-    table = pd.concat([table, metrics, described.reset_index(drop=True)], axis=1).assign(
-        frame_ms=kept.frame_ms
-    )
+    table = pd.concat([table, figures, described.reset_index(drop=True)], axis=1)
     table = table[kept.status != ""]
     ok = int((table["status"] == "ok").sum())
-    methods_row = {
-        "scenario": plan.cell.scenario,
-        "method": plan.cell.method,
-        "track": plan.track,
-        **row,
+    cell_row = {
+        **who,
+        **subject.unknown,
+        **(row or {}),
+        **whole,
         "coverage": ok / len(table) if len(table) else 0.0,
         "n": len(table),
-        "complete": len(table) == len(test.voltages),
+        "complete": row is not None and len(table) == len(test),
     }
-    store.save_cell(plan.cell, table, methods_row)
-
-
-class _Kept:
-    """The kept frames of one split, in the order of the data set; status "" where none is kept.
-
-    Attributes:
-        estimates: (n, H, W), NaN where the status is not "ok".
-    """
-
-    def __init__(self, store: RunStore, cell: Cell, split: str, dataset: Dataset) -> None:
-        n = len(dataset.voltages)
-        self.estimates: Images = np.full((n, *dataset.sensor.image_shape), np.nan, dtype=np.float32)
-        self.status = np.full(n, "", dtype=object)
-        self.message = np.full(n, "", dtype=object)
-        self.frame_ms = np.full(n, np.nan)
-        for batch in store.batches(cell, split):
-            rows = slice(batch.start, batch.stop)
-            self.estimates[rows] = batch.estimates
-            self.status[rows] = batch.status
-            self.message[rows] = batch.message
-            self.frame_ms[rows] = batch.frame_ms
-
-
-def _metrics(data: CellData, store: RunStore, cell: Cell, kept: _Kept) -> pd.DataFrame:
-    registration = None
-    if data.validation is not None:
-        validation = _Kept(store, cell, "validation", data.validation)
-        registration = fit_registration(data.validation, validation.estimates)
-    return judge(data.test, kept.estimates, registration)
+    store.save_cell(plan.cell, table, cell_row)

@@ -1,9 +1,11 @@
 """What `eitbench list` shows: one row of plain values for each thing that has a name."""
 
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
-from eitbench.methods.registry import methods
+from eitbench.methods.method import Method
+from eitbench.methods.operators.operator import Operator
+from eitbench.methods.registry import methods, operators
 from eitbench.scenarios.catalogue import sensors
 from eitbench.scenarios.recordings import RECORDED_SETS
 from eitbench.scenarios.scenario import SimulatedScenario
@@ -12,20 +14,24 @@ from eitbench.scenarios.suites import load_suite, suites
 Row = dict[str, str | int | None]
 
 
-def _methods() -> list[Row]:
+def _described(known: Mapping[str, type[Method] | type[Operator]]) -> list[Row]:
     return [
-        {"name": name, "description": _first_line(cls), "source": cls.source}
-        for name, cls in methods().items()
+        {"name": name, "description": first_line(cls), "source": cls.source}
+        for name, cls in known.items()
     ]
 
 
-def _first_line(cls: type) -> str:
+def first_line(cls: type) -> str:
+    """The first line of the description of a class; "" without one."""
     return (inspect.getdoc(cls) or "").partition("\n")[0]
 
 
 def _suites() -> list[Row]:
     loaded = [load_suite(name) for name in suites()]
-    return [{"name": s.name, "title": s.title, "scenarios": len(s.scenarios)} for s in loaded]
+    return [
+        {"name": s.name, "ranks": s.ranks, "title": s.title, "scenarios": len(s.scenarios)}
+        for s in loaded
+    ]
 
 
 def _scenarios() -> list[Row]:
@@ -73,7 +79,8 @@ def _recordings() -> list[Row]:
 
 
 LISTINGS: dict[str, Callable[[], list[Row]]] = {
-    "methods": _methods,
+    "methods": lambda: _described(methods()),
+    "operators": lambda: _described(operators()),
     "scenarios": _scenarios,
     "sensors": _sensors,
     "suites": _suites,

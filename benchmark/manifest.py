@@ -16,7 +16,17 @@ import eitbench
 from eitbench.scenarios.errors import InputError
 
 FILE_NAME = "manifest.json"
-PACKAGES = ("numpy", "scipy", "pandas", "h5py", "pyarrow", "netgen-mesher", "threadpoolctl")
+PACKAGES = (
+    "numpy",
+    "scipy",
+    "numba",
+    "torch",
+    "pandas",
+    "h5py",
+    "pyarrow",
+    "netgen-mesher",
+    "threadpoolctl",
+)
 
 Manifest = dict[str, Any]
 
@@ -33,7 +43,7 @@ _NEEDED: dict[str, type] = {
 }
 _NEEDED_OF_CELL: dict[str, type] = {
     "scenario": str,
-    "method": str,
+    "name": str,
     "track": str,
     "parameters": dict,
 }

@@ -1,45 +1,67 @@
-"""What became of the frames of one batch."""
+"""What became of the samples of one batch."""
+
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
 
-from eitbench.benchmark.store import Batch
-from eitbench.benchmark.worker import Failure, Images
+from eitbench.benchmark.store import Batch, Cell, RunStore, Values
+from eitbench.benchmark.worker import Failure
+
+Blank = Callable[[int], dict[str, NDArray[np.generic]]]
+"""Arrays for so many samples as they stand where nothing was answered."""
 
 
 class Outcome:
-    """Collects the frames of one batch in order, good and bad."""
+    """Collects the samples of one batch in order, good and bad."""
 
-    def __init__(self) -> None:
-        self._images: list[Images | None] = []
+    def __init__(self, blank: Blank) -> None:
+        self._blank = blank
+        self._values: list[Values | None] = []
         self._status: list[str] = []
         self._message: list[str] = []
-        self._ms: list[float] = []
 
     def __len__(self) -> int:
         return len(self._status)
 
-    def images(self, images: Images, mask: NDArray[np.bool_], seconds: float) -> None:
-        """Add reconstructed frames that took `seconds` together."""
-        for image in images:
-            good = bool(np.isfinite(image[mask]).all())
-            self._images.append(image if good else None)
-            self._status.append("ok" if good else "invalid-output")
-            self._message.append("" if good else "returned values that are not finite")
-            self._ms.append(seconds * 1e3 / len(images))
+    def add(self, values: Values, good: NDArray[np.bool_]) -> None:
+        """Add answered samples, of which those that are not `good` hold no valid output."""
+        for k, valid in enumerate(good):
+            self._values.append({name: array[k] for name, array in values.items()})
+            self._status.append("ok" if valid else "invalid-output")
+            self._message.append("" if valid else "returned values that are not finite")
 
     def fail(self, count: int, failure: Failure) -> "Outcome":
-        """Add `count` frames that were lost to `failure`."""
-        self._images += [None] * count
+        """Add `count` samples that were lost to `failure`."""
+        self._values += [None] * count
         self._status += [failure.status] * count
         self._message += [failure.message] * count
-        self._ms += [float("nan")] * count
         return self
 
-    def batch(self, start: int, image_shape: tuple[int, int]) -> Batch:
-        """All of it, with NaN where there is no image."""
-        estimates = np.full((len(self), *image_shape), np.nan, dtype=np.float32)
-        for estimate, image in zip(estimates, self._images, strict=True):
-            if image is not None:
-                estimate[:] = image
-        return Batch(start, estimates, self._status, self._message, np.array(self._ms))
+    def batch(self, start: int) -> Batch:
+        """All of it."""
+        arrays = self._blank(len(self))
+        for k, values in enumerate(self._values):
+            for name, value in (values or {}).items():
+                arrays[name][k] = value
+        return Batch(start, self._status, self._message, arrays)
+
+
+class Kept:
+    """All samples that are kept of one split of a cell, in the order of the data set.
+
+    Attributes:
+        values: arrays (n, ...).
+        status, message: n texts; status "" where nothing is kept.
+    """
+
+    def __init__(self, store: RunStore, cell: Cell, split: str, n: int, blank: Blank) -> None:
+        self.values = blank(n)
+        self.status = np.full(n, "", dtype=object)
+        self.message = np.full(n, "", dtype=object)
+        for batch in store.batches(cell, split):
+            rows = slice(batch.start, batch.stop)
+            self.status[rows] = batch.status
+            self.message[rows] = batch.message
+            for name, array in self.values.items():
+                array[rows] = batch.values[name]

@@ -5,9 +5,10 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from eitbench.benchmark.kind import KINDS, Kind
 from eitbench.benchmark.manifest import Manifest
-from eitbench.benchmark.worker import plugin_methods
-from eitbench.methods.registry import methods as known_methods
+from eitbench.benchmark.worker import plugin_names
+from eitbench.methods.registry import METHODS, OPERATORS
 from eitbench.scenarios.errors import InputError, unknown_name
 from eitbench.scenarios.suites import Suite
 
@@ -17,31 +18,51 @@ class Plan:
     """What is run: enough to continue it later.
 
     Attributes:
-        methods, scenarios: names in the order they are run.
+        names: the methods or operators, in the order they are run.
+        scenarios: names in the order they are run.
         limit: number of test samples of each scenario, None for all.
-        plugins: files with more methods, each with the SHA-256 of its content.
-        origins: the plugin of each method that one registers.
+        plugins: files with more methods or operators, each with the SHA-256 of its content.
+        origins: the plugin of each of the names that one registers.
     """
 
     suite: Suite
-    methods: tuple[str, ...]
+    names: tuple[str, ...]
     scenarios: tuple[str, ...]
     limit: int | None
     plugins: tuple[tuple[Path, str], ...]
     origins: Mapping[str, Path] = field(default_factory=dict)
 
+    @property
+    def kind(self) -> Kind:
+        """What is ranked."""
+        return KINDS[self.suite.ranks]
+
+    @property
+    def methods(self) -> tuple[str, ...]:
+        """The names, which must be methods'.
+
+        Raises:
+            InputError: the suite ranks operators.
+        """
+        if self.suite.ranks != "methods":
+            raise InputError(
+                f"Suite {self.suite.name!r} ranks operators: name one of methods "
+                "(eitbench list suites)."
+            )
+        return self.names
+
     def describe(self) -> Manifest:
         """Plain values for the manifest."""
         return {
             "suite": self.suite.model_dump(mode="json"),
-            "methods": list(self.methods),
+            "names": list(self.names),
             "scenarios": list(self.scenarios),
             "limit": self.limit,
             "plugins": [
                 {
                     "path": str(path),
                     "sha256": digest,
-                    "methods": [name for name, origin in self.origins.items() if origin == path],
+                    "names": [name for name, origin in self.origins.items() if origin == path],
                 }
                 for path, digest in self.plugins
             ],
@@ -58,11 +79,11 @@ class Plan:
             plan = manifest["plan"]
             made = cls(
                 Suite.model_validate(plan["suite"]),
-                tuple(plan["methods"]),
+                tuple(plan["names"]),
                 tuple(plan["scenarios"]),
                 plan["limit"],
                 tuple((Path(p["path"]), p["sha256"]) for p in plan["plugins"]),
-                {name: Path(p["path"]) for p in plan["plugins"] for name in p["methods"]},
+                {name: Path(p["path"]) for p in plan["plugins"] for name in p["names"]},
             )
         except (KeyError, TypeError, ValueError) as error:
             raise InputError(
@@ -80,38 +101,50 @@ def make_plan(
     suite: Suite,
     *,
     methods: Sequence[str] = (),
+    operators: Sequence[str] = (),
     scenarios: Sequence[str] = (),
     limit: int | None = None,
     plugins: Iterable[Path] = (),
 ) -> Plan:
-    """Choose from `suite`; without `methods`, its default methods and those of the plugins.
+    """Choose from `suite`; without `methods` or `operators`, its own and those of the plugins.
 
     Raises:
-        InputError: an unknown method or scenario (the nearest is suggested), or a bad plugin.
+        InputError: an unknown name (the nearest is suggested), methods for a suite that ranks
+            operators or the other way round, or a bad plugin.
     """
+    ranks = suite.ranks
+    asked, other = (methods, operators) if ranks == "methods" else (operators, methods)
+    if other:
+        raise InputError(f"Suite {suite.name!r} ranks {ranks}: choose among them with --{ranks}.")
+    # Looked up before plugins start workers, which are forked with what is loaded by then.
+    known = {*(METHODS if ranks == "methods" else OPERATORS).known()}
     files = tuple(dict.fromkeys(path.resolve() for path in plugins))
     origins: dict[str, Path] = {}
     for path in files:
-        for name in plugin_methods(path):
+        registered = plugin_names(path)
+        offered = registered.methods if ranks == "methods" else registered.operators
+        if not offered:
+            raise InputError(f"The plugin {path} registers no {ranks}, which {suite.name!r} ranks.")
+        for name in offered:
             if name in origins:
                 raise InputError(
-                    f"The method name {name!r} is registered by {origins[name]} and by {path}: "
-                    "choose another in one of them."
+                    f"The {KINDS[ranks].name} name {name!r} is registered by {origins[name]} and "
+                    f"by {path}: choose another in one of them."
                 )
             origins[name] = path
-    known = {*known_methods(), *origins}
-    chosen = tuple(dict.fromkeys(methods or (*suite.methods, *origins)))
+    known |= set(origins)
+    chosen = tuple(dict.fromkeys(asked or (*suite.names, *origins)))
     for name in chosen:
         if name not in known:
-            raise unknown_name("method", name, known)
-    offered = [scenario.name for scenario in suite.scenarios]
+            raise unknown_name(KINDS[ranks].name, name, known)
+    declared = [scenario.name for scenario in suite.scenarios]
     for name in scenarios:
-        if name not in offered:
-            raise unknown_name(f"scenario of suite {suite.name!r}", name, offered)
+        if name not in declared:
+            raise unknown_name(f"scenario of suite {suite.name!r}", name, declared)
     return Plan(
         suite,
         chosen,
-        tuple(name for name in offered if not scenarios or name in scenarios),
+        tuple(name for name in declared if not scenarios or name in scenarios),
         suite.limit if limit is None else limit,
         tuple((path, _sha256(path)) for path in files),
         origins,

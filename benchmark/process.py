@@ -20,9 +20,15 @@ from threadpoolctl import threadpool_limits
 THREADS = 1
 PINNED = {
     name: str(THREADS)
-    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_NUM_THREADS")
+    for name in (
+        "OMP_NUM_THREADS",
+        "OPENBLAS_NUM_THREADS",
+        "MKL_NUM_THREADS",
+        "BLIS_NUM_THREADS",
+        "NUMBA_NUM_THREADS",
+    )
 }
-PRELOADED = "eitbench.benchmark.worker"
+PRELOADED = "eitbench.benchmark.method_worker"
 # Cells run in threads, and starting a worker changes this process's environment for a moment.
 _STARTING = threading.Lock()
 
@@ -49,7 +55,9 @@ def process_context() -> BaseContext:
     if "forkserver" not in multiprocessing.get_all_start_methods():
         return multiprocessing.get_context("spawn")
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload([PRELOADED])
+    # What this process needed its workers will: forked with it, they start a second earlier.
+    needed = [name for name in ("torch",) if name in sys.modules]
+    context.set_forkserver_preload([PRELOADED, *needed])
     resource_tracker.ensure_running()  # unblocks Ctrl-C when it starts, so not further down
     with _pinned_environment(), _interrupts_blocked():
         forkserver.ensure_running()
@@ -71,7 +79,7 @@ def _interrupts_blocked() -> Iterator[None]:
 
 @contextmanager
 def _pinned_environment() -> Iterator[None]:
-    """BLAS libraries read these variables once, when they are loaded in a new process."""
+    """Libraries read these variables once, when they are loaded in a new process."""
     before = {name: os.environ.get(name) for name in PINNED}
     os.environ.update(PINNED)
     try:

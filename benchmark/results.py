@@ -13,30 +13,16 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from eitbench.benchmark import manifest
-from eitbench.benchmark.cards import METRICS
 from eitbench.benchmark.judge import cell_figures
-from eitbench.benchmark.store import METHODS, RECONSTRUCTIONS, SAMPLES, TRUTH
+from eitbench.benchmark.kind import KINDS, METHODS, Kind
+from eitbench.benchmark.store import SAMPLES, TRUTH
 from eitbench.scenarios.errors import DataCorruptError, InputError
 
 Row = dict[str, Any]
 
-TIMINGS = (
-    "first_frame_ms",
-    "frame_ms_p50",
-    "frame_ms_p99",
-    "batch_fps",
-    "setup_s",
-    "train_s",
-    "memory_mb",
-)
-
 # What is known of a scenario's data beside its rows, if it is recorded.
 NOTES = ("reciprocity_error", "repeat_noise", "guess_mm")
 NOTES_FILE = "recordings.json"
-
-# What decides a rank, by the first of these that any method of the scenario has: a true
-# conductivity gives a score, true classes a CC, presses a place, and recordings else a response.
-_RANKED_BY = ("score", "cc", "localisation_mm", "repeatability_db")
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,16 +54,18 @@ class Run:
 
     Attributes:
         path: the directory.
+        kind: what it ranks.
         manifest: how the run was made.
-        samples: one row per scenario, method and sample.
-        methods: one row per scenario and method.
+        samples: one row per scenario, method (or operator) and sample.
+        cells: one row per scenario and method (or operator).
         notes: figures of recorded scenarios, by scenario and by a name of `NOTES`.
     """
 
     path: Path
+    kind: Kind
     manifest: dict[str, Any]
     samples: pd.DataFrame
-    methods: pd.DataFrame
+    cells: pd.DataFrame
     notes: dict[str, dict[str, float | None]]
 
     def scenarios(self) -> list[str]:
@@ -126,7 +114,7 @@ class Run:
 
     @contextmanager
     def _images(self) -> Iterator[h5py.File]:
-        path = self.path / RECONSTRUCTIONS
+        path = self.path / self.kind.arrays
         try:
             with h5py.File(path, "r") as file:
                 yield file
@@ -138,7 +126,7 @@ class Run:
             return file[f"{scenario}/{name}"]
         except KeyError as error:
             raise DataCorruptError(
-                f"{self.path / RECONSTRUCTIONS} holds no images of {name!r} on scenario "
+                f"{self.path / self.kind.arrays} holds no images of {name!r} on scenario "
                 f"{scenario!r}: resume the run."
             ) from error
 
@@ -158,16 +146,18 @@ def read_run(path: Path) -> Run:
     content = path / manifest.FILE_NAME
     if not content.is_file():
         raise InputError(f"{path} is not a run directory: it holds no {manifest.FILE_NAME}.")
-    if not (path / SAMPLES).is_file() or not (path / METHODS).is_file():
+    kinds = [kind for kind in KINDS.values() if (path / kind.table).is_file()]
+    if not (path / SAMPLES).is_file() or not kinds:
         raise InputError(
             f"The run in {path} has no results yet: finish it with `eitbench run --resume {path}`."
         )
     notes = path / NOTES_FILE
     return Run(
         path,
+        kinds[0],
         _read_json(content),
         _read_table(path / SAMPLES),
-        _read_table(path / METHODS),
+        _read_table(path / kinds[0].table),
         _read_json(notes) if notes.is_file() else {},
     )
 
@@ -190,17 +180,27 @@ def _read_table(path: Path) -> pd.DataFrame:
 
 
 def leaderboard_rows(runs: Sequence[Run]) -> list[Row]:
-    """One row per run, scenario, method and track, ranked among those of the same data.
+    """One row per run, scenario and method (or operator), ranked among those of the same data.
 
     Figures are means over the valid samples (localisation: the median); None where not defined.
-    The best value has rank 1; methods that lost samples come after those that lost none, methods
+    The best value has rank 1; those that lost samples come after those that lost none, those
     without a figure come last, and equals share a rank.
+
+    Raises:
+        InputError: some of the runs rank methods and others operators.
     """
+    for run in runs:
+        if run.kind != runs[0].kind:
+            raise InputError(
+                f"{runs[0].path} ranks {runs[0].kind.name}s and {run.path} {run.kind.name}s: ask "
+                "for their leaderboards one after the other."
+            )
     rows = [_row(run, keys, cell) for run in runs for keys, cell in _cells(run)]
     ranked = []
     for board in boards(rows):
-        _rank(board)
-        ranked += sorted(board, key=lambda row: (row["rank"], row["method"]))
+        kind = runs[0].kind
+        _rank(board, kind)
+        ranked += sorted(board, key=lambda row: (row["rank"], row[kind.name]))
     return ranked
 
 
@@ -213,40 +213,46 @@ def boards(rows: Iterable[Row]) -> list[list[Row]]:
     return list(found.values())
 
 
-def _cells(run: Run) -> Iterable[tuple[tuple[str, ...], pd.DataFrame]]:
+def _cells(run: Run) -> Iterable[tuple[Row, pd.DataFrame]]:
     if run.samples.empty:
-        return []
-    keys = ["suite", "scenario", "method", "track"]
-    return [(tuple(map(str, k)), cell) for k, cell in run.samples.groupby(keys, sort=False)]
+        return
+    keys = ["suite", "scenario", run.kind.name, *run.kind.labels]
+    for values, cell in run.samples.groupby(keys, sort=False):
+        yield dict(zip(keys, map(str, values), strict=True)), cell
 
 
-def _row(run: Run, keys: tuple[str, ...], cell: pd.DataFrame) -> Row:
-    suite, scenario, method, track = keys
+def _row(run: Run, keys: Row, cell: pd.DataFrame) -> Row:
+    kind = run.kind
     valid = cell[cell["status"] == "ok"]
-    data = run.manifest.get("data", {}).get(scenario, {})
+    data = run.manifest.get("data", {}).get(keys["scenario"], {})
     row: Row = {
-        "suite": suite,
-        "scenario": scenario,
-        "method": method,
-        "track": track,
+        **keys,
         "run": run.path.name,
         "n": len(cell),
         "coverage": len(valid) / len(cell),
         "rank": None,
     }
-    whole = cell_figures(valid)
-    for name, card in METRICS.items():
-        row[name] = _plain(whole[name] if name in whole else _average(valid, name, card.average))
-    of = run.methods[
-        (run.methods["scenario"] == scenario)
-        & (run.methods["method"] == method)
-        & (run.methods["track"] == track)
-    ]
-    for name in TIMINGS:
-        row[name] = _plain(of[name].iloc[0]) if name in of and len(of) else None
+    of = run.cells
+    for name in ("scenario", kind.name, *kind.labels):
+        of = of[of[name] == keys[name]]
+    known: Row = dict(of.iloc[0]) if len(of) else {}
+    whole = known | (cell_figures(valid) if kind == METHODS else {})
+    for name, card in kind.metrics.items():
+        row[name] = _plain(
+            whole.get(name)
+            if card.average == "whole scenario"
+            else _average(valid, name, card.average)
+        )
+    for name in kind.costs:
+        row[name] = _plain(known.get(name))
+    for name in kind.facts:
+        row[name] = str(known.get(name, ""))
     row |= {"data_hash": data.get("hash"), "data_n": data.get("n")}
-    noted = run.notes.get(scenario, {})
-    return row | {name: _plain(noted.get(name)) for name in NOTES}
+    row["inverse_crime"] = data.get("inverse_crime")
+    if kind == METHODS:
+        noted = run.notes.get(keys["scenario"], {})
+        row |= {name: _plain(noted.get(name)) for name in NOTES}
+    return row
 
 
 def _average(rows: pd.DataFrame, name: str, average: str) -> float:
@@ -264,17 +270,17 @@ def _plain(value: Any) -> float | None:
     return number if np.isfinite(number) else None
 
 
-def _rank(board: list[Row]) -> None:
+def _rank(board: list[Row], kind: Kind) -> None:
     """Give the rows of one scenario their ranks, 1 the best."""
-    names = [name for name in _RANKED_BY if any(row[name] is not None for row in board)]
-    keys = [_standing(row, names[0] if names else None) for row in board]
+    names = [name for name in kind.ranked_by if any(row[name] is not None for row in board)]
+    keys = [_standing(row, names[0] if names else None, kind) for row in board]
     for row, key in zip(board, keys, strict=True):
         row["rank"] = 1 + sum(other < key for other in keys)
 
 
-def _standing(row: Row, name: str | None) -> tuple[bool, bool, float]:
+def _standing(row: Row, name: str | None, kind: Kind) -> tuple[bool, bool, float]:
     """Sorts rows from the best to the worst."""
     value = None if name is None else row[name]
     if name is None or value is None:
         return True, True, 0.0
-    return False, row["coverage"] < 1, -value if METRICS[name].best == "max" else value
+    return False, row["coverage"] < 1, -value if kind.metrics[name].best == "max" else value

@@ -1,4 +1,4 @@
-"""Running a suite: every method on every scenario, into a run directory that can be resumed."""
+"""Running a suite: everything it ranks on every scenario, into a directory that can be resumed."""
 
 import signal
 import threading
@@ -10,29 +10,29 @@ from pathlib import Path
 from types import FrameType
 
 from eitbench.benchmark import manifest as manifests
-from eitbench.benchmark.cell import BATCH, CellData, CellPlan, judge_cell, run_cell
-from eitbench.benchmark.judge import REGISTRATION_FRAMES
+from eitbench.benchmark.cell import judge_cell, prepare, run_cell
 from eitbench.benchmark.lock import locked
 from eitbench.benchmark.manifest import Manifest
+from eitbench.benchmark.method_cell import MethodData
+from eitbench.benchmark.operator_cell import OperatorData
 from eitbench.benchmark.plan import Plan, make_plan
 from eitbench.benchmark.process import THREADS
 from eitbench.benchmark.progress import RunProgress
-from eitbench.benchmark.selection import selected_parameters
 from eitbench.benchmark.store import Cell, RunStore
+from eitbench.benchmark.subject import CellData, CellPlan, Subject
 from eitbench.benchmark.timing import calibration
 from eitbench.benchmark.worker import SEED, StoppedError
-from eitbench.scenarios.datasets import load
 from eitbench.scenarios.errors import (
     DataCorruptError,
     DataUnavailableError,
     EitbenchError,
     InputError,
 )
-from eitbench.scenarios.recordings.fetch import locate
-from eitbench.scenarios.scenario import RecordedScenario
 from eitbench.scenarios.suites import Suite
 
 __all__ = ["Plan", "RunInterruptedError", "RunResult", "make_plan", "resume_run", "start_run"]
+
+DATA: Mapping[str, type[CellData]] = {"methods": MethodData, "operators": OperatorData}
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ def start_run(
         EitbenchError: `out` cannot be written.
     """
     progress = progress or RunProgress(quiet=True)
-    store = RunStore.create(out)
+    store = RunStore.create(out, plan.kind)
     with locked(out), _termination_interrupts():
         try:
             data, skipped, refused = _load(plan, plan.scenarios, jobs, progress)
@@ -108,7 +108,7 @@ def resume_run(
             {"time": manifests.now(), "command_line": manifests.command_line(), "jobs": jobs}
             | manifests.environment()
         )
-        return _execute(plan, RunStore(run), manifest, data, jobs, progress)
+        return _execute(plan, RunStore(run, plan.kind), manifest, data, jobs, progress)
 
 
 def _result(run: Path, manifest: Manifest) -> RunResult:
@@ -168,22 +168,14 @@ def _load(
     for scenario in plan.suite.scenarios:
         if scenario.name not in names:
             continue
-        shown = not progress.quiet
         try:
-            if isinstance(scenario, RecordedScenario):
-                limit_s = plan.suite.download_limit_s
-                locate(scenario.recorded_set, limit_s=limit_s, progress=shown)
-            test = load(scenario, split="test", limit=plan.limit, jobs=jobs, progress=shown)
-            positions = test.truth == "position"
-            validation = (
-                load(scenario, split="validation", limit=REGISTRATION_FRAMES) if positions else None
+            data[scenario.name] = DATA[plan.suite.ranks].load(
+                scenario, plan.suite, plan.limit, jobs=jobs, progress=not progress.quiet
             )
         except DataUnavailableError as error:
             skipped[scenario.name] = f"Scenario {scenario.name!r} is skipped: {error}"
         except DataCorruptError as error:
             refused[scenario.name] = f"Scenario {scenario.name!r} is refused: {error}"
-        else:
-            data[scenario.name] = CellData(test, validation)
     if not data:
         raise _no_data(skipped, refused)
     for sentence in (*skipped.values(), *refused.values()):
@@ -208,7 +200,7 @@ def _new_manifest(
         **manifests.environment(),
         "calibration_ms": calibration(),
         "jobs": jobs,
-        "batch": BATCH,
+        "batch": DATA[plan.suite.ranks].batch,
         "threads": THREADS,
         "seeds": {"methods": SEED},
         "plan": plan.describe(),
@@ -216,7 +208,7 @@ def _new_manifest(
             name: {
                 "hash": there.test.data_hash,
                 "inverse_crime": there.test.inverse_crime,
-                "n": len(there.test.voltages),
+                "n": len(there.test),
                 "truth": there.test.truth,
                 "sensor": there.test.sensor.name,
             }
@@ -224,18 +216,15 @@ def _new_manifest(
         },
         "skipped": skipped,
         "refused": refused,
-        "cells": [
-            _chosen_parameters(plan, name, method) for name in data for method in plan.methods
-        ],
+        "cells": [_chosen(there, name) for there in data.values() for name in plan.names],
     }
 
 
-def _chosen_parameters(plan: Plan, scenario_name: str, method: str) -> Manifest:
-    scenario = next(s for s in plan.suite.scenarios if s.name == scenario_name)
-    parameters = selected_parameters(scenario, method)
+def _chosen(data: CellData, name: str) -> Manifest:
+    parameters = data.parameters(name)
     return {
-        "scenario": scenario_name,
-        "method": method,
+        "scenario": data.scenario.name,
+        "name": name,
         "track": "default" if parameters is None else "tuned",
         "parameters": dict(parameters or {}),
     }
@@ -249,28 +238,13 @@ def _execute(
     jobs: int,
     progress: RunProgress,
 ) -> RunResult:
-    scenarios = {scenario.name: scenario for scenario in plan.suite.scenarios}
-    cells = [
-        CellPlan(
-            cell=Cell(entry["scenario"], entry["method"]),
-            track=entry["track"],
-            parameters=entry["parameters"],
-            suite=plan.suite.name,
-            scenario=scenarios[entry["scenario"]],
-            plugin=plan.origins.get(entry["method"]),
-            fit_limit_s=plan.suite.fit_limit_s,
-            frame_limit_s=plan.suite.frame_limit_s,
-            batch=manifest["batch"],
-        )
-        for entry in manifest["cells"]
-    ]
+    cells = [_cell_plan(plan, manifest, entry) for entry in manifest["cells"]]
     interrupted = not _run_cells(cells, data, store, jobs, progress)
     if interrupted:
         for cell in cells:
             if not store.finished(cell.cell) and store.has_batches(cell.cell):
-                judge_cell(cell, data[cell.cell.scenario], store, {})
-    datasets = {name: there.test for name, there in data.items()}
-    store.assemble([cell.cell for cell in cells], datasets)
+                judge_cell(data[cell.cell.scenario].subject(cell, store), None)
+    store.assemble([c.cell for c in cells], {name: there.truth() for name, there in data.items()})
     unfinished = sum(not store.finished(cell.cell) for cell in cells)
     ended = not interrupted and not unfinished
     manifest |= {
@@ -292,6 +266,19 @@ def _execute(
     return _result(store.path, manifest)
 
 
+def _cell_plan(plan: Plan, manifest: Manifest, entry: Manifest) -> CellPlan:
+    return CellPlan(
+        cell=Cell(entry["scenario"], entry["name"]),
+        track=entry["track"],
+        parameters=entry["parameters"],
+        suite=plan.suite.name,
+        plugin=plan.origins.get(entry["name"]),
+        fit_limit_s=plan.suite.fit_limit_s,
+        frame_limit_s=plan.suite.frame_limit_s,
+        batch=manifest["batch"],
+    )
+
+
 def _run_cells(
     cells: list[CellPlan],
     data: dict[str, CellData],
@@ -305,15 +292,33 @@ def _run_cells(
         EitbenchError: rows could not be written; those that were are kept.
     """
     stop = threading.Event()
+    unfinished = [plan for plan in cells if not store.finished(plan.cell)]
+    first_of = {plan.cell.scenario: plan for plan in reversed(unfinished)}
+    found = {
+        name: there.preparation(first_of[name], store)
+        for name, there in data.items()
+        if name in first_of
+    }
+    preparations = {name: subject for name, subject in found.items() if subject is not None}
+    prepared: dict[str, Future[None]] = {}
 
-    def work(plan: CellPlan) -> None:
-        there = data[plan.cell.scenario]
-        with progress.cell(str(plan.cell), there.n_frames) as bar:
-            if not stop.is_set() and not store.finished(plan.cell):
-                run_cell(plan, there, store, bar, stop)
+    def preparing(subject: Subject) -> None:
+        with progress.cell(str(subject.plan.cell), sum(subject.sizes.values())) as bar:
+            prepare(subject, bar, stop)
 
-    with progress.cells(len(cells)), ThreadPoolExecutor(jobs) as pool:
-        futures: list[Future[None]] = [pool.submit(work, plan) for plan in cells]
+    def working(plan: CellPlan) -> None:
+        subject = data[plan.cell.scenario].subject(plan, store)
+        with progress.cell(str(plan.cell), sum(subject.sizes.values())) as bar:
+            if plan.cell.scenario in prepared:
+                prepared[plan.cell.scenario].result()
+            if not stop.is_set():
+                run_cell(subject, bar, stop)
+
+    with progress.cells(len(unfinished) + len(preparations)), ThreadPoolExecutor(jobs) as pool:
+        # They are begun before any cell that waits for one.
+        for scenario, subject in preparations.items():
+            prepared[scenario] = pool.submit(preparing, subject)
+        futures = [*prepared.values(), *(pool.submit(working, plan) for plan in unfinished)]
         try:
             wait(futures, return_when=FIRST_EXCEPTION)
         except KeyboardInterrupt:

@@ -1,15 +1,16 @@
 """The run directory: rows that survive an interruption, and the files that a finished run holds.
 
-While a run is going, every batch of frames is written to `parts/<scenario>/<method>/` as soon as it
-is reconstructed, and every finished cell (scenario x method) adds its judged rows. `assemble` turns
-parts into `samples.parquet`, `methods.parquet` and `reconstructions.h5`; each file appears whole or
-not at all.
+While a run is going, every batch of samples is written to `parts/<scenario>/<method>/` as soon as
+it is answered, and every finished cell (scenario x method, or x operator) adds its judged rows.
+`assemble` turns parts into `samples.parquet`, the table of cells and the file of arrays; each file
+appears whole or not at all.
 """
 
 import hashlib
 import json
+import math
 import shutil
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,60 +25,62 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from eitbench.benchmark import lock, manifest
-from eitbench.benchmark.worker import Images
+from eitbench.benchmark.kind import Kind
 from eitbench.methods.registry import RESERVED
-from eitbench.scenarios.datasets import Dataset
 from eitbench.scenarios.errors import DataCorruptError, EitbenchError, InputError
 
 SAMPLES = "samples.parquet"
-METHODS = "methods.parquet"
-RECONSTRUCTIONS = "reconstructions.h5"
 TRUTH = RESERVED
 MAX_FOLDER = 120
+CHUNK = 6400  # values read at once: one image of 80 x 80 pixels
+
+Values = Mapping[str, NDArray[Any]]
+"""Arrays with a row for each of some samples, by name."""
+Truth = tuple[Mapping[str, Any], Values]
+"""What is known of a scenario: attributes and arrays by name."""
 
 
 @dataclass(frozen=True)
 class Cell:
-    """One scenario with one method."""
+    """One scenario with one method or operator, `name`."""
 
     scenario: str
-    method: str
+    name: str
 
     def __str__(self) -> str:
-        return f"{self.scenario}--{self.method}"
+        return f"{self.scenario}--{self.name}"
 
 
 @dataclass(frozen=True, eq=False)
 class Batch:
-    """The outcome of some frames of a cell.
+    """What became of some samples of a cell.
 
     Attributes:
-        start: position of its first frame in the data set.
-        estimates: (k, H, W) conductivity [S/m], NaN where the status is not "ok".
+        start: position of its first sample in the data set.
         status, message: k texts each.
-        frame_ms: (k,) time per frame [ms], NaN where unknown.
+        values: arrays (k, ...), NaN where there is no valid answer.
     """
 
     start: int
-    estimates: Images
     status: Sequence[str]
     message: Sequence[str]
-    frame_ms: NDArray[np.float64]
+    values: Values
 
     @property
     def stop(self) -> int:
-        """Position after its last frame."""
-        return self.start + len(self.estimates)
+        """Position after its last sample."""
+        return self.start + len(self.status)
 
 
 class RunStore:
-    """Reads and writes one run directory."""
+    """Reads and writes one run directory of one kind."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, kind: Kind) -> None:
         self.path = path
+        self.kind = kind
 
     @classmethod
-    def create(cls, path: Path) -> "RunStore":
+    def create(cls, path: Path, kind: Kind) -> "RunStore":
         """A new, empty run directory, or one in which a run was ended before it had begun.
 
         Raises:
@@ -93,15 +96,15 @@ class RunStore:
             )
         with _said(path):
             (path / "logs").mkdir(parents=True, exist_ok=True)
-        return cls(path)
+        return cls(path, kind)
 
     def discard(self) -> None:
         """Remove a run directory in which nothing has happened."""
         shutil.rmtree(self.path, ignore_errors=True)
 
     def log(self, cell: Cell) -> Path:
-        """Where a cell's method writes what it prints."""
-        return self.path / "logs" / f"{_folder(cell.scenario)}--{_folder(cell.method)}.log"
+        """Where what runs in a cell writes what it prints."""
+        return self.path / "logs" / f"{_folder(cell.scenario)}--{_folder(cell.name)}.log"
 
     def write_manifest(self, content: manifest.Manifest) -> None:
         """Replace the manifest."""
@@ -114,28 +117,31 @@ class RunStore:
             self._batch_path(cell, split, batch.start),
             lambda part: np.savez(
                 part,
-                estimates=batch.estimates,
                 status=np.array(batch.status, dtype=np.str_),
                 message=np.array(batch.message, dtype=np.str_),
-                frame_ms=batch.frame_ms,
+                **dict[str, Any](batch.values),
             ),
         )
+
+    def batch(self, cell: Cell, split: str, start: int) -> Batch:
+        """The batch kept at `start`.
+
+        Raises:
+            DataCorruptError: it cannot be read.
+        """
+        path = self._batch_path(cell, split, start)
+        try:
+            with np.load(path, allow_pickle=False) as arrays:
+                values = {name: arrays[name] for name in arrays.files}
+            status, message = (values.pop(name).tolist() for name in ("status", "message"))
+        except (OSError, EOFError, ValueError, KeyError, BadZipFile) as error:
+            raise _unreadable(path, error) from error
+        return Batch(start, status, message, values)
 
     def batches(self, cell: Cell, split: str) -> Iterator[Batch]:
         """The batches kept of a cell, in order, one in memory at a time."""
         for path in sorted(self._parts(cell).glob(f"{split}-*.npz")):
-            try:
-                with np.load(path, allow_pickle=False) as arrays:
-                    batch = Batch(
-                        start=int(path.stem.rpartition("-")[2]),
-                        estimates=arrays["estimates"],
-                        status=arrays["status"].tolist(),
-                        message=arrays["message"].tolist(),
-                        frame_ms=arrays["frame_ms"],
-                    )
-            except (OSError, EOFError, ValueError, KeyError, BadZipFile) as error:
-                raise _unreadable(path, error) from error
-            yield batch
+            yield self.batch(cell, split, int(path.stem.rpartition("-")[2]))
 
     def has_batch(self, cell: Cell, split: str, start: int) -> bool:
         """Whether the batch at `start` is kept."""
@@ -146,16 +152,16 @@ class RunStore:
         return any(self._parts(cell).glob("test-*.npz"))
 
     def save_cell(self, cell: Cell, samples: pd.DataFrame, row: dict[str, Any]) -> None:
-        """Keep the judged rows and the row of `methods.parquet` of a cell."""
+        """Keep the judged rows of a cell, and its own row."""
         folder = self._parts(cell)
         self._replace(folder / SAMPLES, lambda part: samples.to_parquet(part, index=False))
         # Written last: its presence says that the cell is judged.
         table = pd.DataFrame([row])
-        self._replace(folder / METHODS, lambda part: table.to_parquet(part, index=False))
+        self._replace(folder / self.kind.table, lambda part: table.to_parquet(part, index=False))
 
     def judged(self, cell: Cell) -> bool:
         """Whether the cell has rows, be it of some of its frames only."""
-        return all((self._parts(cell) / name).is_file() for name in (SAMPLES, METHODS))
+        return all((self._parts(cell) / name).is_file() for name in (SAMPLES, self.kind.table))
 
     def finished(self, cell: Cell) -> bool:
         """Whether every frame of the cell has its judged row.
@@ -165,46 +171,52 @@ class RunStore:
         """
         if not self.judged(cell):
             return False
-        return bool(_read_table(self._parts(cell) / METHODS, "complete")["complete"].iloc[0])
+        return bool(
+            _read_table(self._parts(cell) / self.kind.table, "complete")["complete"].iloc[0]
+        )
 
-    def assemble(self, cells: Sequence[Cell], datasets: dict[str, Dataset]) -> None:
+    def assemble(self, cells: Sequence[Cell], truths: Mapping[str, Truth]) -> None:
         """Write the result files from the parts of all `cells` that have judged rows."""
         judged = [cell for cell in cells if self.judged(cell)]
-        samples = _concatenate([_read_table(self._parts(c) / SAMPLES, "sample") for c in judged])
-        rows = _concatenate([_read_table(self._parts(c) / METHODS, "complete") for c in judged])
+        kind, folders = self.kind, [self._parts(cell) for cell in judged]
+        samples = _concatenate([_read_table(folder / SAMPLES, "sample") for folder in folders])
+        rows = _concatenate([_read_table(folder / kind.table, "complete") for folder in folders])
         rows = rows.drop(columns="complete", errors="ignore")
         self._replace(self.path / SAMPLES, lambda part: samples.to_parquet(part, index=False))
-        self._replace(self.path / METHODS, lambda part: rows.to_parquet(part, index=False))
+        self._replace(self.path / kind.table, lambda part: rows.to_parquet(part, index=False))
         self._replace(
-            self.path / RECONSTRUCTIONS, lambda part: self._write_images(part, judged, datasets)
+            self.path / kind.arrays, lambda part: self._write_arrays(part, judged, truths)
         )
+
+    def forget(self, cell: Cell) -> None:
+        """Remove what is kept of a cell."""
+        shutil.rmtree(self._parts(cell), ignore_errors=True)
 
     def remove_parts(self) -> None:
         """Forget the parts of a run that is assembled."""
         shutil.rmtree(self.path / "parts", ignore_errors=True)
 
-    def _write_images(
-        self, path: Path, cells: Sequence[Cell], datasets: dict[str, Dataset]
-    ) -> None:
+    def _write_arrays(self, path: Path, cells: Sequence[Cell], truths: Mapping[str, Truth]) -> None:
         with h5py.File(path, "w") as file:
             for name in dict.fromkeys(cell.scenario for cell in cells):
-                _write_truth(file.create_group(f"{name}/{TRUTH}"), datasets[name])
+                _write_group(file.create_group(f"{name}/{TRUTH}"), *truths[name])
             for cell in cells:
-                dataset = datasets[cell.scenario]
                 numbers = _read_table(self._parts(cell) / SAMPLES, "sample")["sample"]
-                group = file.create_group(f"{cell.scenario}/{cell.method}")
+                group = file.create_group(f"{cell.scenario}/{cell.name}")
                 group["sample"] = numbers.to_numpy(np.int64)
-                shape = (len(numbers), *dataset.sensor.image_shape)
-                images = group.create_dataset(
-                    "conductivity", shape, np.float32, **_compression(shape)
-                )
-                row = 0
+                row, stored = 0, None
                 for batch in self.batches(cell, "test"):
-                    images[row : row + len(batch.estimates)] = batch.estimates
-                    row += len(batch.estimates)
+                    values = batch.values[self.kind.array]
+                    if stored is None:
+                        shape = (len(numbers), *values.shape[1:])
+                        stored = group.create_dataset(
+                            self.kind.array, shape, values.dtype, **_compression(shape)
+                        )
+                    stored[row : row + len(values)] = values
+                    row += len(values)
 
     def _parts(self, cell: Cell) -> Path:
-        return self.path / "parts" / _folder(cell.scenario) / _folder(cell.method)
+        return self.path / "parts" / _folder(cell.scenario) / _folder(cell.name)
 
     def _batch_path(self, cell: Cell, split: str, start: int) -> Path:
         return self._parts(cell) / f"{split}-{start:08d}.npz"
@@ -221,24 +233,18 @@ class RunStore:
                 part.unlink(missing_ok=True)
 
 
-def _write_truth(group: h5py.Group, dataset: Dataset) -> None:
-    sensor = dataset.sensor
-    group.attrs["bounds"] = np.asarray(sensor.outline.bounds, dtype=np.float64)
-    group.attrs["background"] = sensor.background
-    group.attrs["data_range"] = sensor.data_range
-    group["mask"] = sensor.mask
-    group["sample"] = dataset.samples["sample"].to_numpy(np.int64)
-    images = dataset.conductivity if dataset.truth == "conductivity" else dataset.classes
-    if images is not None:
-        name = "conductivity" if dataset.truth == "conductivity" else "classes"
-        group.create_dataset(name, data=images, **_compression(images.shape))
+def _write_group(group: h5py.Group, attributes: Mapping[str, Any], arrays: Values) -> None:
+    group.attrs.update(attributes)
+    for name, array in arrays.items():
+        layout = _compression(array.shape) if array.ndim > 1 else {}
+        group.create_dataset(name, data=array, **layout)
 
 
 def _compression(shape: tuple[int, ...]) -> dict[str, Any]:
     if 0 in shape:
         return {}
     return {
-        "chunks": (1, *shape[1:]),
+        "chunks": (min(shape[0], max(1, CHUNK // math.prod(shape[1:]))), *shape[1:]),
         "compression": "gzip",
         "compression_opts": 1,
         "shuffle": True,

@@ -1,18 +1,16 @@
-"""A method in a process of its own, so that whatever it does costs its own rows only.
+"""A process of its own for code that is judged, so that whatever it does costs its own rows only.
 
-The parent sends `("fit",)` or `("reconstruct", frames)` and waits for a `Reply`, up to a time
-limit; it never sends truth.
+The parent sends the name of one of the servant's methods with its arguments, and waits for a
+`Reply`, up to a time limit; it never sends truth.
 """
 
-import json
 import random
 import signal
 import sys
 import threading
 import time
-from collections.abc import Callable, Mapping
-from dataclasses import Field, dataclass
-from functools import partial
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from typing import Any, Literal
@@ -22,16 +20,9 @@ import psutil
 from numpy.typing import NDArray
 
 from eitbench.benchmark.process import end_group, start_process
-from eitbench.methods.method import Method
-from eitbench.methods.problem import Problem, Splits
-from eitbench.methods.registry import create, load_plugin
-from eitbench.scenarios.datasets import Dataset, load
+from eitbench.methods.registry import Plugin, load_plugin
 from eitbench.scenarios.errors import InputError
-from eitbench.scenarios.scenario import Scenario
-from eitbench.scenarios.sensors import Sensor
 
-Frames = NDArray[np.float64]
-Images = NDArray[np.float32]
 Status = Literal["ok", "error", "timeout", "invalid-output", "out-of-memory"]
 
 SEED = 0
@@ -40,26 +31,9 @@ PLUGIN_LIMIT_S = 60.0
 MAX_MESSAGE = 500
 
 
-@dataclass(frozen=True, eq=False)
-class Task:
-    """What a worker is told: the problem without its test split, and the method to make.
-
-    Attributes:
-        plugin: the file that the method is registered in; no other is loaded, since loading one
-            may change what is there already.
-    """
-
-    sensor: Sensor
-    reference: Frames
-    splits: Splits
-    method: str
-    parameters: Mapping[str, Any]
-    plugin: Path | None = None
-
-
 @dataclass(frozen=True)
 class Failure:
-    """Why a method gave no result.
+    """Why a method or operator gave no result.
 
     Attributes:
         message: a sentence for people.
@@ -76,17 +50,16 @@ class Reply:
     """What a worker answers.
 
     Attributes:
-        value: images (n, H, W) after "reconstruct", the method's parameters as JSON after "fit",
-            a list of names after "names".
-        seconds: time in the method alone.
+        value: what was asked for.
+        seconds: time in the method or operator alone.
+        failure: set where it gave no result.
         memory_mb: peak resident memory of the worker so far [MiB].
-        failure: set where the method gave no result.
     """
 
     value: Any
     seconds: float
-    memory_mb: float
     failure: Failure | None = None
+    memory_mb: float = float("nan")
 
 
 class WorkerLostError(Exception):
@@ -99,22 +72,6 @@ class WorkerLostError(Exception):
 
 class StoppedError(Exception):
     """The run was interrupted while a worker was busy."""
-
-
-def learning_splits(scenario: Scenario, split: str, limit: int | None) -> Dataset:
-    """Training or validation data of `scenario`; a method is never given the test split.
-
-    Raises:
-        InputError: any other split was asked for.
-    """
-    if split not in ("train", "validation"):
-        raise InputError(f"A method may ask for the train or validation split, not for {split!r}.")
-    return load(scenario, split=split, limit=limit)
-
-
-def scenario_splits(scenario: Scenario) -> Splits:
-    """`learning_splits` of one scenario, as a worker can be told it."""
-    return partial(learning_splits, scenario)
 
 
 class Worker:
@@ -203,50 +160,36 @@ class Worker:
         return Failure("error", f"its process ended by itself (exit code {code}) during {what}")
 
 
-def serve_method(connection: Connection, task: Task) -> None:
-    """Answer "fit" and "reconstruct" for the method of `task` until the parent hangs up."""
-    method: Method | None = None
+def serve(connection: Connection, servant: object) -> None:
+    """Answer requests, each a method of `servant` that gives a `Reply`, until there are no more."""
     while True:
         operation, *arguments = connection.recv()
         seed_everything()
         start = time.perf_counter()
-        value: object = None
-        failure = None
         try:
-            if operation == "fit":
-                method, value, seconds = _fit(task)
-            else:
-                if method is None:
-                    raise InputError("The method was not fitted.")
-                value, seconds, failure = _reconstruct(
-                    method, arguments[0], task.sensor.image_shape
-                )
-        except BaseException as error:  # a method may raise anything, SystemExit included
-            seconds = time.perf_counter() - start
-            failure = describe_exception(error)
-        connection.send(Reply(value, seconds, peak_memory_mb(), failure))
+            reply: Reply = getattr(servant, operation)(*arguments)
+        except BaseException as error:  # what is judged may raise anything, SystemExit included
+            reply = Reply(None, time.perf_counter() - start, describe_exception(error))
+        connection.send(replace(reply, memory_mb=peak_memory_mb()))
 
 
-def serve_plugin_names(connection: Connection, plugin: Path) -> None:
-    """Answer once with the names of the methods in the file `plugin`."""
-    connection.recv()
-    names: list[str] = []
-    failure = None
-    start = time.perf_counter()
-    try:
-        names = load_plugin(plugin)
-    except BaseException as error:  # whatever the file does stays in this process
-        failure = describe_exception(error)
-    connection.send(Reply(names, time.perf_counter() - start, peak_memory_mb(), failure))
+class _PluginReader:
+    """Tells what the file `plugin` registers."""
+
+    def __init__(self, plugin: Path) -> None:
+        self._plugin = plugin
+
+    def names(self) -> Reply:
+        return Reply(load_plugin(self._plugin), 0.0)
 
 
-def plugin_methods(path: Path) -> list[str]:
-    """Names of the methods that the file `path` registers; it is loaded in a worker.
+def plugin_names(path: Path) -> Plugin:
+    """Names of the methods and operators that the file `path` registers; a worker loads it.
 
     Raises:
         InputError: the file does not load, or registers nothing.
     """
-    with Worker(serve_plugin_names, path) as worker:
+    with Worker(serve, _PluginReader(path)) as worker:
         try:
             reply = worker.ask("names", limit=PLUGIN_LIMIT_S, what=f"loading {path.name}")
         except WorkerLostError as lost:
@@ -255,50 +198,39 @@ def plugin_methods(path: Path) -> list[str]:
             ) from lost
     if reply.failure is not None:
         raise InputError(reply.failure.message.removeprefix("InputError: "))
-    return list(reply.value)
+    names: Plugin = reply.value
+    return names
 
 
-def _fit(task: Task) -> tuple[Method, str, float]:
-    if task.plugin is not None:
-        load_plugin(task.plugin)
-    method = create(task.method, **task.parameters)
-    parameters = json.dumps(constructor_parameters(method) | dict(task.parameters), default=str)
-    problem = Problem(task.sensor, task.reference, task.splits)
-    start = time.perf_counter()
-    method.fit(problem)
-    return method, parameters, time.perf_counter() - start
+def as_array(answer: object) -> NDArray[Any] | None:
+    """`answer` as an array, waiting for a device that computes asynchronously; None if it is none.
 
-
-def _reconstruct(
-    method: Method, frames: Frames, image_shape: tuple[int, int]
-) -> tuple[Images | None, float, Failure | None]:
-    given = frames.copy()
-    start = time.perf_counter()
-    answer = method.reconstruct(given)
+    A part of the answer's time.
+    """
     try:
-        # The conversion is timed too: it waits for a device that computes asynchronously.
-        result = np.asarray(answer)
+        return np.asarray(answer)
     except (TypeError, ValueError):
+        return None
+
+
+def shortcoming(
+    answer: object, array: NDArray[Any] | None, expected: tuple[int, ...]
+) -> Failure | None:
+    """Why `array`, made of `answer`, holds no real numbers in the `expected` shape, if so."""
+    if array is None:
         message = f"returned a {type(answer).__name__} that is not an array"
-        seconds = time.perf_counter() - start
-        return None, seconds, Failure("invalid-output", message, ("shape",))
-    seconds = time.perf_counter() - start
-    if not np.array_equal(given, frames, equal_nan=True):
-        message = "changed its input voltages in place"
-        return None, seconds, Failure("error", message, ("mutated",))
-    expected = (len(frames), *image_shape)
-    if result.shape != expected:
-        message = f"returned an array of shape {result.shape} instead of {expected}"
-        return None, seconds, Failure("invalid-output", message, ("shape",))
-    if result.dtype.kind not in "fiu":
-        message = f"returned values of type {result.dtype} instead of real numbers"
-        return None, seconds, Failure("invalid-output", message, ("dtype",))
-    with np.errstate(over="ignore"):  # what does not fit becomes inf and is reported as such
-        return result.astype(np.float32), seconds, None
+        return Failure("invalid-output", message, ("shape",))
+    if array.shape != expected:
+        message = f"returned an array of shape {array.shape} instead of {expected}"
+        return Failure("invalid-output", message, ("shape",))
+    if array.dtype.kind not in "fiu":
+        message = f"returned values of type {array.dtype} instead of real numbers"
+        return Failure("invalid-output", message, ("dtype",))
+    return None
 
 
 def describe_exception(error: BaseException) -> Failure:
-    """The typed failure of an exception that a method raised, its message fit for any file."""
+    """The typed failure of an exception that judged code raised, its message fit for any file."""
     status: Status = "out-of-memory" if isinstance(error, MemoryError) else "error"
     kinds = tuple(kind.__name__ for kind in type(error).__mro__)
     try:
@@ -309,12 +241,6 @@ def describe_exception(error: BaseException) -> Failure:
     if len(message) > MAX_MESSAGE:
         message = message[: MAX_MESSAGE - 1] + "…"
     return Failure(status, message, kinds)
-
-
-def constructor_parameters(method: Method) -> dict[str, Any]:
-    """Every constructor parameter of a method that is a dataclass, defaults included."""
-    declared: dict[str, Field[Any]] = getattr(method, "__dataclass_fields__", {})
-    return {name: getattr(method, name) for name, field in declared.items() if field.init}
 
 
 def seed_everything() -> None:

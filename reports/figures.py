@@ -12,8 +12,9 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from eitbench.benchmark import EitbenchError
+from eitbench.benchmark.kind import METHODS
 from eitbench.benchmark.results import Run, Scene, leaderboard_rows, read_run
-from eitbench.reports.leaderboard import printable
+from eitbench.reports.columns import printable
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -81,13 +82,15 @@ def write_figures(run: Path) -> list[Path]:
     """Draw the comparison of every scenario of the run directory `run` as PNG and PDF.
 
     Returns:
-        The files, all in `run/figures`.
+        The files, all in `run/figures`; none for operators, which make no images.
 
     Raises:
         InputError, DataCorruptError: the run cannot be read.
         EitbenchError: the files cannot be written.
     """
     read = read_run(run)
+    if read.kind != METHODS:
+        return []
     written = []
     try:
         for scenario in read.scenarios():

@@ -5,102 +5,18 @@ import html
 import io
 import json
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
-from eitbench.benchmark.cards import METRICS
 from eitbench.benchmark.results import Row, boards, leaderboard_rows, read_run
+from eitbench.reports.columns import Column, layout, printable
+from eitbench.reports.published import comparison, published_rows
 
 if TYPE_CHECKING:
     from rich.console import Group
 
 Board = tuple[str, list[Row]]
 _HASH_DIGITS = 6
-
-
-@dataclass(frozen=True)
-class Column:
-    """One column of a printed leaderboard.
-
-    Attributes:
-        name: key in a row.
-        title: heading; units belong to it.
-        form: format specification of its numbers, `TIME` for durations; "" for text.
-        best: whether the largest or the smallest value is highlighted, if any.
-        always: shown even if no row of the scenario has a value.
-    """
-
-    name: str
-    title: str
-    form: str = ""
-    best: Literal["max", "min"] | None = None
-    always: bool = False
-
-    def text(self, row: Row) -> str:
-        """The value in `row` as printed."""
-        value = row[self.name]
-        if value is None:
-            return "–"
-        return self.number(value) if self.form else printable(str(value))
-
-    def number(self, value: float) -> str:
-        """A number as printed."""
-        return _time(value) if self.form == TIME else format(value, self.form)
-
-
-TIME = "time"
-
-
-def _time(value: float) -> str:
-    """At most 3 significant digits and 3 decimals, and no exponent."""
-    if 0 < value < 0.0005:
-        return "<0.001"
-    rounded = float(f"{value:.3g}")
-    return f"{rounded:.3f}".rstrip("0").rstrip(".")
-
-
-def _metric(name: str, form: str) -> Column:
-    card = METRICS[name]
-    title = card.title if card.unit == "1" else f"{card.title} [{card.unit}]"
-    return Column(name, title, form, card.best)
-
-
-COLUMNS = (
-    Column("rank", "#", "d", always=True),
-    Column("method", "Method", always=True),
-    Column("track", "Track", always=True),
-    Column("run", "Run"),
-    _metric("score", ".3f"),
-    _metric("ssim", ".3f"),
-    _metric("cc", ".3f"),
-    _metric("rie", ".3f"),
-    _metric("psnr", ".2f"),
-    _metric("localisation_mm", ".1f"),
-    _metric("contact_count_error", ".2f"),
-    _metric("area_error", ".2f"),
-    _metric("iou", ".3f"),
-    _metric("iou_resistive", ".3f"),
-    _metric("iou_conductive", ".3f"),
-    _metric("strength_spearman", ".2f"),
-    _metric("repeatability_db", ".1f"),
-    Column("frame_ms_p50", "Frame p50 [ms]", TIME, "min"),
-    Column("frame_ms_p99", "p99 [ms]", TIME, "min"),
-    Column("setup_s", "Set-up [s]", TIME, "min"),
-    Column("train_s", "Training [s]", TIME, "min"),
-    Column("coverage", "Coverage", ".1%", always=True),
-    Column("n", "n", "d", always=True),
-)
-
-# What a terminal shows, the most important first, under headings of a word a line; what does not
-# fit its width is left out from the end, and is in the files.
-TERMINAL = {
-    "rank": "#", "method": "Method", "score": "S", "localisation_mm": "Loc.\nmm",
-    "coverage": "Done", "ssim": "SSIM", "psnr": "PSNR\ndB", "cc": "CC",
-    "repeatability_db": "Repeatability\ndB", "frame_ms_p50": "Frame\nms", "rie": "RIE",
-    "strength_spearman": "Strength", "iou": "IoU", "n": "n", "track": "Track",
-    "setup_s": "Set-up\ns", "run": "Run",
-}  # fmt: skip
 _LONGEST_NAME = 24
 _PADDING = 3
 
@@ -141,7 +57,7 @@ def to_csv(rows: Sequence[Row]) -> str:
 
 
 def to_markdown(rows: Sequence[Row]) -> str:
-    """One table per scenario, the best values in bold, and what is known of recorded data."""
+    """One table per scenario, the best values in bold, and what is to be known of it."""
     parts = []
     for title, board in _boards(rows):
         columns = _shown(board)
@@ -223,7 +139,7 @@ FORMATS: dict[str, Callable[[Sequence[Row]], str]] = {
 def table(rows: Sequence[Row], width: int) -> "Group":
     """One table per scenario for a terminal of `width` characters, the best values green.
 
-    Under it stands what is known of recorded data.
+    Under it stands what is to be known of it.
     """
     from rich import box
     from rich.console import Group, RenderableType
@@ -236,7 +152,7 @@ def table(rows: Sequence[Row], width: int) -> "Group":
         shown = Table(title=Text(title, style="bold"), title_justify="left", box=box.SIMPLE_HEAD)
         for column in columns:
             shown.add_column(
-                Text(TERMINAL[column.name]),
+                Text(layout(board[0]).terminal[column.name]),
                 justify="right" if column.form else "left",
                 vertical="bottom",
                 no_wrap=column.form != "",
@@ -258,9 +174,10 @@ def table(rows: Sequence[Row], width: int) -> "Group":
 
 def _fitting(board: Sequence[Row], width: int) -> list[Column]:
     """The most important columns that fit into `width` characters, in the usual order."""
+    columns, terminal = layout(board[0]).columns, layout(board[0]).terminal
     shown = {column.name: column for column in _shown(board)}
     kept, free = [], width
-    for name, heading in TERMINAL.items():
+    for name, heading in terminal.items():
         if name not in shown:
             continue
         texts = [*heading.split("\n"), *(shown[name].text(row) for row in board)]
@@ -269,20 +186,21 @@ def _fitting(board: Sequence[Row], width: int) -> list[Column]:
         if free < 0:
             break
         kept.append(name)
-    return [column for column in COLUMNS if column.name in kept]
-
-
-def printable(text: str) -> str:
-    """`text` on one line, with what is not printable written as an escape."""
-    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+    return [column for column in columns if column.name in kept]
 
 
 def _boards(rows: Sequence[Row]) -> Iterable[Board]:
-    """The rows of each suite, scenario and data under their title, in the order given."""
+    """The rows of each suite, scenario and data under their title, in the order given.
+
+    Operators have the published figures below them.
+    """
     found = boards(rows)
     names = [f"{board[0]['suite']} / {board[0]['scenario']}" for board in found]
     return [
-        (printable(name if names.count(name) == 1 else f"{name} ({_data(board[0])})"), board)
+        (
+            printable(name if names.count(name) == 1 else f"{name} ({_data(board[0])})"),
+            [*board, *published_rows(board)] if "operator" in board[0] else board,
+        )
         for name, board in zip(names, found, strict=True)
     ]
 
@@ -294,10 +212,15 @@ def _data(row: Row) -> str:
 
 
 def note(board: Sequence[Row]) -> str:
-    """What is known of the recorded data of a board, as one line; "" where nothing is."""
+    """What is to be known of a board, as one line; "" where there is nothing.
+
+    That is the published figures beside operators, and the quality of recorded data.
+    """
     said = []
+    if "operator" in board[0]:
+        said = comparison(board)
     for name, words in _NOTES.items():
-        known = [row[name] for row in board if row[name] is not None]
+        known = [row[name] for row in board if row.get(name) is not None]
         if known:
             said.append(words.format(known[0]))
     return f"{'; '.join(said)}." if said else ""
@@ -312,14 +235,14 @@ _NOTES = {
 
 def _shown(board: Sequence[Row]) -> list[Column]:
     """The columns that say something about this scenario."""
-    several_runs = len({row["run"] for row in board}) > 1
+    several_runs = len({row["run"] for row in board} - {None}) > 1
     return [
         column
-        for column in COLUMNS
+        for column in layout(board[0]).columns
         if (
             several_runs
             if column.name == "run"
-            else column.always or any(row[column.name] is not None for row in board)
+            else column.always or any(row[column.name] not in (None, "") for row in board)
         )
     ]
 
@@ -328,7 +251,7 @@ def _is_best(column: Column, row: Row, board: Sequence[Row]) -> bool:
     # A mean over the easier part of the samples is no rival of one over all of them.
     whole = [r for r in board if r["coverage"] == 1]
     values: list[Any] = [r[column.name] for r in whole if r[column.name] is not None]
-    if column.best is None or row["coverage"] < 1 or row[column.name] is None:
+    if column.best is None or row["coverage"] != 1 or row[column.name] is None:
         return False
     # Values that print alike are highlighted alike, unless there is nothing to choose from.
     best = column.number(max(values) if column.best == "max" else min(values))

@@ -1,4 +1,4 @@
-"""Suites: which scenarios are run with which methods, read from TOML files."""
+"""Suites: which scenarios are run with which methods or operators, read from TOML files."""
 
 import difflib
 import json
@@ -8,10 +8,10 @@ from collections.abc import Mapping, Sequence
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from numpy.lib.stride_tricks import sliding_window_view
-from pydantic import Field, ValidationError, field_validator
+from pydantic import Field, ValidationError, ValidationInfo, field_validator
 
 from eitbench.scenarios.errors import InputError, unknown_name
 from eitbench.scenarios.scenario import (
@@ -26,32 +26,44 @@ from eitbench.scenarios.scenario import (
 Key = tuple[str | int, ...]
 WINDOW = 7
 """Side [pixels] of the windows that images are judged in; one must fit into the sensor."""
+STANDARDISING = 2
+"""Least number of validation samples that give every voltage a mean and a spread."""
 
 
 class Suite(Declaration):
-    """A suite.
+    """A suite, of either methods or operators.
 
     Attributes:
         name: registry name.
         title: one line for listings.
         description: what it is for, in a few sentences.
         methods: methods run when the user names none.
+        operators: forward operators run when the user names none.
         scenarios: what they are run on.
         limit: number of test samples of each scenario when the user names none; all by default.
-        fit_limit_s: a method may take this long to set itself up on a scenario [s].
-        frame_limit_s: a method may take this long for one frame [s].
+        fit_limit_s: a method or operator may take this long to set itself up on a scenario [s].
+        frame_limit_s: it may take this long for one sample [s].
         download_limit_s: a recorded set may take this long to download [s]; no limit by default.
     """
 
     name: Name
     title: str
     description: str = ""
-    methods: tuple[str, ...] = Field(min_length=1)
+    methods: tuple[str, ...] | None = Field(default=None, min_length=1)
+    operators: tuple[str, ...] | None = Field(default=None, min_length=1, validate_default=True)
     scenarios: tuple[Scenario, ...] = Field(min_length=1)
     limit: int | None = Field(default=None, ge=1)
     fit_limit_s: float = Field(default=600.0, gt=0, allow_inf_nan=False)
     frame_limit_s: float = Field(default=10.0, gt=0, allow_inf_nan=False)
     download_limit_s: float | None = Field(default=None, gt=0, allow_inf_nan=False)
+
+    @field_validator("operators")
+    @classmethod
+    def _either(cls, value: tuple[str, ...] | None, info: ValidationInfo) -> tuple[str, ...] | None:
+        # Methods that are wrong in themselves are missing here, and named already.
+        if "methods" in info.data and (value is None) == (info.data["methods"] is None):
+            raise ValueError("a suite lists either `methods` or `operators`")
+        return value
 
     @field_validator("scenarios")
     @classmethod
@@ -61,6 +73,16 @@ class Suite(Declaration):
         if twice:
             raise ValueError(f"scenario {twice[0]!r} is declared twice")
         return value
+
+    @property
+    def ranks(self) -> Literal["methods", "operators"]:
+        """What it ranks."""
+        return "methods" if self.operators is None else "operators"
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The methods or operators run when the user names none."""
+        return self.methods or self.operators or ()
 
 
 def suites() -> dict[str, Path]:
@@ -132,7 +154,8 @@ def read_suite(path: Path) -> Suite:
         stop = "" if problem.endswith("?") else "."
         raise InputError(f"{_place(path, line, field)}: {problem}{stop}") from error
     for k, scenario in enumerate(suite.scenarios):
-        if isinstance(scenario, SimulatedScenario) and (wrong := _unusable(scenario)):
+        unusable = _for_methods if suite.ranks == "methods" else _for_operators
+        if wrong := unusable(scenario):
             name, problem = wrong
             place = _place(path, _line(("scenarios", k, name), lines), f"scenarios[{k}].{name}")
             raise InputError(f"{place}: {problem}.")
@@ -144,8 +167,23 @@ def _date(value: object) -> dict[str, str]:
     return {"date": str(value)}
 
 
-def _unusable(scenario: SimulatedScenario) -> tuple[str, str] | None:
+def _for_operators(scenario: Scenario) -> tuple[str, str] | None:
+    """The field and the reason why no operator could be judged on `scenario`, if so."""
+    if isinstance(scenario, RecordedScenario):
+        return "kind", "operators need a known conductivity, which only simulated scenarios have"
+    if scenario.test < 1:
+        return "test", "a suite judges operators on at least 1 test sample"
+    if scenario.validation < STANDARDISING:
+        return "validation", (
+            f"voltages are standardised with at least {STANDARDISING} validation samples"
+        )
+    return None
+
+
+def _for_methods(scenario: Scenario) -> tuple[str, str] | None:
     """The field and the reason why no method could be judged on `scenario`, if so."""
+    if isinstance(scenario, RecordedScenario):
+        return None
     if scenario.test < 1:
         return "test", "a suite judges methods on at least 1 test sample"
     # Every sensor holds a window of a fine grid, whose mask may be too large to look.

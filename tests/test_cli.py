@@ -19,6 +19,7 @@ from eitbench import __version__, cli
 
 DATA = Path(__file__).parent / "benchmark" / "data"
 TINY, TOYS = str(DATA / "tiny.toml"), str(DATA / "toy_methods.py")
+OPERATORS = str(DATA / "tiny-operators.toml")
 
 Run = Callable[..., tuple[int, str, str]]
 
@@ -65,6 +66,7 @@ def test_help_imports_nothing_heavy() -> None:
         "try:\n    cli.main()\n"
         "except SystemExit: pass\n"
         "heavy = {'numpy', 'scipy', 'pandas', 'pyarrow', 'h5py', 'matplotlib', 'pydantic'}\n"
+        "heavy |= {'torch', 'numba'}\n"
         "sys.exit(str(sorted(heavy & set(sys.modules)) or ''))\n"
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
@@ -80,6 +82,7 @@ def test_version(eitbench: Run) -> None:
     ("what", "name"),
     [
         ("methods", "noser"),
+        ("operators", "fem"),
         ("scenarios", "quick"),
         ("sensors", "foam16"),
         ("suites", "paper"),
@@ -100,11 +103,15 @@ def test_list(what: str, name: str, eitbench: Run) -> None:
     [
         (("run", "qiuck"), 2, "Unknown suite 'qiuck': did you mean 'quick'?"),
         (("run", TINY, "--methods", "nosr"), 2, "Unknown method 'nosr': did you mean 'noser'?"),
+        (("run", TINY, "--operators", "fem"), 2, "Suite 'tiny' ranks methods: choose among them"),
+        (("run", OPERATORS, "--operators", "fme"), 2, "Unknown operator 'fme': did you mean 'fem'"),
+        (("run", OPERATORS, "--methods", "noser"), 2, "ranks operators: choose among them with"),
+        (("tune", OPERATORS), 2, "ranks operators: name one of methods (eitbench list suites)"),
         (("run", TINY, "--scenarios", "tinny"), 2, "did you mean 'tiny'?"),
         (("run", "no-such.toml"), 2, "Cannot read the suite file no-such.toml"),
         (("run", TINY, "--plugin", "no-such.py"), 2, "A plugin is a Python file that exists"),
         (("run", "--resume", "no-such-run"), 2, "is not a run directory"),
-        (("check", "nosr"), 2, "Unknown method 'nosr': did you mean 'noser'?"),
+        (("check", "nosr"), 2, "Unknown method or operator 'nosr': did you mean 'noser'?"),
         (("check", "no-such.py"), 2, "A plugin is a Python file that exists"),
         (("new-method", "No Good"), 2, "cannot name a new method"),
         (("recordings", "fetch", "ohmc61"), 2, "Unknown recorded set 'ohmc61'"),
@@ -135,6 +142,7 @@ def test_errors_are_one_sentence(
         (("run", TINY, "--scenarios", " , "), "--scenarios names nothing"),
         (("run", "--resume", "somewhere", "--methods", "noser"), "A resumed run keeps its choices"),
         (("run", "--resume", "somewhere", "--methods", ""), "A resumed run keeps its choices"),
+        (("run", "--resume", "somewhere", "--operators", "a"), "A resumed run keeps its choices"),
         (("tune",), "Missing argument"),
         (("list", "nonsense"), "nonsense"),
         (("no-such-command",), "no-such-command"),
@@ -167,13 +175,25 @@ def test_a_suite_that_names_an_unknown_method_is_named_by_line(
     assert err.startswith("eitbench: Unknown method 'tvv'")
 
 
+def test_a_suite_that_names_an_unknown_operator_is_named_by_line(
+    tmp_path: Path, eitbench: Run
+) -> None:
+    path = tmp_path / "bad.toml"
+    path.write_text(Path(OPERATORS).read_text().replace('"jacobian"', '"jacobina"'))
+    code, _, err = eitbench("run", str(path))
+    assert code == 2
+    assert f"Suite file {path}, line 3, field 'operators': Unknown operator 'jacobina'" in err
+
+
 def test_without_a_command_the_help_is_shown(eitbench: Run) -> None:
     code, out, err = eitbench()
     assert code == 2
     assert "Usage: eitbench" in out + err
 
 
-@pytest.mark.parametrize("what", ["methods", "scenarios", "sensors", "suites", "recordings"])
+@pytest.mark.parametrize(
+    "what", ["methods", "operators", "scenarios", "sensors", "suites", "recordings"]
+)
 @pytest.mark.parametrize("width", [40, 80])
 def test_names_in_a_list_are_never_cut(
     what: str, width: int, eitbench: Run, monkeypatch: pytest.MonkeyPatch
@@ -311,6 +331,21 @@ def test_a_run_prints_its_leaderboard_and_where_everything_is(
     assert "Could not write" in err
 
 
+def test_operators_are_run_and_printed_like_methods(tmp_path: Path, eitbench: Run) -> None:
+    folder = tmp_path / "operators"
+    choice = ("--scenarios", "tiny-finer", "--limit", "2")
+    code, out, err = eitbench("run", OPERATORS, *choice, "--out", str(folder))
+    assert code == 0
+    assert "jacobian (published)" in out
+    assert "[2/2]" in err
+    rows = json.loads((folder / "leaderboard.json").read_text())
+    assert [(row["operator"], row["n"], row["coverage"]) for row in rows] == [("jacobian", 2, 1.0)]
+    assert json.loads(eitbench("leaderboard", str(folder), "--format", "json")[1]) == rows
+    assert eitbench("leaderboard", str(folder), "--format", "md")[1] == (
+        folder / "leaderboard.md"
+    ).read_text(encoding="utf-8")
+
+
 def test_json_for_programs(tmp_path: Path, eitbench: Run) -> None:
     code, out, _ = eitbench("run", TINY, "--limit", "2", "--out", str(tmp_path / "run"), "--json")
     assert code == 0
@@ -323,7 +358,11 @@ def test_json_for_programs(tmp_path: Path, eitbench: Run) -> None:
 def test_check_says_how_many_ran(eitbench: Run) -> None:
     code, out, _ = eitbench("check", "noser")
     assert code == 0
-    assert "noser: 12 checks ran, 12 passed, 0 failed." in out
+    assert "noser on foam16, 40 x 40: 12 checks ran, 12 passed, 0 failed." in out
+    code, out, _ = eitbench("check", "jacobian")
+    assert code == 0
+    assert "skipped  obeys the scaling law\n         Only exact operators" in out
+    assert "jacobian on foam16, 16 x 16: 19 checks ran, 19 passed, 0 failed, 1 skipped." in out
     code, out, _ = eitbench("check", str(DATA / "broken_contract.py"), "--json")
     assert code == 1
     failed = {report["method"]: report["failed"] for report in json.loads(out)}
@@ -342,9 +381,9 @@ def test_new_method_says_what_is_next(tmp_path: Path, eitbench: Run) -> None:
 
 SMALL_BATCHES = """
 import sys
-from eitbench.benchmark import runner
+from eitbench.benchmark.method_cell import MethodData
 from eitbench import cli
-runner.BATCH = 1
+MethodData.batch = 1
 cli.main()
 """
 
@@ -353,7 +392,7 @@ cli.main()
 def test_ctrl_c_keeps_finished_rows_and_resume_continues(
     tmp_path: Path, eitbench: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from eitbench.benchmark import runner
+    from eitbench.benchmark.method_cell import MethodData
 
     cut, whole = tmp_path / "cut", tmp_path / "whole"
     choice = (TINY, "--plugin", TOYS, "--methods", "toy-random,toy-slow")
@@ -378,7 +417,7 @@ def test_ctrl_c_keeps_finished_rows_and_resume_continues(
     assert code == 0
     assert "toy-slow" in out
     assert not (cut / "parts").exists()
-    monkeypatch.setattr(runner, "BATCH", 1)
+    monkeypatch.setattr(MethodData, "batch", 1)
     code, _, _ = eitbench("run", *choice, "--out", str(whole))
     assert code == 0
     order = ["method", "sample"]

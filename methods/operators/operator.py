@@ -92,6 +92,7 @@ class Operator(ABC):
             self._check_form(sigma)
             return cast("Kind", self._jax_functions[1](sigma, cotangent))
         tensor, back = self._as_tensor(sigma)
+        self._check_form(tensor)
         weights = self._as_tensor(cotangent)[0].to(tensor)
         with torch.enable_grad():
             leaf = tensor.detach().requires_grad_()

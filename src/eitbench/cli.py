@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 import typer
 
 if TYPE_CHECKING:
-    from eitbench.benchmark.checks import CheckReport
+    from eitbench.benchmark.checking import CheckReport
     from eitbench.benchmark.runner import Plan, RunResult
 
 app = typer.Typer(
@@ -41,6 +41,7 @@ class Listing(StrEnum):
     """What can be listed."""
 
     methods = "methods"
+    operators = "operators"
     scenarios = "scenarios"
     sensors = "sensors"
     suites = "suites"
@@ -83,7 +84,7 @@ def list_command(
     what: Annotated[Listing, typer.Argument(help="What to list.")],
     as_json: Json = False,
 ) -> None:
-    """List methods, scenarios, sensors, suites or recordings."""
+    """List methods, operators, scenarios, sensors, suites or recordings."""
     from eitbench.benchmark.listing import LISTINGS
 
     rows = LISTINGS[what.value]()
@@ -103,12 +104,17 @@ def run(
     methods: Annotated[
         str | None, typer.Option(metavar="A,B", help="Run these methods only.")
     ] = None,
+    operators: Annotated[
+        str | None,
+        typer.Option(metavar="A,B", help="Run these forward operators only (suite `operators`)."),
+    ] = None,
     scenarios: Annotated[
         str | None, typer.Option(metavar="X,Y", help="Run these scenarios only.")
     ] = None,
     limit: Annotated[int | None, typer.Option(min=1, help="Test samples of each scenario.")] = None,
     plugin: Annotated[
-        list[Path] | None, typer.Option(metavar="FILE.py", help="A file with more methods.")
+        list[Path] | None,
+        typer.Option(metavar="FILE.py", help="A file with more methods or operators."),
     ] = None,
     jobs: Annotated[int, typer.Option(min=1, help="Cells (scenario x method) at a time.")] = 1,
     out: Annotated[
@@ -124,7 +130,7 @@ def run(
     from eitbench.benchmark.runner import RunInterruptedError, resume_run, start_run
     from eitbench.scenarios.suites import load_suite
 
-    choices = (methods, scenarios, limit, plugin or None, out)
+    choices = (methods, operators, scenarios, limit, plugin or None, out)
     if resume is not None and any(choice is not None for choice in choices):
         raise typer.BadParameter("a resumed run keeps its choices: give SUITE and --jobs only")
     if resume is None and suite is None:
@@ -135,7 +141,7 @@ def run(
             chosen = None if suite is None else load_suite(suite)
             result = resume_run(resume, suite=chosen, jobs=jobs, progress=progress)
         elif suite is not None:
-            plan = _plan(suite, methods, scenarios, limit, plugin)
+            plan = _plan(suite, methods, scenarios, limit, plugin, operators)
             folder = out or Path("runs") / f"{plan.suite.name}-{time.strftime('%Y%m%d-%H%M%S')}"
             result = start_run(plan, folder, jobs=jobs, progress=progress)
     except RunInterruptedError as interrupted:
@@ -151,6 +157,7 @@ def _plan(
     scenarios: str | None,
     limit: int | None,
     plugins: Sequence[Path] | None,
+    operators: str | None = None,
 ) -> "Plan":
     from eitbench.benchmark.runner import make_plan
     from eitbench.scenarios.errors import InputError
@@ -161,15 +168,16 @@ def _plan(
         return make_plan(
             chosen,
             methods=_names("--methods", methods),
+            operators=_names("--operators", operators),
             scenarios=_names("--scenarios", scenarios),
             limit=limit,
             plugins=plugins or (),
         )
     except InputError as error:
-        # Methods are unknown to scenarios, so that only here a suite's own can be wrong.
-        own = methods is None and suite not in suites()
-        if own and str(error).startswith("Unknown method "):
-            raise InputError(f"{declared_at(Path(suite), 'methods')}: {error}") from error
+        # What it ranks is unknown to scenarios, so that only here a suite's own can be wrong.
+        own = methods is None and operators is None and suite not in suites()
+        if own and str(error).startswith(("Unknown method ", "Unknown operator ")):
+            raise InputError(f"{declared_at(Path(suite), chosen.ranks)}: {error}") from error
         raise
 
 
@@ -257,12 +265,43 @@ def tune(
     typer.echo(f"Choices: {folder}")
 
 
-@app.command(epilog="Example: eitbench check noser, or: eitbench check my_method.py")
+@app.command(epilog="Example: eitbench train surrogate --suite paper --jobs 2")
+def train(
+    name: Annotated[str, typer.Argument(help="What to train: surrogate.")],
+    suite: Annotated[
+        str, typer.Option(help="The suite with the data: its name, or the path of its file.")
+    ],
+    epochs: Annotated[
+        int | None, typer.Option(min=1, help="Passes over the training data (default: its own).")
+    ] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Decides initial weights and order.")] = 0,
+    jobs: Annotated[int, typer.Option(min=1, help="Processes to simulate with.")] = 1,
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Where it is kept (default: your cache).")
+    ] = None,
+) -> None:
+    """Train on a suite's data, or continue a training that was stopped."""
+    from eitbench.methods.training import TrainingInterruptedError
+    from eitbench.methods.training import train as train_named
+
+    try:
+        result = train_named(
+            name, suite, epochs=epochs, seed=seed, jobs=jobs, out=out, progress=True
+        )
+    except TrainingInterruptedError as interrupted:
+        _fail(str(interrupted), 130)
+    for sentence in result.sentences():
+        typer.echo(sentence)
+
+
+@app.command(epilog="Example: eitbench check noser, or: eitbench check my_operator.py")
 def check(
-    target: Annotated[str, typer.Argument(metavar="METHOD|FILE.py", help="What to check.")],
+    target: Annotated[
+        str, typer.Argument(metavar="METHOD|OPERATOR|FILE.py", help="What to check.")
+    ],
     as_json: Json = False,
 ) -> None:
-    """Check that a method keeps the contract; exits 1 if any check fails."""
+    """Check that a method or operator keeps the contract; exits 1 if any check fails."""
     from eitbench.benchmark.checks import check_target
 
     reports = check_target(target)
@@ -277,9 +316,10 @@ def check(
 
 def _print_check(report: "CheckReport") -> None:
     for result in report.results:
-        typer.echo(f"{'passed' if result.passed else 'FAILED'}  {result.name}")
+        status = "FAILED" if result.status == "failed" else result.status
+        typer.echo(f"{status:7s}  {result.name}")
         if result.message:
-            typer.echo(f"        {result.message}")
+            typer.echo(f"         {result.message}")
     typer.echo(report.summary())
 
 

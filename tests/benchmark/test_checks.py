@@ -4,7 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from eitbench.benchmark.checks import CHECKS, check_method, check_target
+from eitbench.benchmark.checks import check_target
+from eitbench.benchmark.method_checks import CHECKS, check_method
 from eitbench.scenarios.errors import InputError
 
 EVERYTHING = set(CHECKS)
@@ -53,5 +54,5 @@ def test_a_misbehaving_method_fails_and_the_check_goes_on(name: str, toys: Path)
 
 
 def test_an_unknown_method_suggests_the_nearest() -> None:
-    with pytest.raises(InputError, match="did you mean 'noser'"):
+    with pytest.raises(InputError, match="Unknown method or operator 'nosr': did you mean 'noser'"):
         check_target("nosr")

@@ -14,7 +14,7 @@ import pandas as pd
 import psutil
 import pytest
 
-from eitbench.benchmark import cell, runner
+from eitbench.benchmark import cell, method_cell
 from eitbench.benchmark.runner import Plan, RunResult, make_plan, resume_run, start_run
 from eitbench.benchmark.worker import Worker
 from eitbench.scenarios.datasets import Dataset, load
@@ -65,10 +65,10 @@ def test_names_that_result_files_use_are_refused(name: str, tiny: Suite, tmp_pat
 
 def test_methods_of_a_plugin_join_the_suite(tiny: Suite, toys: Path) -> None:
     plan = make_plan(tiny, plugins=[toys, toys])
-    assert plan.methods[0] == "noser"
-    assert "toy-good" in plan.methods
+    assert plan.names[0] == "noser"
+    assert "toy-good" in plan.names
     assert len(plan.plugins) == 1
-    assert make_plan(tiny, methods=["toy-nan"], plugins=[toys]).methods == ("toy-nan",)
+    assert make_plan(tiny, methods=["toy-nan"], plugins=[toys]).names == ("toy-nan",)
 
 
 @pytest.fixture
@@ -83,7 +83,7 @@ def test_data_out_of_reach_is_skipped(
     def locate(*args: object, **kwargs: object) -> Path:
         raise DataUnavailableError("It is not here: fetch it.")
 
-    monkeypatch.setattr(runner, "locate", locate)
+    monkeypatch.setattr(method_cell, "locate", locate)
     result = start_run(make_plan(with_skin), tmp_path / "run")
     assert result.skipped == ("Scenario 'skin' is skipped: It is not here: fetch it.",)
     samples = pd.read_parquet(result.path / "samples.parquet")
@@ -105,8 +105,8 @@ def test_positions_are_judged_after_registration(
             data, scenario="skin", split=split, samples=frames, truth="position", phantoms=()
         )
 
-    monkeypatch.setattr(runner, "load", presses)
-    monkeypatch.setattr(runner, "locate", lambda *args, **kwargs: tmp_path)
+    monkeypatch.setattr(method_cell, "load", presses)
+    monkeypatch.setattr(method_cell, "locate", lambda *args, **kwargs: tmp_path)
     result = start_run(make_plan(with_skin, scenarios=["skin"]), tmp_path / "run")
     samples = pd.read_parquet(result.path / "samples.parquet")
     assert len(samples) == N
@@ -120,7 +120,7 @@ def test_corrupt_data_cost_their_scenario_only(
     def locate(*args: object, **kwargs: object) -> Path:
         raise DataCorruptError("The file has another checksum.")
 
-    monkeypatch.setattr(runner, "locate", locate)
+    monkeypatch.setattr(method_cell, "locate", locate)
     result = start_run(make_plan(with_skin), tmp_path / "run")
     sentence = "Scenario 'skin' is refused: The file has another checksum."
     assert result == RunResult(tmp_path / "run", (), (sentence,))
@@ -160,7 +160,7 @@ def test_a_plugin_does_not_change_the_rows_of_others(
         "vandal": {"error"},
     }
     manifest = json.loads((run / "manifest.json").read_text())
-    assert manifest["plan"]["plugins"][0]["methods"] == ["vandal"]
+    assert manifest["plan"]["plugins"][0]["names"] == ["vandal"]
     assert Plan.of(manifest, run) == plan
 
 
@@ -175,7 +175,7 @@ def test_an_unexpected_error_costs_its_cell_only(
     tiny: Suite, toys: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def worker(*args: Any, **kwargs: Any) -> Any:
-        if args[1].method == "toy-good":
+        if args[1].task.method == "toy-good":
             raise RuntimeError("no more processes")
         return Worker(*args, **kwargs)
 

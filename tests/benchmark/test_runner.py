@@ -14,8 +14,9 @@ import pandas as pd
 import psutil
 import pytest
 
-from eitbench.benchmark import cell, lock, runner
+from eitbench.benchmark import cell, lock, method_cell, runner
 from eitbench.benchmark.judge import METRIC_COLUMNS, judge
+from eitbench.benchmark.method_cell import MethodData
 from eitbench.benchmark.runner import Plan, RunResult, make_plan, resume_run, start_run
 from eitbench.scenarios.datasets import Dataset, load
 from eitbench.scenarios.errors import (
@@ -221,7 +222,7 @@ def test_a_full_disk_keeps_what_was_finished_and_resumes(
     whole, cut = tmp_path / "whole", tmp_path / "cut"
     with monkeypatch.context() as patch:
         # Resuming must keep to the batches of the start, whatever is usual by then.
-        patch.setattr(runner, "BATCH", 2)
+        patch.setattr(MethodData, "batch", 2)
         start_run(plan, whole)
         fill_disk_after(4, patch)  # the first cell whole, the second in its middle
         with pytest.raises(EitbenchError, match=r"No space left.*eitbench run --resume .*cut"):
@@ -272,14 +273,14 @@ def test_resuming_refuses_changed_data(cut_run: Path, monkeypatch: pytest.Monkey
     def changed(*args: Any, **kwargs: Any) -> Dataset:
         return replace(load(*args, **kwargs), data_hash="0" * 64)
 
-    monkeypatch.setattr(runner, "load", changed)
+    monkeypatch.setattr(method_cell, "load", changed)
     with pytest.raises(InputError, match="the data of scenario 'tiny' have changed"):
         resume_run(cut_run)
 
 
 def test_resuming_refuses_a_manifest_without_a_plan(cut_run: Path) -> None:
     manifest = json.loads((cut_run / "manifest.json").read_text())
-    del manifest["plan"]["methods"]
+    del manifest["plan"]["names"]
     (cut_run / "manifest.json").write_text(json.dumps(manifest))
     with pytest.raises(InputError, match="its manifest is incomplete"):
         resume_run(cut_run)
@@ -313,9 +314,9 @@ def test_a_run_is_finished_only_with_every_cell(
 ) -> None:
     run_cell = cell.run_cell
 
-    def forget(plan: Any, *args: Any) -> None:
-        if plan.cell.method != "toy-good":
-            run_cell(plan, *args)
+    def forget(subject: Any, *args: Any) -> None:
+        if subject.plan.cell.name != "toy-good":
+            run_cell(subject, *args)
 
     with monkeypatch.context() as patch:
         patch.setattr(runner, "run_cell", forget)

@@ -24,7 +24,7 @@ def test_the_package_passes_the_checks(tmp_path: Path) -> None:
     assert points == {"my-method": "eitbench_my_method:MyMethod"}
     module = tmp_path / "package" / "eitbench_my_method.py"
     (report,) = check_target(str(module))
-    assert report.method == "my-method"
+    assert report.name == "my-method"
     assert report.passed, report.failed
     assert not any("$" in path.read_text() for path in written)
 

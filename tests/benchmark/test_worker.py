@@ -11,17 +11,20 @@ import numpy as np
 import psutil
 import pytest
 
+from eitbench.benchmark.method_worker import (
+    MethodServant,
+    MethodTask,
+    learning_splits,
+    scenario_splits,
+)
 from eitbench.benchmark.worker import (
     Failure,
     StoppedError,
-    Task,
     Worker,
     WorkerLostError,
     describe_exception,
-    learning_splits,
-    plugin_methods,
-    scenario_splits,
-    serve_method,
+    plugin_names,
+    serve,
 )
 from eitbench.scenarios.datasets import Dataset, load
 from eitbench.scenarios.errors import InputError
@@ -52,16 +55,16 @@ def data(tiny: Suite) -> Dataset:
     return load(tiny.scenarios[0])
 
 
-def task(suite: Suite, data: Dataset, method: str, plugin: Path) -> Task:
+def servant(suite: Suite, data: Dataset, method: str, plugin: Path) -> MethodServant:
     splits = scenario_splits(suite.scenarios[0])
-    return Task(data.sensor, data.reference, splits, method, {}, plugin)
+    return MethodServant(MethodTask(data.sensor, data.reference, splits, method, {}, plugin))
 
 
 def fitted(
     suite: Suite, data: Dataset, method: str, plugin: Path, stop: threading.Event | None = None
 ) -> Worker:
-    worker = Worker(serve_method, task(suite, data, method, plugin), stop=stop)
-    reply = worker.ask("fit", limit=60, what="fit")
+    worker = Worker(serve, servant(suite, data, method, plugin), stop=stop)
+    reply = worker.ask("set_up", limit=60, what="set-up")
     assert reply.failure is None
     return worker
 
@@ -141,7 +144,7 @@ def test_a_method_is_never_given_the_test_split(tiny: Suite) -> None:
     [
         ("import no_such_module", "No module named 'no_such_module'"),
         ("x = (", "SyntaxError"),
-        ("x = 1", "registers no method"),
+        ("x = 1", "registers no method and no operator"),
         ("import sys; sys.exit(3)", "SystemExit: 3"),
         ("import os; os._exit(3)", "exit code 3"),
     ],
@@ -150,12 +153,12 @@ def test_a_bad_plugin_is_said_in_a_sentence(source: str, sentence: str, tmp_path
     plugin = tmp_path / "bad.py"
     plugin.write_text(source)
     with pytest.raises(InputError, match=sentence):
-        plugin_methods(plugin)
+        plugin_names(plugin)
 
 
 def test_plugins_are_loaded_elsewhere(toys: Path, capfd: pytest.CaptureFixture[str]) -> None:
     before = dict(os.environ)
-    assert "toy-good" in plugin_methods(toys)
+    assert "toy-good" in plugin_names(toys).methods
     assert capfd.readouterr().out == ""
     assert dict(os.environ) == before
     from eitbench.methods import methods
@@ -210,15 +213,15 @@ class Mine(Method):
 def test_a_plugin_cannot_have_any_name(name: str, sentence: str, tmp_path: Path) -> None:
     plugin = tmp_path / "plugin.py"
     plugin.write_text(REGISTERS.format("ü" * 40), encoding="utf-8")
-    assert plugin_methods(plugin) == ["ü" * 40]
+    assert plugin_names(plugin).methods == ["ü" * 40]
     plugin.write_text(REGISTERS.format(name), encoding="utf-8")
     with pytest.raises(InputError, match=sentence):
-        plugin_methods(plugin)
+        plugin_names(plugin)
 
 
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="reads /proc")
 def test_ctrl_c_does_not_reach_what_a_run_starts(toys: Path) -> None:
-    plugin_methods(toys)
+    plugin_names(toys)
     with Worker(operator.methodcaller("recv")) as worker:
         process = psutil.Process(worker._process.pid)
         for pid in (process.pid, process.ppid()):

@@ -8,7 +8,7 @@ from eitbench.methods import Problem, create
 from eitbench.scenarios.datasets import load
 from eitbench.scenarios.suites import load_suite, scenarios
 
-METHODS = load_suite("paper").methods
+METHODS = load_suite("paper").names
 
 
 @pytest.mark.benchmark(group="one warm frame, foam16 at 50 dB", min_rounds=10)

@@ -276,6 +276,8 @@ def test_wrong_grid_and_precision(name: str) -> None:
     ):
         with pytest.raises(InputError, match="would lose accuracy"):
             f.voltages(given)
+        with pytest.raises(InputError, match="would lose accuracy"):
+            f.vjp(given, np.ones(s.n_measurements))
     with pytest.raises(InputError, match="cotangent"):
         f.vjp(good, np.ones(3))
 

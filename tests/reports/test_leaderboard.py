@@ -10,10 +10,9 @@ import pytest
 from rich.console import Console
 
 from eitbench.benchmark.cards import METRICS
+from eitbench.reports.columns import METHODS as LAYOUT
 from eitbench.reports.leaderboard import (
-    COLUMNS,
     FORMATS,
-    TERMINAL,
     leaderboard,
     note,
     table,
@@ -207,7 +206,9 @@ def test_what_is_known_of_recorded_data_stands_below_their_table(full_run: Path,
     ],
 )
 def test_times_have_no_exponent(value: float, text: str, nasty: list[dict[str, Any]]) -> None:
-    times = [column for column in COLUMNS if column.name.endswith(("_s", "_ms_p50", "_ms_p99"))]
+    times = [
+        column for column in LAYOUT.columns if column.name.endswith(("_s", "_ms_p50", "_ms_p99"))
+    ]
     assert len(times) == 4
     for column in times:
         assert column.text(nasty[0] | {column.name: value}) == text
@@ -216,5 +217,5 @@ def test_times_have_no_exponent(value: float, text: str, nasty: list[dict[str, A
 def test_a_metric_has_one_name(full_run: Path) -> None:
     title = METRICS["repeatability_db"].title
     assert title in FORMATS["md"](leaderboard([full_run]))
-    assert TERMINAL["repeatability_db"].startswith(title)
-    assert TERMINAL["coverage"] == "Done"
+    assert LAYOUT.terminal["repeatability_db"].startswith(title)
+    assert LAYOUT.terminal["coverage"] == "Done"

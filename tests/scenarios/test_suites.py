@@ -47,10 +47,12 @@ def simulated(suite: str) -> list[SimulatedScenario]:
 
 
 def test_packaged_suites_are_these() -> None:
-    assert set(suites()) == {"quick", "paper", "paper-noise", "noise", "shapes", "recorded"}
+    methods = {"quick", "paper", "paper-noise", "noise", "shapes", "recorded"}
+    assert set(suites()) == methods | {"operators"}
     for name in suites():
         assert load_suite(name).name == name
-        assert load_suite(name).methods
+        assert load_suite(name).names
+        assert load_suite(name).ranks == ("methods" if name in methods else "operators")
 
 
 def test_a_scenario_name_means_one_scenario() -> None:
@@ -150,6 +152,9 @@ def test_own_suite_by_path(tmp_path: Path) -> None:
         ("train = 0", "", 5, "scenarios[0].train", "missing"),
         ('kind = "simulated"', 'kind = "real"', 5, "scenarios[0].kind", "'recorded'"),
         ('kind = "simulated"', "", 5, "scenarios[0].kind", "'recorded'"),
+        ("methods =", 'operators = ["fem"]\nmethods =', 3, "operators", "either `methods` or"),
+        ('methods = ["noser"]', "", 1, "operators", "either `methods` or `operators`"),
+        ('methods = ["noser"]', "operators = []", 3, "operators", "at least 1"),
         ("train = 0", "train = ", 9, "train", "not valid TOML"),
         ("train = 0", "train = 0\ntrain = 1", 10, "train", "not valid TOML"),
     ],
@@ -166,6 +171,52 @@ def test_bad_suite_file_names_line_and_field(
     assert says in message
     assert "\n" not in message
     assert "?." not in message
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "line", "field", "says"),
+    [
+        ("validation = 6", "validation = 1", 10, "scenarios[0].validation", "at least 2 valid"),
+        ("test = 6", "test = 0", 11, "scenarios[0].test", "at least 1 test sample"),
+    ],
+)
+def test_operators_need_samples_to_be_judged_and_standardised_on(
+    tmp_path: Path, old: str, new: str, line: int, field: str, says: str
+) -> None:
+    path = tmp_path / "bad.toml"
+    path.write_text(GOOD.replace("methods = [", "operators = [").replace(old, new, 1))
+    with pytest.raises(InputError) as caught:
+        read_suite(path)
+    assert str(caught.value).startswith(f"Suite file {path}, line {line}, field '{field}': ")
+    assert says in str(caught.value)
+
+
+def test_operators_are_not_run_on_recordings(tmp_path: Path) -> None:
+    path = tmp_path / "bad.toml"
+    path.write_text(
+        'name = "r"\ntitle = "r"\noperators = ["fem"]\n[[scenarios]]\nkind = "recorded"\n'
+        'name = "r"\nrecording = "ohmc16"\n'
+    )
+    with pytest.raises(InputError, match=r"line 5, field 'scenarios\[0\].kind'.*only simulated"):
+        read_suite(path)
+
+
+def test_images_of_operators_may_be_smaller_than_ssim_needs(tmp_path: Path) -> None:
+    path = tmp_path / "small.toml"
+    text = GOOD.replace("methods = [", "operators = [")
+    path.write_text(text.replace("test = 6", "test = 6\nimage_shape = [5, 5]", 1))
+    suite = read_suite(path)
+    assert (suite.ranks, suite.names) == ("operators", ("noser",))
+
+
+def test_operators_are_ranked_on_the_paper_and_on_a_finer_mesh() -> None:
+    paper, finer = simulated("operators")
+    assert paper == simulated("paper")[0]
+    assert finer == paper.model_copy(
+        update={"name": "paper-finer", "mesh_refinement": 2, "phantoms": "paper"}
+    )
+    assert finer.phantom_stream == paper.phantom_stream
+    assert (paper.inverse_crime, finer.inverse_crime) == (True, False)
 
 
 def test_unknown_recording_suggests_the_nearest(tmp_path: Path) -> None:

@@ -1,0 +1,161 @@
+"""What checks of methods and of operators share: their findings, and a worker that is renewed."""
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from eitbench.benchmark.worker import Reply, Worker, WorkerLostError, serve
+
+LIMIT_S = 60.0
+RESTARTS = 3
+
+
+@dataclass(frozen=True)
+class CheckResult:
+    """One check.
+
+    Attributes:
+        name: what was checked.
+        status: "skipped" where it does not apply.
+        message: what was wrong, why it was skipped, or what was measured; may be empty.
+    """
+
+    name: str
+    status: Literal["passed", "failed", "skipped"]
+    message: str = ""
+
+
+@dataclass(frozen=True)
+class CheckReport:
+    """Every check of one method or operator.
+
+    Attributes:
+        kind: "method" or "operator".
+        name: registry name.
+        where: the sensor that was checked on, for people.
+    """
+
+    kind: str
+    name: str
+    where: str
+    results: tuple[CheckResult, ...]
+
+    def having(self, status: str) -> tuple[CheckResult, ...]:
+        """The checks of that status."""
+        return tuple(result for result in self.results if result.status == status)
+
+    @property
+    def failed(self) -> tuple[CheckResult, ...]:
+        """The checks that failed."""
+        return self.having("failed")
+
+    @property
+    def passed(self) -> bool:
+        """Whether none failed."""
+        return not self.failed
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """How many ran, passed, failed and were skipped."""
+        counts = {status: len(self.having(status)) for status in ("passed", "failed", "skipped")}
+        return {"ran": counts["passed"] + counts["failed"], **counts}
+
+    def describe(self) -> dict[str, object]:
+        """Plain values for JSON."""
+        return {
+            self.kind: self.name,
+            "sensor": self.where,
+            **self.counts,
+            "checks": [vars(result) for result in self.results],
+        }
+
+    def summary(self) -> str:
+        """One line: how many ran, passed, failed and were skipped."""
+        n = self.counts
+        skipped = f", {n['skipped']} skipped" if n["skipped"] else ""
+        return (
+            f"{self.name} on {self.where}: {n['ran']} checks ran, {n['passed']} passed, "
+            f"{n['failed']} failed{skipped}."
+        )
+
+
+class BrokenError(Exception):
+    """A check's finding, as a sentence."""
+
+
+class SkippedError(Exception):
+    """Why a check does not apply, as a sentence."""
+
+
+def require(condition: bool, sentence: str) -> None:
+    """Raise a `BrokenError` unless `condition` holds."""
+    if not condition:
+        raise BrokenError(sentence)
+
+
+def outcome(name: str, check: Callable[[], str | None]) -> CheckResult:
+    """The result of the check `name`; `check` returns what it measured, or raises its finding."""
+    try:
+        return CheckResult(name, "passed", check() or "")
+    except SkippedError as reason:
+        return CheckResult(name, "skipped", str(reason))
+    except BrokenError as finding:
+        return CheckResult(name, "failed", str(finding))
+
+
+class RenewedWorker:
+    """A worker for a servant: started when it is needed, and again when it was lost."""
+
+    def __init__(self, servant: object, limit_s: float, log: Path) -> None:
+        """`limit_s`: seconds that setting up, and each answer, may take."""
+        self._servant = servant
+        self._limit_s = limit_s
+        self._log = log
+        self._worker: Worker | None = None
+        self._losses = 0
+        self._given_up = ""
+
+    def ask(self, *request: object) -> Reply:
+        """The answer to `request`.
+
+        Raises:
+            BrokenError: it could not be set up, hung or died. One that cannot be set up, hangs or
+                keeps dying is not tried again.
+        """
+        if self._given_up:
+            raise BrokenError(self._given_up)
+        try:
+            if self._worker is None:
+                self._worker = self._ready()
+            return self._worker.ask(*request, limit=self._limit_s, what=str(request[0]))
+        except WorkerLostError as lost:
+            self.restart()
+            self._losses += 1
+            if lost.failure.status == "timeout" or self._losses > RESTARTS:
+                self._given_up = f"{lost.failure.message}."
+            raise BrokenError(f"{lost.failure.message}.") from lost
+
+    def _ready(self) -> Worker:
+        worker = Worker(serve, self._servant, log=self._log)
+        try:
+            reply = worker.ask("set_up", limit=self._limit_s, what="set-up")
+        except WorkerLostError as lost:
+            self._given_up = f"{lost.failure.message}."
+            raise
+        if reply.failure is not None:
+            worker.close()
+            self._given_up = f"set-up failed with {reply.failure.message.rstrip('.')}."
+            raise BrokenError(self._given_up)
+        return worker
+
+    def restart(self) -> None:
+        """Forget the worker; the next question starts another."""
+        if self._worker is not None:
+            self._worker.close()
+            self._worker = None
+
+
+def all_outcomes(checks: Iterable[tuple[str, Callable[[], str | None]]]) -> tuple[CheckResult, ...]:
+    """The results of `checks`, in order."""
+    return tuple(outcome(name, check) for name, check in checks)

@@ -1,0 +1,101 @@
+"""The worker's side of a method: it is fitted and asked for images."""
+
+import json
+import time
+from collections.abc import Mapping
+from dataclasses import Field, dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eitbench.benchmark.worker import Failure, Reply, as_array, shortcoming
+from eitbench.methods.method import Method
+from eitbench.methods.problem import Problem, Splits
+from eitbench.methods.registry import create, load_plugin
+from eitbench.scenarios.datasets import Dataset, load
+from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.scenario import Scenario
+from eitbench.scenarios.sensors import Sensor
+
+Frames = NDArray[np.float64]
+Images = NDArray[np.float32]
+
+
+@dataclass(frozen=True, eq=False)
+class MethodTask:
+    """What a worker is told: the problem without its test split, and the method to make.
+
+    Attributes:
+        plugin: the file that the method is registered in; no other is loaded, since loading one
+            may change what is there already.
+    """
+
+    sensor: Sensor
+    reference: Frames
+    splits: Splits
+    method: str
+    parameters: Mapping[str, Any]
+    plugin: Path | None = None
+
+
+class MethodServant:
+    """Makes, fits and asks the method of a task."""
+
+    def __init__(self, task: MethodTask) -> None:
+        self.task = task
+        self._method: Method | None = None
+
+    def set_up(self) -> Reply:
+        """Fit the method; the reply holds its `parameters` as JSON."""
+        task = self.task
+        if task.plugin is not None:
+            load_plugin(task.plugin)
+        method = create(task.method, **task.parameters)
+        parameters = json.dumps(constructor_parameters(method) | dict(task.parameters), default=str)
+        problem = Problem(task.sensor, task.reference, task.splits)
+        start = time.perf_counter()
+        method.fit(problem)
+        self._method = method
+        return Reply({"parameters": parameters}, time.perf_counter() - start)
+
+    def reconstruct(self, frames: Frames) -> Reply:
+        """Images (n, H, W) of `frames` (n, M), in the precision they are kept in."""
+        if self._method is None:
+            raise InputError("The method was not fitted.")
+        given = frames.copy()
+        start = time.perf_counter()
+        answer = self._method.reconstruct(given)
+        images = as_array(answer)
+        seconds = time.perf_counter() - start
+        failure = shortcoming(answer, images, (len(frames), *self.task.sensor.image_shape))
+        if not np.array_equal(given, frames, equal_nan=True):
+            failure = Failure("error", "changed its input voltages in place", ("mutated",))
+        if failure is not None or images is None:
+            return Reply(None, seconds, failure)
+        with np.errstate(over="ignore"):  # what does not fit becomes inf and is reported as such
+            return Reply(images.astype(np.float32), seconds)
+
+
+def constructor_parameters(method: Method) -> dict[str, Any]:
+    """Every constructor parameter of a method that is a dataclass, defaults included."""
+    declared: dict[str, Field[Any]] = getattr(method, "__dataclass_fields__", {})
+    return {name: getattr(method, name) for name, field in declared.items() if field.init}
+
+
+def learning_splits(scenario: Scenario, split: str, limit: int | None) -> Dataset:
+    """Training or validation data of `scenario`; a method is never given the test split.
+
+    Raises:
+        InputError: any other split was asked for.
+    """
+    if split not in ("train", "validation"):
+        raise InputError(f"A method may ask for the train or validation split, not for {split!r}.")
+    return load(scenario, split=split, limit=limit)
+
+
+def scenario_splits(scenario: Scenario) -> Splits:
+    """`learning_splits` of one scenario, as a worker can be told it."""
+    return partial(learning_splits, scenario)

@@ -1,0 +1,206 @@
+"""The learned forward operator: a linear physics branch, corrected by a convolutional network."""
+
+from __future__ import annotations
+
+import copy
+import itertools
+import math
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from eitbench.methods.operators.operator import Operator
+from eitbench.methods.operators.surrogate_weights import load_weights
+from eitbench.methods.registry import register_operator
+from eitbench.scenarios.errors import DataCorruptError
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from eitbench.scenarios.patterns import DrivePattern
+    from eitbench.scenarios.sensors import Sensor
+
+BATCH = 256
+"""Images that go through the network at once: more would only take more memory."""
+
+STEM = 4
+"""Side [pixels] of the patches that the correction begins with."""
+
+CHANNELS = (48, 64, 96)
+"""Channels of its maps, each of half the side of the one before."""
+
+HIDDEN = 256
+"""Width of its dense head."""
+
+
+@register_operator("surrogate")
+class Surrogate(Operator):
+    """A network trained to predict the voltages; its weights come with the package or from you."""
+
+    source: ClassVar[str] = "Physics-Driven Learning Framework for Tomographic Tactile Sensing"
+
+    def __init__(self, sensor: Sensor) -> None:
+        super().__init__(sensor)
+        path, tensors, about = load_weights(sensor)
+        self._network = SurrogateNetwork(sensor)
+        try:
+            self._network.load_state_dict(tensors)
+            self.train_s = float(about["train_s"])
+            self.trained_on = about["device"]
+        except (RuntimeError, KeyError, ValueError) as error:
+            raise DataCorruptError(f"{path} does not hold the weights of a surrogate.") from error
+        self._network.requires_grad_(requires_grad=False)
+        self._copies: dict[tuple[torch.dtype, torch.device], SurrogateNetwork] = {}
+
+    def tensor_voltages(self, sigma: Tensor) -> Tensor:
+        """The network's voltages: (n, H, W) to (n, M), in the precision and place of `sigma`."""
+        key = (sigma.dtype, sigma.device)
+        if key not in self._copies:
+            self._copies[key] = copy.deepcopy(self._network).to(sigma)
+        network = self._copies[key]
+        return torch.cat([network.voltages(part) for part in torch.split(sigma, BATCH)])
+
+
+class SurrogateNetwork(nn.Module):
+    """Standardised voltages from conductivity: physics(contrast) + fusion * correction(image).
+
+    The physics branch is linear and begins as the Jacobian; the correction begins at zero, so that
+    an untrained network is the Jacobian operator. Both predict one of every two measurements that
+    reciprocity makes equal; the other is its copy.
+
+    Attributes:
+        mean, std: (K,) of the independent voltages [V/A] that the network was trained on.
+    """
+
+    mean: Tensor
+    std: Tensor
+    first: Tensor
+    owner: Tensor
+    sign: Tensor
+
+    def __init__(self, sensor: Sensor) -> None:
+        super().__init__()
+        height, width = sensor.image_shape
+        first, owner, sign = independent(sensor.pattern)
+        self.background = sensor.background
+        self.magnitudes = sensor.pattern.magnitudes
+        self.physics = nn.Linear(height * width, len(first))
+        self.correction = Correction((height, width), len(first))
+        self.fusion = nn.Parameter(torch.ones(()))
+        self.register_buffer("mean", torch.zeros(len(first)))
+        self.register_buffer("std", torch.ones(len(first)))
+        # They follow from the sensor, so that they need not be stored.
+        self.register_buffer("first", torch.from_numpy(first), persistent=False)
+        self.register_buffer("owner", torch.from_numpy(owner), persistent=False)
+        self.register_buffer("sign", torch.from_numpy(sign), persistent=False)
+
+    def forward(self, sigma: Tensor) -> Tensor:
+        """Standardised independent voltages (n, K) of conductivities (n, H, W) [S/m]."""
+        relative = sigma / self.background
+        # The root of the number of pixels keeps the weights, and so their updates, of order one.
+        contrast = (relative - 1).flatten(1) / math.sqrt(self.physics.in_features)
+        # The logarithm is nearly linear in the voltages up to strong contrasts.
+        channels = torch.stack([relative - 1, relative.log()], dim=1)
+        corrected: Tensor = self.physics(contrast) + self.fusion * self.correction(channels)
+        return corrected
+
+    def voltages(self, sigma: Tensor) -> Tensor:
+        """Voltages (n, M) [V/A] of conductivities (n, H, W) [S/m]."""
+        values: Tensor = (self.mean + self.std * self(sigma))[:, self.owner] * self.sign
+        return values.abs() if self.magnitudes else values
+
+    def standardised(self, voltages: Tensor) -> Tensor:
+        """The independent of the voltages (n, M) [V/A], standardised (n, K)."""
+        return (voltages[:, self.first] - self.mean) / self.std
+
+    def start_from(self, mean: Tensor, std: Tensor, reference: Tensor, jacobian: Tensor) -> None:
+        """Set the standardisation (M,) and make the physics branch the linearised model.
+
+        `reference` (M,) [V/A] and `jacobian` (M, H, W) [V/A per S/m] belong to the background.
+        """
+        scale = self.background * math.sqrt(self.physics.in_features)
+        slopes = jacobian[self.first].flatten(1)
+        with torch.no_grad():
+            self.mean.copy_(mean[self.first])
+            self.std.copy_(std[self.first])
+            self.physics.weight.copy_(slopes / std[self.first, None] * scale)
+            self.physics.bias.copy_(((reference - mean) / std)[self.first])
+
+
+class Correction(nn.Module):
+    """Residual blocks on ever coarser grids, then a dense head that knows where things are."""
+
+    def __init__(self, image_shape: tuple[int, int], n_outputs: int) -> None:
+        super().__init__()
+        height, width = (math.ceil(size / STEM) for size in image_shape)
+        layers: list[nn.Module] = [_Coarser(2, CHANNELS[0], STEM), _Block(CHANNELS[0])]
+        for before, after in itertools.pairwise(CHANNELS):
+            layers += [_Coarser(before, after, 2), _Block(after)]
+            height, width = math.ceil(height / 2), math.ceil(width / 2)
+        self.maps = nn.Sequential(*layers)
+        self.head = nn.Sequential(
+            nn.Flatten(),
+            nn.Linear(CHANNELS[-1] * height * width, HIDDEN),
+            nn.GELU(),
+            nn.Linear(HIDDEN, n_outputs),
+        )
+        last = self.head[-1]
+        nn.init.zeros_(last.weight)  # type: ignore[arg-type]
+        nn.init.zeros_(last.bias)  # type: ignore[arg-type]
+
+    def forward(self, channels: Tensor) -> Tensor:
+        """Corrections (n, K) from input channels (n, 2, H, W)."""
+        values: Tensor = self.head(self.maps(channels))
+        return values
+
+
+class _Coarser(nn.Module):
+    """Pixels to patches of `factor` x `factor` by a convolution; zeros complete the last ones."""
+
+    def __init__(self, n_in: int, n_out: int, factor: int) -> None:
+        super().__init__()
+        self.factor = factor
+        self.convolution = nn.Conv2d(n_in, n_out, factor, stride=factor)
+
+    def forward(self, x: Tensor) -> Tensor:
+        height, width = x.shape[-2:]
+        missing = (0, -width % self.factor, 0, -height % self.factor)
+        patches: Tensor = self.convolution(nn.functional.pad(x, missing))
+        return patches
+
+
+class _Block(nn.Module):
+    """A residual block of two 3 x 3 convolutions, near the identity at first.
+
+    There is no normalisation: how strong a contrast is must not be divided away.
+    """
+
+    def __init__(self, channels: int) -> None:
+        super().__init__()
+        self.first = nn.Conv2d(channels, channels, 3, padding=1)
+        self.second = nn.Conv2d(channels, channels, 3, padding=1)
+        nn.init.zeros_(self.second.weight)
+
+    def forward(self, x: Tensor) -> Tensor:
+        change: Tensor = self.second(nn.functional.gelu(self.first(nn.functional.gelu(x))))
+        return x + change
+
+
+def independent(
+    pattern: DrivePattern,
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float32]]:
+    """Which measurements reciprocity leaves independent, and how all follow from them.
+
+    Returns `first` (K,), the independent measurements' numbers, and `owner` and `sign` (M,), such
+    that v = v[first][owner] * sign.
+    """
+    root, sign = np.arange(pattern.n_measurements), np.ones(pattern.n_measurements, np.float32)
+    pairs = pattern.reciprocal_pairs()
+    # In ascending order of the second, so that the first of a pair is resolved before it is used.
+    for (earlier, later), pair_sign in zip(pairs, pattern.reciprocal_signs(pairs), strict=True):
+        root[later] = root[earlier]
+        sign[later] = sign[earlier] * pair_sign
+    first, owner = np.unique(root, return_inverse=True)
+    return first, owner, sign

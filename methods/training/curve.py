@@ -1,0 +1,58 @@
+"""Learning curves, and what a training ends with."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+
+@dataclass(frozen=True)
+class Epoch:
+    """One line of a learning curve.
+
+    Attributes:
+        epoch: its number, from 1.
+        train: mean loss over the training samples, while the weights change.
+        validation: loss over the validation samples, after it.
+        rate: the last learning rate.
+        seconds: the time it took [s].
+    """
+
+    epoch: int
+    train: float
+    validation: float
+    rate: float
+    seconds: float
+
+
+@dataclass(frozen=True)
+class Trained:
+    """What came of a training.
+
+    Attributes:
+        weights: the network's, after the best epoch, on the CPU.
+        curve: all epochs.
+        device: what they were trained on.
+    """
+
+    weights: dict[str, Tensor]
+    curve: tuple[Epoch, ...]
+    device: str
+
+    @property
+    def best(self) -> Epoch:
+        """The epoch with the lowest validation loss."""
+        return best(self.curve)
+
+    @property
+    def seconds(self) -> float:
+        """Time that all epochs took [s]."""
+        return sum(epoch.seconds for epoch in self.curve)
+
+
+def best(curve: tuple[Epoch, ...]) -> Epoch:
+    """The epoch with the lowest validation loss, the first of equals."""
+    return min(curve, key=lambda epoch: epoch.validation)
