@@ -92,8 +92,8 @@ OPERATOR_COSTS: dict[str, MetricCard] = {
             "forward_ms",
             "Forward",
             "ms",
-            "time of `voltages` for a batch of 64 samples in float64 over 64; median over warm "
-            "batches, one thread",
+            "time of `voltages` for a batch of 64 samples over 64, in the operator's precision "
+            "(float32 for the surrogate, else float64); median over warm batches, one thread",
             "A batch is what training needs; one sample alone takes longer than this. Smaller runs "
             "have smaller batches, and cells that run side by side disturb each other.",
         ),

@@ -77,6 +77,8 @@ class OperatorServant:
         """The `Evaluation` of `images` (n, H, W) with `cotangents` (n, M)."""
         if self._operator is None:
             raise InputError("The operator was not made.")
+        precision = self._operator.precision
+        images, cotangents = images.astype(precision), cotangents.astype(precision)
         given = images.copy(), cotangents.copy()
         arrays: list[Array] = []
         times: list[float] = []

@@ -2,6 +2,7 @@
 
 import re
 from pathlib import Path
+from typing import Any
 
 import pytest
 from typer.main import get_command
@@ -33,6 +34,16 @@ def test_the_python_example_runs() -> None:
     names: dict[str, object] = {}
     exec(compile(code, "README.md", "exec"), names)
     assert names["v"].shape == (208,)  # type: ignore[attr-defined]
+
+
+def test_the_operator_example_runs() -> None:
+    code = next(code for code in PYTHON if "operator(" in code)
+    names: dict[str, Any] = {}
+    exec(compile(code, "README.md", "exec"), names)
+    assert names["sigma"].grad.shape == names["back"].shape == (4, 80, 80)
+    # d/dc V(c sigma) = -V / c at c = 1, up to the contact impedance's share.
+    total = float((names["gradient"] * 0.5).sum())
+    assert abs(total / float(names["v"][0].sum()) + 1) < 0.05
 
 
 @pytest.mark.parametrize("command", COMMANDS)

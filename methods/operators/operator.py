@@ -32,6 +32,8 @@ class Operator(ABC):
     Attributes:
         source: the publication it follows.
         exact: whether it solves the model's equations, so that their laws must hold to rounding.
+        precision: "float64" or "float32", what it is judged and timed in: a network was trained in
+            float32, and is slower and no more accurate in float64.
         sensor: what is modelled.
         train_s: time its weights took to train [s]; 0 if there was nothing to train.
         trained_on: the device they were trained on; "" if there was nothing to train.
@@ -39,6 +41,7 @@ class Operator(ABC):
 
     source: ClassVar[str] = ""
     exact: ClassVar[bool] = False
+    precision: ClassVar[str] = "float64"
     train_s: float = 0.0
     trained_on: str = ""
 
