@@ -40,6 +40,7 @@ class Surrogate(Operator):
     """A network trained to predict the voltages; its weights come with the package or from you."""
 
     source: ClassVar[str] = "Physics-Driven Learning Framework for Tomographic Tactile Sensing"
+    precision: ClassVar[str] = "float32"
 
     def __init__(self, sensor: Sensor) -> None:
         super().__init__(sensor)
