@@ -5,6 +5,7 @@ depend on nothing beside it.
 """
 
 from collections.abc import Callable
+from contextlib import suppress
 from typing import TypeVar, cast
 
 import numba
@@ -20,10 +21,13 @@ PIVOTS = 4  # rows eliminated at a time
 
 
 def _compiled(function: Function) -> Function:
-    """`function` compiled when it is first called; the machine code is kept on disk."""
+    """`function`, compiled when it is first called; the machine code is kept on disk."""
     # Sums may be taken in another order, or they would not be vectorised.
     fast = {"contract", "reassoc"}
-    compiled = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=fast)(function)
+    compiled = numba.njit(nogil=True, error_model="numpy", fastmath=fast)(function)
+    # Where neither the package's folder nor the user's is writable, every process compiles anew.
+    with suppress(RuntimeError):
+        compiled.enable_caching()
     return cast("Function", compiled)
 
 

@@ -1,5 +1,7 @@
 """Laws that the discrete forward model must keep, whatever the sensor."""
 
+import subprocess
+import sys
 from dataclasses import replace
 from itertools import pairwise
 from typing import Any
@@ -247,3 +249,23 @@ def test_impossible_ranges_are_refused(change: dict[str, Any]) -> None:
 
 def test_no_images_give_no_frames() -> None:
     assert ForwardModel(small("square")).voltages(np.ones((0, 20, 20))).shape == (0, 208)
+
+
+def test_machine_code_need_not_be_kept() -> None:
+    """Installed where nothing is writable: compiled anew by every process."""
+    program = """
+from numba.core.caching import CacheImpl
+CacheImpl._locator_classes = []
+import numpy as np
+from eitbench.scenarios.catalogue import sensor
+from eitbench.scenarios.physics import elimination
+from eitbench.scenarios.physics.forward import forward_model
+model = forward_model(sensor("foam16"))
+print(model.voltages(model.background)[0], elimination.solve.stats.cache_path)
+"""
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    first, kept = done.stdout.split()
+    model = forward_model(sensor("foam16"))
+    assert float(first) == pytest.approx(model.voltages(model.background)[0], rel=1e-12)
+    assert kept == "None"
