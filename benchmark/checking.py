@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from eitbench.benchmark.worker import Reply, Worker, WorkerLostError, serve
+from eitbench.benchmark.worker import Failure, Reply, Worker, WorkerLostError, serve
 
 LIMIT_S = 60.0
 RESTARTS = 3
@@ -115,6 +115,7 @@ class RenewedWorker:
         self._worker: Worker | None = None
         self._losses = 0
         self._given_up = ""
+        self._refusal: Failure | None = None
 
     def ask(self, *request: object) -> Reply:
         """The answer to `request`.
@@ -145,9 +146,14 @@ class RenewedWorker:
             raise
         if reply.failure is not None:
             worker.close()
+            self._refusal = reply.failure
             self._given_up = f"set-up failed with {reply.failure.message.rstrip('.')}."
             raise BrokenError(self._given_up)
         return worker
+
+    def refused(self, kind: str) -> bool:
+        """Whether set-up failed with an error of `kind`, the name of its class or of a base."""
+        return self._refusal is not None and kind in self._refusal.kinds
 
     def restart(self) -> None:
         """Forget the worker; the next question starts another."""

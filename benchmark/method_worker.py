@@ -49,7 +49,7 @@ class MethodServant:
         self._method: Method | None = None
 
     def set_up(self) -> Reply:
-        """Fit the method; the reply holds its `parameters` as JSON."""
+        """Fit the method; the reply holds its `parameters` as JSON, and what training cost."""
         task = self.task
         if task.plugin is not None:
             load_plugin(task.plugin)
@@ -59,7 +59,8 @@ class MethodServant:
         start = time.perf_counter()
         method.fit(problem)
         self._method = method
-        return Reply({"parameters": parameters}, time.perf_counter() - start)
+        seconds = time.perf_counter() - start
+        return Reply({"parameters": parameters, "train_s": float(method.train_s)}, seconds)
 
     def reconstruct(self, frames: Frames) -> Reply:
         """Images (n, H, W) of `frames` (n, M), in the precision they are kept in."""

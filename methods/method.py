@@ -1,5 +1,6 @@
 """The interface every reconstruction method keeps."""
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from typing import ClassVar
@@ -18,10 +19,12 @@ class Method(ABC):
     Attributes:
         source: the publication it follows.
         search: the values of each parameter that may be chosen on the validation split.
+        train_s: time that the weights it loads took to train [s]; NaN if it loads none.
     """
 
     source: ClassVar[str] = ""
     search: ClassVar[Mapping[str, Sequence[object]]] = {}
+    train_s: float = math.nan
 
     @abstractmethod
     def fit(self, problem: Problem) -> None:

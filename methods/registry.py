@@ -137,6 +137,8 @@ METHODS = Registry(
         "greit",
         "total_variation",
         "gauss_newton",
+        "linear_learned",
+        "learned",
     ),
 )
 OPERATORS = Registry(

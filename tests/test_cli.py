@@ -366,7 +366,7 @@ def test_check_says_how_many_ran(eitbench: Run) -> None:
     code, out, _ = eitbench("check", str(DATA / "broken_contract.py"), "--json")
     assert code == 1
     failed = {report["method"]: report["failed"] for report in json.loads(out)}
-    assert len(failed) == 8
+    assert len(failed) == 9
     assert failed["contract-kept"] == 0
     assert failed["contract-batch"] == 1
 

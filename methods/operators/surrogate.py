@@ -7,20 +7,19 @@ import itertools
 import math
 from typing import TYPE_CHECKING, ClassVar
 
-import numpy as np
 import torch
 from torch import Tensor, nn
 
 from eitbench.methods.operators.operator import Operator
-from eitbench.methods.operators.surrogate_weights import load_weights
+from eitbench.methods.reciprocity import independent
 from eitbench.methods.registry import register_operator
+from eitbench.methods.weight_files import WeightFiles
 from eitbench.scenarios.errors import DataCorruptError
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from eitbench.scenarios.patterns import DrivePattern
     from eitbench.scenarios.sensors import Sensor
+
+WEIGHTS = WeightFiles("surrogate", version="1")
 
 BATCH = 256
 """Images that go through the network at once: more would only take more memory."""
@@ -44,7 +43,7 @@ class Surrogate(Operator):
 
     def __init__(self, sensor: Sensor) -> None:
         super().__init__(sensor)
-        path, tensors, about = load_weights(sensor)
+        path, tensors, about = WEIGHTS.load(sensor)
         self._network = SurrogateNetwork(sensor)
         try:
             self._network.load_state_dict(tensors)
@@ -187,21 +186,3 @@ class _Block(nn.Module):
     def forward(self, x: Tensor) -> Tensor:
         change: Tensor = self.second(nn.functional.gelu(self.first(nn.functional.gelu(x))))
         return x + change
-
-
-def independent(
-    pattern: DrivePattern,
-) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float32]]:
-    """Which measurements reciprocity leaves independent, and how all follow from them.
-
-    Returns `first` (K,), the independent measurements' numbers, and `owner` and `sign` (M,), such
-    that v = v[first][owner] * sign.
-    """
-    root, sign = np.arange(pattern.n_measurements), np.ones(pattern.n_measurements, np.float32)
-    pairs = pattern.reciprocal_pairs()
-    # In ascending order of the second, so that the first of a pair is resolved before it is used.
-    for (earlier, later), pair_sign in zip(pairs, pattern.reciprocal_signs(pairs), strict=True):
-        root[later] = root[earlier]
-        sign[later] = sign[earlier] * pair_sign
-    first, owner = np.unique(root, return_inverse=True)
-    return first, owner, sign

@@ -2,13 +2,19 @@
 
 from pathlib import Path
 
+from eitbench.methods.training.learned import (
+    METHODS,
+    SHIPPED,
+    Choices,
+    LearnedTraining,
+    train_learned,
+)
 from eitbench.methods.training.loop import TrainingInterruptedError
+from eitbench.methods.training.recipe import ONE_DEVICE, Devices
 from eitbench.methods.training.surrogate import SurrogateTraining, train_surrogate
-from eitbench.scenarios.errors import unknown_name
+from eitbench.scenarios.errors import InputError, unknown_name
 
-__all__ = ["TrainingInterruptedError", "train"]
-
-TRAINABLE = {"surrogate": train_surrogate}
+__all__ = ["Choices", "Devices", "TrainingInterruptedError", "train"]
 
 
 def train(
@@ -19,13 +25,31 @@ def train(
     seed: int = 0,
     jobs: int = 1,
     out: Path | None = None,
+    devices: Devices = ONE_DEVICE,
+    choices: Choices = SHIPPED,
     progress: bool = False,
-) -> SurrogateTraining:
-    """Train what is called `name` on the data of `suite`; see `train_surrogate`.
+) -> SurrogateTraining | LearnedTraining:
+    """Train what is called `name` on the data of `suite`; see `train_learned`, `train_surrogate`.
 
     Raises:
-        InputError: nothing of that name can be trained.
+        InputError: nothing of that name can be trained, or not with these choices.
     """
-    if name not in TRAINABLE:
-        raise unknown_name("name to train", name, TRAINABLE)
-    return TRAINABLE[name](suite, epochs=epochs, seed=seed, jobs=jobs, out=out, progress=progress)
+    if name == "surrogate":
+        if choices != SHIPPED:
+            raise InputError(f"Training of 'surrogate' takes no{choices.arguments()}.")
+        return train_surrogate(
+            suite, epochs=epochs, seed=seed, jobs=jobs, out=out, devices=devices, progress=progress
+        )
+    if name not in METHODS:
+        raise unknown_name("name to train", name, [*METHODS, "surrogate"])
+    return train_learned(
+        name,
+        suite,
+        epochs=epochs,
+        seed=seed,
+        jobs=jobs,
+        out=out,
+        devices=devices,
+        choices=choices,
+        progress=progress,
+    )

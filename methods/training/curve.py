@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import csv
+from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
     from torch import Tensor
+
+LOG = "curve.csv"
 
 
 @dataclass(frozen=True)
@@ -19,6 +25,7 @@ class Epoch:
         validation: loss over the validation samples, after it.
         rate: the last learning rate.
         seconds: the time it took [s].
+        others: other losses by name.
     """
 
     epoch: int
@@ -26,6 +33,13 @@ class Epoch:
     validation: float
     rate: float
     seconds: float
+    others: Mapping[str, float] = field(default_factory=dict)
+
+    def row(self) -> dict[str, float]:
+        """All figures by name."""
+        figures = asdict(self)
+        figures.update(figures.pop("others"))
+        return figures
 
 
 @dataclass(frozen=True)
@@ -56,3 +70,12 @@ class Trained:
 def best(curve: tuple[Epoch, ...]) -> Epoch:
     """The epoch with the lowest validation loss, the first of equals."""
     return min(curve, key=lambda epoch: epoch.validation)
+
+
+def write_log(folder: Path, curve: tuple[Epoch, ...]) -> None:
+    """Write the curve as a table (`curve.csv`), one line for an epoch."""
+    rows = [epoch.row() for epoch in curve]
+    with (folder / LOG).open("w", newline="") as file:
+        table = csv.DictWriter(file, list(rows[-1]))
+        table.writeheader()
+        table.writerows(rows)

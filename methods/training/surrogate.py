@@ -2,41 +2,33 @@
 
 from __future__ import annotations
 
-import json
-import shutil
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-import numpy as np
 import torch
 from torch import Tensor
 
-from eitbench import __version__
 from eitbench.methods.operators.jacobian import Jacobian
-from eitbench.methods.operators.surrogate import SurrogateNetwork
-from eitbench.methods.operators.surrogate_weights import (
-    NETWORK_VERSION,
-    file_name,
-    save_weights,
-    sensor_key,
-    user_weights,
+from eitbench.methods.operators.surrogate import WEIGHTS, SurrogateNetwork
+from eitbench.methods.training.job import (
+    clean_samples,
+    data_settings,
+    put_in_use,
+    save_result,
+    training_folder,
+    training_scenario,
 )
-from eitbench.methods.training.loop import Data, Recipe, Trainee, begun_in, fit
+from eitbench.methods.training.loop import begun_in, fit
+from eitbench.methods.training.recipe import ONE_DEVICE, Devices, Recipe
 from eitbench.methods.training.symmetry import symmetries
-from eitbench.scenarios.cache_dir import cache_dir
-from eitbench.scenarios.errors import InputError
-from eitbench.scenarios.phantoms.phantom import rasterise
-from eitbench.scenarios.scenario import SimulatedScenario
-from eitbench.scenarios.simulation import clean_voltages, phantom
-from eitbench.scenarios.suites import Suite, load_suite
+from eitbench.methods.training.trainee import Data, OneLoss
+from eitbench.scenarios.suites import load_suite
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-    from eitbench.methods.training.curve import Trained
     from eitbench.methods.training.symmetry import Symmetry
-    from eitbench.scenarios.scenario import Split
 
 EPOCHS = 40
 BATCH = 64
@@ -68,7 +60,7 @@ class SurrogateTraining:
         ]
 
 
-class SurrogateTrainee(Trainee):
+class SurrogateTrainee(OneLoss):
     """Mean squared error of standardised voltages, over all measurements of a frame.
 
     While it trains, each batch is seen under a random symmetry of the sensor.
@@ -100,6 +92,7 @@ def train_surrogate(
     seed: int = 0,
     jobs: int = 1,
     out: Path | None = None,
+    devices: Devices = ONE_DEVICE,
     progress: bool = False,
 ) -> SurrogateTraining:
     """Train on the suite's simulated sensor, or continue, and put the weights in use.
@@ -111,6 +104,7 @@ def train_surrogate(
         seed: of the initial weights and of the order of samples.
         jobs: number of processes to simulate with.
         out: where state and results are kept; a folder in the cache by default.
+        devices: to train on.
         progress: show on stderr how far it is.
 
     Raises:
@@ -120,21 +114,16 @@ def train_surrogate(
         TrainingInterruptedError: Ctrl-C or SIGTERM; the same call continues.
         EitbenchError: a folder is not writable or full.
     """
-    scenario = _trained_on(load_suite(suite))
+    scenario = training_scenario(load_suite(suite))
     sensor = scenario.nominal_sensor
-    folder = out or cache_dir() / "training" / f"surrogate-{sensor.name}-{sensor_key(sensor)[:12]}"
+    folder = training_folder(WEIGHTS, sensor, out)
     recipe = Recipe(epochs=EPOCHS if epochs is None else epochs, seed=seed, batch=BATCH, rate=RATE)
-    settings = {
-        "name": "surrogate",
-        "network_version": NETWORK_VERSION,
-        "sensor_key": sensor_key(sensor),
-        "scenario": scenario.name,
-        "train_data": scenario.data_hash("train"),
-        "validation_data": scenario.data_hash("validation"),
-    }
+    settings = data_settings(WEIGHTS, scenario)
     begun_in(folder, recipe, settings)  # before minutes are spent on data
-    sigma, voltages = _samples(scenario, "train", jobs, progress)
-    seen_sigma, seen_voltages = _samples(scenario, "validation", jobs, progress)
+    sigma, voltages = clean_samples(scenario, "train", scenario.train, jobs=jobs, progress=progress)
+    seen_sigma, seen_voltages = clean_samples(
+        scenario, "validation", scenario.validation, jobs=jobs, progress=progress
+    )
 
     with torch.random.fork_rng():
         torch.manual_seed(seed)
@@ -151,78 +140,15 @@ def train_surrogate(
         (seen_sigma, seen_voltages.float()),
         folder,
         settings,
+        devices=devices,
         progress=progress,
     )
     error = (linear.tensor_voltages(seen_sigma.double()) - seen_voltages) / std
     jacobian_mse = float(error.square().mean())
-    about = {
+    figures = {
         "command": f"eitbench train surrogate --suite {suite} --epochs {recipe.epochs} "
         f"--seed {seed}",
-        "seed": str(seed),
-        "epochs": str(recipe.epochs),
-        "scenario": scenario.name,
-        "train_data": settings["train_data"],
-        "validation_data": settings["validation_data"],
-        "best_epoch": str(trained.best.epoch),
-        "validation_mse": repr(trained.best.validation),
         "jacobian_validation_mse": repr(jacobian_mse),
-        "train_s": f"{trained.seconds:.1f}",
-        "device": trained.device,
-        "eitbench": __version__,
-        "torch": torch.__version__,
     }
-    weights = folder / file_name(sensor)
-    save_weights(weights, sensor, trained.weights, about)
-    _write_curve(weights.with_suffix(".json"), about, trained)
-    return SurrogateTraining(_put_in_use(weights), trained.best.validation, jacobian_mse)
-
-
-def _trained_on(suite: Suite) -> SimulatedScenario:
-    simulated = [
-        scenario
-        for scenario in suite.scenarios
-        if isinstance(scenario, SimulatedScenario) and scenario.train and scenario.validation
-    ]
-    if not simulated:
-        raise InputError(
-            f"Suite {suite.name!r} has no simulated scenario with training and validation samples."
-        )
-    others = {sensor_key(s.nominal_sensor): s.nominal_sensor.name for s in simulated}
-    if len(others) > 1:
-        raise InputError(
-            f"Suite {suite.name!r} simulates {len(others)} sensors ({', '.join(others.values())}): "
-            "the surrogate is trained for one, so use a suite for each."
-        )
-    return simulated[0]
-
-
-def _samples(
-    scenario: SimulatedScenario, split: Split, jobs: int, progress: bool
-) -> tuple[Tensor, Tensor]:
-    """Conductivities (n, H, W) [S/m] in float32 and clean voltages (n, M) [V/A] in float64."""
-    count, sensor = scenario.size(split), scenario.nominal_sensor
-    voltages = clean_voltages(scenario, split, count, jobs=jobs, progress=progress)
-    images = np.empty((count, *sensor.image_shape), dtype=np.float32)
-    for sample, image in enumerate(images):
-        image[:] = rasterise(phantom(scenario, split, sample), sensor)
-    images[:, ~sensor.mask] = sensor.background
-    return torch.from_numpy(images), torch.from_numpy(voltages)
-
-
-def _write_curve(path: Path, about: dict[str, str], trained: Trained) -> None:
-    curve = [asdict(epoch) for epoch in trained.curve]
-    path.write_text(json.dumps({**about, "curve": curve}, indent=1) + "\n")
-
-
-def _put_in_use(weights: Path) -> Path:
-    """Copy weights and learning curve to where the operator looks for the user's own."""
-    used = user_weights() / weights.name
-    used.parent.mkdir(parents=True, exist_ok=True)
-    for source, target in (
-        (weights.with_suffix(".json"), used.with_suffix(".json")),
-        (weights, used),
-    ):
-        partial = target.with_name(f".{target.name}.partial")
-        shutil.copyfile(source, partial)
-        partial.replace(target)
-    return used
+    weights = save_result(WEIGHTS, scenario, folder, recipe, trained, figures)
+    return SurrogateTraining(put_in_use(weights), trained.best.validation, jacobian_mse)

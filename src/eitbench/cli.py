@@ -265,28 +265,50 @@ def tune(
     typer.echo(f"Choices: {folder}")
 
 
-@app.command(epilog="Example: eitbench train surrogate --suite paper --jobs 2")
+@app.command(epilog="Example: eitbench train dnn --suite paper --jobs 2")
 def train(
-    name: Annotated[str, typer.Argument(help="What to train: surrogate.")],
+    name: Annotated[str, typer.Argument(help="What to train: dnn, phydnn or surrogate.")],
     suite: Annotated[
         str, typer.Option(help="The suite with the data: its name, or the path of its file.")
     ],
     epochs: Annotated[
         int | None, typer.Option(min=1, help="Passes over the training data (default: its own).")
     ] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Decides initial weights and order.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Decides all that is random.")] = 0,
+    limit: Annotated[
+        int | None, typer.Option(min=1, help="Use so many training samples (default: all).")
+    ] = None,
+    operator: Annotated[
+        str, typer.Option(help="Forward operator of the physical loss.")
+    ] = "surrogate",
+    beta: Annotated[
+        float | None, typer.Option(help="Weight of the physical loss (default: as published).")
+    ] = None,
+    backbone: Annotated[str, typer.Option(help="Kind of network: unet or mlp.")] = "unet",
+    device: Annotated[str, typer.Option(help="auto, cpu or cuda.")] = "auto",
+    devices: Annotated[
+        int, typer.Option(min=1, help="Devices of that kind, which share each batch.")
+    ] = 1,
     jobs: Annotated[int, typer.Option(min=1, help="Processes to simulate with.")] = 1,
     out: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Where it is kept (default: your cache).")
     ] = None,
 ) -> None:
     """Train on a suite's data, or continue a training that was stopped."""
-    from eitbench.methods.training import TrainingInterruptedError
+    from eitbench.methods.training import Choices, Devices, TrainingInterruptedError
     from eitbench.methods.training import train as train_named
 
     try:
         result = train_named(
-            name, suite, epochs=epochs, seed=seed, jobs=jobs, out=out, progress=True
+            name,
+            suite,
+            epochs=epochs,
+            seed=seed,
+            jobs=jobs,
+            out=out,
+            devices=Devices(device, devices),
+            choices=Choices(operator=operator, beta=beta, backbone=backbone, limit=limit),
+            progress=True,
         )
     except TrainingInterruptedError as interrupted:
         _fail(str(interrupted), 130)

@@ -53,6 +53,16 @@ def test_a_misbehaving_method_fails_and_the_check_goes_on(name: str, toys: Path)
     )
 
 
+def test_a_method_of_one_image_grid_is_checked_there(broken_contract: Path) -> None:
+    report = check_method("contract-own-grid", plugin=broken_contract)
+    assert report.where == "foam16, 80 x 80"
+    assert not report.failed
+    skipped = {result.name: result.message for result in report.having("skipped")}
+    assert skipped == {
+        "a conductive contact is positive": "on this sensor, conductivity can only fall."
+    }
+
+
 def test_an_unknown_method_suggests_the_nearest() -> None:
     with pytest.raises(InputError, match="Unknown method or operator 'nosr': did you mean 'noser'"):
         check_target("nosr")

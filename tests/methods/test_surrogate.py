@@ -10,16 +10,12 @@ import pytest
 import torch
 from torch import Tensor
 
-from eitbench.methods import operator
-from eitbench.methods.operators import surrogate_weights
-from eitbench.methods.operators.surrogate import Surrogate, SurrogateNetwork, independent
-from eitbench.methods.operators.surrogate_weights import (
-    file_name,
-    save_weights,
-    sensor_key,
-    user_weights,
-)
+from eitbench.methods import operator, weight_files
+from eitbench.methods.operators import surrogate
+from eitbench.methods.operators.surrogate import WEIGHTS, Surrogate, SurrogateNetwork
+from eitbench.methods.reciprocity import averaging, independent
 from eitbench.methods.tensor_file import read_tensors, write_tensors
+from eitbench.methods.weight_files import WeightFiles, sensor_key, user_weights
 from eitbench.scenarios.catalogue import sensor
 from eitbench.scenarios.errors import DataCorruptError, EitbenchError, InputError
 from eitbench.scenarios.outlines import Disc
@@ -63,8 +59,8 @@ def network(s: Sensor, spread: float = 0.0) -> SurrogateNetwork:
 
 
 def install(s: Sensor, weights: SurrogateNetwork, folder: Path | None = None) -> Path:
-    path = (folder or user_weights()) / file_name(s)
-    save_weights(path, s, weights.state_dict(), ABOUT)
+    path = (folder or user_weights()) / WEIGHTS.file_name(s)
+    WEIGHTS.save(path, s, weights.state_dict(), ABOUT)
     return path
 
 
@@ -82,7 +78,7 @@ def _own_folders(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture
 def no_packaged(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """An empty folder in place of the packaged weights."""
-    monkeypatch.setattr(surrogate_weights, "packaged_weights", lambda: tmp_path / "packaged")
+    monkeypatch.setattr(weight_files, "packaged_weights", lambda: tmp_path / "packaged")
     return tmp_path / "packaged"
 
 
@@ -118,6 +114,17 @@ def test_measurements_without_partner_reversed_or_repeated_follow_their_own() ->
     magnitudes = independent(replace(pattern, magnitudes=True))
     np.testing.assert_allclose(np.abs(frame)[magnitudes[0]][magnitudes[1]], np.abs(frame))
     assert (magnitudes[2] == 1).all()
+
+
+@pytest.mark.parametrize("make", [foam, disc])
+def test_averages_keep_the_signal_and_halve_the_noise(make: Callable[[], Sensor]) -> None:
+    s = make()
+    first, owner, _ = independent(s.pattern)
+    frame = forward_model(s).voltages(images(s, 1)[0].numpy())
+    np.testing.assert_allclose(frame @ averaging(s.pattern), frame[first], rtol=1e-9)
+    noise = np.random.default_rng(0).standard_normal((4000, s.n_measurements))
+    variance = np.var(noise @ averaging(s.pattern), axis=0)
+    np.testing.assert_allclose(variance, 1 / np.bincount(owner), rtol=0.12)
 
 
 @pytest.mark.parametrize("make", [foam, disc])
@@ -203,10 +210,10 @@ def test_truncated_altered_or_foreign_files_are_named(no_packaged: Path) -> None
     write_tensors(path, {"x": torch.zeros(2)}, {})
     with pytest.raises(InputError, match="for another sensor"):
         operator("surrogate", s)
-    save_weights(path, s, {"x": torch.zeros(2)}, ABOUT)
+    WEIGHTS.save(path, s, {"x": torch.zeros(2)}, ABOUT)
     with pytest.raises(DataCorruptError, match="does not hold the weights of a surrogate"):
         operator("surrogate", s)
-    save_weights(path, s, network(s).state_dict(), {})
+    WEIGHTS.save(path, s, network(s).state_dict(), {})
     with pytest.raises(DataCorruptError, match="does not hold the weights of a surrogate"):
         operator("surrogate", s)
     path.unlink()
@@ -219,12 +226,12 @@ def test_truncated_altered_or_foreign_files_are_named(no_packaged: Path) -> None
 
 def test_weights_of_another_sensor_or_version_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     s, other = foam(), foam((12, 12))
-    install(s, network(s)).rename(user_weights() / file_name(other))
+    install(s, network(s)).rename(user_weights() / WEIGHTS.file_name(other))
     with pytest.raises(InputError, match="weights for another sensor"):
         operator("surrogate", other)
     install(s, network(s))
-    monkeypatch.setattr(surrogate_weights, "NETWORK_VERSION", "99")
-    with pytest.raises(InputError, match="version 1 of the surrogate, and this is version 99"):
+    monkeypatch.setattr(surrogate, "WEIGHTS", WeightFiles("surrogate", "99"))
+    with pytest.raises(InputError, match="version 1 of 'surrogate', and this is version 99"):
         operator("surrogate", s)
 
 
@@ -255,10 +262,10 @@ def test_packaged_weights_are_far_better_than_the_jacobian() -> None:
     for image in sigma:
         centre, radius = rng.uniform(0.02, 0.08, 2), rng.uniform(0.008, 0.02)
         image[np.hypot(x - centre[0], y - centre[1]) < radius] = rng.uniform(0.1, 0.8)
-    surrogate = operator("surrogate", s)
-    assert isinstance(surrogate, Surrogate)
-    assert surrogate.train_s > 0
-    path = surrogate_weights.packaged_weights() / file_name(s)
+    learned = operator("surrogate", s)
+    assert isinstance(learned, Surrogate)
+    assert learned.train_s > 0
+    path = weight_files.packaged_weights() / WEIGHTS.file_name(s)
     assert path.stat().st_size < 10e6
     exact = forward_model(s).voltages(sigma)
     errors = {

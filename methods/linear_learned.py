@@ -1,0 +1,63 @@
+"""The best linear reconstruction that simulated data teach: what every network must beat."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eitbench.methods.method import Method
+from eitbench.methods.reciprocity import averaging
+from eitbench.methods.registry import register
+from eitbench.methods.ridge import ridge
+from eitbench.scenarios.errors import InputError
+
+if TYPE_CHECKING:
+    from eitbench.methods.problem import Problem
+    from eitbench.scenarios.datasets import Dataset
+
+Array = NDArray[np.float64]
+
+TRAINING, VALIDATION = 4000, 600
+"""Samples that are learned from: a hundred inputs are known well, and simulating them is quick."""
+
+
+@register("linear-learned")
+@dataclass
+class LinearLearned(Method):
+    """Ridge regression of images on voltages, over the training split; the baseline of learning."""
+
+    source: ClassVar[str] = "Hoerl and Kennard, Technometrics 12(1), 1970"
+
+    def fit(self, problem: Problem) -> None:
+        """Solve for the map; the validation split chooses its regularisation."""
+        self._problem = problem
+        self._averaging = averaging(problem.sensor.pattern)
+        train, validation = problem.training(TRAINING), problem.validation(VALIDATION)
+        inputs, seen = self._inputs(train.voltages), self._inputs(validation.voltages)
+        self._std = np.maximum(inputs.std(axis=0), 1e-6 * inputs.std(axis=0).max())
+        found = ridge(
+            inputs / self._std, self._images(train), seen / self._std, self._images(validation)
+        )
+        self._matrix = found.matrix.astype(np.float64)
+
+    def reconstruct(self, voltages: Array) -> Array:
+        """Absolute conductivity (n, H, W) [S/m] from frames (n, M), within the sensor's range."""
+        problem = self._problem
+        contrast = self._inputs(voltages) / self._std @ self._matrix
+        low, high = problem.sensor.conductivity_range
+        images = np.full((len(contrast), *problem.mask.shape), problem.background)
+        images[:, problem.mask] *= np.clip(1 + contrast, low, high)
+        return images
+
+    def _inputs(self, voltages: Array) -> Array:
+        return np.asarray(self._problem.difference(voltages) @ self._averaging)
+
+    def _images(self, data: Dataset) -> NDArray[np.float32]:
+        """Relative contrasts (n, P) of the pixels inside the sensor."""
+        if data.conductivity is None:
+            raise InputError(f"Scenario {data.scenario!r} knows no conductivity to learn from.")
+        inside = data.conductivity[:, self._problem.mask] / self._problem.background - 1
+        return inside.astype(np.float32)

@@ -1,0 +1,1 @@
+"""Networks from voltages to images: what they share, and the backbones to choose from."""

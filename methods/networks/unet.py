@@ -1,0 +1,88 @@
+"""A U-Net on patches of an image: encoder, decoder and skips on grids that processors like."""
+
+from __future__ import annotations
+
+import itertools
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from eitbench.methods.networks.backbone import Backbone
+
+PATCH = 4
+"""Side [pixels] of the patches that are the finest grid's cells."""
+
+CHANNELS = (64, 128, 128)
+"""Channels of the maps, each of half the side of the one before."""
+
+LATENT = 6
+"""Channels that come from the voltages directly, not by way of the linear image."""
+
+HIDDEN = 192
+"""Width of the layer between the voltages and these channels."""
+
+
+class UNet(Backbone):
+    """Patches of the linear image beside a map that the voltages make, through a U-Net and back.
+
+    Many channels on a coarse grid cost far less time than few on the image's own.
+    """
+
+    def __init__(self, n_inputs: int, image_shape: tuple[int, int]) -> None:
+        super().__init__(n_inputs, image_shape)
+        whole = PATCH * 2 ** (len(CHANNELS) - 1)
+        height, width = (size + -size % whole for size in image_shape)
+        self.missing = (0, width - image_shape[1], 0, height - image_shape[0])
+        self.grid = (height // PATCH, width // PATCH)
+        self.latent = nn.Sequential(
+            nn.Linear(n_inputs, HIDDEN),
+            nn.GELU(),
+            nn.Linear(HIDDEN, LATENT * self.grid[0] * self.grid[1]),
+        )
+        self.enter = nn.Conv2d(PATCH**2 + LATENT, CHANNELS[0], 3, padding=1)
+        steps = list(itertools.pairwise(CHANNELS))
+        self.encoder = nn.ModuleList(Block(channels) for channels in CHANNELS)
+        self.down = nn.ModuleList(nn.Conv2d(a, b, 2, stride=2) for a, b in steps)
+        self.up = nn.ModuleList(nn.ConvTranspose2d(b, a, 2, stride=2) for a, b in steps)
+        self.merge = nn.ModuleList(nn.Conv2d(2 * a, a, 1) for a, _ in steps)
+        self.decoder = nn.ModuleList(Block(a) for a, _ in steps)
+        self.leave = nn.Conv2d(CHANNELS[0], PATCH**2, 3, padding=1)
+        nn.init.zeros_(self.leave.weight)
+        assert self.leave.bias is not None
+        nn.init.zeros_(self.leave.bias)
+
+    def correction(self, inputs: Tensor, image: Tensor) -> Tensor:
+        """See `Backbone`."""
+        with torch.autocast(inputs.device.type, enabled=False):
+            latent = self.latent(inputs).view(len(inputs), LATENT, *self.grid)
+        whole = functional.pad(image[:, None], self.missing)
+        z = self.enter(torch.cat([functional.pixel_unshuffle(whole, PATCH), latent], dim=1))
+        skips = []
+        for block, down in itertools.zip_longest(self.encoder, self.down):
+            z = block(z)
+            if down is not None:
+                skips.append(z)
+                z = down(z)
+        for up, merge, block in reversed(list(zip(self.up, self.merge, self.decoder, strict=True))):
+            z = block(merge(torch.cat([up(z), skips.pop()], dim=1)))
+        change = functional.pixel_shuffle(self.leave(functional.gelu(z)), PATCH)[:, 0]
+        return change[:, : self.image_shape[0], : self.image_shape[1]]
+
+
+class Block(nn.Module):
+    """A residual block of two 3 x 3 convolutions, near the identity at first.
+
+    There is no normalisation: how strong a contrast is must not be divided away.
+    """
+
+    def __init__(self, channels: int) -> None:
+        super().__init__()
+        self.first = nn.Conv2d(channels, channels, 3, padding=1)
+        self.second = nn.Conv2d(channels, channels, 3, padding=1)
+        nn.init.zeros_(self.second.weight)
+
+    def forward(self, x: Tensor) -> Tensor:
+        """(n, C, h, w) to the same."""
+        change: Tensor = self.second(functional.gelu(self.first(functional.gelu(x))))
+        return x + change

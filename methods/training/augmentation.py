@@ -1,0 +1,61 @@
+"""More training frames than were simulated: noise drawn anew, symmetries, untouched frames."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import torch
+from torch import Tensor
+
+from eitbench.scenarios.noise import MIXTURE_SHARE, MIXTURE_SNR_DB
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from eitbench.methods.training.symmetry import Symmetry
+    from eitbench.scenarios.noise import Noise
+
+UNTOUCHED = 1 / 64
+"""Share of the training frames that are untouched: most frames of a skin in use are."""
+
+
+@dataclass(frozen=True)
+class Augmentation:
+    """What a batch of simulated samples is turned into, differently each time.
+
+    Attributes:
+        noise: that the scenario declares for its training split. It is drawn anew each time, so
+            that no frame's noise can be learned by heart.
+        motions: the sensor's symmetries.
+    """
+
+    noise: Noise
+    motions: Sequence[Symmetry]
+
+    def __call__(
+        self, difference: Tensor, rms: Tensor, images: Tensor
+    ) -> tuple[Tensor, Tensor, Symmetry]:
+        """Measured differences (n, M), images (n, H, W), and the symmetry that moved both.
+
+        Args:
+            difference: clean frames minus the reference (n, M) [V/A].
+            rms: of the clean frames (n,) [V/A], which noise is relative to.
+            images: conductivity over background (n, H, W).
+        """
+        untouched = torch.rand(len(images), device=images.device) < UNTOUCHED
+        difference = torch.where(untouched[:, None], 0.0, difference)
+        images = torch.where(untouched[:, None, None], 1.0, images)
+        noisy = difference + (rms * self._level(rms))[:, None] * torch.randn_like(difference)
+        motion = self.motions[int(torch.randint(len(self.motions), ()))]
+        return motion.voltages(noisy), motion.images(images), motion
+
+    def _level(self, rms: Tensor) -> Tensor:
+        """Standard deviation of the noise (n,), relative to each frame's rms."""
+        if self.noise == "clean":
+            return torch.zeros_like(rms)
+        if self.noise != "mixture":
+            return torch.full_like(rms, 10 ** (-self.noise / 20))
+        low, high = MIXTURE_SNR_DB
+        level = 10 ** (-(low + (high - low) * torch.rand_like(rms)) / 20)
+        return torch.where(torch.rand_like(rms) < MIXTURE_SHARE, level, 0.0)
