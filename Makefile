@@ -20,7 +20,7 @@ slow: $(STAMPS)/test  ## the long tests, too
 
 bench: $(STAMPS)/bench  ## speed, measured beside rivals in one run (docs/speed.md)
 	@mkdir -p .benchmarks
-	$(BIN)/pytest tests/benchmarks --benchmark-only -o addopts="--import-mode=importlib" --benchmark-columns=median,iqr,rounds --benchmark-sort=name --benchmark-json=.benchmarks/last.json
+	$(BIN)/pytest tests/benchmarks -o addopts="--import-mode=importlib" --benchmark-columns=median,iqr,rounds --benchmark-sort=name --benchmark-json=.benchmarks/last.json
 	$(BIN)/python tests/benchmarks/ratios.py .benchmarks/last.json
 
 lint: $(STAMPS)/lint  ## ruff

@@ -82,6 +82,10 @@ class OperatorData(CellData):
             Standard.of(validation),
         )
 
+    def weights(self, name: str) -> str:
+        """See `CellData.weights`."""
+        return operators()[name].weights_hash(self.test.sensor)
+
     def subject(self, plan: CellPlan, store: RunStore) -> "OperatorSubject":
         """The operator of the cell."""
         return OperatorSubject(plan, store, self)

@@ -146,6 +146,12 @@ def _load_again(
                 f"{run} cannot be resumed: the data of scenario {name!r} have changed since it "
                 "was started. Start a new run."
             )
+    for entry in manifest["cells"]:
+        if data[entry["scenario"]].weights(entry["name"]) != entry["weights"]:
+            raise InputError(
+                f"{run} cannot be resumed: the weights of {entry['name']!r} have changed since it "
+                "was started. Start a new run."
+            )
     return data
 
 
@@ -227,6 +233,7 @@ def _chosen(data: CellData, name: str) -> Manifest:
         "name": name,
         "track": "default" if parameters is None else "tuned",
         "parameters": dict(parameters or {}),
+        "weights": data.weights(name),
     }
 
 

@@ -150,6 +150,10 @@ class CellData(ABC):
         """What has to run before the cells of the scenario, if anything; `plan` is one of them."""
         return None
 
+    def weights(self, name: str) -> str:
+        """SHA-256 (hex) of the trained weights that `name` would load; "" where there are none."""
+        return ""
+
     def parameters(self, name: str) -> dict[str, Any] | None:
         """Parameters chosen for the method or operator `name`; None where there are none."""
         return None

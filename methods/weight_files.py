@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
@@ -87,6 +88,14 @@ class WeightFiles:
             f"{sensor.n_measurements} measurements on {height} x {width} pixels: train them with "
             f"`{self.command}`, where SUITE simulates this sensor."
         )
+
+    def content_hash(self, sensor: Sensor) -> str:
+        """SHA-256 (hex) of the file that `load` takes for `sensor`; "" if there is none."""
+        name = self.file_name(sensor)
+        for folder in (user_weights(), packaged_weights()):
+            if (folder / name).is_file():
+                return hashlib.sha256((folder / name).read_bytes()).hexdigest()
+        return ""
 
     def _read(self, path: Path, sensor: Sensor) -> Weights | None:
         try:

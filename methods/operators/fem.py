@@ -1,17 +1,19 @@
 """The exact forward operator."""
 
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NoReturn
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
-from torch.autograd.function import once_differentiable
 
 from eitbench.methods.operators.operator import Operator
 from eitbench.methods.registry import register_operator
+from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.physics.forward import ForwardModel, forward_model
 from eitbench.scenarios.sensors import Sensor
+
+Array = NDArray[np.float64]
 
 
 @register_operator("fem")
@@ -44,14 +46,29 @@ class _Voltages(torch.autograd.Function):
     def forward(ctx: Any, sigma: Tensor, model: ForwardModel) -> Tensor:
         voltages, ctx.fields = model.voltages_and_fields(_double(sigma))
         ctx.model = model
+        ctx.save_for_backward(sigma)
         return torch.from_numpy(voltages).to(sigma)
 
     @staticmethod
-    @once_differentiable
     def backward(ctx: Any, cotangent: Tensor) -> tuple[Tensor, None]:
-        gradient = ctx.model.pullback(ctx.fields, _double(cotangent))
-        return torch.from_numpy(gradient).to(cotangent), None
+        (sigma,) = ctx.saved_tensors
+        gradient: Tensor = _Gradient.apply(sigma, cotangent, ctx.fields, ctx.model)  # type: ignore[no-untyped-call]
+        return gradient, None
 
 
-def _double(tensor: Tensor) -> NDArray[np.float64]:
+class _Gradient(torch.autograd.Function):
+    """J(sigma)^T cotangent, in the graph so that a second derivative is refused, not forgotten."""
+
+    @staticmethod
+    def forward(
+        ctx: Any, sigma: Tensor, cotangent: Tensor, fields: Array, model: ForwardModel
+    ) -> Tensor:
+        return torch.from_numpy(model.pullback(fields, _double(cotangent))).to(cotangent)
+
+    @staticmethod
+    def backward(ctx: Any, *cotangents: Tensor) -> NoReturn:
+        raise InputError("The operator 'fem' can be differentiated once, not twice.")
+
+
+def _double(tensor: Tensor) -> Array:
     return tensor.detach().to("cpu", torch.float64).numpy()

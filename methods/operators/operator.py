@@ -48,6 +48,11 @@ class Operator(ABC):
     def __init__(self, sensor: Sensor) -> None:
         self.sensor = sensor
 
+    @classmethod
+    def weights_hash(cls, sensor: Sensor) -> str:
+        """SHA-256 (hex) of the file of weights that it loads for `sensor`; "" if there is none."""
+        return ""
+
     @abstractmethod
     def tensor_voltages(self, sigma: Tensor) -> Tensor:
         """Voltages (n, M) [V/A] of checked `sigma` (n, H, W) [S/m]; autograd differentiates it.
@@ -60,20 +65,25 @@ class Operator(ABC):
 
         Raises:
             InputError: a wrong image shape, a pixel inside the sensor that is not finite and
-                positive, or numbers that are neither float32 nor float64. Inside `jax.jit`, values
+                positive, numbers that are neither float32 nor float64, or an operator that returns
+                another shape than it must. Inside `jax.jit`, values
                 are looked at when the compiled function runs: JAX then raises an error of its own
                 that quotes this one.
         """
         if _is_jax(sigma):
-            self._check_form(sigma)
+            self._check_jax(sigma)
             return cast("Kind", self._jax_functions[0](sigma))
         tensor, back = self._as_tensor(sigma)
         self._check_form(tensor)
         images = self._checked_images(tensor)
-        frames = self.tensor_voltages(images).reshape(
-            *tensor.shape[:-2], self.sensor.n_measurements
-        )
-        return cast("Kind", back(frames))
+        frames = self.tensor_voltages(images)
+        expected = (len(images), self.sensor.n_measurements)
+        if frames.shape != expected:
+            raise InputError(
+                f"{type(self).__name__}.tensor_voltages must return shape {expected} for "
+                f"{len(images)} images, not {tuple(frames.shape)}."
+            )
+        return cast("Kind", back(frames.to(images).reshape(*tensor.shape[:-2], expected[1])))
 
     def vjp(self, sigma: Kind, cotangent: Kind) -> Kind:
         """J(sigma)^T `cotangent`, (..., H, W), for `cotangent` (..., M); 0 outside the sensor.
@@ -91,8 +101,10 @@ class Operator(ABC):
                 f"The cotangent of conductivities {given} has shape "
                 f"{(*given[:-2], self.sensor.n_measurements)}, got {weights_shape}."
             )
+        if str(getattr(cotangent, "dtype", "float64")).removeprefix("torch.") not in PRECISIONS:
+            raise InputError("A cotangent is an array of float32 or float64.")
         if _is_jax(sigma):
-            self._check_form(sigma)
+            self._check_jax(sigma)
             return cast("Kind", self._jax_functions[1](sigma, cotangent))
         tensor, back = self._as_tensor(sigma)
         self._check_form(tensor)
@@ -126,6 +138,14 @@ class Operator(ABC):
         precision = str(sigma.dtype).removeprefix("torch.")
         if precision not in PRECISIONS:
             raise _wrong_precision(precision)
+
+    def _check_jax(self, sigma: Any) -> None:
+        """Refuse what can be seen to be wrong: under `jax.jit`, the values cannot be seen yet."""
+        import jax
+
+        self._check_form(sigma)
+        if not isinstance(sigma, jax.core.Tracer):
+            self._checked_images(self._as_tensor(sigma)[0])
 
     def _checked_images(self, sigma: Tensor) -> Tensor:
         """`sigma` as (n, H, W), with the background outside the sensor."""

@@ -54,6 +54,11 @@ class Surrogate(Operator):
         self._network.requires_grad_(requires_grad=False)
         self._copies: dict[tuple[torch.dtype, torch.device], SurrogateNetwork] = {}
 
+    @classmethod
+    def weights_hash(cls, sensor: Sensor) -> str:
+        """SHA-256 (hex) of the file of weights that it loads for `sensor`; "" if there is none."""
+        return WEIGHTS.content_hash(sensor)
+
     def tensor_voltages(self, sigma: Tensor) -> Tensor:
         """The network's voltages: (n, H, W) to (n, M), in the precision and place of `sigma`."""
         key = (sigma.dtype, sigma.device)

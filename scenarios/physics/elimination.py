@@ -118,17 +118,47 @@ def solve(
         schur = _condense(sigma[sample], parts, factors, work, stack, panel, scaled)
         if len(schur) == 0:
             return sample
+        scale = 0.0
         for a in range(n_electrodes):
             schur[a, a] += conductance[a]
-        # S has the constants as its kernel; adding them makes it regular and keeps sum(U) = 0.
-        inverse = np.linalg.inv(schur + 1.0 / n_electrodes)
-        resistance[sample] = (inverse + inverse.T) / 2
+            scale += schur[a, a] / n_electrodes**2
+        # S has the constants as its kernel; adding them makes it regular, and adds a constant to
+        # every column of R, which no voltage sees.
+        if not _invert(schur + scale, resistance[sample]):
+            return sample
         if len(fields) > 0:
             potentials = fields[sample]
             potentials[parts.n_nodes :] = resistance[sample]
             for part in range(len(parts.size) - 1, -1, -1):
                 _back_substitute(part, factors, parts, potentials, front)
     return -1
+
+
+@_compiled
+def _invert(matrix: Array, inverse: Array) -> bool:
+    """Gauss-Jordan elimination of a positive definite `matrix`, in place; False if it is not.
+
+    As small as it is, a library would take longer to call, and might start threads.
+    """
+    n = len(matrix)
+    inverse[:] = 0.0
+    for k in range(n):
+        inverse[k, k] = 1.0
+    for k in range(n):
+        pivot = matrix[k, k]
+        if not pivot > 0.0:
+            return False
+        matrix[k] /= pivot
+        inverse[k] /= pivot
+        for r in range(n):
+            if r != k:
+                factor = matrix[r, k]
+                matrix[r] -= factor * matrix[k]
+                inverse[r] -= factor * inverse[k]
+    for a in range(n):
+        for b in range(a):
+            inverse[a, b] = inverse[b, a] = (inverse[a, b] + inverse[b, a]) / 2
+    return True
 
 
 @_compiled
@@ -235,6 +265,18 @@ def _back_substitute(
 
 
 @_compiled
+def _times(y: Array, weights: Array, z: Array) -> None:
+    """z = y @ weights for y (n, E) and weights (E, E), without a library's threads."""
+    for r in range(len(y)):
+        row, out = y[r], z[r]
+        out[:] = 0.0
+        for c in range(len(row)):
+            factor, of = row[c], weights[c]
+            for d in range(len(out)):
+                out[d] += factor * of[d]
+
+
+@_compiled
 def element_gradients(
     fields: Array, weights: Array, corners: Place, couplings: Array, gradient: Array
 ) -> None:
@@ -250,9 +292,10 @@ def element_gradients(
         couplings: (k, 6) K_ij of the pairs of corners 01, 02, 03, 12, 13, 23.
         gradient: (n, k) receives the result.
     """
+    z = np.empty(fields.shape[1:])
     for sample in range(len(fields)):
         y = fields[sample]
-        z = np.dot(y, weights[sample])
+        _times(y, weights[sample], z)
         for k in range(len(corners)):
             at, of = corners[k], couplings[k]
             y0, y1, y2, y3 = y[at[0]], y[at[1]], y[at[2]], y[at[3]]

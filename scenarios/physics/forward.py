@@ -28,7 +28,6 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from threadpoolctl import ThreadpoolController
 
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.physics.dissection import dissect
@@ -56,7 +55,6 @@ class ForwardModel:
         self._conductance = terms.conductance
         self._parts = dissect(self.mesh, local, terms)
         self._corners, self._couplings = couplings(self.mesh, local)
-        self._threads = ThreadpoolController()
 
     @property
     def mesh_hash(self) -> str:
@@ -109,8 +107,7 @@ class ForwardModel:
         # dL = <g, dV> = <G, dR>.
         g = (weights @ self._differences).reshape(resistance.shape)
         gradient = np.empty((len(weights), self.n_elements))
-        with self._threads.limit(limits=1, user_api="blas"):
-            element_gradients(fields, g, self._corners, self._couplings, gradient)
+        element_gradients(fields, g, self._corners, self._couplings, gradient)
         return self._per_pixel(gradient).reshape(-1, *self.sensor.image_shape)
 
     def jacobian(self, sigma: ArrayLike) -> Array:
@@ -188,13 +185,11 @@ class ForwardModel:
         kept = np.empty(
             (len(images) if fields else 0, len(self.mesh.nodes) + electrodes, electrodes)
         )
-        # Systems this small are slower on several threads, and differ in the last bit.
-        with self._threads.limit(limits=1, user_api="blas"):
-            failed = solve(sigma, self._parts, self._conductance, resistance, kept)
+        failed = solve(sigma, self._parts, self._conductance, resistance, kept)
         if failed >= 0:
             raise InputError(
-                f"The conductivity of image {failed} is too uneven to solve: raise its smallest "
-                "pixels."
+                f"The conductivity of image {failed} cannot be solved in double precision: its "
+                "pixels, and the electrodes' contact, are too many orders of magnitude apart."
             )
         return resistance, kept
 

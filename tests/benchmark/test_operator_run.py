@@ -234,6 +234,10 @@ def test_a_terminated_run_resumes_to_the_same_figures(
         with pytest.raises(RunInterruptedError):
             resume_run(cut)
     assert set(saved) == {"truth", "fem"}
+    with monkeypatch.context() as patch:
+        patch.setattr(operators()["fem"], "weights_hash", lambda sensor: "others")
+        with pytest.raises(InputError, match="weights of 'fem' have changed"):
+            resume_run(cut)
     assert resume_run(cut).path == cut
     for table in ("samples.parquet", "operators.parquet"):
         resumed, whole = (pd.read_parquet(path / table) for path in (cut, run))

@@ -3,6 +3,7 @@
 import subprocess
 import sys
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import Any
 
@@ -12,6 +13,7 @@ import numpy as np
 import pytest
 import torch
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_info
 from torch import Tensor
 
 from eitbench.methods import Operator, operator, operators, register_operator
@@ -245,6 +247,8 @@ def test_bad_conductivity(name: str, value: float) -> None:
     for given in (sigma, torch.from_numpy(sigma)):
         with pytest.raises(InputError, match="finite and above 0"):
             f.voltages(given)
+    with pytest.raises(InputError, match="finite and above 0"):
+        f.voltages(jnp.asarray(sigma, dtype=jnp.float32))
     with pytest.raises(Exception, match="finite and above 0"):
         np.asarray(jax.jit(f.voltages)(jnp.asarray(sigma, dtype=jnp.float32)))
 
@@ -286,8 +290,57 @@ def test_conductivity_too_uneven_to_solve() -> None:
     s = square()
     sigma = np.full((2, 12, 12), 1e-300)
     sigma[0], sigma[1, :6] = 1.0, 1e300
-    with pytest.raises(InputError, match="image 1 is too uneven"):
+    with pytest.raises(InputError, match="image 1 cannot be solved"):
         operator("fem", s).voltages(sigma)
+
+
+@pytest.mark.parametrize("factor", [1e-14, 1e-6, 1e6, 1e14])
+def test_accuracy_does_not_depend_on_units(factor: float) -> None:
+    """V(c sigma) = V(sigma) / c where contact impedances are divided by c."""
+    s = square()
+    contacts = tuple(
+        replace(e, contact_impedance=e.contact_impedance / factor) for e in s.electrodes
+    )
+    scaled = replace(s, electrodes=contacts, background=s.background * factor)
+    sigma, g = rough(s, 2), np.ones((2, s.n_measurements))
+    f, f_scaled = operator("fem", s), operator("fem", scaled)
+    np.testing.assert_allclose(
+        f_scaled.voltages(factor * sigma) * factor, f.voltages(sigma), rtol=1e-10
+    )
+    gradient = f_scaled.vjp(factor * sigma, g) * factor**2
+    assert np.abs(gradient - f.vjp(sigma, g)).max() < 1e-10 * np.abs(gradient).max()
+
+
+def test_second_derivatives_are_refused_not_forgotten() -> None:
+    s = square()
+    sigma = torch.from_numpy(rough(s, 1)).requires_grad_()
+    loss = operator("fem", s).voltages(sigma).square().sum()
+    (gradient,) = torch.autograd.grad(loss, sigma, create_graph=True)
+    with pytest.raises(InputError, match="once, not twice"):
+        torch.autograd.grad(gradient.square().sum() + sigma.sum(), sigma)
+
+
+def test_threads_of_other_libraries_are_left_alone() -> None:
+    s = square()
+    f, sigma = operator("fem", s), rough(s, 8)
+    expected, before = f.vjp(sigma, f.voltages(sigma)), threadpool_info()
+    with ThreadPoolExecutor(4) as pool:
+        found = list(pool.map(lambda _: f.vjp(sigma, f.voltages(sigma)), range(8)))
+    for gradient in found:
+        np.testing.assert_array_equal(gradient, expected)
+    assert threadpool_info() == before
+
+
+def test_an_operator_of_the_wrong_shape_is_refused() -> None:
+    class Transposed(Operator):
+        def tensor_voltages(self, sigma: Tensor) -> Tensor:
+            return sigma.new_ones(self.sensor.n_measurements, len(sigma))
+
+    s = square()
+    with pytest.raises(
+        InputError, match=r"must return shape \(2, 40\) for 2 images, not \(40, 2\)"
+    ):
+        Transposed(s).voltages(rough(s, 2))
 
 
 def test_registry() -> None:

@@ -97,8 +97,11 @@ class Single(Linear):
 class Double(Linear):
     """Returns float64 whatever comes in."""
 
-    def tensor_voltages(self, sigma: Tensor) -> Tensor:
-        return super().tensor_voltages(sigma).double()
+    def voltages(self, sigma: Any) -> Any:
+        values = super().voltages(sigma)
+        if isinstance(values, Tensor):
+            return values.double()
+        return values.astype(np.float64) if isinstance(values, np.ndarray) else values
 
 
 @register_operator("operator-scaled")
