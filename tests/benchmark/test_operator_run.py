@@ -24,7 +24,7 @@ from eitbench.benchmark.runner import (
     start_run,
 )
 from eitbench.benchmark.store import RunStore
-from eitbench.methods import operator
+from eitbench.methods import operator, operators
 from eitbench.scenarios.datasets import load
 from eitbench.scenarios.errors import EitbenchError, InputError
 from eitbench.scenarios.scenario import RecordedScenario, SimulatedScenario
