@@ -162,6 +162,17 @@ def read_run(path: Path) -> Run:
     )
 
 
+def failures(run: Run) -> list[str]:
+    """One sentence for each method or operator that failed on a scenario, with its first reason."""
+    subject = run.kind.name
+    failed = run.samples[run.samples["status"] != "ok"]
+    return [
+        f"{name!r} on {scenario!r}: {len(rows)} samples failed, the first ({rows.iloc[0]['status']}"
+        f"): {' '.join(str(rows.iloc[0]['message']).split())}"
+        for (scenario, name), rows in failed.groupby(["scenario", subject], sort=False)
+    ]
+
+
 def _read_json(path: Path) -> dict[str, Any]:
     try:
         content = json.loads(path.read_text(encoding="utf-8"))

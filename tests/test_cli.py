@@ -307,6 +307,7 @@ def test_a_run_prints_its_leaderboard_and_where_everything_is(
     assert code == 0
     assert "noser" in out
     assert str(out_folder) in out
+    assert "'toy-raises' on 'tiny': 5 samples failed, the first (error): " in out
     assert ".png" in out
     assert "[2/2]" in err
     for name in ("leaderboard.json", "leaderboard.csv", "leaderboard.md", "samples.parquet"):

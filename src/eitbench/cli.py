@@ -184,6 +184,7 @@ def _plan(
 def _show_run(result: "RunResult", as_json: bool, limit: int | None) -> None:
     from eitbench.benchmark import manifest
     from eitbench.benchmark.recorded import write_notes
+    from eitbench.benchmark.results import failures, read_run
     from eitbench.reports.figures import write_figures
     from eitbench.reports.leaderboard import leaderboard, table, write_leaderboard
 
@@ -206,7 +207,7 @@ def _show_run(result: "RunResult", as_json: bool, limit: int | None) -> None:
         )
         return
     _print_renderable(table(rows, _width()))
-    for sentence in (*result.skipped, *result.refused):
+    for sentence in (*result.skipped, *result.refused, *failures(read_run(result.path))):
         typer.echo(sentence)
     typer.echo(f"Run: {result.path}")
     for path in figures:
