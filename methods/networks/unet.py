@@ -13,10 +13,10 @@ from eitbench.methods.networks.backbone import Backbone
 PATCH = 4
 """Side [pixels] of the patches that are the finest grid's cells."""
 
-CHANNELS = (64, 128, 128)
+CHANNELS = (32, 80, 160)
 """Channels of the maps, each of half the side of the one before."""
 
-LATENT = 6
+LATENT = 10
 """Channels that come from the voltages directly, not by way of the linear image."""
 
 HIDDEN = 192
