@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
@@ -12,20 +13,25 @@ from numpy.typing import NDArray
 from eitbench.methods.method import Method
 from eitbench.methods.registry import register
 from eitbench.methods.weight_files import WeightFiles
-from eitbench.scenarios.errors import DataCorruptError
+from eitbench.scenarios.errors import DataCorruptError, InputError
 
 if TYPE_CHECKING:  # torch takes a second to import, and listing methods does not need it
+    from collections.abc import Mapping
+
+    from torch import Tensor
+
     from eitbench.methods.problem import Problem
 
 Array = NDArray[np.float64]
+Images = NDArray[np.float32]
 
 BATCH = 64
-"""Frames that go through the network at once: more would only take more memory."""
+"""Frames that go through a network at once: more would only take more memory."""
 
 
 @dataclass
 class Learned(Method):
-    """Base of the methods whose network `eitbench train` trains.
+    """Base of the methods whose networks `eitbench train` trains.
 
     Attributes:
         weights: a file of weights to use; by default those for the sensor, the user's own or those
@@ -38,50 +44,85 @@ class Learned(Method):
     weights: str = ""
 
     def fit(self, problem: Problem) -> None:
-        """Load the network's weights.
+        """Load the weights.
 
         Raises:
             InputError: there are none for the sensor.
             DataCorruptError: they are damaged.
         """
-        from eitbench.methods.networks.image_network import ImageNetwork
-
         self._problem = problem
         own = Path(self.weights) if self.weights else None
         path, tensors, about = self.files.load(problem.sensor, own)
         try:
-            self._network = ImageNetwork(problem.sensor, about["backbone"])
-            self._network.load_state_dict(tensors)
             self.train_s = float(about["train_s"])
+            self.prepare(problem, tensors, about)
+        except InputError:
+            raise
         except (RuntimeError, KeyError, ValueError) as error:
             raise DataCorruptError(
                 f"{path} does not hold the weights of {self.files.name!r}."
             ) from error
-        self._network.eval().requires_grad_(requires_grad=False)
 
     def reconstruct(self, voltages: Array) -> Array:
         """Absolute conductivity (n, H, W) [S/m] from frames (n, M), within the sensor's range."""
+        difference = self._problem.difference(voltages)
+        low, high = self._problem.sensor.conductivity_range
+        images = np.empty((len(difference), *self._problem.mask.shape))
+        for first in range(0, len(difference), BATCH):
+            part = slice(first, first + BATCH)
+            images[part] = self.relative(difference[part]).clip(low, high)
+        return images * self._problem.background
+
+    @abstractmethod
+    def prepare(
+        self, problem: Problem, tensors: Mapping[str, Tensor], about: Mapping[str, str]
+    ) -> None:
+        """Make the networks of a problem and give them the weights `tensors` of a file.
+
+        Raises:
+            RuntimeError, KeyError, ValueError: they do not fit.
+        """
+
+    @abstractmethod
+    def relative(self, difference: Array) -> Images:
+        """Conductivity over background (n, H, W) from differences to the reference (n, M) [V/A]."""
+
+
+@dataclass
+class OneNetwork(Learned):
+    """Base of the methods that are one network from voltages to conductivity."""
+
+    source: ClassVar[str] = "Physics-Driven Learning Framework for Tomographic Tactile Sensing"
+
+    def prepare(
+        self, problem: Problem, tensors: Mapping[str, Tensor], about: Mapping[str, str]
+    ) -> None:
+        """See `Learned`."""
+        from eitbench.methods.networks.image_network import ImageNetwork
+
+        self._network = ImageNetwork(problem.sensor, about["backbone"])
+        self._network.load_state_dict(tensors)
+        self._network.eval().requires_grad_(requires_grad=False)
+
+    def relative(self, difference: Array) -> Images:
+        """See `Learned`."""
         import torch
 
-        difference = torch.from_numpy(self._problem.difference(voltages)).float()
-        relative = torch.cat([self._network(part) for part in torch.split(difference, BATCH)])
-        low, high = self._problem.sensor.conductivity_range
-        return relative.clamp(low, high).double().numpy() * self._problem.background
+        images: Images = self._network(torch.from_numpy(difference).float()).numpy()
+        return images
 
 
 @register("dnn")
 @dataclass
-class Dnn(Learned):
+class Dnn(OneNetwork):
     """A U-Net from voltages to conductivity, trained on simulated touches (DNN)."""
 
-    source: ClassVar[str] = "Physics-Driven Learning Framework for Tomographic Tactile Sensing"
     files: ClassVar = WeightFiles("dnn", version="1")
 
 
 @register("phydnn")
 @dataclass
-class PhyDnn(Learned):
+class PhyDnn(OneNetwork):
     """The U-Net of `dnn`, trained to explain the measured voltages too (PhyDNN)."""
 
-    source: ClassVar[str] = "Physics-Driven Learning Framework for Tomographic Tactile Sensing"
     files: ClassVar = WeightFiles("phydnn", version="1")

@@ -29,8 +29,10 @@ class OneStep(Method):
 
     def fit(self, problem: Problem) -> None:
         """Compute the reconstruction matrix."""
+        self._problem = problem
         self._linearisation = Linearisation(problem, self.variable, self.row_exponent)
-        self._matrix = np.ascontiguousarray(self.matrix(self._linearisation.jacobian, problem).T)
+        matrix = self.matrix(self._linearisation.jacobian, problem)
+        self._matrix = self._linearisation.weighted(np.ascontiguousarray(matrix.T))
 
     @abstractmethod
     def matrix(self, jacobian: Array, problem: Problem) -> Array:
@@ -38,7 +40,11 @@ class OneStep(Method):
 
     def reconstruct(self, voltages: Array) -> Array:
         """Absolute conductivity (n, H, W) [S/m] from frames (n, M)."""
-        return self._linearisation.images(self._linearisation.data(voltages) @ self._matrix)
+        return self.of_difference(self._problem.difference(voltages))
+
+    def of_difference(self, difference: Array) -> Array:
+        """Absolute conductivity (n, H, W) [S/m] from differences to the reference (n, M) [V/A]."""
+        return self._linearisation.images(difference @ self._matrix)
 
 
 def regularised_inverse(jacobian: Array, prior_times_transpose: Array, weight: float) -> Array:

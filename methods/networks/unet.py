@@ -24,23 +24,47 @@ HIDDEN = 192
 
 
 class UNet(Backbone):
-    """Patches of the linear image beside a map that the voltages make, through a U-Net and back.
-
-    Many channels on a coarse grid cost far less time than few on the image's own.
-    """
+    """Corrects the linear image by what the image and the voltages themselves say."""
 
     def __init__(self, n_inputs: int, image_shape: tuple[int, int]) -> None:
         super().__init__(n_inputs, image_shape)
-        whole = PATCH * 2 ** (len(CHANNELS) - 1)
-        height, width = (size + -size % whole for size in image_shape)
-        self.missing = (0, width - image_shape[1], 0, height - image_shape[0])
-        self.grid = (height // PATCH, width // PATCH)
+        grid = coarse_grid(image_shape)
         self.latent = nn.Sequential(
             nn.Linear(n_inputs, HIDDEN),
             nn.GELU(),
-            nn.Linear(HIDDEN, LATENT * self.grid[0] * self.grid[1]),
+            nn.Linear(HIDDEN, LATENT * grid[0] * grid[1]),
+            nn.Unflatten(1, (LATENT, *grid)),
         )
-        self.enter = nn.Conv2d(PATCH**2 + LATENT, CHANNELS[0], 3, padding=1)
+        self.unet = PatchUNet(1, LATENT, image_shape)
+
+    def correction(self, inputs: Tensor, image: Tensor) -> Tensor:
+        """See `Backbone`."""
+        with torch.autocast(inputs.device.type, enabled=False):
+            latent = self.latent(inputs)
+        change: Tensor = self.unet(image[:, None], latent)
+        return change
+
+
+def coarse_grid(image_shape: tuple[int, int]) -> tuple[int, int]:
+    """Cells (h, w) of the finest grid that `PatchUNet` works on, for images (H, W)."""
+    whole = PATCH * 2 ** (len(CHANNELS) - 1)
+    height, width = (-(-size // whole) * whole for size in image_shape)
+    return height // PATCH, width // PATCH
+
+
+class PatchUNet(nn.Module):
+    """A change (n, H, W), zero at first, from `count` images and `maps` maps on the coarse grid.
+
+    The images are cut into patches. Many channels on a coarse grid cost far less time than few on
+    the image's own.
+    """
+
+    def __init__(self, count: int, maps: int, image_shape: tuple[int, int]) -> None:
+        super().__init__()
+        self.image_shape = image_shape
+        height, width = (PATCH * size for size in coarse_grid(image_shape))
+        self.missing = (0, width - image_shape[1], 0, height - image_shape[0])
+        self.enter = nn.Conv2d(count * PATCH**2 + maps, CHANNELS[0], 3, padding=1)
         steps = list(itertools.pairwise(CHANNELS))
         self.encoder = nn.ModuleList(Block(channels) for channels in CHANNELS)
         self.down = nn.ModuleList(nn.Conv2d(a, b, 2, stride=2) for a, b in steps)
@@ -52,12 +76,10 @@ class UNet(Backbone):
         assert self.leave.bias is not None
         nn.init.zeros_(self.leave.bias)
 
-    def correction(self, inputs: Tensor, image: Tensor) -> Tensor:
-        """See `Backbone`."""
-        with torch.autocast(inputs.device.type, enabled=False):
-            latent = self.latent(inputs).view(len(inputs), LATENT, *self.grid)
-        whole = functional.pad(image[:, None], self.missing)
-        z = self.enter(torch.cat([functional.pixel_unshuffle(whole, PATCH), latent], dim=1))
+    def forward(self, images: Tensor, maps: Tensor | None = None) -> Tensor:
+        """(n, H, W) from `images` (n, count, H, W) and `maps` (n, maps, h, w) if it takes any."""
+        z = functional.pixel_unshuffle(functional.pad(images, self.missing), PATCH)
+        z = self.enter(z if maps is None else torch.cat([z, maps], dim=1))
         skips = []
         for block, down in itertools.zip_longest(self.encoder, self.down):
             z = block(z)

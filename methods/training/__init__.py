@@ -1,55 +1,43 @@
 """Training: what is learned from a scenario's data, by one loop that survives being killed."""
 
-from pathlib import Path
+from __future__ import annotations
 
-from eitbench.methods.training.learned import (
-    METHODS,
-    SHIPPED,
-    Choices,
-    LearnedTraining,
-    train_learned,
-)
+from typing import TYPE_CHECKING
+
+from eitbench.methods.training.learned import train_learned
 from eitbench.methods.training.loop import TrainingInterruptedError
-from eitbench.methods.training.recipe import ONE_DEVICE, Devices
-from eitbench.methods.training.surrogate import SurrogateTraining, train_surrogate
-from eitbench.scenarios.errors import InputError, unknown_name
+from eitbench.methods.training.recipe import Devices
+from eitbench.methods.training.refined import train_refined
+from eitbench.methods.training.request import Request
+from eitbench.methods.training.surrogate import train_surrogate
+from eitbench.scenarios.errors import unknown_name
 
-__all__ = ["Choices", "Devices", "TrainingInterruptedError", "train"]
+if TYPE_CHECKING:
+    from eitbench.methods.training.job import Training
+
+__all__ = ["Devices", "Request", "TrainingInterruptedError", "train"]
+
+TRAINERS = {
+    "dnn": train_learned,
+    "phydnn": train_learned,
+    "coarse-to-fine": train_refined,
+    "learned-gn": train_refined,
+    "surrogate": train_surrogate,
+}
 
 
-def train(
-    name: str,
-    suite: str,
-    *,
-    epochs: int | None = None,
-    seed: int = 0,
-    jobs: int = 1,
-    out: Path | None = None,
-    devices: Devices = ONE_DEVICE,
-    choices: Choices = SHIPPED,
-    progress: bool = False,
-) -> SurrogateTraining | LearnedTraining:
-    """Train what is called `name` on the data of `suite`; see `train_learned`, `train_surrogate`.
+def train(request: Request) -> Training:
+    """Train what is asked for, or continue, and put the weights in use.
 
     Raises:
-        InputError: nothing of that name can be trained, or not with these choices.
+        InputError: nothing of that name can be trained, or not with these choices; a suite without
+            training samples or with several sensors; too few samples; `out` holds a training with
+            other settings; weights that it builds on are missing.
+        DataCorruptError: what `out` holds is damaged.
+        TrainingInterruptedError: Ctrl-C or SIGTERM; the same request continues.
+        DivergedError: a loss is not finite; the last good state is kept.
+        EitbenchError: a folder is not writable or full.
     """
-    if name == "surrogate":
-        if choices != SHIPPED:
-            raise InputError(f"Training of 'surrogate' takes no{choices.arguments()}.")
-        return train_surrogate(
-            suite, epochs=epochs, seed=seed, jobs=jobs, out=out, devices=devices, progress=progress
-        )
-    if name not in METHODS:
-        raise unknown_name("name to train", name, [*METHODS, "surrogate"])
-    return train_learned(
-        name,
-        suite,
-        epochs=epochs,
-        seed=seed,
-        jobs=jobs,
-        out=out,
-        devices=devices,
-        choices=choices,
-        progress=progress,
-    )
+    if request.name not in TRAINERS:
+        raise unknown_name("name to train", request.name, TRAINERS)
+    return TRAINERS[request.name](request)

@@ -61,10 +61,14 @@ class Trained:
         """The epoch with the lowest validation loss."""
         return best(self.curve)
 
-    @property
-    def seconds(self) -> float:
-        """Time that all epochs took [s]."""
-        return sum(epoch.seconds for epoch in self.curve)
+    def about(self) -> dict[str, str]:
+        """What is noted with the weights."""
+        return {
+            "epochs": str(len(self.curve)),
+            "best_epoch": str(self.best.epoch),
+            "validation_mse": repr(self.best.validation),
+            "device": self.device,
+        }
 
 
 def best(curve: tuple[Epoch, ...]) -> Epoch:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -20,14 +21,47 @@ from eitbench.scenarios.simulation import clean_voltages, phantom
 from eitbench.scenarios.suites import Suite
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
     from pathlib import Path
 
-    from eitbench.methods.training.curve import Trained
-    from eitbench.methods.training.recipe import Recipe
+    from eitbench.methods.training.curve import Epoch
+    from eitbench.methods.training.request import Request
     from eitbench.methods.weight_files import WeightFiles
+    from eitbench.scenarios.datasets import Dataset
     from eitbench.scenarios.scenario import Split
     from eitbench.scenarios.sensors import Sensor
+
+
+@dataclass(frozen=True)
+class Training:
+    """A finished training.
+
+    Attributes:
+        name: of the method or operator.
+        weights: the file of weights.
+        in_use: whether they will be used from now on.
+        validation_mse: mean squared error on the validation split.
+        baseline, baseline_mse: what to compare it with, and its error.
+    """
+
+    name: str
+    weights: Path
+    in_use: bool
+    validation_mse: float
+    baseline: str
+    baseline_mse: float
+
+    def sentences(self) -> list[str]:
+        """What to tell the user."""
+        ratio = self.baseline_mse / self.validation_mse
+        said = [
+            f"Validation MSE: {self.validation_mse:.3g}, {ratio:.3g} times below the "
+            f"{self.baseline_mse:.3g} of {self.baseline}.",
+            f"Weights: {self.weights}",
+        ]
+        if self.in_use:
+            said.append(f"{self.name!r} uses them from now on; delete the file to go back.")
+        return said
 
 
 def training_scenario(suite: Suite) -> SimulatedScenario:
@@ -71,6 +105,26 @@ def data_settings(files: WeightFiles, scenario: SimulatedScenario) -> dict[str, 
     }
 
 
+def training_count(request: Request, scenario: SimulatedScenario, least: int) -> int:
+    """How many training samples are used.
+
+    Raises:
+        InputError: fewer than `least`.
+    """
+    count = scenario.train if request.limit is None else min(request.limit, scenario.train)
+    if count < least:
+        raise InputError(
+            f"{count} training samples are too few: scenario {scenario.name!r} declares "
+            f"{scenario.train}, and training takes at least {least}."
+        )
+    return count
+
+
+def no_split(split: str, limit: int | None) -> Dataset:
+    """What the problem of a training answers: the training reads its data itself."""
+    raise RuntimeError(f"Training reads the {split} split itself.")
+
+
 def clean_samples(
     scenario: SimulatedScenario, split: Split, count: int, *, jobs: int, progress: bool
 ) -> tuple[Tensor, Tensor]:
@@ -89,44 +143,41 @@ def images(scenario: SimulatedScenario, split: Split, count: int) -> Tensor:
     return torch.from_numpy(drawn)
 
 
-def save_result(
+def finish(
+    request: Request,
     files: WeightFiles,
     scenario: SimulatedScenario,
-    folder: Path,
-    recipe: Recipe,
-    trained: Trained,
-    figures: Mapping[str, str],
+    weights: Mapping[str, Tensor],
+    curve: Sequence[Epoch],
+    about: Mapping[str, str],
 ) -> Path:
-    """Write the weights into `folder` with their learning curve (JSON) beside them.
+    """Write the weights with their learning curve (JSON) beside them, and put them in use.
+
+    Returns the file that is used, or else the one in the training's folder.
 
     Raises:
-        EitbenchError: the folder is not writable or full.
+        EitbenchError: a folder is not writable or full.
     """
+    sensor = scenario.nominal_sensor
     settings = data_settings(files, scenario)
     about = {
-        "seed": str(recipe.seed),
-        "epochs": str(recipe.epochs),
+        "seed": str(request.seed),
         "scenario": scenario.name,
         "train_data": str(settings["train_data"]),
         "validation_data": str(settings["validation_data"]),
-        "best_epoch": str(trained.best.epoch),
-        "validation_mse": repr(trained.best.validation),
-        **figures,
-        "train_s": f"{trained.seconds:.1f}",
-        "device": trained.device,
+        **about,
+        "train_s": f"{sum(epoch.seconds for epoch in curve):.1f}",
         "eitbench": __version__,
         "torch": torch.__version__,
     }
-    sensor = scenario.nominal_sensor
-    weights = folder / files.file_name(sensor)
-    files.save(weights, sensor, trained.weights, about)
-    curve = [epoch.row() for epoch in trained.curve]
-    content = json.dumps({**about, "curve": curve}, indent=1) + "\n"
-    weights.with_suffix(".json").write_text(content)
-    return weights
+    path = training_folder(files, sensor, request.out) / files.file_name(sensor)
+    files.save(path, sensor, weights, about)
+    content = json.dumps({**about, "curve": [epoch.row() for epoch in curve]}, indent=1) + "\n"
+    path.with_suffix(".json").write_text(content)
+    return _put_in_use(path) if request.use else path
 
 
-def put_in_use(weights: Path) -> Path:
+def _put_in_use(weights: Path) -> Path:
     """Copy weights and learning curve to where the user's own are looked for."""
     used = user_weights() / weights.name
     used.parent.mkdir(parents=True, exist_ok=True)

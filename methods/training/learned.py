@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,27 +15,29 @@ from eitbench.methods.registry import operator
 from eitbench.methods.ridge import Ridge, ridge
 from eitbench.methods.training.augmentation import Augmentation
 from eitbench.methods.training.job import (
+    Training,
     clean_samples,
     data_settings,
+    finish,
     images,
-    put_in_use,
-    save_result,
+    no_split,
+    training_count,
     training_folder,
     training_scenario,
 )
 from eitbench.methods.training.loop import begun_in, fit
 from eitbench.methods.training.physical import PhysicalLoss
-from eitbench.methods.training.recipe import ONE_DEVICE, Devices, Recipe
+from eitbench.methods.training.precision import working_precision
+from eitbench.methods.training.recipe import Recipe
 from eitbench.methods.training.symmetry import symmetries
 from eitbench.methods.training.trainee import Data, Trainee
-from eitbench.scenarios.datasets import Dataset, load
+from eitbench.scenarios.datasets import load
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.suites import load_suite
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from eitbench.methods.learned import Learned
+    from eitbench.methods.training.request import Request
     from eitbench.scenarios.scenario import SimulatedScenario
 
 EPOCHS = 100
@@ -54,77 +55,6 @@ DATA_ALONE = 0.3
 """Share of the epochs at the beginning in which only the data loss is minimised."""
 
 METHODS: dict[str, type[Learned]] = {"dnn": Dnn, "phydnn": PhyDnn}
-
-
-@dataclass(frozen=True)
-class Choices:
-    """What may be chosen about a training; the defaults give the weights that are shipped.
-
-    Attributes:
-        operator: forward operator of the physical loss.
-        beta: weight of the physical loss; by default the method's own.
-        backbone: of the network.
-        limit: training samples to use; all by default.
-    """
-
-    operator: str = "surrogate"
-    beta: float | None = None
-    backbone: str = "unet"
-    limit: int | None = None
-
-    def arguments(self) -> str:
-        """What differs from the defaults, as arguments of the command."""
-        default = asdict(SHIPPED)
-        chosen = asdict(self).items()
-        return "".join(f" --{name} {value}" for name, value in chosen if value != default[name])
-
-
-SHIPPED = Choices()
-
-
-@dataclass(frozen=True)
-class LearnedTraining:
-    """A finished training.
-
-    Attributes:
-        name: of the method.
-        weights: the file of weights.
-        in_use: whether the method will use them from now on.
-        validation_mse: mean squared error of conductivity over background on the validation split.
-        linear_mse: the same of the best linear map.
-    """
-
-    name: str
-    weights: Path
-    in_use: bool
-    validation_mse: float
-    linear_mse: float
-
-    def sentences(self) -> list[str]:
-        """What to tell the user."""
-        ratio = self.linear_mse / self.validation_mse
-        said = [
-            f"Validation MSE of relative conductivity: {self.validation_mse:.3g}; the best linear "
-            f"map's is {ratio:.3g} times as large, {self.linear_mse:.3g}.",
-            f"Weights: {self.weights}",
-        ]
-        if self.in_use:
-            said.append(
-                f"The method {self.name!r} uses them from now on; delete the file to go back."
-            )
-        return said
-
-
-def has_bfloat16(device: str) -> bool:
-    """Whether a kind of device computes in bfloat16; processors without it take 15 times as long.
-
-    Results of the two precisions differ by rounding, so that one seed makes one result on one
-    kind of machine.
-    """
-    if device == "cuda":
-        return torch.cuda.is_bf16_supported(including_emulation=False)
-    able = torch.cpu.get_capabilities()
-    return bool(able.get("amx_bf16") or able.get("avx512_bf16"))
 
 
 class LearnedTrainee(Trainee):
@@ -183,77 +113,33 @@ class LearnedTrainee(Trainee):
 
     def _images(self, difference: Tensor) -> Tensor:
         """The network's images in float32, worked out in bfloat16 where that is faster."""
-        kind = difference.device.type
-        with torch.autocast(kind, dtype=torch.bfloat16, enabled=has_bfloat16(kind)):
+        with working_precision(difference.device.type):
             found: Tensor = self.network(difference)
         return found
 
 
-def train_learned(
-    name: str,
-    suite: str,
-    *,
-    epochs: int | None = None,
-    seed: int = 0,
-    jobs: int = 1,
-    out: Path | None = None,
-    devices: Devices = ONE_DEVICE,
-    choices: Choices = SHIPPED,
-    use: bool = True,
-    progress: bool = False,
-) -> LearnedTraining:
-    """Train the network of the method `name`, or continue, and put the weights in use.
-
-    Args:
-        suite: name, or path of a suite file, whose first scenario with training and validation
-            samples is trained on.
-        epochs: how often every training sample is seen.
-        seed: of initial weights, order, noise and symmetries.
-        jobs: number of processes to simulate with.
-        out: where state and results are kept; a folder in the cache by default.
-        devices: to train on.
-        choices: what else can be chosen.
-        use: whether the method is to use the weights from now on.
-        progress: show on stderr how far it is.
-
-    Raises:
-        InputError: a suite without training samples or with several sensors; too few samples; no
-            `out` holds a training with other settings; no weights for the operator.
-        DataCorruptError: what `out` holds is damaged.
-        TrainingInterruptedError: Ctrl-C or SIGTERM; the same call continues.
-        DivergedError: a loss is not finite; the last good state is kept.
-        EitbenchError: a folder is not writable or full.
-    """
-    files = METHODS[name].files
-    scenario = training_scenario(load_suite(suite))
+def train_learned(request: Request) -> Training:
+    """Train the network of `dnn` or `phydnn`; see `train`."""
+    files = METHODS[request.name].files
+    scenario = training_scenario(load_suite(request.suite))
     sensor = scenario.nominal_sensor
-    folder = training_folder(files, sensor, out)
-    recipe = Recipe(
-        epochs=EPOCHS if epochs is None else epochs,
-        seed=seed,
-        batch=BATCH,
-        rate=RATE,
-        patience=PATIENCE,
-    )
-    beta = BETA[name] if choices.beta is None else choices.beta
-    if name == "dnn" and beta:
-        raise InputError("'dnn' has no physical loss: train 'phydnn' to choose its beta.")
-    if not 0 <= beta < float("inf"):
-        raise InputError(f"The weight beta of the physical loss is at least 0, got {beta}.")
-    count = _training_count(scenario, choices.limit)
+    folder = training_folder(files, sensor, request.out)
+    recipe = Recipe(request.epochs or EPOCHS, request.seed, BATCH, RATE, PATIENCE)
+    beta = _beta(request)
+    count = training_count(request, scenario, MINIMUM)
     settings = data_settings(files, scenario) | {
-        "backbone": choices.backbone,
-        "operator": choices.operator,
+        "backbone": request.backbone,
+        "operator": request.operator,
         "beta": beta,
         "limit": count,
     }
     begun_in(folder, recipe, settings)  # before minutes are spent on data
-    forward = operator(choices.operator, sensor)
+    forward = operator(request.operator, sensor)
     with torch.random.fork_rng():
-        torch.manual_seed(seed)
-        network = ImageNetwork(sensor, choices.backbone)
+        torch.manual_seed(request.seed)
+        network = ImageNetwork(sensor, request.backbone)
 
-    data = _Data(scenario, count, jobs=jobs, progress=progress)
+    data = _Data(scenario, count, jobs=request.jobs, progress=request.progress)
     physical = PhysicalLoss(forward, data.reference, data.std)
     linear = start(network, data.train, data.validation)
     augmentation = Augmentation(scenario.split_noise("train"), data.motions)
@@ -265,26 +151,37 @@ def train_learned(
         folder,
         settings,
         compared=data.compared,
-        devices=devices,
-        progress=progress,
+        devices=request.devices,
+        progress=request.progress,
     )
-    figures = {
-        "command": f"eitbench train {name} --suite {suite} --epochs {recipe.epochs} --seed {seed}"
-        + choices.arguments(),
-        "backbone": choices.backbone,
-        "operator": choices.operator,
+    about = {
+        "command": request.command(recipe.epochs),
+        "backbone": request.backbone,
+        "operator": request.operator,
         "beta": repr(beta),
         "train_samples": str(count),
+        **trained.about(),
         "linear_validation_mse": repr(linear.validation_mse),
     }
-    weights = save_result(files, scenario, folder, recipe, trained, figures)
-    return LearnedTraining(
-        name,
-        put_in_use(weights) if use else weights,
-        use,
+    path = finish(request, files, scenario, trained.weights, trained.curve, about)
+    return Training(
+        request.name,
+        path,
+        request.use,
         trained.best.validation,
+        "the best linear map",
         linear.validation_mse,
     )
+
+
+def _beta(request: Request) -> float:
+    """The weight of the physical loss that is asked for, or the method's own."""
+    beta = BETA[request.name] if request.beta is None else request.beta
+    if request.name == "dnn" and beta:
+        raise InputError("'dnn' has no physical loss: train 'phydnn' to choose its beta.")
+    if not 0 <= beta < float("inf"):
+        raise InputError(f"The weight beta of the physical loss is at least 0, got {beta}.")
+    return beta
 
 
 def start(network: ImageNetwork, train: Data, validation: Data) -> Ridge:
@@ -317,7 +214,7 @@ class _Data:
         sigma, clean = clean_samples(scenario, "train", count, jobs=jobs, progress=progress)
         validation = load(scenario, "validation", jobs=jobs, progress=progress)
         compared = load(scenario, "train", min(count, scenario.validation))
-        problem = Problem(sensor, validation.reference, _no_split)
+        problem = Problem(sensor, validation.reference, no_split)
         sigma /= sensor.background
         self.train = _tensors(problem, clean.numpy(), sigma)
         seen = images(scenario, "validation", scenario.validation) / sensor.background
@@ -333,17 +230,3 @@ def _tensors(problem: Problem, voltages: np.ndarray, relative: Tensor) -> Data:
     rms = np.sqrt(np.mean(voltages**2, axis=1)) / problem.gain
     difference = torch.from_numpy(problem.difference(voltages))
     return difference.float(), torch.from_numpy(rms).float(), relative
-
-
-def _no_split(split: str, limit: int | None) -> Dataset:
-    raise RuntimeError(f"Training reads the {split} split itself.")
-
-
-def _training_count(scenario: SimulatedScenario, limit: int | None) -> int:
-    count = scenario.train if limit is None else min(limit, scenario.train)
-    if count < MINIMUM:
-        raise InputError(
-            f"{count} training samples are too few: scenario {scenario.name!r} declares "
-            f"{scenario.train}, and training takes at least {MINIMUM}."
-        )
-    return count

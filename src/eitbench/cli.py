@@ -268,7 +268,10 @@ def tune(
 
 @app.command(epilog="Example: eitbench train dnn --suite paper --jobs 2")
 def train(
-    name: Annotated[str, typer.Argument(help="What to train: dnn, phydnn or surrogate.")],
+    name: Annotated[
+        str,
+        typer.Argument(help="What to train: dnn, phydnn, coarse-to-fine, learned-gn or surrogate."),
+    ],
     suite: Annotated[
         str, typer.Option(help="The suite with the data: its name, or the path of its file.")
     ],
@@ -296,20 +299,25 @@ def train(
     ] = None,
 ) -> None:
     """Train on a suite's data, or continue a training that was stopped."""
-    from eitbench.methods.training import Choices, Devices, TrainingInterruptedError
+    from eitbench.methods.training import Devices, Request, TrainingInterruptedError
     from eitbench.methods.training import train as train_named
 
     try:
         result = train_named(
-            name,
-            suite,
-            epochs=epochs,
-            seed=seed,
-            jobs=jobs,
-            out=out,
-            devices=Devices(device, devices),
-            choices=Choices(operator=operator, beta=beta, backbone=backbone, limit=limit),
-            progress=True,
+            Request(
+                name,
+                suite,
+                epochs=epochs,
+                seed=seed,
+                limit=limit,
+                operator=operator,
+                beta=beta,
+                backbone=backbone,
+                devices=Devices(device, devices),
+                jobs=jobs,
+                out=out,
+                progress=True,
+            )
         )
     except TrainingInterruptedError as interrupted:
         _fail(str(interrupted), 130)

@@ -19,10 +19,11 @@ from eitbench.cli import main
 from eitbench.methods import Problem, create, weight_files
 from eitbench.methods.learned import Dnn
 from eitbench.methods.tensor_file import read_tensors, write_tensors
-from eitbench.methods.training import Choices, Devices, TrainingInterruptedError, learned, train
+from eitbench.methods.training import Devices, Request, TrainingInterruptedError, learned, train
 from eitbench.methods.training.checkpoint import FILE
+from eitbench.methods.training.job import Training
 from eitbench.methods.training.keeper import DivergedError
-from eitbench.methods.training.learned import LearnedTrainee, LearnedTraining, train_learned
+from eitbench.methods.training.learned import LearnedTrainee
 from eitbench.methods.training.recipe import Recipe
 from eitbench.methods.training.trainee import Data
 from eitbench.scenarios.datasets import Dataset, load
@@ -51,7 +52,7 @@ validation = 8
 test = 1
 """
 SENSOR = SCENARIO.nominal_sensor
-QUICK = Choices(operator="jacobian")
+QUICK: dict[str, Any] = {"operator": "jacobian"}
 
 
 def suite(folder: Path, scenario: str) -> str:
@@ -91,12 +92,13 @@ def rows(folder: Path) -> list[dict[str, float]]:
 
 
 @pytest.fixture(scope="module")
-def trained(tmp_path_factory: pytest.TempPathFactory) -> LearnedTraining:
+def trained(tmp_path_factory: pytest.TempPathFactory) -> Training:
     folder = tmp_path_factory.mktemp("trained")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(learned, "BATCH", 32)
         tiny = suite(folder, declared(SCENARIO))
-        return train_learned("dnn", tiny, epochs=30, out=folder / "out", choices=QUICK, use=False)
+        request = Request("dnn", tiny, epochs=30, out=folder / "out", use=False, **QUICK)
+        return train(request)
 
 
 @pytest.fixture(autouse=True)
@@ -106,17 +108,17 @@ def _own_weights(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("eitbench.methods.training.job.user_weights", weight_files.user_weights)
 
 
-def install(result: LearnedTraining) -> Path:
+def install(result: Training) -> Path:
     path = weight_files.user_weights() / result.weights.name
     path.parent.mkdir(exist_ok=True)
     path.write_bytes(result.weights.read_bytes())
     return path
 
 
-def test_a_network_learns_what_no_linear_map_can(trained: LearnedTraining) -> None:
+def test_a_network_learns_what_no_linear_map_can(trained: Training) -> None:
     linear, network = mse(create("linear-learned")), mse(Dnn(str(trained.weights)))
     assert network < 0.8 * linear
-    assert trained.linear_mse == pytest.approx(linear, rel=0.3)
+    assert trained.baseline_mse == pytest.approx(linear, rel=0.3)
     assert trained.validation_mse == pytest.approx(network, rel=0.3)
     assert linear < mse(create("noser"))
     about = json.loads(trained.weights.with_suffix(".json").read_text())
@@ -131,7 +133,7 @@ def test_a_network_learns_what_no_linear_map_can(trained: LearnedTraining) -> No
 
 
 @pytest.mark.parametrize("name", ["dnn", "linear-learned"])
-def test_the_gain_of_a_board_does_not_matter(name: str, trained: LearnedTraining) -> None:
+def test_the_gain_of_a_board_does_not_matter(name: str, trained: Training) -> None:
     install(trained)
     frames = load(SCENARIO, limit=3).voltages
     images = []
@@ -146,7 +148,7 @@ def test_the_gain_of_a_board_does_not_matter(name: str, trained: LearnedTraining
     np.testing.assert_allclose(images[1], images[0], atol=1e-5)
 
 
-def test_an_untouched_frame_gives_the_background(trained: LearnedTraining) -> None:
+def test_an_untouched_frame_gives_the_background(trained: Training) -> None:
     install(trained)
     p = problem()
     for name, allowed in (("linear-learned", 1e-12), ("dnn", 0.05)):
@@ -155,7 +157,7 @@ def test_an_untouched_frame_gives_the_background(trained: LearnedTraining) -> No
         assert np.abs(method.reconstruct(p.reference[None]) - 1).max() <= allowed
 
 
-def test_the_users_own_weights_are_used_unless_a_file_is_named(trained: LearnedTraining) -> None:
+def test_the_users_own_weights_are_used_unless_a_file_is_named(trained: Training) -> None:
     path = install(trained)
     content = read_tensors(path)
     assert content is not None
@@ -172,7 +174,7 @@ def test_the_users_own_weights_are_used_unless_a_file_is_named(trained: LearnedT
 
 
 def test_weights_that_do_not_belong_are_refused(
-    trained: LearnedTraining, monkeypatch: pytest.MonkeyPatch
+    trained: Training, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with pytest.raises(InputError, match=r"'dnn' has no weights .*`eitbench train dnn --suite"):
         create("dnn").fit(problem())
@@ -213,10 +215,9 @@ def test_an_interrupted_training_continues_as_if_it_had_not_been(
             time.sleep(0.01)
         return step(self, batch, index)
 
-    def run(name: str, seed: int = 4) -> LearnedTraining:
-        return train_learned(
-            "phydnn", noisy, epochs=5, seed=seed, out=tmp_path / name, choices=QUICK
-        )
+    def run(name: str, seed: int = 4) -> Training:
+        out = tmp_path / name
+        return train(Request("phydnn", noisy, epochs=5, seed=seed, out=out, **QUICK))
 
     monkeypatch.setattr(LearnedTrainee, "training_step", stopping)
     with pytest.raises(TrainingInterruptedError):
@@ -269,8 +270,8 @@ def test_the_physical_loss_is_minimised_after_a_third_of_the_epochs_and_not_befo
 
     def run(name: str, beta: float | None = None) -> list[dict[str, float]]:
         method = "dnn" if name == "dnn" else "phydnn"
-        choices = Choices(operator="fem", beta=beta)
-        train(method, noisy, epochs=6, out=tmp_path / name, choices=choices)
+        out = tmp_path / name
+        train(Request(method, noisy, epochs=6, out=out, operator="fem", beta=beta))
         return rows(tmp_path / name)
 
     dnn, weak, strong = run("dnn"), run("weak"), run("strong", beta=0.3)
@@ -302,8 +303,8 @@ def test_the_gradient_is_that_of_both_losses(
         return objective
 
     monkeypatch.setattr(LearnedTrainee, "training_step", watched)
-    choices = Choices(operator="jacobian", beta=0.5)
-    train("phydnn", suite(tmp_path, NOISY), epochs=3, out=tmp_path / "o", choices=choices)
+    noisy = suite(tmp_path, NOISY)
+    train(Request("phydnn", noisy, epochs=3, out=tmp_path / "o", beta=0.5, **QUICK))
     assert len(seen) == 9
     for number, (objective, data, physical) in enumerate(seen):
         expected = data if number < 3 else data + 0.5 * physical
@@ -334,7 +335,7 @@ def test_a_training_that_diverges_says_so_and_keeps_what_was_good(
     assert "Traceback" not in "".join(lines)
     assert all(torch.isfinite(tensor).all() for tensor in state(out).values())
     with pytest.raises(DivergedError):
-        train("phydnn", noisy, epochs=6, out=out, choices=Choices(operator="fem"))
+        train(Request("phydnn", noisy, epochs=6, out=out, operator="fem"))
     assert len(rows(out)) == kept
 
 
@@ -345,27 +346,25 @@ def test_it_ends_early_when_nothing_improves(
     monkeypatch.setattr(learned, "RATE", 0.0)
     noisy = suite(tmp_path, NOISY)
     for _ in range(2):  # and is not taken up again
-        result = train("dnn", noisy, epochs=50, out=tmp_path / "o", choices=QUICK)
+        result = train(Request("dnn", noisy, epochs=50, out=tmp_path / "o", **QUICK))
         assert len(rows(tmp_path / "o")) == 4
-    assert isinstance(result, LearnedTraining)
     # Without a step the network is the best linear map.
-    assert result.validation_mse == pytest.approx(result.linear_mse, rel=1e-4)
+    assert result.validation_mse == pytest.approx(result.baseline_mse, rel=1e-4)
 
 
 @pytest.mark.parametrize(
     ("name", "options", "sentence"),
     [
-        ("dnn", {"choices": Choices(limit=127)}, "127 training samples are too few"),
-        ("dnn", {"choices": Choices(beta=0.1)}, "'dnn' has no physical loss: train 'phydnn'"),
-        ("phydnn", {"choices": Choices(beta=-1.0)}, "beta of the physical loss is at least 0"),
-        ("dnn", {"choices": Choices(operator="fe")}, "Unknown operator 'fe': did you mean 'fem'"),
-        (
-            "dnn",
-            {"choices": replace(QUICK, backbone="mpl")},
-            "Unknown backbone 'mpl': did you mean 'mlp'",
-        ),
+        ("dnn", {"limit": 127}, "127 training samples are too few"),
+        ("dnn", {"beta": 0.1}, "'dnn' has no physical loss: train 'phydnn'"),
+        ("phydnn", {"beta": -1.0}, "beta of the physical loss is at least 0"),
+        ("dnn", {"operator": "fe"}, "Unknown operator 'fe': did you mean 'fem'"),
+        ("dnn", {"backbone": "mpl", **QUICK}, "Unknown backbone 'mpl': did you mean 'mlp'"),
         ("dnn", {}, "'surrogate' has no weights for the sensor 'foam16'"),
-        ("surrogate", {"choices": Choices(beta=0.1)}, "'surrogate' takes no --beta 0.1"),
+        ("surrogate", {"beta": 0.1}, "'surrogate' takes no --beta 0.1"),
+        ("learned-gn", QUICK, "'learned-gn' takes no --operator jacobian"),
+        ("learned-gn", {}, "'dnn' has no weights for the sensor 'foam16'"),
+        ("coarse-to-fine", {"limit": 127}, "127 training samples are too few"),
         ("dn", {}, "Unknown name to train 'dn': did you mean 'dnn'"),
     ],
 )
@@ -379,7 +378,7 @@ def test_what_cannot_be_trained_is_said_before_anything_is_simulated(
     monkeypatch.setenv("EITBENCH_CACHE", str(tmp_path / "cache"))
     monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
     with pytest.raises(InputError, match=sentence):
-        train(name, suite(tmp_path, NOISY), epochs=1, **options)
+        train(Request(name, suite(tmp_path, NOISY), epochs=1, **options))
     assert not (tmp_path / "cache" / "simulated").exists()
 
 
@@ -420,11 +419,12 @@ def test_two_processes_train_one_network(tmp_path: Path) -> None:
 
 def test_another_choice_needs_another_folder(tmp_path: Path) -> None:
     noisy = suite(tmp_path, NOISY)
-    train("dnn", noisy, epochs=1, out=tmp_path / "o", choices=QUICK)
+    one = Request("dnn", noisy, epochs=1, out=tmp_path / "o", **QUICK)
+    train(one)
     with pytest.raises(InputError, match="begun with limit 130, not 128"):
-        train("dnn", noisy, epochs=1, out=tmp_path / "o", choices=replace(QUICK, limit=128))
+        train(replace(one, limit=128))
     with pytest.raises(InputError, match="begun with name 'dnn', not 'phydnn'"):
-        train("phydnn", noisy, epochs=1, out=tmp_path / "o", choices=QUICK)
+        train(replace(one, name="phydnn"))
 
 
 def test_a_recorded_set_has_nothing_to_fit_a_linear_map_on() -> None:
