@@ -16,6 +16,7 @@ from eitbench.benchmark.store import RunStore, Truth, Values
 from eitbench.benchmark.subject import NAN, Ask, CellData, CellPlan, Judged
 from eitbench.benchmark.timing import WARM_FRAMES, WARM_SECONDS, warm_percentiles
 from eitbench.benchmark.worker import Reply, WorkerLostError
+from eitbench.methods import Method, methods
 from eitbench.scenarios.datasets import Dataset, load
 from eitbench.scenarios.recordings.fetch import locate
 from eitbench.scenarios.scenario import RecordedScenario, Scenario
@@ -70,6 +71,20 @@ class MethodData(CellData):
         elif test.classes is not None:
             arrays["classes"] = test.classes
         return attributes, arrays
+
+    def weights(self, name: str) -> str:
+        """See `CellData.weights`."""
+        cls = self._class(name)
+        return "" if cls is None else cls.weights_hash(self.test.sensor)
+
+    def untrained(self, name: str) -> str:
+        """See `CellData.untrained`."""
+        cls = self._class(name)
+        return "" if cls is None else cls.untrained(self.test.sensor)
+
+    def _class(self, name: str) -> type[Method] | None:
+        # Those of plugin files are known in their workers alone; a run remembers the file.
+        return methods().get(name)
 
     def parameters(self, name: str) -> dict[str, Any] | None:
         """Hyper-parameters that were chosen for data like these."""

@@ -40,7 +40,8 @@ class RunResult:
     """A finished run.
 
     Attributes:
-        skipped: one sentence for each scenario whose data could not be had.
+        skipped: one sentence for each scenario whose data could not be had, and for each method
+            that has no weights for a scenario's sensor.
         refused: one sentence for each scenario whose data are not what they should be.
     """
 
@@ -71,6 +72,7 @@ def start_run(
     with locked(out), _termination_interrupts():
         try:
             data, skipped, refused = _load(plan, plan.scenarios, jobs, progress)
+            skipped |= _untrained(plan, data, progress)
             manifest = _new_manifest(plan, data, skipped, refused, jobs)
             store.write_manifest(manifest)
         except BaseException:  # nothing has been run: leave nothing behind, after Ctrl-C too
@@ -222,8 +224,32 @@ def _new_manifest(
         },
         "skipped": skipped,
         "refused": refused,
-        "cells": [_chosen(there, name) for there in data.values() for name in plan.names],
+        "cells": [
+            _chosen(there, name)
+            for there in data.values()
+            for name in plan.names
+            if not there.untrained(name)
+        ],
     }
+
+
+def _untrained(plan: Plan, data: Mapping[str, CellData], progress: RunProgress) -> dict[str, str]:
+    """A sentence for each cell that lacks trained weights.
+
+    Raises:
+        InputError: all cells do.
+    """
+    found = {
+        f"{scenario}/{name}": f"Scenario {scenario!r} is left out for {name!r}: {why}"
+        for scenario, there in data.items()
+        for name in plan.names
+        if (why := there.untrained(name))
+    }
+    if len(found) == len(data) * len(plan.names):
+        raise InputError(" ".join(found.values()))
+    for sentence in found.values():
+        progress.say(sentence)
+    return found
 
 
 def _chosen(data: CellData, name: str) -> Manifest:

@@ -154,6 +154,10 @@ class CellData(ABC):
         """SHA-256 (hex) of the trained weights that `name` would load; "" where there are none."""
         return ""
 
+    def untrained(self, name: str) -> str:
+        """Why `name` cannot run here before it is trained, as a sentence; "" if it can."""
+        return ""
+
     def parameters(self, name: str) -> dict[str, Any] | None:
         """Parameters chosen for the method or operator `name`; None where there are none."""
         return None

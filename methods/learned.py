@@ -21,6 +21,7 @@ if TYPE_CHECKING:  # torch takes a second to import, and listing methods does no
     from torch import Tensor
 
     from eitbench.methods.problem import Problem
+    from eitbench.scenarios.sensors import Sensor
 
 Array = NDArray[np.float64]
 Images = NDArray[np.float32]
@@ -42,6 +43,16 @@ class Learned(Method):
     files: ClassVar[WeightFiles]
 
     weights: str = ""
+
+    @classmethod
+    def weights_hash(cls, sensor: Sensor) -> str:
+        """See `Method`."""
+        return cls.files.content_hash(sensor)
+
+    @classmethod
+    def untrained(cls, sensor: Sensor) -> str:
+        """See `Method`."""
+        return "" if cls.files.content_hash(sensor) else cls.files.missing(sensor)
 
     def fit(self, problem: Problem) -> None:
         """Load the weights.

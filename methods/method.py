@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eitbench.methods.problem import Problem
+from eitbench.scenarios.sensors import Sensor
 
 Array = NDArray[np.float64]
 
@@ -25,6 +26,16 @@ class Method(ABC):
     source: ClassVar[str] = ""
     search: ClassVar[Mapping[str, Sequence[object]]] = {}
     train_s: float = math.nan
+
+    @classmethod
+    def weights_hash(cls, sensor: Sensor) -> str:
+        """SHA-256 (hex) of the weights that it loads for `sensor`; "" if it loads none."""
+        return ""
+
+    @classmethod
+    def untrained(cls, sensor: Sensor) -> str:
+        """Why it cannot be used for `sensor` before it is trained, as a sentence; "" if it can."""
+        return ""
 
     @abstractmethod
     def fit(self, problem: Problem) -> None:

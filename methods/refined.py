@@ -23,6 +23,7 @@ if TYPE_CHECKING:  # torch takes a second to import, and listing methods does no
 
     from eitbench.methods.networks.refiner import Refiner
     from eitbench.methods.problem import Problem
+    from eitbench.scenarios.sensors import Sensor
 
 Array = NDArray[np.float64]
 Images = NDArray[np.float32]
@@ -152,6 +153,16 @@ class LearnedGaussNewton(Refined):
     steps: ClassVar = 2
     count: ClassVar = 1 + len(SNR_DB)
 
+    @classmethod
+    def weights_hash(cls, sensor: Sensor) -> str:
+        """See `Method`; its own, which name those of `dnn` that they continue."""
+        return super().weights_hash(sensor) if Dnn.weights_hash(sensor) else ""
+
+    @classmethod
+    def untrained(cls, sensor: Sensor) -> str:
+        """See `Method`."""
+        return super().untrained(sensor) or Dnn.untrained(sensor)
+
     def begun_from(self) -> str:
         """See `Refined`."""
         return self._dnn_hash
@@ -160,7 +171,7 @@ class LearnedGaussNewton(Refined):
         """See `Refined`."""
         self._dnn = Dnn()
         self._dnn.fit(problem)
-        self._dnn_hash = Dnn.files.content_hash(problem.sensor)
+        self._dnn_hash = Dnn.weights_hash(problem.sensor)
         self._range = problem.sensor.conductivity_range
         self._update = GaussNewtonUpdate(problem)
 

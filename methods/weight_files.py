@@ -82,8 +82,12 @@ class WeightFiles:
                 return found
         if path is not None:
             raise InputError(f"There is no file of weights {path}: make it with `{self.command}`.")
+        raise InputError(self.missing(sensor))
+
+    def missing(self, sensor: Sensor) -> str:
+        """The sentence that says that there are no weights for `sensor`, and what to do."""
         height, width = sensor.image_shape
-        raise InputError(
+        return (
             f"{self.name!r} has no weights for the sensor {sensor.name!r} with "
             f"{sensor.n_measurements} measurements on {height} x {width} pixels: train them with "
             f"`{self.command}`, where SUITE simulates this sensor."

@@ -3,6 +3,8 @@
 import errno
 import json
 import os
+import signal
+import time
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
@@ -18,6 +20,8 @@ from eitbench.benchmark import cell, lock, method_cell, runner
 from eitbench.benchmark.judge import METRIC_COLUMNS, judge
 from eitbench.benchmark.method_cell import MethodData
 from eitbench.benchmark.runner import Plan, RunResult, make_plan, resume_run, start_run
+from eitbench.benchmark.store import RunStore
+from eitbench.methods import methods
 from eitbench.scenarios.datasets import Dataset, load
 from eitbench.scenarios.errors import (
     EitbenchError,
@@ -335,3 +339,36 @@ def test_resuming_refuses_a_manifest_without(name: str, cut_run: Path) -> None:
     (cut_run / "manifest.json").write_text(json.dumps(manifest))
     with pytest.raises(InputError, match=f"its manifest is incomplete \\('{name}'\\)"):
         resume_run(cut_run)
+
+
+def test_what_lacks_weights_for_a_sensor_is_left_out_and_said(tiny: Suite, tmp_path: Path) -> None:
+    result = start_run(make_plan(tiny, methods=["noser", "dnn"]), tmp_path / "run")
+    (sentence,) = result.skipped
+    assert sentence.startswith("Scenario 'tiny' is left out for 'dnn': 'dnn' has no weights for")
+    assert "`eitbench train dnn --suite SUITE`" in sentence
+    assert set(pd.read_parquet(result.path / "samples.parquet")["method"]) == {"noser"}
+    assert resume_run(result.path).skipped == result.skipped
+    with pytest.raises(InputError, match="is left out for 'dnn'"):
+        start_run(make_plan(tiny, methods=["dnn"]), tmp_path / "none")
+    assert not (tmp_path / "none").exists()
+
+
+def test_a_run_goes_on_with_the_weights_it_was_started_with(
+    tiny: Suite, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    save = RunStore.save_batch
+
+    def save_and_end(*arguments: Any) -> None:
+        save(*arguments)
+        os.kill(os.getpid(), signal.SIGTERM)
+        time.sleep(0.2)  # until the run has noticed
+
+    with monkeypatch.context() as patch:
+        patch.setattr(methods()["noser"], "weights_hash", lambda sensor: "those")
+        patch.setattr(RunStore, "save_batch", save_and_end)
+        with pytest.raises(runner.RunInterruptedError):
+            start_run(make_plan(tiny, methods=["noser"]), tmp_path / "run")
+    manifest = json.loads((tmp_path / "run" / "manifest.json").read_text())
+    assert [entry["weights"] for entry in manifest["cells"]] == ["those"]
+    with pytest.raises(InputError, match="the weights of 'noser' have changed"):
+        resume_run(tmp_path / "run")
