@@ -8,7 +8,7 @@ import torch
 from torch import Tensor, nn
 
 from eitbench.methods.networks.mlp import Mlp
-from eitbench.methods.networks.unet import UNet
+from eitbench.methods.networks.unet import SmallUNet, UNet
 from eitbench.methods.reciprocity import averaging
 from eitbench.scenarios.errors import unknown_name
 
@@ -16,7 +16,11 @@ if TYPE_CHECKING:
     from eitbench.methods.networks.backbone import Backbone
     from eitbench.scenarios.sensors import Sensor
 
-BACKBONES: dict[str, type[Backbone]] = {"unet": UNet, "mlp": Mlp}
+BACKBONES: dict[str, type[Backbone]] = {
+    "unet": UNet,
+    "unet-small": SmallUNet,
+    "mlp": Mlp,
+}
 
 
 class ImageNetwork(nn.Module):

@@ -288,7 +288,9 @@ def train(
     beta: Annotated[
         float | None, typer.Option(help="Weight of the physical loss (default: as published).")
     ] = None,
-    backbone: Annotated[str, typer.Option(help="Kind of network: unet or mlp.")] = "unet",
+    backbone: Annotated[
+        str, typer.Option(help="Kind of network: unet, unet-small or mlp.")
+    ] = "unet",
     device: Annotated[str, typer.Option(help="auto, cpu or cuda.")] = "auto",
     devices: Annotated[
         int, typer.Option(min=1, help="Devices of that kind, which share each batch.")
@@ -323,6 +325,35 @@ def train(
         _fail(str(interrupted), 130)
     for sentence in result.sentences():
         typer.echo(sentence)
+
+
+@app.command(
+    epilog="Example: eitbench study beta --epochs 12 --limit 1500 --jobs 2 --out runs/beta"
+)
+def study(
+    name: Annotated[str, typer.Argument(help="beta, physics or size.")],
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Where it is kept, and continued.")],
+    suite: Annotated[str, typer.Option(help="The suite with the data.")] = "paper",
+    epochs: Annotated[int | None, typer.Option(min=1, help="Of each training.")] = None,
+    limit: Annotated[
+        int | None, typer.Option(min=1, help="Training samples of each (default: all).")
+    ] = None,
+    judged: Annotated[
+        int | None, typer.Option(min=2, help="Samples it is judged on (default: all).")
+    ] = None,
+    operator: Annotated[
+        str, typer.Option(help="Forward operator of the physical loss.")
+    ] = "surrogate",
+    jobs: Annotated[int, typer.Option(min=1, help="Trainings at a time.")] = 1,
+) -> None:
+    """Train many networks that differ in one thing, or continue, and say what it is worth."""
+    from eitbench.benchmark.study import Budget, run_study
+    from eitbench.reports.study import write_study
+
+    budget = Budget(suite, epochs, limit, judged, operator)
+    run_study(name, budget, out, jobs=jobs, progress=True)
+    for path in write_study(out):
+        typer.echo(str(path))
 
 
 @app.command(epilog="Example: eitbench check noser, or: eitbench check my_operator.py")

@@ -1,0 +1,280 @@
+"""Studies: many trainings that differ in what is asked about, judged alike, and resumable.
+
+A study's folder holds `study.json` (what is asked), `study.journal` (Optuna's), a folder with the
+learning curve of each training, and, when all are done, `samples.parquet`: one row per training,
+scenario and sample.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import joblib
+import numpy as np
+import pandas as pd
+
+from eitbench.benchmark.judge import judge
+from eitbench.benchmark.lock import locked
+from eitbench.methods import Problem, create
+from eitbench.methods.training import Request, train
+from eitbench.methods.training.job import no_split, training_scenario
+from eitbench.methods.training.keeper import DivergedError
+from eitbench.methods.weight_files import sensor_key
+from eitbench.scenarios.datasets import load
+from eitbench.scenarios.errors import InputError, unknown_name
+from eitbench.scenarios.scenario import SimulatedScenario
+from eitbench.scenarios.suites import load_suite
+
+if TYPE_CHECKING:
+    import optuna
+
+    from eitbench.scenarios.scenario import Split
+
+Choice = Mapping[str, Any]
+
+JOURNAL = "study.journal"
+SAMPLES = "samples.parquet"
+METRICS = ("ssim", "cc", "rie", "psnr", "score")
+
+BETAS = tuple(float(f"{beta:.3g}") for beta in np.geomspace(1e-4, 0.5, 52))
+"""As many values as published, between the same ends; how those were spaced is not stated."""
+
+OTHER_SUITES = ("noise", "shapes")
+"""Where trainings are judged beside the data they were made for, if the sensor is the same."""
+
+
+@dataclass(frozen=True)
+class Study:
+    """A question that trainings answer.
+
+    Attributes:
+        title: the question.
+        grid: the values of what is chosen; every combination is trained.
+        split: that of the training's scenario which the trainings are judged on.
+        elsewhere: whether they are judged on the test splits of `OTHER_SUITES`, too.
+        request: the training of a choice.
+    """
+
+    title: str
+    grid: Mapping[str, Sequence[Any]]
+    split: Split
+    elsewhere: bool
+    request: Callable[[Request, Choice], Request]
+
+
+def _with_beta(request: Request, choice: Choice) -> Request:
+    return replace(request, beta=choice["beta"])
+
+
+def _with_loss(request: Request, choice: Choice) -> Request:
+    request = replace(request, seed=choice["seed"])
+    if choice["physics"] == "none":
+        return replace(request, name="dnn")
+    return replace(request, operator=choice["physics"])
+
+
+def _with_size(request: Request, choice: Choice) -> Request:
+    return replace(request, name="dnn", limit=choice["samples"], backbone=choice["backbone"])
+
+
+STUDIES: dict[str, Study] = {
+    "beta": Study(
+        "Which weight of the physical loss is best?",
+        {"beta": BETAS},
+        "validation",
+        False,
+        _with_beta,
+    ),
+    "physics": Study(
+        "Does a physical loss help, and through which operator?",
+        {"physics": ("none", "surrogate", "fem"), "seed": (0, 1, 2)},
+        "test",
+        True,
+        _with_loss,
+    ),
+    "size": Study(
+        "What are more data and a larger network worth?",
+        {"samples": (750, 1500, 3000, 6000), "backbone": ("unet-small", "unet")},
+        "validation",
+        False,
+        _with_size,
+    ),
+}
+
+
+@dataclass(frozen=True)
+class Budget:
+    """What the trainings of a study may cost; the same for all.
+
+    Attributes:
+        suite: with the data.
+        epochs: of each training.
+        limit: training samples; all by default.
+        judged: samples of each scenario that a training is judged on; all by default.
+        operator: forward operator of the physical loss, where the study does not choose it.
+    """
+
+    suite: str
+    epochs: int | None = None
+    limit: int | None = None
+    judged: int | None = None
+    operator: str = "surrogate"
+
+
+def run_study(
+    name: str, budget: Budget, out: Path, *, jobs: int = 1, progress: bool = False
+) -> pd.DataFrame:
+    """Train and judge all of a study, or what is missing in the folder `out`.
+
+    Returns one row per training, scenario and sample: the choice, `scenario`, `sample`, `METRICS`,
+    `train_s`. A training that diverged has one row without figures.
+
+    Raises:
+        InputError: no such study, one that does not fit its suite, a folder of another, or one
+            that another process works in.
+        EitbenchError: as for `train`.
+    """
+    if name not in STUDIES:
+        raise unknown_name("study", name, STUDIES)
+    scenario = training_scenario(load_suite(budget.suite))
+    settings = {"study": name, **vars(budget), "data": scenario.data_hash("train")}
+    _begin(out, settings)
+    with locked(out):
+        _forget_unfinished(name, out)
+        joblib.Parallel(n_jobs=jobs)(
+            joblib.delayed(_work)(name, STUDIES[name], budget, out, progress and jobs == 1)
+            for _ in range(jobs)
+        )
+    trials = {_label(trial.params): trial for trial in _opened(name, STUDIES[name], out).trials}
+    tables = []
+    for label, trial in sorted(trials.items()):
+        found = out / label / SAMPLES
+        rows = pd.read_parquet(found) if found.is_file() else pd.DataFrame([{"scenario": ""}])
+        tables.append(rows.assign(**trial.params))
+    table = pd.concat(tables, ignore_index=True)
+    table.to_parquet(out / SAMPLES)
+    return table
+
+
+def _begin(out: Path, settings: Mapping[str, Any]) -> None:
+    """Note what is studied in `out`, or check that it is this.
+
+    Raises:
+        InputError: it is something else.
+    """
+    file = out / "study.json"
+    if file.is_file():
+        begun = json.loads(file.read_text())
+        for name, value in settings.items():
+            if begun.get(name) != value:
+                raise InputError(
+                    f"{out} holds a study with {name} {begun.get(name)!r}, not {value!r}: choose "
+                    "another folder with --out."
+                )
+        return
+    if out.exists() and any(out.iterdir()):
+        raise InputError(f"{out} is not empty and holds no study: choose another folder.")
+    out.mkdir(parents=True, exist_ok=True)
+    file.write_text(json.dumps(settings, indent=1) + "\n")
+
+
+def _storage(out: Path) -> optuna.storages.BaseStorage:
+    from optuna.storages import JournalStorage
+    from optuna.storages.journal import JournalFileBackend
+
+    return JournalStorage(JournalFileBackend(str(out / JOURNAL)))
+
+
+def _forget_unfinished(name: str, out: Path) -> None:
+    """Begin the journal again if trials were cut short, which Optuna would not try again.
+
+    What was finished is kept in files, and is passed over at once.
+    """
+    import optuna
+
+    finished = (optuna.trial.TrialState.COMPLETE, optuna.trial.TrialState.PRUNED)
+    if any(trial.state not in finished for trial in _opened(name, STUDIES[name], out).trials):
+        optuna.delete_study(study_name=name, storage=_storage(out))
+
+
+def _opened(name: str, study: Study, out: Path) -> optuna.Study:
+    import optuna
+
+    optuna.logging.set_verbosity(optuna.logging.ERROR)
+    return optuna.create_study(
+        storage=_storage(out),
+        sampler=optuna.samplers.GridSampler(dict(study.grid), seed=0),
+        study_name=name,
+        direction="maximize",
+        load_if_exists=True,
+    )
+
+
+def _work(name: str, study: Study, budget: Budget, out: Path, progress: bool) -> None:
+    """Train and judge until nothing is left that no other process works on."""
+    import optuna
+
+    def objective(trial: optuna.Trial) -> float:
+        choice = {key: trial.suggest_categorical(key, v) for key, v in study.grid.items()}
+        folder = out / _label(choice)
+        base = Request(
+            "phydnn",
+            budget.suite,
+            budget.epochs,
+            limit=budget.limit,
+            operator=budget.operator,
+            out=folder,
+            use=False,
+            progress=progress,
+        )
+        request = study.request(base, choice)
+        try:
+            table = _judged(study, request, budget.judged)
+        except DivergedError as error:
+            raise optuna.TrialPruned(str(error)) from error
+        table.to_parquet(folder / SAMPLES)
+        return float(table["score"].mean())
+
+    _opened(name, study, out).optimize(objective)
+
+
+def _label(choice: Choice) -> str:
+    return "-".join(f"{name}-{value}" for name, value in sorted(choice.items()))
+
+
+def _judged(study: Study, request: Request, limit: int | None) -> pd.DataFrame:
+    """Train as asked, unless that was done, and judge; the curve stays, the weights do not."""
+    assert request.out is not None
+    finished = request.out / SAMPLES
+    if finished.is_file():
+        return pd.read_parquet(finished)
+    training = train(request)
+    about = json.loads(training.weights.with_suffix(".json").read_text())
+    tables = []
+    for scenario, split in _scenarios(study, request.suite):
+        data = load(scenario, split, limit)
+        method = create(request.name, weights=str(training.weights))
+        method.fit(Problem(data.sensor, data.reference, no_split))
+        table = judge(data, method.reconstruct(data.voltages))[["sample", *METRICS]]
+        tables.append(table.assign(scenario=scenario.name, train_s=float(about["train_s"])))
+    for weights in request.out.glob("*.safetensors"):
+        weights.unlink()
+    return pd.concat(tables, ignore_index=True)
+
+
+def _scenarios(study: Study, suite: str) -> list[tuple[SimulatedScenario, Split]]:
+    """What the trainings of a study are judged on."""
+    own = training_scenario(load_suite(suite))
+    found: list[tuple[SimulatedScenario, Split]] = [(own, study.split)]
+    for name in OTHER_SUITES if study.elsewhere else ():
+        found += [
+            (scenario, "test")
+            for scenario in load_suite(name).scenarios
+            if isinstance(scenario, SimulatedScenario)
+            and sensor_key(scenario.nominal_sensor) == sensor_key(own.nominal_sensor)
+        ]
+    return found
