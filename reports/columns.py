@@ -94,7 +94,7 @@ METHODS = Layout(
         _of(METRICS["score"], ".3f"),
         _of(METRICS["ssim"], ".3f"),
         _of(METRICS["cc"], ".3f"),
-        _of(METRICS["rie"], ".3f"),
+        _of(METRICS["rie"], ".4f"),
         _of(METRICS["psnr"], ".2f"),
         _of(METRICS["localisation_mm"], ".1f"),
         _of(METRICS["contact_count_error"], ".2f"),

@@ -61,11 +61,11 @@ def to_markdown(rows: Sequence[Row]) -> str:
     parts = []
     for title, board in _boards(rows):
         columns = _shown(board)
-        lines = [f"### {_markdown(title)}", ""]
-        lines.append("| " + " | ".join(_markdown(c.title) for c in columns) + " |")
+        lines = [f"### {escape_markdown(title)}", ""]
+        lines.append("| " + " | ".join(escape_markdown(c.title) for c in columns) + " |")
         lines.append("|" + "|".join(" ---: " if c.form else " --- " for c in columns) + "|")
         for row in board:
-            cells = (_markdown(c.text(row)) for c in columns)
+            cells = (escape_markdown(c.text(row)) for c in columns)
             bold = (_is_best(c, row, board) for c in columns)
             lines.append(
                 "| "
@@ -73,7 +73,7 @@ def to_markdown(rows: Sequence[Row]) -> str:
                 + " |"
             )
         if said := note(board):
-            lines += ["", _markdown(said)]
+            lines += ["", escape_markdown(said)]
         parts.append("\n".join(lines) + "\n")
     return "\n".join(parts)
 
@@ -176,7 +176,7 @@ def _fitting(board: Sequence[Row], width: int) -> list[Column]:
     """The most important columns that fit into `width` characters, in the usual order."""
     columns, terminal = layout(board[0]).columns, layout(board[0]).terminal
     shown = {column.name: column for column in _shown(board)}
-    kept, free = [], width
+    kept, free = [], width - 1  # of which the right edge takes one
     for name, heading in terminal.items():
         if name not in shown:
             continue
@@ -192,14 +192,14 @@ def _fitting(board: Sequence[Row], width: int) -> list[Column]:
 def _boards(rows: Sequence[Row]) -> Iterable[Board]:
     """The rows of each suite, scenario and data under their title, in the order given.
 
-    Operators have the published figures below them.
+    The published figures stand below those of the paper's scenarios.
     """
     found = boards(rows)
     names = [f"{board[0]['suite']} / {board[0]['scenario']}" for board in found]
     return [
         (
             printable(name if names.count(name) == 1 else f"{name} ({_data(board[0])})"),
-            [*board, *published_rows(board)] if "operator" in board[0] else board,
+            [*board, *published_rows(board)],
         )
         for name, board in zip(names, found, strict=True)
     ]
@@ -214,11 +214,9 @@ def _data(row: Row) -> str:
 def note(board: Sequence[Row]) -> str:
     """What is to be known of a board, as one line; "" where there is nothing.
 
-    That is the published figures beside operators, and the quality of recorded data.
+    That is how the published figures are to be read, and the quality of recorded data.
     """
-    said = []
-    if "operator" in board[0]:
-        said = comparison(board)
+    said = comparison(board)
     for name, words in _NOTES.items():
         known = [row[name] for row in board if row.get(name) is not None]
         if known:
@@ -258,7 +256,8 @@ def _is_best(column: Column, row: Row, board: Sequence[Row]) -> bool:
     return column.text(row) == best and any(column.number(v) != best for v in values)
 
 
-def _markdown(text: str) -> str:
+def escape_markdown(text: str) -> str:
+    """`text` as Markdown that shows it as it is."""
     escaped = html.escape(text, quote=False)
     for character in "\\`*_{}[]|~#":
         escaped = escaped.replace(character, "\\" + character)

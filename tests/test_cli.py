@@ -44,6 +44,7 @@ COMMANDS = [
     ("list",),
     ("run",),
     ("leaderboard",),
+    ("reproduce",),
     ("check",),
     ("new-method",),
     ("recordings",),
@@ -116,6 +117,7 @@ def test_list(what: str, name: str, eitbench: Run) -> None:
         (("new-method", "No Good"), 2, "cannot name a new method"),
         (("recordings", "fetch", "ohmc61"), 2, "Unknown recorded set 'ohmc61'"),
         (("leaderboard", "no-such-run"), 2, "no-such-run"),
+        (("reproduce", "--runs", "no-such-run"), 2, "no-such-run is not a run directory"),
     ],
 )
 def test_errors_are_one_sentence(
@@ -144,6 +146,7 @@ def test_errors_are_one_sentence(
         (("run", "--resume", "somewhere", "--methods", ""), "A resumed run keeps its choices"),
         (("run", "--resume", "somewhere", "--operators", "a"), "A resumed run keeps its choices"),
         (("tune",), "Missing argument"),
+        (("reproduce", "--runs", "somewhere", "--limit", "5"), "--runs are judged as they are"),
         (("list", "nonsense"), "nonsense"),
         (("no-such-command",), "no-such-command"),
     ],
@@ -345,6 +348,41 @@ def test_operators_are_run_and_printed_like_methods(tmp_path: Path, eitbench: Ru
     assert eitbench("leaderboard", str(folder), "--format", "md")[1] == (
         folder / "leaderboard.md"
     ).read_text(encoding="utf-8")
+
+
+def test_the_claims_are_judged_by_runs_that_are_given(tmp_path: Path, eitbench: Run) -> None:
+    one, out_folder = tmp_path / "one", tmp_path / "claims"
+    assert eitbench("run", TINY, "--limit", "1", "--out", str(one))[0] == 0
+    code, out, err = eitbench("reproduce", "--runs", str(one), "--out", str(out_folder))
+    assert (code, err) == (0, "")
+    found = json.loads((out_folder / "claims.json").read_text())
+    # The suite is another than the paper's, so that it says nothing of any claim.
+    assert {claim["verdict"] for claim in found["claims"]} == {"not testable"}
+    assert [run["command_line"].split(" ")[:2] for run in found["runs"]] == [["eitbench", "run"]]
+    for claim in found["claims"]:
+        assert claim["id"] in out
+    for form in ("md", "json", "html"):
+        assert f"Ledger: {out_folder / f'claims.{form}'}" in out
+    assert sorted(path.name for path in out_folder.iterdir()) == [
+        "claims.html", "claims.json", "claims.md",
+    ]  # fmt: skip
+
+
+def test_what_the_claims_need_is_run(
+    tmp_path: Path, eitbench: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from eitbench.benchmark import reproduce
+    from eitbench.benchmark.plan import make_plan
+    from eitbench.scenarios.suites import load_suite
+
+    monkeypatch.setattr(
+        reproduce, "_plans", lambda limit: [make_plan(load_suite(TINY), limit=limit)]
+    )
+    code, out, _ = eitbench("reproduce", "--limit", "2", "--out", str(tmp_path / "all"))
+    assert code == 0
+    assert "not testable" in out
+    for name in ("claims.md", "tiny/manifest.json", "tiny/leaderboard.md", "tiny/figures"):
+        assert (tmp_path / "all" / name).exists()
 
 
 def test_json_for_programs(tmp_path: Path, eitbench: Run) -> None:

@@ -183,18 +183,13 @@ def _plan(
 
 def _show_run(result: "RunResult", as_json: bool, limit: int | None) -> None:
     from eitbench.benchmark import manifest
-    from eitbench.benchmark.recorded import write_notes
     from eitbench.benchmark.results import failures, read_run
-    from eitbench.reports.figures import write_figures
-    from eitbench.reports.leaderboard import leaderboard, table, write_leaderboard
+    from eitbench.reports.leaderboard import table
 
     for name, data in manifest.read(result.path)["data"].items():
         if limit is not None and data["n"] < limit:
             _warn(f"Scenario {name!r} has only {data['n']} test samples: --limit {limit} is above.")
-    write_notes(result.path)
-    rows = leaderboard([result.path])
-    write_leaderboard(rows, result.path)
-    figures = write_figures(result.path)
+    rows, figures = _complete(result.path)
     if as_json:
         _print_json(
             {
@@ -213,6 +208,54 @@ def _show_run(result: "RunResult", as_json: bool, limit: int | None) -> None:
     for path in figures:
         if path.suffix == ".png":
             typer.echo(f"Picture: {path}")
+
+
+def _complete(run: Path) -> tuple[list[dict[str, Any]], list[Path]]:
+    """Write notes, leaderboard and figures into a run directory; its rows and the pictures."""
+    from eitbench.benchmark.recorded import write_notes
+    from eitbench.reports.figures import write_figures
+    from eitbench.reports.leaderboard import leaderboard, write_leaderboard
+
+    write_notes(run)
+    rows = leaderboard([run])
+    write_leaderboard(rows, run)
+    return rows, write_figures(run)
+
+
+@app.command(epilog="Example: eitbench reproduce --limit 200 --out runs/claims")
+def reproduce(
+    runs: Annotated[
+        list[Path] | None,
+        typer.Option(metavar="DIR", help="Run nothing: judge by this run directory (repeatable)."),
+    ] = None,
+    limit: Annotated[int | None, typer.Option(min=1, help="Test samples of each scenario.")] = None,
+    jobs: Annotated[int, typer.Option(min=1, help="Cells (scenario x method) at a time.")] = 1,
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="Where all goes; what is run there is not run again."),
+    ] = None,
+) -> None:
+    """Judge the published claims by what is measured here, and write the claim ledger."""
+    from eitbench.benchmark.progress import RunProgress
+    from eitbench.benchmark.reproduce import run_claims
+    from eitbench.benchmark.runner import RunInterruptedError
+    from eitbench.reports.ledger import ledger, table, write_ledger
+
+    if runs and limit is not None:
+        raise typer.BadParameter("--runs are judged as they are: leave out --limit")
+    folder = out or Path("runs") / f"reproduce-{time.strftime('%Y%m%d-%H%M%S')}"
+    if not runs:
+        try:
+            runs = run_claims(folder, limit=limit, jobs=jobs, progress=RunProgress())
+        except RunInterruptedError as interrupted:
+            _fail(str(interrupted), 130)
+        for path in runs:
+            _complete(path)
+    found = ledger(runs)
+    written = write_ledger(found, runs, folder)
+    _print_renderable(table(found))
+    for path in written:
+        typer.echo(f"Ledger: {path}")
 
 
 @app.command(epilog="Example: eitbench leaderboard runs/first --format latex > table.tex")

@@ -82,6 +82,55 @@ def made(truth: Literal["conductivity", "position", "classes", "none"], n: int) 
     return dataset
 
 
+def write_manifest(
+    run: Path,
+    suite: str,
+    data: dict[str, Any],
+    limit: int | None = None,
+    skipped: dict[str, str] | None = None,
+) -> None:
+    """Write what a report reads of a manifest."""
+    content = {
+        "skipped": skipped or {},
+        "cells": [{"name": "phydnn", "weights": "b10b"}, {"name": "noser", "weights": ""}],
+        "plan": {"suite": {"name": suite}, "limit": limit},
+        "started": "2026-01-01T00:00:00+00:00",
+        "command_line": f"eitbench run {suite}",
+        "git_commit": None,
+        "machine": {"cpu": "A processor"},
+        "data": data,
+    }
+    (run / "manifest.json").write_text(json.dumps(content))
+
+
+def of_paper(n: int = 8) -> Dataset:
+    """Like `made`, under the name of the paper's scenario."""
+    dataset = made("conductivity", n)
+    named = replace(dataset, scenario="paper", inverse_crime=True)
+    named.__dict__["conductivity"] = dataset.conductivity
+    return named
+
+
+def write_operators(run: Path, mse: dict[str, float], suite: str = "operators") -> Path:
+    """Write what a run of operators on the paper's scenario leaves, each with this MSE."""
+    run.mkdir()
+    n = 4
+    samples = [
+        pd.DataFrame(
+            {
+                "suite": suite, "scenario": "paper", "operator": name, "sample": np.arange(n),
+                "status": "ok", "message": "", "mse": value * np.array([0.5, 1.5, 0.5, 1.5]),
+            }
+        )
+        for name, value in mse.items()
+    ]  # fmt: skip
+    cells = [{"scenario": "paper", "operator": name, "r": 1 - value} for name, value in mse.items()]
+    write_manifest(run, suite, {"paper": {"hash": "c0ffee", "n": n, "inverse_crime": True}})
+    pd.concat(samples).to_parquet(run / "samples.parquet")
+    pd.DataFrame(cells).to_parquet(run / "operators.parquet")
+    return run
+
+
 @dataclass
 class RunBuilder:
     """Collects cells and writes them as the run directory that a finished run leaves."""
@@ -93,6 +142,8 @@ class RunBuilder:
     datasets: dict[str, Dataset] = field(default_factory=dict)
     images: dict[tuple[str, str], NDArray[np.float32]] = field(default_factory=dict)
     hash: str = "3f2a1b9c"
+    limit: int | None = None
+    skipped: dict[str, str] = field(default_factory=dict)
 
     def add(self, dataset: Dataset, method: str, images: Array, lost: int = 0) -> "RunBuilder":
         """Add a cell; its last `lost` frames timed out."""
@@ -113,6 +164,7 @@ class RunBuilder:
                             "track": "default",
                             "status": status,
                             "message": "",
+                            "input_hash": [f"frame-{k}" for k in range(len(kept))],
                         }
                     ),
                     dataset.samples,
@@ -142,8 +194,11 @@ class RunBuilder:
     def write(self) -> Path:
         """Write the directory."""
         self.path.mkdir(parents=True, exist_ok=True)
-        data = {name: {"hash": self.hash, "n": len(d)} for name, d in self.datasets.items()}
-        (self.path / "manifest.json").write_text(json.dumps({"suite": self.suite, "data": data}))
+        data = {
+            name: {"hash": self.hash, "n": len(d), "inverse_crime": d.inverse_crime}
+            for name, d in self.datasets.items()
+        }
+        write_manifest(self.path, self.suite, data, self.limit, self.skipped)
         pd.concat(self.samples, ignore_index=True).to_parquet(self.path / "samples.parquet")
         pd.DataFrame(self.methods).to_parquet(self.path / "methods.parquet")
         with h5py.File(self.path / "reconstructions.h5", "w") as file:
@@ -187,6 +242,16 @@ def full_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
             lost = 2 if (truth, name) == ("conductivity", "sharp") else 0
             builder.add(dataset, name, images, lost)
     return builder.write()
+
+
+@pytest.fixture
+def paper() -> Dataset:
+    return of_paper()
+
+
+@pytest.fixture
+def build_operators(tmp_path: Path) -> Callable[..., Path]:
+    return lambda mse, **kind: write_operators(tmp_path / "operators-run", mse, **kind)
 
 
 @pytest.fixture
