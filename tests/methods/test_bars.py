@@ -1,4 +1,4 @@
-"""What the classical methods must reach with the packaged choices, on 120 samples (20 a family)."""
+"""What methods must reach with the packaged choices and weights, on 120 samples (20 a family)."""
 
 from functools import cache
 
@@ -49,6 +49,20 @@ def test_total_variation_beats_noser_at_every_noise_level(scenario: str) -> None
     tv, noser = figures(scenario, "tv"), figures(scenario, "noser")
     assert tv["ssim"] > noser["ssim"]
     assert tv["psnr"] > noser["psnr"]
+
+
+@pytest.mark.parametrize("scenario", ["paper", "paper-50db", "paper-30db"])
+def test_the_packaged_network_beats_total_variation(scenario: str) -> None:
+    dnn, tv = figures(scenario, "dnn"), figures(scenario, "tv")
+    assert all(dnn[name] > tv[name] for name in tv)
+
+
+def test_the_packaged_network_on_clean_frames() -> None:
+    """Short of the aim (SSIM 0.945, CC 0.955, PSNR 29.5), which 30 of 100 epochs do not reach."""
+    found = figures("paper", "dnn")
+    assert found["ssim"] >= 0.92
+    assert found["cc"] >= 0.94
+    assert found["psnr"] >= 28
 
 
 @pytest.mark.slow
