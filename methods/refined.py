@@ -150,7 +150,7 @@ class LearnedGaussNewton(Refined):
 
     source: ClassVar[str] = "Adler and Oktem, Inverse Problems 33(12), 2017"
     files: ClassVar = WeightFiles("learned-gn", version="1")
-    steps: ClassVar = 2
+    steps: ClassVar = 1
     count: ClassVar = 1 + len(SNR_DB)
 
     @classmethod

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from eitbench.methods import Problem, create
 from eitbench.methods.gauss_newton_update import SNR_DB, GaussNewtonUpdate, expected_error
 from eitbench.methods.networks.refiner import Refiner
+from eitbench.methods.refined import LearnedGaussNewton
 from eitbench.methods.training import Request, TrainingInterruptedError, learned, refined, train
 from eitbench.methods.training.refined import RefinerTrainee
 from eitbench.methods.training.trainee import Data
@@ -158,6 +159,7 @@ def test_steps_through_the_model_improve_the_image_of_a_network(
     cache: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     tiny = suite(cache)
+    monkeypatch.setattr(LearnedGaussNewton, "steps", 2)  # more than the packaged weights have
     train(Request("dnn", tiny, epochs=10, operator="jacobian"))
     request = Request("learned-gn", tiny, epochs=8, out=cache / "out")
     calls = []
