@@ -139,6 +139,7 @@ METHODS = Registry(
         "gauss_newton",
         "linear_learned",
         "learned",
+        "dip",
         "refined",
     ),
 )
