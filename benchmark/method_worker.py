@@ -19,6 +19,7 @@ from eitbench.scenarios.datasets import Dataset, load
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.scenario import Scenario
 from eitbench.scenarios.sensors import Sensor
+from eitbench.scenarios.suites import learned_from
 
 Frames = NDArray[np.float64]
 Images = NDArray[np.float32]
@@ -87,14 +88,17 @@ def constructor_parameters(method: Method) -> dict[str, Any]:
 
 
 def learning_splits(scenario: Scenario, split: str, limit: int | None) -> Dataset:
-    """Training or validation data of `scenario`; a method is never given the test split.
+    """Training or validation data for `scenario`; a method is never given the test split.
+
+    What is learned from recorded presses are simulated ones, see `learned_from`.
 
     Raises:
         InputError: any other split was asked for.
     """
     if split not in ("train", "validation"):
         raise InputError(f"A method may ask for the train or validation split, not for {split!r}.")
-    return load(scenario, split=split, limit=limit)
+    source = learned_from(scenario) if split == "train" else scenario
+    return load(source, split=split, limit=limit)
 
 
 def scenario_splits(scenario: Scenario) -> Splits:

@@ -11,6 +11,7 @@ import logging
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ import joblib
 import numpy as np
 
 from eitbench.benchmark.judge import REGISTRATION_FRAMES, fit_registration, judge
+from eitbench.benchmark.method_worker import learning_splits
 from eitbench.methods import Problem, create, load_plugin, methods
 from eitbench.scenarios.cache_dir import cache_dir
 from eitbench.scenarios.datasets import Dataset, load
@@ -108,7 +110,7 @@ def choose(scenario: Scenario, method: str) -> Choice | None:
     data = load(seen, split="validation", limit=limit)
     if data.truth not in FIGURES or not len(data.voltages):
         return None
-    problem = Problem(data.sensor, data.reference, _no_other_split)
+    problem = Problem(data.sensor, data.reference, partial(_training_split, scenario))
     made = create(method)
     missing = [name for name in search if not hasattr(made, name)]
     if missing:
@@ -141,8 +143,11 @@ def ranked_figure(data: Dataset, estimates: np.ndarray[Any, Any]) -> float | Non
     return value if np.isfinite(value) else None
 
 
-def _no_other_split(split: str, limit: int | None) -> Dataset:
-    raise RuntimeError(f"Selection does not load the {split} split.")
+def _training_split(scenario: Scenario, split: str, limit: int | None) -> Dataset:
+    """What methods learn from; the frames they are judged on here are not given to them."""
+    if split != "train":
+        raise InputError(f"Methods are not given the {split} split while they are tuned.")
+    return learning_splits(scenario, split, limit)
 
 
 def tune(

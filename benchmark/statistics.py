@@ -1,20 +1,23 @@
-"""Intervals of means over samples."""
+"""Intervals of means and medians over samples."""
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from eitbench.scenarios.errors import InputError
+
+Array = NDArray[np.float64]
 
 LEVEL = 0.95
 RESAMPLES = 2000
 
 
 class Interval(NamedTuple):
-    """A mean with the ends of its interval."""
+    """A mean, or a median, with the ends of its interval."""
 
-    mean: float
+    value: float
     low: float
     high: float
 
@@ -30,15 +33,32 @@ def bootstrap_means(values: ArrayLike, seed: int = 0) -> list[Interval]:
     Raises:
         InputError: fewer than 2 samples, or values that are not finite.
     """
+    return _bootstrap(values, np.mean, seed)
+
+
+def bootstrap_medians(values: ArrayLike, seed: int = 0) -> list[Interval]:
+    """As `bootstrap_means`, for medians.
+
+    Raises:
+        InputError: as for `bootstrap_means`.
+    """
+    return _bootstrap(values, np.median, seed)
+
+
+def _bootstrap(values: ArrayLike, statistic: Callable[..., Array], seed: int) -> list[Interval]:
     table = np.asarray(values, dtype=np.float64)
     if table.ndim != 2 or len(table) < 2 or not np.isfinite(table).all():
         raise InputError(
             f"A bootstrap needs finite values of at least 2 samples, got shape {table.shape}."
         )
     rng, n = np.random.default_rng(seed), len(table)
-    means = np.array([table[rng.integers(n, size=n)].mean(axis=0) for _ in range(RESAMPLES)])
-    ends = np.quantile(means, [(1 - LEVEL) / 2, (1 + LEVEL) / 2], axis=0)
-    return [Interval(*map(float, three)) for three in zip(table.mean(axis=0), *ends, strict=True)]
+    drawn = [statistic(table[rng.integers(n, size=n)], axis=0) for _ in range(RESAMPLES)]
+    return _intervals(statistic(table, axis=0), np.array(drawn))
+
+
+def _intervals(values: Array, drawn: Array) -> list[Interval]:
+    ends = np.quantile(drawn, [(1 - LEVEL) / 2, (1 + LEVEL) / 2], axis=0)
+    return [Interval(*map(float, three)) for three in zip(values, *ends, strict=True)]
 
 
 def nested_bootstrap_means(values: ArrayLike, seed: int = 0) -> list[Interval]:
@@ -65,6 +85,4 @@ def nested_bootstrap_means(values: ArrayLike, seed: int = 0) -> list[Interval]:
             for _ in range(RESAMPLES)
         ]
     )
-    ends = np.quantile(means, [(1 - LEVEL) / 2, (1 + LEVEL) / 2], axis=0)
-    mean = table.mean(axis=(0, 1))
-    return [Interval(*map(float, three)) for three in zip(mean, *ends, strict=True)]
+    return _intervals(table.mean(axis=(0, 1)), means)

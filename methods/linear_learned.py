@@ -39,7 +39,10 @@ class LinearLearned(Method):
         inputs, seen = self._inputs(train.voltages), self._inputs(validation.voltages)
         self._std = np.maximum(inputs.std(axis=0), 1e-6 * inputs.std(axis=0).max())
         found = ridge(
-            inputs / self._std, self._images(train), seen / self._std, self._images(validation)
+            inputs / self._std,
+            contrasts(train, problem),
+            seen / self._std,
+            contrasts(validation, problem),
         )
         self._matrix = found.matrix.astype(np.float64)
 
@@ -55,9 +58,14 @@ class LinearLearned(Method):
     def _inputs(self, voltages: Array) -> Array:
         return np.asarray(self._problem.difference(voltages) @ self._averaging)
 
-    def _images(self, data: Dataset) -> NDArray[np.float32]:
-        """Relative contrasts (n, P) of the pixels inside the sensor."""
-        if data.conductivity is None:
-            raise InputError(f"Scenario {data.scenario!r} knows no conductivity to learn from.")
-        inside = data.conductivity[:, self._problem.mask] / self._problem.background - 1
-        return inside.astype(np.float32)
+
+def contrasts(data: Dataset, problem: Problem) -> NDArray[np.float32]:
+    """Relative contrasts (n, P) of the pixels inside the sensor.
+
+    Raises:
+        InputError: the conductivity of `data` is not known.
+    """
+    if data.conductivity is None:
+        raise InputError(f"Scenario {data.scenario!r} knows no conductivity to learn from.")
+    inside = data.conductivity[:, problem.mask] / problem.background - 1
+    return inside.astype(np.float32)

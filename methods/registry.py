@@ -138,6 +138,7 @@ METHODS = Registry(
         "total_variation",
         "gauss_newton",
         "linear_learned",
+        "linear_touch",
         "learned",
         "dip",
         "refined",

@@ -126,6 +126,18 @@ def scenario_by_name(name: str) -> SimulatedScenario | RecordedScenario:
     return known[name]
 
 
+def learned_from(scenario: Scenario) -> Scenario:
+    """The scenario whose training split teaches methods for `scenario`.
+
+    That is the scenario itself, but for recorded presses: these are learned from the simulated ones
+    of the suite `presses`, on the nominal sensor of the set.
+    """
+    if isinstance(scenario, RecordedScenario) and scenario.recorded_set.truth == "position":
+        presses = scenario_by_name("presses")
+        return presses.model_copy(update={"sensor": scenario.recorded_set.sensor_name})
+    return scenario
+
+
 def read_suite(path: Path) -> Suite:
     """The suite declared in the TOML file at `path`.
 

@@ -228,6 +228,10 @@ def reproduce(
         list[Path] | None,
         typer.Option(metavar="DIR", help="Run nothing: judge by this run directory (repeatable)."),
     ] = None,
+    study: Annotated[
+        list[Path] | None,
+        typer.Option(metavar="DIR", help="Judge by this study, not by the packaged (repeatable)."),
+    ] = None,
     limit: Annotated[int | None, typer.Option(min=1, help="Test samples of each scenario.")] = None,
     jobs: Annotated[int, typer.Option(min=1, help="Cells (scenario x method) at a time.")] = 1,
     out: Annotated[
@@ -251,7 +255,7 @@ def reproduce(
             _fail(str(interrupted), 130)
         for path in runs:
             _complete(path)
-    found = ledger(runs)
+    found = ledger(runs, study or ())
     written = write_ledger(found, runs, folder)
     _print_renderable(table(found))
     for path in written:
@@ -396,6 +400,25 @@ def study(
     budget = Budget(suite, epochs, limit, judged, operator)
     run_study(name, budget, out, jobs=jobs, progress=True)
     for path in write_study(out):
+        typer.echo(str(path))
+
+
+@app.command("real-trained", epilog="Example: eitbench real-trained --jobs 2 --out runs/presses")
+def real_trained_command(
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Where the errors and figure go.")],
+    recording: Annotated[
+        str, typer.Argument(help="A recorded set that knows where it was pressed.")
+    ] = "ohmc16",
+    jobs: Annotated[int, typer.Option(min=1, help="Folds at a time.")] = 1,
+) -> None:
+    """Measure how far presses are placed wrong after learning from 0 to 400 real ones."""
+    from eitbench.benchmark.real_trained import real_trained
+    from eitbench.reports.real_trained import summary, to_markdown, write_real_trained
+
+    errors = real_trained(recording, jobs=jobs)
+    typer.echo(f"Median error [mm] on {recording}, cross-validated:\n")
+    typer.echo(to_markdown(summary(errors)))
+    for path in write_real_trained(errors, recording, out):
         typer.echo(str(path))
 
 

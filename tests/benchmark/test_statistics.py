@@ -14,7 +14,7 @@ def test_intervals_are_those_of_scipy() -> None:
         other = stats.bootstrap(
             (column,), np.mean, n_resamples=20000, method="percentile", rng=2
         ).confidence_interval
-        assert interval.mean == pytest.approx(column.mean())
+        assert interval.value == pytest.approx(column.mean())
         width = other.high - other.low
         assert interval.low == pytest.approx(other.low, abs=0.05 * width)
         assert interval.high == pytest.approx(other.high, abs=0.05 * width)
@@ -24,8 +24,8 @@ def test_many_samples_give_the_normal_interval() -> None:
     values = np.random.default_rng(3).normal(5, 2, size=(4000, 1))
     (interval,) = bootstrap_means(values)
     half = 1.96 * values.std() / np.sqrt(len(values))
-    assert interval.high - interval.mean == pytest.approx(half, rel=0.1)
-    assert interval.mean - interval.low == pytest.approx(half, rel=0.1)
+    assert interval.high - interval.value == pytest.approx(half, rel=0.1)
+    assert interval.value - interval.low == pytest.approx(half, rel=0.1)
 
 
 def test_about_95_of_100_intervals_hold_the_truth() -> None:
@@ -61,7 +61,7 @@ def test_the_nested_interval_knows_how_much_groups_differ() -> None:
     values = levels[:, None, None] + 1e-3 * rng.normal(size=(4, 50, 2))
     flat = bootstrap_means(values.reshape(-1, 2))[0]
     found = nested_bootstrap_means(values)[0]
-    assert found.mean == pytest.approx(2.0, abs=1e-3)
+    assert found.value == pytest.approx(2.0, abs=1e-3)
     means = [rng.choice(levels, 4).mean() for _ in range(20000)]
     low, high = np.quantile(means, [0.025, 0.975])
     assert found.low == pytest.approx(low, abs=0.15)

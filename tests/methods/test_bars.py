@@ -7,6 +7,7 @@ import pytest
 
 from eitbench.benchmark import metrics
 from eitbench.benchmark.judge import REGISTRATION_FRAMES, fit_registration, judge
+from eitbench.benchmark.method_worker import scenario_splits
 from eitbench.benchmark.selection import selected_parameters
 from eitbench.methods import Problem, create
 from eitbench.scenarios.datasets import load
@@ -83,3 +84,19 @@ def test_noser_finds_presses_on_a_real_skin() -> None:
     registration = fit_registration(validation, method.reconstruct(validation.voltages))
     errors = judge(test, method.reconstruct(test.voltages), registration)["localisation_mm"]
     assert np.median(errors) <= 13
+
+
+@pytest.mark.usefixtures("recorded_data")
+def test_what_simulated_presses_teach_beats_greit_on_a_real_skin() -> None:
+    """Medians on the 400 test presses: 8.3 mm against 9.4 mm of the best classical method."""
+    errors = {}
+    for name in ("linear-touch", "greit"):
+        method = create(name, **(selected_parameters(scenarios()["ohmc16"], name) or {}))
+        validation = load("ohmc16", split="validation", limit=REGISTRATION_FRAMES)
+        test = load("ohmc16", split="test")
+        splits = scenario_splits(scenarios()["ohmc16"])
+        method.fit(Problem(test.sensor, test.reference, splits))
+        registration = fit_registration(validation, method.reconstruct(validation.voltages))
+        judged = judge(test, method.reconstruct(test.voltages), registration)
+        errors[name] = np.median(judged["localisation_mm"])
+    assert errors["linear-touch"] < 0.95 * errors["greit"]

@@ -1,0 +1,92 @@
+"""Kernel ridge regression that chooses its kernel and ridge by leave-one-out, in closed form.
+
+With the kernel matrix K (n, n) of the training inputs and the smoother H = K (K + w I)^-1, the
+prediction of y_i from all others is off by (y - H y)_i / (1 - H_ii): no regression has to be
+repeated. One eigendecomposition of K serves every ridge w.
+
+Source: Rasmussen and Williams, Gaussian Processes for Machine Learning (2006), sec. 2.2 and 5.4.2.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.distance import cdist
+
+from eitbench.scenarios.errors import InputError
+
+Array = NDArray[np.float64]
+Kernel = Callable[[Array, Array], Array]
+
+WIDTHS = (0.5, 1.0, 2.0, 4.0, 8.0)
+"""Widths of the Gaussian to choose from, as multiples of the median distance of two inputs."""
+
+WEIGHTS = tuple(10.0**k for k in np.arange(-6, 2.5, 0.5))
+"""Ridges to choose from, as multiples of the kernel matrix's mean diagonal."""
+
+
+class KernelRidge(NamedTuple):
+    """Outputs (n, k) from inputs (n, d), learned from samples of both.
+
+    Attributes:
+        kernel: from inputs (n, d) and (m, d) to their kernel (n, m).
+        samples: (m, d) the training inputs.
+        coefficients: (m, k).
+        mean: (k,) of the training outputs.
+        error: root mean squared leave-one-out error of the training outputs.
+    """
+
+    kernel: Kernel
+    samples: Array
+    coefficients: Array
+    mean: Array
+    error: float
+
+    def __call__(self, inputs: Array) -> Array:
+        """Outputs (n, k) of `inputs` (n, d)."""
+        return np.asarray(self.mean + self.kernel(inputs, self.samples) @ self.coefficients)
+
+
+def linear(a: Array, b: Array) -> Array:
+    """The kernel of linear functions with a constant."""
+    return np.asarray(a @ b.T / a.shape[1] + 1.0)
+
+
+def gaussian(width: float, a: Array, b: Array) -> Array:
+    """The Gaussian kernel of the given `width`."""
+    return np.asarray(np.exp(cdist(a, b, "sqeuclidean") / (-2 * width**2)))
+
+
+def gaussians(inputs: Array) -> list[Kernel]:
+    """Gaussian kernels of all `WIDTHS` for `inputs` (n, d)."""
+    distances = cdist(inputs, inputs)[np.triu_indices(len(inputs), 1)]
+    typical = float(np.median(distances)) or 1.0
+    return [partial(gaussian, factor * typical) for factor in WIDTHS]
+
+
+def kernel_ridge(inputs: Array, outputs: Array, kernels: Sequence[Kernel]) -> KernelRidge:
+    """The regression of `outputs` (n, k) on `inputs` (n, d) with the least leave-one-out error.
+
+    Raises:
+        InputError: fewer than 3 samples.
+    """
+    if len(inputs) < 3:
+        raise InputError(f"A regression needs at least 3 samples, got {len(inputs)}.")
+    mean = outputs.mean(axis=0)
+    candidates = []
+    for kernel in kernels:
+        matrix = kernel(inputs, inputs)
+        energy, vectors = np.linalg.eigh(matrix)
+        rotated = vectors.T @ (outputs - mean)
+        for weight in WEIGHTS:
+            damped = np.maximum(energy, 0.0) + weight * np.trace(matrix) / len(matrix)
+            coefficients = vectors @ (rotated / damped[:, None])
+            # 1 - H = w (K + w I)^-1 and y - H y = w (K + w I)^-1 y: w cancels.
+            left_out = coefficients / (vectors**2 @ (1 / damped))[:, None]
+            error = float(np.sqrt(np.mean(left_out**2)))
+            candidates.append(KernelRidge(kernel, inputs, coefficients, mean, error))
+    return min(candidates, key=lambda candidate: candidate.error)
