@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -54,6 +55,10 @@ BETA = {"dnn": 0.0, "phydnn": 0.0029}
 DATA_ALONE = 0.3
 """Share of the epochs at the beginning in which only the data loss is minimised."""
 
+PHYSICAL_SHARE = 0.25
+"""Share of each batch that the physical loss is taken over. The mean over a part of a shuffled
+batch has the same expectation; over all of it, physics would cost as much time as the network."""
+
 METHODS: dict[str, type[Learned]] = {"dnn": Dnn, "phydnn": PhyDnn}
 
 
@@ -62,9 +67,9 @@ class LearnedTrainee(Trainee):
 
     A batch holds differences (n, M) [V/A], rms of the frames (n,) [V/A] and relative images
     (n, H, W). The data loss is the mean over samples and pixels of (sigma_p - sigma)^2, both
-    relative to the background; for the other see `PhysicalLoss`, which is minimised after the
-    first `DATA_ALONE` of the epochs, and logged always: on the validation split, and on as many
-    training samples.
+    relative to the background; for the other see `PhysicalLoss`. It is minimised over
+    `PHYSICAL_SHARE` of each batch after the first `DATA_ALONE` of the epochs, and logged always, on
+    the validation split and on as many training samples.
     """
 
     network: ImageNetwork
@@ -92,7 +97,8 @@ class LearnedTrainee(Trainee):
         # Images that are not finite have no voltages; the data loss tells of them.
         if self._beta == 0 or self.epochs_done < self._alone or not data.isfinite():
             return data
-        physical: Tensor = self._physical(relative, difference, motion)
+        part = slice(math.ceil(PHYSICAL_SHARE * len(truth)))
+        physical: Tensor = self._physical(relative[part], difference[part], motion)
         return data + self._beta * physical
 
     def validation_step(self, batch: Data, index: int, dataloader_idx: int = 0) -> None:
