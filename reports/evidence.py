@@ -1,6 +1,6 @@
 """What finished runs say of one method or operator on the paper's scenario."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -49,16 +49,27 @@ class Measured:
 
 
 class Evidence:
-    """Runs to look things up in."""
+    """Runs, and summaries of studies by name, to look things up in."""
 
-    def __init__(self, runs: Sequence[Run]) -> None:
+    def __init__(self, runs: Sequence[Run], studies: Mapping[str, Row] | None = None) -> None:
         self._runs = runs
+        self._studies = studies or {}
         self._rows = [
             (run, row)
             for run in runs
             for row in leaderboard_rows([run])
             if row["scenario"] == SCENARIO and row["suite"] == SUITES[run.kind.name]
         ]
+
+    def study(self, name: str) -> Row:
+        """The summary of the study called `name`.
+
+        Raises:
+            NotMeasuredError: there is none.
+        """
+        if name not in self._studies:
+            raise NotMeasuredError(f"There is no study {name!r} here.")
+        return self._studies[name]
 
     def of(self, kind: Kind, name: str) -> Measured:
         """What was measured of the method or operator `name`.

@@ -1,17 +1,18 @@
 """The claim ledger: every published claim with its verdict, as Markdown, JSON and a page."""
 
+import base64
 import json
 import re
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
 
-from eitbench.benchmark import EitbenchError, manifest
+from eitbench.benchmark import EitbenchError, InputError, manifest
 from eitbench.benchmark.readings import FIGURES
 from eitbench.benchmark.results import Run, read_run
 from eitbench.reports.audit import Audit, audit
@@ -20,7 +21,9 @@ from eitbench.reports.columns import printable
 from eitbench.reports.evidence import SCENARIO, Evidence
 from eitbench.reports.leaderboard import escape_markdown, leaderboard, to_html
 from eitbench.reports.published import PAPER, SSIM_IN_WORDS, TABLE_II
+from eitbench.reports.studies import budget, packaged_studies, read_study
 from eitbench.reports.verdicts import Verdict
+from eitbench.scenarios.catalogue import foam16
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -29,15 +32,19 @@ Ledger = dict[str, Any]
 FILES = {"md": "claims.md", "json": "claims.json", "html": "claims.html"}
 
 
-def ledger(runs: Sequence[Path]) -> Ledger:
-    """What the run directories say of every published claim, as plain values.
+def ledger(runs: Sequence[Path], studies: Sequence[Path] = ()) -> Ledger:
+    """What the run directories and studies say of every published claim, as plain values.
+
+    A study in one of the folders `studies` takes the place of the packaged one of its name.
 
     Raises:
-        InputError: a path is no run directory, or several hold the same method.
+        InputError: a path is no run directory or no study, or several runs hold the same method.
         DataCorruptError: a file of a run is damaged.
     """
     read = [read_run(path) for path in runs]
-    evidence = Evidence(read)
+    own = [read_study(path) for path in studies]
+    known = packaged_studies() | {summary["study"]: summary for summary in own}
+    evidence = Evidence(read, known)
     findings = [(claim, claim.finding(evidence)) for claim in CLAIMS]
     counted = Counter(finding.verdict for _, finding in findings)
     return {
@@ -59,6 +66,7 @@ def ledger(runs: Sequence[Path]) -> Ledger:
             }
             for claim, finding in findings
         ],
+        "studies": [known[name] for name in sorted(known)],
         "readings": _readings(audit(evidence)),
         "runs": [_origin(run) for run in read],
     }
@@ -101,21 +109,24 @@ def _origin(run: Run) -> dict[str, Any]:
 
 
 def write_ledger(found: Ledger, runs: Sequence[Path], folder: Path) -> list[Path]:
-    """Write `claims.md`, `claims.json` and `claims.html` into `folder`; the page shows the boards
-    of the run directories, too.
+    """Write `claims.md`, `claims.json`, `claims.html` and their pictures into `folder`.
+
+    The pictures, one of each study and one of the losses in training, are in the page itself, too,
+    and so are the boards of the run directories.
 
     Raises:
         EitbenchError: they cannot be written.
     """
     boards = [to_html(leaderboard([run])) for run in runs]
-    texts = {
-        "md": to_markdown(found),
-        "json": json.dumps(found, indent=2, allow_nan=False) + "\n",
-        "html": to_page(found, boards),
-    }
-    written = [folder / name for name in FILES.values()]
     try:
         folder.mkdir(parents=True, exist_ok=True)
+        pictures = _pictures(found, folder)
+        texts = {
+            "md": to_markdown(found, pictures),
+            "json": json.dumps(found, indent=2, allow_nan=False) + "\n",
+            "html": to_page(found, boards, pictures),
+        }
+        written = [folder / name for name in FILES.values()]
         for path, text in zip(written, texts.values(), strict=True):
             path.write_text(text, encoding="utf-8")
     except OSError as error:
@@ -125,16 +136,57 @@ def write_ledger(found: Ledger, runs: Sequence[Path], folder: Path) -> list[Path
     return written
 
 
-def to_markdown(found: Ledger) -> str:
-    """The ledger as Markdown."""
-    return _environment(autoescape=False).get_template("ledger.md.jinja").render(ledger=found)
+@dataclass(frozen=True)
+class Picture:
+    """A figure beside the ledger.
+
+    Attributes:
+        path: the PNG; a PDF lies beside it.
+        says: what it shows.
+    """
+
+    path: Path
+    says: str
+
+    @property
+    def data(self) -> str:
+        """The PNG as a URL."""
+        return f"data:image/png;base64,{base64.b64encode(self.path.read_bytes()).decode()}"
 
 
-def to_page(found: Ledger, boards: Sequence[str]) -> str:
+def _pictures(found: Ledger, folder: Path) -> list[Picture]:
+    # Imported here: what draws and trains takes seconds to load.
+    from eitbench.benchmark.curves import learning_curve
+    from eitbench.reports.losses import write_losses
+    from eitbench.reports.study import draw
+
+    pictures = []
+    for summary in found["studies"]:
+        path = folder / f"study-{summary['study']}.png"
+        figure = draw(summary)
+        figure.savefig(path, dpi=180)
+        figure.savefig(path.with_suffix(".pdf"), metadata={"CreationDate": None})
+        pictures.append(Picture(path, f"Study {summary['study']!r}: {budget(summary)}."))
+    try:
+        curves = {name: learning_curve(name, foam16()) for name in ("dnn", "phydnn")}
+    except InputError:
+        return pictures  # one of them has no weights
+    path = write_losses(curves, folder)[0]
+    says = "Losses of DNN and PhyDNN while the weights in use were trained, from their logs."
+    return [*pictures, Picture(path, says)]
+
+
+def to_markdown(found: Ledger, pictures: Sequence[Picture] = ()) -> str:
+    """The ledger as Markdown, with `pictures` beside it."""
+    template = _environment(autoescape=False).get_template("ledger.md.jinja")
+    return template.render(ledger=found, pictures=pictures)
+
+
+def to_page(found: Ledger, boards: Sequence[str], pictures: Sequence[Picture] = ()) -> str:
     """The ledger as one HTML page that needs nothing else, with `boards`, fragments of HTML."""
-    environment = _environment(autoescape=True)
+    template = _environment(autoescape=True).get_template("ledger.html.jinja")
     shown = [Markup(board) for board in boards]  # escaped by to_html
-    return environment.get_template("ledger.html.jinja").render(ledger=found, boards=shown)
+    return template.render(ledger=found, boards=shown, pictures=pictures)
 
 
 def _environment(*, autoescape: bool) -> Environment:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,15 +12,17 @@ from eitbench.benchmark import InputError
 from eitbench.benchmark.statistics import bootstrap_means, nested_bootstrap_means
 from eitbench.benchmark.study import METRICS, SAMPLES
 from eitbench.reports.figures import HEADING, NOTE, TITLE
+from eitbench.reports.published import BETA
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from pathlib import Path
 
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 Row = dict[str, Any]
 
-PUBLISHED_BETA = 0.0029
 _TITLES = {"ssim": "SSIM", "cc": "CC", "rie": "RIE", "psnr": "PSNR [dB]", "score": "S"}
 
 
@@ -41,17 +42,23 @@ def write_study(folder: Path) -> list[Path]:
     written = [folder / "summary.json", folder / "summary.md"]
     written[0].write_text(json.dumps(summary, indent=1) + "\n")
     written[1].write_text(to_markdown(summary))
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(6.4, 3.6), layout="constrained", facecolor="white")
-    FigureCanvasAgg(figure)
-    DRAWINGS[name](figure.subplots(), summary)
+    figure = draw(summary)
     for suffix in ("png", "pdf"):
         path = folder / f"study.{suffix}"
         figure.savefig(path, dpi=180, metadata={"CreationDate": None} if suffix == "pdf" else {})
         written.append(path)
     return written
+
+
+def draw(summary: Row) -> Figure:
+    """The figure of a study."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(6.4, 3.6), layout="constrained", facecolor="white")
+    FigureCanvasAgg(figure)
+    DRAWINGS[summary["study"]](figure.subplots(), summary)
+    return figure
 
 
 def to_markdown(summary: Row) -> str:
@@ -112,7 +119,7 @@ def _differences(table: pd.DataFrame) -> list[Row]:
                         "physics": physics,
                         "metric": metric,
                         "without": float(arrays["none"][..., k].mean()),
-                        "difference": interval.mean,
+                        "difference": interval.value,
                         "low": interval.low,
                         "high": interval.high,
                         "each_seed": [float(d) for d in difference[..., k].mean(axis=1)],
@@ -129,7 +136,7 @@ def _draw_beta(axes: Axes, summary: Row) -> None:
     )
     axes.fill_between(beta, low, high, color="C0", alpha=0.2, lw=0, label="95 % over samples")
     axes.plot(beta, score, "o-", color="C0", ms=3, lw=1)
-    axes.axvline(PUBLISHED_BETA, color="0.4", lw=1, ls="--", label="published best")
+    axes.axvline(BETA, color="0.4", lw=1, ls="--", label="published best")
     axes.set_xscale("log")
     _finish(axes, "Weight of the physical loss", "beta", "mean score S")
 

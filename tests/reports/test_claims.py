@@ -38,6 +38,58 @@ def add(build: Any, paper: Dataset) -> Callable[..., None]:
     return adding
 
 
+def study(name: str, rows: list[dict[str, Any]]) -> dict[str, Any]:
+    asked = {"suite": "paper", "epochs": 12, "limit": 4000, "judged": 500, "training_hours": 1.5}
+    return {"study": name, **asked, "rows": rows}
+
+
+@pytest.mark.parametrize(
+    ("best", "lead", "verdict"),
+    [(0.003, 0.2, Verdict.in_part), (0.003, 0.001, Verdict.holds), (0.3, 0.001, Verdict.in_part),
+     (0.3, 0.2, Verdict.fails)],
+)  # fmt: skip
+def test_the_best_beta(best: float, lead: float, verdict: Verdict) -> None:
+    """Scores of neighbours differ by 0.01; the best leads the rest by `lead`."""
+    betas = [1e-4, 1e-3, 0.0029, 0.003, 0.03, 0.3]
+    rows = [
+        {"beta": beta, "score": 7 + 0.01 * (k % 2) + (lead if beta == best else 0), "n": 500}
+        for k, beta in enumerate(betas)
+    ]
+    rows[2]["score"] = 7.01  # at the published beta
+    rows[betas.index(best)]["score"] = 7.01 + lead
+    lost = {"beta": 0.5}  # a training that diverged
+    evidence = Evidence([], {"beta": study("beta", [*rows, lost])})
+    claim = CLAIMS[NAMES.index("best-beta")]
+    found = claim.finding(evidence)
+    assert (found.verdict, found.figures[0].ours) == (verdict, best)
+    assert "4,000 samples of 'paper' for 12 epochs" in found.conditions
+
+
+@pytest.mark.parametrize(
+    ("sides", "verdict"),
+    [((1, 1, 1, 1), Verdict.holds), ((1, 0, 0, 0), Verdict.in_part),
+     ((-1, 0, -1, 0), Verdict.fails)],
+)  # fmt: skip
+def test_phydnn_over_dnn_with_seeds(sides: tuple[int, ...], verdict: Verdict) -> None:
+    """+1: surely better, 0: the interval holds 0, -1: surely worse; RIE is better when smaller."""
+    rows = []
+    for metric, side in zip(IMAGE_METRICS, sides, strict=True):
+        middle = 0.1 * side * (-1 if metric == "rie" else 1)
+        for scenario, physics, value in (
+            ("paper", "surrogate", middle),
+            ("paper", "fem", -middle),
+            ("shapes", "surrogate", -middle),
+        ):
+            rows.append(
+                {"scenario": scenario, "physics": physics, "metric": metric, "difference": value,
+                 "low": value - 0.05, "high": value + 0.05, "each_seed": [value] * 3, "n": 500}
+            )  # fmt: skip
+    evidence = Evidence([], {"physics": study("physics", rows)})
+    found = CLAIMS[NAMES.index("phydnn-over-dnn-seeds")].finding(evidence)
+    assert (found.verdict, found.n) == (verdict, 500)
+    assert "3 trainings" in found.why
+
+
 def test_every_claim_says_what_it_is() -> None:
     assert len(set(NAMES)) == len(NAMES)
     for claim in CLAIMS:
