@@ -2,6 +2,7 @@
 
 import csv
 import json
+import math
 import os
 import signal
 import subprocess
@@ -265,29 +266,33 @@ def no_split(split: str, limit: int | None) -> Dataset:
 def test_the_physical_loss_is_minimised_after_a_third_of_the_epochs_and_not_before(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    noisy = suite(tmp_path, NOISY)
+    more = NOISY.replace("validation = 8", "validation = 100").replace("130", "512")
+    clean = suite(tmp_path, more.replace('"mixture"', '"clean"'))
     monkeypatch.setattr(learned, "RATE", 1e-4)
 
     def run(name: str, beta: float | None = None) -> list[dict[str, float]]:
         method = "dnn" if name == "dnn" else "phydnn"
         out = tmp_path / name
-        train(Request(method, noisy, epochs=6, out=out, operator="fem", beta=beta))
+        train(Request(method, clean, epochs=12, out=out, operator="fem", beta=beta))
         return rows(tmp_path / name)
 
     dnn, weak, strong = run("dnn"), run("weak"), run("strong", beta=0.3)
     losses = ("train", "validation", "train_physical", "validation_physical")
-    for row in range(6):
+    for row in range(12):
         same = [[table[row][key] for key in losses] for table in (dnn, weak, strong)]
-        before = row < 2  # 30 % of 6 epochs
+        before = row < 4  # 30 % of 12 epochs
         assert (same[0] == same[1] == same[2]) is before
         assert (same[0] != same[1]) is not before
-    assert strong[-1]["train_physical"] < 0.97 * dnn[-1]["train_physical"]
+    assert strong[-1]["train_physical"] < 0.8 * dnn[-1]["train_physical"]
 
 
 def test_the_gradient_is_that_of_both_losses(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A step's loss is data + beta * physical, of the images and frames of that very step."""
+    """A step's loss is data + beta * physical, of the images and frames of that very step.
+
+    The physical loss is that of a quarter of them.
+    """
     seen: list[tuple[float, float, float]] = []
     step = LearnedTrainee.training_step
 
@@ -298,7 +303,8 @@ def test_the_gradient_is_that_of_both_losses(
         difference, truth, motion = self._augmentation(*batch)
         relative = self._images(difference)
         data = (relative - truth).square().mean()
-        physical = self._physical(relative, difference, motion)
+        part = slice(math.ceil(len(truth) / 4))
+        physical = self._physical(relative[part], difference[part], motion)
         seen.append((objective.item(), data.item(), physical.item()))
         return objective
 
