@@ -211,7 +211,7 @@ def _best_beta(evidence: Evidence) -> Finding:
     lead = float(scores[best] - scores[published])
     # Neighbours differ by the chance of training and hardly by beta.
     chance = float(np.median(np.abs(np.diff(scores))))
-    near = max(betas[best] / BETA, BETA / betas[best]) <= _BETA_FACTOR
+    near = bool(max(betas[best] / BETA, BETA / betas[best]) <= _BETA_FACTOR)
     return Finding(
         together([near, lead <= chance]),
         (replace(_BETA_FIGURE, ours=float(betas[best]), kept=near),),

@@ -7,9 +7,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 
-from eitbench.benchmark import EitbenchError, InputError
+from eitbench.benchmark import EitbenchError, InputError, curves
 from eitbench.reports.claims import CLAIMS
 from eitbench.reports.ledger import FILES, Ledger, ledger, table, to_markdown, write_ledger
 from eitbench.reports.verdicts import Verdict
@@ -54,11 +55,15 @@ class Page(HTMLParser):
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         self.tags.append(tag)
-        if tag != "meta":
+        if tag not in ("meta", "img"):
             self.open.append(tag)
         known = dict(attrs)
         self.names += [name for name in [known.get("id")] if name]
-        self.loaded += [f"{tag} {name}" for name in known if name in ("src", "href")]
+        self.loaded += [
+            f"{tag} {name}"
+            for name, value in known.items()
+            if name in ("src", "href") and not str(value).startswith("data:")
+        ]
 
     def handle_endtag(self, tag: str) -> None:
         assert self.open.pop() == tag
@@ -74,6 +79,41 @@ def page_of(found: Ledger, runs: list[Path], folder: Path) -> Page:
     write_ledger(found, runs, folder)
     text = (folder / "claims.html").read_text(encoding="utf-8").replace("<br>", "")
     return Page(text.removeprefix("<!doctype html>"))
+
+
+def test_figures_of_studies_and_training_stand_beside_the_ledger(
+    runs: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A study of one's own takes the place of the packaged one; losses need both curves."""
+    betas = np.geomspace(1e-4, 0.5, 5)
+    rows = [
+        {"beta": beta, "score": 7.0, "score_low": 6.9, "score_high": 7.1, "n": 4}
+        for beta in map(float, betas)
+    ]
+    summary = {
+        "study": "beta", "suite": "paper", "epochs": 2, "limit": 9, "judged": 4,
+        "training_hours": 0.5, "rows": rows,
+    }  # fmt: skip
+    study = tmp_path / "study"
+    study.mkdir()
+    (study / "summary.json").write_text(json.dumps(summary))
+    curve = pd.DataFrame(
+        {"epoch": [1, 2], "train": [2.0, 1.0], "validation": [2.0, 1.5],
+         "train_physical": [1.0, 0.5], "validation_physical": [1.0, 0.7]}
+    )  # fmt: skip
+    monkeypatch.setattr(curves, "learning_curve", lambda name, sensor: curve)
+    found = ledger(runs, [study])
+    assert [s for s in found["studies"] if s["study"] == "beta"] == [summary]
+    (claim,) = (c for c in found["claims"] if c["id"] == "best-beta")
+    assert claim["verdict"] != "not testable"
+    page = page_of(found, runs, tmp_path / "out")
+    assert page.tags.count("img") >= 2
+    assert page.loaded == []
+    for stem in ("study-beta", "losses"):
+        assert f"({stem}.png)" in (tmp_path / "out" / "claims.md").read_text()
+        assert (tmp_path / "out" / f"{stem}.pdf").stat().st_size > 0
+    with pytest.raises(InputError, match="holds no finished study"):
+        ledger(runs, [tmp_path])
 
 
 def test_plain_values_of_every_claim(found: Ledger) -> None:
