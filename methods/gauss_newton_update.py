@@ -68,9 +68,9 @@ class GaussNewtonUpdate:
         """(levels, P) of one guess (H, W) and difference (M,)."""
         problem = self._problem
         sigma = guess.clip(*problem.sensor.conductivity_range) * problem.background
-        voltages, sensitivity = problem.model.linearise(sigma)
         # What reciprocity makes equal in voltages has equal derivatives: one of each will do.
-        rows = sensitivity[self._first].astype(np.float32)[:, problem.mask] * self._row_scale
+        voltages, sensitivity = problem.model.linearise(sigma, self._first)
+        rows = sensitivity.astype(np.float32)[:, problem.mask] * self._row_scale
         missing = (frame - (voltages - problem.background_voltages)) @ self._combine
         prior = rows * expected_error(guess)[problem.mask] ** 2
         energy, vectors = linalg.eigh((prior @ rows.T).astype(np.float64))

@@ -118,23 +118,27 @@ class ForwardModel:
         """
         return self.linearise(sigma)[1]
 
-    def linearise(self, sigma: ArrayLike) -> tuple[Array, Array]:
-        """Voltages (M,) and Jacobian (M, H, W) at one image (H, W), from one elimination."""
+    def linearise(
+        self, sigma: ArrayLike, rows: NDArray[np.intp] | slice = slice(None)
+    ) -> tuple[Array, Array]:
+        """Voltages (M,) and Jacobian (M, H, W) at one image (H, W), from one elimination.
+
+        Of the Jacobian only the given `rows` are worked out and returned; all by default.
+        """
         if np.ndim(sigma) != 2:
             raise InputError(
                 f"A Jacobian belongs to one image (H, W), got shape {np.shape(sigma)}."
             )
         voltages, fields = self.voltages_and_fields(np.asarray(sigma)[None])
-        per_element = np.empty((self.sensor.n_measurements, self.n_elements))
-        drives, senses = np.ascontiguousarray(
-            self.sensor.pattern.table.reshape(-1, 2, 2).swapaxes(0, 1)
-        )
+        wanted = self.sensor.pattern.table[rows]
+        per_element = np.empty((len(wanted), self.n_elements))
+        drives, senses = np.ascontiguousarray(wanted.reshape(-1, 2, 2).swapaxes(0, 1))
         sensitivities(fields[0], drives, senses, self._corners, self._couplings, per_element)
         jacobian = self._per_pixel(per_element)
         if self.sensor.pattern.magnitudes:
             # d|V| = sign(V) dV
             signed = self._signed(fields[:, len(self.mesh.nodes) :])[0]
-            jacobian = np.sign(signed)[:, None] * jacobian
+            jacobian = np.sign(signed[rows])[:, None] * jacobian
         return voltages[0], jacobian.reshape(-1, *self.sensor.image_shape)
 
     def _per_pixel(self, per_element: Array) -> Array:
