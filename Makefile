@@ -31,7 +31,7 @@ types: $(STAMPS)/lint $(STAMPS)/test  ## mypy, strict
 	$(BIN)/mypy
 
 tune: $(STAMPS)/demo  ## choose the packaged hyper-parameters again (about an hour)
-	for suite in quick paper paper-noise noise shapes recorded; do $(BIN)/eitbench tune $$suite --jobs 2 --out benchmark/selected || exit 1; done
+	for suite in quick paper paper-noise noise shapes presses recorded; do $(BIN)/eitbench tune $$suite --jobs 2 --out benchmark/selected || exit 1; done
 
 $(STAMPS)/venv:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "eitbench needs Python 3.11 or newer: make PYTHON=python3.x")'
