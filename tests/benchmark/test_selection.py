@@ -111,12 +111,16 @@ def test_choices_are_found_by_the_data_they_were_made_on(
 def test_every_packaged_simulated_scenario_has_choices_from_the_search_space() -> None:
     chosen = 0
     loaded = [load_suite(name) for name in suites()]
-    for scenario in [s for suite in loaded if suite.ranks == "methods" for s in suite.scenarios]:
-        if scenario.kind != "simulated":
-            continue
-        for name, cls in methods().items():
-            if not cls.search:
-                continue
+    listed = [
+        (scenario, name)
+        for suite in loaded
+        if suite.ranks == "methods"
+        for scenario in suite.scenarios
+        if scenario.kind == "simulated"
+        for name in suite.names
+    ]
+    for scenario, name in listed:
+        if (cls := methods()[name]).search:
             parameters = selected_parameters(scenario, name)
             assert parameters is not None, f"{scenario.name}: eitbench tune has not seen {name}"
             assert set(parameters) == set(cls.search)

@@ -47,7 +47,7 @@ def simulated(suite: str) -> list[SimulatedScenario]:
 
 
 def test_packaged_suites_are_these() -> None:
-    methods = {"quick", "paper", "paper-noise", "noise", "shapes", "recorded"}
+    methods = {"quick", "paper", "paper-noise", "noise", "shapes", "presses", "recorded"}
     assert set(suites()) == methods | {"operators"}
     for name in suites():
         assert load_suite(name).name == name
