@@ -6,6 +6,7 @@ import pandas as pd
 
 from eitbench.methods.learned import Learned
 from eitbench.methods.registry import methods
+from eitbench.scenarios.catalogue import foam16
 from eitbench.scenarios.errors import DataCorruptError, InputError
 from eitbench.scenarios.sensors import Sensor
 
@@ -32,3 +33,12 @@ def learning_curve(method: str, sensor: Sensor) -> pd.DataFrame:
         raise DataCorruptError(
             f"{path} holds no learning curve: train {method!r} again."
         ) from error
+
+
+def paper_curves() -> dict[str, pd.DataFrame]:
+    """The learning curves of "dnn" and "phydnn" on the sensor of the paper.
+
+    Raises:
+        InputError, DataCorruptError: as `learning_curve`.
+    """
+    return {name: learning_curve(name, foam16()) for name in ("dnn", "phydnn")}

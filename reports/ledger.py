@@ -23,7 +23,6 @@ from eitbench.reports.leaderboard import escape_markdown, leaderboard, to_html
 from eitbench.reports.published import PAPER, SSIM_IN_WORDS, TABLE_II
 from eitbench.reports.studies import budget, packaged_studies, read_study
 from eitbench.reports.verdicts import Verdict
-from eitbench.scenarios.catalogue import foam16
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -156,7 +155,7 @@ class Picture:
 
 def _pictures(found: Ledger, folder: Path) -> list[Picture]:
     # Imported here: what draws and trains takes seconds to load.
-    from eitbench.benchmark.curves import learning_curve
+    from eitbench.benchmark.curves import paper_curves
     from eitbench.reports.losses import write_losses
     from eitbench.reports.study import draw
 
@@ -168,7 +167,7 @@ def _pictures(found: Ledger, folder: Path) -> list[Picture]:
         figure.savefig(path.with_suffix(".pdf"), metadata={"CreationDate": None})
         pictures.append(Picture(path, f"Study {summary['study']!r}: {budget(summary)}."))
     try:
-        curves = {name: learning_curve(name, foam16()) for name in ("dnn", "phydnn")}
+        curves = paper_curves()
     except InputError:
         return pictures  # one of them has no weights
     path = write_losses(curves, folder)[0]

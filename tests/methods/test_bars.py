@@ -19,7 +19,7 @@ LEVELS = ["paper", "paper-60db", "paper-50db", "paper-40db", "paper-30db"]
 
 @cache
 def figures(scenario: str, name: str) -> dict[str, float]:
-    """Mean SSIM, CC and PSNR of `name` on the first test samples of `scenario`."""
+    """Mean SSIM, CC, RIE and PSNR of `name` on the first test samples of `scenario`."""
     data = load(scenario, limit=SAMPLES)
     method = create(name, **(selected_parameters(scenarios()[scenario], name) or {}))
     method.fit(Problem(data.sensor, data.reference, lambda split, n: load(scenario, split, n)))
@@ -29,6 +29,7 @@ def figures(scenario: str, name: str) -> dict[str, float]:
     return {
         "ssim": float(metrics.ssim(truth, estimates, span).mean()),
         "cc": float(metrics.cc(truth, estimates).mean()),
+        "rie": float(metrics.rie(truth, estimates).mean()),
         "psnr": float(metrics.psnr(truth, estimates, span).mean()),
     }
 
@@ -55,15 +56,25 @@ def test_total_variation_beats_noser_at_every_noise_level(scenario: str) -> None
 @pytest.mark.parametrize("scenario", ["paper", "paper-50db", "paper-30db"])
 def test_the_packaged_network_beats_total_variation(scenario: str) -> None:
     dnn, tv = figures(scenario, "dnn"), figures(scenario, "tv")
-    assert all(dnn[name] > tv[name] for name in tv)
+    assert all(dnn[name] > tv[name] for name in ("ssim", "cc", "psnr"))
+    assert dnn["rie"] < tv["rie"]
 
 
 def test_the_packaged_network_on_clean_frames() -> None:
-    """Short of the aim (SSIM 0.945, CC 0.955, PSNR 29.5), which 30 of 100 epochs do not reach."""
+    """On all 6,000 they are 0.949, 0.962, 0.0366 and 30.2 dB."""
     found = figures("paper", "dnn")
-    assert found["ssim"] >= 0.92
-    assert found["cc"] >= 0.94
-    assert found["psnr"] >= 28
+    assert found["ssim"] >= 0.945
+    assert found["cc"] >= 0.955
+    assert found["rie"] <= 0.042
+    assert found["psnr"] >= 29.5
+
+
+def test_gauss_newton_steps_improve_the_network_they_continue() -> None:
+    """On all 6,000 they are 0.955, 0.970, 0.0318 and 31.3 dB."""
+    network, refined = figures("paper", "dnn"), figures("paper", "learned-gn")
+    assert all(refined[name] > network[name] for name in ("ssim", "cc", "psnr"))
+    assert refined["rie"] < network["rie"]
+    assert refined["psnr"] >= 31
 
 
 @pytest.mark.slow
