@@ -87,11 +87,12 @@ def _matched(
     table: NDArray[np.int64], electrodes: NDArray[np.int64], magnitudes: bool
 ) -> tuple[Tensor, Tensor] | None:
     """Which measurement each is after its electrode e has become `electrodes[e]`."""
-    known = {}
-    for m, (src, sink, a, b) in enumerate(table.tolist()):
-        for drive, drive_sign in (((src, sink), 1), ((sink, src), -1)):
-            for sense, sense_sign in (((a, b), 1), ((b, a), -1)):
-                known[*drive, *sense] = (m, 1 if magnitudes else drive_sign * sense_sign)
+    known: dict[tuple[int, ...], tuple[int, int]] = {}
+    # A pattern may drive both ways: a measurement stands for another only where that is not there.
+    for drive_sign, sense_sign in ((1, 1), (1, -1), (-1, 1), (-1, -1)):
+        for m, row in enumerate(table.tolist()):
+            drive, sense = row[:2][::drive_sign], row[2:][::sense_sign]
+            known.setdefault((*drive, *sense), (m, 1 if magnitudes else drive_sign * sense_sign))
     order = torch.full((len(table),), -1)
     sign = torch.ones(len(table))
     for m, row in enumerate(electrodes[table].tolist()):

@@ -346,6 +346,7 @@ def shifted() -> Sensor:
         (lambda: replace(sensor("foam16", offset=4), image_shape=(12, 12)), 8),
         (lambda: replace(sensor("foam16"), image_shape=(12, 16)), 4),
         (lambda: replace(shifted(), image_shape=(12, 12)), 4),  # the turns are left
+        (lambda: replace(sensor("ohmc16"), image_shape=(24, 24)), 1),  # a mesh without any
         (
             lambda: replace(
                 sensor("foam16"),
