@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from eitbench.benchmark.tactile import fit_similarity, locate
 from eitbench.methods import Problem
 from eitbench.methods.kernel_ridge import Kernel, gaussians, kernel_ridge, linear
-from eitbench.methods.place_network import REAL, SIMULATED, PlaceNetwork, unit_frames
+from eitbench.methods.linear_touch import unit_frames
+from eitbench.methods.place_network import REAL, SIMULATED, PlaceNetwork
 from eitbench.methods.training.job import no_split
 from eitbench.scenarios.datasets import load
 from eitbench.scenarios.errors import InputError

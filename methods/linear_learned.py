@@ -48,15 +48,18 @@ class LinearLearned(Method):
 
     def reconstruct(self, voltages: Array) -> Array:
         """Absolute conductivity (n, H, W) [S/m] from frames (n, M), within the sensor's range."""
-        problem = self._problem
-        contrast = self._inputs(voltages) / self._std @ self._matrix
-        low, high = problem.sensor.conductivity_range
-        images = np.full((len(contrast), *problem.mask.shape), problem.background)
-        images[:, problem.mask] *= np.clip(1 + contrast, low, high)
-        return images
+        return absolute(self._inputs(voltages) / self._std @ self._matrix, self._problem)
 
     def _inputs(self, voltages: Array) -> Array:
         return np.asarray(self._problem.difference(voltages) @ self._averaging)
+
+
+def absolute(contrast: Array, problem: Problem) -> Array:
+    """Images (n, H, W) [S/m], within the sensor's range, of relative contrasts (n, P)."""
+    low, high = problem.sensor.conductivity_range
+    images = np.full((len(contrast), *problem.mask.shape), problem.background)
+    images[:, problem.mask] *= np.clip(1 + contrast, low, high)
+    return images
 
 
 def contrasts(data: Dataset, problem: Problem) -> NDArray[np.float32]:

@@ -19,6 +19,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
+from eitbench.methods.linear_touch import unit_frames
 from eitbench.scenarios.errors import InputError
 
 if TYPE_CHECKING:
@@ -104,13 +105,6 @@ class PlaceNetwork:
         """Places (n, 2) [m] of differences `frames` (n, M)."""
         outputs = self._network(torch.from_numpy(unit_frames(frames)).float())
         return np.asarray(self.centre + self.scale * outputs.double().numpy())
-
-
-def unit_frames(frames: ArrayLike) -> Array:
-    """Differences (n, M) divided by their rms; a frame of zeros stays as it is."""
-    values = np.asarray(frames, dtype=np.float64)
-    rms = np.sqrt(np.mean(values**2, axis=1, keepdims=True))
-    return np.asarray(values / np.where(rms > 0, rms, 1.0))
 
 
 def _corrupted(frames: Tensor, lesson: Lesson) -> Tensor:

@@ -149,10 +149,9 @@ def _classical_row(method: str, evidence: Evidence) -> Finding:
 _DIFFERENCES = tuple(Figure(f"{title(name)} difference", None) for name in IMAGE_METRICS)
 
 
-def _phydnn_over_dnn(evidence: Evidence) -> Finding:
-    measured, differences = evidence.paired("phydnn", "dnn", IMAGE_METRICS)
-    intervals = bootstrap_means(differences)
-    figures = [
+def _differences(intervals: Sequence[Interval]) -> list[Figure]:
+    """The figures of a difference between methods, one of each of `IMAGE_METRICS`."""
+    return [
         replace(
             figure,
             ours=interval.value,
@@ -161,6 +160,12 @@ def _phydnn_over_dnn(evidence: Evidence) -> Finding:
         )
         for name, figure, interval in zip(IMAGE_METRICS, _DIFFERENCES, intervals, strict=True)
     ]
+
+
+def _phydnn_over_dnn(evidence: Evidence) -> Finding:
+    measured, differences = evidence.paired("phydnn", "dnn", IMAGE_METRICS)
+    intervals = bootstrap_means(differences)
+    figures = _differences(intervals)
     kept = [bool(figure.kept) for figure in figures]
     return _of(
         measured,
@@ -178,17 +183,11 @@ def _phydnn_with_seeds(evidence: Evidence) -> Finding:
         for row in study["rows"]
         if row["scenario"] == SCENARIO and row["physics"] == "surrogate"
     }
-    figures = [
-        replace(
-            figure,
-            ours=row["difference"],
-            interval=(row["low"], row["high"]),
-            kept=surely_better(Interval(row["difference"], row["low"], row["high"]), _best(name)),
-        )
-        for (name, figure), row in (
-            (named, rows[named[0]]) for named in zip(IMAGE_METRICS, _DIFFERENCES, strict=True)
-        )
+    intervals = [
+        Interval(rows[name]["difference"], rows[name]["low"], rows[name]["high"])
+        for name in IMAGE_METRICS
     ]
+    figures = _differences(intervals)
     kept = [bool(figure.kept) for figure in figures]
     seeds = len(rows["psnr"]["each_seed"])
     return Finding(

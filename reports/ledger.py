@@ -21,7 +21,7 @@ from eitbench.reports.columns import printable
 from eitbench.reports.evidence import SCENARIO, Evidence
 from eitbench.reports.leaderboard import escape_markdown, leaderboard, to_html
 from eitbench.reports.published import PAPER, SSIM_IN_WORDS, TABLE_II
-from eitbench.reports.studies import budget, packaged_studies, read_study
+from eitbench.reports.studies import budget, read_study
 from eitbench.reports.verdicts import Verdict
 
 if TYPE_CHECKING:
@@ -34,15 +34,12 @@ FILES = {"md": "claims.md", "json": "claims.json", "html": "claims.html"}
 def ledger(runs: Sequence[Path], studies: Sequence[Path] = ()) -> Ledger:
     """What the run directories and studies say of every published claim, as plain values.
 
-    A study in one of the folders `studies` takes the place of the packaged one of its name.
-
     Raises:
         InputError: a path is no run directory or no study, or several runs hold the same method.
         DataCorruptError: a file of a run is damaged.
     """
     read = [read_run(path) for path in runs]
-    own = [read_study(path) for path in studies]
-    known = packaged_studies() | {summary["study"]: summary for summary in own}
+    known = {summary["study"]: summary for summary in map(read_study, studies)}
     evidence = Evidence(read, known)
     findings = [(claim, claim.finding(evidence)) for claim in CLAIMS]
     counted = Counter(finding.verdict for _, finding in findings)

@@ -1,7 +1,6 @@
-"""Summaries of studies: those that come with the package, and your own."""
+"""Summaries of studies, as `eitbench study` leaves them."""
 
 import json
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -23,13 +22,6 @@ def read_study(folder: Path) -> Row:
             f"{folder} holds no finished study: run `eitbench study` with --out {folder}."
         ) from error
     return summary
-
-
-def packaged_studies() -> dict[str, Row]:
-    """The summaries of the studies that come with the package, by name."""
-    folder = files("eitbench.reports") / "studies"
-    found = [json.loads(file.read_text()) for file in folder.iterdir() if file.name[-5:] == ".json"]
-    return {summary["study"]: summary for summary in found}
 
 
 def budget(summary: Row) -> str:

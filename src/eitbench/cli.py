@@ -230,7 +230,7 @@ def reproduce(
     ] = None,
     study: Annotated[
         list[Path] | None,
-        typer.Option(metavar="DIR", help="Judge by this study, not by the packaged (repeatable)."),
+        typer.Option(metavar="DIR", help="Judge by this study, too (repeatable)."),
     ] = None,
     limit: Annotated[int | None, typer.Option(min=1, help="Test samples of each scenario.")] = None,
     jobs: Annotated[int, typer.Option(min=1, help="Cells (scenario x method) at a time.")] = 1,

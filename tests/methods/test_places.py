@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from eitbench.benchmark.tactile import locate
 from eitbench.methods import Problem, create
 from eitbench.methods.kernel_ridge import WEIGHTS, gaussians, kernel_ridge, linear
-from eitbench.methods.place_network import SIMULATED, PlaceNetwork, unit_frames
+from eitbench.methods.linear_touch import unit_frames
+from eitbench.methods.place_network import SIMULATED, PlaceNetwork
 from eitbench.scenarios import InputError, RecordedScenario, load
 from eitbench.scenarios.datasets import Dataset
 from eitbench.scenarios.suites import learned_from, scenario_by_name

@@ -339,6 +339,11 @@ def shifted() -> Sensor:
     return replace(s, electrodes=even_electrodes(s.outline, 16, 0.01, 1e-3, start=0.014))
 
 
+def both_ways() -> Sensor:
+    """Every pair of opposite electrodes drives in both directions."""
+    return replace(sensor("foam16"), pattern=sensor("ohmc16").pattern)
+
+
 @pytest.mark.parametrize(
     ("make", "count"),
     [
@@ -346,7 +351,8 @@ def shifted() -> Sensor:
         (lambda: replace(sensor("foam16", offset=4), image_shape=(12, 12)), 8),
         (lambda: replace(sensor("foam16"), image_shape=(12, 16)), 4),
         (lambda: replace(shifted(), image_shape=(12, 12)), 4),  # the turns are left
-        (lambda: replace(sensor("ohmc16"), image_shape=(24, 24)), 1),  # a mesh without any
+        (lambda: replace(sensor("ohmc16"), image_shape=(24, 24)), 1),  # its mesh has no other
+        (lambda: replace(both_ways(), image_shape=(12, 12)), 8),
         (
             lambda: replace(
                 sensor("foam16"),
