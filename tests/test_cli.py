@@ -364,7 +364,7 @@ def test_the_claims_are_judged_by_runs_that_are_given(tmp_path: Path, eitbench: 
     for form in ("md", "json", "html"):
         assert f"Ledger: {out_folder / f'claims.{form}'}" in out
     assert sorted(path.name for path in out_folder.iterdir()) == [
-        "claims.html", "claims.json", "claims.md",
+        "claims.html", "claims.json", "claims.md", "losses.pdf", "losses.png",
     ]  # fmt: skip
 
 
