@@ -112,6 +112,19 @@ METRICS: dict[str, MetricCard] = {
             "almost as PSNR does.",
         ),
         MetricCard(
+            "bounded",
+            "B",
+            "mean of SSIM, CC, 1 - RIE and PSNR / 40 dB, each kept within 0 and 1",
+            _SIMULATED,
+            "1",
+            "max",
+            SENSOR,
+            _RANGE,
+            "mean",
+            "Its anchors are fixed, so that it compares across runs, and its four parts weigh "
+            "alike; that they should is a convention, too. Ranks follow S.",
+        ),
+        MetricCard(
             "localisation_mm",
             "Localisation",
             "distance between the |contrast|-weighted centroids of true and found contacts, "

@@ -1,6 +1,7 @@
 """Scores the estimates of one method on one data set, by what is known of the truth."""
 
 from collections.abc import Callable
+from typing import Literal, Protocol
 
 import numpy as np
 import pandas as pd
@@ -8,7 +9,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from eitbench.benchmark import metrics, tactile
 from eitbench.benchmark.tactile import Contacts, Similarity
-from eitbench.scenarios.datasets import Dataset
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.sensors import Sensor
 
@@ -21,6 +21,7 @@ METRIC_COLUMNS = (
     "rie",
     "psnr",
     "score",
+    "bounded",
     "localisation_mm",
     "contact_count_error",
     "area_error",
@@ -43,13 +44,42 @@ REGISTRATION_FRAMES = 100
 """Validation presses, the first ones, that register a method's images with the robot."""
 
 
+class Known(Protocol):
+    """What is known of the frames of a scenario, as a `Dataset` has it."""
+
+    @property
+    def scenario(self) -> str:
+        """Its name."""
+
+    @property
+    def sensor(self) -> Sensor:
+        """The nominal sensor."""
+
+    @property
+    def samples(self) -> pd.DataFrame:
+        """One row per frame."""
+
+    @property
+    def truth(self) -> Literal["conductivity", "position", "classes", "none"]:
+        """What is known of each frame."""
+
+    @property
+    def conductivity(self) -> Array | None:
+        """(n, H, W) [S/m], where it is known."""
+
+    @property
+    def classes(self) -> NDArray[np.int8] | None:
+        """(n, H, W), where they are known."""
+
+
 def judge(
-    dataset: Dataset, estimates: ArrayLike, registration: Similarity | None = None
+    dataset: Known, estimates: ArrayLike, registration: Similarity | None = None
 ) -> pd.DataFrame:
     """One row per sample with `sample`, `METRIC_COLUMNS` and `cc_undefined`.
 
     Estimates are scored as float32, the precision they are kept in. A frame with a value that is
-    not finite inside the sensor has no figures.
+    not finite inside the sensor is charged what an image of the untouched sensor gets: such an
+    image says no more than none.
 
     Args:
         dataset: frames with what is known of them.
@@ -60,7 +90,7 @@ def judge(
     Raises:
         InputError: estimates of the wrong shape, or no registration where it is needed.
     """
-    images = _checked(dataset, estimates)
+    images = _imputed(dataset, estimates)
     if dataset.truth == "position" and registration is None:
         raise InputError(
             f"Scenario {dataset.scenario!r} knows positions in the robot's frame only: fit a "
@@ -71,17 +101,15 @@ def judge(
     for name in METRIC_COLUMNS:
         table[name] = np.nan
     table["cc_undefined"] = False
-    valid = np.flatnonzero(np.isfinite(images[:, dataset.sensor.mask]).all(axis=1))
     for start in range(0, n, _BLOCK):
-        rows = valid[(valid >= start) & (valid < start + _BLOCK)]
-        if len(rows):
-            figures = _JUDGES[dataset.truth](dataset, rows, images[rows], registration)
-            for name, values in figures.items():
-                table.loc[rows, name] = values
+        rows = np.arange(start, min(start + _BLOCK, n))
+        figures = _JUDGES[dataset.truth](dataset, rows, images[rows], registration)
+        for name, values in figures.items():
+            table.loc[rows, name] = values
     return table
 
 
-def fit_registration(validation: Dataset, estimates: ArrayLike) -> Similarity:
+def fit_registration(validation: Known, estimates: ArrayLike) -> Similarity:
     """The similarity from a method's images onto the robot's frame, from validation presses.
 
     Where the images do not determine one (nothing found, or always the same place), the sensor's
@@ -91,8 +119,7 @@ def fit_registration(validation: Dataset, estimates: ArrayLike) -> Similarity:
         InputError: estimates of the wrong shape.
     """
     sensor = validation.sensor
-    images = _checked(validation, estimates).astype(np.float64)
-    images[~np.isfinite(images[:, sensor.mask]).all(axis=1)] = sensor.background
+    images = _imputed(validation, estimates).astype(np.float64)
     found = tactile.locate(images - sensor.background, sensor)
     presses = _presses(validation)
     similarity = tactile.fit_similarity(found, presses)
@@ -103,58 +130,26 @@ def fit_registration(validation: Dataset, estimates: ArrayLike) -> Similarity:
     return Similarity(1.0, np.eye(2), presses.mean(axis=0) - centre)
 
 
-def cell_figures(rows: pd.DataFrame) -> dict[str, float]:
-    """Figures of a whole cell from its valid sample rows; NaN where they are not defined.
-
-    `strength_spearman`: rank correlation of contact strength with pressure or press depth.
-    `repeatability_db`: 20 log10 of rms response to touched over rms response to untouched frames.
-    """
-    return {
-        "strength_spearman": _strength_correlation(rows),
-        "repeatability_db": _repeatability(rows),
-    }
-
-
-def _strength_correlation(rows: pd.DataFrame) -> float:
-    for name in LOAD_COLUMNS:
-        if name in rows and rows[name].notna().any():
-            known = rows[rows[name].notna() & rows["strength"].notna()]
-            return tactile.spearman(known["strength"], known[name])
-    return float("nan")
-
-
-def _repeatability(rows: pd.DataFrame) -> float:
-    if "touched" not in rows or not rows["response"].notna().any():
-        return float("nan")
-    known = rows[rows["touched"].notna() & rows["response"].notna()]
-    touched = known["touched"].to_numpy(dtype=bool)
-    response = known["response"].to_numpy(dtype=np.float64)
-    if touched.all() or not touched.any():
-        return float("nan")
-    signal, noise = (float(np.sqrt(np.mean(response[of] ** 2))) for of in (touched, ~touched))
-    if signal == 0:
-        return float("nan")
-    # Responses are differences of float32 images, so silence below their rounding means nothing.
-    return min(20 * float(np.log10(signal / max(noise, 1e-30))), metrics.PSNR_CEILING_DB)
-
-
-def _checked(dataset: Dataset, estimates: ArrayLike) -> NDArray[np.float32]:
-    images = np.asarray(estimates, dtype=np.float32)
-    expected = (len(dataset.voltages), *dataset.sensor.image_shape)
+def _imputed(dataset: Known, estimates: ArrayLike) -> NDArray[np.float32]:
+    """Estimates as float32, those that are not finite replaced by the untouched sensor."""
+    images = np.array(estimates, dtype=np.float32)
+    expected = (len(dataset.samples), *dataset.sensor.image_shape)
     if images.shape != expected:
         raise InputError(
             f"Scenario {dataset.scenario!r} needs estimates of shape {expected}, got "
             f"{images.shape}."
         )
+    mask = dataset.sensor.mask
+    images[~np.isfinite(images[:, mask]).all(axis=1)] = dataset.sensor.background
     return images
 
 
-def _presses(dataset: Dataset) -> Array:
+def _presses(dataset: Known) -> Array:
     return dataset.samples[["x_m", "y_m"]].to_numpy(dtype=np.float64)
 
 
 def _judge_conductivity(
-    dataset: Dataset, rows: NDArray[np.intp], images: NDArray[np.float32], _: Similarity | None
+    dataset: Known, rows: NDArray[np.intp], images: NDArray[np.float32], _: Similarity | None
 ) -> Columns:
     if dataset.conductivity is None:
         raise InputError(f"Scenario {dataset.scenario!r} holds no true conductivity.")
@@ -171,6 +166,9 @@ def _judge_conductivity(
         "rie": error,
         "psnr": ratio,
         "score": metrics.score(similarity, correlation, error, ratio),
+        "bounded": metrics.bounded_score(
+            {"ssim": similarity, "cc": correlation, "rie": error, "psnr": ratio}
+        ),
         "cc_undefined": metrics.is_constant(truth, mask) | metrics.is_constant(images, mask),
     }
     true = tactile.contacts(truth - sensor.background, sensor)
@@ -178,7 +176,7 @@ def _judge_conductivity(
 
 
 def _judge_classes(
-    dataset: Dataset, rows: NDArray[np.intp], images: NDArray[np.float32], _: Similarity | None
+    dataset: Known, rows: NDArray[np.intp], images: NDArray[np.float32], _: Similarity | None
 ) -> Columns:
     if dataset.classes is None:
         raise InputError(f"Scenario {dataset.scenario!r} holds no true classes.")
@@ -212,7 +210,7 @@ def _tactile(true: Contacts, found: Contacts, sensor: Sensor) -> Columns:
 
 
 def _judge_position(
-    dataset: Dataset,
+    dataset: Known,
     rows: NDArray[np.intp],
     images: NDArray[np.float32],
     registration: Similarity | None,
@@ -238,7 +236,7 @@ def _judge_position(
 
 
 def _judge_response(
-    dataset: Dataset, rows: NDArray[np.intp], images: NDArray[np.float32], _: Similarity | None
+    dataset: Known, rows: NDArray[np.intp], images: NDArray[np.float32], _: Similarity | None
 ) -> Columns:
     contrast = images[:, dataset.sensor.mask].astype(np.float64) - dataset.sensor.background
     return {"response": np.sqrt(np.mean(contrast**2, axis=1))}
@@ -247,7 +245,7 @@ def _judge_response(
 _JUDGES: dict[
     str,
     Callable[
-        [Dataset, NDArray[np.intp], NDArray[np.float32], Similarity | None],
+        [Known, NDArray[np.intp], NDArray[np.float32], Similarity | None],
         Columns,
     ],
 ] = {

@@ -103,6 +103,7 @@ class MethodSubject(Judged):
 
     unknown: ClassVar[Mapping[str, Any]] = {
         "parameters": "",
+        "registration": "",
         **dict.fromkeys(
             ("setup_s", "train_s", "first_frame_ms", "frame_ms_p50", "frame_ms_p99", "batch_fps"),
             NAN,
@@ -174,11 +175,13 @@ class MethodSubject(Judged):
         p50, p99 = warm_percentiles(warm)
         return {"frame_ms_p50": p50, "frame_ms_p99": p99}
 
-    def figures(self, kept: Kept) -> tuple[pd.DataFrame, dict[str, float]]:
-        """What `judge` says of every image."""
+    def figures(self, kept: Kept) -> tuple[pd.DataFrame, dict[str, Any]]:
+        """What `judge` says of every image, and the registration as JSON if there is one."""
         registration, validation = None, self.data.validation
+        whole = {}
         if validation is not None:
             seen = Kept(self.store, self.plan.cell, "validation", len(validation), self.blank)
             registration = fit_registration(validation, seen.values["conductivity"])
+            whole = {"registration": registration.to_json()}
         table = judge(self.test, kept.values["conductivity"], registration)
-        return table.drop(columns="sample").assign(frame_ms=kept.values["frame_ms"]), {}
+        return table.drop(columns="sample").assign(frame_ms=kept.values["frame_ms"]), whole

@@ -6,7 +6,7 @@ Truth `t` and estimate `p` are absolute conductivity (n, H, W) [S/m] on the same
 """
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -28,9 +28,14 @@ _MAX_THREADS = 4
 
 
 def ssim(
-    truth: ArrayLike, estimate: ArrayLike, data_range: float, mask: Mask | None = None
+    truth: ArrayLike,
+    estimate: ArrayLike,
+    data_range: float,
+    mask: Mask | None = None,
+    *,
+    window: int = WINDOW,
 ) -> Array:
-    """Structural similarity (n,) as scikit-image defines it: 7 x 7 window, sample covariance.
+    """Structural similarity (n,) as scikit-image defines it: uniform window, sample covariance.
 
     The map is averaged over the windows that lie wholly in the mask; for a full mask these are the
     windows that scikit-image averages.
@@ -41,6 +46,7 @@ def ssim(
         truth, estimate: (n, H, W) [S/m].
         data_range: range of conductivity L [S/m]; the constants are (0.01 L)^2 and (0.03 L)^2.
         mask: (H, W) pixels of the sensor; all by default.
+        window: side of the window [pixels], odd; the benchmark's own by default.
 
     Raises:
         InputError: unusable arrays or data range, or a mask without room for a window.
@@ -49,12 +55,12 @@ def ssim(
     _check_range(data_range)
     n, height, width = t.shape
     weights = np.zeros((height, width))
-    if min(height, width) >= WINDOW:
-        windows = np.lib.stride_tricks.sliding_window_view(inside, (WINDOW, WINDOW)).all((-2, -1))
+    if min(height, width) >= window:
+        windows = np.lib.stride_tricks.sliding_window_view(inside, (window, window)).all((-2, -1))
         weights[: windows.shape[0], : windows.shape[1]] = windows / max(windows.sum(), 1)
     if not weights.any():
         raise InputError(
-            f"SSIM needs {WINDOW} x {WINDOW} pixels inside the sensor; this image of "
+            f"SSIM needs {window} x {window} pixels inside the sensor; this image of "
             f"{height} x {width} pixels has no such place: use a finer image grid."
         )
     values = np.empty(n)
@@ -63,7 +69,7 @@ def ssim(
 
     def fill(share: slice) -> None:
         with np.errstate(invalid="ignore"):
-            _mean_ssim(t, p, share, inside, weights, data_range, values)
+            _mean_ssim(t, p, share, inside, weights, data_range, window, values)
 
     if threads > 1:
         # NumPy works on the blocks outside the interpreter lock.
@@ -140,6 +146,25 @@ def score(ssim: ArrayLike, cc: ArrayLike, rie: ArrayLike, psnr: ArrayLike) -> Ar
     return np.asarray(0.25 * (total - np.asarray(rie, float)))
 
 
+ANCHORS = {"ssim": (0.0, 1.0), "cc": (0.0, 1.0), "rie": (1.0, 0.0), "psnr": (0.0, 40.0)}
+"""What counts as 0 and as 1 in the bounded score: nothing in common with the truth and all of it;
+an error as large as the truth and none; an error of the whole data range and of 1 % of it."""
+
+
+def anchored(figures: Mapping[str, ArrayLike]) -> Array:
+    """SSIM, CC, RIE and PSNR (n,) between their `ANCHORS` as numbers from 0 to 1: (n, 4)."""
+    columns = [
+        (np.asarray(figures[name], float) - low) / (high - low)
+        for name, (low, high) in ANCHORS.items()
+    ]
+    return np.stack(columns, axis=-1).clip(0.0, 1.0)
+
+
+def bounded_score(figures: Mapping[str, ArrayLike]) -> Array:
+    """Mean of SSIM, CC, RIE and PSNR (n,), each between its `ANCHORS`: (n,), from 0 to 1."""
+    return np.asarray(anchored(figures).mean(axis=-1))
+
+
 def _checked(
     truth: ArrayLike, estimate: ArrayLike, mask: Mask | None
 ) -> tuple[NDArray[np.floating], NDArray[np.floating], Mask]:
@@ -193,7 +218,7 @@ def _pixels(
 
 def _mean_ssim(
     truth: NDArray[np.floating], estimate: NDArray[np.floating], share: slice, inside: Mask,
-    weights: Array, data_range: float, out: Array,
+    weights: Array, data_range: float, window: int, out: Array,
 ) -> None:  # fmt: skip
     """Weighted means of the SSIM maps of a share of the images, into their places in `out`.
 
@@ -209,10 +234,10 @@ def _mean_ssim(
     """
     _, height, width = truth.shape
     pixels, full = height * width, bool(inside.all())
-    count = WINDOW * WINDOW
+    count = window * window
     c1 = count**2 * (0.01 * data_range) ** 2
     c2 = count * (count - 1) * (0.03 * data_range) ** 2
-    scratch = np.empty((2, _BLOCK * pixels))
+    scratch = np.empty((3, _BLOCK * pixels))
     maps = np.zeros((5, _BLOCK * pixels))
     for start in range(share.start, share.stop, _BLOCK):
         stop = min(start + _BLOCK, share.stop)
@@ -222,24 +247,24 @@ def _mean_ssim(
         if not full:
             x, y = np.where(inside, x, 0.0), np.where(inside, y, 0.0)
         x, y = x.reshape(-1), y.reshape(-1)
-        valid = size - 6 * width - 6
+        valid = size - (window - 1) * (width + 1)
         product = maps[4, :size]
         twice, square, top, bottom = maps[:4, :valid]
 
-        _window_sums(x, width, scratch, square)
-        _window_sums(y, width, scratch, top)
+        _window_sums(x, width, window, scratch, square)
+        _window_sums(y, width, window, scratch, top)
         np.multiply(square, top, out=twice)
         twice *= 2
         square -= top
         square *= square
         np.multiply(x, y, out=product)
-        _window_sums(product, width, scratch, top)
+        _window_sums(product, width, window, scratch, top)
         top *= 2 * count
         top -= twice
         top += c2
         np.subtract(x, y, out=product)
         product *= product
-        _window_sums(product, width, scratch, bottom)
+        _window_sums(product, width, window, scratch, bottom)
         bottom *= count
         bottom -= square
         bottom += top
@@ -255,21 +280,26 @@ def _mean_ssim(
             _finite(estimate[start:stop], inside, "estimate", start)
 
 
-def _window_sums(images: Array, width: int, scratch: Array, out: Array) -> None:
-    """Sums over the 7 x 7 pixels right of and above each pixel; `images` is flat, rows of `width`.
+def _window_sums(images: Array, width: int, window: int, scratch: Array, out: Array) -> None:
+    """Sums over the window right of and above each pixel; `images` is flat, rows of `width`.
 
-    A sum of seven is built from a sum of two, a sum of four and one more; nothing is subtracted,
-    so no digits cancel.
+    Sums of 2, 4, ... pixels are doubled into each other, and those that the window's side is made
+    of are added up; nothing is subtracted, so no digits cancel.
     """
-    two, rows = scratch[0], scratch[1, : len(images) - 6 * width]
-    _seven(images, width, two, rows)
-    _seven(rows, 1, two, out)
+    rows = scratch[2, : len(images) - (window - 1) * width]
+    _line_sums(images, width, window, scratch, rows)
+    _line_sums(rows, 1, window, scratch, out)
 
 
-def _seven(values: Array, step: int, two: Array, out: Array) -> None:
-    n = len(out)
-    pairs = two[: n + 4 * step]
-    np.add(values[: n + 4 * step], values[step : n + 5 * step], out=pairs)
-    np.add(pairs[:n], pairs[2 * step : n + 2 * step], out=out)
-    out += pairs[4 * step :]
-    out += values[6 * step :]
+def _line_sums(values: Array, step: int, window: int, scratch: Array, out: Array) -> None:
+    out[:] = values[: len(out)]
+    sums, reached = values, 1
+    for level in range(1, window.bit_length()):
+        half = 2 ** (level - 1)
+        size = len(sums) - half * step
+        # The two rows of scratch take turns, since NumPy would copy what it adds to itself.
+        np.add(sums[:size], sums[half * step :], out=scratch[level % 2, :size])
+        sums = scratch[level % 2, :size]
+        if window & 2**level:
+            out += sums[reached * step :][: len(out)]
+            reached += 2**level

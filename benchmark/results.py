@@ -10,11 +10,13 @@ from typing import Any
 import h5py
 import numpy as np
 import pandas as pd
+import pyarrow as pa
 from numpy.typing import NDArray
 
 from eitbench.benchmark import manifest
-from eitbench.benchmark.judge import cell_figures
+from eitbench.benchmark.averages import averages
 from eitbench.benchmark.kind import KINDS, METHODS, Kind
+from eitbench.benchmark.statistics import once
 from eitbench.benchmark.store import SAMPLES, TRUTH
 from eitbench.scenarios.errors import DataCorruptError, InputError
 
@@ -156,8 +158,8 @@ def read_run(path: Path) -> Run:
         path,
         kinds[0],
         _read_json(content),
-        _read_table(path / SAMPLES),
-        _read_table(path / kinds[0].table),
+        read_table(path / SAMPLES),
+        read_table(path / kinds[0].table),
         _read_json(notes) if notes.is_file() else {},
     )
 
@@ -183,19 +185,49 @@ def _read_json(path: Path) -> dict[str, Any]:
     return content
 
 
-def _read_table(path: Path) -> pd.DataFrame:
+def read_table(path: Path) -> pd.DataFrame:
+    """A Parquet file of a run directory.
+
+    Raises:
+        DataCorruptError: it cannot be read.
+    """
     try:
         return pd.read_parquet(path)
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, pa.ArrowException) as error:
         raise DataCorruptError(f"{path} is not a readable Parquet file: run again.") from error
+
+
+@dataclass(frozen=True, eq=False)
+class Entry:
+    """A method or operator on a board.
+
+    Attributes:
+        run: where it was run.
+        row: its row of the leaderboard.
+        cell: its samples.
+    """
+
+    run: Run
+    row: Row
+    cell: pd.DataFrame
 
 
 def leaderboard_rows(runs: Sequence[Run]) -> list[Row]:
     """One row per run, scenario and method (or operator), ranked among those of the same data.
 
-    Figures are means over the valid samples (localisation: the median); None where not defined.
-    The best value has rank 1; those that lost samples come after those that lost none, those
-    without a figure come last, and equals share a rank.
+    Figures are means over the samples (localisation: the median), of which failed ones are charged
+    what an image of the untouched sensor gets; None where not defined, or where all failed. The
+    best value has rank 1, those without a figure come last, and equals share a rank. Operators
+    have figures of their valid samples only, and rank after those that lost none.
+
+    Raises:
+        InputError: some of the runs rank methods and others operators.
+    """
+    return [entry.row for board in ranked_boards(runs) for entry in board]
+
+
+def ranked_boards(runs: Sequence[Run]) -> list[list[Entry]]:
+    """The rows of `leaderboard_rows` with what they come from, those of the same data together.
 
     Raises:
         InputError: some of the runs rank methods and others operators.
@@ -206,12 +238,15 @@ def leaderboard_rows(runs: Sequence[Run]) -> list[Row]:
                 f"{runs[0].path} ranks {runs[0].kind.name}s and {run.path} {run.kind.name}s: ask "
                 "for their leaderboards one after the other."
             )
-    rows = [_row(run, keys, cell) for run in runs for keys, cell in _cells(run)]
+    entries = [
+        Entry(run, _row(run, keys, cell), cell) for run in runs for keys, cell in _cells(run)
+    ]
     ranked = []
-    for board in boards(rows):
+    for rows in boards(entry.row for entry in entries):
         kind = runs[0].kind
-        _rank(board, kind)
-        ranked += sorted(board, key=lambda row: (row["rank"], row[kind.name]))
+        _rank(rows, kind)
+        of = [entry for entry in entries if any(entry.row is row for row in rows)]
+        ranked.append(sorted(of, key=lambda entry: (entry.row["rank"], entry.row[kind.name])))
     return ranked
 
 
@@ -247,13 +282,12 @@ def _row(run: Run, keys: Row, cell: pd.DataFrame) -> Row:
     for name in ("scenario", kind.name, *kind.labels):
         of = of[of[name] == keys[name]]
     known: Row = dict(of.iloc[0]) if len(of) else {}
-    whole = known | (cell_figures(valid) if kind == METHODS else {})
-    for name, card in kind.metrics.items():
-        row[name] = _plain(
-            whole.get(name)
-            if card.average == "whole scenario"
-            else _average(valid, name, card.average)
-        )
+    # Failed samples of methods hold what an image of the untouched sensor gets.
+    counted = cell if kind == METHODS and len(valid) else valid
+    cards = tuple(kind.metrics.values())
+    figures = once(lambda counts: averages(counted, cards, counts), len(counted))
+    for card, value in zip(cards, figures, strict=True):
+        row[card.name] = _plain(known.get(card.name) if np.isnan(value) else value)
     for name in kind.costs:
         row[name] = _plain(known.get(name))
     for name in kind.facts:
@@ -266,32 +300,29 @@ def _row(run: Run, keys: Row, cell: pd.DataFrame) -> Row:
     return row
 
 
-def _average(rows: pd.DataFrame, name: str, average: str) -> float:
-    if name not in rows:
-        return float("nan")
-    values = rows[name].to_numpy(dtype=np.float64, na_value=np.nan)
-    values = values[~np.isnan(values)]
-    if not len(values):
-        return float("nan")
-    return float(np.median(values) if average == "median" else np.mean(values))
-
-
 def _plain(value: Any) -> float | None:
     number = float("nan") if value is None else float(value)
     return number if np.isfinite(number) else None
 
 
+def ranking_figure(board: Iterable[Row], kind: Kind) -> str | None:
+    """The name of the figure that ranks the rows of one scenario; None where none has one."""
+    rows = list(board)
+    return next((n for n in kind.ranked_by if any(row[n] is not None for row in rows)), None)
+
+
 def _rank(board: list[Row], kind: Kind) -> None:
     """Give the rows of one scenario their ranks, 1 the best."""
-    names = [name for name in kind.ranked_by if any(row[name] is not None for row in board)]
-    keys = [_standing(row, names[0] if names else None, kind) for row in board]
+    name = ranking_figure(board, kind)
+    keys = [_place(row, name, kind) for row in board]
     for row, key in zip(board, keys, strict=True):
         row["rank"] = 1 + sum(other < key for other in keys)
 
 
-def _standing(row: Row, name: str | None, kind: Kind) -> tuple[bool, bool, float]:
+def _place(row: Row, name: str | None, kind: Kind) -> tuple[bool, bool, float]:
     """Sorts rows from the best to the worst."""
     value = None if name is None else row[name]
     if name is None or value is None:
         return True, True, 0.0
-    return False, row["coverage"] < 1, -value if kind.metrics[name].best == "max" else value
+    lost = kind != METHODS and row["coverage"] < 1
+    return False, lost, -value if kind.metrics[name].best == "max" else value

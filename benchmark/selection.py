@@ -131,14 +131,15 @@ def choose(scenario: Scenario, method: str) -> Choice | None:
 
 
 def ranked_figure(data: Dataset, estimates: np.ndarray[Any, Any]) -> float | None:
-    """The figure a scenario is ranked by, larger better; None where it is not finite."""
+    """The figure a scenario is ranked by, larger better; None where an image is not finite."""
     estimates = np.asarray(estimates, dtype=np.float32)
+    if not np.isfinite(estimates[:, data.sensor.mask]).all():
+        return None  # what fails here would fail in a run
     if data.truth == "position":
         rows = judge(data, estimates, fit_registration(data, estimates))
         value = -float(np.median(rows["localisation_mm"].to_numpy()))
     else:
         rows = judge(data, estimates)
-        # A frame without figures makes the mean undefined: failing on some cannot win.
         value = float(rows["cc" if data.truth == "classes" else "score"].to_numpy().mean())
     return value if np.isfinite(value) else None
 

@@ -1,39 +1,139 @@
-"""Intervals of means and medians over samples."""
+"""Bootstrap over clusters of samples, vectorised: every figure is computed in each draw at once.
+
+A draw takes clusters (the frames of one phantom, say) with replacement, and is held as how often
+each sample occurs in it: `counts` (b, n) for b draws of n samples. A statistic maps such counts
+to its values, so that all figures of all methods share their draws and differences are paired.
+"""
 
 from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy import special, stats
 
 from eitbench.scenarios.errors import InputError
 
 Array = NDArray[np.float64]
 
 LEVEL = 0.95
-RESAMPLES = 2000
+DRAWS = 2000
+_BLOCK_BYTES = 2**24
 
 
 class Interval(NamedTuple):
-    """A mean, or a median, with the ends of its interval."""
+    """A figure with the ends of its interval."""
 
     value: float
     low: float
     high: float
 
 
+def draw(
+    statistic: Callable[[Array], Array], clusters: ArrayLike, *, seed: int = 0, draws: int = DRAWS
+) -> Array:
+    """`statistic` in `draws` bootstrap draws of whole clusters: (draws, ...).
+
+    Source: Davison and Hinkley, Bootstrap Methods and their Application (1997), sec. 3.8.
+
+    Args:
+        statistic: maps counts (b, n) to values (b, ...); see `means`, `medians`, `spearman`.
+        clusters: (n,) labels; samples with the same label are drawn together.
+        seed: of the draws; the same clusters and seed give the same draws.
+        draws: number of draws.
+    """
+    _, of = np.unique(np.asarray(clusters), return_inverse=True)
+    n = int(of.max()) + 1
+    rng = np.random.default_rng(seed)
+    block = max(1, _BLOCK_BYTES // (8 * len(of)))
+    parts = []
+    for start in range(0, draws, block):
+        size = min(block, draws - start)
+        taken = rng.integers(n, size=(size, n)) + n * np.arange(size)[:, None]
+        counts = np.bincount(taken.ravel(), minlength=size * n).reshape(size, n)
+        parts.append(statistic(counts[:, of].astype(np.float64)))
+    return np.concatenate(parts)
+
+
+def once(statistic: Callable[[Array], Array], n: int) -> Array:
+    """`statistic` of the `n` samples as they are, each once."""
+    value: Array = statistic(np.ones((1, n)))[0]
+    return value
+
+
+def means(counts: Array, values: Array) -> Array:
+    """Means (b, k) of the columns of `values` (n, k) over what is not NaN; NaN where all is."""
+    known = ~np.isnan(values)
+    total = counts @ np.where(known, values, 0.0)
+    size = counts.sum(axis=1, keepdims=True) if known.all() else counts @ known.astype(np.float64)
+    return np.divide(total, size, out=np.full_like(total, np.nan), where=size > 0)
+
+
+def medians(counts: Array, values: Array) -> Array:
+    """Medians (b, k) of the columns of `values` (n, k) over what is not NaN; NaN where all is."""
+    found = np.full((len(counts), values.shape[1]), np.nan)
+    for column, out in zip(values.T, found.T, strict=True):
+        order = np.argsort(column)[: np.count_nonzero(~np.isnan(column))]
+        if not len(order):
+            continue
+        upto = np.cumsum(counts[:, order], axis=1)
+        size = upto[:, -1]
+        # The middle one, or the mean of the middle two, of the values repeated as often as drawn.
+        ends = [(upto < middle[:, None]).sum(axis=1) for middle in ((size + 1) // 2, size // 2 + 1)]
+        middles = [column[order[np.minimum(end, len(order) - 1)]] for end in ends]
+        out[:] = np.where(size > 0, (middles[0] + middles[1]) / 2, np.nan)
+    return found
+
+
+def spearman(counts: Array, x: Array, y: Array) -> Array:
+    """Rank correlations (b,) of `x` with the known `y` (n,), ties sharing their mean rank.
+
+    0 where `x` is constant (it tells nothing of `y`); NaN where `y` is.
+    """
+    size = counts.sum(axis=1, keepdims=True)
+    a, b = (_ranks(counts, values) - (size + 1) / 2 for values in (x, y))
+    spread_a, spread_b = ((counts * rank * rank).sum(axis=1) for rank in (a, b))
+    norm = np.sqrt(spread_a * spread_b)
+    covariance = (counts * a * b).sum(axis=1)
+    found = np.divide(covariance, norm, out=np.zeros_like(norm), where=norm > 0)
+    return np.where(spread_b > 0, found, np.nan)
+
+
+def _ranks(counts: Array, values: Array) -> Array:
+    """Mean ranks (b, n) of the samples in each draw, equals sharing theirs."""
+    order = np.argsort(values)
+    _, first, of = np.unique(values, return_index=True, return_inverse=True)
+    starts = np.searchsorted(values[order], values[first])
+    groups = np.add.reduceat(counts[:, order], starts, axis=1)
+    ranks: Array = (np.cumsum(groups, axis=1) - (groups - 1) / 2)[:, of]
+    return ranks
+
+
+def intervals(value: Array, drawn: Array, clusters: int, level: float = LEVEL) -> Array:
+    """Ends (2, ...) of the interval of each `value` (...) from its `drawn` values (draws, ...).
+
+    The percentile interval, widened for few clusters as Student's interval is; NaN where a draw
+    has no value.
+
+    Source: Hesterberg, What Teachers Should Know About the Bootstrap, The American Statistician
+    69(4), 2015, sec. 3.2.2 (expanded percentile interval).
+    """
+    quantile = stats.t.ppf((1 - level) / 2, clusters - 1) * np.sqrt(clusters / (clusters - 1))
+    low = float(special.ndtr(quantile))
+    ends: Array = np.quantile(drawn, [low, 1 - low], axis=0)
+    return np.where(np.isnan(value), np.nan, ends)
+
+
 def bootstrap_means(values: ArrayLike, seed: int = 0) -> list[Interval]:
-    """The mean of each column of `values` (n, k), with its 95 % percentile bootstrap interval.
+    """The mean of each column of `values` (n, k) with its 95 % interval, rows being independent.
 
-    All columns share their resamples. Paired differences as `values` give the interval of a
+    All columns share their draws. Paired differences as `values` give the interval of a
     difference between two methods on the same samples.
-
-    Source: Efron and Tibshirani, An Introduction to the Bootstrap (1993), ch. 13.
 
     Raises:
         InputError: fewer than 2 samples, or values that are not finite.
     """
-    return _bootstrap(values, np.mean, seed)
+    return _bootstrap(values, means, seed)
 
 
 def bootstrap_medians(values: ArrayLike, seed: int = 0) -> list[Interval]:
@@ -42,22 +142,24 @@ def bootstrap_medians(values: ArrayLike, seed: int = 0) -> list[Interval]:
     Raises:
         InputError: as for `bootstrap_means`.
     """
-    return _bootstrap(values, np.median, seed)
+    return _bootstrap(values, medians, seed)
 
 
-def _bootstrap(values: ArrayLike, statistic: Callable[..., Array], seed: int) -> list[Interval]:
+def _bootstrap(
+    values: ArrayLike, statistic: Callable[[Array, Array], Array], seed: int
+) -> list[Interval]:
     table = np.asarray(values, dtype=np.float64)
     if table.ndim != 2 or len(table) < 2 or not np.isfinite(table).all():
         raise InputError(
             f"A bootstrap needs finite values of at least 2 samples, got shape {table.shape}."
         )
-    rng, n = np.random.default_rng(seed), len(table)
-    drawn = [statistic(table[rng.integers(n, size=n)], axis=0) for _ in range(RESAMPLES)]
-    return _intervals(statistic(table, axis=0), np.array(drawn))
+    n = len(table)
+    whole = once(lambda counts: statistic(counts, table), n)
+    drawn = draw(lambda counts: statistic(counts, table), np.arange(n), seed=seed)
+    return _rows(whole, intervals(whole, drawn, n))
 
 
-def _intervals(values: Array, drawn: Array) -> list[Interval]:
-    ends = np.quantile(drawn, [(1 - LEVEL) / 2, (1 + LEVEL) / 2], axis=0)
+def _rows(values: Array, ends: Array) -> list[Interval]:
     return [Interval(*map(float, three)) for three in zip(values, *ends, strict=True)]
 
 
@@ -79,10 +181,25 @@ def nested_bootstrap_means(values: ArrayLike, seed: int = 0) -> list[Interval]:
         )
     rng = np.random.default_rng(seed)
     groups, n, _ = table.shape
-    means = np.array(
+    drawn = np.array(
         [
             table[rng.integers(groups, size=groups)][:, rng.integers(n, size=n)].mean(axis=(0, 1))
-            for _ in range(RESAMPLES)
+            for _ in range(DRAWS)
         ]
     )
-    return _intervals(table.mean(axis=(0, 1)), means)
+    low = (1 - LEVEL) / 2
+    return _rows(table.mean(axis=(0, 1)), np.quantile(drawn, [low, 1 - low], axis=0))
+
+
+def holm(p: ArrayLike) -> Array:
+    """P-values (k,) adjusted so that the chance of any false finding among all stays bounded.
+
+    Source: Holm, A Simple Sequentially Rejective Multiple Test Procedure, Scandinavian Journal of
+    Statistics 6(2), 1979.
+    """
+    values = np.asarray(p, dtype=np.float64)
+    order = np.argsort(values)
+    steps = values[order] * np.arange(len(values), 0, -1)
+    adjusted = np.empty_like(values)
+    adjusted[order] = np.minimum(np.maximum.accumulate(steps), 1.0)
+    return adjusted

@@ -111,6 +111,10 @@ class RunStore:
         text = json.dumps(content, indent=2, allow_nan=False, default=str) + "\n"
         self._replace(self.path / manifest.FILE_NAME, lambda part: _write_text(part, text))
 
+    def write_samples(self, samples: pd.DataFrame) -> None:
+        """Replace the rows of a finished run."""
+        self._replace(self.path / SAMPLES, lambda part: samples.to_parquet(part, index=False))
+
     def save_batch(self, cell: Cell, split: str, batch: Batch) -> None:
         """Keep the outcome of a batch."""
         self._replace(
@@ -182,7 +186,7 @@ class RunStore:
         samples = _concatenate([_read_table(folder / SAMPLES, "sample") for folder in folders])
         rows = _concatenate([_read_table(folder / kind.table, "complete") for folder in folders])
         rows = rows.drop(columns="complete", errors="ignore")
-        self._replace(self.path / SAMPLES, lambda part: samples.to_parquet(part, index=False))
+        self.write_samples(samples)
         self._replace(self.path / kind.table, lambda part: rows.to_parquet(part, index=False))
         self._replace(
             self.path / kind.arrays, lambda part: self._write_arrays(part, judged, truths)

@@ -110,7 +110,7 @@ class Judged(Subject):
         """SHA-256 (hex) of what it is given of each test sample."""
 
     @abstractmethod
-    def figures(self, kept: Kept) -> tuple[pd.DataFrame, dict[str, float]]:
+    def figures(self, kept: Kept) -> tuple[pd.DataFrame, dict[str, Any]]:
         """Figures of every test sample, and of the cell as a whole."""
 
 

@@ -6,6 +6,7 @@ neighbours of the same sign that touch along a side or a corner, and no smaller 
 sensor unless nothing larger is there. An image of constant contrast shows no contact.
 """
 
+import json
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +14,6 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import label
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist, pdist
-from scipy.stats import rankdata
 
 from eitbench.benchmark.metrics import is_constant
 from eitbench.scenarios.errors import InputError
@@ -201,19 +201,6 @@ def overlap(
     return result
 
 
-def spearman(a: ArrayLike, b: ArrayLike) -> float:
-    """Rank correlation of `a` with the known `b`, ties sharing their mean rank.
-
-    0 where `a` is constant (it tells nothing of `b`); NaN where `b` is, or for fewer than 3 values.
-    """
-    x, y = np.asarray(a, float), np.asarray(b, float)
-    if len(x) < 3 or (y == y[0]).all():
-        return float("nan")
-    if (x == x[0]).all():
-        return 0.0
-    return float(np.corrcoef(rankdata(x), rankdata(y))[0, 1])
-
-
 @dataclass(frozen=True, eq=False)
 class Similarity:
     """x -> scale * turn @ x + shift in the plane.
@@ -235,6 +222,16 @@ class Similarity:
     def inverse(self, points: ArrayLike) -> Array:
         """Map `points` (n, 2) [m] back."""
         return np.asarray((np.asarray(points, float) - self.shift) @ self.turn / self.scale)
+
+    def to_json(self) -> str:
+        """As JSON that `from_json` reads, without loss."""
+        return json.dumps([self.scale, self.turn.tolist(), self.shift.tolist()])
+
+    @classmethod
+    def from_json(cls, text: str) -> "Similarity":
+        """What `to_json` wrote."""
+        scale, turn, shift = json.loads(text)
+        return cls(scale, np.array(turn), np.array(shift))
 
 
 def fit_similarity(source: ArrayLike, target: ArrayLike) -> Similarity | None:

@@ -35,6 +35,16 @@ class Column:
             return "–"
         return self.number(value) if self.form else printable(str(value))
 
+    def whole_text(self, row: Row) -> str:
+        """As `text`, with the 95 % interval of a rank and of the figure that ranks."""
+        text = self.text(row)
+        low, high = (row.get(f"{self.name}_{end}") for end in ("low", "high"))
+        if low is None or high is None or self.name not in ("rank", row["ranked_by"]):
+            return text
+        if self.name == "rank":
+            return text if low == high else f"{text} ({low}–{high})"
+        return f"{text} ({self.number(low)}–{self.number(high)})"
+
     def number(self, value: float) -> str:
         """A number as printed."""
         written = {TIME: _time, SMALL: _small}
@@ -91,7 +101,9 @@ METHODS = Layout(
         Column("method", "Method", always=True),
         Column("track", "Track", always=True),
         Column("run", "Run"),
+        Column("group", "Ties"),
         _of(METRICS["score"], ".3f"),
+        _of(METRICS["bounded"], ".3f"),
         _of(METRICS["ssim"], ".3f"),
         _of(METRICS["cc"], ".3f"),
         _of(METRICS["rie"], ".4f"),
@@ -112,11 +124,11 @@ METHODS = Layout(
         Column("n", "n", "d", always=True),
     ),
     {
-        "rank": "#", "method": "Method", "score": "S", "localisation_mm": "Loc.\nmm",
-        "coverage": "Done", "ssim": "SSIM", "psnr": "PSNR\ndB", "cc": "CC",
-        "repeatability_db": "Repeatability\ndB", "frame_ms_p50": "Frame\nms", "rie": "RIE",
-        "strength_spearman": "Strength", "iou": "IoU", "n": "n", "track": "Track",
-        "setup_s": "Set-up\ns", "run": "Run",
+        "rank": "#", "method": "Method", "group": "Ties", "score": "S",
+        "localisation_mm": "Loc.\nmm", "coverage": "Done", "ssim": "SSIM", "psnr": "PSNR\ndB",
+        "cc": "CC", "repeatability_db": "Repeatability\ndB", "frame_ms_p50": "Frame\nms",
+        "rie": "RIE", "bounded": "B", "strength_spearman": "Strength", "iou": "IoU", "n": "n",
+        "track": "Track", "setup_s": "Set-up\ns", "run": "Run",
     },
 )  # fmt: skip
 OPERATORS = Layout(

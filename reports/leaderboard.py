@@ -8,7 +8,8 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from eitbench.benchmark.results import Row, boards, leaderboard_rows, read_run
+from eitbench.benchmark.results import Row, boards, read_run
+from eitbench.benchmark.standings import standings
 from eitbench.reports.columns import Column, layout, printable
 from eitbench.reports.published import comparison, published_rows
 
@@ -22,13 +23,16 @@ _PADDING = 3
 
 
 def leaderboard(runs: Sequence[Path]) -> list[Row]:
-    """The ranked rows of run directories, those of one scenario together; JSON-able.
+    """The ranked rows of run directories with what is told of them, those of a scenario together.
+
+    They are plain values for JSON; see `Standing.rows`.
 
     Raises:
         InputError: a path is no run directory.
         DataCorruptError: a file of a run is damaged.
     """
-    return leaderboard_rows([read_run(path) for path in runs])
+    found = standings([read_run(path) for path in runs])
+    return [row for standing in found for row in standing.rows]
 
 
 def write_leaderboard(rows: Sequence[Row], folder: Path) -> list[Path]:
@@ -65,7 +69,7 @@ def to_markdown(rows: Sequence[Row]) -> str:
         lines.append("| " + " | ".join(escape_markdown(c.title) for c in columns) + " |")
         lines.append("|" + "|".join(" ---: " if c.form else " --- " for c in columns) + "|")
         for row in board:
-            cells = (escape_markdown(c.text(row)) for c in columns)
+            cells = (escape_markdown(c.whole_text(row)) for c in columns)
             bold = (_is_best(c, row, board) for c in columns)
             lines.append(
                 "| "
@@ -94,7 +98,7 @@ def to_latex(rows: Sequence[Row]) -> str:
             "\\midrule",
         ]
         for row in board:
-            cells = (_latex(c.text(row)) for c in columns)
+            cells = (_latex(c.whole_text(row)) for c in columns)
             bold = (_is_best(c, row, board) for c in columns)
             lines.append(
                 " & ".join(f"\\textbf{{{t}}}" if b else t for t, b in zip(cells, bold, strict=True))
@@ -118,7 +122,7 @@ def to_html(rows: Sequence[Row]) -> str:
         lines.append(f"<thead><tr>{heads}</tr></thead>")
         lines.append("<tbody>")
         for row in board:
-            cells = ((html.escape(c.text(row)), _is_best(c, row, board)) for c in columns)
+            cells = ((html.escape(c.whole_text(row)), _is_best(c, row, board)) for c in columns)
             marked = (f"<td><strong>{t}</strong></td>" if b else f"<td>{t}</td>" for t, b in cells)
             lines.append(f"<tr>{''.join(marked)}</tr>")
         lines += ["</tbody>", "</table>"]
@@ -246,10 +250,11 @@ def _shown(board: Sequence[Row]) -> list[Column]:
 
 
 def _is_best(column: Column, row: Row, board: Sequence[Row]) -> bool:
-    # A mean over the easier part of the samples is no rival of one over all of them.
-    whole = [r for r in board if r["coverage"] == 1]
-    values: list[Any] = [r[column.name] for r in whole if r[column.name] is not None]
-    if column.best is None or row["coverage"] != 1 or row[column.name] is None:
+    # A mean over the easier part of the samples is no rival of one over all of them; methods are
+    # charged for what they lose.
+    whole = [r for r in board if r["coverage"] == 1 or (r["coverage"] and "method" in r)]
+    values: list[Any] = [r[column.name] for r in whole if r.get(column.name) is not None]
+    if column.best is None or row not in whole or row[column.name] is None:
         return False
     # Values that print alike are highlighted alike, unless there is nothing to choose from.
     best = column.number(max(values) if column.best == "max" else min(values))

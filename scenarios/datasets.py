@@ -34,7 +34,8 @@ class Dataset:
         sensor: the nominal sensor.
         voltages: (n, M) frames: [V/A] if simulated, in the board's own units if recorded.
         reference: (M,) the untouched frame, measured like the others, one for all splits.
-        samples: one row per frame. `sample` is its number in the split. Simulated: `family`,
+        samples: one row per frame. `sample` is its number in the split, `phantom` names what was
+            measured: frames of the same phantom are not independent. Simulated: `family`,
             `shape`, `snr_db` (NaN if clean), `inclusions` and what was drawn (NaN where a family
             has no such value). Recorded: what the set knows, such as `x_m`, `y_m`, `depth_mm`.
         truth: what is known of each frame.
@@ -141,6 +142,7 @@ def _simulated(
     phantoms = tuple(phantom(scenario, split, sample) for sample in range(count))
     declared = {
         "sample": np.arange(count),
+        "phantom": [f"{scenario.phantom_stream} {split} {sample}" for sample in range(count)],
         "family": [p.family for p in phantoms],
         "shape": [p.shape for p in phantoms],
         "snr_db": snr,
@@ -161,6 +163,10 @@ def _simulated(
         inverse_crime=scenario.inverse_crime,
         phantoms=phantoms,
     )
+
+
+# Columns of recorded sets that say which object a frame shows; without, each frame shows its own.
+_WHAT_WAS_MEASURED = ("state", "target")
 
 
 def _recorded(
@@ -185,6 +191,8 @@ def _recorded(
     samples = recording.samples.iloc[rows].drop(columns=["split", "sample"], errors="ignore")
     samples = samples.reset_index(drop=True)
     samples.insert(0, "sample", np.arange(len(rows)))
+    measured = next((name for name in _WHAT_WAS_MEASURED if name in samples), "sample")
+    samples.insert(1, "phantom", [f"{scenario.recording} {what}" for what in samples[measured]])
     return Dataset(
         scenario=scenario.name,
         split=split,

@@ -350,6 +350,48 @@ def test_operators_are_run_and_printed_like_methods(tmp_path: Path, eitbench: Ru
     ).read_text(encoding="utf-8")
 
 
+def test_runs_are_compared_gated_and_scored_again(tmp_path: Path, eitbench: Run) -> None:
+    suite = tmp_path / "twelve.toml"
+    suite.write_text(Path(TINY).read_text().replace("test = 5", "test = 12"))
+    one, other = str(tmp_path / "one"), str(tmp_path / "other")
+    for folder in (one, other):
+        assert eitbench("run", str(suite), "--out", folder)[0] == 0
+    code, out, err = eitbench("compare", one, other)
+    assert (code, err) == (0, "")
+    assert " equal" in out
+    baseline = tmp_path / "other" / "samples.parquet"
+    code, out, _ = eitbench("gate", one, "--baseline", str(baseline))
+    assert (code, out.splitlines()[-1].split(":")[0]) == (0, "Gate passed")
+
+    table = pd.read_parquet(baseline)
+    table.assign(score=table["score"] + 1).to_parquet(baseline)
+    code, out, _ = eitbench("gate", one, "--baseline", str(baseline), "--margin", "score=0.5")
+    assert code == 1
+    assert out.splitlines()[-1] == (
+        "Gate failed: 1 of 1 figures are surely worse by more than is allowed, and 0 are missing."
+    )
+    code, out, _ = eitbench("gate", one, "--baseline", str(baseline), "--margin", "score=2")
+    assert code == 0
+    code, out, _ = eitbench("compare", one, other, "--json", "--figures", "score,rie")
+    verdicts = [change["verdict"] for change in json.loads(out)["changes"]]
+    assert verdicts == ["better", "equal"]
+
+    code, out, _ = eitbench("rescore", other)
+    assert code == 0
+    assert out.splitlines() == [
+        "tiny  noser  12 of 12 changed: score",
+        "Scored again: 12 samples, of which 12 changed.",
+    ]
+    assert json.loads(eitbench("gate", one, "--baseline", other, "--json")[1])["passed"]
+
+
+@pytest.mark.parametrize("margin", ["score", "score=-1", "score=much", "=1"])
+def test_a_margin_is_a_figure_and_a_loss(tmp_path: Path, eitbench: Run, margin: str) -> None:
+    code, _, err = eitbench("gate", str(tmp_path), "--baseline", str(tmp_path), "--margin", margin)
+    assert code == 2
+    assert "FIGURE=LOSS" in err or "neither a run directory" in err
+
+
 def test_the_claims_are_judged_by_runs_that_are_given(tmp_path: Path, eitbench: Run) -> None:
     one, out_folder = tmp_path / "one", tmp_path / "claims"
     assert eitbench("run", TINY, "--limit", "1", "--out", str(one))[0] == 0

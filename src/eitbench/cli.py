@@ -281,6 +281,100 @@ def leaderboard(
         typer.echo(reports.FORMATS[form.value](rows), nl=False)
 
 
+@app.command(epilog="Example: eitbench compare runs/before runs/after --figures ssim,psnr")
+def compare(
+    before: Annotated[Path, typer.Argument(metavar="RUN_A", help="A run, or its samples.parquet.")],
+    after: Annotated[Path, typer.Argument(metavar="RUN_B", help="A later run on the same frames.")],
+    figures: Annotated[
+        str | None,
+        typer.Option(metavar="A,B", help="Compare these (default: what each scenario ranks by)."),
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Say what changed between two runs, and whether it matters."""
+    from eitbench.benchmark.comparison import compare as compared
+    from eitbench.benchmark.comparison import read_results
+    from eitbench.reports.changes import describe, table
+
+    found = compared(read_results(before), read_results(after), _names("--figures", figures))
+    if as_json:
+        _print_json(describe(found))
+        return
+    _print_renderable(table(found))
+    for sentence in (*found.missing, *found.added):
+        typer.echo(sentence)
+
+
+@app.command(epilog="Example: eitbench gate runs/new --baseline main.parquet --margin score=0.05")
+def gate(
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="The run to judge.")],
+    baseline: Annotated[
+        Path, typer.Option(metavar="FILE", help="A run directory, or the samples.parquet of one.")
+    ],
+    margin: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="FIGURE=LOSS",
+            help="A loss that is allowed (repeatable; default: none of what each scenario ranks "
+            "by).",
+        ),
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Exit with 1 if a method of the baseline is missing or surely worse by more than a margin."""
+    from eitbench.benchmark.comparison import losses, read_results
+    from eitbench.reports.changes import describe, table
+
+    margins = dict(map(_margin, margin or ()))
+    found = losses(read_results(baseline), read_results(run), margins)
+    lost = [change for change in found.changes if change.verdict == "worse"]
+    passed = not lost and not found.missing
+    if as_json:
+        _print_json({"passed": passed, **describe(found)})
+    else:
+        _print_renderable(table(found))
+        for sentence in (*found.missing, *found.added):
+            typer.echo(sentence)
+        typer.echo(
+            f"Gate {'passed' if passed else 'failed'}: {len(lost)} of {len(found.changes)} figures "
+            f"are surely worse by more than is allowed, and {len(found.missing)} are missing."
+        )
+    if not passed:
+        raise typer.Exit(1)
+
+
+def _margin(text: str) -> tuple[str, float]:
+    name, _, loss = text.partition("=")
+    try:
+        allowed = float(loss)
+    except ValueError:
+        allowed = -1.0
+    if not allowed >= 0:
+        raise typer.BadParameter(
+            f"--margin {text!r} is not FIGURE=LOSS with a loss of at least 0, such as score=0.05"
+        )
+    return name, allowed
+
+
+@app.command(epilog="Example: eitbench rescore runs/first")
+def rescore(
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="A run directory; changed in place.")],
+) -> None:
+    """Compute all metrics again from the stored reconstructions, without running a method."""
+    from eitbench.benchmark.rescore import rescore as score_again
+
+    cells = score_again(run)
+    for cell in cells:
+        if cell.changed:
+            figures = ", ".join(cell.figures)
+            typer.echo(
+                f"{cell.scenario}  {cell.method}  {cell.changed} of {cell.n} changed: {figures}"
+            )
+    _complete(run)
+    changed, total = sum(cell.changed for cell in cells), sum(cell.n for cell in cells)
+    typer.echo(f"Scored again: {total} samples, of which {changed} changed.")
+
+
 @app.command(epilog="Example: eitbench tune quick --methods noser,tv --jobs 2")
 def tune(
     suite: Annotated[str, typer.Argument(help="A suite's name, or the path of a suite file.")],

@@ -4,7 +4,16 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from eitbench.benchmark.statistics import bootstrap_means, nested_bootstrap_means
+from eitbench.benchmark.statistics import (
+    bootstrap_means,
+    draw,
+    holm,
+    intervals,
+    means,
+    medians,
+    nested_bootstrap_means,
+    once,
+)
 from eitbench.scenarios.errors import InputError
 
 
@@ -28,10 +37,61 @@ def test_many_samples_give_the_normal_interval() -> None:
     assert interval.value - interval.low == pytest.approx(half, rel=0.1)
 
 
-def test_about_95_of_100_intervals_hold_the_truth() -> None:
-    intervals = bootstrap_means(np.random.default_rng(5).normal(0, 1, size=(50, 1000)))
-    held = sum(interval.low <= 0 <= interval.high for interval in intervals)
-    assert 0.91 <= held / 1000 <= 0.97
+@pytest.mark.parametrize(("n", "skew"), [(12, False), (50, False), (50, True)])
+def test_about_95_of_100_intervals_hold_the_truth(n: int, skew: bool) -> None:
+    rng = np.random.default_rng(5)
+    values = rng.exponential(1, size=(n, 1000)) - 1 if skew else rng.normal(size=(n, 1000))
+    held = sum(interval.low <= 0 <= interval.high for interval in bootstrap_means(values))
+    assert 0.92 <= held / 1000 <= 0.97
+
+
+def test_intervals_of_clusters_hold_the_truth_where_those_of_samples_do_not() -> None:
+    """Six frames of each phantom, which differ far less among themselves than phantoms do."""
+    rng = np.random.default_rng(6)
+    phantoms, frames, tries = 30, 6, 500
+    values = rng.normal(size=(phantoms, 1, tries)) + 0.3 * rng.normal(
+        size=(phantoms, frames, tries)
+    )
+    table = values.reshape(-1, tries)
+    of = np.repeat(np.arange(phantoms), frames)
+    held = {}
+    for name, clusters in (("phantoms", of), ("samples", np.arange(len(of)))):
+        drawn = draw(lambda counts: means(counts, table), clusters, draws=1000)
+        low, high = intervals(table.mean(axis=0), drawn, len(np.unique(clusters)))
+        held[name] = ((low <= 0) & (high >= 0)).mean()
+    assert 0.92 <= held["phantoms"] <= 0.975
+    assert held["samples"] < 0.7
+
+
+def test_medians_of_draws_are_those_of_repeated_values() -> None:
+    rng = np.random.default_rng(7)
+    values = rng.normal(size=(9, 3))
+    values[2, 0] = values[5, 0] = np.nan
+    values[:, 2] = np.nan
+    counts = rng.integers(3, size=(20, 9)).astype(float)
+    found = medians(counts, values)
+    for row, out in zip(counts.astype(int), found, strict=True):
+        repeated = np.repeat(values, row, axis=0)
+        assert out[0] == pytest.approx(np.nanmedian(repeated[:, 0]))
+        assert out[1] == pytest.approx(np.median(repeated[:, 1]))
+    assert np.isnan(found[:, 2]).all()
+
+
+def test_draws_take_whole_clusters_as_often_as_there_are() -> None:
+    clusters = np.array(["b", "a", "b", "c", "c", "c"])
+    counts = draw(lambda counts: counts, clusters, draws=500)
+    assert counts.shape == (500, 6)
+    np.testing.assert_array_equal(counts[:, 0], counts[:, 2])
+    np.testing.assert_array_equal(counts[:, 3], counts[:, 5])
+    np.testing.assert_array_equal(counts[:, [0, 1, 3]].sum(axis=1), 3)
+    np.testing.assert_allclose(counts.mean(axis=0), 1, atol=0.15)
+    np.testing.assert_array_equal(draw(lambda c: c, clusters, draws=500), counts)
+    assert once(lambda c: means(c, np.arange(6.0)[:, None]), 6) == pytest.approx(2.5)
+
+
+def test_holm_as_worked_by_hand() -> None:
+    np.testing.assert_allclose(holm([0.01, 0.04, 0.03, 0.005]), [0.03, 0.06, 0.06, 0.02])
+    np.testing.assert_allclose(holm([0.5, 0.9]), [1.0, 1.0])
 
 
 def test_columns_share_resamples_and_seeds_repeat() -> None:

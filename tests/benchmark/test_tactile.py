@@ -145,16 +145,6 @@ def test_overlap_counts_pixels_of_the_same_sign() -> None:
     np.testing.assert_allclose(tactile.overlap(truth, estimate, (-1,)), [np.nan, np.nan, 0, np.nan])
 
 
-def test_spearman() -> None:
-    assert tactile.spearman([1, 2, 9], [10, 15, 20]) == pytest.approx(1)
-    assert tactile.spearman([3, 2, 1], [10, 15, 20]) == pytest.approx(-1)
-    # Hand-worked with ties: ranks 1, 2, 3, 4 against 1.5, 1.5, 3.5, 3.5.
-    assert tactile.spearman([1, 2, 3, 4], [5, 5, 6, 6]) == pytest.approx(4 / np.sqrt(20))
-    assert tactile.spearman([2, 2, 2], [1, 2, 3]) == 0
-    assert np.isnan(tactile.spearman([1, 2, 3], [7, 7, 7]))
-    assert np.isnan(tactile.spearman([1, 2], [1, 2]))
-
-
 @given(
     angle=st.floats(0, 6.28),
     scale=st.floats(0.1, 10),

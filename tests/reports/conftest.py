@@ -58,7 +58,7 @@ def made(truth: Literal["conductivity", "position", "classes", "none"], n: int) 
     """A data set with `n` samples of which `truth` is known."""
     sensor = FOAM if truth == "conductivity" else DISC
     images, places = discs(sensor, n)
-    samples = pd.DataFrame({"sample": np.arange(n)})
+    samples = pd.DataFrame({"sample": np.arange(n), "phantom": [f"p{k}" for k in range(n)]})
     if truth == "conductivity":
         samples["family"] = [FAMILIES[k % len(FAMILIES)] for k in range(n)]
         samples["snr_db"] = [np.nan if k % 2 else 50.0 for k in range(n)]

@@ -60,9 +60,9 @@ def test_no_text_overlaps_with_many_methods_and_long_names(build: Any, dataset_o
 
 def test_truth_first_then_methods_by_rank_one_row_per_family(full_run: Path) -> None:
     picture = comparison(read_run(full_run), "conductivity-set")
-    assert picture.columns == ("truth", "blurred", "constant", "sharp")
+    assert picture.columns == ("truth", "sharp", "blurred", "constant")
     assert [label[0] for label, _ in picture.rows] == ["circle", "two-circles", "ring"]
-    truth, blurred, _, _ = picture.rows[0][1]
+    truth, _, blurred, _ = picture.rows[0][1]
     assert truth.image is not None
     assert truth.image.min() == pytest.approx(0.3)
     assert picture.limits[0] < 0.3 < 1.0 < picture.limits[1]

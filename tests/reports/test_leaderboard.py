@@ -6,6 +6,7 @@ import shutil
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from rich.console import Console
 
@@ -157,15 +158,25 @@ def test_unlike_data_get_tables_of_their_own(full_run: Path, tmp_path: Path) -> 
     ]
 
 
-def test_the_best_is_among_those_that_lost_nothing(full_run: Path) -> None:
-    rows = [row for row in leaderboard([full_run]) if row["scenario"] == "conductivity-set"]
-    lines = {row["method"]: "" for row in rows}
-    for line in FORMATS["md"](rows).splitlines():
-        lines |= {name: line for name in lines if f" {name} " in line}
-    ssim = {row["method"]: row["ssim"] for row in rows}
-    assert ssim["sharp"] > ssim["blurred"] > ssim["constant"]
-    assert "**" not in lines["sharp"]
-    assert f"**{ssim['blurred']:.3f}**" in lines["blurred"]
+def test_the_best_and_what_is_told_of_it(build: Any, dataset_of: Any) -> None:
+    dataset = dataset_of("conductivity", 24)
+    rng = np.random.default_rng(0)
+    for name, share in (("good", 0.9), ("as-good", 0.9), ("poor", 0.5), ("broken", 0.9)):
+        noise = 0.02 * rng.standard_normal(dataset.conductivity.shape)
+        images = share * (dataset.conductivity - 1) + 1 + noise
+        build.add(dataset, name, images, lost=24 if name == "broken" else 0)
+    rows = {row["method"]: row for row in leaderboard([build.write()])}
+    text = FORMATS["md"](list(rows.values()))
+    lines = {name: next(x for x in text.splitlines() if f" {name} " in x) for name in rows}
+    assert rows["poor"]["group"] == "b"
+    assert {rows["good"]["group"], rows["as-good"]["group"]} == {"a"}
+    assert lines["good"].startswith(f"| {rows['good']['rank']} (1–2) | good | default | a | ")
+    assert lines["poor"].startswith("| 3 | poor | default | b | ")
+    score, low, high = (rows["poor"][f"score{end}"] for end in ("", "_low", "_high"))
+    assert f" {score:.3f} ({low:.3f}–{high:.3f}) " in lines["poor"]
+    assert "**" not in lines["poor"] + lines["broken"].replace("**0.25**", "")
+    assert "**" in lines["good"] + lines["as-good"]
+    assert "(1--2)" in FORMATS["latex"](list(rows.values()))
 
 
 NOTES = {"guess_mm": 35.52, "reciprocity_error": 0.026, "repeat_noise": 0.000316}
