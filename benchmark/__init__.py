@@ -1,5 +1,5 @@
 """How it is judged: metrics, runner, result store, timing and method checks."""
 
-from eitbench.scenarios.errors import EitbenchError, InputError
+from eitbench.scenarios.errors import DataCorruptError, EitbenchError, InputError
 
-__all__ = ["EitbenchError", "InputError"]
+__all__ = ["DataCorruptError", "EitbenchError", "InputError"]

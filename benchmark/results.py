@@ -154,12 +154,16 @@ def read_run(path: Path) -> Run:
             f"The run in {path} has no results yet: finish it with `eitbench run --resume {path}`."
         )
     notes = path / NOTES_FILE
+    samples, table = read_table(path / SAMPLES), kinds[0].table
+    for name in ("suite", "scenario", kinds[0].name, *kinds[0].labels, "sample", "status"):
+        if len(samples) and name not in samples:
+            raise DataCorruptError(f"{path / SAMPLES} has no column {name!r}: run again.")
     return Run(
         path,
         kinds[0],
         _read_json(content),
-        read_table(path / SAMPLES),
-        read_table(path / kinds[0].table),
+        samples,
+        read_table(path / table),
         _read_json(notes) if notes.is_file() else {},
     )
 

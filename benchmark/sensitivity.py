@@ -103,7 +103,7 @@ def _means(
     mask = scene.mask
     if choice.rim:
         margin = round(choice.rim * max(mask.shape))
-        mask = binary_erosion(mask, np.ones((3, 3)), iterations=margin, border_value=0)
+        mask = binary_erosion(mask, np.ones((3, 3), dtype=bool), iterations=margin, border_value=0)
     data_range = choice.range_factor * scene.data_range
     truth = scene.truth
     assert truth is not None

@@ -100,6 +100,9 @@ def _standing(board: Sequence[Entry]) -> Standing:
         return Standing(rows, [], 0, "Nothing that methods are ranked by is known here.")
     places = _whole(board)
     cells = [board[place].cell.sort_values("sample") for place in places]
+    if any("phantom" not in cell for cell in cells):
+        why = "Intervals need to know phantoms, and a run lacks that column: run the suite again."
+        return Standing(rows, [], 0, why)
     phantoms = cells[0]["phantom"].nunique() if cells else 0
     if phantoms < MIN_PHANTOMS:
         why = f"Intervals need at least {MIN_PHANTOMS} phantoms, and here are {phantoms}."
@@ -236,7 +239,7 @@ def weights_won(cells: Sequence[pd.DataFrame]) -> Array | None:
     between their anchors, so that a weight means the same for each. None where there is no truth
     to compute them with. S as published is one of these weightings: see `score_weights`.
     """
-    if any(cell[name].isna().any() for cell in cells for name in ANCHORS):
+    if any(name not in cell or cell[name].isna().any() for cell in cells for name in ANCHORS):
         return None
     parts = np.array([anchored({n: numbers(c, n) for n in ANCHORS}).mean(axis=0) for c in cells])
     weights = np.random.default_rng(0).dirichlet(np.ones(len(ANCHORS)), size=WEIGHTINGS)

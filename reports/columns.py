@@ -37,13 +37,18 @@ class Column:
 
     def whole_text(self, row: Row) -> str:
         """As `text`, with the 95 % interval of a rank and of the figure that ranks."""
-        text = self.text(row)
+        ends = self.ends(row)
+        return f"{self.text(row)} ({ends})" if ends else self.text(row)
+
+    def ends(self, row: Row) -> str:
+        """The 95 % interval of a rank, or of the figure that ranks, as printed; "" without one."""
         low, high = (row.get(f"{self.name}_{end}") for end in ("low", "high"))
         if low is None or high is None or self.name not in ("rank", row["ranked_by"]):
-            return text
-        if self.name == "rank":
-            return text if low == high else f"{text} ({low}–{high})"
-        return f"{text} ({self.number(low)}–{self.number(high)})"
+            return ""
+        # A rank that all draws agree on needs none.
+        if self.name == "rank" and low == high:
+            return ""
+        return f"{self.number(low)}–{self.number(high)}"
 
     def number(self, value: float) -> str:
         """A number as printed."""
@@ -87,11 +92,13 @@ class Layout:
 
     Attributes:
         columns: in the order of printed tables.
+        paper: names of those in tables for papers.
         terminal: what a terminal shows, the most important first, under headings of a word a line;
             what does not fit its width is left out from the end, and is in the files.
     """
 
     columns: tuple[Column, ...]
+    paper: frozenset[str]
     terminal: Mapping[str, str]
 
 
@@ -99,8 +106,6 @@ METHODS = Layout(
     (
         Column("rank", "#", "d", always=True),
         Column("method", "Method", always=True),
-        Column("track", "Track", always=True),
-        Column("run", "Run"),
         Column("group", "Ties"),
         _of(METRICS["score"], ".3f"),
         _of(METRICS["bounded"], ".3f"),
@@ -122,6 +127,14 @@ METHODS = Layout(
         Column("train_s", "Training [s]", TIME, "min"),
         Column("coverage", "Coverage", ".1%", always=True),
         Column("n", "n", "d", always=True),
+        Column("track", "Track", always=True),
+        Column("run", "Run"),
+    ),
+    frozenset(
+        {
+            "rank", "method", "run", "group", "score", "ssim", "cc", "rie", "psnr",
+            "localisation_mm", "strength_spearman", "repeatability_db", "frame_ms_p50", "coverage",
+        }
     ),
     {
         "rank": "#", "method": "Method", "group": "Ties", "score": "S",
@@ -148,6 +161,9 @@ OPERATORS = Layout(
         Column("trained_on", "Trained on"),
         Column("coverage", "Coverage", ".1%", always=True),
         Column("n", "n", "d", always=True),
+    ),
+    frozenset(
+        {"rank", "operator", "run", "mse", "r", "grad_cosine", "forward_ms", "grad_ms", "coverage"}
     ),
     {
         "rank": "#", "operator": "Operator", "mse": "MSE", "r": "R", "coverage": "Done",

@@ -35,11 +35,13 @@ def leaderboard(runs: Sequence[Path]) -> list[Row]:
     return [row for standing in found for row in standing.rows]
 
 
-def write_leaderboard(rows: Sequence[Row], folder: Path) -> list[Path]:
-    """Write `leaderboard.json`, `.csv` and `.md` into `folder`."""
+def write_leaderboard(
+    rows: Sequence[Row], folder: Path, forms: Sequence[str] = ("json", "csv", "md")
+) -> list[Path]:
+    """Write `leaderboard.json`, `.csv` and `.md`, or other `FORMATS`, into `folder`."""
     written = []
-    for form in ("json", "csv", "md"):
-        path = folder / f"leaderboard.{form}"
+    for form in forms:
+        path = folder / f"leaderboard.{'tex' if form == 'latex' else form}"
         path.write_text(FORMATS[form](rows), encoding="utf-8")
         written.append(path)
     return written
@@ -83,33 +85,46 @@ def to_markdown(rows: Sequence[Row]) -> str:
 
 
 def to_latex(rows: Sequence[Row]) -> str:
-    """One booktabs table per scenario, the best values in bold."""
+    """One booktabs table per scenario in the width of IEEE's page, the best values in bold.
+
+    It holds the columns that papers print; the others are in the other formats.
+    """
     parts = []
     for title, board in _boards(rows):
-        columns = _shown(board)
+        known = layout(board[0])
+        lost = any(row["coverage"] is not None and row["coverage"] < 1 for row in board)
+        columns = [
+            c for c in _shown(board) if c.name in known.paper and (lost or c.name != "coverage")
+        ]
+        headings = (known.terminal[c.name].replace("\n", " ") for c in columns)
         lines = [
             "% needs \\usepackage{booktabs}",
-            "\\begin{table}",
+            "\\begin{table*}",
             "\\centering",
+            "\\footnotesize",
+            "\\setlength{\\tabcolsep}{3.5pt}",
             f"\\caption{{{_latex(title)}}}",
             "\\begin{tabular}{" + "".join("r" if c.form else "l" for c in columns) + "}",
             "\\toprule",
-            " & ".join(_latex(c.title) for c in columns) + " \\\\",
+            " & ".join(map(_latex, headings)) + " \\\\",
             "\\midrule",
         ]
         for row in board:
-            cells = (_latex(c.whole_text(row)) for c in columns)
-            bold = (_is_best(c, row, board) for c in columns)
-            lines.append(
-                " & ".join(f"\\textbf{{{t}}}" if b else t for t, b in zip(cells, bold, strict=True))
-                + " \\\\"
-            )
+            lines.append(" & ".join(_latex_cell(c, row, board) for c in columns) + " \\\\")
         lines += ["\\bottomrule", "\\end{tabular}"]
         if said := note(board):
             lines += ["", f"\\smallskip{{\\footnotesize {_latex(said)}}}"]
-        lines.append("\\end{table}")
+        lines.append("\\end{table*}")
         parts.append("\n".join(lines) + "\n")
     return "\n".join(parts)
+
+
+def _latex_cell(column: Column, row: Row, board: Sequence[Row]) -> str:
+    text = _latex(column.text(row))
+    if _is_best(column, row, board):
+        text = f"\\textbf{{{text}}}"
+    ends = _latex(column.ends(row))
+    return f"{text} {{\\scriptsize({ends})}}" if ends else text
 
 
 def to_html(rows: Sequence[Row]) -> str:

@@ -281,6 +281,20 @@ def leaderboard(
         typer.echo(reports.FORMATS[form.value](rows), nl=False)
 
 
+@app.command(epilog="Example: eitbench report runs/first runs/second --out report")
+def report(
+    runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="Run directories.")],
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Its folder (default: RUN/report).")
+    ] = None,
+) -> None:
+    """Write a report of runs: one HTML page that works offline, tables and figures for a paper."""
+    from eitbench.reports.report import write_report
+
+    for path in write_report(runs, out or runs[0] / "report"):
+        typer.echo(str(path))
+
+
 @app.command(epilog="Example: eitbench compare runs/before runs/after --figures ssim,psnr")
 def compare(
     before: Annotated[Path, typer.Argument(metavar="RUN_A", help="A run, or its samples.parquet.")],

@@ -170,13 +170,13 @@ def test_the_best_and_what_is_told_of_it(build: Any, dataset_of: Any) -> None:
     lines = {name: next(x for x in text.splitlines() if f" {name} " in x) for name in rows}
     assert rows["poor"]["group"] == "b"
     assert {rows["good"]["group"], rows["as-good"]["group"]} == {"a"}
-    assert lines["good"].startswith(f"| {rows['good']['rank']} (1–2) | good | default | a | ")
-    assert lines["poor"].startswith("| 3 | poor | default | b | ")
+    assert lines["good"].startswith(f"| {rows['good']['rank']} (1–2) | good | a | ")
+    assert lines["poor"].startswith("| 3 | poor | b | ")
     score, low, high = (rows["poor"][f"score{end}"] for end in ("", "_low", "_high"))
     assert f" {score:.3f} ({low:.3f}–{high:.3f}) " in lines["poor"]
     assert "**" not in lines["poor"] + lines["broken"].replace("**0.25**", "")
     assert "**" in lines["good"] + lines["as-good"]
-    assert "(1--2)" in FORMATS["latex"](list(rows.values()))
+    assert r"1 {\scriptsize(1--2)} & " in FORMATS["latex"](list(rows.values()))
 
 
 NOTES = {"guess_mm": 35.52, "reciprocity_error": 0.026, "repeat_noise": 0.000316}

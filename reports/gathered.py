@@ -1,0 +1,223 @@
+"""What a report says, as plain values: statistics and images of runs, gathered once.
+
+The page, the tables and the figures are made of this alone, so that they can be made again without
+reading the runs.
+"""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from eitbench.benchmark import DataCorruptError
+from eitbench.benchmark.averages import numbers
+from eitbench.benchmark.cards import METRICS
+from eitbench.benchmark.kind import METHODS
+from eitbench.benchmark.metrics import ANCHORS, anchored
+from eitbench.benchmark.results import Row, Run, failures, read_run
+from eitbench.benchmark.sensitivity import SAMPLES, sensitivity
+from eitbench.benchmark.standings import Standing, score_weights, standings
+from eitbench.reports.columns import layout, printable
+from eitbench.reports.images import packed_images
+from eitbench.reports.published import comparison
+
+Gathered = dict[str, Any]
+
+PRESSES = 150
+"""Drawn of a recorded scenario; more would hide each other."""
+
+
+def gather(paths: Sequence[Path]) -> Gathered:
+    """Everything that a report shows of the run directories.
+
+    What is missing of a run (images, samples, columns) is left out and said under `missing`.
+
+    Raises:
+        InputError: no run directory, one without results, or runs of methods and of operators.
+        DataCorruptError: a table of a run is damaged.
+    """
+    runs = [read_run(path) for path in paths]
+    kinds = {
+        kind: [run for run in runs if run.kind.name == kind] for kind in ("method", "operator")
+    }
+    boards: list[Gathered] = []
+    missing: list[str] = []
+    for of in filter(None, kinds.values()):
+        for standing in standings(of):
+            boards.append(_board(standing, of, missing))
+    for run in runs:
+        missing += _incomplete(run)
+    found: Gathered = _plain(
+        {
+            "boards": boards,
+            "missing": list(dict.fromkeys(missing)),
+            "cards": [vars(card) for card in METRICS.values() if _any_has(boards, card.name)],
+            "score_weights": score_weights(),
+            "runs": [_provenance(run) for run in runs],
+        }
+    )
+    return found
+
+
+def _plain(value: Any) -> Any:
+    """The same with None for what is no finite number, as JSON wants it."""
+    if isinstance(value, dict):
+        return {str(key): _plain(inner) for key, inner in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(inner) for inner in value]
+    if isinstance(value, float | np.floating):
+        return float(value) if np.isfinite(value) else None
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def _any_has(boards: Sequence[Gathered], name: str) -> bool:
+    return any(row.get(name) is not None for board in boards for row in board["views"][0]["rows"])
+
+
+def _incomplete(run: Run) -> list[str]:
+    said = list(run.manifest.get("skipped", {}).values()) + failures(run)
+    status = run.manifest.get("status", "finished")
+    if status != "finished":
+        said.append(f"The run {run.path.name} is {status}: it has some of its samples only.")
+    return said
+
+
+def _board(standing: Standing, runs: Sequence[Run], missing: list[str]) -> Gathered:
+    first = standing.rows[0]
+    scenario, kind = first["scenario"], "operator" if "operator" in first else "method"
+    of_board = [run for run in runs if run.path.name in {row["run"] for row in standing.rows}]
+    board: Gathered = {
+        "suite": first["suite"],
+        "scenario": scenario,
+        "kind": kind,
+        "n": first["data_n"] or first["n"],
+        "data_hash": first["data_hash"],
+        "inverse_crime": first["inverse_crime"],
+        "phantoms": standing.phantoms,
+        "why_not": standing.why_not,
+        "ranked_by": first.get("ranked_by") or "mse",
+        "columns": [vars(column) for column in layout(first).columns],
+        "notes": comparison(standing.rows),
+        "views": [_view("all samples", standing, runs)],
+        "pairs": [vars(pair) for pair in standing.pairs],
+        "snr_db": None,
+        "sensitivity": [],
+        "images": None,
+        "presses": [],
+    }
+    if kind == "operator":
+        return board
+    rows = pd.concat([_rows(run, scenario) for run in of_board], ignore_index=True)
+    board["views"] += _parts(runs, scenario, standing, rows)
+    if first["score"] is not None and "snr_db" in rows:
+        levels = rows["snr_db"].unique()
+        board["snr_db"] = None if len(levels) > 1 else "clean" if np.isnan(levels[0]) else levels[0]
+    board["presses"] = _presses(rows, standing.rows)
+    for row in board["views"][0]["rows"]:
+        row["anchored"] = _anchored(rows[rows["method"] == row["method"]])
+    for run in of_board[:1]:
+        try:
+            board["sensitivity"] = [vars(found) for found in sensitivity(run, scenario)]
+            board["images"] = packed_images(run, scenario, standing.rows)
+        except DataCorruptError as error:
+            missing.append(str(error))
+    board["sensitivity_samples"] = min(SAMPLES, first["n"])
+    return board
+
+
+def _anchored(cell: pd.DataFrame) -> list[float] | None:
+    """Means of SSIM, CC, RIE and PSNR between their anchors; None where they are not known."""
+    if any(name not in cell or cell[name].isna().any() for name in ANCHORS):
+        return None
+    means: list[float] = (
+        anchored({name: numbers(cell, name) for name in ANCHORS}).mean(axis=0).tolist()
+    )
+    return means
+
+
+def _rows(run: Run, scenario: str) -> pd.DataFrame:
+    return run.samples[run.samples["scenario"] == scenario]
+
+
+def _view(label: str, standing: Standing, runs: Sequence[Run]) -> Gathered:
+    """The rows of a board, or of a part of its samples, with the command that makes each."""
+    plans = {run.path.name: run for run in runs}
+    rows = [row | {"command": _command(plans[row["run"]], row)} for row in standing.rows]
+    return {
+        "label": label,
+        "phantoms": standing.phantoms,
+        "why_not": standing.why_not,
+        "rows": rows,
+    }
+
+
+def _parts(
+    runs: Sequence[Run], scenario: str, whole: Standing, rows: pd.DataFrame
+) -> list[Gathered]:
+    """Standings of the samples of each family, and of each noise level if there are several."""
+    found = []
+    for name, form in (("family", "{}"), ("snr_db", "{:g} dB")):
+        values = [] if name not in rows else sorted(rows[name].dropna().unique())
+        if len(values) < 2:
+            continue
+        for value in values:
+            of_part = [
+                Run(run.path, run.kind, run.manifest, part, run.cells, run.notes)
+                for run in runs
+                if len(part := _rows(run, scenario)[_rows(run, scenario)[name] == value])
+            ]
+            same = [
+                s
+                for s in standings(of_part)
+                if s.rows[0]["data_hash"] == whole.rows[0]["data_hash"]
+            ]
+            found += [_view(form.format(value), standing, runs) for standing in same[:1]]
+    return found
+
+
+def _command(run: Run, row: Row) -> str:
+    """What makes a cell again."""
+    plan = run.manifest.get("plan", {})
+    kind = "operators" if "operator" in row else "methods"
+    words = ["eitbench", "run", str(row["suite"]), "--scenarios", str(row["scenario"])]
+    words += [f"--{kind}", str(row.get("operator") or row["method"])]
+    if plan.get("limit") is not None:
+        words += ["--limit", str(plan["limit"])]
+    for plugin in plan.get("plugins", ()):
+        if (row.get("operator") or row["method"]) in plugin["names"]:
+            words += ["--plugin", Path(plugin["path"]).name]
+    return shlex.join(words)
+
+
+def _presses(rows: pd.DataFrame, ranked: Sequence[Row]) -> list[Gathered]:
+    """Where presses were and where each method found them, in its image's frame [m]."""
+    if "expected_x_m" not in rows or rows["expected_x_m"].isna().all():
+        return []
+    found = []
+    for row in ranked:
+        cell = rows[rows["method"] == row["method"]].sort_values("sample")[:PRESSES]
+        names = ("expected_x_m", "expected_y_m", "found_x_m", "found_y_m", "localisation_mm")
+        columns = {name: _plain_list(numbers(cell, name)) for name in names}
+        found.append({"method": row["method"], **columns})
+    return found
+
+
+def _plain_list(values: Any) -> list[float | None]:
+    return [float(f"{v:.5g}") if np.isfinite(v) else None for v in values]
+
+
+def _provenance(run: Run) -> Gathered:
+    content: Mapping[str, Any] = run.manifest
+    names = ("command_line", "started", "finished", "status", "git_commit", "versions", "machine",
+             "threads", "calibration_ms", "data", "cells", "plan")  # fmt: skip
+    return {
+        "run": printable(run.path.name),
+        "kind": run.kind.name,
+        **{name: content.get(name) for name in names},
+        "registered": run.kind == METHODS,
+    }

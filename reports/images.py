@@ -1,0 +1,123 @@
+"""Images of a run for a page: few cases, all methods, one byte a pixel, packed into one text."""
+
+from __future__ import annotations
+
+import base64
+import zlib
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from eitbench.benchmark.averages import numbers
+from eitbench.benchmark.cards import METRICS
+from eitbench.benchmark.results import Row, Run, Scene
+
+KINDS = ("best", "median", "worst")
+_MOST_FAMILIES = 6
+_OUTSIDE = 255
+_STEPS = 254
+
+
+def packed_images(run: Run, scenario: str, rows: Sequence[Row]) -> dict[str, Any] | None:
+    """The best, the median and the worst case of each family, as all methods of a run see it.
+
+    Cases are ordered by the mean, over methods, of the figure that ranks them. Values between
+    `low` and `high` [S/m] are the bytes 0 to 254; 255 is outside the sensor, or no image. None
+    where nothing ranks the samples.
+
+    Raises:
+        DataCorruptError: the images cannot be read.
+    """
+    table = run.samples[run.samples["scenario"] == scenario]
+    by = rows[0]["ranked_by"]
+    cases = [] if by is None or by not in table else _cases(table, by)
+    if not cases:
+        return None
+    samples = sorted({case["sample"] for case in cases})
+    scene = run.scene(scenario, samples)
+    stacks: dict[str, NDArray[np.float64]] = {}
+    if scene.truth is not None and not scene.has_classes:
+        stacks["truth"] = scene.truth
+    for row in rows:
+        if row["run"] == run.path.name:
+            found = run.estimates(scenario, row["method"], samples)
+            if found is not None:
+                stacks[row["method"]] = found.astype(np.float64)
+    if not stacks:
+        return None
+    low, high = _limits(stacks, scene)
+    values = np.stack(list(stacks.values()))
+    scaled = np.clip(np.round((values - low) / (high - low) * _STEPS), 0, _STEPS)
+    known = np.isfinite(values) & scene.mask
+    pixels = np.where(known, np.nan_to_num(scaled), _OUTSIDE).astype(np.uint8)
+    return {
+        "names": list(stacks),
+        "has_truth": "truth" in stacks,
+        "samples": samples,
+        "cases": cases,
+        "shape": list(scene.mask.shape),
+        "bounds": list(scene.bounds),
+        "background": scene.background,
+        "low": low,
+        "high": high,
+        "data": pack(pixels.tobytes()),
+        "figures": _figures(table, samples),
+    }
+
+
+def pack(content: bytes) -> str:
+    """`content` compressed (zlib) and as text (base64)."""
+    return base64.b64encode(zlib.compress(content, 9)).decode()
+
+
+def _limits(stacks: dict[str, NDArray[np.float64]], scene: Scene) -> tuple[float, float]:
+    """Ends of the scale [S/m]: around the truth, or, where there is none, around the background."""
+    if "truth" in stacks:
+        low, high = float(stacks["truth"].min()), float(stacks["truth"].max())
+        return max(0.0, low - 0.25 * (high - low)), high + 0.25 * (high - low) + 1e-9
+    contrast = np.stack(list(stacks.values()))[..., scene.mask] - scene.background
+    # One method that overshoots must not leave the others without colour.
+    half = float(np.nanquantile(np.abs(contrast), 0.99)) if np.isfinite(contrast).any() else 0.0
+    half = half or 1e-3 * scene.background
+    return scene.background - half, scene.background + half
+
+
+def _cases(table: pd.DataFrame, by: str) -> list[dict[str, Any]]:
+    """Samples with their family and whether they are the best, the median or the worst of it."""
+    mean = table.groupby("sample")[by].mean().dropna()
+    better = mean if METRICS[by].best == "max" else -mean
+    if "family" in table and table["family"].notna().any():
+        of = table.drop_duplicates("sample").set_index("sample")["family"]
+        families = list(dict.fromkeys(of.dropna()))[:_MOST_FAMILIES]
+        groups = {str(name): better[of[better.index] == name] for name in families}
+    else:
+        groups = {"": better}
+    cases = []
+    for family, values in groups.items():
+        order = values.sort_values(ascending=False, kind="stable").index
+        if not len(order):
+            continue
+        places = {"best": 0, "median": (len(order) - 1) // 2, "worst": len(order) - 1}
+        cases += [
+            {"sample": int(order[place]), "family": family, "kind": kind}
+            for kind, place in places.items()
+        ]
+    return cases
+
+
+def _figures(table: pd.DataFrame, samples: Sequence[int]) -> dict[str, list[dict[str, Any]]]:
+    """What is known of each method's image of each sample, by method."""
+    names = [n for n in ("ssim", "cc", "rie", "psnr", "score", "localisation_mm") if n in table]
+    found = {}
+    for method, cell in table[table["sample"].isin(samples)].groupby("method", sort=False):
+        rows = cell.sort_values("sample")
+        columns = {name: numbers(rows, name) for name in names}
+        found[str(method)] = [
+            {"status": status}
+            | {name: float(f"{v[k]:.4g}") for name, v in columns.items() if np.isfinite(v[k])}
+            for k, status in enumerate(rows["status"])
+        ]
+    return found

@@ -1,0 +1,143 @@
+"""The comparison report: one HTML page that needs nothing else, and the files for a paper."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Sequence
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
+
+from eitbench import __version__
+from eitbench.benchmark import EitbenchError
+from eitbench.benchmark.metrics import ANCHORS
+from eitbench.reports.columns import layout, printable
+from eitbench.reports.gathered import Gathered, gather
+from eitbench.reports.images import pack
+from eitbench.reports.paper import write_paper
+
+PAGE = "index.html"
+DATA = "report.json"
+_MAP_STEPS = 256
+
+
+def write_report(runs: Sequence[Path], out: Path) -> list[Path]:
+    """Write the report of run directories into `out`: the page, its data, and files for a paper.
+
+    Raises:
+        InputError, DataCorruptError: as for `gather`.
+        EitbenchError: the files cannot be written.
+    """
+    found = gather(runs)
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        written = [out / PAGE, out / DATA]
+        written[0].write_text(to_page(found), encoding="utf-8")
+        written[1].write_text(json.dumps(found, allow_nan=False) + "\n", encoding="utf-8")
+        written += write_paper(found, out)
+    except OSError as error:
+        raise EitbenchError(f"Could not write the report into {out}: {error.strerror}.") from error
+    return written
+
+
+def to_page(found: Gathered) -> str:
+    """The page of what was gathered."""
+    environment = Environment(
+        loader=PackageLoader("eitbench.reports"), autoescape=True, undefined=StrictUndefined,
+        trim_blocks=True, lstrip_blocks=True,
+    )  # fmt: skip
+    suites = dict.fromkeys(board["suite"] for board in found["boards"])
+    shown = {key: value for key, value in found.items() if key not in ("runs", "missing", "cards")}
+    return environment.get_template("report.html.jinja").render(
+        **found,
+        title=" and ".join(map(printable, suites)) or "No results",
+        made=time.strftime("%Y-%m-%d"),
+        version=__version__,
+        answers=[answer(board) for board in found["boards"]],
+        claims=[],
+        anchors=", ".join(
+            f"{name.upper()} {low:g} and {high:g}" for name, (low, high) in ANCHORS.items()
+        ),
+        css=Markup(_asset("report.css")),
+        js=Markup(_asset("report.js")),
+        plotly=Markup(_plotly()),
+        data=Markup(_json(shown | {"maps": _maps()})),
+    )
+
+
+def answer(board: Gathered) -> str:
+    """Which method is the best on a board, how surely, and which of its equals is the fastest."""
+    rows = board["views"][0]["rows"]
+    kind, by = board["kind"], board["ranked_by"]
+    where = f"On {board['suite']} / {board['scenario']} ({board['n']:,} samples)"
+    column = next((c for c in layout(rows[0]).columns if c.name == by), None)
+    ranked = [row for row in rows if column is not None and row[by] is not None]
+    if column is None or not ranked:
+        return printable(f"{where}, no {kind} has a figure to rank by.")
+    best = ranked[0]
+    figure = f"{column.title} {column.number(best[by])}"
+    if best.get(f"{by}_low") is None:
+        return printable(f"{where}, {best[kind]} is first: {figure}.")
+    figure += f" (95 %: {column.number(best[f'{by}_low'])} to {column.number(best[f'{by}_high'])})"
+    letters = set(best["group"])
+    tied = [row for row in ranked[1:] if row["group"] and letters & set(row["group"])]
+    if not tied:
+        return printable(f"{where}, {best[kind]} is the best: {figure}. {_lead(board, column)}")
+    fastest = min([best, *tied], key=lambda row: row["frame_ms_p50"] or float("inf"))
+    said = f"{where}, {best[kind]} is first with {figure}, but cannot be told apart from "
+    said += _listed([row[kind] for row in tied])
+    if fastest["frame_ms_p50"] is not None:
+        said += (
+            f"; the fastest of them is {fastest[kind]} ({fastest['frame_ms_p50']:.3g} ms a frame)"
+        )
+    return printable(said + ".")
+
+
+def _lead(board: Gathered, column: Any) -> str:
+    """By how much the first is ahead of the second."""
+    rows = board["views"][0]["rows"]
+    pair = next((p for p in board["pairs"] if (p["first"], p["second"]) == (0, 1)), None)
+    if pair is None:
+        return ""
+    p = "p < 0.001" if pair["p"] < 0.001 else f"p = {pair['p']:.3f}"
+    ends = [column.number(abs(pair[end])) for end in ("low", "high")]
+    low, high = sorted(ends, key=float)
+    return (
+        f"It is ahead of {rows[1][board['kind']]} by {column.number(abs(pair['difference']))} "
+        f"({low} to {high}; {p})."
+    )
+
+
+def _listed(names: Sequence[str]) -> str:
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+
+
+def _asset(name: str) -> str:
+    return files("eitbench.reports").joinpath("templates", name).read_text(encoding="utf-8")
+
+
+def _plotly() -> str:
+    """Plotly's own bundle, packed: a third of its size, and no request leaves the page."""
+    return pack(files("plotly").joinpath("package_data", "plotly.min.js").read_bytes())
+
+
+def _json(value: Any) -> str:
+    """JSON that can stand in a script element: nothing in it can close one."""
+    text = json.dumps(value, allow_nan=False)
+    return text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")
+
+
+def _maps() -> dict[str, str]:
+    """The colour maps as hexadecimal digits, six a colour."""
+    import matplotlib as mpl
+    import numpy as np
+
+    def digits(name: str) -> str:
+        colours = mpl.colormaps[name](np.linspace(0, 1, _MAP_STEPS), bytes=True)[:, :3]
+        return bytes(colours.ravel()).hex()
+
+    return {"value": digits("viridis"), "signed": digits("coolwarm")}
