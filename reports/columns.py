@@ -1,6 +1,6 @@
 """The columns of printed leaderboards, and how their numbers are written."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -121,6 +121,7 @@ METHODS = Layout(
         _of(METRICS["iou_conductive"], ".3f"),
         _of(METRICS["strength_spearman"], ".2f"),
         _of(METRICS["repeatability_db"], ".1f"),
+        Column("frame_solves", "Frame [calibration solves]", TIME, "min"),
         Column("frame_ms_p50", "Frame p50 [ms]", TIME, "min"),
         Column("frame_ms_p99", "p99 [ms]", TIME, "min"),
         Column("setup_s", "Set-up [s]", TIME, "min"),
@@ -133,15 +134,17 @@ METHODS = Layout(
     frozenset(
         {
             "rank", "method", "run", "group", "score", "ssim", "cc", "rie", "psnr",
-            "localisation_mm", "strength_spearman", "repeatability_db", "frame_ms_p50", "coverage",
+            "localisation_mm", "strength_spearman", "repeatability_db", "frame_ms_p50",
+            "frame_solves", "coverage",
         }
     ),
     {
         "rank": "#", "method": "Method", "group": "Ties", "score": "S",
         "localisation_mm": "Loc.\nmm", "coverage": "Done", "ssim": "SSIM", "psnr": "PSNR\ndB",
         "cc": "CC", "repeatability_db": "Repeatability\ndB", "frame_ms_p50": "Frame\nms",
-        "rie": "RIE", "bounded": "B", "strength_spearman": "Strength", "iou": "IoU", "n": "n",
-        "track": "Track", "setup_s": "Set-up\ns", "run": "Run",
+        "frame_solves": "Frame\nsolves", "rie": "RIE", "bounded": "B",
+        "strength_spearman": "Strength", "iou": "IoU", "n": "n", "track": "Track",
+        "setup_s": "Set-up\ns", "run": "Run",
     },
 )  # fmt: skip
 OPERATORS = Layout(
@@ -173,6 +176,26 @@ OPERATORS = Layout(
         "run": "Run",
     },
 )  # fmt: skip
+
+
+_TIMES = frozenset({"frame_ms_p50", "frame_ms_p99", "setup_s", "train_s", "forward_ms", "grad_ms"})
+
+
+def shown_columns(board: Sequence[Row]) -> list[Column]:
+    """The columns that say something about the rows of one scenario.
+
+    Times of several machines do not compare: there, frames are shown in calibration solves alone.
+    """
+    machines = {row["machine"] for row in board} - {None}
+    hidden = _TIMES if len(machines) > 1 else {"frame_solves"}
+    if len({row["run"] for row in board} - {None}) < 2:
+        hidden = hidden | {"run"}
+    return [
+        column
+        for column in layout(board[0]).columns
+        if column.name not in hidden
+        and (column.always or any(row.get(column.name) not in (None, "") for row in board))
+    ]
 
 
 def layout(row: Row) -> Layout:

@@ -7,6 +7,7 @@ reading the runs.
 from __future__ import annotations
 
 import shlex
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from eitbench.benchmark import DataCorruptError
+from eitbench.benchmark import DataCorruptError, InputError
 from eitbench.benchmark.averages import numbers
 from eitbench.benchmark.cards import METRICS
 from eitbench.benchmark.kind import METHODS
@@ -22,7 +23,7 @@ from eitbench.benchmark.metrics import ANCHORS, anchored
 from eitbench.benchmark.results import Row, Run, failures, read_run
 from eitbench.benchmark.sensitivity import SAMPLES, sensitivity
 from eitbench.benchmark.standings import Standing, score_weights, standings
-from eitbench.reports.columns import layout, printable
+from eitbench.reports.columns import printable, shown_columns
 from eitbench.reports.images import packed_images
 from eitbench.reports.published import comparison
 
@@ -42,6 +43,9 @@ def gather(paths: Sequence[Path]) -> Gathered:
         DataCorruptError: a table of a run is damaged.
     """
     runs = [read_run(path) for path in paths]
+    for name, count in Counter(run.path.name for run in runs).items():
+        if count > 1:
+            raise InputError(f"{count} of the runs are called {name!r}: give their folders names.")
     kinds = {
         kind: [run for run in runs if run.kind.name == kind] for kind in ("method", "operator")
     }
@@ -101,7 +105,7 @@ def _board(standing: Standing, runs: Sequence[Run], missing: list[str]) -> Gathe
         "phantoms": standing.phantoms,
         "why_not": standing.why_not,
         "ranked_by": first.get("ranked_by") or "mse",
-        "columns": [vars(column) for column in layout(first).columns],
+        "columns": [vars(column) for column in shown_columns(standing.rows)],
         "notes": comparison(standing.rows),
         "views": [_view("all samples", standing, runs)],
         "pairs": [vars(pair) for pair in standing.pairs],

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from eitbench.benchmark.results import Row, boards, read_run
 from eitbench.benchmark.standings import standings
-from eitbench.reports.columns import Column, layout, printable
+from eitbench.reports.columns import Column, layout, printable, shown_columns
 from eitbench.reports.published import comparison, published_rows
 
 if TYPE_CHECKING:
@@ -66,7 +66,7 @@ def to_markdown(rows: Sequence[Row]) -> str:
     """One table per scenario, the best values in bold, and what is to be known of it."""
     parts = []
     for title, board in _boards(rows):
-        columns = _shown(board)
+        columns = shown_columns(board)
         lines = [f"### {escape_markdown(title)}", ""]
         lines.append("| " + " | ".join(escape_markdown(c.title) for c in columns) + " |")
         lines.append("|" + "|".join(" ---: " if c.form else " --- " for c in columns) + "|")
@@ -94,7 +94,9 @@ def to_latex(rows: Sequence[Row]) -> str:
         known = layout(board[0])
         lost = any(row["coverage"] is not None and row["coverage"] < 1 for row in board)
         columns = [
-            c for c in _shown(board) if c.name in known.paper and (lost or c.name != "coverage")
+            c
+            for c in shown_columns(board)
+            if c.name in known.paper and (lost or c.name != "coverage")
         ]
         headings = (known.terminal[c.name].replace("\n", " ") for c in columns)
         lines = [
@@ -131,7 +133,7 @@ def to_html(rows: Sequence[Row]) -> str:
     """One table per scenario, the best values in bold: a fragment to put into a page."""
     lines = []
     for title, board in _boards(rows):
-        columns = _shown(board)
+        columns = shown_columns(board)
         lines += ["<table>", f"<caption>{html.escape(title)}</caption>"]
         heads = "".join(f'<th scope="col">{html.escape(c.title)}</th>' for c in columns)
         lines.append(f"<thead><tr>{heads}</tr></thead>")
@@ -194,7 +196,7 @@ def table(rows: Sequence[Row], width: int) -> "Group":
 def _fitting(board: Sequence[Row], width: int) -> list[Column]:
     """The most important columns that fit into `width` characters, in the usual order."""
     columns, terminal = layout(board[0]).columns, layout(board[0]).terminal
-    shown = {column.name: column for column in _shown(board)}
+    shown = {column.name: column for column in shown_columns(board)}
     kept, free = [], width - 1  # of which the right edge takes one
     for name, heading in terminal.items():
         if name not in shown:
@@ -248,20 +250,6 @@ _NOTES = {
     "reciprocity_error": "reciprocity error of the reference frame: {:.2%}",
     "repeat_noise": "noise between repeats: {:.3%}",
 }
-
-
-def _shown(board: Sequence[Row]) -> list[Column]:
-    """The columns that say something about this scenario."""
-    several_runs = len({row["run"] for row in board} - {None}) > 1
-    return [
-        column
-        for column in layout(board[0]).columns
-        if (
-            several_runs
-            if column.name == "run"
-            else column.always or any(row[column.name] not in (None, "") for row in board)
-        )
-    ]
 
 
 def _is_best(column: Column, row: Row, board: Sequence[Row]) -> bool:

@@ -46,26 +46,26 @@ def write_report(runs: Sequence[Path], out: Path) -> list[Path]:
 
 def to_page(found: Gathered) -> str:
     """The page of what was gathered."""
-    environment = Environment(
-        loader=PackageLoader("eitbench.reports"), autoescape=True, undefined=StrictUndefined,
-        trim_blocks=True, lstrip_blocks=True,
-    )  # fmt: skip
     suites = dict.fromkeys(board["suite"] for board in found["boards"])
     shown = {key: value for key, value in found.items() if key not in ("runs", "missing", "cards")}
-    return environment.get_template("report.html.jinja").render(
-        **found,
-        title=" and ".join(map(printable, suites)) or "No results",
-        made=time.strftime("%Y-%m-%d"),
-        version=__version__,
-        answers=[answer(board) for board in found["boards"]],
-        claims=[],
-        anchors=", ".join(
-            f"{name.upper()} {low:g} and {high:g}" for name, (low, high) in ANCHORS.items()
-        ),
-        css=Markup(_asset("report.css")),
-        js=Markup(_asset("report.js")),
-        plotly=Markup(_plotly()),
-        data=Markup(_json(shown | {"maps": _maps()})),
+    return (
+        environment()
+        .get_template("report.html.jinja")
+        .render(
+            **found,
+            title=" and ".join(map(printable, suites)) or "No results",
+            made=time.strftime("%Y-%m-%d"),
+            version=__version__,
+            answers=[answer(board) for board in found["boards"]],
+            claims=[],
+            anchors=", ".join(
+                f"{name.upper()} {low:g} and {high:g}" for name, (low, high) in ANCHORS.items()
+            ),
+            css=Markup(asset("report.css")),
+            js=Markup(asset("report.js")),
+            plotly=Markup(_plotly()),
+            data=Markup(_json(shown | {"maps": _maps()})),
+        )
     )
 
 
@@ -116,7 +116,19 @@ def _listed(names: Sequence[str]) -> str:
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 
-def _asset(name: str) -> str:
+def environment() -> Environment:
+    """Templates of pages, which show names and texts as they are."""
+    return Environment(
+        loader=PackageLoader("eitbench.reports"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+
+
+def asset(name: str) -> str:
+    """A file beside the templates."""
     return files("eitbench.reports").joinpath("templates", name).read_text(encoding="utf-8")
 
 

@@ -50,12 +50,6 @@ function options(select, values, chosen) {
 
 // ---- leaderboard -------------------------------------------------------------------------------
 
-function shownColumns(rows) {
-  const several = new Set(rows.map((row) => row.run)).size > 1;
-  return board().columns.filter((c) => c.name === "run" ? several :
-    c.always || rows.some((row) => row[c.name] !== null && row[c.name] !== undefined && row[c.name] !== ""));
-}
-
 function interval(c, row) {
   const low = row[c.name + "_low"], high = row[c.name + "_high"];
   if (low === null || low === undefined || (c.name === "rank" && low === high)) return null;
@@ -83,7 +77,7 @@ function choose(name) {
 }
 
 function drawBoard() {
-  const rows = rowsShown(), columns = shownColumns(view().rows);
+  const rows = rowsShown(), columns = board().columns;
   const best = {};
   for (const c of columns) {
     const values = view().rows.map((row) => row[c.name]).filter((v) => typeof v === "number");
@@ -150,7 +144,7 @@ const symbol = (k) => SYMBOLS[(k + Math.floor(k / COLOURS.length)) % SYMBOLS.len
 const colour = (name) => COLOURS[place(name) % COLOURS.length];
 
 function drawFrontier() {
-  const c = ranking(), time = board().kind === "operator" ? "forward_ms" : "frame_ms_p50";
+  const c = ranking(), time = ["frame_ms_p50", "frame_solves", "forward_ms"].find((name) => column(name)) || "frame_ms_p50";
   const rows = rowsShown().filter((row) => typeof row[c.name] === "number" && typeof row[time] === "number");
   $("frontier").hidden = !rows.length;
   if (!rows.length) return;
@@ -167,10 +161,10 @@ function drawFrontier() {
     { x: rows.map((row) => row[time]), y: rows.map((row) => row[c.name]), text: names, mode: "markers+text", textposition: sides, textfont: { size: 11 }, showlegend: false,
       marker: { size: rows.map((row) => nameOf(row) === state.chosen ? 15 : 9), color: rows.map((row) => colour(nameOf(row))), symbol: rows.map((row) => symbol(place(nameOf(row)))), line: { width: 1, color: style("--ink") } },
       error_y: { type: "data", symmetric: false, array: ends("_high", 1), arrayminus: ends("_low", -1), color: style("--soft"), thickness: 1, width: 3 },
-      hovertemplate: `%{text}<br>%{x:.3g} ms<br>${escaped(c.title)} %{y:.4g}<extra></extra>` }];
-  const times = rows.map((row) => row[time]).concat(board().kind === "operator" ? [] : [100]);
+      hovertemplate: `%{text}<br>${escaped(titleOf(time))} %{x:.3g}<br>${escaped(c.title)} %{y:.4g}<extra></extra>` }];
+  const times = rows.map((row) => row[time]).concat(time === "frame_ms_p50" ? [100] : []);
   const range = [Math.log10(Math.min(...times)) - 0.3, Math.log10(Math.max(...times)) + 0.3];
-  const line = board().kind === "operator" ? {} : {
+  const line = time !== "frame_ms_p50" ? {} : {
     shapes: [{ type: "line", x0: 100, x1: 100, yref: "paper", y0: 0, y1: 1, line: { color: style("--mark"), width: 1, dash: "dash" } }],
     annotations: [{ x: 2, y: 1, xref: "x", yref: "paper", text: "10 frames/s", showarrow: false, xanchor: "right", yanchor: "bottom", font: { size: 11, color: style("--mark") } }] };
   plot("frontier", `${c.title} of ${rows.length} methods against the time of a frame`, traces,

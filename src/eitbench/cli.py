@@ -33,6 +33,12 @@ recordings_app = typer.Typer(
     no_args_is_help=True,
 )
 app.add_typer(recordings_app, name="recordings")
+submission_app = typer.Typer(
+    help="Runs for a public leaderboard.",
+    epilog="Example: eitbench submission check runs/mine",
+    no_args_is_help=True,
+)
+app.add_typer(submission_app, name="submission")
 
 Json = Annotated[bool, typer.Option("--json", help="Print JSON for programs.")]
 
@@ -293,6 +299,18 @@ def report(
 
     for path in write_report(runs, out or runs[0] / "report"):
         typer.echo(str(path))
+
+
+@app.command(epilog="Example: eitbench site runs --out site")
+def site(
+    runs: Annotated[Path, typer.Argument(metavar="RUNS_DIR", help="A folder of run directories.")],
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Its folder.")],
+) -> None:
+    """Build a static leaderboard from many runs: one page a suite, one a method, all versions."""
+    from eitbench.reports.site import write_site
+
+    written = write_site(runs, out)
+    typer.echo(f"Site: {written[0]} and {len(written) - 1} more pages")
 
 
 @app.command(epilog="Example: eitbench compare runs/before runs/after --figures ssim,psnr")
@@ -584,6 +602,24 @@ def fetch(
     from eitbench.scenarios.recordings.fetch import intact
 
     typer.echo(f"{name} is in {intact(recorded_set(name), progress=True)}")
+
+
+@submission_app.command("check", epilog="Example: eitbench submission check runs/mine --jobs 2")
+def submission_check(
+    run: Annotated[Path, typer.Argument(metavar="DIR", help="A run directory.")],
+    jobs: Annotated[int, typer.Option(min=1, help="Processes to simulate with.")] = 1,
+) -> None:
+    """Check that a run is complete, on our data, and has the figures of its images."""
+    from eitbench.benchmark.submission import check_submission
+
+    checks = check_submission(run, jobs=jobs)
+    for check_of in checks:
+        typer.echo(f"{'FAILED' if check_of.problem else 'passed':7s}  {check_of.name}")
+        if check_of.problem:
+            typer.echo(f"         {check_of.problem}")
+    if any(check_of.problem for check_of in checks):
+        _fail(f"{run} cannot be accepted as a submission.", 1)
+    typer.echo(f"{run} can be submitted.")
 
 
 def _names(option: str, text: str | None) -> Sequence[str]:
