@@ -23,9 +23,12 @@ from eitbench.benchmark.metrics import ANCHORS, anchored
 from eitbench.benchmark.results import Row, Run, failures, read_run
 from eitbench.benchmark.sensitivity import SAMPLES, sensitivity
 from eitbench.benchmark.standings import Standing, score_weights, standings
+from eitbench.reports.claims import CLAIMS
 from eitbench.reports.columns import printable, shown_columns
+from eitbench.reports.evidence import Evidence
 from eitbench.reports.images import packed_images
 from eitbench.reports.published import comparison
+from eitbench.reports.verdicts import Verdict
 
 Gathered = dict[str, Any]
 
@@ -59,12 +62,30 @@ def gather(paths: Sequence[Path]) -> Gathered:
     found: Gathered = _plain(
         {
             "boards": boards,
-            "missing": list(dict.fromkeys(missing)),
             "cards": [vars(card) for card in METRICS.values() if _any_has(boards, card.name)],
             "score_weights": score_weights(),
+            "claims": _claims(runs, missing),
+            "missing": list(dict.fromkeys(missing)),
             "runs": [_provenance(run) for run in runs],
         }
     )
+    return found
+
+
+def _claims(runs: Sequence[Run], missing: list[str]) -> list[Gathered]:
+    """What the runs say of the published claims, of which they can say something."""
+    evidence = Evidence(runs)
+    found = []
+    for claim in CLAIMS:
+        try:
+            finding = claim.finding(evidence)
+        except InputError as error:  # several runs hold the same method
+            missing.append(f"Claim {claim.name}: {error}")
+            continue
+        if finding.verdict != Verdict.untestable:
+            found.append(
+                {"claim": claim.says, "verdict": finding.verdict.value, "why": finding.why}
+            )
     return found
 
 

@@ -23,6 +23,7 @@ from eitbench.reports.paper import write_paper
 PAGE = "index.html"
 DATA = "report.json"
 _MAP_STEPS = 256
+_MOST_NAMES = 3
 
 
 def write_report(runs: Sequence[Path], out: Path) -> list[Path]:
@@ -47,7 +48,11 @@ def write_report(runs: Sequence[Path], out: Path) -> list[Path]:
 def to_page(found: Gathered) -> str:
     """The page of what was gathered."""
     suites = dict.fromkeys(board["suite"] for board in found["boards"])
-    shown = {key: value for key, value in found.items() if key not in ("runs", "missing", "cards")}
+    shown = {
+        key: value
+        for key, value in found.items()
+        if key not in ("runs", "missing", "cards", "claims")
+    }
     return (
         environment()
         .get_template("report.html.jinja")
@@ -57,7 +62,6 @@ def to_page(found: Gathered) -> str:
             made=time.strftime("%Y-%m-%d"),
             version=__version__,
             answers=[answer(board) for board in found["boards"]],
-            claims=[],
             anchors=", ".join(
                 f"{name.upper()} {low:g} and {high:g}" for name, (low, high) in ANCHORS.items()
             ),
@@ -88,8 +92,9 @@ def answer(board: Gathered) -> str:
     if not tied:
         return printable(f"{where}, {best[kind]} is the best: {figure}. {_lead(board, column)}")
     fastest = min([best, *tied], key=lambda row: row["frame_ms_p50"] or float("inf"))
-    said = f"{where}, {best[kind]} is first with {figure}, but cannot be told apart from "
-    said += _listed([row[kind] for row in tied])
+    names = [name for name in dict.fromkeys(row[kind] for row in tied) if name != best[kind]]
+    said = f"{where}, {best[kind]} is first with {figure}"
+    said += f", but cannot be told apart from {_listed(names)}" if names else ""
     if fastest["frame_ms_p50"] is not None:
         said += (
             f"; the fastest of them is {fastest[kind]} ({fastest['frame_ms_p50']:.3g} ms a frame)"
@@ -113,6 +118,8 @@ def _lead(board: Gathered, column: Any) -> str:
 
 
 def _listed(names: Sequence[str]) -> str:
+    if len(names) > _MOST_NAMES + 1:
+        names = [*names[:_MOST_NAMES], f"{len(names) - _MOST_NAMES} others"]
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 

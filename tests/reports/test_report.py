@@ -13,9 +13,9 @@ import pandas as pd
 import pytest
 
 from eitbench.methods import methods
-from eitbench.reports import paper
 from eitbench.reports.citations import KEYS, bibliography, entries
 from eitbench.reports.gathered import gather
+from eitbench.reports.paper import STYLE, frontier, noise
 from eitbench.reports.report import answer, to_page, write_report
 from eitbench.scenarios.errors import DataCorruptError, InputError
 
@@ -121,8 +121,8 @@ def test_no_text_of_a_figure_is_cut(many: Path) -> None:
     rows = board["views"][0]["rows"]
     rows += [rows[0] | {"method": f"a-rather-long-name-{k}"} for k in range(12)]
     levels = [board | {"snr_db": level} for level in (30.0, 50.0, "clean")]
-    with mpl.rc_context(paper.STYLE):
-        figures = (paper.frontier(board), paper.noise(levels))
+    with mpl.rc_context(STYLE):
+        figures = (frontier(board), noise(levels))
         for figure in figures:
             figure.draw_without_rendering()
     for figure in figures:
@@ -169,6 +169,16 @@ def test_every_method_has_its_citation() -> None:
         if name in KEYS:
             author = re.search(r"author = \{(\w+)", known[KEYS[name]])
             assert author is None or author[1] in cls.source
+
+
+def test_published_claims_stand_in_the_report_of_the_paper_s_suite(build: Any, paper: Any) -> None:
+    build.suite = "paper"
+    for name in ("dnn", "phydnn"):
+        build.add(paper, name, paper.conductivity)
+    found = gather([build.write()])
+    verdicts = {claim["claim"]: claim["verdict"] for claim in found["claims"]}
+    assert verdicts["The networks reconstruct 10 frames per second."] == "holds"
+    assert "The networks reconstruct 10 frames per second." in to_page(found)
 
 
 # ---- bad input ---------------------------------------------------------------------------------
