@@ -27,6 +27,7 @@ from eitbench.reports.claims import CLAIMS
 from eitbench.reports.columns import printable, shown_columns
 from eitbench.reports.evidence import Evidence
 from eitbench.reports.images import packed_images
+from eitbench.reports.leaderboard import costs_of_failures
 from eitbench.reports.published import comparison
 from eitbench.reports.verdicts import Verdict
 
@@ -127,7 +128,7 @@ def _board(standing: Standing, runs: Sequence[Run], missing: list[str]) -> Gathe
         "why_not": standing.why_not,
         "ranked_by": first.get("ranked_by") or "mse",
         "columns": [vars(column) for column in shown_columns(standing.rows)],
-        "notes": comparison(standing.rows),
+        "notes": comparison(standing.rows) + costs_of_failures(standing.rows),
         "views": [_view("all samples", standing, runs)],
         "pairs": [vars(pair) for pair in standing.pairs],
         "snr_db": None,
@@ -239,7 +240,7 @@ def _plain_list(values: Any) -> list[float | None]:
 def _provenance(run: Run) -> Gathered:
     content: Mapping[str, Any] = run.manifest
     names = ("command_line", "started", "finished", "status", "git_commit", "versions", "machine",
-             "threads", "calibration_ms", "data", "cells", "plan")  # fmt: skip
+             "threads", "seeds", "calibration_ms", "data", "cells", "plan")  # fmt: skip
     return {
         "run": printable(run.path.name),
         "kind": run.kind.name,

@@ -235,14 +235,24 @@ def _data(row: Row) -> str:
 def note(board: Sequence[Row]) -> str:
     """What is to be known of a board, as one line; "" where there is nothing.
 
-    That is how the published figures are to be read, and the quality of recorded data.
+    That is how the published figures are to be read, the quality of recorded data, and what
+    failures cost.
     """
-    said = comparison(board)
+    said = comparison(board) + costs_of_failures(board)
     for name, words in _NOTES.items():
         known = [row[name] for row in board if row.get(name) is not None]
         if known:
             said.append(words.format(known[0]))
     return f"{'; '.join(said)}." if said else ""
+
+
+def costs_of_failures(board: Sequence[Row]) -> list[str]:
+    """For each method that lost samples, the rank it would have without them, if another."""
+    return [
+        f"{row['method']} would rank {row['rank_valid']} if what failed were left out"
+        for row in board
+        if row.get("rank_valid") not in (None, row["rank"]) and row["coverage"] < 1
+    ]
 
 
 _NOTES = {

@@ -104,9 +104,7 @@ function drawBoard() {
   })));
   $("leaderboard").replaceChildren(el("caption", { class: "soft" }, `${board().suite} / ${board().scenario}, ${view().label}`),
     el("thead", {}, el("tr", {}, ...head)), el("tbody", {}, ...body));
-  const lost = view().rows.filter((row) => row.coverage < 1 && row.rank_valid !== null && row.rank_valid !== undefined)
-    .map((row) => `${nameOf(row)} would rank ${row.rank_valid} if what failed were left out`);
-  const said = [view().phantoms ? `Intervals from ${view().phantoms} phantoms` : view().why_not.replace(/\.$/, ""), ...board().notes, ...lost];
+  const said = [view().phantoms ? `Intervals from ${view().phantoms} phantoms` : view().why_not.replace(/\.$/, ""), ...board().notes];
   $("board-note").textContent = said.filter(Boolean).join("; ") + ".";
 }
 

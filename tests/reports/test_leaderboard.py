@@ -230,3 +230,13 @@ def test_a_metric_has_one_name(full_run: Path) -> None:
     assert title in FORMATS["md"](leaderboard([full_run]))
     assert LAYOUT.terminal["repeatability_db"].startswith(title)
     assert LAYOUT.terminal["coverage"] == "Done"
+
+
+def test_what_failures_cost_is_said(build: Any, dataset_of: Any) -> None:
+    dataset = dataset_of("conductivity", 12)
+    for name, share, lost in (("good", 0.9, 6), ("fair", 0.8, 0)):
+        build.add(dataset, name, share * (dataset.conductivity - 1) + 1, lost=lost)
+    rows = leaderboard([build.write()])
+    assert [(row["method"], row["rank_valid"]) for row in rows] == [("fair", 2), ("good", 1)]
+    assert "good would rank 1 if what failed were left out" in FORMATS["md"](rows)
+    assert "fair would" not in FORMATS["md"](rows)
