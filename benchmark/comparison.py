@@ -23,10 +23,14 @@ from eitbench.benchmark.store import SAMPLES
 from eitbench.scenarios.errors import InputError, unknown_name
 
 Array = NDArray[np.float64]
-Verdict = Literal["better", "worse", "no difference found", "equal"]
+Verdict = Literal["better", "worse", "no difference found", "negligible", "equal"]
 
 _NEEDED = ("scenario", "method", "sample", "phantom", "input_hash", "status")
 _EQUAL = 1e-9
+
+NEGLIGIBLE = 1e-3
+"""Share of the standard deviation between phantoms: what the rounding of another machine's
+arithmetic may change, however surely, and what nobody would notice."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +42,8 @@ class Change:
         difference, low, high: after minus before with its 95 % interval.
         p: of a change (`compare`), or of a loss beyond the margin (`losses`), adjusted for all
             that were tested together (Holm).
-        verdict: "equal" to the last digit; "better" or "worse" beyond chance; or neither.
+        verdict: "equal" to the last digit; "negligible", see `NEGLIGIBLE`; "better" or "worse"
+            beyond chance; or none of these.
         time_ratio: warm frame after over before, each over its machine's calibration solve; None
             where one of them is not known.
     """
@@ -157,6 +162,7 @@ class _Test:
 
     change: Change
     sign: float
+    negligible: float
     change_p: float
     loss_p: float
 
@@ -164,6 +170,8 @@ class _Test:
 def _verdict(test: _Test, significant: bool) -> Verdict:
     if abs(test.change.difference) < _EQUAL and test.change.low == test.change.high:
         return "equal"
+    if abs(test.change.difference) <= test.negligible:
+        return "negligible"
     if not significant:
         return "no difference found"
     return "better" if test.sign * test.change.difference > 0 else "worse"
@@ -251,6 +259,7 @@ def _test(cells: Sequence[pd.DataFrame], card: MetricCard, margin: float) -> _Te
     difference, differences = after - before, drawn[1] - drawn[0]
     low, high = map(float, intervals(np.asarray(difference), differences, phantoms))
     sign = 1.0 if card.best == "max" else -1.0
+    negligible = NEGLIGIBLE * float(drawn[0].std()) * np.sqrt(phantoms)
     change = Change(
         scenario="",
         method="",
@@ -269,8 +278,11 @@ def _test(cells: Sequence[pd.DataFrame], card: MetricCard, margin: float) -> _Te
     return _Test(
         change,
         sign,
+        negligible,
         change_p=_p(difference, differences, phantoms, two_sided=True),
-        loss_p=_p(-sign * difference - margin, differences, phantoms, two_sided=False),
+        loss_p=_p(
+            -sign * difference - max(margin, negligible), differences, phantoms, two_sided=False
+        ),
     )
 
 

@@ -82,6 +82,14 @@ def test_a_gate_lets_through_what_the_margin_allows() -> None:
     assert changes["same"].verdict == "equal"
 
 
+def test_what_rounding_changes_is_negligible_however_sure() -> None:
+    values = np.random.default_rng(4).normal(5, 1, size=N)
+    old, new = results({"m": values}), results({"m": values - 1e-6})
+    assert compare(old, new).changes[0].p < 1e-6
+    assert compare(old, new).changes[0].verdict == "negligible"
+    assert losses(old, new, {}).changes[0].verdict == "negligible"
+
+
 def test_a_gate_is_seldom_shut_by_chance() -> None:
     rng = np.random.default_rng(1)
     shut = 0
