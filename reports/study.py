@@ -75,7 +75,9 @@ def to_markdown(summary: Row) -> str:
 
 
 def _text(value: object) -> str:
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
+    if isinstance(value, list):
+        return ", ".join(map(_text, value))
+    return f"{value:.3g}" if isinstance(value, float) else str(value)
 
 
 def _choices(table: pd.DataFrame) -> list[str]:
