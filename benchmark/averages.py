@@ -43,7 +43,7 @@ def numbers(cell: pd.DataFrame, name: str) -> Array:
 def strength_spearman(cell: pd.DataFrame, counts: Array) -> Array:
     """Rank correlation of contact strength with pressure or press depth (b,)."""
     for name in LOAD_COLUMNS:
-        if name in cell and cell[name].notna().any():
+        if "strength" in cell and name in cell and cell[name].notna().any():
             known = (cell[name].notna() & cell["strength"].notna()).to_numpy()
             if known.sum() < _FEWEST_LOADS:
                 break
@@ -54,7 +54,7 @@ def strength_spearman(cell: pd.DataFrame, counts: Array) -> Array:
 
 def repeatability_db(cell: pd.DataFrame, counts: Array) -> Array:
     """20 log10 of the rms response to touched over that to untouched frames (b,)."""
-    if "touched" not in cell or not cell["response"].notna().any():
+    if not {"touched", "response"} <= set(cell) or not cell["response"].notna().any():
         return np.full(len(counts), np.nan)
     known = (cell["touched"].notna() & cell["response"].notna()).to_numpy()
     touched = cell["touched"].to_numpy()[known].astype(bool)

@@ -70,7 +70,7 @@ class Comparison:
     Attributes:
         changes: in the order of the earlier run.
         missing: a sentence for each scenario and method of the earlier run that the later one
-            does not hold on the same frames.
+            does not hold, or not on all of its frames.
         added: a sentence for each that only the later one holds.
     """
 
@@ -201,12 +201,19 @@ def _paired(
                 f"{MIN_PHANTOMS}."
             )
             continue
+        if len(cells[0]) < len(cell):
+            missing.append(
+                f"{who} lacks {len(cell) - len(cells[0])} of the {len(cell)} frames of "
+                f"{before.path} in {after.path}: the others are compared."
+            )
         units = [of.frame_units.get((scenario, method)) for of in (before, after)]
         ratio = units[1] / units[0] if units[0] and units[1] else None
         for card in [METRICS[name] for name in margins] or _ranking(cells):
+            if not np.isfinite(once(_figure(cells[0], card), len(cells[0]))):
+                continue  # this scenario does not know it
             test = _test(cells, card, margins.get(card.name, 0.0))
             if test is None:
-                missing.append(f"{who} has no {card.title}.")
+                missing.append(f"{who} has no {card.title} in {after.path}.")
             else:
                 change = replace(test.change, scenario=scenario, method=method, time_ratio=ratio)
                 tests.append(replace(test, change=change))
@@ -216,7 +223,9 @@ def _paired(
         if (scenario, method) not in old
     ]
     if not tests:
-        why = (*missing, *added, "one of them is empty.")[0]
+        asked = ", ".join(METRICS[name].title for name in margins)
+        none = f"no scenario of theirs has {asked}." if asked else "one of them is empty."
+        why = (*missing, *added, none)[0]
         raise InputError(f"{before.path} and {after.path} cannot be compared: {why}")
     return tests, missing, added
 

@@ -24,6 +24,9 @@ from eitbench.scenarios.suites import Suite
 
 FIGURES = (*METRIC_COLUMNS, "cc_undefined")
 
+ROUNDING = 1e-9
+"""What another processor's arithmetic may change in a figure, relative and absolute."""
+
 
 @dataclass(frozen=True, eq=False)
 class Stored:
@@ -43,7 +46,7 @@ class Rescored:
 
     Attributes:
         n: its samples.
-        changed: those of which a figure changed.
+        changed: those of which a figure changed by more than `ROUNDING`.
         figures: names of the figures that changed.
     """
 
@@ -133,6 +136,6 @@ def _difference(scenario: str, method: str, old: pd.DataFrame, new: pd.DataFrame
         table.reindex(columns=list(FIGURES)).to_numpy(np.float64, na_value=np.nan)
         for table in (old, new)
     )
-    changed = (before != after) & ~(np.isnan(before) & np.isnan(after))
+    changed = ~np.isclose(before, after, rtol=ROUNDING, atol=ROUNDING, equal_nan=True)
     names = tuple(name for name, any_of in zip(FIGURES, changed.any(axis=0), strict=True) if any_of)
     return Rescored(scenario, method, len(new), int(changed.any(axis=1).sum()), names)

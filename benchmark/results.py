@@ -1,6 +1,7 @@
 """Reads run directories, and sums their rows up to a leaderboard."""
 
 import json
+from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -221,8 +222,9 @@ def leaderboard_rows(runs: Sequence[Run]) -> list[Row]:
 
     Figures are means over the samples (localisation: the median), of which failed ones are charged
     what an image of the untouched sensor gets; None where not defined, or where all failed. The
-    best value has rank 1, those without a figure come last, and equals share a rank. Operators
-    have figures of their valid samples only, and rank after those that lost none.
+    best value has rank 1, those that lack samples come after those that have all, those without a
+    figure last, and equals share a rank. Operators have figures of their valid samples only, and
+    rank after those that lost none.
 
     Raises:
         InputError: some of the runs rank methods and others operators.
@@ -234,7 +236,7 @@ def ranked_boards(runs: Sequence[Run]) -> list[list[Entry]]:
     """The rows of `leaderboard_rows` with what they come from, those of the same data together.
 
     Raises:
-        InputError: some of the runs rank methods and others operators.
+        InputError: some of the runs rank methods and others operators, or two share a name.
     """
     for run in runs:
         if run.kind != runs[0].kind:
@@ -242,6 +244,9 @@ def ranked_boards(runs: Sequence[Run]) -> list[list[Entry]]:
                 f"{runs[0].path} ranks {runs[0].kind.name}s and {run.path} {run.kind.name}s: ask "
                 "for their leaderboards one after the other."
             )
+    for name, count in Counter(run.path.name for run in runs).items():
+        if count > 1:
+            raise InputError(f"{count} of the runs are called {name!r}: give their folders names.")
     entries = [
         Entry(run, _row(run, keys, cell), cell) for run in runs for keys, cell in _cells(run)
     ]
@@ -291,7 +296,9 @@ def _row(run: Run, keys: Row, cell: pd.DataFrame) -> Row:
     cards = tuple(kind.metrics.values())
     figures = once(lambda counts: averages(counted, cards, counts), len(counted))
     for card, value in zip(cards, figures, strict=True):
-        row[card.name] = _plain(known.get(card.name) if np.isnan(value) else value)
+        # Figures of operators over whole scenarios need more than samples: they have a table.
+        of_table = kind != METHODS and card.average == "whole scenario"
+        row[card.name] = _plain(known.get(card.name) if of_table else value)
     for name in kind.costs:
         row[name] = _plain(known.get(name))
     for name in kind.facts:
@@ -313,6 +320,11 @@ def _plain(value: Any) -> float | None:
     return number if np.isfinite(number) else None
 
 
+def is_whole(row: Row) -> bool:
+    """Whether a row is of all samples of its scenario, or as far as is known."""
+    return row["data_n"] is None or row["n"] >= row["data_n"]
+
+
 def ranking_figure(board: Iterable[Row], kind: Kind) -> str | None:
     """The name of the figure that ranks the rows of one scenario; None where none has one."""
     rows = list(board)
@@ -332,5 +344,5 @@ def _place(row: Row, name: str | None, kind: Kind) -> tuple[bool, bool, float]:
     value = None if name is None else row[name]
     if name is None or value is None:
         return True, True, 0.0
-    lost = kind != METHODS and row["coverage"] < 1
+    lost = not is_whole(row) or (kind != METHODS and row["coverage"] < 1)
     return False, lost, -value if kind.metrics[name].best == "max" else value

@@ -69,24 +69,34 @@ class Sensitivity:
     ssim_tau: float
 
 
-def sensitivity(run: Run, scenario: str) -> list[Sensitivity]:
+def sensitivity(methods: Mapping[str, tuple[Run, str]], scenario: str) -> list[Sensitivity]:
     """What every choice of `CHOICES` makes of a scenario with true conductivity; else nothing.
 
+    Args:
+        methods: the run and the name of each method, by what it is to be called; the runs are of
+            the same data.
+        scenario: its name.
+
     Raises:
-        DataCorruptError: the images of the run cannot be read.
+        DataCorruptError: the images of a run cannot be read.
     """
-    rows = run.samples[run.samples["scenario"] == scenario]
-    known = np.sort(rows["sample"].unique())
+    cells = {label: run.cell(scenario, name) for label, (run, name) in methods.items()}
+    held = [set(cell["sample"]) for cell in cells.values()]
+    known = (
+        np.sort(np.array(list(set.intersection(*held)), dtype=np.int64)) if held else np.empty(0)
+    )
+    if not len(known):
+        return []
     chosen = known[np.unique(np.linspace(0, len(known) - 1, SAMPLES).astype(int))].tolist()
-    scene = run.scene(scenario, chosen)
+    scene = next(iter(methods.values()))[0].scene(scenario, chosen)
     if scene.truth is None or scene.has_classes:
         return []
     images = {}
-    for method in rows["method"].unique():
-        found = run.estimates(scenario, str(method), chosen)
-        if found is not None:
-            found[~np.isfinite(found[:, scene.mask]).all(axis=1)] = scene.background
-            images[str(method)] = found
+    for label, (run, name) in methods.items():
+        stored = run.estimates(scenario, name, chosen)
+        if stored is not None:
+            stored[~np.isfinite(stored[:, scene.mask]).all(axis=1)] = scene.background
+            images[label] = stored
     means = [_means(choice, scene, images) for choice in CHOICES]
     return [
         Sensitivity(

@@ -2,6 +2,10 @@
 
 All methods of a board share their bootstrap draws of phantoms, so that every difference is paired.
 Operators get no intervals: what is measured of them does not depend on noise.
+
+Two limits: intervals of means of few and very skewed values are too short (of 10 lognormal values,
+83 % held the mean; of 24, 91 %; of 60, 93 %), and differences of medians are tested cautiously: the
+chance of a false one is below what is promised.
 """
 
 from __future__ import annotations
@@ -19,7 +23,14 @@ from eitbench.benchmark.averages import averages, numbers
 from eitbench.benchmark.cards import MetricCard
 from eitbench.benchmark.kind import METHODS
 from eitbench.benchmark.metrics import ANCHORS, anchored
-from eitbench.benchmark.results import Entry, Row, Run, ranked_boards, ranking_figure
+from eitbench.benchmark.results import (
+    Entry,
+    Row,
+    Run,
+    is_whole,
+    ranked_boards,
+    ranking_figure,
+)
 from eitbench.benchmark.statistics import LEVEL, draw, holm, intervals, once
 
 Array = NDArray[np.float64]
@@ -134,12 +145,12 @@ def _standing(board: Sequence[Entry]) -> Standing:
 
 
 def _whole(board: Sequence[Entry]) -> list[int]:
-    """Places of the rows that have a rank and hold all samples of the board."""
+    """Places of the rows that hold all samples of the board, of which some did not fail."""
     most = max(len(entry.cell) for entry in board)
     return [
         place
         for place, entry in enumerate(board)
-        if len(entry.cell) == most and entry.row["coverage"] > 0
+        if is_whole(entry.row) and len(entry.cell) == most and entry.row["coverage"] > 0
     ]
 
 
@@ -148,12 +159,14 @@ def _ranks_of_valid(board: Sequence[Entry], by: str | None) -> list[int | None]:
     if by is None:
         return [None] * len(board)
     card = METHODS.metrics[by]
-    keys = []
+    keys: list[tuple[bool, float] | None] = []
     for entry in board:
         valid = entry.cell[entry.cell["status"] == "ok"]
         value = float(once(lambda counts: averages(valid, [card], counts), len(valid))[0])  # noqa: B023
-        keys.append(-_sign(card) * value)
-    return [None if np.isnan(key) else 1 + sum(other < key for other in keys) for key in keys]
+        known = np.isfinite(value)
+        keys.append((not is_whole(entry.row), -_sign(card) * value) if known else None)
+    ranked = [key for key in keys if key is not None]
+    return [None if key is None else 1 + sum(other < key for other in ranked) for key in keys]
 
 
 def _pairs(
@@ -205,24 +218,27 @@ def _wins(cell: pd.DataFrame, other: pd.DataFrame, card: MetricCard) -> float | 
 
 
 def groups(count: int, pairs: Sequence[Pair]) -> list[str]:
-    """Letters of `count` methods, the best first: those that share one cannot be told apart.
-
-    A letter stands for a longest run of neighbours without a significant difference among them.
+    """Letters of `count` methods, the best first: two share one if they cannot be told apart.
 
     Source: Piepho, An Algorithm for a Letter-Based Representation of All-Pairwise Comparisons,
-    Journal of Computational and Graphical Statistics 13(2), 2004; for runs of neighbours.
+    Journal of Computational and Graphical Statistics 13(2), 2004 (insert and absorb).
     """
-    apart = {(pair.first, pair.second) for pair in pairs if pair.p < SIGNIFICANT}
-    letters, reached = [""] * count, -1
-    runs = 0
-    for start in range(count):
-        stop = start
-        while stop + 1 < count and not any((k, stop + 1) in apart for k in range(start, stop + 1)):
-            stop += 1
-        if stop > reached:
-            for k in range(start, stop + 1):
-                letters[k] += _letter(runs)
-            reached, runs = stop, runs + 1
+    together = [frozenset(range(count))]
+    for pair in pairs:
+        if pair.p >= SIGNIFICANT:
+            continue
+        both = {pair.first, pair.second}
+        split = [of - {one} for of in together if both <= of for one in both]
+        kept = [of for of in together if not both <= of]
+        # What lies within another says nothing more.
+        for of in sorted(split, key=len, reverse=True):
+            if not any(of <= other for other in kept):
+                kept.append(of)
+        together = kept
+    letters = [""] * count
+    for number, members in enumerate(sorted(map(sorted, together))):
+        for k in members:
+            letters[k] += _letter(number)
     return letters
 
 

@@ -13,11 +13,13 @@ import numpy as np
 from eitbench.benchmark import manifest as manifests
 from eitbench.benchmark.kind import METHODS
 from eitbench.benchmark.plan import Plan
-from eitbench.benchmark.rescore import rescored
-from eitbench.benchmark.results import Run, leaderboard_rows, read_run
+from eitbench.benchmark.recorded import figures as notes_of
+from eitbench.benchmark.rescore import ROUNDING, rescored
+from eitbench.benchmark.results import NOTES_FILE, Run, read_run
+from eitbench.benchmark.standings import standings
 from eitbench.scenarios.datasets import load
 from eitbench.scenarios.errors import EitbenchError, InputError
-from eitbench.scenarios.scenario import Scenario
+from eitbench.scenarios.scenario import RecordedScenario, Scenario
 from eitbench.scenarios.suites import load_suite, suites
 
 LEADERBOARD = "leaderboard.json"
@@ -39,8 +41,9 @@ class Check:
 def check_submission(path: Path, *, jobs: int = 1) -> list[Check]:
     """Everything that is checked of the run directory `path`.
 
-    What cannot be checked from outside is taken on trust: times, and the similarity that maps the
-    images of a method onto the robot's frame, which is fitted on validation presses.
+    What cannot be checked from outside is taken on trust: times, hyper-parameters and tracks, and
+    the similarity that maps the images of a method onto the robot's frame, which is fitted on
+    validation presses.
 
     Args:
         jobs: processes to simulate data with.
@@ -52,7 +55,12 @@ def check_submission(path: Path, *, jobs: int = 1) -> list[Check]:
     run = read_run(path)
     if run.kind != METHODS:
         raise InputError(f"{path} ranks operators: a submission is a run of methods.")
-    plan = Plan.of(run.manifest, path)
+    try:
+        plan = Plan.of(run.manifest, path)
+    except InputError as error:
+        raise InputError(
+            f"{path} cannot be checked: its manifest or a plugin was changed ({error})."
+        ) from error
     return [Check(name, check(run, plan, jobs)) for name, check in CHECKS.items()]
 
 
@@ -72,6 +80,14 @@ def _is_complete(run: Run, plan: Plan, jobs: int) -> str:
         return f"The run is {run.manifest['status']}: resume it."
     if plan.limit != plan.suite.limit:
         return f"The run was limited to {plan.limit} samples a scenario."
+    told = {(cell["scenario"], cell["name"]) for cell in run.manifest["cells"]}
+    for scenario in plan.suite.scenarios:
+        for name in plan.names:
+            # A method without weights for a sensor is left out by the run itself.
+            if f"{scenario.name}/{name}" in run.manifest["skipped"]:
+                continue
+            if (scenario.name, name) not in told:
+                return f"{name!r} was not run on {scenario.name!r}."
     for cell in run.manifest["cells"]:
         rows = run.cell(cell["scenario"], cell["name"])
         n = run.manifest["data"][cell["scenario"]]["n"]
@@ -111,6 +127,22 @@ def _same(one: Any, other: Any) -> bool:
     return bool(one.astype(str).tolist() == other.astype(str).tolist())
 
 
+def _failures_are_told(run: Run, plan: Plan, jobs: int) -> str:
+    for (scenario, method), rows in run.samples.groupby(["scenario", "method"], sort=False):
+        ordered = rows.sort_values("sample")
+        images = run.estimates(str(scenario), str(method), ordered["sample"].tolist())
+        mask = run.scene(str(scenario), []).mask
+        if images is None:
+            return f"There are no images of {method!r} on {scenario!r}."
+        whole = np.isfinite(images[:, mask]).all(axis=1)
+        if not np.array_equal(whole, ordered["status"] == "ok"):
+            return (
+                f"The status of {method!r} on {scenario!r} does not say which of its images are "
+                "whole."
+            )
+    return ""
+
+
 def _scores_are_ours(run: Run, plan: Plan, jobs: int) -> str:
     for cell, _ in rescored(run):
         if cell.changed:
@@ -127,14 +159,38 @@ def _leaderboard_follows(run: Run, plan: Plan, jobs: int) -> str:
         rows = {(row["scenario"], row["method"]): row for row in told}
     except (OSError, ValueError, KeyError, TypeError) as error:
         return f"{LEADERBOARD} cannot be read ({type(error).__name__})."
-    for row in leaderboard_rows([run]):
+    expected = [row for standing in standings([run]) for row in standing.rows]
+    if len(told) != len(expected):
+        return f"{LEADERBOARD} has {len(told)} rows, and its samples make {len(expected)}."
+    for row in expected:
         there = rows.get((row["scenario"], row["method"]), {})
-        for name in ("rank", "n", "coverage", *METHODS.metrics):
-            if there.get(name) != row[name]:
+        for name, value in row.items():
+            # A folder may be renamed.
+            if name != "run" and not _agrees(there.get(name), value):
                 return (
                     f"{LEADERBOARD} says {name} {there.get(name)} of {row['method']!r} on "
-                    f"{row['scenario']!r}, and its samples say {row[name]}."
+                    f"{row['scenario']!r}, and its samples say {value}."
                 )
+    return ""
+
+
+def _agrees(told: Any, value: Any) -> bool:
+    if isinstance(value, float) and isinstance(told, float | int):
+        return bool(np.isclose(told, value, rtol=ROUNDING, atol=ROUNDING))
+    return bool(told == value)
+
+
+def _notes_are_ours(run: Run, plan: Plan, jobs: int) -> str:
+    for scenario in _scenarios(run, plan):
+        if isinstance(scenario, RecordedScenario):
+            n = run.manifest["data"][scenario.name]["n"]
+            told = run.notes.get(scenario.name, {})
+            for name, value in notes_of(scenario, n).items():
+                if not _agrees(told.get(name), value):
+                    return (
+                        f"{NOTES_FILE} says {name} {told.get(name)} of {scenario.name!r}, and its "
+                        f"data say {value}."
+                    )
     return ""
 
 
@@ -161,5 +217,7 @@ CHECKS: dict[str, Callable[[Run, Plan, int], str]] = {
     "every sample of every method has its row": _told(_is_complete),
     "frames and truth are ours": _told(_frames_are_ours),
     "figures are those of the stored images": _told(_scores_are_ours),
+    "failures are told": _told(_failures_are_told),
+    "notes on recordings are ours": _told(_notes_are_ours),
     "the leaderboard follows from the figures": _told(_leaderboard_follows),
 }

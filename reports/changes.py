@@ -31,7 +31,7 @@ def table(comparison: Comparison) -> Table:
     shown = Table(box=box.SIMPLE_HEAD)
     for heading in ("Scenario", "Method", "Figure"):
         shown.add_column(heading)
-    for heading in ("Before", "After", "Difference (95 %)", "p (Holm)", "Time"):
+    for heading in ("n", "Before", "After", "Difference (95 %)", "p (Holm)", "Time"):
         shown.add_column(heading, justify="right", no_wrap=True)
     shown.add_column("Verdict")
     for change in comparison.changes:
@@ -42,6 +42,7 @@ def table(comparison: Comparison) -> Table:
             Text(printable(change.scenario)),
             Text(printable(change.method)),
             METRICS[change.figure].title,
+            str(change.n),
             number(change.before),
             number(change.after),
             f"{number(change.difference)} ({ends})",

@@ -7,8 +7,8 @@ reading the runs.
 from __future__ import annotations
 
 import shlex
-from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,7 @@ import pandas as pd
 from eitbench.benchmark import DataCorruptError, InputError
 from eitbench.benchmark.averages import numbers
 from eitbench.benchmark.cards import METRICS
+from eitbench.benchmark.judge import METRIC_COLUMNS
 from eitbench.benchmark.kind import METHODS
 from eitbench.benchmark.metrics import ANCHORS, anchored
 from eitbench.benchmark.results import Row, Run, failures, read_run
@@ -46,20 +47,21 @@ def gather(paths: Sequence[Path]) -> Gathered:
         InputError: no run directory, one without results, or runs of methods and of operators.
         DataCorruptError: a table of a run is damaged.
     """
-    runs = [read_run(path) for path in paths]
-    for name, count in Counter(run.path.name for run in runs).items():
-        if count > 1:
-            raise InputError(f"{count} of the runs are called {name!r}: give their folders names.")
+    missing: list[str] = []
+    runs = [_with_all_columns(read_run(path), missing) for path in paths]
     kinds = {
         kind: [run for run in runs if run.kind.name == kind] for kind in ("method", "operator")
     }
     boards: list[Gathered] = []
-    missing: list[str] = []
     for of in filter(None, kinds.values()):
         for standing in standings(of):
             boards.append(_board(standing, of, missing))
     for run in runs:
         missing += _incomplete(run)
+    if not boards:
+        raise InputError(
+            f"There are no results in {', '.join(map(str, paths))}: nothing to report."
+        )
     found: Gathered = _plain(
         {
             "boards": boards,
@@ -71,6 +73,19 @@ def gather(paths: Sequence[Path]) -> Gathered:
         }
     )
     return found
+
+
+def _with_all_columns(run: Run, missing: list[str]) -> Run:
+    """The run with empty columns where figures are missing that a run of methods has."""
+    if run.kind != METHODS or run.samples.empty:
+        return run
+    lacking = [name for name in METRIC_COLUMNS if name not in run.samples]
+    missing += [
+        f"{run.path.name} has no column {name!r}, and nothing that rests on it is shown: score it "
+        f"again with `eitbench rescore {run.path}`."
+        for name in lacking
+    ]
+    return replace(run, samples=run.samples.assign(**dict.fromkeys(lacking, np.nan)))
 
 
 def _claims(runs: Sequence[Run], missing: list[str]) -> list[Gathered]:
@@ -138,22 +153,33 @@ def _board(standing: Standing, runs: Sequence[Run], missing: list[str]) -> Gathe
     }
     if kind == "operator":
         return board
+    of = {run.path.name: run for run in of_board}
+    methods = {row["label"]: (of[row["run"]], row["method"]) for row in board["views"][0]["rows"]}
+    cells = {label: run.cell(scenario, name) for label, (run, name) in methods.items()}
     rows = pd.concat([_rows(run, scenario) for run in of_board], ignore_index=True)
-    board["views"] += _parts(runs, scenario, standing, rows)
+    board["views"] += _parts(of_board, scenario, rows)
     if first["score"] is not None and "snr_db" in rows:
         levels = rows["snr_db"].unique()
         board["snr_db"] = None if len(levels) > 1 else "clean" if np.isnan(levels[0]) else levels[0]
-    board["presses"] = _presses(rows, standing.rows)
+    board["presses"] = _presses(cells)
     for row in board["views"][0]["rows"]:
-        row["anchored"] = _anchored(rows[rows["method"] == row["method"]])
-    for run in of_board[:1]:
-        try:
-            board["sensitivity"] = [vars(found) for found in sensitivity(run, scenario)]
-            board["images"] = packed_images(run, scenario, standing.rows)
-        except DataCorruptError as error:
-            missing.append(str(error))
+        row["anchored"] = _anchored(cells[row["label"]])
+    with_images = {label: of for label, of in methods.items() if _has_images(of[0], missing)}
+    try:
+        board["sensitivity"] = [vars(found) for found in sensitivity(with_images, scenario)]
+        if with_images:
+            board["images"] = packed_images(with_images, scenario, first["ranked_by"])
+    except DataCorruptError as error:
+        missing.append(str(error))
     board["sensitivity_samples"] = min(SAMPLES, first["n"])
     return board
+
+
+def _has_images(run: Run, missing: list[str]) -> bool:
+    there = (run.path / run.kind.arrays).is_file()
+    if not there:
+        missing.append(f"{run.path.name} holds no {run.kind.arrays}: its images are not shown.")
+    return there
 
 
 def _anchored(cell: pd.DataFrame) -> list[float] | None:
@@ -171,9 +197,20 @@ def _rows(run: Run, scenario: str) -> pd.DataFrame:
 
 
 def _view(label: str, standing: Standing, runs: Sequence[Run]) -> Gathered:
-    """The rows of a board, or of a part of its samples, with the command that makes each."""
+    """The rows of a board, or of a part of its samples, with the command that makes each.
+
+    Their `label` is the name of the method or operator, with that of the run where several have it.
+    """
     plans = {run.path.name: run for run in runs}
-    rows = [row | {"command": _command(plans[row["run"]], row)} for row in standing.rows]
+    names = [row.get("method") or row["operator"] for row in standing.rows]
+    rows = [
+        row
+        | {
+            "command": _command(plans[row["run"]], row),
+            "label": name if names.count(name) == 1 else f"{name} ({row['run']})",
+        }
+        for row, name in zip(standing.rows, names, strict=True)
+    ]
     return {
         "label": label,
         "phantoms": standing.phantoms,
@@ -182,28 +219,25 @@ def _view(label: str, standing: Standing, runs: Sequence[Run]) -> Gathered:
     }
 
 
-def _parts(
-    runs: Sequence[Run], scenario: str, whole: Standing, rows: pd.DataFrame
-) -> list[Gathered]:
+def _parts(runs: Sequence[Run], scenario: str, rows: pd.DataFrame) -> list[Gathered]:
     """Standings of the samples of each family, and of each noise level if there are several."""
     found = []
     for name, form in (("family", "{}"), ("snr_db", "{:g} dB")):
         values = [] if name not in rows else sorted(rows[name].dropna().unique())
-        if len(values) < 2:
-            continue
-        for value in values:
-            of_part = [
-                Run(run.path, run.kind, run.manifest, part, run.cells, run.notes)
-                for run in runs
-                if len(part := _rows(run, scenario)[_rows(run, scenario)[name] == value])
-            ]
-            same = [
-                s
-                for s in standings(of_part)
-                if s.rows[0]["data_hash"] == whole.rows[0]["data_hash"]
-            ]
-            found += [_view(form.format(value), standing, runs) for standing in same[:1]]
+        for value in values if len(values) > 1 else ():
+            n = rows.loc[rows[name] == value, "sample"].nunique()
+            of_part = [_part(run, scenario, name, value, n) for run in runs]
+            (standing,) = standings([run for run in of_part if len(run.samples)])
+            found.append(_view(form.format(value), standing, runs))
     return found
+
+
+def _part(run: Run, scenario: str, name: str, value: Any, n: int) -> Run:
+    """A run with those `n` samples of a scenario alone whose column `name` holds `value`."""
+    rows = _rows(run, scenario)
+    part = rows[rows[name] == value] if name in rows else rows[:0]
+    data = run.manifest["data"][scenario] | {"n": n}
+    return replace(run, samples=part, manifest={**run.manifest, "data": {scenario: data}})
 
 
 def _command(run: Run, row: Row) -> str:
@@ -220,16 +254,15 @@ def _command(run: Run, row: Row) -> str:
     return shlex.join(words)
 
 
-def _presses(rows: pd.DataFrame, ranked: Sequence[Row]) -> list[Gathered]:
+def _presses(cells: Mapping[str, pd.DataFrame]) -> list[Gathered]:
     """Where presses were and where each method found them, in its image's frame [m]."""
-    if "expected_x_m" not in rows or rows["expected_x_m"].isna().all():
-        return []
     found = []
-    for row in ranked:
-        cell = rows[rows["method"] == row["method"]].sort_values("sample")[:PRESSES]
-        names = ("expected_x_m", "expected_y_m", "found_x_m", "found_y_m", "localisation_mm")
-        columns = {name: _plain_list(numbers(cell, name)) for name in names}
-        found.append({"method": row["method"], **columns})
+    for label, cell in cells.items():
+        if cell["expected_x_m"].notna().any():
+            rows = cell.sort_values("sample")[:PRESSES]
+            names = ("expected_x_m", "expected_y_m", "found_x_m", "found_y_m", "localisation_mm")
+            columns = {name: _plain_list(numbers(rows, name)) for name in names}
+            found.append({"method": label, **columns})
     return found
 
 

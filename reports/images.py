@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 import zlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -13,41 +13,48 @@ from numpy.typing import NDArray
 
 from eitbench.benchmark.averages import numbers
 from eitbench.benchmark.cards import METRICS
-from eitbench.benchmark.results import Row, Run, Scene
+from eitbench.benchmark.results import Run, Scene
+from eitbench.benchmark.store import TRUTH
 
-KINDS = ("best", "median", "worst")
+Packed = dict[str, Any] | None
+
 _MOST_FAMILIES = 6
 _OUTSIDE = 255
 _STEPS = 254
 
 
-def packed_images(run: Run, scenario: str, rows: Sequence[Row]) -> dict[str, Any] | None:
-    """The best, the median and the worst case of each family, as all methods of a run see it.
+def packed_images(methods: Mapping[str, tuple[Run, str]], scenario: str, by: str | None) -> Packed:
+    """The best, the median and the worst case of each family, as all methods see it.
 
-    Cases are ordered by the mean, over methods, of the figure that ranks them. Values between
-    `low` and `high` [S/m] are the bytes 0 to 254; 255 is outside the sensor, or no image. None
-    where nothing ranks the samples.
+    Cases are ordered by the mean, over methods, of the figure `by`. Values between `low` and
+    `high` [S/m] are the bytes 0 to 254; 255 is outside the sensor, or no image. None where nothing
+    ranks the samples.
+
+    Args:
+        methods: the run and the name of each method, by what it is to be called; the runs are of
+            the same data.
+        scenario: its name.
+        by: a figure of samples.
 
     Raises:
-        DataCorruptError: the images cannot be read.
+        DataCorruptError: the images of a run cannot be read.
     """
-    table = run.samples[run.samples["scenario"] == scenario]
-    by = rows[0]["ranked_by"]
+    cells = {label: run.cell(scenario, name) for label, (run, name) in methods.items()}
+    table = pd.concat([cell.assign(label=label) for label, cell in cells.items()])
+    whole = table.groupby("sample")["label"].transform("count") == len(cells)
+    table = table[whole]
     cases = [] if by is None or by not in table else _cases(table, by)
     if not cases:
         return None
     samples = sorted({case["sample"] for case in cases})
-    scene = run.scene(scenario, samples)
+    scene = next(iter(methods.values()))[0].scene(scenario, samples)
     stacks: dict[str, NDArray[np.float64]] = {}
     if scene.truth is not None and not scene.has_classes:
-        stacks["truth"] = scene.truth
-    for row in rows:
-        if row["run"] == run.path.name:
-            found = run.estimates(scenario, row["method"], samples)
-            if found is not None:
-                stacks[row["method"]] = found.astype(np.float64)
-    if not stacks:
-        return None
+        stacks[TRUTH] = scene.truth
+    for label, (run, name) in methods.items():
+        found = run.estimates(scenario, name, samples)
+        if found is not None:
+            stacks[label] = found.astype(np.float64)
     low, high = _limits(stacks, scene)
     values = np.stack(list(stacks.values()))
     scaled = np.clip(np.round((values - low) / (high - low) * _STEPS), 0, _STEPS)
@@ -55,7 +62,7 @@ def packed_images(run: Run, scenario: str, rows: Sequence[Row]) -> dict[str, Any
     pixels = np.where(known, np.nan_to_num(scaled), _OUTSIDE).astype(np.uint8)
     return {
         "names": list(stacks),
-        "has_truth": "truth" in stacks,
+        "has_truth": TRUTH in stacks,
         "samples": samples,
         "cases": cases,
         "shape": list(scene.mask.shape),
@@ -75,8 +82,8 @@ def pack(content: bytes) -> str:
 
 def _limits(stacks: dict[str, NDArray[np.float64]], scene: Scene) -> tuple[float, float]:
     """Ends of the scale [S/m]: around the truth, or, where there is none, around the background."""
-    if "truth" in stacks:
-        low, high = float(stacks["truth"].min()), float(stacks["truth"].max())
+    if TRUTH in stacks:
+        low, high = float(stacks[TRUTH].min()), float(stacks[TRUTH].max())
         return max(0.0, low - 0.25 * (high - low)), high + 0.25 * (high - low) + 1e-9
     contrast = np.stack(list(stacks.values()))[..., scene.mask] - scene.background
     # One method that overshoots must not leave the others without colour.
@@ -112,7 +119,7 @@ def _figures(table: pd.DataFrame, samples: Sequence[int]) -> dict[str, list[dict
     """What is known of each method's image of each sample, by method."""
     names = [n for n in ("ssim", "cc", "rie", "psnr", "score", "localisation_mm") if n in table]
     found = {}
-    for method, cell in table[table["sample"].isin(samples)].groupby("method", sort=False):
+    for method, cell in table[table["sample"].isin(samples)].groupby("label", sort=False):
         rows = cell.sort_values("sample")
         columns = {name: numbers(rows, name) for name in names}
         found[str(method)] = [

@@ -36,12 +36,15 @@ def leaderboard(runs: Sequence[Path]) -> list[Row]:
 
 
 def write_leaderboard(
-    rows: Sequence[Row], folder: Path, forms: Sequence[str] = ("json", "csv", "md")
+    rows: Sequence[Row],
+    folder: Path,
+    forms: Sequence[str] = ("json", "csv", "md"),
+    stem: str = "leaderboard",
 ) -> list[Path]:
     """Write `leaderboard.json`, `.csv` and `.md`, or other `FORMATS`, into `folder`."""
     written = []
     for form in forms:
-        path = folder / f"leaderboard.{'tex' if form == 'latex' else form}"
+        path = folder / f"{stem}.{'tex' if form == 'latex' else form}"
         path.write_text(FORMATS[form](rows), encoding="utf-8")
         written.append(path)
     return written

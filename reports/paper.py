@@ -52,11 +52,12 @@ def write_paper(found: Gathered, out: Path) -> list[Path]:
     import matplotlib as mpl
 
     boards = [board for board in found["boards"] if board["views"][0]["rows"]]
-    rows: list[Row] = [
-        _without_command(row) for board in boards for row in board["views"][0]["rows"]
-    ]
     (out / "tables").mkdir(exist_ok=True)
-    written = write_leaderboard(rows, out / "tables", ("csv", "md", "latex"))
+    written = []
+    for kind, stem in (("method", "leaderboard"), ("operator", "operators")):
+        rows = [_plain(row) for b in boards if b["kind"] == kind for row in b["views"][0]["rows"]]
+        if rows:
+            written += write_leaderboard(rows, out / "tables", ("csv", "md", "latex"), stem)
     (out / "figures").mkdir(exist_ok=True)
     with mpl.rc_context(STYLE):
         for stem, figure in _figures(boards):
@@ -65,13 +66,17 @@ def write_paper(found: Gathered, out: Path) -> list[Path]:
                 figure.savefig(path, metadata=metadata)
                 written.append(path)
     references = out / "references.bib"
-    methods = [row["method"] for row in rows if "method" in row]
+    methods = [
+        row["method"] for b in boards if b["kind"] == "method" for row in b["views"][0]["rows"]
+    ]
     references.write_text(bibliography(methods), encoding="utf-8")
     return [*written, references]
 
 
-def _without_command(row: Row) -> Row:
-    return {name: value for name, value in row.items() if name not in ("command", "anchored")}
+def _plain(row: Row) -> Row:
+    """A row without what serves the page alone."""
+    own = ("command", "anchored", "label")
+    return {name: value for name, value in row.items() if name not in own}
 
 
 def _figures(boards: Sequence[Gathered]) -> list[tuple[str, Figure]]:
@@ -114,7 +119,7 @@ def frontier(board: Gathered) -> Figure:
         axes.errorbar(
             row["frame_ms_p50"], row[by], error, fmt=_marker(k), ms=4.5,
             color=_COLOURS[k % len(_COLOURS)], lw=0.7, capsize=1.5, mec="black", mew=0.3,
-            label=_name(row["method"]),
+            label=_name(row["label"]),
         )  # fmt: skip
     axes.axvline(FRAMES_PER_SECOND_MS, color="0.4", lw=0.7, ls="--")
     axes.annotate(
@@ -141,11 +146,11 @@ def noise(boards: Sequence[Gathered]) -> Figure:
 
     ordered = sorted(boards, key=level)
     labels = ["clean" if b["snr_db"] == "clean" else f"{b['snr_db']:g}" for b in ordered]
-    names = dict.fromkeys(row["method"] for b in ordered for row in b["views"][0]["rows"])
+    names = dict.fromkeys(row["label"] for b in ordered for row in b["views"][0]["rows"])
     figure, axes = _blank(PAGE, 3.2)
     for k, name in enumerate(names):
         rows: list[Row] = [
-            next((r for r in b["views"][0]["rows"] if r["method"] == name), {}) for b in ordered
+            next((r for r in b["views"][0]["rows"] if r["label"] == name), {}) for b in ordered
         ]
         value, low, high = (
             np.array([row.get(f"score{end}") for row in rows], dtype=float)

@@ -15,6 +15,8 @@ from markupsafe import Markup
 from eitbench import __version__
 from eitbench.benchmark import EitbenchError
 from eitbench.benchmark.metrics import ANCHORS
+from eitbench.benchmark.results import is_whole
+from eitbench.benchmark.standings import SIGNIFICANT
 from eitbench.reports.columns import layout, printable
 from eitbench.reports.gathered import Gathered, gather
 from eitbench.reports.images import pack
@@ -75,45 +77,52 @@ def to_page(found: Gathered) -> str:
 
 def answer(board: Gathered) -> str:
     """Which method is the best on a board, how surely, and which of its equals is the fastest."""
-    rows = board["views"][0]["rows"]
-    kind, by = board["kind"], board["ranked_by"]
+    rows, kind, by = board["views"][0]["rows"], board["kind"], board["ranked_by"]
     where = f"On {board['suite']} / {board['scenario']} ({board['n']:,} samples)"
     column = next((c for c in layout(rows[0]).columns if c.name == by), None)
-    ranked = [row for row in rows if column is not None and row[by] is not None]
-    if column is None or not ranked:
+    first = rows[0]
+    if column is None or first.get(by) is None:
         return printable(f"{where}, no {kind} has a figure to rank by.")
-    best = ranked[0]
-    figure = f"{column.title} {column.number(best[by])}"
-    if best.get(f"{by}_low") is None:
-        return printable(f"{where}, {best[kind]} is first: {figure}.")
-    figure += f" (95 %: {column.number(best[f'{by}_low'])} to {column.number(best[f'{by}_high'])})"
-    letters = set(best["group"])
-    tied = [row for row in ranked[1:] if row["group"] and letters & set(row["group"])]
+    if not is_whole(first):
+        return printable(f"{where}, no {kind} has all samples yet.")
+    figure = f"{column.title} {column.number(first[by])}"
+    if first.get(f"{by}_low") is None:
+        return printable(f"{where}, {first['label']} is first: {figure}.")
+    figure += (
+        f" (95 %: {column.number(first[f'{by}_low'])} to {column.number(first[f'{by}_high'])})"
+    )
+    pairs = [pair for pair in board["pairs"] if pair["first"] == 0]
+    tied = [rows[pair["second"]] for pair in pairs if pair["p"] >= SIGNIFICANT]
     if not tied:
-        return printable(f"{where}, {best[kind]} is the best: {figure}. {_lead(board, column)}")
-    fastest = min([best, *tied], key=lambda row: row["frame_ms_p50"] or float("inf"))
-    names = [name for name in dict.fromkeys(row[kind] for row in tied) if name != best[kind]]
-    said = f"{where}, {best[kind]} is first with {figure}"
-    said += f", but cannot be told apart from {_listed(names)}" if names else ""
-    if fastest["frame_ms_p50"] is not None:
-        said += (
-            f"; the fastest of them is {fastest[kind]} ({fastest['frame_ms_p50']:.3g} ms a frame)"
-        )
-    return printable(said + ".")
+        return printable(f"{where}, {first['label']} is the best: {figure}. {_lead(board, column)}")
+    said = f"{where}, {first['label']} is first with {figure}, but cannot be told apart from "
+    said += _listed([row["label"] for row in tied])
+    return printable(f"{said}{_fastest(board, [first, *tied])}.")
+
+
+def _fastest(board: Gathered, rows: Sequence[Any]) -> str:
+    """Which of the rows needs the least time for a frame, in what their machines share."""
+    shown = {column["name"] for column in board["columns"]}
+    unit = {"frame_ms_p50": "ms", "frame_solves": "calibration solves"}
+    name = next((name for name in unit if name in shown), None)
+    timed = [row for row in rows if name is not None and row[name] is not None]
+    if not timed or name is None:
+        return ""
+    fastest = min(timed, key=lambda row: row[name])
+    return f"; the fastest of them is {fastest['label']} ({fastest[name]:.3g} {unit[name]} a frame)"
 
 
 def _lead(board: Gathered, column: Any) -> str:
     """By how much the first is ahead of the second."""
     rows = board["views"][0]["rows"]
-    pair = next((p for p in board["pairs"] if (p["first"], p["second"]) == (0, 1)), None)
+    pair = next((p for p in board["pairs"] if p["first"] == 0), None)
     if pair is None:
         return ""
     p = "p < 0.001" if pair["p"] < 0.001 else f"p = {pair['p']:.3f}"
-    ends = [column.number(abs(pair[end])) for end in ("low", "high")]
-    low, high = sorted(ends, key=float)
+    low, high = sorted((column.number(abs(pair[end])) for end in ("low", "high")), key=float)
     return (
-        f"It is ahead of {rows[1][board['kind']]} by {column.number(abs(pair['difference']))} "
-        f"({low} to {high}; {p})."
+        f"It is ahead of {rows[pair['second']]['label']} by "
+        f"{column.number(abs(pair['difference']))} ({low} to {high}; {p})."
     )
 
 

@@ -368,7 +368,7 @@ def test_runs_are_compared_gated_and_scored_again(tmp_path: Path, eitbench: Run)
     code, out, _ = eitbench("gate", one, "--baseline", str(baseline), "--margin", "score=0.5")
     assert code == 1
     assert out.splitlines()[-1] == (
-        "Gate failed: 1 of 1 figures are surely worse by more than is allowed, and 0 are missing."
+        "Gate failed: 1 of 1 figures are surely worse by more than is allowed; 0 things missing."
     )
     code, out, _ = eitbench("gate", one, "--baseline", str(baseline), "--margin", "score=2")
     assert code == 0

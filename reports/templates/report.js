@@ -33,7 +33,7 @@ function number(form, value) {
 const escaped = (text) => text.replace(/[&<>]/g, (c) => ({ "&": "&amp;", "<": "&lt;", ">": "&gt;" })[c]);
 const board = () => data.boards[state.board];
 const view = () => board().views[state.part];
-const nameOf = (row) => row[board().kind];
+const nameOf = (row) => row.label;
 const column = (name) => board().columns.find((c) => c.name === name);
 const titleOf = (name) => (column(name) || { title: name }).title;
 const ranking = () => column(board().ranked_by) || board().columns[0];
@@ -97,13 +97,13 @@ function drawBoard() {
       el("button", { type: "button", onclick: press }, c.title));
   });
   const body = sorted(rows).map((row) => el("tr", { class: nameOf(row) === state.chosen ? "chosen" : "" }, ...columns.map((c) => {
-    const text = number(c.form, row[c.name]);
+    const text = c.name === board().kind ? nameOf(row) : number(c.form, row[c.name]);
     if (c.name === board().kind) return el("td", { class: "text" }, el("button", { type: "button", "aria-pressed": String(nameOf(row) === state.chosen), onclick: () => choose(nameOf(row)) }, text));
     const ends = interval(c, row);
     return el("td", { class: (c.form ? "" : "text ") + (best[c.name] === text ? "best" : "") }, text, ends ? el("small", {}, ends) : null);
   })));
   $("leaderboard").replaceChildren(el("caption", { class: "soft" }, `${board().suite} / ${board().scenario}, ${view().label}`),
-    el("thead", {}, el("tr", {}, ...head)), el("tbody", {}, ...body));
+    el("thead", {}, el("tr", {}, ...head)), el("tbody", {}, ...(body.length ? body : [el("tr", {}, el("td", { class: "text", colspan: columns.length }, "Nothing matches."))])));
   const said = [view().phantoms ? `Intervals from ${view().phantoms} phantoms` : view().why_not.replace(/\.$/, ""), ...board().notes];
   $("board-note").textContent = said.filter(Boolean).join("; ") + ".";
 }
@@ -175,11 +175,11 @@ function drawNoise() {
   if (of.length < 2) return;
   const level = (b) => b.snr_db === "clean" ? Infinity : b.snr_db;
   of.sort((a, b) => level(a) - level(b));
-  const names = [...new Set(of.flatMap((b) => b.views[0].rows.map((row) => row.method)))];
+  const names = [...new Set(of.flatMap((b) => b.views[0].rows.map(nameOf)))];
   if (!$("noise-figure").options.length) options($("noise-figure"), ["score", "ssim", "cc", "rie", "psnr", "localisation_mm"].map((n) => [n, titleOf(n)]), "score");
   const figure = $("noise-figure").value, x = of.map((b) => b.snr_db === "clean" ? "clean" : `${b.snr_db} dB`);
   const traces = names.flatMap((name, k) => {
-    const rows = of.map((b) => b.views[0].rows.find((row) => row.method === name));
+    const rows = of.map((b) => b.views[0].rows.find((row) => nameOf(row) === name));
     const get = (end) => rows.map((row) => row ? row[figure + end] : null);
     const of_line = { color: COLOURS[k % COLOURS.length], dash: DASHES[Math.floor(k / COLOURS.length) % DASHES.length], width: 2 };
     const band = get("_low").some((v) => v === null) ? [] : [{ x: [...x, ...[...x].reverse()], y: [...get("_high"), ...get("_low").reverse()], fill: "toself", mode: "none", fillcolor: COLOURS[k % COLOURS.length] + "22", hoverinfo: "skip", showlegend: false }];
@@ -239,20 +239,21 @@ function values(name, sample) {
 }
 
 // What is shown of an image: conductivity, its error, or, where no truth is known, its contrast.
-function mode() {
-  return board().images.has_truth ? $("shown").value : "contrast";
+function modes() {
+  if (!board().images.has_truth) return ["contrast"];
+  return $("shown").value === "both" ? ["conductivity", "error"] : [$("shown").value];
 }
 
-function image(name, sample) {
+function image(name, sample, mode) {
   const of = board().images, found = values(name, sample);
-  if (mode() === "contrast") return { found: found.map((v) => v - of.background), signed: true };
-  if (mode() !== "error" || name === "truth") return { found, signed: false };
+  if (mode === "contrast") return { found: found.map((v) => v - of.background), signed: true };
+  if (mode === "conductivity") return { found, signed: false };
   const truth = values("truth", sample);
   return { found: found.map((v, k) => v - truth[k]), signed: true };
 }
 
-function paint(canvas, name, sample) {
-  const of = board().images, [height, width] = of.shape, { found, signed } = image(name, sample);
+function paint(canvas, name, sample, mode) {
+  const of = board().images, [height, width] = of.shape, { found, signed } = image(name, sample, mode);
   canvas.width = width;
   canvas.height = height;
   const context = canvas.getContext("2d"), shown = context.createImageData(width, height), span = of.high - of.low;
@@ -277,26 +278,32 @@ function drawImages() {
   const of = board().images;
   $("images-section").hidden = !of || !pixels;
   if (!of || !pixels) return;
-  const shown = of.names.filter((name) => name === "truth" || rowsShown().some((row) => row.method === name));
+  const shown = of.names.filter((name) => name === "truth" || rowsShown().some((row) => nameOf(row) === name));
   const cases = of.cases.filter((c) => c.family === $("family").value);
   $("images").style.gridTemplateColumns = `auto repeat(${shown.length}, 6.5rem)`;
   const cells = [el("div"), ...shown.map((name) => el("div", { class: "head", "data-name": name }, name))];
   for (const c of cases) {
     cells.push(el("div", { class: "case" }, c.kind, el("br"), `sample ${c.sample}`));
     for (const name of shown) {
-      const canvas = el("canvas", { "aria-hidden": "true" }), said = figuresOf(name, c.sample);
-      const label = `${name}, ${c.family} ${c.kind} case, sample ${c.sample}${said ? ": " + said : ""}; enlarge`;
-      paint(canvas, name, c.sample);
-      cells.push(el("div", {}, el("button", { type: "button", "aria-label": label, onclick: () => zoom(name, c) }, canvas), el("div", { class: "note" }, said)));
+      const said = figuresOf(name, c.sample);
+      const buttons = modes().filter((mode) => name !== "truth" || mode !== "error" || modes().length === 1).map((mode) => {
+        const shown_as = name === "truth" ? modes()[0] === "contrast" ? "contrast" : "conductivity" : mode;
+        const canvas = el("canvas", { "aria-hidden": "true" });
+        const label = `${name}, ${c.family} ${c.kind} case, sample ${c.sample}, ${shown_as}${said ? ": " + said : ""}; enlarge`;
+        paint(canvas, name, c.sample, shown_as);
+        return el("button", { type: "button", "aria-label": label, onclick: () => zoom(name, c, shown_as) }, canvas);
+      });
+      cells.push(el("div", {}, ...buttons, el("div", { class: "note" }, said)));
     }
   }
   $("images").replaceChildren(...cells);
-  const ramp = el("canvas", { width: 256, height: 1 }), context = ramp.getContext("2d"), line = context.createImageData(256, 1);
-  const signed = mode() !== "value";
-  for (let k = 0; k < 256; k++) line.data.set([...lookup(signed ? data.maps.signed : data.maps.value, k / 255), 255], 4 * k);
-  context.putImageData(line, 0, 0);
-  const half = (of.high - of.low) / 2, ends = signed ? [-half, half] : [of.low, of.high];
-  $("scale").replaceChildren(`${mode() === "value" ? "conductivity" : mode()} ${ends[0].toPrecision(3)} S/m`, ramp, `${ends[1].toPrecision(3)} S/m`);
+  $("scale").replaceChildren(...modes().map((mode) => {
+    const ramp = el("canvas", { width: 256, height: 1, "aria-hidden": "true" }), context = ramp.getContext("2d"), line = context.createImageData(256, 1);
+    const signed = mode !== "conductivity", half = (of.high - of.low) / 2, ends = signed ? [-half, half] : [of.low, of.high];
+    for (let k = 0; k < 256; k++) line.data.set([...lookup(signed ? data.maps.signed : data.maps.value, k / 255), 255], 4 * k);
+    context.putImageData(line, 0, 0);
+    return el("span", {}, `${mode} ${ends[0].toPrecision(3)} S/m `, ramp, ` ${ends[1].toPrecision(3)} S/m`);
+  }));
   markImages();
 }
 
@@ -304,21 +311,33 @@ function markImages() {
   for (const head of $("images").querySelectorAll(".head")) head.classList.toggle("chosen", head.dataset.name === state.chosen);
 }
 
-function zoom(name, c) {
-  const canvas = $("zoom-canvas"), [height, width] = board().images.shape, { found, signed } = image(name, c.sample);
-  paint(canvas, name, c.sample);
+function zoom(name, c, mode) {
+  const canvas = $("zoom-canvas"), [height, width] = board().images.shape, { found } = image(name, c.sample, mode);
+  paint(canvas, name, c.sample, mode);
   $("zoom-title").textContent = `${name}, ${[c.family, c.kind].filter(Boolean).join(", ")} (sample ${c.sample})`;
-  const rest = figuresOf(name, c.sample) || "Move over the image to read its values.";
+  const rest = `${figuresOf(name, c.sample)} Move over the image, or use the arrow keys on it, to read its values.`.trim();
   $("zoom-value").textContent = rest;
+  let x = Math.floor(width / 2), y = Math.floor(height / 2);
+  // A byte holds a pixel, which is worth two decimals.
+  const tell = () => {
+    const value = found[y * width + x];
+    $("zoom-value").textContent = Number.isNaN(value) ? `pixel ${x}, ${y}: outside the sensor` :
+      `pixel ${x}, ${y}: ${mode === "conductivity" ? "" : mode + " "}${value.toFixed(2)} S/m`;
+  };
   canvas.onpointerleave = () => { $("zoom-value").textContent = rest; };
   canvas.onpointermove = (event) => {
     const box = canvas.getBoundingClientRect();
-    const x = Math.min(width - 1, Math.floor(width * (event.clientX - box.left) / box.width));
-    const y = height - 1 - Math.min(height - 1, Math.floor(height * (event.clientY - box.top) / box.height));
-    const value = found[y * width + x];
-    // A byte holds a pixel, which is worth two decimals.
-    $("zoom-value").textContent = Number.isNaN(value) ? `pixel ${x}, ${y}: outside the sensor` :
-      `pixel ${x}, ${y}: ${signed ? mode() + " " : ""}${value.toFixed(2)} S/m`;
+    x = Math.max(0, Math.min(width - 1, Math.floor(width * (event.clientX - box.left) / box.width)));
+    y = Math.max(0, height - 1 - Math.min(height - 1, Math.floor(height * (event.clientY - box.top) / box.height)));
+    tell();
+  };
+  canvas.onkeydown = (event) => {
+    const step = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] }[event.key];
+    if (!step) return;
+    event.preventDefault();
+    x = Math.max(0, Math.min(width - 1, x + step[0]));
+    y = Math.max(0, Math.min(height - 1, y + step[1]));
+    tell();
   };
   $("zoom").showModal();
 }
@@ -330,7 +349,7 @@ function drawFamilies() {
   $("families-section").hidden = !parts.length;
   if (!parts.length) return;
   const body = board().views[0].rows.map((row) => el("tr", {}, el("td", { class: "text" }, nameOf(row)), ...parts.map((part) => {
-    const of = part.rows.find((r) => nameOf(r) === nameOf(row) && r.run === row.run);
+    const of = part.rows.find((r) => nameOf(r) === nameOf(row));
     const values = part.rows.map((r) => r[c.name]).filter((v) => typeof v === "number");
     const best = c.best === "max" ? Math.max(...values) : Math.min(...values);
     const text = of ? number(c.form, of[c.name]) : "–";
@@ -359,6 +378,8 @@ function buildSliders() {
   units.addEventListener("change", () => { bounded = units.value === "1"; drawWeighted(); });
   const reset = el("button", { type: "button", onclick: () => {
     for (const input of $("sliders").querySelectorAll("input")) { input.value = 0.25; input.dispatchEvent(new Event("input")); }
+    units.value = "";
+    units.dispatchEvent(new Event("change"));
   } }, "Reset");
   $("sliders").replaceChildren(...sliders, el("label", {}, "Units", units), reset);
 }
@@ -405,6 +426,7 @@ async function openBoard() {
   const b = board();
   state.part = 0;
   state.sort = null;
+  state.chosen = null;
   options($("part"), b.views.map((v, k) => [String(k), v.label]), 0);
   const tracks = [...new Set(b.views[0].rows.map((row) => row.track).filter(Boolean))];
   state.track = "";
@@ -416,14 +438,15 @@ async function openBoard() {
   drawPairs();
   options($("press-method"), b.presses.map((p) => [p.method, p.method]), b.presses.length ? b.presses[0].method : "");
   $("presses-section").hidden = !b.presses.length;
-  pixels = b.images ? await bytes(b.images.data) : null;
+  const unpacked = b.images ? await bytes(b.images.data) : null;
+  if (b !== board()) return; // another was chosen meanwhile
+  pixels = unpacked;
   if (b.presses.length) drawPresses();
   if (b.images) {
     const families = [...new Set(b.images.cases.map((c) => c.family))];
     options($("family"), families.map((f) => [f, f || "all"]), families[0]);
     $("family").closest("label").hidden = families.length < 2;
     $("shown").closest("label").hidden = !b.images.has_truth;
-    if (!b.images.has_truth) $("shown").value = "value";
   }
   drawImages();
 }
@@ -433,13 +456,22 @@ function setTheme(name) {
   $("theme").textContent = name === "dark" ? "Light" : "Dark";
 }
 
-setTheme(matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light");
-$("theme").addEventListener("click", () => {
-  setTheme(document.documentElement.dataset.theme === "dark" ? "light" : "dark");
+function changeTheme(name) {
+  setTheme(name);
   drawFrontier();
   drawNoise();
   if (board().presses.length) drawPresses();
+}
+
+setTheme(matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light");
+$("theme").addEventListener("click", () => changeTheme(document.documentElement.dataset.theme === "dark" ? "light" : "dark"));
+// Paper is light.
+let before = "light";
+addEventListener("beforeprint", () => {
+  before = document.documentElement.dataset.theme;
+  if (before === "dark") changeTheme("light");
 });
+addEventListener("afterprint", () => { if (before === "dark") changeTheme("dark"); });
 options($("board"), data.boards.map((b, k) => [String(k), `${b.suite} / ${b.scenario}`]), 0);
 $("board").addEventListener("change", () => { state.board = Number($("board").value); openBoard(); });
 $("part").addEventListener("change", () => { state.part = Number($("part").value); openPart(); });

@@ -357,7 +357,11 @@ def gate(
     from eitbench.benchmark.comparison import losses, read_results
     from eitbench.reports.changes import describe, table
 
-    margins = dict(map(_margin, margin or ()))
+    margins: dict[str, float] = {}
+    for name, allowed in map(_margin, margin or ()):
+        if name in margins:
+            raise typer.BadParameter(f"--margin names {name!r} twice")
+        margins[name] = allowed
     found = losses(read_results(baseline), read_results(run), margins)
     lost = [change for change in found.changes if change.verdict == "worse"]
     passed = not lost and not found.missing
@@ -369,7 +373,7 @@ def gate(
             typer.echo(sentence)
         typer.echo(
             f"Gate {'passed' if passed else 'failed'}: {len(lost)} of {len(found.changes)} figures "
-            f"are surely worse by more than is allowed, and {len(found.missing)} are missing."
+            f"are surely worse by more than is allowed; {len(found.missing)} things missing."
         )
     if not passed:
         raise typer.Exit(1)

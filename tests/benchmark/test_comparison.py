@@ -123,8 +123,23 @@ def test_what_cannot_be_compared_is_said() -> None:
         compare(*before_and_after(9))
     with pytest.raises(InputError, match="did you mean 'score'"):
         losses(results(one), results(one), {"scroe": 0.1})
-    with pytest.raises(InputError, match="has no SSIM"):
-        compare(of_ssim(results(one)), of_ssim(results(one)), ["ssim"])
+    unknown = of_ssim(results(one))
+    with pytest.raises(InputError, match="no scenario of theirs has SSIM"):
+        compare(unknown, unknown, ["ssim"])
+    # A figure that the baseline has not is nothing that could be lost.
+    assert [c.figure for c in losses(unknown, unknown, {"ssim": 0.1, "rie": 0.1}).changes] == [
+        "rie", "rie",
+    ]  # fmt: skip
+
+
+def test_frames_that_are_gone_are_missed() -> None:
+    old, new = before_and_after()
+    rows = new.samples[(new.samples["method"] != "same") | (new.samples["sample"] >= 20)]
+    found = losses(old, Results(new.path, rows, {}), {"score": 9.0})
+    assert found.missing == [
+        "'same' on 'one' lacks 20 of the 60 frames of old in new: the others are compared."
+    ]
+    assert by_method(found.changes)["same"].n == 40
 
 
 def of_ssim(found: Results) -> Results:

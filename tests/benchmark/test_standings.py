@@ -195,11 +195,24 @@ def pairs_apart(count: int, apart: set[tuple[int, int]]) -> list[Pair]:
         ({(0, 3)}, ["a", "ab", "ab", "b"]),
         ({(0, 1), (0, 2), (0, 3)}, ["a", "b", "b", "b"]),
         ({(0, 2), (0, 3), (1, 3)}, ["a", "ab", "bc", "c"]),
+        # The second differs from the first, and the third, which is noisy, from none of them.
+        ({(0, 1)}, ["a", "b", "ab", "ab"]),
+        ({(0, 1), (0, 3), (1, 3)}, ["a", "b", "abc", "c"]),
         ({(a, b) for a in range(4) for b in range(a + 1, 4)}, ["a", "b", "c", "d"]),
     ],
 )
 def test_letters_of_groups(apart: set[tuple[int, int]], letters: list[str]) -> None:
     assert groups(4, pairs_apart(4, apart)) == letters
+
+
+def test_methods_share_a_letter_if_and_only_if_they_cannot_be_told_apart() -> None:
+    rng = np.random.default_rng(0)
+    every = [(a, b) for a in range(9) for b in range(a + 1, 9)]
+    for _ in range(50):
+        apart = {pair for pair in every if rng.random() < 0.5}
+        letters = groups(9, pairs_apart(9, apart))
+        for a, b in every:
+            assert bool(set(letters[a]) & set(letters[b])) == ((a, b) not in apart)
 
 
 def test_there_are_letters_enough() -> None:

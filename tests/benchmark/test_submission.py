@@ -35,7 +35,7 @@ def packaged(monkeypatch: pytest.MonkeyPatch, tiny: Suite) -> None:
 def test_an_honest_run_passes(submitted: Path) -> None:
     checks = check_submission(submitted)
     assert [check.name for check in checks] == list(CHECKS)
-    assert [check.problem for check in checks] == [""] * 5
+    assert [check.problem for check in checks] == [""] * 7
 
 
 def edit_samples(**change: Any) -> Callable[[Path], None]:
@@ -79,6 +79,23 @@ def edit_the_leaderboard(run: Path) -> None:
     (run / "leaderboard.json").write_text(json.dumps(rows))
 
 
+def drop_a_method(run: Path) -> None:
+    table = pd.read_parquet(run / "samples.parquet")
+    table[table["method"] != "noser"].to_parquet(run / "samples.parquet")
+    content = json.loads((run / "manifest.json").read_text())
+    content["cells"] = [cell for cell in content["cells"] if cell["name"] != "noser"]
+    (run / "manifest.json").write_text(json.dumps(content))
+
+
+def add_a_figure(run: Path) -> None:
+    """Figures of methods come from their samples alone: this changes nothing."""
+    table = pd.read_parquet(run / "methods.parquet")
+    table.assign(score=99.0, repeatability_db=99.0).to_parquet(run / "methods.parquet")
+    row = leaderboard([run])[0]
+    assert row["score"] < 10
+    assert row["repeatability_db"] is None
+
+
 @pytest.mark.parametrize(
     ("edit", "failed", "words"),
     [
@@ -88,8 +105,8 @@ def edit_the_leaderboard(run: Path) -> None:
         (drop_a_row, 1, "'noser' on 'tiny' has 4 rows, not one for each of 5 samples"),
         (copy_the_truth, 3, "do not have the figures of their images: ssim"),
         (move_the_truth, 2, "The truth that is stored of 'tiny' is not ours"),
-        (edit_the_leaderboard, 4, "leaderboard.json says score"),
-        (lambda run: (run / "leaderboard.json").unlink(), 4, "leaderboard.json cannot be read"),
+        (edit_the_leaderboard, 6, "leaderboard.json says score"),
+        (lambda run: (run / "leaderboard.json").unlink(), 6, "leaderboard.json cannot be read"),
         (lambda run: (run / "reconstructions.h5").unlink(), 3, "cannot be read: resume the run"),
         (edit_manifest(lambda m: m.update(status="interrupted")), 1, "The run is interrupted"),
         (edit_manifest(lambda m: m["plan"].update(limit=3)), 1, "limited to 3 samples"),
@@ -100,6 +117,9 @@ def edit_the_leaderboard(run: Path) -> None:
             "is not that of this version",
         ),
         (edit_manifest(lambda m: m.pop("cells")), 1, "lacks something ('cells')"),
+        (drop_a_method, 1, "'noser' was not run on 'tiny'"),
+        (edit_samples(status="error"), 4, "does not say which of its images are whole"),
+        (add_a_figure, 6, ""),
     ],
 )
 def test_what_was_edited_is_found(

@@ -189,8 +189,8 @@ def test_without_images_the_rest_is_shown(many: Path, tmp_path: Path) -> None:
     found = gather([many])
     assert found["boards"][0]["images"] is None
     assert found["boards"][0]["sensitivity"] == []
-    assert found["missing"] == [f"{many / 'reconstructions.h5'} cannot be read: resume the run."]
-    assert "cannot be read" in to_page(found)
+    assert found["missing"] == ["run holds no reconstructions.h5: its images are not shown."]
+    assert "holds no reconstructions.h5" in to_page(found)
     assert len(write_report([many], tmp_path / "report")) == 8
 
 
@@ -204,7 +204,40 @@ def test_an_unfinished_run_says_so(many: Path) -> None:
     rows = {row["method"]: row for row in found["boards"][0]["views"][0]["rows"]}
     assert rows["poor"]["group"] is None
     assert rows["good"]["group"] is not None
+    assert rows["poor"]["rank"] == 4  # below those that have all samples, however good its few
     to_page(found)
+
+
+def test_several_runs_are_shown_alike(many: Path, tmp_path: Path) -> None:
+    """The same methods in two runs, on unlike machines: each with its images, figures and name."""
+    other = shutil.copytree(many, tmp_path / "other")
+    table = pd.read_parquet(other / "samples.parquet")
+    table.assign(rie=table["rie"] / 2).to_parquet(other / "samples.parquet")
+    content = json.loads((other / "manifest.json").read_text())
+    machine = {"machine": {"cpu": "Another"}, "calibration_ms": 10.0}
+    (other / "manifest.json").write_text(json.dumps(content | machine))
+    content["calibration_ms"] = 20.0
+    (many / "manifest.json").write_text(json.dumps(content))
+    (board,) = gather([many, other])["boards"]
+    rows = {row["label"]: row for row in board["views"][0]["rows"]}
+    assert {"good (run)", "good (other)", "poor (run)", "poor (other)"} <= set(rows)
+    assert set(board["images"]["names"]) == {"truth", *rows}
+    assert set(board["sensitivity"][0]["score"]) == set(rows)
+    assert rows["poor (other)"]["anchored"][2] > rows["poor (run)"]["anchored"][2]
+    assert rows["poor (other)"]["anchored"][0] == rows["poor (run)"]["anchored"][0]
+    said = answer(board)
+    assert "calibration solves a frame)" in said
+    assert " ms " not in said
+
+
+def test_the_first_is_tied_with_all_that_differ_by_chance(many: Path) -> None:
+    """A noisy method may be further down than one that is surely worse."""
+    (board,) = gather([many])["boards"]
+    names = [row["label"] for row in board["views"][0]["rows"]]
+    for pair in board["pairs"]:
+        if pair["first"] == 0:
+            pair["p"] = 1.0 if pair["second"] == 2 else 1e-4
+    assert f"cannot be told apart from {names[2]};" in answer(board)
 
 
 def test_other_data_under_the_same_name_get_a_board_of_their_own(
@@ -219,7 +252,11 @@ def test_other_data_under_the_same_name_get_a_board_of_their_own(
     assert [len(board["views"][0]["rows"]) for board in boards] == [4, 4]
 
 
-@pytest.mark.parametrize("column", ["psnr", "score", "phantom", "frame_ms", "family", "status"])
+@pytest.mark.parametrize(
+    "column",
+    ["psnr", "score", "localisation_mm", "strength", "found_x_m", "response", "phantom",
+     "frame_ms", "family", "status"],
+)  # fmt: skip
 def test_a_column_that_is_missing_costs_what_it_held(many: Path, column: str) -> None:
     table = pd.read_parquet(many / "samples.parquet")
     table.drop(columns=column, errors="ignore").to_parquet(many / "samples.parquet")
@@ -229,6 +266,8 @@ def test_a_column_that_is_missing_costs_what_it_held(many: Path, column: str) ->
         return
     found = gather([many])
     to_page(found)
+    said = [sentence for sentence in found["missing"] if f"no column {column!r}" in sentence]
+    assert len(said) == (column not in ("phantom", "frame_ms", "family"))
     if column == "phantom":
         why = found["boards"][0]["why_not"]
         assert why.startswith("Intervals need to know phantoms")
@@ -248,3 +287,23 @@ def test_operators_get_a_board_beside_methods(many: Path, build_operators: Any) 
     assert [board["kind"] for board in found["boards"]] == ["method", "operator"]
     assert answer(found["boards"][1]).endswith("surrogate is first: MSE 0.1.")
     to_page(found)
+
+
+def test_tables_of_operators_stand_beside_those_of_methods(
+    many: Path, build_operators: Any, tmp_path: Path
+) -> None:
+    write_report([many, build_operators({"surrogate": 0.1})], tmp_path / "report")
+    tables = {path.name for path in (tmp_path / "report" / "tables").iterdir()}
+    assert {"leaderboard.csv", "operators.csv", "operators.tex"} <= tables
+
+
+def test_a_run_without_rows_is_refused(many: Path) -> None:
+    pd.read_parquet(many / "samples.parquet")[:0].to_parquet(many / "samples.parquet")
+    with pytest.raises(InputError, match="There are no results in"):
+        gather([many])
+
+
+def test_runs_of_the_same_name_are_refused(many: Path, tmp_path: Path) -> None:
+    other = shutil.copytree(many, tmp_path / "elsewhere" / many.name)
+    with pytest.raises(InputError, match="2 of the runs are called 'run'"):
+        gather([many, other])

@@ -88,6 +88,8 @@ def test_columns_sort_and_rows_filter(opened: Any) -> None:
     assert found.column("#leaderboard", 2) == names[::-1]
     found.page.fill("#search", "goo")
     assert found.column("#leaderboard", 2) == ["good"]
+    found.page.fill("#search", "zzz")
+    assert found.column("#leaderboard", 1) == ["Nothing matches."]
     found.page.fill("#search", "")
     found.page.select_option("#part", label="ring")
     assert "ring" in found.page.locator("#leaderboard caption").inner_text()
@@ -113,7 +115,8 @@ def test_images_are_linked_and_can_be_read(opened: Any) -> None:
     page.locator("#leaderboard tbody button", has_text="fair").click()
     assert page.locator("#images .head.chosen").inner_text() == "fair"
     assert page.locator("#leaderboard tr.chosen").count() == 1
-    assert page.locator("#images canvas").count() == 3 * 4  # three cases, truth and three methods
+    # Three cases: the truth, and three methods with their errors.
+    assert page.locator("#images canvas").count() == 3 * (1 + 2 * 3)
     page.select_option("#family", "ring")
     page.get_by_role("button", name="truth, ring best case").click()
     canvas = page.locator("#zoom-canvas")
@@ -122,7 +125,9 @@ def test_images_are_linked_and_can_be_read(opened: Any) -> None:
     assert page.locator("#zoom-value").inner_text() == "pixel 0, 39: 1.00 S/m"
     page.keyboard.press("Escape")
     page.select_option("#shown", "error")
-    page.get_by_role("button", name="good, ring best case").click()
+    page.get_by_role("button", name="good, ring best case, sample").click()
+    page.locator("#zoom-canvas").press("ArrowUp")
+    assert "pixel 20, 21: error" in page.locator("#zoom-value").inner_text()
     page.mouse.move(box["x"] + 3, box["y"] + 3)
     assert "error" in page.locator("#zoom-value").inner_text()
 
@@ -145,6 +150,16 @@ def test_no_serious_violation_of_accessibility(opened: Any, scheme: str, width: 
     violations = axe.Axe().run(found.page).response["violations"]
     serious = [v for v in violations if v["impact"] in ("serious", "critical")]
     assert [(v["id"], [n["html"] for n in v["nodes"][:3]]) for v in serious] == []
+
+
+def test_paper_is_light_and_holds_the_whole_table(opened: Any) -> None:
+    found = opened(color_scheme="dark")
+    found.page.emulate_media(media="print")
+    colour = "getComputedStyle(document.body).color"
+    assert found.page.evaluate(colour) == "rgb(0, 0, 0)"
+    found.page.set_viewport_size({"width": 1047, "height": 718})  # A4 landscape less its margins
+    right = "document.querySelector('#leaderboard').getBoundingClientRect().right"
+    assert found.page.evaluate(right) <= 1047
 
 
 def test_the_theme_can_be_changed(opened: Any) -> None:
