@@ -132,7 +132,7 @@ function plot(id, label, traces, x, y, more) {
   $(id).setAttribute("aria-label", label);
   const layout = { font: { family: getComputedStyle(document.body).fontFamily, size: 13, color: style("--ink") },
     paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", margin: { l: 60, r: 20, t: 20, b: 50 },
-    xaxis: x, yaxis: y, hoverlabel: { namelength: -1 }, legend: { orientation: "h", y: -0.2 }, ...more };
+    xaxis: x, yaxis: y, hoverlabel: { namelength: -1 }, legend: { orientation: "h", y: -0.18, yanchor: "top" }, ...more };
   return plotly.then(() => Plotly.react($(id), traces, layout, { displayModeBar: false, responsive: true }));
 }
 
@@ -185,7 +185,7 @@ function drawNoise() {
     const band = get("_low").some((v) => v === null) ? [] : [{ x: [...x, ...[...x].reverse()], y: [...get("_high"), ...get("_low").reverse()], fill: "toself", mode: "none", fillcolor: COLOURS[k % COLOURS.length] + "22", hoverinfo: "skip", showlegend: false }];
     return [...band, { x, y: get(""), name: escaped(name), mode: "lines+markers", line: of_line, marker: { symbol: symbol(k), size: 7 } }];
   });
-  plot("noise", `${titleOf(figure)} of every method at ${x.join(", ")}`, traces, axis("SNR", { type: "category" }), axis(titleOf(figure)), { height: 520 });
+  plot("noise", `${titleOf(figure)} of every method at ${x.join(", ")}`, traces, axis("SNR", { type: "category" }), axis(titleOf(figure)));
 }
 
 // The edge of the sensor [mm], row by row of its mask: up along the right side, down along the left.
