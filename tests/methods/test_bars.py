@@ -14,6 +14,7 @@ from eitbench.scenarios.datasets import load
 from eitbench.scenarios.suites import scenarios
 
 SAMPLES = 120
+ENDS = ("paper", "paper-30db")
 LEVELS = ["paper", "paper-60db", "paper-50db", "paper-40db", "paper-30db"]
 
 
@@ -46,7 +47,10 @@ def test_total_variation() -> None:
     assert figures("paper-50db", "tv")["ssim"] >= 0.80
 
 
-@pytest.mark.parametrize("scenario", LEVELS)
+@pytest.mark.parametrize(
+    "scenario",
+    [pytest.param(name, marks=() if name in ENDS else pytest.mark.slow) for name in LEVELS],
+)
 def test_total_variation_beats_noser_at_every_noise_level(scenario: str) -> None:
     tv, noser = figures(scenario, "tv"), figures(scenario, "noser")
     assert tv["ssim"] > noser["ssim"]
@@ -97,6 +101,7 @@ def test_noser_finds_presses_on_a_real_skin() -> None:
     assert np.median(errors) <= 13
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("recorded_data")
 def test_what_simulated_presses_teach_beats_greit_on_a_real_skin() -> None:
     """Medians on the 400 test presses: 8.3 mm against 9.4 mm of the best classical method."""

@@ -141,8 +141,7 @@ def test_presses_are_drawn(opened: Any) -> None:
     assert "24 presses" in found.page.locator("#presses").get_attribute("aria-label")
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-@pytest.mark.parametrize("width", [1280, 375])
+@pytest.mark.parametrize(("scheme", "width"), [("light", 375), ("dark", 1280)])
 def test_no_serious_violation_of_accessibility(opened: Any, scheme: str, width: int) -> None:
     axe = pytest.importorskip("axe_playwright_python.sync_playwright")
     found = opened(color_scheme=scheme, viewport={"width": width, "height": 800})
