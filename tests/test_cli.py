@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from eitbench import __version__, cli
+from eitbench import __version__, cli, console
 
 DATA = Path(__file__).parent / "benchmark" / "data"
 TINY, TOYS = str(DATA / "tiny.toml"), str(DATA / "toy_methods.py")
@@ -202,7 +202,7 @@ def test_names_in_a_list_are_never_cut(
     what: str, width: int, eitbench: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     names = [row["name"] for row in json.loads(eitbench("list", what, "--json")[1])]
-    monkeypatch.setattr(cli, "_width", lambda: width)
+    monkeypatch.setattr(console, "width", lambda: width)
     _, out, _ = eitbench("list", what)
     assert {line.split(" ")[0] for line in out.splitlines()} >= set(names)
     assert max(map(len, out.splitlines())) <= width

@@ -1,0 +1,48 @@
+"""How commands read lists of names and print: for people, for programs, and what went wrong."""
+
+import json
+import sys
+from collections.abc import Sequence
+from typing import Annotated, Any, NoReturn
+
+import typer
+
+Json = Annotated[bool, typer.Option("--json", help="Print JSON for programs.")]
+
+
+def print_json(value: Any) -> None:
+    """Print plain values as JSON."""
+    typer.echo(json.dumps(value, indent=2, allow_nan=False, default=str))
+
+
+def print_renderable(renderable: Any) -> None:
+    """Print what rich can render, as wide as the terminal."""
+    from rich.console import Console
+
+    Console(width=width(), highlight=False).print(renderable)
+
+
+def width() -> int:
+    """Characters in a line; without a terminal nothing is folded, so that grep works."""
+    import shutil
+
+    return shutil.get_terminal_size().columns if sys.stdout.isatty() else 400
+
+
+def names_in(option: str, text: str | None) -> Sequence[str]:
+    """The names in `text`; none where the option was not given."""
+    names = [name.strip() for name in (text or "").split(",") if name.strip()]
+    if text is not None and not names:
+        raise typer.BadParameter(f"{option} names nothing: give names with commas between them")
+    return names
+
+
+def fail(sentence: str, code: int) -> NoReturn:
+    """Say what went wrong and exit with `code`."""
+    warn(sentence)
+    sys.exit(code)
+
+
+def warn(sentence: str) -> None:
+    """One sentence on stderr."""
+    typer.echo(f"eitbench: {' '.join(sentence.split())}", err=True)
