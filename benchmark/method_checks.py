@@ -64,7 +64,7 @@ class _Subject:
         log: Path,
     ) -> None:
         self.sensor = scenario.nominal_sensor
-        self.model = scenario.data_model
+        self.model = scenario.data_model("test")
         self.log = log
         self.reference = self.simulate(np.full(self.model.sensor.image_shape, 1.0))[0]
         task = MethodTask(

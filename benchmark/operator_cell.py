@@ -78,7 +78,7 @@ class OperatorData(CellData):
             scenario,
             test,
             clean_voltages(scenario, "test", len(test)),
-            clean_reference(scenario),
+            clean_reference(scenario, "test"),
             Standard.of(validation),
         )
 

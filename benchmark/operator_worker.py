@@ -108,7 +108,7 @@ class ModelServant:
 
     def set_up(self) -> Reply:
         """Make the model, and compile what it compiles."""
-        model = self.scenario.data_model
+        model = self.scenario.data_model("test")
         voltages, fields = model.voltages_and_fields(model.background[None])
         model.pullback(fields, voltages)
         return Reply({}, 0.0)
@@ -119,7 +119,7 @@ class ModelServant:
         The image t is the phantom on the model's own grid. What is kept as float32 here changes a
         cosine by less than 1e-14.
         """
-        model, scenario = self.scenario.data_model, self.scenario
+        model, scenario = self.scenario.data_model("test"), self.scenario
         shape = scenario.nominal_sensor.image_shape
         found = np.empty((len(cotangents), *shape), dtype=np.float32)
         for first in range(0, len(cotangents), GRADIENTS_AT_ONCE):

@@ -254,10 +254,11 @@ def _untrained(plan: Plan, data: Mapping[str, CellData], progress: RunProgress) 
 
 def _chosen(data: CellData, name: str) -> Manifest:
     parameters = data.parameters(name)
+    track = "default" if parameters is None else "tuned"
     return {
         "scenario": data.scenario.name,
         "name": name,
-        "track": "default" if parameters is None else "tuned",
+        "track": "calibrated" if data.scenario.calibrated else track,
         "parameters": dict(parameters or {}),
         "weights": data.weights(name),
     }

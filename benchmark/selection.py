@@ -92,8 +92,12 @@ def _figure(trial: Trial) -> float:
 
 
 def validation_scenario(scenario: Scenario) -> Scenario:
-    """The scenario whose validation split has the noise of the test split."""
-    if isinstance(scenario, SimulatedScenario):
+    """The scenario whose validation split has the noise of the test split.
+
+    A rung of the ladder from simulation to reality is tuned on what its user can simulate: the
+    nominal sensor with the noise that is declared for the validation split.
+    """
+    if isinstance(scenario, SimulatedScenario) and scenario.imperfections is None:
         noise = scenario.noise.model_copy(update={"validation": scenario.noise.test})
         return scenario.model_copy(update={"noise": noise})
     return scenario
@@ -199,12 +203,13 @@ def validation_key(scenario: Scenario) -> str:
 
     Scenarios that differ in name, in sample numbers or in their test phantoms share their choices.
     """
-    if isinstance(scenario, SimulatedScenario):
+    seen = validation_scenario(scenario)
+    if isinstance(seen, SimulatedScenario):
         return content_hash(
             {
-                "sensor": scenario.nominal_sensor.describe(),
-                "clean": scenario.clean_parameters("validation"),
-                "noise": scenario.noise.test,
+                "sensor": seen.nominal_sensor.describe(),
+                "clean": seen.clean_parameters("validation"),
+                "noise": seen.noise.validation,
             }
         )
     return scenario.data_hash("validation")

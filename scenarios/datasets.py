@@ -33,7 +33,7 @@ class Dataset:
         scenario, split: where it comes from.
         sensor: the nominal sensor.
         voltages: (n, M) frames: [V/A] if simulated, in the board's own units if recorded.
-        reference: (M,) the untouched frame, measured like the others, one for all splits.
+        reference: (M,) the untouched frame, measured like the others.
         samples: one row per frame. `sample` is its number in the split, `phantom` names what was
             measured: frames of the same phantom are not independent. Simulated: `family`,
             `shape`, `snr_db` (NaN if clean), `inclusions` and what was drawn (NaN where a family
@@ -136,9 +136,10 @@ def _simulated(
         raise InputError(f"Scenario {scenario.name!r} declares no {split} samples.")
     count = size if limit is None else min(limit, size)
     clean = clean_voltages(scenario, split, count, jobs=jobs, progress=progress)
-    voltages, snr = measured_frames(
-        clean, scenario.split_noise(split), scenario=scenario.name, split=split
-    )
+    voltages, snr = _through_board(scenario, split, clean)
+    reference = _reference(scenario, split)
+    if scenario.calibrated:
+        voltages, reference = _calibrated(scenario.nominal_sensor, voltages, reference)
     phantoms = tuple(phantom(scenario, split, sample) for sample in range(count))
     declared = {
         "sample": np.arange(count),
@@ -154,15 +155,48 @@ def _simulated(
         split=split,
         sensor=scenario.nominal_sensor,
         voltages=voltages,
-        reference=measured_reference(
-            clean_reference(scenario), scenario.split_noise("test"), scenario=scenario.name
-        ),
+        reference=reference,
         samples=pd.concat([pd.DataFrame(declared), drawn], axis=1),
         truth="conductivity",
         data_hash=scenario.data_hash(split),
         inverse_crime=scenario.inverse_crime,
         phantoms=phantoms,
     )
+
+
+def _through_board(scenario: SimulatedScenario, split: Split, clean: Array) -> tuple[Array, Array]:
+    """Frames (n, M) as the board of `split` sends them, and the SNR (n,) [dB] of each."""
+    board, pattern = scenario.split_imperfections(split), scenario.nominal_sensor.pattern
+    untouched = clean_reference(scenario, split)
+    analogue = board.analogue(clean, untouched, pattern)
+    noisy, snr = measured_frames(
+        analogue, scenario.split_noise(split), scenario=scenario.name, split=split
+    )
+    return board.seen(board.digital(noisy, untouched, pattern)), snr
+
+
+def _reference(scenario: SimulatedScenario, split: Split) -> Array:
+    """The untouched frame (M,) as the board sends it: the same for all splits.
+
+    Unless the sensor of the test split has imperfections: these are unknown to the other splits.
+    """
+    board, pattern = scenario.split_imperfections(split), scenario.nominal_sensor.pattern
+    clean = clean_reference(scenario, split)
+    times = np.array([-board.reference_age_s])
+    (analogue,) = board.analogue_at(times, clean[None], clean, pattern)
+    noise = scenario.split_noise("test" if scenario.imperfections is None else split)
+    noisy = measured_reference(analogue, noise, scenario=scenario.name)
+    (sent,) = board.digital(noisy[None], clean, pattern)
+    return np.asarray(sent)
+
+
+def _calibrated(sensor: Sensor, voltages: Array, reference: Array) -> tuple[Array, Array]:
+    """Frames and reference as the nominal sensor would give them, by what the reference shows."""
+    # Imported here: it is a small inverse problem, which few scenarios pose.
+    from eitbench.scenarios.calibration import calibrate
+
+    calibration = calibrate(sensor, reference[None])
+    return calibration.corrected(voltages), calibration.nominal
 
 
 # Columns of recorded sets that say which object a frame shows; without, each frame shows its own.
@@ -193,12 +227,16 @@ def _recorded(
     samples.insert(0, "sample", np.arange(len(rows)))
     measured = next((name for name in _WHAT_WAS_MEASURED if name in samples), "sample")
     samples.insert(1, "phantom", [f"{scenario.recording} {what}" for what in samples[measured]])
+    voltages = np.array(recording.voltages[rows], dtype=np.float64)
+    reference = np.array(recording.reference, dtype=np.float64)
+    if scenario.calibrated:
+        voltages, reference = _calibrated(scenario.nominal_sensor, voltages, reference)
     return Dataset(
         scenario=scenario.name,
         split=split,
         sensor=scenario.nominal_sensor,
-        voltages=np.array(recording.voltages[rows], dtype=np.float64),
-        reference=np.array(recording.reference, dtype=np.float64),
+        voltages=voltages,
+        reference=reference,
         samples=samples,
         truth=scenario.recorded_set.truth,
         data_hash=scenario.data_hash(split),

@@ -3,12 +3,14 @@
 import re
 from dataclasses import replace
 from functools import lru_cache
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, field_validator
+from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from eitbench.scenarios.catalogue import sensor as sensor_by_name
+from eitbench.scenarios.declaration import Declaration
 from eitbench.scenarios.errors import unknown_name
+from eitbench.scenarios.imperfections import Imperfections, channels
 from eitbench.scenarios.noise import Noise
 from eitbench.scenarios.phantoms.families import Family, family
 from eitbench.scenarios.physics.forward import ForwardModel, forward_model
@@ -42,12 +44,6 @@ Name = Annotated[str, BeforeValidator(_name)]
 NoiseField = Annotated[Noise, BeforeValidator(_noise)]
 
 
-class Declaration(BaseModel):
-    """A frozen set of declared parameters; unknown ones are refused."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=False)
-
-
 class SplitNoise(Declaration):
     """Noise of every split: an SNR in dB, "clean", or "mixture" (half clean, half 30-60 dB)."""
 
@@ -71,6 +67,11 @@ class SimulatedScenario(Declaration):
         mesh_refinement: the data come from a mesh this many times finer than the image grid.
         train, validation, test: number of samples.
         phantoms: name that phantoms are drawn from; scenarios that share it share their phantoms.
+        imperfections: how the sensor of the test split and of the reference frame differs from the
+            nominal one, which methods are told of, learn from and are tuned on. Scenarios that
+            declare any, even none, are rungs of a ladder from simulation to reality: they are
+            tuned with the noise of `validation`, which all rungs share.
+        calibrated: methods get frames corrected by `calibration`, from the reference frame alone.
     """
 
     kind: Literal["simulated"] = "simulated"
@@ -88,6 +89,8 @@ class SimulatedScenario(Declaration):
     validation: int = Field(ge=0)
     test: int = Field(ge=0)
     phantoms: str = ""
+    imperfections: Imperfections | None = None
+    calibrated: bool = False
 
     @field_validator("sensor")
     @classmethod
@@ -102,6 +105,20 @@ class SimulatedScenario(Declaration):
             family(name)
         return value
 
+    @model_validator(mode="after")
+    def _faults_exist(self) -> Self:
+        if self.imperfections is None:
+            return self
+        sensor = self.nominal_sensor
+        if any(k >= sensor.n_electrodes for k in self.imperfections.dead):
+            raise ValueError(
+                f"sensor {self.sensor!r} has electrodes 0 to {sensor.n_electrodes - 1}"
+            )
+        count = channels(sensor.pattern)[1]
+        if (self.imperfections.saturated or 0) >= count:
+            raise ValueError(f"sensor {self.sensor!r} has channels 0 to {count - 1}")
+        return self
+
     @property
     def title(self) -> str:
         """One line for listings."""
@@ -114,10 +131,15 @@ class SimulatedScenario(Declaration):
         """The sensor that methods are told of."""
         return _nominal_sensor(self.sensor, self.image_shape, self.conductivity_range)
 
-    @property
-    def data_model(self) -> ForwardModel:
-        """The forward model the data come from."""
-        return forward_model(_data_sensor(self.sensor, self.image_shape, self.mesh_refinement))
+    def data_model(self, split: Split) -> ForwardModel:
+        """The forward model that the data of `split` come from."""
+        imperfections = self.split_imperfections(split)
+        refinement = self.mesh_refinement * imperfections.mesh_refinement
+        return forward_model(_data_sensor(self.sensor, self.image_shape, refinement, imperfections))
+
+    def split_imperfections(self, split: Split) -> Imperfections:
+        """How the sensor of `split` differs from the nominal one: not at all, but for the test."""
+        return (split == "test" and self.imperfections) or Imperfections()
 
     @property
     def phantom_stream(self) -> str:
@@ -127,7 +149,7 @@ class SimulatedScenario(Declaration):
     @property
     def inverse_crime(self) -> bool:
         """Whether the data come from a mesh no finer than the one methods invert with."""
-        data, nominal = self.data_model, forward_model(self.nominal_sensor)
+        data, nominal = self.data_model("test"), forward_model(self.nominal_sensor)
         return data.mesh_hash == nominal.mesh_hash or data.n_elements <= nominal.n_elements
 
     def split_families(self, split: Split) -> tuple[Family, ...]:
@@ -147,7 +169,12 @@ class SimulatedScenario(Declaration):
 
     def clean_parameters(self, split: Split) -> dict[str, object]:
         """All that decides the voltages of `split` before noise: the key of the cache."""
-        model = self.data_model
+        model = self.data_model(split)
+        imperfections = self.split_imperfections(split)
+        material: dict[str, object] = {}
+        if imperfections.drift or imperfections.relaxation:
+            names = {"unit", "severity", "drift", "relaxation", "reference_age_s"}
+            material = {"material": imperfections.model_dump(include=names)}
         return {
             "generator": GENERATOR_VERSION,
             "sensor": model.sensor.describe(),
@@ -156,13 +183,14 @@ class SimulatedScenario(Declaration):
             "foam": vars(FOAM),
             "phantoms": self.phantom_stream,
             "split": split,
+            **material,
         }
 
     def data_hash(self, split: Split) -> str:
         """SHA-256 (hex) of every declared parameter and all that decides the data of `split`."""
         return content_hash(
             {
-                "scenario": self.model_dump(mode="json"),
+                "scenario": _declared(self),
                 "sensor": self.nominal_sensor.describe(),
                 "clean": self.clean_parameters(split),
             }
@@ -175,11 +203,13 @@ class RecordedScenario(Declaration):
     Attributes:
         name: registry name.
         recording: registry name of the recorded set.
+        calibrated: methods get frames corrected by `calibration`, from the reference frame alone.
     """
 
     kind: Literal["recorded"] = "recorded"
     name: Name
     recording: str
+    calibrated: bool = False
 
     @field_validator("recording")
     @classmethod
@@ -209,13 +239,20 @@ class RecordedScenario(Declaration):
         return content_hash(
             {
                 "generator": GENERATOR_VERSION,
-                "scenario": self.model_dump(mode="json"),
+                "scenario": _declared(self),
                 "files": [[f.path, f.sha256] for f in recorded.files],
                 "source": [recorded.repository, recorded.commit, recorded.truth],
                 "sensor": self.nominal_sensor.describe(),
                 "split": split,
             }
         )
+
+
+def _declared(scenario: SimulatedScenario | RecordedScenario) -> dict[str, Any]:
+    """What a scenario declares; what only some do counts where they do."""
+    declared = scenario.model_dump(mode="json")
+    optional = {"imperfections": None, "calibrated": False}
+    return {k: v for k, v in declared.items() if k not in optional or v != optional[k]}
 
 
 Scenario = Annotated[SimulatedScenario | RecordedScenario, Field(discriminator="kind")]
@@ -248,7 +285,10 @@ def _nominal_sensor(
     )
 
 
-@lru_cache(maxsize=32)
-def _data_sensor(name: str, image_shape: tuple[int, int] | None, refinement: int) -> Sensor:
+@lru_cache(maxsize=64)
+def _data_sensor(
+    name: str, image_shape: tuple[int, int] | None, refinement: int, imperfections: Imperfections
+) -> Sensor:
     nominal = _nominal_sensor(name, image_shape)
-    return nominal if refinement == 1 else nominal.refined(refinement)
+    built = replace(nominal, electrodes=imperfections.built(nominal))
+    return built if refinement == 1 else built.refined(refinement)

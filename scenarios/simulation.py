@@ -18,6 +18,7 @@ from threadpoolctl import threadpool_limits
 from eitbench.scenarios.cache_dir import cache_dir
 from eitbench.scenarios.cache_file import CacheFile
 from eitbench.scenarios.errors import DataCorruptError
+from eitbench.scenarios.imperfections import TOUCH_INTERVAL_S
 from eitbench.scenarios.phantoms.phantom import Phantom, draw, rasterise
 from eitbench.scenarios.scenario import SimulatedScenario, Split
 from eitbench.scenarios.seeds import generator
@@ -59,11 +60,24 @@ def clean_voltages(
     return np.concatenate([empty, *(ready[chunk.first] for chunk in chunks)])
 
 
-def clean_reference(scenario: SimulatedScenario) -> Array:
-    """Voltages (M,) [V/A] of the untouched sensor, without noise."""
+def clean_reference(scenario: SimulatedScenario, split: Split) -> Array:
+    """Voltages (M,) [V/A] of the untouched sensor of `split`, without noise."""
     with threadpool_limits(1):
-        model = scenario.data_model
-        return model.voltages(model.background)
+        model, imperfections = scenario.data_model(split), scenario.split_imperfections(split)
+        drift = imperfections.drifted(model.sensor, -imperfections.reference_age_s)
+        return model.voltages(drift * model.background)
+
+
+def conductivity(scenario: SimulatedScenario, split: Split, sample: int) -> Array:
+    """Conductivity [S/m] of one sample on the grid of the data, as the material has it by then."""
+    sensor = scenario.data_model(split).sensor
+    imperfections = scenario.split_imperfections(split)
+    touch = rasterise(phantom(scenario, split, sample), sensor)
+    last = None
+    if imperfections.relaxation and sample:
+        last = rasterise(phantom(scenario, split, sample - 1), sensor) / sensor.background
+    drift = imperfections.drifted(sensor, TOUCH_INTERVAL_S * sample)
+    return drift * imperfections.remaining(touch, last)
 
 
 @dataclass(frozen=True)
@@ -123,11 +137,10 @@ def _complete(scenario: SimulatedScenario, split: Split, chunk: _Chunk) -> tuple
     except DataCorruptError:
         stored = None
     with threadpool_limits(1):
-        model = scenario.data_model
+        model = scenario.data_model(split)
         frames = [] if stored is None else list(stored)
         for sample in range(chunk.first + len(frames), chunk.first + chunk.count):
-            sigma = rasterise(phantom(scenario, split, sample), model.sensor)
-            frames.append(model.voltages(sigma))
+            frames.append(model.voltages(conductivity(scenario, split, sample)))
     voltages = np.array(frames)
     if stored is None or len(stored) < len(voltages):
         chunk.file.write(voltages)

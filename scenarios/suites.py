@@ -13,9 +13,10 @@ from typing import Any, Literal
 from numpy.lib.stride_tricks import sliding_window_view
 from pydantic import Field, ValidationError, ValidationInfo, field_validator
 
+from eitbench.scenarios.declaration import Declaration
 from eitbench.scenarios.errors import InputError, unknown_name
+from eitbench.scenarios.imperfections import Imperfections
 from eitbench.scenarios.scenario import (
-    Declaration,
     Name,
     RecordedScenario,
     Scenario,
@@ -306,5 +307,5 @@ def _declared_key(loc: Sequence[str | int], declared: Mapping[str, Any]) -> Key:
 
 def _fields() -> list[str]:
     models: tuple[type[Declaration], ...]
-    models = (Suite, SimulatedScenario, RecordedScenario, SplitNoise)
+    models = (Suite, SimulatedScenario, RecordedScenario, SplitNoise, Imperfections)
     return sorted({field for model in models for field in model.model_fields})

@@ -95,7 +95,7 @@ def train_refined(request: Request) -> Training:
     folder = training_folder(files, sensor, request.out)
     recipe = Recipe(request.epochs or EPOCHS, request.seed, BATCH, RATE, PATIENCE)
     count = training_count(request, scenario, MINIMUM)
-    problem = Problem(sensor, clean_reference(scenario), no_split)
+    problem = Problem(sensor, clean_reference(scenario, "train"), no_split)
     method = METHODS[request.name]()
     method.start(problem)
     settings = data_settings(files, scenario) | {"limit": count, "begun_from": method.begun_from()}

@@ -68,10 +68,10 @@ def scenario(suite: Suite, name: str) -> SimulatedScenario:
 def test_figures_are_what_the_operator_gives(name: str, suite: Suite, run: Path) -> None:
     """Computed again here, in this process, the slow way."""
     of = scenario(suite, name)
-    jacobian, model = operator("jacobian", of.nominal_sensor), of.data_model
+    jacobian, model = operator("jacobian", of.nominal_sensor), of.data_model("test")
     sigma = load(of).conductivity
     assert sigma is not None
-    clean, untouched = clean_voltages(of, "test", N), clean_reference(of)
+    clean, untouched = clean_voltages(of, "test", N), clean_reference(of, "test")
     known = clean_voltages(of, "validation", 8)
     mean, std = known.mean(axis=0), known.std(axis=0)
     voltages = jacobian.voltages(np.array(sigma))
@@ -102,7 +102,7 @@ def test_figures_are_what_the_operator_gives(name: str, suite: Suite, run: Path)
 def fine_images(of: SimulatedScenario) -> list[np.ndarray[Any, np.dtype[np.float64]]]:
     from eitbench.scenarios.phantoms.phantom import rasterise
 
-    return [rasterise(p, of.data_model.sensor) for p in load(of).phantoms]
+    return [rasterise(p, of.data_model("test").sensor) for p in load(of).phantoms]
 
 
 def test_the_exact_operator_is_exact_on_its_own_mesh_and_discretised_on_a_finer_one(

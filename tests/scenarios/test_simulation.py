@@ -62,7 +62,7 @@ def solves(monkeypatch: pytest.MonkeyPatch) -> list[int]:
 
 def test_voltages_are_those_of_the_phantoms_on_the_finer_mesh() -> None:
     made = clean_voltages(SCENARIO, "test", 3)
-    model = SCENARIO.data_model
+    model = SCENARIO.data_model("test")
     assert model.sensor.image_shape == (24, 24)
     for k in range(3):
         sigma = rasterise(phantom(SCENARIO, "test", k), model.sensor)

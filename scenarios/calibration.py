@@ -1,0 +1,227 @@
+"""Calibration: what untouched frames tell of the sensor that measured them, and how to use it.
+
+The frames of an untouched sensor depend on what its nominal description may have wrong: the gain g
+of every channel (pair of measuring electrodes), the contact impedance z and the place s of every
+electrode, and a common factor c, in which the drive current, the board's units and the background
+cannot be told apart. The estimate is the most probable one for independent normal priors,
+
+    min  sum_m ((v_m - c g(m) V_m(s, z)) / noise)^2 + sum_k (p_k / deviation_k)^2,
+
+with p the logarithms of g and z and the shifts of s, by Gauss-Newton steps with V's derivative by
+differences (Vauhkonen et al., IEEE Trans. Biomed. Eng. 46, 1999, and Heikkinen et al., Meas. Sci.
+Technol. 13, 2002, estimate contact impedances in this way). Reciprocity tells gains from geometry:
+only gains can break it.
+
+Corrected frames are those that the nominal sensor would have given. With the gains divided out and
+J and J_0 the Jacobians of the calibrated and the nominal sensor, a touch that changed the frame by
+dv is first guessed by one regularised step x = C J^T (J C J^T + w I)^-1 dv, and then
+
+    v' = V_0 + dv + (J_0 - J) x,
+
+so that only what the two sensors see differently rests on the guess. All methods, learned ones
+too, can thus be given the same corrected frames, and on a nominal sensor nothing is changed.
+"""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import linalg
+
+from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.imperfections import channels
+from eitbench.scenarios.physics.forward import ForwardModel, forward_model
+from eitbench.scenarios.sensors import Electrode, Sensor
+
+Array = NDArray[np.float64]
+
+GAIN_DEVIATION = 0.02
+"""Prior standard deviation of the logarithm of a channel's gain."""
+CONTACT_DEVIATION = 0.5
+"""Of the logarithm of an electrode's contact impedance."""
+SHIFT_DEVIATION = 0.05
+"""Of an electrode's shift along the rim, in parts of the distance to its neighbour."""
+NOISE = 3e-3
+"""Least standard deviation of a mean untouched value, relative to the frame's rms: noise of 50 dB,
+and a good part of what a grid as coarse as the image makes wrong."""
+STEPS = 4
+_DIFFERENCE = 1e-2  # of a prior's standard deviation: large against rounding, small against curves
+_WEIGHT = 1e-2  # w in parts of the mean diagonal of J C J^T
+_EXPONENT = 0.5  # C = diag(J^T J)^-0.5, as NOSER
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """What untouched frames tell of a sensor.
+
+    Attributes:
+        nominal_sensor: as it is described.
+        sensor: as it was found: electrodes shifted, with their contact impedances.
+        factor: c, board units per V/A on a sensor of nominal background.
+        gains: (C,) relative gain of every channel.
+        shifts: (E,) of every electrode along the rim [m].
+        contacts: (E,) contact impedance of every electrode, as a multiple of the nominal one.
+        untouched: (M,) mean of the frames that were used, in the board's units.
+        misfit_before, misfit_after: relative distance from `untouched` to the model's frame with
+            the best common factor, nominal and calibrated.
+    """
+
+    nominal_sensor: Sensor
+    sensor: Sensor
+    factor: float
+    gains: Array
+    shifts: Array
+    contacts: Array
+    untouched: Array
+    misfit_before: float
+    misfit_after: float
+
+    @cached_property
+    def nominal(self) -> Array:
+        """(M,): the untouched frame of the nominal sensor, in the board's units."""
+        model = forward_model(self.nominal_sensor)
+        return np.asarray(self.factor * model.voltages(model.background))
+
+    def corrected(self, voltages: ArrayLike) -> Array:
+        """Frames (n, M) as the nominal sensor would have given them, in the board's units.
+
+        Raises:
+            InputError: frames of another length.
+        """
+        frames = np.asarray(voltages, dtype=np.float64)
+        if frames.ndim != 2 or frames.shape[1] != len(self.untouched):
+            raise InputError(
+                f"Frames of {self.sensor.name!r} need shape (n, {len(self.untouched)}), got "
+                f"{frames.shape}."
+            )
+        change = (frames - self.untouched) / self.gains[channels(self.sensor.pattern)[0]]
+        return np.asarray(self.nominal + change + change @ self._seen_differently.T)
+
+    @cached_property
+    def _seen_differently(self) -> Array:
+        """(M, M): (J_0 - J) C J^T (J C J^T + w I)^-1."""
+        mask = self.sensor.mask
+        nominal, found = forward_model(self.nominal_sensor), self._model
+        jacobian = found.jacobian(found.background)[:, mask]
+        difference = nominal.jacobian(nominal.background)[:, mask] - jacobian
+        prior = np.maximum(np.sum(jacobian**2, axis=0), 1e-300) ** -_EXPONENT
+        gram = (jacobian * prior) @ jacobian.T
+        weighted = gram + _WEIGHT * np.trace(gram) / len(gram) * np.eye(len(gram))
+        cross = (difference * prior) @ jacobian.T
+        return np.asarray(linalg.solve(weighted, cross.T, assume_a="pos").T)
+
+    @cached_property
+    def _model(self) -> ForwardModel:
+        return ForwardModel(self.sensor, forward_model(self.nominal_sensor).mesh)
+
+
+def calibrate(sensor: Sensor, frames: ArrayLike) -> Calibration:
+    """What `frames` (n, M) of the untouched `sensor`, in any units, tell of it.
+
+    Raises:
+        InputError: frames of another length, with values that are not finite, or that do not
+            resemble the sensor's at all.
+    """
+    given = np.asarray(frames, dtype=np.float64)
+    if given.ndim != 2 or not len(given) or given.shape[1] != sensor.n_measurements:
+        raise InputError(
+            f"Untouched frames of {sensor.name!r} need shape (n, {sensor.n_measurements}), got "
+            f"{given.shape}."
+        )
+    if not np.isfinite(given).all():
+        raise InputError("An untouched frame holds a value that is not a finite number.")
+    untouched = given.mean(axis=0)
+    problem = _Problem(sensor, untouched)
+    found = np.zeros(problem.size)
+    slopes = problem.slopes(found)
+    for _ in range(STEPS):
+        # Slopes hardly change within the priors: those at the nominal sensor serve all steps.
+        found = problem.step(found, slopes)
+    gains, shifts, contacts = problem.parts(found)
+    values = problem.modelled(found)
+    return Calibration(
+        nominal_sensor=sensor,
+        sensor=problem.built(found),
+        factor=_factor(values, untouched),
+        gains=gains,
+        shifts=shifts,
+        contacts=contacts,
+        untouched=untouched,
+        misfit_before=_misfit(problem.modelled(np.zeros(problem.size)), untouched),
+        misfit_after=_misfit(values, untouched),
+    )
+
+
+class _Problem:
+    """The estimate's unknowns p: logarithms of gains, shifts, logarithms of contact impedances.
+
+    Each is in units of its prior's standard deviation.
+    """
+
+    def __init__(self, sensor: Sensor, untouched: Array) -> None:
+        self.sensor, self.untouched = sensor, untouched
+        self.channel, self.n_channels = channels(sensor.pattern)
+        self.spacing = sensor.outline.perimeter / sensor.n_electrodes
+        self.mesh = forward_model(sensor).mesh
+        self.size = self.n_channels + 2 * sensor.n_electrodes
+        if _factor(self.modelled(np.zeros(self.size)), untouched) <= 0:
+            raise InputError(
+                f"The untouched frame does not resemble that of {sensor.name!r}: check the sensor "
+                "and the order and sign of the measurements."
+            )
+
+    def parts(self, p: Array) -> tuple[Array, Array, Array]:
+        """Gains (C,), shifts (E,) [m] and contact impedances (E,) relative to the nominal ones."""
+        gains, shifts, contacts = np.split(
+            p, [self.n_channels, self.n_channels + self.sensor.n_electrodes]
+        )
+        return (
+            np.exp(GAIN_DEVIATION * gains),
+            SHIFT_DEVIATION * self.spacing * shifts,
+            np.exp(CONTACT_DEVIATION * contacts),
+        )
+
+    def built(self, p: Array) -> Sensor:
+        """The sensor with its electrodes as `p` says."""
+        _, shifts, contacts = self.parts(p)
+        electrodes = tuple(
+            Electrode(e.centre + float(s), e.width, e.contact_impedance * float(z))
+            for e, s, z in zip(self.sensor.electrodes, shifts, contacts, strict=True)
+        )
+        return replace(self.sensor, electrodes=electrodes)
+
+    def modelled(self, p: Array) -> Array:
+        """The frame (M,) that `p` explains, with the factor c = 1 [V/A]."""
+        model = ForwardModel(self.built(p), self.mesh)
+        return np.asarray(self.parts(p)[0][self.channel] * model.voltages(model.background))
+
+    def slopes(self, p: Array) -> Array:
+        """Derivative (M, P) of `modelled`: exact for gains, by differences for electrodes."""
+        values = self.modelled(p)
+        gains = GAIN_DEVIATION * values[:, None] * np.eye(self.n_channels)[self.channel]
+        moves = _DIFFERENCE * np.eye(self.size)[self.n_channels :]
+        electrodes = [(self.modelled(p + move) - values) / _DIFFERENCE for move in moves]
+        return np.column_stack([gains, *electrodes])
+
+    def step(self, p: Array, slopes: Array) -> Array:
+        """One Gauss-Newton step from `p`; the common factor is eliminated, it has no prior."""
+        values = self.modelled(p)
+        factor = _factor(values, self.untouched)
+        noise = NOISE * float(np.sqrt(np.mean(self.untouched**2)))
+        direction = values / np.linalg.norm(values)
+        weighted = factor * (slopes - np.outer(direction, direction @ slopes)) / noise
+        residual = (self.untouched - factor * values) / noise
+        normal = weighted.T @ weighted + np.eye(self.size)
+        update = linalg.solve(normal, weighted.T @ residual - p, assume_a="pos")
+        return np.asarray(p + update)
+
+
+def _factor(values: Array, untouched: Array) -> float:
+    """The least-squares factor from a modelled frame to the untouched one."""
+    return float(values @ untouched / (values @ values))
+
+
+def _misfit(values: Array, untouched: Array) -> float:
+    residual = untouched - _factor(values, untouched) * values
+    return float(np.linalg.norm(residual) / np.linalg.norm(untouched))
