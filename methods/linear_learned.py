@@ -36,7 +36,8 @@ class LinearLearned(Method):
         self._problem = problem
         self._averaging = averaging(problem.sensor.pattern)
         train, validation = problem.training(TRAINING), problem.validation(VALIDATION)
-        inputs, seen = self._inputs(train.voltages), self._inputs(validation.voltages)
+        # Simulated frames are V/A, and their untouched frame may be another than the problem's.
+        inputs, seen = ((d.voltages - d.reference) @ self._averaging for d in (train, validation))
         self._std = np.maximum(inputs.std(axis=0), 1e-6 * inputs.std(axis=0).max())
         found = ridge(
             inputs / self._std,
@@ -48,10 +49,8 @@ class LinearLearned(Method):
 
     def reconstruct(self, voltages: Array) -> Array:
         """Absolute conductivity (n, H, W) [S/m] from frames (n, M), within the sensor's range."""
-        return absolute(self._inputs(voltages) / self._std @ self._matrix, self._problem)
-
-    def _inputs(self, voltages: Array) -> Array:
-        return np.asarray(self._problem.difference(voltages) @ self._averaging)
+        inputs = self._problem.difference(voltages) @ self._averaging
+        return absolute(inputs / self._std @ self._matrix, self._problem)
 
 
 def absolute(contrast: Array, problem: Problem) -> Array:

@@ -10,7 +10,8 @@ cannot be told apart. The estimate is the most probable one for independent norm
 with p the logarithms of g and z and the shifts of s, by Gauss-Newton steps with V's derivative by
 differences (Vauhkonen et al., IEEE Trans. Biomed. Eng. 46, 1999, and Heikkinen et al., Meas. Sci.
 Technol. 13, 2002, estimate contact impedances in this way). Reciprocity tells gains from geometry:
-only gains can break it.
+only gains can break it. Measurements that fit no such sensor, of an electrode without contact or a
+channel that clips, get no weight (Welsch's weights, in units of the median misfit).
 
 Corrected frames are those that the nominal sensor would have given. With the gains divided out and
 J and J_0 the Jacobians of the calibrated and the nominal sensor, a touch that changed the frame by
@@ -45,7 +46,8 @@ SHIFT_DEVIATION = 0.05
 NOISE = 3e-3
 """Least standard deviation of a mean untouched value, relative to the frame's rms: noise of 50 dB,
 and a good part of what a grid as coarse as the image makes wrong."""
-STEPS = 4
+STEPS = 6
+_OUTLYING = 6.0  # a misfit of so many median ones counts 0.6 of a small one, of twice as many 0.1
 _DIFFERENCE = 1e-2  # of a prior's standard deviation: large against rounding, small against curves
 _WEIGHT = 1e-2  # w in parts of the mean diagonal of J C J^T
 _EXPONENT = 0.5  # C = diag(J^T J)^-0.5, as NOSER
@@ -64,7 +66,7 @@ class Calibration:
         contacts: (E,) contact impedance of every electrode, as a multiple of the nominal one.
         untouched: (M,) mean of the frames that were used, in the board's units.
         misfit_before, misfit_after: relative distance from `untouched` to the model's frame with
-            the best common factor, nominal and calibrated.
+            the common factor, nominal and calibrated.
     """
 
     nominal_sensor: Sensor
@@ -208,18 +210,21 @@ class _Problem:
         """One Gauss-Newton step from `p`; the common factor is eliminated, it has no prior."""
         values = self.modelled(p)
         factor = _factor(values, self.untouched)
+        residual = self.untouched - factor * values
         noise = NOISE * float(np.sqrt(np.mean(self.untouched**2)))
-        direction = values / np.linalg.norm(values)
-        weighted = factor * (slopes - np.outer(direction, direction @ slopes)) / noise
-        residual = (self.untouched - factor * values) / noise
-        normal = weighted.T @ weighted + np.eye(self.size)
-        update = linalg.solve(normal, weighted.T @ residual - p, assume_a="pos")
+        typical = max(noise, float(np.median(np.abs(residual))))
+        weight = np.exp(-((residual / (_OUTLYING * typical)) ** 2) / 2) / noise
+        rows, misfit, frame = weight[:, None] * slopes, weight * residual, weight * values
+        rows = factor * (rows - np.outer(frame, frame @ rows) / (frame @ frame))
+        normal = rows.T @ rows + np.eye(self.size)
+        update = linalg.solve(normal, rows.T @ misfit - p, assume_a="pos")
         return np.asarray(p + update)
 
 
 def _factor(values: Array, untouched: Array) -> float:
-    """The least-squares factor from a modelled frame to the untouched one."""
-    return float(values @ untouched / (values @ values))
+    """The factor from a modelled frame to the untouched one: the median ratio of large values."""
+    large = np.abs(values) >= np.median(np.abs(values))
+    return float(np.median(untouched[large] / values[large]))
 
 
 def _misfit(values: Array, untouched: Array) -> float:

@@ -138,7 +138,7 @@ def _simulated(
     clean = clean_voltages(scenario, split, count, jobs=jobs, progress=progress)
     voltages, snr = _through_board(scenario, split, clean)
     reference = _reference(scenario, split)
-    if scenario.calibrated:
+    if scenario.calibrated and split == "test":  # the others are of the nominal sensor
         voltages, reference = _calibrated(scenario.nominal_sensor, voltages, reference)
     phantoms = tuple(phantom(scenario, split, sample) for sample in range(count))
     declared = {
