@@ -42,9 +42,9 @@ STYLE: Any = {  # the key type of Matplotlib's stubs names every parameter
 """How Matplotlib is to be set while these figures are made and written."""
 
 # Okabe and Ito's colours; markers and dashes tell lines apart in grey.
-_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#8a6d00", "#7f7f7f")
+COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#8a6d00", "#7f7f7f")
 _MARKERS = "osDP^*Xh"  # as many as colours: shifted by one each time round, no pair comes twice
-_DASHES = ("-", "--", ":", "-.")
+DASHES = ("-", "--", ":", "-.")
 
 
 def write_paper(found: Gathered, out: Path) -> list[Path]:
@@ -117,8 +117,8 @@ def frontier(board: Gathered) -> Figure:
         ends = [row[f"{by}_{end}"] for end in ("low", "high")]
         error = None if None in ends else np.abs(np.array(ends) - row[by])[:, None]
         axes.errorbar(
-            row["frame_ms_p50"], row[by], error, fmt=_marker(k), ms=4.5,
-            color=_COLOURS[k % len(_COLOURS)], lw=0.7, capsize=1.5, mec="black", mew=0.3,
+            row["frame_ms_p50"], row[by], error, fmt=marker(k), ms=4.5,
+            color=COLOURS[k % len(COLOURS)], lw=0.7, capsize=1.5, mec="black", mew=0.3,
             label=_name(row["label"]),
         )  # fmt: skip
     axes.axvline(FRAMES_PER_SECOND_MS, color="0.4", lw=0.7, ls="--")
@@ -156,10 +156,10 @@ def noise(boards: Sequence[Gathered]) -> Figure:
             np.array([row.get(f"score{end}") for row in rows], dtype=float)
             for end in ("", "_low", "_high")
         )
-        colour = _COLOURS[k % len(_COLOURS)]
+        colour = COLOURS[k % len(COLOURS)]
         axes.plot(
-            labels, value, marker=_marker(k), ms=4, lw=1, color=colour,
-            ls=_DASHES[k // len(_COLOURS) % len(_DASHES)], label=_name(name),
+            labels, value, marker=marker(k), ms=4, lw=1, color=colour,
+            ls=DASHES[k // len(COLOURS) % len(DASHES)], label=_name(name),
         )  # fmt: skip
         axes.fill_between(labels, low, high, color=colour, alpha=0.12, lw=0)
     axes.set_xlabel("SNR [dB]")
@@ -168,8 +168,9 @@ def noise(boards: Sequence[Gathered]) -> Figure:
     return figure
 
 
-def _marker(k: int) -> str:
-    return _MARKERS[(k + k // len(_COLOURS)) % len(_MARKERS)]
+def marker(k: int) -> str:
+    """The marker of line `k`: with its colour, no pair comes twice."""
+    return _MARKERS[(k + k // len(COLOURS)) % len(_MARKERS)]
 
 
 def _name(text: str) -> str:

@@ -11,7 +11,7 @@ with p the logarithms of g and z and the shifts of s, by Gauss-Newton steps with
 differences (Vauhkonen et al., IEEE Trans. Biomed. Eng. 46, 1999, and Heikkinen et al., Meas. Sci.
 Technol. 13, 2002, estimate contact impedances in this way). Reciprocity tells gains from geometry:
 only gains can break it. Measurements that fit no such sensor, of an electrode without contact or a
-channel that clips, get no weight (Welsch's weights, in units of the median misfit).
+channel that clips, get little or no weight (Welsch's weights, in units of the median misfit).
 
 Corrected frames are those that the nominal sensor would have given. With the gains divided out and
 J and J_0 the Jacobians of the calibrated and the nominal sensor, a touch that changed the frame by
@@ -39,14 +39,17 @@ Array = NDArray[np.float64]
 
 GAIN_DEVIATION = 0.02
 """Prior standard deviation of the logarithm of a channel's gain."""
-CONTACT_DEVIATION = 0.5
+CONTACT_DEVIATION = 1.0
 """Of the logarithm of an electrode's contact impedance."""
 SHIFT_DEVIATION = 0.05
 """Of an electrode's shift along the rim, in parts of the distance to its neighbour."""
 NOISE = 3e-3
 """Least standard deviation of a mean untouched value, relative to the frame's rms: noise of 50 dB,
 and a good part of what a grid as coarse as the image makes wrong."""
-STEPS = 6
+LINEARISATIONS, STEPS = 2, 3
+_LENGTHS = (1.0, 0.5, 0.25, 0.125)
+_SILENT = 0.1  # an electrode whose values have so small a part of their nominal size has no contact
+_FARTHEST = 4.0  # standard deviations of a prior
 _OUTLYING = 6.0  # a misfit of so many median ones counts 0.6 of a small one, of twice as many 0.1
 _DIFFERENCE = 1e-2  # of a prior's standard deviation: large against rounding, small against curves
 _WEIGHT = 1e-2  # w in parts of the mean diagonal of J C J^T
@@ -136,10 +139,11 @@ def calibrate(sensor: Sensor, frames: ArrayLike) -> Calibration:
     untouched = given.mean(axis=0)
     problem = _Problem(sensor, untouched)
     found = np.zeros(problem.size)
-    slopes = problem.slopes(found)
-    for _ in range(STEPS):
-        # Slopes hardly change within the priors: those at the nominal sensor serve all steps.
-        found = problem.step(found, slopes)
+    for _ in range(LINEARISATIONS):
+        slopes = problem.slopes(found)
+        for _ in range(STEPS):
+            # Slopes are dear and hardly change within the priors.
+            found = problem.step(found, slopes)
     gains, shifts, contacts = problem.parts(found)
     values = problem.modelled(found)
     return Calibration(
@@ -167,7 +171,9 @@ class _Problem:
         self.spacing = sensor.outline.perimeter / sensor.n_electrodes
         self.mesh = forward_model(sensor).mesh
         self.size = self.n_channels + 2 * sensor.n_electrodes
-        if _factor(self.modelled(np.zeros(self.size)), untouched) <= 0:
+        nominal = self.modelled(np.zeros(self.size))
+        self.connected = _connected(sensor, untouched, nominal)
+        if not self.connected.any() or _factor(nominal, untouched) <= 0:
             raise InputError(
                 f"The untouched frame does not resemble that of {sensor.name!r}: check the sensor "
                 "and the order and sign of the measurements."
@@ -207,24 +213,57 @@ class _Problem:
         return np.column_stack([gains, *electrodes])
 
     def step(self, p: Array, slopes: Array) -> Array:
-        """One Gauss-Newton step from `p`; the common factor is eliminated, it has no prior."""
+        """A Gauss-Newton step from `p`, shortened until it improves; the factor has no prior."""
         values = self.modelled(p)
-        factor = _factor(values, self.untouched)
-        residual = self.untouched - factor * values
-        noise = NOISE * float(np.sqrt(np.mean(self.untouched**2)))
-        typical = max(noise, float(np.median(np.abs(residual))))
-        weight = np.exp(-((residual / (_OUTLYING * typical)) ** 2) / 2) / noise
-        rows, misfit, frame = weight[:, None] * slopes, weight * residual, weight * values
+        weight = self._weights(values)
+        factor = _factor(values, self.untouched, weight)
+        residual = weight * (self.untouched - factor * values)
+        rows, frame = weight[:, None] * slopes, weight * values
         rows = factor * (rows - np.outer(frame, frame @ rows) / (frame @ frame))
         normal = rows.T @ rows + np.eye(self.size)
-        update = linalg.solve(normal, rows.T @ misfit - p, assume_a="pos")
-        return np.asarray(p + update)
+        update = linalg.solve(normal, rows.T @ residual - p, assume_a="pos")
+        now = residual @ residual + p @ p
+        for length in _LENGTHS:
+            tried = np.clip(p + length * update, -_FARTHEST, _FARTHEST)
+            values = self.modelled(tried)
+            residual = weight * (self.untouched - _factor(values, self.untouched, weight) * values)
+            if residual @ residual + tried @ tried < now:
+                return tried
+        return p
+
+    def _weights(self, values: Array) -> Array:
+        """Of the residuals (M,): one over the noise, and less for what fits no such sensor."""
+        residual = self.untouched - _factor(values, self.untouched) * values
+        noise = NOISE * float(np.sqrt(np.mean(self.untouched**2)))
+        typical = max(noise, float(np.median(np.abs(residual))))
+        fitting = np.exp(-((residual / (_OUTLYING * typical)) ** 2) / 2)
+        return np.asarray(fitting * self.connected / noise)
 
 
-def _factor(values: Array, untouched: Array) -> float:
-    """The factor from a modelled frame to the untouched one: the median ratio of large values."""
-    large = np.abs(values) >= np.median(np.abs(values))
-    return float(np.median(untouched[large] / values[large]))
+def _connected(sensor: Sensor, untouched: Array, nominal: Array) -> NDArray[np.bool_]:
+    """The measurements (M,) of electrodes that have contact: others read next to nothing."""
+    connected = np.ones(len(untouched), dtype=bool)
+    factor = _factor(nominal, untouched)
+    for electrode in range(sensor.n_electrodes):
+        of = (sensor.pattern.table == electrode).any(axis=1)
+        if of.any() and np.linalg.norm(untouched[of]) < _SILENT * factor * np.linalg.norm(
+            nominal[of]
+        ):
+            connected &= ~of
+    return connected
+
+
+def _factor(values: Array, untouched: Array, weight: Array | None = None) -> float:
+    """The factor from a modelled frame to the untouched one.
+
+    It is that of least squares with the given weights; without, the median ratio of large values,
+    which a few wrong ones do not change.
+    """
+    if weight is None:
+        large = np.abs(values) >= np.median(np.abs(values))
+        return float(np.median(untouched[large] / values[large]))
+    frame = weight * values
+    return float(frame @ (weight * untouched) / (frame @ frame))
 
 
 def _misfit(values: Array, untouched: Array) -> float:

@@ -140,12 +140,13 @@ def _complete(run: Path) -> tuple[list[dict[str, Any]], list[Path]]:
     """Write notes, leaderboard and figures into a run directory; its rows and the pictures."""
     from eitbench.benchmark.recorded import write_notes
     from eitbench.reports.figures import write_figures
+    from eitbench.reports.ladder import write_ladder
     from eitbench.reports.leaderboard import leaderboard, write_leaderboard
 
     write_notes(run)
     rows = leaderboard([run])
     write_leaderboard(rows, run)
-    return rows, write_figures(run)
+    return rows, [*write_ladder(run), *write_figures(run)]
 
 
 @app.command(epilog="Example: eitbench reproduce --limit 200 --out runs/claims")

@@ -1,0 +1,233 @@
+"""The ladder from simulation to reality as one table and one figure."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+
+from eitbench.benchmark.kind import METHODS
+from eitbench.benchmark.ladder import Ladder, read_ladder
+from eitbench.benchmark.results import read_run
+from eitbench.reports.columns import printable
+from eitbench.reports.leaderboard import escape_markdown
+from eitbench.reports.paper import COLOURS, DASHES, PAGE, STYLE, marker
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from eitbench.benchmark.statistics import Interval
+
+_NOT_RUN = "–"
+_LEGEND = (
+    "B: mean of SSIM, CC, 1 - RIE and PSNR between fixed ends, 0 to 1; in brackets what "
+    "calibration adds to it, bold where the 95 % interval over touches excludes 0. Area: under B "
+    "over severity, divided by its span."
+)
+
+
+def write_ladder(run: Path) -> list[Path]:
+    """Write `ladder.md`, `ladder.csv` and `figures/ladder.{png,pdf,svg}` into a run directory.
+
+    Returns:
+        The files; none where the run has no ladder.
+
+    Raises:
+        InputError, DataCorruptError: the run cannot be read.
+    """
+    import matplotlib as mpl
+
+    ladder = read_ladder(read_run(run))
+    if ladder is None:
+        return []
+    written = [run / "ladder.md", run / "ladder.csv"]
+    written[0].write_text(to_markdown(ladder), encoding="utf-8")
+    to_table(ladder).to_csv(written[1], index=False, float_format="%.6g")
+    (run / "figures").mkdir(exist_ok=True)
+    with mpl.rc_context(STYLE):
+        figure = draw(ladder)
+        kinds: list[tuple[str, dict[str, Any]]] = [
+            ("png", {}),
+            ("pdf", {"CreationDate": None}),
+            ("svg", {"Date": None}),
+        ]
+        for suffix, metadata in kinds:
+            written.append(run / "figures" / f"ladder.{suffix}")
+            figure.savefig(written[-1], dpi=200, metadata=metadata)
+    return written
+
+
+def to_table(ladder: Ladder) -> pd.DataFrame:
+    """All figures of a ladder: a row for each rung, the area and each recorded set, by method."""
+    rows: list[dict[str, object]] = []
+    for (rung, method), step in ladder.steps.items():
+        row = {"rung": rung, "method": method, "figure": "B", **_ends("", step.value)}
+        row |= _ends("loss", step.loss) | _ends("gain", step.gain)
+        rows.append(row)
+    for (method, calibrated), area in ladder.areas.items():
+        name = "area, calibrated" if calibrated else "area"
+        rows.append({"rung": name, "method": method, "figure": "B", **_ends("", area)})
+    for (rung, method), real in ladder.real.items():
+        gain = None
+        if real.value is not None and real.calibrated is not None:
+            gain = real.calibrated - real.value
+        rows.append(
+            {
+                "rung": rung,
+                "method": method,
+                "figure": real.figure,
+                "value": real.value,
+                "gain": gain,
+            }
+        )
+    return pd.DataFrame(rows)
+
+
+def _ends(name: str, interval: Interval | None) -> dict[str, float]:
+    if interval is None:
+        return {}
+    prefix = f"{name}_" if name else ""
+    return {
+        name or "value": interval.value,
+        f"{prefix}low": interval.low,
+        f"{prefix}high": interval.high,
+    }
+
+
+def to_markdown(ladder: Ladder) -> str:
+    """Rungs by methods: B, and in brackets what calibration adds."""
+    heads = ["rung", *map(escape_markdown, ladder.methods)]
+    lines = [f"| {' | '.join(heads)} |", "| --- |" + " ---: |" * len(ladder.methods)]
+    for rung in ladder.rungs:
+        cells = [_step(ladder, rung, method) for method in ladder.methods]
+        lines.append(f"| {escape_markdown(short(rung, ladder.rungs))} | {' | '.join(cells)} |")
+    for calibrated, title in ((False, "**area**"), (True, "**area**, calibrated")):
+        areas = [ladder.areas.get((method, calibrated)) for method in ladder.methods]
+        if any(areas):
+            shown = [_NOT_RUN if area is None else f"{area.value:.3f}" for area in areas]
+            lines.append(f"| {title} | {' | '.join(shown)} |")
+    for rung in dict.fromkeys(rung for rung, _ in ladder.real):
+        cells = [_real(ladder, rung, method) for method in ladder.methods]
+        figure = next(r.figure for (name, _), r in ladder.real.items() if name == rung)
+        lines.append(f"| {escape_markdown(_titled(rung, figure))} | {' | '.join(cells)} |")
+    return "\n".join([*lines, "", _LEGEND, ""])
+
+
+def _step(ladder: Ladder, rung: str, method: str) -> str:
+    step = ladder.steps.get((rung, method))
+    if step is None:
+        return _NOT_RUN
+    if step.gain is None:
+        return f"{step.value.value:.3f}"
+    gain = f"{step.gain.value:+.3f}"
+    sure = step.gain.low > 0 or step.gain.high < 0
+    return f"{step.value.value:.3f} ({f'**{gain}**' if sure else gain})"
+
+
+def _real(ladder: Ladder, rung: str, method: str) -> str:
+    real = ladder.real.get((rung, method))
+    if real is None or real.value is None:
+        return _NOT_RUN
+    if real.calibrated is None:
+        return f"{real.value:.3g}"
+    return f"{real.value:.3g} ({real.calibrated - real.value:+.2g})"
+
+
+def _titled(rung: str, figure: str) -> str:
+    """A recorded set with the figure that ranks it and its unit."""
+    card = METHODS.metrics[figure]
+    unit = "" if card.unit == "1" else f" [{card.unit}]"
+    return printable(f"{rung}: {card.title}{unit}")
+
+
+def short(rung: str, rungs: Sequence[str]) -> str:
+    """A rung's name without what all names begin with, up to a hyphen."""
+    first = rung.split("-")[0] + "-"
+    common = len(rungs) > 1 and all(name.startswith(first) for name in rungs)
+    return rung.removeprefix(first) if common else rung
+
+
+def draw(ladder: Ladder) -> Figure:
+    """B lost on every rung, B against severity with the area under it, and the real sensors."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(PAGE, 2.2 + 0.19 * len(ladder.rungs)), layout="constrained")
+    figure.set_facecolor("white")
+    FigureCanvasAgg(figure)
+    sets = list(dict.fromkeys(rung for rung, _ in ladder.real))
+    below = [int(bool(ladder.severities)), *[1 for _ in sets]]
+    left, right = np.ravel(figure.subfigures(1, 2, squeeze=False, width_ratios=(1.45, 1)))
+    _draw_losses(left.subplots(), ladder)
+    panels = [right.subplots(max(sum(below), 1), 1, squeeze=False)[k, 0] for k in range(sum(below))]
+    if ladder.severities:
+        _draw_curves(panels[0], ladder)
+    for axes, rung in zip(panels[below[0] :], sets, strict=True):
+        _draw_real(axes, ladder, rung)
+    return figure
+
+
+def _draw_losses(axes: Axes, ladder: Ladder) -> None:
+    """A table in colours: rungs down, methods across, B written into each cell."""
+    shape = (len(ladder.rungs), len(ladder.methods))
+    value, loss = np.full(shape, np.nan), np.full(shape, np.nan)
+    for i, rung in enumerate(ladder.rungs):
+        for j, method in enumerate(ladder.methods):
+            step = ladder.steps.get((rung, method))
+            if step is not None:
+                value[i, j] = step.value.value
+                loss[i, j] = np.nan if step.loss is None else max(step.loss.value, 0.0)
+    most = float(np.nanmax([0.05, *loss.flat]))
+    shown = axes.imshow(loss, cmap="YlOrRd", aspect="auto", vmin=0, vmax=most)
+    for (i, j), number in np.ndenumerate(value):
+        if not math.isnan(number):
+            dark = loss[i, j] > 0.6 * most
+            axes.text(
+                j, i, f"{number:.2f}".removeprefix("0"), ha="center", va="center", fontsize=6,
+                color="white" if dark else "black",
+            )  # fmt: skip
+    names = [printable(method) for method in ladder.methods]
+    axes.set_xticks(range(shape[1]), names, rotation=60, ha="right")
+    axes.set_yticks(range(shape[0]), [printable(short(r, ladder.rungs)) for r in ladder.rungs])
+    axes.tick_params(length=0)
+    axes.spines[:].set_visible(False)
+    axes.set_title("B on each rung; colour: lost against the ideal sensor", loc="left")
+    axes.figure.colorbar(shown, ax=axes, location="bottom", shrink=0.5, aspect=30, label="B lost")
+
+
+def _draw_curves(axes: Axes, ladder: Ladder) -> None:
+    for k, method in enumerate(ladder.methods):
+        if (method, False) not in ladder.curves:
+            continue
+        axes.plot(
+            ladder.severities, ladder.curves[method, False], marker=marker(k), ms=3, lw=1,
+            color=COLOURS[k % len(COLOURS)], ls=DASHES[k // len(COLOURS) % len(DASHES)],
+            label=f"{printable(method)}  {ladder.areas[method, False].value:.3f}",
+        )  # fmt: skip
+    axes.set_xlabel("severity of all imperfections")
+    axes.set_ylabel("B")
+    axes.grid(alpha=0.3, lw=0.4)
+    axes.legend(
+        title="method, area under the curve", title_fontsize=6, fontsize=5.5, frameon=False,
+        loc="center left", bbox_to_anchor=(1.0, 0.5), handlelength=2.4,
+    )  # fmt: skip
+
+
+def _draw_real(axes: Axes, ladder: Ladder, rung: str) -> None:
+    """Nominal (filled) and calibrated (hollow) figures of one recorded set."""
+    of = [(m, ladder.real[rung, m]) for m in ladder.methods if (rung, m) in ladder.real]
+    for k, (_, real) in enumerate(of):
+        if real.value is not None:
+            axes.plot(k, real.value, "o", ms=4, color=COLOURS[0])
+        if real.calibrated is not None:
+            axes.plot(k, real.calibrated, "o", ms=6, mfc="none", color=COLOURS[1])
+    names = [printable(method) for method, _ in of]
+    axes.set_xticks(range(len(of)), names, rotation=60, ha="right", fontsize=6)
+    axes.set_title(_titled(rung, of[0][1].figure), loc="left")
+    axes.grid(axis="y", alpha=0.3, lw=0.4)
