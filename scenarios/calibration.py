@@ -48,6 +48,7 @@ NOISE = 3e-3
 and a good part of what a grid as coarse as the image makes wrong."""
 LINEARISATIONS, STEPS = 2, 3
 _LENGTHS = (1.0, 0.5, 0.25, 0.125)
+_EXPLAINED = 0.5
 _SILENT = 0.1  # an electrode whose values have so small a part of their nominal size has no contact
 _FARTHEST = 4.0  # standard deviations of a prior
 _OUTLYING = 6.0  # a misfit of so many median ones counts 0.6 of a small one, of twice as many 0.1
@@ -68,8 +69,8 @@ class Calibration:
         shifts: (E,) of every electrode along the rim [m].
         contacts: (E,) contact impedance of every electrode, as a multiple of the nominal one.
         untouched: (M,) mean of the frames that were used, in the board's units.
-        misfit_before, misfit_after: relative distance from `untouched` to the model's frame with
-            the common factor, nominal and calibrated.
+        misfit_before, misfit_after: median distance from a value of `untouched` to the model's,
+            relative to the rms of the frame; nominal and calibrated.
     """
 
     nominal_sensor: Sensor
@@ -82,9 +83,39 @@ class Calibration:
     misfit_before: float
     misfit_after: float
 
+    @property
+    def credible(self) -> bool:
+        """Whether it explains at least half of what the nominal sensor leaves unexplained.
+
+        Else there is nothing but noise to explain, or the sensor differs in other ways; frames are
+        then left as they are.
+        """
+        return self.misfit_after < _EXPLAINED * self.misfit_before
+
+    def describe(self) -> dict[str, object]:
+        """What was found as plain values, in the units of the attributes; shifts in mm."""
+        return {
+            "sensor": self.sensor.name,
+            "misfit_before": self.misfit_before,
+            "misfit_after": self.misfit_after,
+            "credible": self.credible,
+            "factor": self.factor,
+            "electrodes": [
+                {
+                    "electrode": k,
+                    "shift_mm": 1e3 * float(shift),
+                    "contact_impedance": float(contact),
+                }
+                for k, (shift, contact) in enumerate(zip(self.shifts, self.contacts, strict=True))
+            ],
+            "channels": [{"channel": k, "gain": float(gain)} for k, gain in enumerate(self.gains)],
+        }
+
     @cached_property
     def nominal(self) -> Array:
         """(M,): the untouched frame of the nominal sensor, in the board's units."""
+        if not self.credible:
+            return self.untouched
         model = forward_model(self.nominal_sensor)
         return np.asarray(self.factor * model.voltages(model.background))
 
@@ -100,6 +131,8 @@ class Calibration:
                 f"Frames of {self.sensor.name!r} need shape (n, {len(self.untouched)}), got "
                 f"{frames.shape}."
             )
+        if not self.credible:
+            return frames
         change = (frames - self.untouched) / self.gains[channels(self.sensor.pattern)[0]]
         return np.asarray(self.nominal + change + change @ self._seen_differently.T)
 
@@ -268,4 +301,4 @@ def _factor(values: Array, untouched: Array, weight: Array | None = None) -> flo
 
 def _misfit(values: Array, untouched: Array) -> float:
     residual = untouched - _factor(values, untouched) * values
-    return float(np.linalg.norm(residual) / np.linalg.norm(untouched))
+    return float(np.median(np.abs(residual)) / np.sqrt(np.mean(untouched**2)))

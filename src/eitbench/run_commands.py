@@ -132,8 +132,8 @@ def _show_run(result: "RunResult", as_json: bool, limit: int | None) -> None:
         typer.echo(sentence)
     typer.echo(f"Run: {result.path}")
     for path in figures:
-        if path.suffix == ".png":
-            typer.echo(f"Picture: {path}")
+        if path.suffix in (".png", ".md"):
+            typer.echo(f"{'Picture' if path.suffix == '.png' else 'Ladder'}: {path}")
 
 
 def _complete(run: Path) -> tuple[list[dict[str, Any]], list[Path]]:
