@@ -205,6 +205,8 @@ def _severities(rungs: Sequence[SimulatedScenario]) -> tuple[float, ...]:
 def _real(
     run: Run, scenarios: Sequence[RecordedScenario], twins: dict[str, str]
 ) -> dict[tuple[str, str], Real]:
+    if not scenarios:
+        return {}
     rows = {(row["scenario"], row["method"]): row for row in leaderboard_rows([run])}
     found = {}
     for scenario in scenarios:
