@@ -85,7 +85,7 @@ def test_a_rung_is_compared_with_its_calibrated_twin_alone() -> None:
 def test_areas_follow_the_trapezoidal_rule_over_the_span() -> None:
     ladder = read_ladder(made())
     assert ladder is not None
-    assert ladder.severities == (0, 1, 3)
+    assert list(ladder.severities) == [0, 1, 3]
     good = (0.5 * (0.9 + 0.7) * 1 + 0.5 * (0.7 + 0.3) * 2) / 3
     assert ladder.areas["good", False].value == pytest.approx(good, abs=1e-3)
     assert ladder.areas["poor", False].value == pytest.approx(0.5, abs=1e-3)

@@ -12,6 +12,7 @@ import pytest
 from eitbench.scenarios import load
 from eitbench.scenarios.catalogue import foam16
 from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.imperfections import Imperfections
 from eitbench.scenarios.phantoms.families import FAMILIES, PUBLISHED_FAMILIES
 from eitbench.scenarios.physics.forward import forward_model
 from eitbench.scenarios.recordings import RECORDED_SETS, RecordedSet, Recording, fetch
@@ -128,6 +129,8 @@ def changed(scenario: SimulatedScenario, field: str) -> SimulatedScenario:
         "validation": 11,
         "test": 21,
         "phantoms": "others",
+        "imperfections": Imperfections(gain=0.01),
+        "calibrated": True,
     }
     return SimulatedScenario(**{**SMALL, field: other[field]})
 

@@ -48,6 +48,7 @@ def simulated(suite: str) -> list[SimulatedScenario]:
 
 def test_packaged_suites_are_these() -> None:
     methods = {"quick", "paper", "paper-noise", "noise", "shapes", "presses", "recorded"}
+    methods |= {"sim2real"}
     assert set(suites()) == methods | {"operators"}
     for name in suites():
         assert load_suite(name).name == name
