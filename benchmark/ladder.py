@@ -77,12 +77,15 @@ class Ladder:
 
 def read_ladder(run: Run) -> Ladder | None:
     """The ladder of a run of methods; None if it has fewer than two rungs."""
+    declared = run.manifest["plan"]["suite"].get("scenarios", ())
+    if run.kind.name != "method" or not any(s.get("imperfections") for s in declared):
+        return None
     suite = Suite.model_validate(run.manifest["plan"]["suite"])
     present = set(run.scenarios())
     scenarios = [s for s in suite.scenarios if s.name in present]
     rungs = [s for s in scenarios if isinstance(s, SimulatedScenario) and s.imperfections]
     nominal = [s for s in rungs if not s.calibrated]
-    if len(nominal) < 2 or run.kind.name != "method":
+    if len(nominal) < 2:
         return None
     twins = {s.name: twin.name for s in scenarios if (twin := _twin(s, scenarios))}
     ideal = next((s.name for s in nominal if _is_ideal(s)), None)

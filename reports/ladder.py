@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import base64
+import io
 import math
 from typing import TYPE_CHECKING, Any
 
@@ -25,9 +27,9 @@ if TYPE_CHECKING:
     from eitbench.benchmark.statistics import Interval
 
 _NOT_RUN = "–"
-_LEGEND = (
+LEGEND = (
     "B: mean of SSIM, CC, 1 - RIE and PSNR between fixed ends, 0 to 1; in brackets what "
-    "calibration adds to it, bold where the 95 % interval over touches excludes 0. Area: under B "
+    "calibration adds to it, with ! where the 95 % interval over touches excludes 0. Area: under B "
     "over severity, divided by its span."
 )
 
@@ -41,15 +43,18 @@ def write_ladder(run: Path) -> list[Path]:
     Raises:
         InputError, DataCorruptError: the run cannot be read.
     """
+    ladder = read_ladder(read_run(run))
+    return [] if ladder is None else write_files(ladder, run, run / "figures", "ladder")
+
+
+def write_files(ladder: Ladder, tables: Path, figures: Path, stem: str) -> list[Path]:
+    """Write the tables of a ladder into one folder and its figure into another."""
     import matplotlib as mpl
 
-    ladder = read_ladder(read_run(run))
-    if ladder is None:
-        return []
-    written = [run / "ladder.md", run / "ladder.csv"]
+    written = [tables / f"{stem}.md", tables / f"{stem}.csv"]
     written[0].write_text(to_markdown(ladder), encoding="utf-8")
     to_table(ladder).to_csv(written[1], index=False, float_format="%.6g")
-    (run / "figures").mkdir(exist_ok=True)
+    figures.mkdir(exist_ok=True)
     with mpl.rc_context(STYLE):
         figure = draw(ladder)
         kinds: list[tuple[str, dict[str, Any]]] = [
@@ -58,9 +63,19 @@ def write_ladder(run: Path) -> list[Path]:
             ("svg", {"Date": None}),
         ]
         for suffix, metadata in kinds:
-            written.append(run / "figures" / f"ladder.{suffix}")
+            written.append(figures / f"{stem}.{suffix}")
             figure.savefig(written[-1], dpi=200, metadata=metadata)
     return written
+
+
+def to_png(ladder: Ladder) -> str:
+    """The figure as a `data:` address, for a page."""
+    import matplotlib as mpl
+
+    content = io.BytesIO()
+    with mpl.rc_context(STYLE):
+        draw(ladder).savefig(content, format="png", dpi=170)
+    return f"data:image/png;base64,{base64.b64encode(content.getvalue()).decode()}"
 
 
 def to_table(ladder: Ladder) -> pd.DataFrame:
@@ -102,21 +117,29 @@ def _ends(name: str, interval: Interval | None) -> dict[str, float]:
 
 def to_markdown(ladder: Ladder) -> str:
     """Rungs by methods: B, and in brackets what calibration adds."""
-    heads = ["rung", *map(escape_markdown, ladder.methods)]
-    lines = [f"| {' | '.join(heads)} |", "| --- |" + " ---: |" * len(ladder.methods)]
+    head, *rows = grid(ladder)
+    lines = [f"| {' | '.join(map(escape_markdown, head))} |"]
+    lines.append("| --- |" + " ---: |" * len(ladder.methods))
+    lines += [f"| {' | '.join(map(escape_markdown, row))} |" for row in rows]
+    return "\n".join([*lines, "", LEGEND, ""])
+
+
+def grid(ladder: Ladder) -> list[list[str]]:
+    """The table of a ladder as texts, its heads first."""
+    rows = [["rung", *map(printable, ladder.methods)]]
     for rung in ladder.rungs:
         cells = [_step(ladder, rung, method) for method in ladder.methods]
-        lines.append(f"| {escape_markdown(short(rung, ladder.rungs))} | {' | '.join(cells)} |")
-    for calibrated, title in ((False, "**area**"), (True, "**area**, calibrated")):
+        rows.append([printable(short(rung, ladder.rungs)), *cells])
+    for calibrated, title in ((False, "area"), (True, "area, calibrated")):
         areas = [ladder.areas.get((method, calibrated)) for method in ladder.methods]
         if any(areas):
             shown = [_NOT_RUN if area is None else f"{area.value:.3f}" for area in areas]
-            lines.append(f"| {title} | {' | '.join(shown)} |")
+            rows.append([title, *shown])
     for rung in dict.fromkeys(rung for rung, _ in ladder.real):
         cells = [_real(ladder, rung, method) for method in ladder.methods]
         figure = next(r.figure for (name, _), r in ladder.real.items() if name == rung)
-        lines.append(f"| {escape_markdown(_titled(rung, figure))} | {' | '.join(cells)} |")
-    return "\n".join([*lines, "", _LEGEND, ""])
+        rows.append([_titled(rung, figure), *cells])
+    return rows
 
 
 def _step(ladder: Ladder, rung: str, method: str) -> str:
@@ -125,9 +148,8 @@ def _step(ladder: Ladder, rung: str, method: str) -> str:
         return _NOT_RUN
     if step.gain is None:
         return f"{step.value.value:.3f}"
-    gain = f"{step.gain.value:+.3f}"
-    sure = step.gain.low > 0 or step.gain.high < 0
-    return f"{step.value.value:.3f} ({f'**{gain}**' if sure else gain})"
+    sure = "" if step.gain.low <= 0 <= step.gain.high else "!"
+    return f"{step.value.value:.3f} ({step.gain.value:+.3f}{sure})"
 
 
 def _real(ladder: Ladder, rung: str, method: str) -> str:

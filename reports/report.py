@@ -14,12 +14,14 @@ from markupsafe import Markup
 
 from eitbench import __version__
 from eitbench.benchmark import EitbenchError
+from eitbench.benchmark.ladder import Ladder, read_ladder
 from eitbench.benchmark.metrics import ANCHORS
-from eitbench.benchmark.results import is_whole
+from eitbench.benchmark.results import is_whole, read_run
 from eitbench.benchmark.standings import SIGNIFICANT
 from eitbench.reports.columns import layout, printable
 from eitbench.reports.gathered import Gathered, gather
 from eitbench.reports.images import pack
+from eitbench.reports.ladder import LEGEND, grid, to_png, write_files
 from eitbench.reports.paper import write_paper
 
 PAGE = "index.html"
@@ -36,19 +38,30 @@ def write_report(runs: Sequence[Path], out: Path) -> list[Path]:
         EitbenchError: the files cannot be written.
     """
     found = gather(runs)
+    ladders = _ladders(runs)
     try:
         out.mkdir(parents=True, exist_ok=True)
         written = [out / PAGE, out / DATA]
-        written[0].write_text(to_page(found), encoding="utf-8")
+        written[0].write_text(to_page(found, list(ladders.values())), encoding="utf-8")
         written[1].write_text(json.dumps(found, allow_nan=False) + "\n", encoding="utf-8")
         written += write_paper(found, out)
+        for stem, ladder in ladders.items():
+            written += write_files(ladder, out / "tables", out / "figures", stem)
     except OSError as error:
         raise EitbenchError(f"Could not write the report into {out}: {error.strerror}.") from error
     return written
 
 
-def to_page(found: Gathered) -> str:
-    """The page of what was gathered."""
+def _ladders(runs: Sequence[Path]) -> dict[str, Ladder]:
+    """The ladders of run directories, by the stem of their files."""
+    read = [(run, read_ladder(read_run(run))) for run in runs]
+    found = [(run, ladder) for run, ladder in read if ladder is not None]
+    stems = ["ladder" if len(found) == 1 else f"ladder-{run.name}" for run, _ in found]
+    return {stem: ladder for stem, (_, ladder) in zip(stems, found, strict=True)}
+
+
+def to_page(found: Gathered, ladders: Sequence[Ladder] = ()) -> str:
+    """The page of what was gathered, and of the ladders from simulation to reality among it."""
     suites = dict.fromkeys(board["suite"] for board in found["boards"])
     shown = {
         key: value
@@ -63,6 +76,8 @@ def to_page(found: Gathered) -> str:
             title=" and ".join(map(printable, suites)) or "No results",
             made=time.strftime("%Y-%m-%d"),
             version=__version__,
+            ladders=[{"grid": grid(ladder), "figure": to_png(ladder)} for ladder in ladders],
+            ladder_legend=LEGEND,
             answers=[answer(board) for board in found["boards"]],
             anchors=", ".join(
                 f"{name.upper()} {low:g} and {high:g}" for name, (low, high) in ANCHORS.items()
