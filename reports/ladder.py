@@ -29,8 +29,8 @@ if TYPE_CHECKING:
 _NOT_RUN = "–"
 LEGEND = (
     "B: mean of SSIM, CC, 1 - RIE and PSNR between fixed ends, 0 to 1; in brackets what "
-    "calibration adds to it, with ! where the 95 % interval over touches excludes 0. Area: under B "
-    "over severity, divided by its span."
+    "calibration adds, with ! where the 95 % interval over touches excludes 0. Area: under B "
+    "over severity, divided by its span. Real sensors: what ranks them, and calibrated (circles)."
 )
 
 
@@ -176,29 +176,33 @@ def short(rung: str, rungs: Sequence[str]) -> str:
 
 
 def draw(ladder: Ladder) -> Figure:
-    """B lost on every rung, B against severity with the area under it, and the real sensors."""
+    """B on every rung with the area under it, B against severity, and the real sensors."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(PAGE, 2.2 + 0.19 * len(ladder.rungs)), layout="constrained")
+    figure = Figure(figsize=(PAGE, 2.4 + 0.19 * len(ladder.rungs)), layout="constrained")
     figure.set_facecolor("white")
     FigureCanvasAgg(figure)
     sets = list(dict.fromkeys(rung for rung, _ in ladder.real))
-    below = [int(bool(ladder.severities)), *[1 for _ in sets]]
-    left, right = np.ravel(figure.subfigures(1, 2, squeeze=False, width_ratios=(1.45, 1)))
+    if not ladder.severities and not sets:
+        _draw_losses(figure.subplots(), ladder)
+        return figure
+    left, right = np.ravel(figure.subfigures(1, 2, squeeze=False, width_ratios=(1.5, 1)))
     _draw_losses(left.subplots(), ladder)
-    panels = [right.subplots(max(sum(below), 1), 1, squeeze=False)[k, 0] for k in range(sum(below))]
+    heights = [2.6] * bool(ladder.severities) + [1.0] * len(sets)
+    panels = right.subplots(len(heights), 1, squeeze=False, height_ratios=heights)[:, 0]
     if ladder.severities:
         _draw_curves(panels[0], ladder)
-    for axes, rung in zip(panels[below[0] :], sets, strict=True):
-        _draw_real(axes, ladder, rung)
+    for axes, rung in zip(panels[len(panels) - len(sets) :], sets, strict=True):
+        _draw_real(axes, ladder, rung, named=rung == sets[-1])
     return figure
 
 
 def _draw_losses(axes: Axes, ladder: Ladder) -> None:
-    """A table in colours: rungs down, methods across, B written into each cell."""
-    shape = (len(ladder.rungs), len(ladder.methods))
-    value, loss = np.full(shape, np.nan), np.full(shape, np.nan)
+    """A table in colours: rungs and areas down, methods across, B written into each cell."""
+    rows = [printable(short(rung, ladder.rungs)) for rung in ladder.rungs]
+    value = np.full((len(rows), len(ladder.methods)), np.nan)
+    loss = value.copy()
     for i, rung in enumerate(ladder.rungs):
         for j, method in enumerate(ladder.methods):
             step = ladder.steps.get((rung, method))
@@ -206,17 +210,22 @@ def _draw_losses(axes: Axes, ladder: Ladder) -> None:
                 value[i, j] = step.value.value
                 loss[i, j] = np.nan if step.loss is None else max(step.loss.value, 0.0)
     most = float(np.nanmax([0.05, *loss.flat]))
+    for calibrated, title in ((False, "area under severity"), (True, "the same, calibrated")):
+        areas = [ladder.areas.get((method, calibrated)) for method in ladder.methods]
+        if any(areas):
+            rows.append(title)
+            value = np.vstack([value, [np.nan if a is None else a.value for a in areas]])
+            loss = np.vstack([loss, np.full(len(areas), np.nan)])
     shown = axes.imshow(loss, cmap="YlOrRd", aspect="auto", vmin=0, vmax=most)
     for (i, j), number in np.ndenumerate(value):
         if not math.isnan(number):
-            dark = loss[i, j] > 0.6 * most
             axes.text(
                 j, i, f"{number:.2f}".removeprefix("0"), ha="center", va="center", fontsize=6,
-                color="white" if dark else "black",
+                color="white" if loss[i, j] > 0.6 * most else "black",
             )  # fmt: skip
     names = [printable(method) for method in ladder.methods]
-    axes.set_xticks(range(shape[1]), names, rotation=60, ha="right")
-    axes.set_yticks(range(shape[0]), [printable(short(r, ladder.rungs)) for r in ladder.rungs])
+    axes.set_xticks(range(len(names)), names, rotation=60, ha="right", rotation_mode="anchor")
+    axes.set_yticks(range(len(rows)), rows)
     axes.tick_params(length=0)
     axes.spines[:].set_visible(False)
     axes.set_title("B on each rung; colour: lost against the ideal sensor", loc="left")
@@ -225,31 +234,32 @@ def _draw_losses(axes: Axes, ladder: Ladder) -> None:
 
 def _draw_curves(axes: Axes, ladder: Ladder) -> None:
     for k, method in enumerate(ladder.methods):
-        if (method, False) not in ladder.curves:
-            continue
-        axes.plot(
-            ladder.severities, ladder.curves[method, False], marker=marker(k), ms=3, lw=1,
-            color=COLOURS[k % len(COLOURS)], ls=DASHES[k // len(COLOURS) % len(DASHES)],
-            label=f"{printable(method)}  {ladder.areas[method, False].value:.3f}",
-        )  # fmt: skip
+        if (method, False) in ladder.curves:
+            axes.plot(
+                ladder.severities, ladder.curves[method, False], marker=marker(k), ms=3, lw=1,
+                color=COLOURS[k % len(COLOURS)], ls=DASHES[k // len(COLOURS) % len(DASHES)],
+                label=printable(method),
+            )  # fmt: skip
     axes.set_xlabel("severity of all imperfections")
     axes.set_ylabel("B")
     axes.grid(alpha=0.3, lw=0.4)
     axes.legend(
-        title="method, area under the curve", title_fontsize=6, fontsize=5.5, frameon=False,
-        loc="center left", bbox_to_anchor=(1.0, 0.5), handlelength=2.4,
+        fontsize=5.5, frameon=False, ncols=2, loc="lower center", bbox_to_anchor=(0.5, 1.0),
+        handlelength=2.4, labelspacing=0.25, columnspacing=1,
     )  # fmt: skip
 
 
-def _draw_real(axes: Axes, ladder: Ladder, rung: str) -> None:
-    """Nominal (filled) and calibrated (hollow) figures of one recorded set."""
-    of = [(m, ladder.real[rung, m]) for m in ladder.methods if (rung, m) in ladder.real]
-    for k, (_, real) in enumerate(of):
-        if real.value is not None:
-            axes.plot(k, real.value, "o", ms=4, color=COLOURS[0])
-        if real.calibrated is not None:
+def _draw_real(axes: Axes, ladder: Ladder, rung: str, *, named: bool) -> None:
+    """Nominal (filled) and calibrated (open) figures of one recorded set; `named` below it."""
+    for k, method in enumerate(ladder.methods):
+        real = ladder.real.get((rung, method))
+        if real is not None and real.value is not None:
+            axes.plot(k, real.value, "o", ms=3.5, color=COLOURS[0])
+        if real is not None and real.calibrated is not None:
             axes.plot(k, real.calibrated, "o", ms=6, mfc="none", color=COLOURS[1])
-    names = [printable(method) for method, _ in of]
-    axes.set_xticks(range(len(of)), names, rotation=60, ha="right", fontsize=6)
-    axes.set_title(_titled(rung, of[0][1].figure), loc="left")
-    axes.grid(axis="y", alpha=0.3, lw=0.4)
+    figure = next(real.figure for (name, _), real in ladder.real.items() if name == rung)
+    names = [printable(method) if named else "" for method in ladder.methods]
+    axes.set_xticks(range(len(names)), names, rotation=60, ha="right", rotation_mode="anchor")
+    axes.tick_params(axis="x", labelsize=6)
+    axes.set_title(_titled(rung, figure), loc="left")
+    axes.grid(alpha=0.3, lw=0.4)
