@@ -1,7 +1,6 @@
 """Serial ports: which there are, who may use them, and who has them."""
 
 import errno
-import grp
 import os
 from pathlib import Path
 
@@ -15,13 +14,9 @@ def ports() -> list[str]:
     """The serial ports of this machine, such as "/dev/ttyACM0 (Teensyduino)"."""
     found = sorted(list_ports.comports(), key=lambda port: port.device)
     return [
-        port.device if port.description in ("n/a", port.device) else _described(port)
+        port.device + (f" ({port.description})" if port.description not in (None, "n/a") else "")
         for port in found
     ]
-
-
-def _described(port: "list_ports.ListPortInfo") -> str:
-    return f"{port.device} ({port.description})"
 
 
 def existing() -> str:
@@ -66,6 +61,8 @@ def refused(port: str, error: OSError) -> BoardError:
 
 def forbidden(port: str) -> BoardError:
     """The error of a port that the user may not use; it names the group that may."""
+    import grp  # only POSIX has groups
+
     stat = Path(port).stat()
     if stat.st_mode & 0o060 != 0o060:
         return BoardError(
@@ -98,7 +95,7 @@ def holders(port: str) -> list[str]:
         if process.name == str(os.getpid()):
             continue
         try:
-            opened = {os.readlink(link) for link in (process / "fd").iterdir()}
+            opened = {str(link.readlink()) for link in (process / "fd").iterdir()}
             if device in opened:
                 name = (process / "comm").read_text().strip()
                 found.append(f"{name} (process {process.name})")

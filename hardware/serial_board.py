@@ -26,6 +26,8 @@ _ANSWER_S = 1.0  # a board answers a command within this time
 class SerialBoard(Board):
     """A board that speaks `protocol` on the serial port `port`.
 
+    A wait is up to 20 ms longer than asked for, as this is how long the port is listened to.
+
     Raises:
         InputError: boards of this kind cannot measure the sensor's pattern.
     """
@@ -37,8 +39,10 @@ class SerialBoard(Board):
         self.port = port
         self.protocol.check(sensor)
         self._serial: serial.Serial | None = None
+        self._started = False
 
     def open(self) -> None:
+        """Take hold of the port."""
         ports.check(self.port)
         self._parser = self.protocol(self.sensor)
         self.health = self._parser.health
@@ -55,6 +59,7 @@ class SerialBoard(Board):
             raise ports.refused(self.port, error) from error
 
     def start(self) -> None:
+        """Tell the board to measure, after what it was doing before."""
         for command in self._parser.stopping():
             self._send(command)
             self._answer()
@@ -63,24 +68,31 @@ class SerialBoard(Board):
             self._send(command)
             if self._parser.awaits_answers:
                 self._check(command, self._answer())
+        self._started = True
 
     def frames(self, wait_s: float) -> list[Frame]:
+        """The frames that have arrived since the last call."""
         end = time.monotonic() + wait_s
         while True:
             data = self._read()
-            frames = self._parser.feed(data, time.monotonic())
-            if frames:
-                self._forget()
-                return frames
-            self._judge(data)
+            if self._started:  # some boards send all the time
+                frames = self._parser.feed(data, time.monotonic())
+                if frames:
+                    self._forget()
+                    return frames
+                self._judge(data)
             if time.monotonic() >= end:
                 return []
 
     def stop(self) -> None:
+        """Tell the board to pause; what it sends nevertheless is not read."""
         for command in self._parser.stopping():
             self._send(command)
+        self._started = False
 
     def close(self) -> None:
+        """Let go of the port."""
+        self._started = False
         if self._serial is not None:
             self._serial.close()
             self._serial = None

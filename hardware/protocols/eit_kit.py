@@ -27,7 +27,7 @@ def driven(n_electrodes: int, offset: int) -> NDArray[np.bool_]:
     """(n, n): the entries whose pair shares an electrode with the drive pair."""
     i, j = np.indices((n_electrodes, n_electrodes))
     apart = (j - i) % n_electrodes
-    return (apart == 0) | (apart == offset) | (apart == n_electrodes - offset)
+    return np.isin(apart, [0, offset, n_electrodes - offset])
 
 
 def offset_of(sensor: Sensor) -> int | None:
@@ -69,6 +69,7 @@ class EitKit(LineProtocol):
 
     @classmethod
     def check(cls, sensor: Sensor) -> None:
+        """Refuse a sensor with other pairs than (i, i + k), or with driven ones."""
         table = sensor.pattern.table
         offset = offset_of(sensor)
         if offset is None or driven(sensor.n_electrodes, offset)[table[:, 0], table[:, 2]].any():

@@ -22,6 +22,7 @@ class LineProtocol(Protocol):
         self._rest = bytearray()
 
     def feed(self, data: bytes, received_s: float) -> list[Frame]:
+        """The frames in the lines that `data` completes."""
         self._rest += data
         frames = []
         if b"\n" in data:

@@ -39,7 +39,10 @@ class _OpenEitDevice(Device):
         if self._electrodes <= self.sensor.n_electrodes:
             sent[:] = np.abs(values[: len(sent)]) / _UNIT
         tenths = np.rint(sent * 1e4).astype(np.int64)
-        text = "".join(f"{whole:8d}.{rest:04d}," for whole, rest in zip(*np.divmod(tenths, 10_000), strict=True))
+        text = "".join(
+            f"{whole:8d}.{rest:04d},"
+            for whole, rest in zip(*np.divmod(tenths, 10_000), strict=True)
+        )
         return MARK + text.encode() + b"\r\n"
 
 
@@ -54,6 +57,7 @@ class OpenEit(LineProtocol):
 
     @classmethod
     def check(cls, sensor: Sensor) -> None:
+        """Refuse a sensor with another pattern than opposition."""
         n = sensor.n_electrodes
         if n not in MODES or not (
             sensor.pattern.magnitudes
@@ -66,6 +70,7 @@ class OpenEit(LineProtocol):
             )
 
     def starting(self) -> Sequence[bytes]:
+        """The letter of the sensor's number of electrodes."""
         return (MODES[self.sensor.n_electrodes] + b"\n",)
 
     def _values(self, line: bytes) -> Array | None:

@@ -57,7 +57,7 @@ class Protocol(ABC):
         self._refused = 0
 
     @classmethod
-    def check(cls, sensor: Sensor) -> None:
+    def check(cls, sensor: Sensor) -> None:  # noqa: B027 - some measure any
         """Refuse a sensor whose pattern boards of this kind cannot measure.
 
         Raises:

@@ -120,6 +120,7 @@ class Sciospec(Protocol):
 
     @classmethod
     def check(cls, sensor: Sensor) -> None:
+        """Refuse a sensor with more electrodes than channels."""
         if sensor.n_electrodes > CHANNELS:
             raise InputError(
                 f"Sensor {sensor.name!r} has {sensor.n_electrodes} electrodes, and board "
@@ -127,12 +128,15 @@ class Sciospec(Protocol):
             )
 
     def starting(self) -> Sequence[bytes]:
+        """The injections of the pattern, and the start."""
         return [*(_pair(*drive) for drive in self._drives), START]
 
     def stopping(self) -> Sequence[bytes]:
+        """The stop."""
         return (STOP,)
 
     def feed(self, data: bytes, received_s: float) -> list[Frame]:
+        """The frames whose last result frame is in `data`."""
         results = [self._set]
         for raw in self._scanner.feed(data):
             if raw[0] == _RESULT:

@@ -73,12 +73,15 @@ class Teensy(Protocol):
         self._not_finite = 0
 
     def starting(self) -> Sequence[bytes]:
+        """The line that starts it."""
         return (START,)
 
     def stopping(self) -> Sequence[bytes]:
+        """The line that stops it."""
         return (STOP,)
 
     def feed(self, data: bytes, received_s: float) -> list[Frame]:
+        """The frames that `data` completes."""
         frames = []
         for raw in self._scanner.feed(data):
             frame = self._decode(raw, received_s)
