@@ -82,53 +82,54 @@ class EitKit(LineProtocol):
         origin, frame = line.rfind(ORIGIN), line.rfind(FRAME)
         marked = max(origin, frame)
         if marked >= 0:
-            found = numbers(line[line.index(b",", marked) + 1 :])
+            text = line[line.index(b",", marked) + 1 :]
         else:
             # Free text may stand before the first number.
-            found = numbers(line[len(line.rstrip(NUMBERS)) :])
-        matrix = self._matrix(found)
+            text = line[len(line.rstrip(NUMBERS)) :]
+        values = numbers(text)
+        matrix = self._matrix(values)
         if matrix is None:
-            self.health.damaged += marked >= 0 or len(found) > self._n**2 // 2
-        elif not origin > frame:
+            matrix = self._matrix(self._last(line))
+        if matrix is None:
+            self._look_into(values)
+            self.health.damaged += marked >= 0 or line.count(b",") > self._n**2 // 2
+        elif origin <= frame:
             table = self.sensor.pattern.table
             return matrix[table[:, 0], table[:, 2]]
         return None
 
     def _matrix(self, values: Array) -> Array | None:
-        """The matrix (n, n) at the end of a line's `values`; None if there is none."""
-        n, side = self._n, math.isqrt(len(values))
-        if side != n and side**2 == len(values) and side >= _LEAST:
-            other = values.reshape(side, side)
-            if any(_matches(other, k) for k in _offsets(side)):
-                self._refuse(
-                    f"The board measures with {side} electrodes where sensor "
-                    f"{self.sensor.name!r} has {n}: choose the sensor that is on it."
-                )
-                return None
-        if len(values) < n**2:
+        """The matrix (n, n) of `values`; None if they are not as many, or not 0 on driven pairs."""
+        if len(values) != self._n**2:
             return None
-        matrix = values[-(n**2) :].reshape(n, n)
-        if (matrix[self._zeros] == 0).all():
-            return matrix
-        for offset in _offsets(n):
-            if _matches(matrix, offset):
-                self._refuse(
-                    f"The board's zeros are those of offset {offset} where sensor "
-                    f"{self.sensor.name!r} has offset {offset_of(self.sensor)}: choose the sensor "
-                    "that is on it, or set the board to its offset."
-                )
-        return None
+        matrix = values.reshape(self._n, self._n)
+        matrix[0, 0] = 0.0  # as it is measured; what stood before may have been read with it
+        return matrix if (matrix[self._zeros] == 0).all() else None
+
+    def _last(self, line: bytes) -> Array:
+        """The last n x n numbers of a `line`, whatever stands before them."""
+        texts = line.rstrip(b", \t").rsplit(b",", self._n**2 - 1)
+        if len(texts) < self._n**2:
+            return np.empty(0)
+        return np.concatenate([[0.0], numbers(b",".join(texts[1:]))])
+
+    def _look_into(self, values: Array) -> None:
+        """Say so if `values` are a matrix of another number of electrodes, or another offset."""
+        n, side = self._n, math.isqrt(len(values))
+        if side**2 != len(values) or side < min(n, _LEAST):
+            return
+        zero = values.reshape(side, side) == 0
+        # k and n - k have the same zeros.
+        offset = next((k for k in range(1, side // 2 + 1) if zero[driven(side, k)].all()), None)
+        if offset is None:
+            return
+        self._refuse(
+            f"The board measures with {side} electrodes and offset {offset} where sensor "
+            f"{self.sensor.name!r} has {n} and {offset_of(self.sensor)}: choose the sensor that is "
+            "on it, or set the board to its offset."
+        )
 
     @classmethod
     def recognises(cls, data: bytes) -> bool:
         """A mark, or many numbers with 4 decimals."""
         return re.search(rb"ORIGIN_DATA,|FRAME_DATA,|(?:-?\d+\.\d{4}, ?){32}", data) is not None
-
-
-def _offsets(n_electrodes: int) -> range:
-    """Offsets that the zeros tell apart: k and n - k have the same."""
-    return range(1, n_electrodes // 2 + 1)
-
-
-def _matches(matrix: Array, offset: int) -> bool:
-    return bool((matrix[driven(len(matrix), offset)] == 0).all())

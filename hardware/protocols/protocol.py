@@ -57,7 +57,8 @@ class Protocol(ABC):
         self._refused = 0
 
     @classmethod
-    def check(cls, sensor: Sensor) -> None:  # noqa: B027 - some measure any
+    @abstractmethod
+    def check(cls, sensor: Sensor) -> None:
         """Refuse a sensor whose pattern boards of this kind cannot measure.
 
         Raises:
@@ -100,10 +101,6 @@ class Protocol(ABC):
         self._refused += 1
         if self._refused >= PATIENCE:
             self.refusal = sentence
-
-    def _own_number(self) -> int:
-        """The next frame's number where the board sends none: damaged ones leave a gap."""
-        return self.health.frames + self.health.damaged
 
 
 class Device(ABC):

@@ -117,6 +117,7 @@ class Sciospec(Protocol):
             self._injection[src + 1, sink + 1] = k
         self._scanner = Scanner(_STARTS, _judge)
         self._set = np.empty((0, RESULT_BYTES), np.uint8)  # of the frame that is being completed
+        self._number = 0
 
     @classmethod
     def check(cls, sensor: Sensor) -> None:
@@ -154,7 +155,9 @@ class Sciospec(Protocol):
     def _frames(self, rows: NDArray[np.uint8], received_s: float) -> list[Frame]:
         """The frames that result frames `rows` (k, 140) make; what is left over is kept."""
         found = self._injection[rows[:, _SOURCE], rows[:, _SOURCE + 1]]
-        whole, at, n = [], 0, len(self._drives)
+        at, n = 0, len(self._drives)
+        whole: list[int] = []
+        numbers: list[int] = []
         while True:
             wanted = self._order[: len(found) - at]
             wrong = np.flatnonzero(found[at : at + n] != wanted)
@@ -162,32 +165,37 @@ class Sciospec(Protocol):
                 # What began here is no frame; the next one begins with the first injection.
                 at += max(int(wrong[0]), 1)
                 self.health.damaged += int(wrong[0] > 0)
+                self._number += int(wrong[0] > 0)
                 at += int(np.argmax(np.append(found[at:], 0) == 0))
             elif len(wanted) < n:
                 break
             else:
                 whole.append(at)
+                numbers.append(self._number)
+                self._number += 1
                 at += n
         self._set = rows[at:].copy()
         if not whole:
             return []
         sets = rows[np.add.outer(np.array(whole), self._order)]
-        return self._measured(sets, received_s)
+        return self._measured(sets, numbers, received_s)
 
-    def _measured(self, sets: NDArray[np.uint8], received_s: float) -> list[Frame]:
+    def _measured(
+        self, sets: NDArray[np.uint8], numbers: list[int], received_s: float
+    ) -> list[Frame]:
         """Frames from the result frames (k, injections, 140) of every injection."""
         pairs = np.ascontiguousarray(sets[..., _VALUES]).view(">f4").astype(np.float64)
         potentials = pairs[..., 0::2] + 1j * pairs[..., 1::2]
         values = in_phase_differences(potentials, self._drives, self.sensor.pattern)
         stamps = np.ascontiguousarray(sets[:, -1, _TIME]).view(">u4")[:, 0] * 1e-3
         frames = []
-        for frame, stamp in zip(values, stamps.tolist(), strict=True):
+        for frame, number, stamp in zip(values, numbers, stamps.tolist(), strict=True):
             if not np.isfinite(frame).all():
                 self.health.damaged += 1
                 continue
             # Instruments that stamp nothing send 0.
             time_s = stamp or received_s
-            frames.append(self._frame(self._own_number(), time_s, received_s, frame))
+            frames.append(self._frame(number, time_s, received_s, frame))
         return frames
 
     @classmethod

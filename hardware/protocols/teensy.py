@@ -10,6 +10,7 @@ import numpy as np
 from eitbench.hardware.board import Frame
 from eitbench.hardware.protocols.framing import Scanner
 from eitbench.hardware.protocols.protocol import Array, Commands, Device, Protocol
+from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.patterns import DrivePattern
 from eitbench.scenarios.sensors import Sensor
 
@@ -71,6 +72,15 @@ class Teensy(Protocol):
         self._last: int | None = None
         self._scanner = Scanner(re.compile(re.escape(SYNC)), _judge)
         self._not_finite = 0
+
+    @classmethod
+    def check(cls, sensor: Sensor) -> None:
+        """Refuse a sensor with more values than a frame can have."""
+        if sensor.n_measurements > MAX_VALUES:
+            raise InputError(
+                f"Board {cls.name!r} sends at most {MAX_VALUES} values a frame, and sensor "
+                f"{sensor.name!r} has {sensor.n_measurements}: choose another sensor."
+            )
 
     def starting(self) -> Sequence[bytes]:
         """The line that starts it."""
