@@ -8,6 +8,7 @@ maker's program; the first frequency is used, and values are volts (not per ampe
 
 import re
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,9 +38,14 @@ def drives(sensor: Sensor) -> Drives:
     return list(dict.fromkeys((src, sink) for src, sink, _, _ in sensor.pattern.table.tolist()))
 
 
+def _ends(src: int, sink: int) -> bytes:
+    """The electrodes of an injection, as messages number them."""
+    return bytes([src + 1, sink + 1])
+
+
 def _pair(src: int, sink: int) -> bytes:
     """The command that adds an injection."""
-    return bytes([0xB0, 0x03, 0x06, src + 1, sink + 1, 0xB0])
+    return b"\xb0\x03\x06" + _ends(src, sink) + b"\xb0"
 
 
 class _SciospecDevice(Device):
@@ -75,7 +81,7 @@ class _SciospecDevice(Device):
     def _command(self, message: bytes) -> bool:
         if message in (START, STOP):
             self.running = message == START
-        elif len(message) == 6 and message[:3] == _pair(0, 1)[:3]:
+        elif len(message) == 6 and message[:3] == _pair(0, 0)[:3]:
             drive = (message[3] - 1, message[4] - 1)
             if drive not in self._inverses:
                 return False
@@ -92,7 +98,7 @@ class _SciospecDevice(Device):
             rows, inverse = self._inverses[src, sink]
             potentials = np.zeros((CHANNELS, 2), ">f4")
             potentials[:, 0] = inverse @ values[rows]
-            head = _HEAD + bytes([src + 1, sink + 1, 0, 0]) + stamp
+            head = _HEAD + _ends(src, sink) + b"\0\0" + stamp
             messages.append(head + potentials.tobytes() + bytes([_RESULT]))
         return b"".join(messages)
 
@@ -115,7 +121,7 @@ class Sciospec(Protocol):
         self._injection = np.full((256, 256), -1)
         for k, (src, sink) in enumerate(self._drives):
             self._injection[src + 1, sink + 1] = k
-        self._scanner = Scanner(_STARTS, _judge)
+        self._scanner = Scanner(_STARTS, partial(_judge, last=_ends(*self._drives[-1])))
         self._set = np.empty((0, RESULT_BYTES), np.uint8)  # of the frame that is being completed
         self._number = 0
 
@@ -205,11 +211,12 @@ class Sciospec(Protocol):
         return re.search(rb"(?:" + result + rb"){2}", data) is not None
 
 
-def _judge(buffer: bytearray, at: int) -> int | None:
+def _judge(buffer: bytearray, at: int, last: bytes) -> int | None:
     """Bytes of the message at `at`, or of a row of result frames, which confirm each other.
 
-    A single result frame has no checksum: one that was cut short may end on a tag by chance,
-    inside the next. So it counts if a tag follows, else only if none begins inside it.
+    A single result frame has no checksum: one that was cut short may end on a tag by chance, inside
+    the next or with its first byte. So it counts if a tag follows, else only if none begins inside
+    it. Behind it more bytes must come, unless it is of the `last` injection.
     """
     if buffer[at] != _RESULT:
         if at + len(ACKNOWLEDGED) > len(buffer):
@@ -224,19 +231,20 @@ def _judge(buffer: bytearray, at: int) -> int | None:
     length = RESULT_BYTES * (count if good.all() else int(np.argmin(good)))
     if length > RESULT_BYTES:
         return length - RESULT_BYTES  # the last is judged on its own, then
-    return length and _confirmed(buffer, at, at + length)
-
-
-def _confirmed(buffer: bytearray, at: int, end: int) -> int | None:
-    """Length of the single result frame from `at` to `end`; 0 or None as in `_judge`."""
-    if bytes(buffer[end : end + 2]) in (_HEAD[:2], ACKNOWLEDGED[:2]):
-        return RESULT_BYTES
-    inside = buffer.find(_HEAD, at + 1, end)
+    if length == 0:
+        return 0
+    end = at + length
+    following = bytes(buffer[end : end + 2])
+    if not following and buffer[at + _SOURCE : at + _SOURCE + 2] != last:
+        return None
+    if following in (_HEAD[:2], ACKNOWLEDGED[:2]):
+        return length
+    inside = buffer.find(_HEAD, at + 1, end + len(_HEAD) - 1)
     while inside >= 0:
-        last = inside + RESULT_BYTES - 1
-        if last >= len(buffer):
+        closing = inside + RESULT_BYTES - 1
+        if closing >= len(buffer):
             return None
-        if buffer[last] == _RESULT:
+        if buffer[closing] == _RESULT:
             return 0
-        inside = buffer.find(_HEAD, inside + 1, end)
-    return RESULT_BYTES
+        inside = buffer.find(_HEAD, inside + 1, end + len(_HEAD) - 1)
+    return length

@@ -71,9 +71,7 @@ def serve() -> Iterator[Callable[..., BoardServer]]:
     """Switch on a board whose frames are all the same; it is switched off after the test."""
     servers = []
 
-    def switch_on(
-        name: str, rate_hz: float = 10.0, nominal: Sensor | None = None
-    ) -> BoardServer:
+    def switch_on(name: str, rate_hz: float = 10.0, nominal: Sensor | None = None) -> BoardServer:
         chosen = nominal or sensor(PROTOCOLS[name].default_sensor)
         values = make_stream(name, 1, chosen).values[0]
         server = BoardServer(PROTOCOLS[name], chosen, lambda time_s: values, rate_hz)

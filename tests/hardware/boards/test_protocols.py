@@ -293,9 +293,7 @@ def test_real_bytes_give_the_voltages_of_the_recorded_set(drive: str, recorded_d
     st.sampled_from([",", ", ", " ,\t", ",      "]),
     st.sampled_from(["", ",", ", "]),
 )
-def test_numbers_are_those_that_python_reads(
-    values: list[Any], separator: str, end: str
-) -> None:
+def test_numbers_are_those_that_python_reads(values: list[Any], separator: str, end: str) -> None:
     text = separator.join(map(str, values)) + end
     np.testing.assert_array_equal(numbers(text.encode()), [float(v) for v in values])
 
