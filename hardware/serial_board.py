@@ -20,6 +20,7 @@ _POLL_S = 0.02  # a read waits no longer, so that `frames` keeps to its time
 _CHUNK = 1 << 16  # bytes that are read at once
 _REMEMBERED = 1 << 15  # bytes since the last frame that a diagnosis looks at
 _PATIENCE_S = 3.0  # a board that sends no frame for so long, though bytes, is looked at
+_LISTEN_S = 0.5  # as long as it is listened to at another rate
 _ANSWER_S = 1.0  # a board answers a command within this time
 
 
@@ -37,9 +38,10 @@ class SerialBoard(Board):
     def __init__(self, sensor: Sensor, port: str) -> None:
         super().__init__(sensor)
         self.port = port
-        self.protocol.check(sensor)
+        self._parser = self.protocol(sensor)
         self._serial: serial.Serial | None = None
         self._started = False
+        self._forget()
 
     def open(self) -> None:
         """Take hold of the port."""
@@ -63,7 +65,10 @@ class SerialBoard(Board):
         for command in self._parser.stopping():
             self._send(command)
             self._answer()
-        self._line.reset_input_buffer()
+        try:
+            self._line.reset_input_buffer()
+        except OSError as error:
+            raise self._lost(error) from error
         for command in self._parser.starting():
             self._send(command)
             if self._parser.awaits_answers:
@@ -146,7 +151,7 @@ class SerialBoard(Board):
     def _check(self, command: bytes, obeyed: bool | None) -> None:
         if obeyed is None:
             raise BoardError(
-                diagnose(bytes(self._unread), self.protocol, self.port)
+                self._diagnosis()
                 or f"The board on {self.port} does not answer as {self.protocol.name!r} does: see "
                 "whether it is switched on, and whether this is its port."
             )
@@ -172,10 +177,28 @@ class SerialBoard(Board):
         self._unread += data
         del self._unread[:-_REMEMBERED]
         if now - self._since > _PATIENCE_S:
-            wrong = diagnose(bytes(self._unread), self.protocol, self.port)
+            wrong = self._diagnosis()
             if wrong is not None:
                 raise BoardError(wrong)
             self._forget()
+
+    def _diagnosis(self) -> str | None:
+        return diagnose(bytes(self._unread), self.protocol, self.port, self._listen)
+
+    def _listen(self, baud: int) -> bytes:
+        """What is heard at another rate."""
+        line = self._line
+        try:
+            line.baudrate = baud
+            line.reset_input_buffer()
+            heard = bytearray()
+            end = time.monotonic() + _LISTEN_S
+            while time.monotonic() < end:
+                heard += self._read()
+            line.baudrate = self.protocol.baud
+        except OSError as error:
+            raise self._lost(error) from error
+        return bytes(heard)
 
 
 class TeensyBoard(SerialBoard):

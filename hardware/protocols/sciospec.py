@@ -190,9 +190,10 @@ class Sciospec(Protocol):
         self, sets: NDArray[np.uint8], numbers: list[int], received_s: float
     ) -> list[Frame]:
         """Frames from the result frames (k, injections, 140) of every injection."""
-        pairs = np.ascontiguousarray(sets[..., _VALUES]).view(">f4").astype(np.float64)
-        potentials = pairs[..., 0::2] + 1j * pairs[..., 1::2]
-        values = in_phase_differences(potentials, self._drives, self.sensor.pattern)
+        with np.errstate(invalid="ignore"):  # what is not finite is thrown away below
+            pairs = np.ascontiguousarray(sets[..., _VALUES]).view(">f4").astype(np.float64)
+            potentials = pairs[..., 0::2] + 1j * pairs[..., 1::2]
+            values = in_phase_differences(potentials, self._drives, self.sensor.pattern)
         stamps = np.ascontiguousarray(sets[:, -1, _TIME]).view(">u4")[:, 0] * 1e-3
         frames = []
         for frame, number, stamp in zip(values, numbers, stamps.tolist(), strict=True):

@@ -1,6 +1,8 @@
 """Every parser gives back the frames that a board sends, and says why it cannot."""
 
 import re
+import struct
+import zlib
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -89,14 +91,21 @@ def test_a_wrong_checksum_costs_that_frame_only(stream: MakeStream) -> None:
     assert (health.damaged, health.dropped, health.skipped_bytes) == (1, 1, len(wrong))
 
 
-def test_values_that_are_not_finite_are_no_frame(stream: MakeStream) -> None:
+@pytest.mark.parametrize("bits", [0x7F800001, 0x7FC00000, 0x7F800000, 0xFF800000])
+def test_values_that_are_not_finite_are_no_frame(bits: int, stream: MakeStream) -> None:
     sent = stream("teensy", 1)
-    values = sent.values[0].copy()
-    values[7] = np.nan
+    raw = bytearray(sent.messages[0])
+    raw[52:56] = struct.pack("<I", bits)
+    raw[-4:] = struct.pack("<I", zlib.crc32(raw[:-4]))
     parser = sent.parser()
-    raw = teensy.encode(pattern_id(sent.sensor.pattern), 0, 0.0, values)
-    assert parser.feed(raw, 0.0) == []
+    assert parser.feed(bytes(raw), 0.0) == []
     assert parser.health.damaged == 1
+    sent = stream("sciospec", 2)
+    raw = bytearray(sent.messages[0])
+    raw[151:155] = raw[159:163] = struct.pack(">I", bits)
+    parser = sent.parser()
+    (frame,) = parser.feed(bytes(raw) + sent.messages[1], 0.0)
+    assert (frame.number, parser.health.damaged) == (1, 1)
 
 
 def refusal(parser: Any, messages: list[bytes]) -> str:
