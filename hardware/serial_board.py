@@ -20,6 +20,7 @@ _POLL_S = 0.02  # a read waits no longer, so that `frames` keeps to its time
 _CHUNK = 1 << 16  # bytes that are read at once
 _REMEMBERED = 1 << 15  # bytes since the last frame that a diagnosis looks at
 _PATIENCE_S = 3.0  # a board that sends no frame for so long, though bytes, is looked at
+_SILENCE_S = 10.0  # a board that was started sends something within this time
 _LISTEN_S = 0.5  # as long as it is listened to at another rate
 _ANSWER_S = 1.0  # a board answers a command within this time
 
@@ -41,6 +42,8 @@ class SerialBoard(Board):
         self._parser = self.protocol(sensor)
         self._serial: serial.Serial | None = None
         self._started = False
+        self._since: float | None = None  # when the first byte after the last frame came
+        self._silent_since: float | None = None  # when it was started, until a byte comes
         self._forget()
 
     def open(self) -> None:
@@ -74,6 +77,7 @@ class SerialBoard(Board):
             if self._parser.awaits_answers:
                 self._check(command, self._answer())
         self._started = True
+        self._silent_since = time.monotonic()
 
     def frames(self, wait_s: float) -> list[Frame]:
         """The frames that have arrived since the last call."""
@@ -162,17 +166,23 @@ class SerialBoard(Board):
             )
 
     def _forget(self) -> None:
-        """A frame has come, or none is awaited yet: there is nothing to look into."""
+        """A frame has come, or none is awaited: there is nothing to look into."""
         self._unread = bytearray()
-        self._since: float | None = None
+        self._since = self._silent_since = None
 
     def _judge(self, data: bytes) -> None:
         """Look into what has come since the last frame, `data` last, if it takes too long."""
         if self._parser.refusal is not None:
             raise BoardError(self._parser.refusal)
-        if not data:
-            return
         now = time.monotonic()
+        if not data:
+            if self._silent_since is not None and now - self._silent_since > _SILENCE_S:
+                raise BoardError(
+                    f"The board on {self.port} sends nothing: see whether it is switched on, is a "
+                    f"{self.protocol.name!r}, and is set to {self.protocol.baud} bit/s."
+                )
+            return
+        self._silent_since = None
         self._since = self._since or now
         self._unread += data
         del self._unread[:-_REMEMBERED]

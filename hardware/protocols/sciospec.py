@@ -17,7 +17,7 @@ from eitbench.hardware.board import Frame
 from eitbench.hardware.protocols.framing import Scanner
 from eitbench.hardware.protocols.protocol import Array, Device, Protocol
 from eitbench.scenarios.errors import InputError
-from eitbench.scenarios.recordings.potentials import Drives, in_phase_differences
+from eitbench.scenarios.recordings.potentials import Drives, places
 from eitbench.scenarios.sensors import Sensor
 
 CHANNELS = 16
@@ -116,6 +116,7 @@ class Sciospec(Protocol):
     def __init__(self, sensor: Sensor) -> None:
         super().__init__(sensor)
         self._drives = drives(sensor)
+        self._places = places(self._drives, sensor.pattern)
         self._order = np.arange(len(self._drives))
         # From src and sink, a byte each, to the number of the injection; -1 is none.
         self._injection = np.full((256, 256), -1)
@@ -191,9 +192,10 @@ class Sciospec(Protocol):
     ) -> list[Frame]:
         """Frames from the result frames (k, injections, 140) of every injection."""
         with np.errstate(invalid="ignore"):  # what is not finite is thrown away below
-            pairs = np.ascontiguousarray(sets[..., _VALUES]).view(">f4").astype(np.float64)
-            potentials = pairs[..., 0::2] + 1j * pairs[..., 1::2]
-            values = in_phase_differences(potentials, self._drives, self.sensor.pattern)
+            pairs = np.ascontiguousarray(sets[..., _VALUES]).view(">f4")
+            potentials = pairs[..., 0::2].astype(np.float64)  # the parts in phase
+            drive, a, b = self._places
+            values = potentials[:, drive, a] - potentials[:, drive, b]
         stamps = np.ascontiguousarray(sets[:, -1, _TIME]).view(">u4")[:, 0] * 1e-3
         frames = []
         for frame, number, stamp in zip(values, numbers, stamps.tolist(), strict=True):

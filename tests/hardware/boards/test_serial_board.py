@@ -1,11 +1,14 @@
 """Boards on a serial port: unplugged, taken, at a wrong rate, with another protocol, too fast."""
 
+import grp
 import os
 import pty
+import random
 import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -33,6 +36,18 @@ def collect(board: SerialBoard, seconds: float) -> list[Frame]:
     while time.monotonic() < end:
         frames += board.frames(0.1)
     return frames
+
+
+def start_and_collect(board: SerialBoard) -> None:
+    board.start()
+    collect(board, 5.0)
+
+
+def listen(board: SerialBoard, board_end: int, text: bytes) -> None:
+    """Read what a board sends that sends nothing but `text`."""
+    for _ in range(100):
+        os.write(board_end, text)
+        board.frames(0.02)
 
 
 @pytest.fixture
@@ -137,9 +152,7 @@ def test_noise_is_most_likely_a_wrong_baud_rate(terminal: tuple[int, str]) -> No
     with on("eit-kit", port) as board:
         board.start()
         with pytest.raises(BoardError, match="most likely the board has a wrong baud rate"):
-            for _ in range(40):
-                os.write(board_end, os.urandom(100))
-                board.frames(0.02)
+            listen(board, board_end, random.Random(0).randbytes(100))
 
 
 @pytest.mark.usefixtures("impatient")
@@ -158,8 +171,7 @@ def test_another_boards_protocol_is_named(spoken: str, expected: str, serve: Ser
         on(expected, server.port) as board,
         pytest.raises(BoardError, match=f"looks like board '{spoken}', not '{expected}'"),
     ):
-        board.start()
-        collect(board, 5.0)
+        start_and_collect(board)
 
 
 @pytest.mark.usefixtures("impatient")
@@ -168,9 +180,7 @@ def test_another_programs_text_is_quoted(terminal: tuple[int, str]) -> None:
     with on("eit-kit", port) as board:
         board.start()
         with pytest.raises(BoardError, match="sends text that no known board sends, such as 'GPS"):
-            for _ in range(40):
-                os.write(board_end, b"GPS fix lost, searching\n")
-                board.frames(0.02)
+            listen(board, board_end, b"GPS fix lost, searching\n")
 
 
 @pytest.mark.usefixtures("impatient")
@@ -180,6 +190,17 @@ def test_a_silent_instrument_does_not_answer(terminal: tuple[int, str]) -> None:
         pytest.raises(BoardError, match="does not answer as 'sciospec' does"),
     ):
         board.start()
+
+
+def test_a_board_that_was_started_and_sends_nothing_is_named(
+    terminal: tuple[int, str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(serial_board, "_SILENCE_S", 0.2)
+    with on("teensy", terminal[1]) as board:
+        assert collect(board, 0.4) == []  # nothing is awaited before it is started
+        board.start()
+        with pytest.raises(BoardError, match="sends nothing: see whether it is switched on"):
+            collect(board, 2.0)
 
 
 def test_a_command_that_is_refused_is_named(serve: Serve) -> None:
@@ -253,14 +274,14 @@ def test_a_port_that_is_missing_is_answered_with_those_that_exist(
         SimpleNamespace(device="/dev/ttyUSB1", description="n/a"),
         SimpleNamespace(device="/dev/ttyACM0", description="USB Serial"),
     ]
-    monkeypatch.setattr(ports.list_ports, "comports", lambda: found)
+    monkeypatch.setattr("serial.tools.list_ports.comports", lambda: found)
     with pytest.raises(
         BoardError,
         match=r"no serial port /dev/ttyACM7: those that exist are /dev/ttyACM0 \(USB Serial\), "
         r"/dev/ttyUSB1\.",
     ):
         on("teensy", "/dev/ttyACM7").open()
-    monkeypatch.setattr(ports.list_ports, "comports", lambda: [])
+    monkeypatch.setattr("serial.tools.list_ports.comports", lambda: [])
     with pytest.raises(BoardError, match="there is none on this machine"):
         on("teensy", "/dev/ttyACM7").open()
 
@@ -275,18 +296,16 @@ def test_a_file_is_no_port(tmp_path: Any) -> None:
 @pytest.mark.skipif(os.geteuid() != 0, reason="only root can become somebody else")
 def test_a_port_that_may_not_be_used_names_its_group(terminal: tuple[int, str]) -> None:
     port = terminal[1]
-    import grp
-
     group = next(g for g in grp.getgrall() if g.gr_gid not in (0, os.getegid()))
     os.chown(port, 0, group.gr_gid)
-    os.chmod(port, 0o660)
+    Path(port).chmod(0o660)
     os.seteuid(65534)
     try:
         with pytest.raises(BoardError, match=f"group '{group.gr_name}': join it with `sudo"):
             on("teensy", port).open()
     finally:
         os.seteuid(0)
-    os.chmod(port, 0o600)
+    Path(port).chmod(0o600)
     with pytest.raises(BoardError, match="nor may any group"):
         raise ports.refused(port, PermissionError(13, "Permission denied"))
 
