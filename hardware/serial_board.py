@@ -20,7 +20,7 @@ _POLL_S = 0.02  # a read waits no longer, so that `frames` keeps to its time
 _CHUNK = 1 << 16  # bytes that are read at once
 _REMEMBERED = 1 << 15  # bytes since the last frame that a diagnosis looks at
 _PATIENCE_S = 3.0  # a board that sends no frame for so long, though bytes, is looked at
-_SILENCE_S = 10.0  # a board that was started sends something within this time
+_SILENCE_S = 5.0  # a board that was started sends something within this time
 _LISTEN_S = 0.5  # as long as it is listened to at another rate
 _ANSWER_S = 1.0  # a board answers a command within this time
 
@@ -44,6 +44,7 @@ class SerialBoard(Board):
         self._started = False
         self._since: float | None = None  # when the first byte after the last frame came
         self._silent_since: float | None = None  # when it was started, until a byte comes
+        self._repeated = False  # it was told to start twice
         self._forget()
 
     def open(self) -> None:
@@ -77,6 +78,7 @@ class SerialBoard(Board):
             if self._parser.awaits_answers:
                 self._check(command, self._answer())
         self._started = True
+        self._repeated = False
         self._silent_since = time.monotonic()
 
     def frames(self, wait_s: float) -> list[Frame]:
@@ -131,6 +133,7 @@ class SerialBoard(Board):
 
     def _send(self, command: bytes) -> None:
         line = self._line
+        self._parser.answers.clear()
         try:
             line.write(command)
         except serial.SerialTimeoutException as error:
@@ -172,15 +175,20 @@ class SerialBoard(Board):
 
     def _judge(self, data: bytes) -> None:
         """Look into what has come since the last frame, `data` last, if it takes too long."""
-        if self._parser.refusal is not None:
-            raise BoardError(self._parser.refusal)
         now = time.monotonic()
+        silent = (
+            not data and self._silent_since is not None and now - self._silent_since > _SILENCE_S
+        )
+        if (silent or self._parser.refusal) and self._start_again():
+            return
+        if self._parser.refusal:
+            raise BoardError(self._parser.refusal)
+        if silent:
+            raise BoardError(
+                f"The board on {self.port} sends nothing: see whether it is switched on, is a "
+                f"{self.protocol.name!r}, and is set to {self.protocol.baud} bit/s."
+            )
         if not data:
-            if self._silent_since is not None and now - self._silent_since > _SILENCE_S:
-                raise BoardError(
-                    f"The board on {self.port} sends nothing: see whether it is switched on, is a "
-                    f"{self.protocol.name!r}, and is set to {self.protocol.baud} bit/s."
-                )
             return
         self._silent_since = None
         self._since = self._since or now
@@ -191,6 +199,17 @@ class SerialBoard(Board):
             if wrong is not None:
                 raise BoardError(wrong)
             self._forget()
+
+    def _start_again(self) -> bool:
+        """Tell it once more to start: many boards are reset by opening their port, and deaf then."""
+        if self._repeated or self._parser.awaits_answers:
+            return False
+        for command in self._parser.starting():
+            self._send(command)
+        self._repeated = True
+        self._parser.refusal = None
+        self._silent_since = time.monotonic()
+        return True
 
     def _diagnosis(self) -> str | None:
         return diagnose(bytes(self._unread), self.protocol, self.port, self._listen)

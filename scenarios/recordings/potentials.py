@@ -21,7 +21,7 @@ def in_phase_differences(
 
 
 def places(drives: Drives, pattern: DrivePattern) -> tuple[Index, Index, Index]:
-    """Where the values stand in an array (drives, electrodes): the drive, and electrodes a and b."""
+    """Where values stand in an array (drives, electrodes): the drive, and electrodes a and b."""
     row = {drive: k for k, drive in enumerate(drives)}
     src, sink, a, b = pattern.table.T
     drive = [row[pair] for pair in zip(src.tolist(), sink.tolist(), strict=True)]

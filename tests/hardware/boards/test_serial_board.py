@@ -203,6 +203,23 @@ def test_a_board_that_was_started_and_sends_nothing_is_named(
             collect(board, 2.0)
 
 
+def test_a_board_that_was_deaf_when_it_was_started_is_told_again(
+    serve: Serve, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("teensy", "openeit"):  # one is silent, the other sends another number of values
+        monkeypatch.setattr(serial_board, "_SILENCE_S", 0.3)
+        server = serve(name, 40.0)
+        obey, begin = server._device.obey, time.monotonic()
+
+        def deaf(data: bytes, obey: Callable[[bytes], bytes] = obey, begin: float = begin) -> bytes:
+            return obey(data) if time.monotonic() > begin + 0.1 else b""
+
+        monkeypatch.setattr(server._device, "obey", deaf)
+        with on(name, server.port) as board:
+            board.start()
+            assert collect(board, 0.8), name
+
+
 def test_a_command_that_is_refused_is_named(serve: Serve) -> None:
     server = serve("sciospec", nominal=sensor("jku-tank-adjacent"))
     with (
