@@ -201,7 +201,7 @@ class SerialBoard(Board):
             self._forget()
 
     def _start_again(self) -> bool:
-        """Tell it once more to start: many boards are reset by opening their port, and deaf then."""
+        """Tell it once more to start: opening the port resets many boards, which are deaf then."""
         if self._repeated or self._parser.awaits_answers:
             return False
         for command in self._parser.starting():

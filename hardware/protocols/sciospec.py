@@ -162,6 +162,11 @@ class Sciospec(Protocol):
     def _frames(self, rows: NDArray[np.uint8], received_s: float) -> list[Frame]:
         """The frames that result frames `rows` (k, 140) make; what is left over is kept."""
         found = self._injection[rows[:, _SOURCE], rows[:, _SOURCE + 1]]
+        if (found < 0).any():
+            self._refuse(
+                f"The instrument measures injections that are not in the pattern of sensor "
+                f"{self.sensor.name!r}: choose the sensor that is on it, or reset its set-up."
+            )
         at, n = 0, len(self._drives)
         whole: list[int] = []
         numbers: list[int] = []
