@@ -92,6 +92,7 @@ class BoardServer:
                 if self._listened() and self._device.running:
                     self._send(tick / self.rate_hz)
                 if self._cut:
+                    time.sleep(_WAKE_S)  # what was sent arrives, or the system would forget it
                     break
                 # What could not be measured in time is left out; the grid stays.
                 tick = max(tick + 1, int((time.monotonic() - begin) * self.rate_hz))

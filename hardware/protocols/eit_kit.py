@@ -103,7 +103,6 @@ class EitKit(LineProtocol):
         if len(values) != self._n**2:
             return None
         matrix = values.reshape(self._n, self._n)
-        matrix[0, 0] = 0.0  # as it is measured; what stood before may have been read with it
         return matrix if (matrix[self._zeros] == 0).all() else None
 
     def _last(self, line: bytes) -> Array:
@@ -111,6 +110,7 @@ class EitKit(LineProtocol):
         texts = line.rstrip(b", \t").rsplit(b",", self._n**2 - 1)
         if len(texts) < self._n**2:
             return np.empty(0)
+        # The first is 0, as it is a driven pair; what stood before may be glued to it.
         return np.concatenate([[0.0], numbers(b",".join(texts[1:]))])
 
     def _look_into(self, values: Array) -> None:

@@ -131,11 +131,13 @@ def test_it_says_that_it_is_emulated(sensed: None, fast: Emulator) -> None:
         _ = fast.port
 
 
-def test_it_does_not_measure_while_nobody_listens(sensed: None, fast: Emulator) -> None:
-    fast.switch_on()
+def test_it_does_not_measure_while_nobody_listens(sensed: None) -> None:
+    board = Emulator(sensor("ohmc16"), "openeit", rate_hz=50.0)  # sends without being told
+    board.switch_on()
     time.sleep(0.2)
-    assert isinstance(fast._emulated, Sensed)
-    assert len(fast._emulated.touched) == 1  # when it was made
+    board.switch_off()
+    assert isinstance(board._emulated, Sensed)
+    assert len(board._emulated.touched) == 1  # when it was made
 
 
 def test_closing_it_leaves_no_thread_and_no_file(sensed: None) -> None:

@@ -73,6 +73,17 @@ def test_frames_after_one_that_was_cut_short_are_recovered(name: str, stream: Ma
             assert recovers(sent, parser), length
 
 
+def test_a_lost_byte_costs_one_frame_however_the_rest_is_cut(name: str, stream: MakeStream) -> None:
+    sent = stream(name, 4)
+    message = sent.messages[1]
+    for lost in (139, 140 * 5 + 70, len(message) // 2):
+        data = sent.messages[0] + message[:lost] + message[lost + 1 :] + sent.messages[2]
+        parser = sent.parser()
+        frames = [f for at in range(len(data)) for f in parser.feed(data[at : at + 1], 0.0)]
+        assert sent.holds(0, frames[0].values)
+        assert sent.holds(2, frames[-1].values)
+
+
 def test_a_stream_without_an_end_is_not_kept(name: str, stream: MakeStream) -> None:
     sent = stream(name, 4)
     for byte in (b"0", b"\xb4", b"\xa5", b",", b"\xff"):

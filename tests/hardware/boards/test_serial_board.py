@@ -1,11 +1,13 @@
 """Boards on a serial port: unplugged, taken, at a wrong rate, with another protocol, too fast."""
 
+import contextlib
 import grp
 import os
 import pty
 import random
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -117,6 +119,21 @@ def test_unplugged_in_the_middle_of_a_frame_and_plugged_again(name: str, serve: 
     board.start()
     assert board.frames(2.0)
     board.close()
+
+
+def test_the_plug_is_pulled_in_the_middle_of_a_frame(serve: Serve) -> None:
+    server = serve("openeit", 40.0)
+    port = os.open(server.port, os.O_RDWR | os.O_NOCTTY)
+    os.read(port, 1)
+    heard, cutting = b"", threading.Thread(target=server.cut)
+    cutting.start()
+    with contextlib.suppress(OSError):
+        while more := os.read(port, 4096):
+            heard += more
+    os.close(port)
+    cutting.join()
+    last = heard.rpartition(b"magnitudes: ")[2]
+    assert 100 < len(last) < 32 * 14  # as many bytes as a mode of 8 electrodes has
 
 
 def test_unplugged_before_a_command(serve: Serve) -> None:
