@@ -1,19 +1,20 @@
 """Scenarios: what is simulated or read, declared in full."""
 
-import re
 from dataclasses import replace
 from functools import lru_cache
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, field_validator
+from pydantic import BeforeValidator, Field, ValidationInfo, field_validator
 
+from eitbench.scenarios.catalogue import is_file
 from eitbench.scenarios.catalogue import sensor as sensor_by_name
-from eitbench.scenarios.errors import unknown_name
+from eitbench.scenarios.declaration import Declaration, Name, beside
+from eitbench.scenarios.errors import EitbenchError, unknown_name
 from eitbench.scenarios.noise import Noise
 from eitbench.scenarios.phantoms.families import Family, family
 from eitbench.scenarios.physics.forward import ForwardModel, forward_model
 from eitbench.scenarios.press import FOAM
-from eitbench.scenarios.recordings import RECORDED_SETS, RecordedSet
+from eitbench.scenarios.recordings import RecordedSet, is_recording, recorded_set
 from eitbench.scenarios.sensors import Sensor, content_hash
 
 # Raised by one whenever the same declared parameters give other numbers than before.
@@ -21,13 +22,6 @@ GENERATOR_VERSION = 1
 
 Split = Literal["train", "validation", "test"]
 MAX_SNR_DB = 200.0
-
-
-def _name(value: object) -> object:
-    # Names become folders, groups of result files and command-line arguments.
-    if not isinstance(value, str) or not re.fullmatch(r"[a-z0-9][a-z0-9-]*", value):
-        raise ValueError("a name has small letters, digits and hyphens only")
-    return value
 
 
 def _noise(value: object) -> object:
@@ -38,14 +32,7 @@ def _noise(value: object) -> object:
     raise ValueError(f'noise is an SNR of 0 to {MAX_SNR_DB:g} dB, "clean" or "mixture"')
 
 
-Name = Annotated[str, BeforeValidator(_name)]
 NoiseField = Annotated[Noise, BeforeValidator(_noise)]
-
-
-class Declaration(BaseModel):
-    """A frozen set of declared parameters; unknown ones are refused."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=False)
 
 
 class SplitNoise(Declaration):
@@ -61,7 +48,8 @@ class SimulatedScenario(Declaration):
 
     Attributes:
         name: registry name; noise is drawn from it.
-        sensor: registry name of the nominal sensor, the one methods are told of.
+        sensor: registry name of the nominal sensor, the one methods are told of, or the path of a
+            sensor file (.toml) or of a recording (.h5).
         image_shape: (H, W) of the nominal image grid; the sensor's own by default.
         conductivity_range: least and greatest conductivity that methods are told to expect, as
             multiples of the background; the sensor's own by default.
@@ -91,7 +79,8 @@ class SimulatedScenario(Declaration):
 
     @field_validator("sensor")
     @classmethod
-    def _known_sensor(cls, value: str) -> str:
+    def _known_sensor(cls, value: str, info: ValidationInfo) -> str:
+        value = beside(value, info) if is_file(value) else value
         sensor_by_name(value)
         return value
 
@@ -162,7 +151,10 @@ class SimulatedScenario(Declaration):
         """SHA-256 (hex) of every declared parameter and all that decides the data of `split`."""
         return content_hash(
             {
-                "scenario": self.model_dump(mode="json"),
+                # What a file declares counts, not where it lies.
+                "scenario": self.model_dump(
+                    mode="json", exclude={"sensor"} if is_file(self.sensor) else None
+                ),
                 "sensor": self.nominal_sensor.describe(),
                 "clean": self.clean_parameters(split),
             }
@@ -174,7 +166,7 @@ class RecordedScenario(Declaration):
 
     Attributes:
         name: registry name.
-        recording: registry name of the recorded set.
+        recording: registry name of the recorded set, or the path of a recording of one's own (.h5).
     """
 
     kind: Literal["recorded"] = "recorded"
@@ -183,10 +175,18 @@ class RecordedScenario(Declaration):
 
     @field_validator("recording")
     @classmethod
-    def _known_recording(cls, value: str) -> str:
-        if value not in RECORDED_SETS:
-            raise unknown_name("recorded set", value, RECORDED_SETS)
-        return value
+    def _known_recording(cls, value: str, info: ValidationInfo) -> str:
+        if not is_recording(value):
+            recorded_set(value)
+            return value
+        path = beside(value, info)
+        # A suite file must name what is there; a run is readable without its recordings.
+        if info.context:
+            try:
+                recorded_set(path)
+            except EitbenchError as error:
+                raise ValueError(str(error)) from error
+        return path
 
     @property
     def title(self) -> str:
@@ -196,7 +196,7 @@ class RecordedScenario(Declaration):
     @property
     def recorded_set(self) -> RecordedSet:
         """The set's descriptor."""
-        return RECORDED_SETS[self.recording]
+        return recorded_set(self.recording)
 
     @property
     def nominal_sensor(self) -> Sensor:
@@ -204,13 +204,15 @@ class RecordedScenario(Declaration):
         return _nominal_sensor(self.recorded_set.sensor_name)
 
     def data_hash(self, split: Split) -> str:
-        """SHA-256 (hex) of the descriptor, the upstream files and the sensor."""
+        """SHA-256 (hex) of the descriptor, its files and the sensor."""
         recorded = self.recorded_set
+        own = recorded.own is not None
         return content_hash(
             {
                 "generator": GENERATOR_VERSION,
-                "scenario": self.model_dump(mode="json"),
-                "files": [[f.path, f.sha256] for f in recorded.files],
+                # What a recording of one's own holds counts, not its name.
+                "scenario": self.model_dump(mode="json", exclude={"recording"} if own else None),
+                "files": [[*([] if own else [f.path]), f.sha256] for f in recorded.files],
                 "source": [recorded.repository, recorded.commit, recorded.truth],
                 "sensor": self.nominal_sensor.describe(),
                 "split": split,
@@ -233,22 +235,27 @@ def checked_split(split: str) -> Split:
     return known[split]
 
 
-# Forward models are cached per sensor object, so equal scenarios must share one.
-@lru_cache(maxsize=32)
 def _nominal_sensor(
     name: str,
     image_shape: tuple[int, int] | None = None,
     conductivity_range: tuple[float, float] | None = None,
 ) -> Sensor:
     nominal = sensor_by_name(name)
-    return replace(
+    told = replace(
         nominal,
         image_shape=image_shape or nominal.image_shape,
         conductivity_range=conductivity_range or nominal.conductivity_range,
     )
+    return _shared(told.name, told)
 
 
-@lru_cache(maxsize=32)
 def _data_sensor(name: str, image_shape: tuple[int, int] | None, refinement: int) -> Sensor:
     nominal = _nominal_sensor(name, image_shape)
-    return nominal if refinement == 1 else nominal.refined(refinement)
+    return nominal if refinement == 1 else _shared(nominal.name, nominal.refined(refinement))
+
+
+# Pixel centres and masks are cached per sensor object, so equal scenarios should share one.
+@lru_cache(maxsize=32)
+def _shared(name: str, sensor: Sensor) -> Sensor:
+    del name  # equal sensors may have several
+    return sensor
