@@ -187,10 +187,15 @@ def _declared_key(loc: Sequence[str | int], declared: Mapping[str, Any]) -> Key:
     key: list[str | int] = []
     here: Any = declared
     for k, part in enumerate(loc):
-        inside = part in here if isinstance(here, dict) else isinstance(here, list)
+        if isinstance(here, list):
+            inside = isinstance(part, int) and part < len(here)
+        else:
+            inside = isinstance(here, dict) and part in here
+        # One value may stand for a list, and then has no number.
+        numbered = isinstance(part, int) and not isinstance(here, list)
         if inside:
             here = here[part]
-        elif k < len(loc) - 1:
+        elif k < len(loc) - 1 or numbered:
             continue
         key.append(part)
     return tuple(key)

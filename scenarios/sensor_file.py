@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
 from eitbench.scenarios.declaration import Declaration, Name, read_declaration
 from eitbench.scenarios.described_sensor import Index, Number, Side
@@ -14,8 +14,15 @@ from eitbench.scenarios.patterns import DrivePattern, offset_pattern
 from eitbench.scenarios.recordings.hydrogel import opposition_pattern
 from eitbench.scenarios.sensors import Electrode, Sensor, even_electrodes
 
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 _MM = 1e-3
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+
+
+def _several(value: object) -> object:
+    return tuple(value) if isinstance(value, list) else (value,)
+
+
+OneOrEach = Annotated[tuple[Positive, ...], BeforeValidator(_several)]
 
 
 class OutlineDeclaration(Declaration):
@@ -66,8 +73,8 @@ class ElectrodesDeclaration(Declaration):
     start_mm: Number = 0.0
     clockwise: bool = False
     centres_mm: tuple[Number, ...] | None = Field(default=None, min_length=2)
-    width_mm: Positive | tuple[Positive, ...]
-    contact_impedance: Positive | tuple[Positive, ...] = 1e-3
+    width_mm: OneOrEach
+    contact_impedance: OneOrEach = (1e-3,)
 
     @model_validator(mode="after")
     def _either(self) -> "ElectrodesDeclaration":
@@ -76,9 +83,9 @@ class ElectrodesDeclaration(Declaration):
         if self.centres_mm is not None and self.model_fields_set & {"start_mm", "clockwise"}:
             raise ValueError("`start_mm` and `clockwise` go with `count`")
         for name in ("width_mm", "contact_impedance"):
-            given = getattr(self, name)
-            if isinstance(given, tuple) and len(given) != self.n:
-                raise ValueError(f"`{name}` has {len(given)} values for {self.n} electrodes")
+            given = len(getattr(self, name))
+            if given not in (1, self.n):
+                raise ValueError(f"`{name}` has {given} values for {self.n} electrodes")
         return self
 
     @property

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from eitbench.scenarios.described_sensor import describe_sensor, described_sensor
 from eitbench.scenarios.errors import DataCorruptError, DataUnavailableError, InputError
 from eitbench.scenarios.recordings import layout
+from eitbench.scenarios.recordings.unclosed import readable
 from eitbench.scenarios.sensors import Sensor
 
 Array = NDArray[np.float64]
@@ -184,6 +185,7 @@ def _open(path: Path) -> Any:
     try:
         with path.open("rb") as stream:
             head = stream.read(8)
+        source = readable(path)
     except OSError as error:
         raise DataUnavailableError(
             f"Cannot read the recording {path}: {error.strerror}."
@@ -191,8 +193,7 @@ def _open(path: Path) -> Any:
     if head != b"\x89HDF\r\n\x1a\n":
         raise DataCorruptError(f"{path} is not an HDF5 file, so it is no recording of eitbench's.")
     try:
-        # A file that was not closed can be opened in this mode only.
-        file = h5py.File(path, "r", libver="latest", swmr=True)
+        file = h5py.File(source, "r")
     except Exception as error:
         cut = "truncated" in str(error)
         reason = "it was cut short" if cut else "HDF5 cannot open it"
