@@ -4,37 +4,21 @@ Everything is float64, and one sample after another on one thread, so that the b
 depend on nothing beside it.
 """
 
-from collections.abc import Callable
-from contextlib import suppress
-from typing import TypeVar, cast
-
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from eitbench.scenarios.compiling import compiled
 from eitbench.scenarios.physics.dissection import Dissection, Index, Place, stride
 
 Array = NDArray[np.float64]
-Function = TypeVar("Function", bound=Callable[..., object])
 
 PIVOTS = 4  # rows eliminated at a time
 
 
-def _compiled(function: Function) -> Function:
-    """`function`, compiled when it is first called; the machine code is kept on disk."""
-    # Sums may be taken in another order, or they would not be vectorised.
-    fast = {"contract", "reassoc"}
-    compiled = numba.njit(nogil=True, error_model="numpy", fastmath=fast)(function)
-    # Where neither the package's folder nor the user's is writable, every process compiles anew.
-    with suppress(RuntimeError):
-        compiled.enable_caching()
-    return cast("Function", compiled)
+_stride = compiled(stride)
 
 
-_stride = _compiled(stride)
-
-
-@_compiled
+@compiled
 def _eliminate(front: Array, eliminated: int, kept: Array, panel: Array, scaled: Array) -> bool:
     """Eliminate the first unknowns of a front, in place; False if it is not positive definite.
 
@@ -82,7 +66,7 @@ def _eliminate(front: Array, eliminated: int, kept: Array, panel: Array, scaled:
     return True
 
 
-@_compiled
+@compiled
 def _assemble(front: Array, part: int, sigma: Array, parts: Dissection) -> None:
     """Add the elements' and electrodes' matrices of a smallest part to its front."""
     flat = front.ravel()
@@ -92,7 +76,7 @@ def _assemble(front: Array, part: int, sigma: Array, parts: Dissection) -> None:
         flat[parts.fixed_entry[k]] += parts.fixed[k]
 
 
-@_compiled
+@compiled
 def solve(
     sigma: Array, parts: Dissection, conductance: Array, resistance: Array, fields: Array
 ) -> int:
@@ -134,7 +118,7 @@ def solve(
     return -1
 
 
-@_compiled
+@compiled
 def _invert(matrix: Array, inverse: Array) -> bool:
     """Gauss-Jordan elimination of a positive definite `matrix`, in place; False if it is not.
 
@@ -161,7 +145,7 @@ def _invert(matrix: Array, inverse: Array) -> bool:
     return True
 
 
-@_compiled
+@compiled
 def _stack_room(parts: Dissection) -> int:
     """Numbers that the parts whose parents have not come yet leave at most, and some to spare."""
     rest = parts.size - parts.eliminated
@@ -175,7 +159,7 @@ def _stack_room(parts: Dissection) -> int:
     return room
 
 
-@_compiled
+@compiled
 def _condense(
     sigma: Array,
     parts: Dissection,
@@ -225,7 +209,7 @@ def _condense(
     return schur
 
 
-@_compiled
+@compiled
 def _back_substitute(
     part: int, factors: Array, parts: Dissection, fields: Array, front: Array
 ) -> None:
@@ -264,7 +248,7 @@ def _back_substitute(
             found[d] = front[d, r]
 
 
-@_compiled
+@compiled
 def _times(y: Array, weights: Array, z: Array) -> None:
     """z = y @ weights for y (n, E) and weights (E, E), without a library's threads."""
     for r in range(len(y)):
@@ -276,7 +260,7 @@ def _times(y: Array, weights: Array, z: Array) -> None:
                 out[d] += factor * of[d]
 
 
-@_compiled
+@compiled
 def element_gradients(
     fields: Array, weights: Array, corners: Place, couplings: Array, gradient: Array
 ) -> None:
@@ -314,7 +298,7 @@ def element_gradients(
             gradient[sample, k] = total
 
 
-@_compiled
+@compiled
 def sensitivities(
     fields: Array, drives: Index, senses: Index, corners: Place, couplings: Array, result: Array
 ) -> None:

@@ -40,6 +40,7 @@ class Listing(StrEnum):
     sensors = "sensors"
     suites = "suites"
     recordings = "recordings"
+    boards = "boards"
 
 
 def _version(asked: bool) -> None:
@@ -68,10 +69,11 @@ def list_command(
     what: Annotated[Listing, typer.Argument(help="What to list.")],
     as_json: Json = False,
 ) -> None:
-    """List methods, operators, scenarios, sensors, suites or recordings."""
+    """List methods, operators, scenarios, sensors, suites, recordings or boards."""
     from eitbench.benchmark.listing import LISTINGS
+    from eitbench.hardware.boards import board_rows
 
-    rows = LISTINGS[what.value]()
+    rows = board_rows() if what is Listing.boards else LISTINGS[what.value]()
     if as_json:
         print_json(rows)
     else:

@@ -1,0 +1,130 @@
+"""The registry of boards: built in, or installed (entry points in group `eitbench.boards`)."""
+
+import inspect
+import warnings
+from importlib.metadata import entry_points
+from pathlib import Path
+from typing import Any
+
+from eitbench.hardware import ports
+from eitbench.hardware.board import Board
+from eitbench.hardware.emulator import RATE_HZ, Emulator
+from eitbench.hardware.replay import Replay
+from eitbench.hardware.serial_board import SERIAL_BOARDS, SerialBoard
+from eitbench.scenarios.catalogue import sensor as sensor_by_name
+from eitbench.scenarios.errors import InputError, unknown_name
+from eitbench.scenarios.sensors import Sensor
+
+GROUP = "eitbench.boards"
+MAX_SPEED = 100.0
+
+
+def boards() -> dict[str, type[Board]]:
+    """Every board by name.
+
+    An installed one is a subclass of `Board` that is made from a sensor and a port, as a
+    `SerialBoard` is. Taken names and packages that do not import are passed over with a warning.
+    """
+    known: dict[str, type[Board]] = {**SERIAL_BOARDS, "replay": Replay, "emulator": Emulator}
+    for point in entry_points(group=GROUP):
+        try:
+            loaded = point.load()
+        except Exception as error:  # a broken plugin must not take the others down
+            warnings.warn(
+                f"The installed board {point.value!r} does not import: {error}.", stacklevel=2
+            )
+            continue
+        if not (isinstance(loaded, type) and issubclass(loaded, Board)) or point.name in known:
+            warnings.warn(
+                f"The installed board {point.value!r} is no Board, or its name {point.name!r} is "
+                "taken.",
+                stacklevel=2,
+            )
+            continue
+        known[point.name] = loaded
+    return known
+
+
+def make_board(
+    name: str,
+    *,
+    port: str | None = None,
+    sensor: Sensor | None = None,
+    file: str | Path | None = None,
+    speed: float = 1.0,
+    protocol: str = "teensy",
+    script: Path | None = None,
+) -> Board:
+    """The board called `name`.
+
+    Args:
+        name: registry name.
+        port: serial port of a real board.
+        sensor: nominal sensor on it; the board's default by default.
+        file: recorded set or recording that `replay` plays.
+        speed: of `replay` and `emulator`, times their own rate.
+        protocol: what `emulator` speaks.
+        script: file with touches of `emulator`.
+
+    Raises:
+        InputError: an unknown name (the nearest is suggested), a board without its port or file, or
+            with what it does not take.
+    """
+    known = boards()
+    if name not in known:
+        raise unknown_name("board", name, known)
+    _check_choice(name, port=port, file=file, script=script)
+    if name == "replay":
+        if file is None:
+            raise InputError(
+                "Board 'replay' needs a recorded set (eitbench list recordings) or a recording "
+                "(.h5): give --file."
+            )
+        return Replay(file, speed, sensor)
+    if name == "emulator":
+        return make_emulator(sensor, protocol, script, speed)
+    if port is None:
+        raise ports.no_port(name)
+    make: Any = known[name]
+    board: Board = make(sensor or sensor_by_name(known[name].default_sensor), port)
+    return board
+
+
+def make_emulator(
+    sensor: Sensor | None, protocol: str, script: Path | None, speed: float
+) -> Emulator:
+    """An emulated board; its sensor is by default that of the board whose protocol it speaks.
+
+    Raises:
+        InputError: as in `make_board`.
+    """
+    if not 0 < speed <= MAX_SPEED:
+        raise InputError(
+            f"An emulated board runs at a speed above 0 and up to {MAX_SPEED:g}, got {speed:g}."
+        )
+    if protocol not in SERIAL_BOARDS:
+        raise unknown_name("protocol", protocol, SERIAL_BOARDS)
+    nominal = sensor or sensor_by_name(SERIAL_BOARDS[protocol].default_sensor)
+    return Emulator(nominal, protocol, script, RATE_HZ * speed)
+
+
+def _check_choice(name: str, **choices: object) -> None:
+    taken = {"replay": ("file",), "emulator": ("script",)}.get(name, ("port",))
+    for choice, value in choices.items():
+        if value is not None and choice not in taken:
+            raise InputError(f"Board {name!r} takes no {choice}: leave out --{choice}.")
+
+
+def board_rows() -> list[dict[str, str | int | None]]:
+    """One row of plain values for each board, for listings."""
+    rows: list[dict[str, str | int | None]] = []
+    for name, board in boards().items():
+        rows.append(
+            {
+                "name": name,
+                "title": (inspect.getdoc(board) or "").partition("\n")[0],
+                "baud": board.protocol.baud if issubclass(board, SerialBoard) else None,
+                "sensor": None if board is Replay else board.default_sensor,
+            }
+        )
+    return rows

@@ -1,0 +1,97 @@
+"""The text of OpenEIT boards: magnitudes of an opposition pattern, one line a frame."""
+
+import re
+from collections.abc import Sequence
+
+import numpy as np
+
+from eitbench.hardware.protocols.lines import LineProtocol, numbers
+from eitbench.hardware.protocols.protocol import Array, Commands, Device
+from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.recordings.hydrogel import opposition_pattern
+from eitbench.scenarios.sensors import Sensor
+
+MARK = b"magnitudes: "
+MODES = {8: b"c", 16: b"d", 32: b"e"}
+"""The letter that has a board measure with so many electrodes."""
+
+_COUNTS = {n: opposition_pattern(n).n_measurements for n in MODES}
+_UNIT = 1e-3  # V/A; the emulator's, as boards have arbitrary ones
+
+
+class _OpenEitDevice(Device):
+    def __init__(self, sensor: Sensor) -> None:
+        super().__init__(sensor)
+        self.running = True
+        self._commands = Commands()
+        self._electrodes = 8
+
+    def obey(self, data: bytes) -> bytes:
+        for line in self._commands.lines(data):
+            for electrodes, letter in MODES.items():
+                if line == letter:
+                    self._electrodes = electrodes
+        return b""
+
+    def encode(self, number: int, time_s: float, values: Array) -> bytes:
+        # Electrodes that the sensor does not have are open.
+        sent = np.zeros(_COUNTS[self._electrodes])
+        if self._electrodes <= self.sensor.n_electrodes:
+            sent[:] = np.abs(values[: len(sent)]) / _UNIT
+        tenths = np.rint(sent * 1e4).astype(np.int64)
+        text = "".join(
+            f"{whole:8d}.{rest:04d},"
+            for whole, rest in zip(*np.divmod(tenths, 10_000), strict=True)
+        )
+        return MARK + text.encode() + b"\r\n"
+
+
+class OpenEit(LineProtocol):
+    """`magnitudes: ` and 32, 192 or 896 values in the board's own units, for 8, 16 or 32."""
+
+    name = "openeit"
+    title = "text of OpenEIT boards, magnitudes of an opposition pattern"
+    baud = 115_200
+    default_sensor = "ohmc16"
+    device = _OpenEitDevice
+
+    @classmethod
+    def check(cls, sensor: Sensor) -> None:
+        """Refuse a sensor with another pattern than opposition."""
+        n = sensor.n_electrodes
+        if n not in MODES or not (
+            sensor.pattern.magnitudes
+            and np.array_equal(sensor.pattern.table, opposition_pattern(n).table)
+        ):
+            raise InputError(
+                f"Board {cls.name!r} measures magnitudes of the opposition pattern with 8, 16 or "
+                f"32 electrodes, and sensor {sensor.name!r} has another pattern: choose a sensor "
+                "such as 'ohmc16'."
+            )
+
+    def starting(self) -> Sequence[bytes]:
+        """The letter of the sensor's number of electrodes."""
+        return (MODES[self.sensor.n_electrodes] + b"\n",)
+
+    def _values(self, line: bytes) -> Array | None:
+        at = line.rfind(MARK)
+        if at < 0:
+            return None
+        values = numbers(line[at + len(MARK) :])
+        if len(values) == self.sensor.n_measurements:
+            return values
+        for electrodes, count in _COUNTS.items():
+            if len(values) == count:
+                self._refuse(
+                    f"The board sends {count} values a frame, as with {electrodes} electrodes, "
+                    f"where sensor {self.sensor.name!r} has {self.sensor.n_measurements}: choose "
+                    "the sensor that is on it."
+                )
+                return None
+        self.health.damaged += 1
+        return None
+
+    @classmethod
+    def recognises(cls, data: bytes) -> bool:
+        """The mark, and a number of its form."""
+        return re.search(re.escape(MARK) + rb" *\d+\.\d{4},", data) is not None

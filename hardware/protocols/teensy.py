@@ -1,0 +1,148 @@
+"""Our framed binary protocol for a Teensy 4.1 class board; see docs/teensy-protocol.md."""
+
+import re
+import struct
+import zlib
+from collections.abc import Sequence
+
+import numpy as np
+
+from eitbench.hardware.board import Frame
+from eitbench.hardware.protocols.framing import Scanner
+from eitbench.hardware.protocols.protocol import Array, Commands, Device, Protocol
+from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.patterns import DrivePattern
+from eitbench.scenarios.sensors import Sensor
+
+SYNC = b"\xa5EIT"
+VERSION = 1
+MAX_VALUES = 4096
+START, STOP = b"start\n", b"stop\n"
+
+# Sync, version, pattern id, frame number, number of values, time stamp [us].
+_HEADER = struct.Struct("<4sHHIIQ")
+_CRC = struct.Struct("<I")
+_NUMBERS = 1 << 32
+
+
+def pattern_id(pattern: DrivePattern) -> int:
+    """16 bits that tell one drive pattern from another.
+
+    The lower half of the CRC-32 of the table's rows src, sink, a, b, a byte for each number.
+    """
+    return zlib.crc32(pattern.table.astype(np.uint8).tobytes()) & 0xFFFF
+
+
+def encode(pattern: int, number: int, time_s: float, values: Array) -> bytes:
+    """The bytes of one frame; `values` (M,) [V/A]."""
+    header = _HEADER.pack(
+        SYNC, VERSION, pattern, number % _NUMBERS, len(values), round(time_s * 1e6)
+    )
+    body = header + values.astype("<f4").tobytes()
+    return body + _CRC.pack(zlib.crc32(body))
+
+
+class _TeensyDevice(Device):
+    def __init__(self, sensor: Sensor) -> None:
+        super().__init__(sensor)
+        self._commands = Commands()
+        self._pattern = pattern_id(sensor.pattern)
+
+    def obey(self, data: bytes) -> bytes:
+        for line in self._commands.lines(data):
+            if line in (START.strip(), STOP.strip()):
+                self.running = line == START.strip()
+        return b""
+
+    def encode(self, number: int, time_s: float, values: Array) -> bytes:
+        return encode(self._pattern, number, time_s, values)
+
+
+class Teensy(Protocol):
+    """Frames with running number, time stamp, pattern id and CRC-32; values are V/A as float32."""
+
+    name = "teensy"
+    title = "binary frames with checksum of a Teensy 4.1 class board"
+    baud = 2_000_000  # on a serial line; over USB any rate is full speed
+    device = _TeensyDevice
+
+    def __init__(self, sensor: Sensor) -> None:
+        super().__init__(sensor)
+        self._pattern = pattern_id(sensor.pattern)
+        self._last: int | None = None
+        self._scanner = Scanner(re.compile(re.escape(SYNC)), _judge)
+        self._not_finite = 0
+
+    @classmethod
+    def check(cls, sensor: Sensor) -> None:
+        """Refuse a sensor with more values than a frame can have."""
+        if sensor.n_measurements > MAX_VALUES:
+            raise InputError(
+                f"Board {cls.name!r} sends at most {MAX_VALUES} values a frame, and sensor "
+                f"{sensor.name!r} has {sensor.n_measurements}: choose another sensor."
+            )
+
+    def starting(self) -> Sequence[bytes]:
+        """The line that starts it."""
+        return (START,)
+
+    def stopping(self) -> Sequence[bytes]:
+        """The line that stops it."""
+        return (STOP,)
+
+    def feed(self, data: bytes, received_s: float) -> list[Frame]:
+        """The frames that `data` completes."""
+        frames = []
+        for raw in self._scanner.feed(data):
+            frame = self._decode(raw, received_s)
+            if frame is not None:
+                frames.append(frame)
+        self.health.skipped_bytes = self._scanner.skipped
+        self.health.damaged = self._scanner.false_starts + self._not_finite
+        return frames
+
+    def _decode(self, raw: bytes, received_s: float) -> Frame | None:
+        _, _, pattern, number, count, time_us = _HEADER.unpack_from(raw)
+        m = self.sensor.n_measurements
+        if count != m:
+            self._refuse(
+                f"The board sends {count} values a frame where sensor {self.sensor.name!r} has "
+                f"{m}: choose the sensor that is on it, or load its pattern into the board."
+            )
+            return None
+        if pattern != self._pattern:
+            self._refuse(
+                f"The board is set to drive pattern {pattern:#06x} where sensor "
+                f"{self.sensor.name!r} has {self._pattern:#06x}: choose the sensor that is on it, "
+                "or load its pattern into the board."
+            )
+            return None
+        values = np.frombuffer(raw, "<f4", count, _HEADER.size).astype(np.float64)
+        if not np.isfinite(values).all():
+            self._not_finite += 1
+            return None
+        # A board that was switched on again counts from 0, which is no loss.
+        if self._last is not None and number > self._last:
+            self.health.dropped += number - self._last - 1
+        self._last = number
+        return self._frame(number, time_us * 1e-6, received_s, values)
+
+    @classmethod
+    def recognises(cls, data: bytes) -> bool:
+        """Two headers of version 1."""
+        return len(re.findall(re.escape(SYNC + struct.pack("<H", VERSION)), data)) >= 2
+
+
+def _judge(buffer: bytearray, at: int) -> int | None:
+    """Length of the frame at `at`; 0 if there is none, None if more bytes must decide."""
+    if at + _HEADER.size > len(buffer):
+        return None
+    _, version, _, _, count, _ = _HEADER.unpack_from(buffer, at)
+    if version != VERSION or not 0 < count <= MAX_VALUES:
+        return 0
+    end: int = at + _HEADER.size + 4 * count
+    if end + _CRC.size > len(buffer):
+        return None
+    (crc,) = _CRC.unpack_from(buffer, end)
+    with memoryview(buffer) as view, view[at:end] as body:
+        return end + _CRC.size - at if crc == zlib.crc32(body) else 0
