@@ -44,6 +44,18 @@ class _Pending:
         return bool(self.frames) or any(self.rows.values())
 
 
+def check_new(path: Path) -> None:
+    """Refuse what cannot be the name of a new recording.
+
+    Raises:
+        InputError: the file exists already, or its name does not end in .h5.
+    """
+    if path.suffix != ".h5":
+        raise InputError(f"A recording's name ends in .h5, got {path}.")
+    if path.exists():
+        raise InputError(f"{path} exists already and is never overwritten: name another file.")
+
+
 class Recorder:
     """A recording in the making.
 
@@ -73,8 +85,7 @@ class Recorder:
         emulated: bool = False,
         started: str | None = None,
     ) -> None:
-        if path.suffix != ".h5":
-            raise InputError(f"A recording's name ends in .h5, got {path}.")
+        check_new(path)
         self.path, self.sensor = path, sensor
         self._header: dict[str, object] = {
             "board": board,
@@ -186,10 +197,7 @@ class Recorder:
         try:
             file = h5py.File(self.path, "x", libver="latest")
         except OSError as error:
-            if isinstance(error, FileExistsError) or self.path.exists():
-                raise InputError(
-                    f"{self.path} exists already and is never overwritten: name another file."
-                ) from error
+            check_new(self.path)  # another program may just have made it
             reason = os.strerror(error.errno) if error.errno else "is the folder there?"
             raise RecorderError(f"Cannot write the recording {self.path}: {reason}.") from error
         file.attrs["format"] = np.bytes_(layout.FORMAT)

@@ -19,8 +19,8 @@ from typing import Annotated
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, field_validator
 
 from eitbench.hardware.emulated_sensor import Touch
+from eitbench.scenarios.declaration import key_lines
 from eitbench.scenarios.errors import InputError
-from eitbench.scenarios.suites import key_lines
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 

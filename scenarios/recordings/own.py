@@ -49,11 +49,11 @@ def _own_set(path: Path, changed_ns: int, size: int) -> RecordedSet:
     content = _usable(path)
     with path.open("rb") as stream:
         digest = hashlib.file_digest(stream, "sha256").hexdigest()
-    board = f"emulated {content.board}" if content.emulated else content.board
+    board = "an emulated board" if content.emulated else f"the board {content.board}"
     sensor: Callable[[], Sensor] = partial(_same, content.sensor)
     return RecordedSet(
         name=path.stem,
-        title=f"own recording with the board {board}, {len(content.labels)} touches",
+        title=f"own recording with {board}, {len(content.labels)} touches",
         sensor_name=str(path),
         sensor=sensor,
         truth=_truth(content),

@@ -105,8 +105,8 @@ def read_file(path: Path) -> tuple[Content, Condition]:
         received_s=received_s[:kept],
         values=values[:kept],
         reference=parts[layout.REFERENCE],
-        labels=_table(parts[layout.LABELS]),
-        events=_table(parts[layout.EVENTS]),
+        labels=table_of(parts[layout.LABELS]),
+        events=table_of(parts[layout.EVENTS]),
     )
     condition = Condition(
         complete=complete,
@@ -132,7 +132,8 @@ def _trailing(wrong: NDArray[np.bool_]) -> int:
     return len(wrong) - (int(right[-1]) + 1 if len(right) else 0)
 
 
-def _table(rows: NDArray[Any]) -> pd.DataFrame:
+def table_of(rows: NDArray[Any]) -> pd.DataFrame:
+    """Rows of the layout as a table of `Content`."""
     names = rows.dtype.names or ()
     columns = {
         name: [bytes(text).decode(errors="replace") for text in rows[name]]
