@@ -97,8 +97,8 @@ class Guide:
             self._say(f"{touches} touches so far.")
         if touches < ENOUGH:
             self._say(
-                f"{touches} touches are too few to be judged: every fifth one registers images "
-                f"with places, so record at least {ENOUGH}."
+                f"Too few touches to be judged ({touches}): every fifth one registers images with "
+                f"places, so record at least {ENOUGH}."
             )
         return touches
 

@@ -51,8 +51,7 @@ def read_csv(path: Path, sensor: Sensor | None) -> Content:
     lines = text.splitlines()
     body = [line for line in lines if not line.startswith("#")]
     if not lines or lines[0] != _FIRST:
-        named = bool(body) and any(c.isalpha() for c in body[0].lower().replace("nan", ""))
-        return frames_alone(_table(body[named:], path), sensor, path)
+        return frames_alone(_table(body[_are_names(body[:1]) :], path), sensor, path)
     if sensor is not None:
         raise InputError(f"{path} says on which sensor it was measured: leave out --sensor.")
     head = _head([line for line in lines[1:] if line.startswith("#")], path)
@@ -61,6 +60,15 @@ def read_csv(path: Path, sensor: Sensor | None) -> Content:
     table = _table(body[1:], path, len(body[0].split(",")))
     columns = {name: table[:, k] for k, name in enumerate(COLUMNS)}
     return content_of(head, columns, table[:, len(COLUMNS) :], path)
+
+
+def _are_names(lines: list[str]) -> bool:
+    """Whether the first line holds names of columns, not numbers."""
+    try:
+        [float(cell) for line in lines for cell in line.split(",")]
+    except ValueError:
+        return True
+    return False
 
 
 def _head(lines: list[str], path: Path) -> dict[str, Any]:

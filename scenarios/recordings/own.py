@@ -53,7 +53,7 @@ def _own_set(path: Path, changed_ns: int, size: int) -> RecordedSet:
     sensor: Callable[[], Sensor] = partial(_same, content.sensor)
     return RecordedSet(
         name=path.stem,
-        title=f"own recording with {board}, {len(content.labels)} touches",
+        title=f"own recording with {board}, touches: {len(content.labels)}",
         sensor_name=str(path),
         sensor=sensor,
         truth=_truth(content),

@@ -208,7 +208,7 @@ def test_typing_errors_are_asked_again(tmp_path: Path, board: Make) -> None:
         "A place is two numbers such as 30 55, got '30 x'.",
         "(500, 20) mm is outside the sensor, which reaches from (0, 0) to (100, 100) mm.",
     ]
-    assert said[-1].startswith("1 touches are too few to be judged")
+    assert said[-1].startswith("Too few touches to be judged (1)")
 
 
 def test_a_board_that_fails_ends_the_session(tmp_path: Path, board: Make) -> None:
@@ -237,7 +237,7 @@ def test_an_emulated_recording_never_counts_as_real(tmp_path: Path, frames: Fram
         recorder.label(3, 5, x_m=0.05, y_m=0.05)
     replay = Replay(path)
     assert is_emulated(replay)
-    assert recorded_set(str(path)).title == "own recording with an emulated board, 1 touches"
+    assert recorded_set(str(path)).title == "own recording with an emulated board, touches: 1"
     write_suite(suite_path(path), path, sensor("foam16"), "emulator", emulated=True)
     suite = load_suite(tmp_path / "touch.toml")
     assert suite.scenarios[0].name == "emulated-touch"
