@@ -126,12 +126,12 @@ class Guide:
 
     def _during(self, seconds: float) -> tuple[int, int]:
         """The first and last row of what arrives in `seconds`, one frame at least."""
-        first, end_s = len(self._recorder), time.monotonic() + seconds
-        while time.monotonic() < end_s or len(self._recorder) == first:
+        first, end_s = self._recorder.count, time.monotonic() + seconds
+        while time.monotonic() < end_s or self._recorder.count == first:
             if self._failure is not None:
                 raise self._failure
             time.sleep(0.01)
-        return first, len(self._recorder) - 1
+        return first, self._recorder.count - 1
 
     def _number(self, question: str, default: float, least: float = 0) -> float:
         while typed := self._ask(question).strip():

@@ -112,7 +112,8 @@ class Recorder:
             raise
         self._thread.start()
 
-    def __len__(self) -> int:
+    @property
+    def count(self) -> int:
         """Number of frames appended."""
         return self._appended
 

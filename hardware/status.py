@@ -76,7 +76,8 @@ class Monitor:
 
     def status(self, damaged: int) -> Status:
         """The status now, with the number of `damaged` frames that the board has counted."""
-        reciprocity, suspects, snr_db = float("nan"), (), float("nan")
+        reciprocity, snr_db = float("nan"), float("nan")
+        suspects: tuple[int, ...] = ()
         # Frames without numbers say nothing about noise or contacts.
         last = [frame for frame in self._last if np.isfinite(frame.values).all()]
         if last:

@@ -27,8 +27,8 @@ def write_mat(content: Content, path: Path) -> None:
     for name in layout.LABEL.names or ():
         if name != "state":
             arrays[f"label_{name}"] = content.labels[name].to_numpy()
-    with path.open("xb") as file:
-        scipy.io.savemat(file, arrays, do_compression=True, oned_as="column")
+    path.touch(exist_ok=False)
+    scipy.io.savemat(str(path), arrays, appendmat=False, do_compression=True, oned_as="column")
 
 
 def read_mat_recording(path: Path, sensor: Sensor | None) -> Content:
@@ -65,10 +65,11 @@ def _variables(path: Path, names: tuple[str, ...]) -> dict[str, NDArray[Any]]:
     import scipy.io
 
     try:
-        with path.open("rb") as file:
-            content = scipy.io.loadmat(file, variable_names=list(names))
+        path.open("rb").close()
     except OSError as error:
         raise DataUnavailableError(f"Cannot read {path}: {error.strerror}.") from error
+    try:
+        content = scipy.io.loadmat(str(path), appendmat=False, variable_names=list(names))
     # scipy's parser of damaged files fails in whatever way the damage leads to.
     except Exception as error:
         raise DataCorruptError(

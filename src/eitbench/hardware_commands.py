@@ -75,7 +75,7 @@ def record(
     emulated = is_emulated(made)
     with made, Recorder(out, made.sensor, board, emulated=emulated) as recorder:
         touches = _guide(made, recorder) if guided else _record(made, recorder, seconds)
-    typer.echo(f"{len(recorder)} frames are in {out}: eitbench recordings check {out}")
+    typer.echo(f"{recorder.count} frames are in {out}: eitbench recordings check {out}")
     if suite is not None and touches:
         write_suite(suite, out, made.sensor, board, emulated=emulated)
         typer.echo(f"Judge methods on them: eitbench run {suite}")

@@ -8,6 +8,7 @@ import h5py
 import numpy as np
 import pandas as pd
 import pytest
+from numpy.typing import NDArray
 
 from eitbench.benchmark.runner import make_plan, start_run
 from eitbench.hardware.board import Frame
@@ -46,9 +47,9 @@ def record(path: Path, n: int = 20, *, places: bool = True, reference: bool = Tr
     x, y = bench.pixel_centres
     with Recorder(path, bench, "fake") as recorder:
 
-        def measure(image: np.ndarray) -> int:  # type: ignore[type-arg]
+        def measure(image: NDArray[np.float64]) -> int:
             clean = model.voltages(image)
-            k = len(recorder)
+            k = recorder.count
             noise = 1e-3 * np.std(clean) * draws.normal(size=clean.shape)
             recorder.append(Frame(k, k / 10, k / 10, clean + noise))
             return k

@@ -196,6 +196,21 @@ def test_a_guided_session_ends_in_a_set(tmp_path: Path, board: Make) -> None:
         suite_path(path)
 
 
+def test_an_emulated_board_is_pressed_by_the_session(tmp_path: Path) -> None:
+    emulator = Emulator(sensor("foam16"), rate_hz=50.0)
+    left = ["", "", "", "30 30", "70 60", ""]
+    timing = Timing(reference_s=0.4, settle_s=0.3, hold_s=0.3)
+    with emulator, Recorder(tmp_path / "a.h5", emulator.sensor, "emulator") as recorder:
+        guide = Guide(emulator, recorder, lambda _: left.pop(0), lambda _: None, timing)
+        assert guide.run() == 2
+    content, _ = read_file(tmp_path / "a.h5")
+    untouched = content.values[content.reference]
+    noise = np.linalg.norm(untouched - untouched.mean(axis=0), axis=1).max()
+    for label in content.labels.itertuples():
+        pressed = content.values[label.first : label.last + 1] - untouched.mean(axis=0)
+        assert (np.linalg.norm(pressed, axis=1) > 5 * noise).all()
+
+
 def test_typing_errors_are_asked_again(tmp_path: Path, board: Make) -> None:
     answers = ["", "many", "0", "1", "-3", "", "30", "30 x", "500 20", "30 20", "", "", ""]
     touches, _, said = guided(tmp_path / "a.h5", board, answers)
