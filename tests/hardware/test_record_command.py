@@ -13,7 +13,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from eitbench import cli
 from eitbench.hardware import boards
 from eitbench.hardware.board import Board, Frame
 from eitbench.hardware.recorder import Recorder
@@ -35,21 +34,6 @@ start_mm = 20
 [pattern]
 offset = 3
 """
-
-
-@pytest.fixture
-def eitbench(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Run:
-    """Run a command in this process: exit code, stdout, stderr."""
-
-    def call(*arguments: str | Path) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["eitbench", *map(str, arguments)])
-        with pytest.raises(SystemExit) as end:
-            cli.main()
-        out, err = capsys.readouterr()
-        code = end.value.code
-        return code if isinstance(code, int) else int(code is not None), out, err
-
-    return call
 
 
 @pytest.fixture
@@ -146,9 +130,11 @@ def test_every_command_has_help_with_an_example(command: tuple[str, ...], eitben
 def test_an_emulated_board_is_recorded_until_ctrl_c(tmp_path: Path) -> None:
     """The whole way: a serial device file, the live status line of a terminal, Ctrl-C."""
     out = tmp_path / "a.h5"
-    command = [sys.executable, "-m", "eitbench.cli", "record", "--board", "emulator", "--out", out]
+    command = [sys.executable, "-m", "eitbench.cli", "record", "--board", "emulator"]
     master, slave = pty.openpty()
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=slave, text=True) as process:
+    with subprocess.Popen(
+        [*command, "--out", str(out)], stdout=subprocess.PIPE, stderr=slave, text=True
+    ) as process:
         os.close(slave)
         try:
             while not out.exists() or len(read_file(out)[0]) < 15:
@@ -173,7 +159,7 @@ def test_a_guided_session_with_an_emulated_board_is_ready_for_a_suite(tmp_path: 
     answers = "\n1\n\n" + "30 30\n70 30\n50 60\n" + "\n"
     command = [sys.executable, "-m", "eitbench.cli", "record", "--board", "emulator", "--guided"]
     done = subprocess.run(
-        [*command, "--out", out], input=answers, capture_output=True, text=True, timeout=120
+        [*command, "--out", str(out)], input=answers, capture_output=True, text=True, timeout=120
     )
     assert done.returncode == 0, done.stderr
     suite_file = out.with_suffix(".toml")

@@ -206,8 +206,8 @@ def test_an_emulated_board_is_pressed_by_the_session(tmp_path: Path) -> None:
     content, _ = read_file(tmp_path / "a.h5")
     untouched = content.values[content.reference]
     noise = np.linalg.norm(untouched - untouched.mean(axis=0), axis=1).max()
-    for label in content.labels.itertuples():
-        pressed = content.values[label.first : label.last + 1] - untouched.mean(axis=0)
+    for first, last in zip(content.labels["first"], content.labels["last"], strict=True):
+        pressed = content.values[first : last + 1] - untouched.mean(axis=0)
         assert (np.linalg.norm(pressed, axis=1) > 5 * noise).all()
 
 
