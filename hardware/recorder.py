@@ -4,6 +4,8 @@ import errno
 import hashlib
 import os
 import threading
+from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
@@ -105,9 +107,10 @@ class Recorder:
         self._stopping = threading.Event()
         self._thread = threading.Thread(target=self._run, name=f"record {path.name}", daemon=True)
         try:
-            self._write(_Pending())
+            self._reserve_and(self._lay_out)
         except RecorderError:
-            self._file.close()
+            with suppress(OSError, RuntimeError):
+                self._file.close()
             path.unlink()
             raise
         self._thread.start()
@@ -189,8 +192,11 @@ class Recorder:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, *_: object) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         self.close()
+        # What failed before its first frame must not be in the way of another attempt.
+        if kind is not None and self.count == 0:
+            self.path.unlink()
 
     def _create(self) -> Any:
         import h5py
@@ -201,6 +207,11 @@ class Recorder:
             check_new(self.path)  # another program may just have made it
             reason = os.strerror(error.errno) if error.errno else "is the folder there?"
             raise RecorderError(f"Cannot write the recording {self.path}: {reason}.") from error
+        return file
+
+    def _lay_out(self) -> None:
+        """Make every dataset, for frames to be appended to."""
+        file = self._file
         file.attrs["format"] = np.bytes_(layout.FORMAT)
         file.attrs["version"] = layout.VERSION
         for name, value in self._header.items():
@@ -221,7 +232,7 @@ class Recorder:
         for name, units in layout.UNITS.items():
             file[name].attrs["units"] = np.bytes_(units)
         file.swmr_mode = True
-        return file
+        self._flush()
 
     def _add(self, table: str, *rows: Any) -> None:
         self._check()
@@ -260,8 +271,8 @@ class Recorder:
             for name, kind in layout.TABLE_TYPES.items()
         }
         size = sum(part.nbytes for part in (*columns.values(), *tables.values()))
-        try:
-            self._reserve(size)
+
+        def write() -> None:
             if frames:
                 packed = layout.packed(
                     columns[layout.NUMBER],
@@ -277,6 +288,18 @@ class Recorder:
             for name, rows in tables.items():
                 self._append(name, rows)
             self._flush()
+
+        self._reserve_and(write, size)
+
+    def _reserve_and(self, write: Callable[[], None], size: int = 0) -> None:
+        """Take room for `size` bytes, and `write` them.
+
+        Raises:
+            RecorderError: there is no room, or they cannot be written.
+        """
+        try:
+            self._reserve(size)
+            write()
         except (OSError, RuntimeError, ValueError) as error:
             number = getattr(error, "errno", None)
             reason = "the disk is full" if number in _FULL else f"it cannot be written ({error})"
@@ -299,7 +322,8 @@ class Recorder:
             OSError: there is none.
         """
         needed = self._file.id.get_filesize() + 2 * size + _RESERVE_BYTES
-        if needed > self._reserved:
+        # Where the system cannot take room (macOS), a full disk is met in the middle of a write.
+        if needed > self._reserved and hasattr(os, "posix_fallocate"):
             try:
                 os.posix_fallocate(self._descriptor, 0, needed + _RESERVE_BYTES)
             except OSError as error:

@@ -92,11 +92,23 @@ def test_nothing_is_overwritten(tmp_path: Path, skin: Sensor, frames: Frames) ->
 
 def test_frames_of_another_sensor_are_refused(tmp_path: Path, skin: Sensor) -> None:
     with (
-        Recorder(tmp_path / "a.h5", skin, "fake") as recorder,
         pytest.raises(InputError, match=r"'skin' has 40 values, and a frame has 208"),
+        Recorder(tmp_path / "a.h5", skin, "fake") as recorder,
     ):
         recorder.append(Frame(0, 0.0, 0.0, np.zeros(208)))
-    assert read_file(tmp_path / "a.h5")[1] == WHOLE
+    assert list(tmp_path.iterdir()) == []  # another attempt may take the name
+
+
+def test_what_fails_later_is_kept(tmp_path: Path, skin: Sensor, frames: Frames) -> None:
+    def interrupted() -> None:
+        with Recorder(tmp_path / "a.h5", skin, "fake") as recorder:
+            recorder.append(frames(1)[0])
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
+    content, condition = read_file(tmp_path / "a.h5")
+    assert (len(content), condition) == (1, WHOLE)
 
 
 WRITER = """
@@ -196,9 +208,12 @@ def test_a_full_disk_is_one_sentence_and_leaves_a_readable_file(tmp_path: Path) 
     assert (condition.complete, condition.trimmed, condition.damaged) == (False, 0, ())
 
 
-def test_a_disk_that_is_full_from_the_start_leaves_nothing(tmp_path: Path, skin: Sensor) -> None:
+@pytest.mark.parametrize("room", [100, 100_000])
+def test_a_disk_that_is_full_from_the_start_leaves_nothing(
+    tmp_path: Path, skin: Sensor, room: int
+) -> None:
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, before[1]))
+    resource.setrlimit(resource.RLIMIT_FSIZE, (room, before[1]))
     try:
         with pytest.raises(RecorderError, match="the disk is full: the 0 frames"):
             Recorder(tmp_path / "a.h5", skin, "fake")
