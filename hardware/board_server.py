@@ -20,6 +20,7 @@ from eitbench.scenarios.sensors import Sensor
 Measure = Callable[[float], NDArray[np.float64]]
 
 _WAKE_S = 0.05  # a thread that is to end notices it within this time
+_ANSWERS = 4096  # bytes that wait for a host; of one that does not read nothing more is answered
 _BAUDS = {
     getattr(termios, name): int(name[1:])
     for name in dir(termios)
@@ -91,6 +92,7 @@ class BoardServer:
                 if self._listened() and self._device.running:
                     self._send(tick / self.rate_hz)
                 if self._cut:
+                    time.sleep(_WAKE_S)  # what was sent arrives, or the system would forget it
                     break
                 # What could not be measured in time is left out; the grid stays.
                 tick = max(tick + 1, int((time.monotonic() - begin) * self.rate_hz))
@@ -103,15 +105,13 @@ class BoardServer:
 
     def _poll(self, wait_s: float) -> int:
         poll = select.poll()
-        poll.register(self._master, select.POLLIN)
+        poll.register(self._master, select.POLLIN | (select.POLLOUT if self._unsent else 0))
         events = poll.poll(wait_s * 1e3)
         return events[0][1] if events else 0
 
     def _attend(self, until_s: float) -> None:
         """Obey the host until `until_s` on the monotonic clock, but no longer than a moment."""
         wait_s = min(max(until_s - time.monotonic(), 0), _WAKE_S)
-        if self._unsent:
-            wait_s = min(wait_s, 1e-3)
         events = self._poll(wait_s)
         if events & select.POLLHUP:
             self._unsent = b""
@@ -120,8 +120,10 @@ class BoardServer:
         if events & select.POLLIN:
             with contextlib.suppress(OSError):
                 heard = misread(os.read(self._master, 4096), self._host_baud(), self._baud)
-                self._write(self._device.obey(heard))
-        elif self._unsent:
+                answer = self._device.obey(heard)
+                if len(self._unsent) < _ANSWERS:
+                    self._write(answer)
+        elif events & select.POLLOUT:
             self._write(b"")
 
     def _send(self, time_s: float) -> None:

@@ -1,42 +1,68 @@
 """What a stream of bytes looks like that holds none of the frames that are expected."""
 
-import string
+from collections.abc import Callable
 
 from eitbench.hardware.protocols import PROTOCOLS, Protocol
 
-_TEXT = string.printable.encode()
+BAUDS = (9600, 19_200, 38_400, 57_600, 115_200, 230_400, 460_800, 921_600, 1_000_000, 2_000_000)
+"""Rates that boards are usually set to [bit/s]."""
+
 _LEAST = 64  # bytes that say something about a line
+_FOREIGN = 0.01  # share of characters that no text has; what is read at a wrong rate has more
 
 
-def diagnose(data: bytes, expected: type[Protocol], port: str) -> str | None:
+def diagnose(
+    data: bytes, expected: type[Protocol], port: str, listen: Callable[[int], bytes]
+) -> str | None:
     """What is wrong with `data`, as one sentence; None if it may still become frames.
 
     Args:
         data: what came last from `port`, without a whole frame in it.
         expected: what it should be.
         port: where it came from.
+        listen: sets the port to a rate [bit/s] and returns what is heard at it for a while.
     """
     if len(data) < _LEAST or expected.recognises(data):
         return None
-    for name, protocol in PROTOCOLS.items():
-        if protocol.recognises(data):
+    name = recognised(data)
+    if name is not None:
+        return (
+            f"What {port} sends looks like board {name!r}, not {expected.name!r}: give "
+            f"--board {name}."
+        )
+    # What is read at a wrong rate may be printable, too, so that text is judged last.
+    for baud in BAUDS:
+        name = recognised(listen(baud)) if baud != expected.baud else None
+        if name == expected.name:
             return (
-                f"What {port} sends looks like board {name!r}, not {expected.name!r}: give "
-                f"--board {name}."
+                f"The board on {port} has the wrong baud rate: it is set to {baud} bit/s; "
+                f"set it to {expected.baud}, the rate of {name!r}."
+            )
+        if name is not None:
+            return (
+                f"What {port} sends at {baud} bit/s looks like board {name!r}, not "
+                f"{expected.name!r}: give --board {name}."
             )
     if is_text(data):
-        begin = data[: data.find(b"\n", 1)][:40].strip().decode(errors="replace")
+        line = data[data.find(b"\n") + 1 :].partition(b"\n")[0]
+        begin = line.strip()[:40].decode(errors="replace")
         return (
             f"{port} sends text that no known board sends, such as {begin!r}: see whether it is "
             "the port of the board."
         )
     return (
         f"What {port} sends at {expected.baud} bit/s is neither text nor frames: most likely the "
-        f"board is set to another baud rate; set it to {expected.baud}, the rate of "
-        f"{expected.name!r}."
+        f"board has a wrong baud rate; set it to {expected.baud}, the rate of {expected.name!r}."
     )
 
 
+def recognised(data: bytes) -> str | None:
+    """The name of the board that sends `data`; None if it is unknown."""
+    return next((name for name, p in PROTOCOLS.items() if p.recognises(data)), None)
+
+
 def is_text(data: bytes) -> bool:
-    """Whether nearly all of `data` are printable ASCII characters."""
-    return len(data.translate(None, _TEXT)) <= 0.05 * len(data)
+    """Whether nearly all characters of `data` are printable."""
+    text = data.decode(errors="replace")
+    foreign = sum(not (c.isprintable() or c in "\t\r\n") or c == "\ufffd" for c in text)
+    return foreign <= _FOREIGN * len(text)

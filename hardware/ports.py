@@ -1,5 +1,6 @@
 """Serial ports: which there are, who may use them, and who has them."""
 
+import contextlib
 import errno
 import os
 from pathlib import Path
@@ -94,11 +95,15 @@ def holders(port: str) -> list[str]:
     for process in Path("/proc").glob("[0-9]*"):
         if process.name == str(os.getpid()):
             continue
-        try:
-            opened = {str(link.readlink()) for link in (process / "fd").iterdir()}
-            if device in opened:
+        with contextlib.suppress(OSError):  # it has ended, or belongs to somebody else
+            if any(_leads_to(link, device) for link in (process / "fd").iterdir()):
                 name = (process / "comm").read_text().strip()
                 found.append(f"{name} (process {process.name})")
-        except OSError:  # it has ended, or belongs to somebody else
-            continue
     return found
+
+
+def _leads_to(link: Path, device: str) -> bool:
+    try:
+        return str(link.readlink()) == device
+    except OSError:  # closed meanwhile
+        return False

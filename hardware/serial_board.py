@@ -20,6 +20,8 @@ _POLL_S = 0.02  # a read waits no longer, so that `frames` keeps to its time
 _CHUNK = 1 << 16  # bytes that are read at once
 _REMEMBERED = 1 << 15  # bytes since the last frame that a diagnosis looks at
 _PATIENCE_S = 3.0  # a board that sends no frame for so long, though bytes, is looked at
+_SILENCE_S = 5.0  # a board that was started sends something within this time
+_LISTEN_S = 0.5  # as long as it is listened to at another rate
 _ANSWER_S = 1.0  # a board answers a command within this time
 
 
@@ -37,9 +39,13 @@ class SerialBoard(Board):
     def __init__(self, sensor: Sensor, port: str) -> None:
         super().__init__(sensor)
         self.port = port
-        self.protocol.check(sensor)
+        self._parser = self.protocol(sensor)
         self._serial: serial.Serial | None = None
         self._started = False
+        self._since: float | None = None  # when the first byte after the last frame came
+        self._silent_since: float | None = None  # when it was started, until a byte comes
+        self._repeated = False  # it was told to start twice
+        self._forget()
 
     def open(self) -> None:
         """Take hold of the port."""
@@ -63,12 +69,17 @@ class SerialBoard(Board):
         for command in self._parser.stopping():
             self._send(command)
             self._answer()
-        self._line.reset_input_buffer()
+        try:
+            self._line.reset_input_buffer()
+        except OSError as error:
+            raise self._lost(error) from error
         for command in self._parser.starting():
             self._send(command)
             if self._parser.awaits_answers:
                 self._check(command, self._answer())
         self._started = True
+        self._repeated = False
+        self._silent_since = time.monotonic()
 
     def frames(self, wait_s: float) -> list[Frame]:
         """The frames that have arrived since the last call."""
@@ -122,6 +133,7 @@ class SerialBoard(Board):
 
     def _send(self, command: bytes) -> None:
         line = self._line
+        self._parser.answers.clear()
         try:
             line.write(command)
         except serial.SerialTimeoutException as error:
@@ -146,7 +158,7 @@ class SerialBoard(Board):
     def _check(self, command: bytes, obeyed: bool | None) -> None:
         if obeyed is None:
             raise BoardError(
-                diagnose(bytes(self._unread), self.protocol, self.port)
+                self._diagnosis()
                 or f"The board on {self.port} does not answer as {self.protocol.name!r} does: see "
                 "whether it is switched on, and whether this is its port."
             )
@@ -157,25 +169,65 @@ class SerialBoard(Board):
             )
 
     def _forget(self) -> None:
-        """A frame has come, or none is awaited yet: there is nothing to look into."""
+        """A frame has come, or none is awaited: there is nothing to look into."""
         self._unread = bytearray()
-        self._since: float | None = None
+        self._since = self._silent_since = None
 
     def _judge(self, data: bytes) -> None:
         """Look into what has come since the last frame, `data` last, if it takes too long."""
-        if self._parser.refusal is not None:
+        now = time.monotonic()
+        silent = (
+            not data and self._silent_since is not None and now - self._silent_since > _SILENCE_S
+        )
+        if (silent or self._parser.refusal) and self._start_again():
+            return
+        if self._parser.refusal:
             raise BoardError(self._parser.refusal)
+        if silent:
+            raise BoardError(
+                f"The board on {self.port} sends nothing: see whether it is switched on, is a "
+                f"{self.protocol.name!r}, and is set to {self.protocol.baud} bit/s."
+            )
         if not data:
             return
-        now = time.monotonic()
+        self._silent_since = None
         self._since = self._since or now
         self._unread += data
         del self._unread[:-_REMEMBERED]
         if now - self._since > _PATIENCE_S:
-            wrong = diagnose(bytes(self._unread), self.protocol, self.port)
+            wrong = self._diagnosis()
             if wrong is not None:
                 raise BoardError(wrong)
             self._forget()
+
+    def _start_again(self) -> bool:
+        """Tell it once more to start: opening the port resets many boards, which are deaf then."""
+        if self._repeated or self._parser.awaits_answers:
+            return False
+        for command in self._parser.starting():
+            self._send(command)
+        self._repeated = True
+        self._parser.refusal = None
+        self._silent_since = time.monotonic()
+        return True
+
+    def _diagnosis(self) -> str | None:
+        return diagnose(bytes(self._unread), self.protocol, self.port, self._listen)
+
+    def _listen(self, baud: int) -> bytes:
+        """What is heard at another rate."""
+        line = self._line
+        try:
+            line.baudrate = baud
+            line.reset_input_buffer()
+            heard = bytearray()
+            end = time.monotonic() + _LISTEN_S
+            while time.monotonic() < end:
+                heard += self._read()
+            line.baudrate = self.protocol.baud
+        except OSError as error:
+            raise self._lost(error) from error
+        return bytes(heard)
 
 
 class TeensyBoard(SerialBoard):

@@ -34,6 +34,7 @@ COMMANDS = [
     ("new-method",),
     ("recordings",),
     ("recordings", "fetch"),
+    ("emulate",),
 ]
 
 
@@ -73,6 +74,7 @@ def test_version(eitbench: Run) -> None:
         ("sensors", "foam16"),
         ("suites", "paper"),
         ("recordings", "ohmc16"),
+        ("boards", "teensy"),
     ],
 )
 def test_list(what: str, name: str, eitbench: Run) -> None:
@@ -102,6 +104,8 @@ def test_list(what: str, name: str, eitbench: Run) -> None:
         (("new-method", "No Good"), 2, "cannot name a new method"),
         (("recordings", "fetch", "ohmc61"), 2, "Unknown recorded set 'ohmc61'"),
         (("leaderboard", "no-such-run"), 2, "no-such-run"),
+        (("emulate", "--protocol", "tensy"), 2, "Unknown protocol 'tensy': did you mean 'teensy'"),
+        (("emulate", "--speed", "0"), 2, "runs at a speed above 0"),
         (("reproduce", "--runs", "no-such-run"), 2, "no-such-run is not a run directory"),
     ],
 )

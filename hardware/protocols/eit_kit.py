@@ -103,7 +103,6 @@ class EitKit(LineProtocol):
         if len(values) != self._n**2:
             return None
         matrix = values.reshape(self._n, self._n)
-        matrix[0, 0] = 0.0  # as it is measured; what stood before may have been read with it
         return matrix if (matrix[self._zeros] == 0).all() else None
 
     def _last(self, line: bytes) -> Array:
@@ -111,23 +110,25 @@ class EitKit(LineProtocol):
         texts = line.rstrip(b", \t").rsplit(b",", self._n**2 - 1)
         if len(texts) < self._n**2:
             return np.empty(0)
+        # The first is 0, as it is a driven pair; what stood before may be glued to it.
         return np.concatenate([[0.0], numbers(b",".join(texts[1:]))])
 
     def _look_into(self, values: Array) -> None:
-        """Say so if `values` are a matrix of another number of electrodes, or another offset."""
+        """Say what else the `values` of a line seem to be."""
         n, side = self._n, math.isqrt(len(values))
-        if side**2 != len(values) or side < min(n, _LEAST):
-            return
-        zero = values.reshape(side, side) == 0
+        if len(values) < min(n, _LEAST) ** 2:
+            return  # free text
+        advice = "choose the sensor that is on it, or set the board to its pattern."
+        has = f"where sensor {self.sensor.name!r} has {n} and {offset_of(self.sensor)}: {advice}"
+        zero = values[: side**2].reshape(side, side) == 0
         # k and n - k have the same zeros.
         offset = next((k for k in range(1, side // 2 + 1) if zero[driven(side, k)].all()), None)
-        if offset is None:
-            return
-        self._refuse(
-            f"The board measures with {side} electrodes and offset {offset} where sensor "
-            f"{self.sensor.name!r} has {n} and {offset_of(self.sensor)}: choose the sensor that is "
-            "on it, or set the board to its offset."
-        )
+        if side**2 != len(values):
+            self._refuse(f"The board sends {len(values)} values a line, not {n} x {n}: {advice}")
+        elif offset is not None:
+            self._refuse(f"The board measures with {side} electrodes and offset {offset} {has}")
+        else:
+            self._refuse(f"The board sends {side} x {side} values that are not 0 on driven pairs.")
 
     @classmethod
     def recognises(cls, data: bytes) -> bool:

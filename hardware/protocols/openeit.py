@@ -80,15 +80,13 @@ class OpenEit(LineProtocol):
         values = numbers(line[at + len(MARK) :])
         if len(values) == self.sensor.n_measurements:
             return values
-        for electrodes, count in _COUNTS.items():
-            if len(values) == count:
-                self._refuse(
-                    f"The board sends {count} values a frame, as with {electrodes} electrodes, "
-                    f"where sensor {self.sensor.name!r} has {self.sensor.n_measurements}: choose "
-                    "the sensor that is on it."
-                )
-                return None
-        self.health.damaged += 1
+        self.health.damaged += len(values) not in _COUNTS.values()
+        if len(values):
+            self._refuse(
+                f"The board sends {len(values)} values a frame where sensor {self.sensor.name!r} "
+                f"has {self.sensor.n_measurements} (8, 16 and 32 electrodes have 32, 192 and 896): "
+                "choose the sensor that is on it."
+            )
         return None
 
     @classmethod

@@ -99,7 +99,7 @@ class Protocol(ABC):
     def _refuse(self, sentence: str) -> None:
         """Count a whole frame that is none of the sensor's."""
         self._refused += 1
-        if self._refused >= PATIENCE:
+        if self._refused % PATIENCE == 0:
             self.refusal = sentence
 
 

@@ -17,7 +17,7 @@ from eitbench.hardware.board import Frame
 from eitbench.hardware.protocols.framing import Scanner
 from eitbench.hardware.protocols.protocol import Array, Device, Protocol
 from eitbench.scenarios.errors import InputError
-from eitbench.scenarios.recordings.potentials import Drives, in_phase_differences
+from eitbench.scenarios.recordings.potentials import Drives, places
 from eitbench.scenarios.sensors import Sensor
 
 CHANNELS = 16
@@ -116,6 +116,7 @@ class Sciospec(Protocol):
     def __init__(self, sensor: Sensor) -> None:
         super().__init__(sensor)
         self._drives = drives(sensor)
+        self._places = places(self._drives, sensor.pattern)
         self._order = np.arange(len(self._drives))
         # From src and sink, a byte each, to the number of the injection; -1 is none.
         self._injection = np.full((256, 256), -1)
@@ -161,6 +162,11 @@ class Sciospec(Protocol):
     def _frames(self, rows: NDArray[np.uint8], received_s: float) -> list[Frame]:
         """The frames that result frames `rows` (k, 140) make; what is left over is kept."""
         found = self._injection[rows[:, _SOURCE], rows[:, _SOURCE + 1]]
+        if (found < 0).any():
+            self._refuse(
+                f"The instrument measures injections that are not in the pattern of sensor "
+                f"{self.sensor.name!r}: choose the sensor that is on it, or reset its set-up."
+            )
         at, n = 0, len(self._drives)
         whole: list[int] = []
         numbers: list[int] = []
@@ -190,9 +196,11 @@ class Sciospec(Protocol):
         self, sets: NDArray[np.uint8], numbers: list[int], received_s: float
     ) -> list[Frame]:
         """Frames from the result frames (k, injections, 140) of every injection."""
-        pairs = np.ascontiguousarray(sets[..., _VALUES]).view(">f4").astype(np.float64)
-        potentials = pairs[..., 0::2] + 1j * pairs[..., 1::2]
-        values = in_phase_differences(potentials, self._drives, self.sensor.pattern)
+        with np.errstate(invalid="ignore"):  # what is not finite is thrown away below
+            pairs = np.ascontiguousarray(sets[..., _VALUES]).view(">f4")
+            potentials = pairs[..., 0::2].astype(np.float64)  # the parts in phase
+            drive, a, b = self._places
+            values = potentials[:, drive, a] - potentials[:, drive, b]
         stamps = np.ascontiguousarray(sets[:, -1, _TIME]).view(">u4")[:, 0] * 1e-3
         frames = []
         for frame, number, stamp in zip(values, numbers, stamps.tolist(), strict=True):

@@ -117,7 +117,8 @@ class Teensy(Protocol):
                 "or load its pattern into the board."
             )
             return None
-        values = np.frombuffer(raw, "<f4", count, _HEADER.size).astype(np.float64)
+        with np.errstate(invalid="ignore"):
+            values = np.frombuffer(raw, "<f4", count, _HEADER.size).astype(np.float64)
         if not np.isfinite(values).all():
             self._not_finite += 1
             return None

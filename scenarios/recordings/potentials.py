@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 from eitbench.scenarios.patterns import DrivePattern
 
 Drives = list[tuple[int, int]]
+Index = NDArray[np.int64]
 
 
 def in_phase_differences(
@@ -15,7 +16,13 @@ def in_phase_differences(
 
     The in-phase part carries the resistive field; a model with real conductivity has no other.
     """
+    drive, a, b = places(drives, pattern)
+    return np.real(potentials[..., drive, a] - potentials[..., drive, b])
+
+
+def places(drives: Drives, pattern: DrivePattern) -> tuple[Index, Index, Index]:
+    """Where values stand in an array (drives, electrodes): the drive, and electrodes a and b."""
     row = {drive: k for k, drive in enumerate(drives)}
     src, sink, a, b = pattern.table.T
     drive = [row[pair] for pair in zip(src.tolist(), sink.tolist(), strict=True)]
-    return np.real(potentials[..., drive, a] - potentials[..., drive, b])
+    return np.array(drive), a, b

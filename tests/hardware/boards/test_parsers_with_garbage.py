@@ -10,7 +10,7 @@ import numpy as np
 import psutil
 import pytest
 
-from eitbench.hardware.protocols import PROTOCOLS, Protocol, teensy
+from eitbench.hardware.protocols import PROTOCOLS, Device, Protocol, teensy
 from eitbench.hardware.protocols.lines import LONGEST
 
 MakeStream = Callable[..., Any]
@@ -28,8 +28,8 @@ LURES = {
 }
 
 
-def kept(parser: Protocol) -> int:
-    """Bytes that a parser keeps for later."""
+def kept(parser: Protocol | Device) -> int:
+    """Bytes that one end keeps for later."""
     parts: list[Any] = [v for v in vars(parser).values() if isinstance(v, bytes | bytearray | list)]
     scanner = getattr(parser, "_scanner", None)
     if scanner is not None:
@@ -71,6 +71,17 @@ def test_frames_after_one_that_was_cut_short_are_recovered(name: str, stream: Ma
             parser = sent.parser()
             parser.feed(piece, 0.0)
             assert recovers(sent, parser), length
+
+
+def test_a_lost_byte_costs_one_frame_however_the_rest_is_cut(name: str, stream: MakeStream) -> None:
+    sent = stream(name, 4)
+    message = sent.messages[1]
+    for lost in (139, 140 * 5 + 70, len(message) // 2):
+        data = sent.messages[0] + message[:lost] + message[lost + 1 :] + sent.messages[2]
+        parser = sent.parser()
+        frames = [f for at in range(len(data)) for f in parser.feed(data[at : at + 1], 0.0)]
+        assert sent.holds(0, frames[0].values)
+        assert sent.holds(2, frames[-1].values)
 
 
 def test_a_stream_without_an_end_is_not_kept(name: str, stream: MakeStream) -> None:
@@ -124,8 +135,8 @@ def fuzz(sent: Any, strings: int) -> dict[str, float]:
         parser.feed(text[cut:], 0.0)
         slowest = max(slowest, time.perf_counter() - fed)
         if k % 100 == 99:
-            assert recovers(sent, parser), k
             largest = max(largest, kept(parser))
+            assert recovers(sent, parser), k
             most = max(most, process.memory_info().rss)
     return {
         "strings": strings,
@@ -152,6 +163,18 @@ def test_a_million_random_and_mutated_strings(
         print(f"\n{name}: " + ", ".join(f"{k} {v:,.1f}" for k, v in found.items()))
     assert found["kept_kB"] < 4 * LONGEST / 1e3
     assert found["memory_MB"] < 64
+
+
+def test_the_boards_end_outlives_any_command(name: str, stream: MakeStream) -> None:
+    chance, sent = random.Random(5), stream(name, 1)
+    device = sent.protocol.device(sent.sensor)
+    for _ in range(2000):
+        device.obey(chance.randbytes(chance.randrange(40)))
+        device.obey(chance.choice([b"\xb0", b"\xb4\x01", b"start", b"c"]))
+    assert kept(device) < 2000
+    for command in (b"\0" * 16, b"\n", *sent.parser().starting()):
+        device.obey(command)
+    assert sent.parser().feed(device.encode(0, 0.0, sent.values[0]), 0.0)
 
 
 def test_every_protocol_has_lures() -> None:

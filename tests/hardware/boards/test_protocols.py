@@ -1,6 +1,8 @@
 """Every parser gives back the frames that a board sends, and says why it cannot."""
 
 import re
+import struct
+import zlib
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -89,14 +91,21 @@ def test_a_wrong_checksum_costs_that_frame_only(stream: MakeStream) -> None:
     assert (health.damaged, health.dropped, health.skipped_bytes) == (1, 1, len(wrong))
 
 
-def test_values_that_are_not_finite_are_no_frame(stream: MakeStream) -> None:
+@pytest.mark.parametrize("bits", [0x7F800001, 0x7FC00000, 0x7F800000, 0xFF800000])
+def test_values_that_are_not_finite_are_no_frame(bits: int, stream: MakeStream) -> None:
     sent = stream("teensy", 1)
-    values = sent.values[0].copy()
-    values[7] = np.nan
+    raw = bytearray(sent.messages[0])
+    raw[52:56] = struct.pack("<I", bits)
+    raw[-4:] = struct.pack("<I", zlib.crc32(raw[:-4]))
     parser = sent.parser()
-    raw = teensy.encode(pattern_id(sent.sensor.pattern), 0, 0.0, values)
-    assert parser.feed(raw, 0.0) == []
+    assert parser.feed(bytes(raw), 0.0) == []
     assert parser.health.damaged == 1
+    sent = stream("sciospec", 2)
+    raw = bytearray(sent.messages[0])
+    raw[151:155] = raw[159:163] = struct.pack(">I", bits)
+    parser = sent.parser()
+    (frame,) = parser.feed(bytes(raw) + sent.messages[1], 0.0)
+    assert (frame.number, parser.health.damaged) == (1, 1)
 
 
 def refusal(parser: Any, messages: list[bytes]) -> str:
@@ -121,13 +130,37 @@ def test_another_number_of_values_is_refused(stream: MakeStream) -> None:
     eight = replace(foam16(), electrodes=foam16().electrodes[::2], pattern=offset_pattern(8, 3))
     cases = [
         (Teensy(foam16()), sensor("ohmc16"), "192 values a frame where sensor 'foam16' has 208"),
-        (OpenEit(sensor("ohmc16")), sensor("ohmc8"), "32 values a frame, as with 8 electrodes"),
+        (
+            OpenEit(sensor("ohmc16")),
+            sensor("ohmc8"),
+            "32 values a frame where sensor 'ohmc16' has 192",
+        ),
         (EitKit(foam16()), eight, "8 electrodes and offset 3 where sensor 'foam16' has 16 and 3"),
         (EitKit(eight), foam16(), "16 electrodes and offset 3 where sensor 'foam16' has 8 and 3"),
     ]
     for parser, other, says in cases:
         sent = stream(parser.name, 2 * PATIENCE, other)
         assert says in refusal(parser, sent.messages)
+
+
+def test_lines_of_another_form_are_refused(stream: MakeStream) -> None:
+    numbered = ",".join(f"{k}.0000" for k in range(1, 257)).encode() + b"\n"
+    values = numbered.split(b",", 48)[-1]
+    for line, says in (
+        (numbered, "16 x 16 values that are not 0 on driven pairs"),
+        (values, "sends 208 values a line, not 16 x 16"),
+    ):
+        assert says in refusal(EitKit(foam16()), [line] * PATIENCE)
+    marked = [b"magnitudes: " + values] * PATIENCE
+    assert "sends 208 values" in refusal(OpenEit(sensor("ohmc16")), marked)
+
+
+def test_injections_of_another_pattern_are_refused(stream: MakeStream) -> None:
+    sent = stream("sciospec", 3 * PATIENCE, sensor("jku-tank-adjacent"))
+    parser = Sciospec(sensor("sciospec-tank"))
+    for message in sent.messages:
+        assert parser.feed(message, 0.0) == []
+    assert "injections that are not in the pattern" in str(parser.refusal)
 
 
 def test_a_refusal_ends_with_the_first_good_frame(stream: MakeStream) -> None:

@@ -1,0 +1,381 @@
+"""Boards on a serial port: unplugged, taken, at a wrong rate, with another protocol, too fast."""
+
+import contextlib
+import grp
+import os
+import pty
+import random
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import psutil
+import pytest
+
+from eitbench.hardware import ports, serial_board
+from eitbench.hardware.board import BoardError, BoardLostError, Frame
+from eitbench.hardware.board_server import BoardServer
+from eitbench.hardware.protocols import PROTOCOLS
+from eitbench.hardware.serial_board import SERIAL_BOARDS, SerialBoard, TeensyBoard
+from eitbench.scenarios.catalogue import foam16, sensor
+
+Serve = Callable[..., BoardServer]
+
+
+def on(name: str, port: str) -> SerialBoard:
+    board = SERIAL_BOARDS[name]
+    return board(sensor(board.default_sensor), port)
+
+
+def collect(board: SerialBoard, seconds: float) -> list[Frame]:
+    frames: list[Frame] = []
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        frames += board.frames(0.1)
+    return frames
+
+
+def start_and_collect(board: SerialBoard) -> None:
+    board.start()
+    collect(board, 5.0)
+
+
+def listen(board: SerialBoard, board_end: int, text: bytes) -> None:
+    """Read what a board sends that sends nothing but `text`."""
+    for _ in range(100):
+        os.write(board_end, text)
+        board.frames(0.02)
+
+
+@pytest.fixture
+def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(serial_board, "_PATIENCE_S", 0.3)
+    monkeypatch.setattr(serial_board, "_ANSWER_S", 0.3)
+    monkeypatch.setattr(serial_board, "_LISTEN_S", 0.1)
+
+
+@pytest.fixture
+def terminal() -> Iterator[tuple[int, str]]:
+    """A bare pseudo-terminal: the end of the board, and the port."""
+    board_end, host_end = pty.openpty()
+    port = os.ttyname(host_end)
+    os.close(host_end)
+    yield board_end, port
+    os.close(board_end)
+
+
+def test_a_board_measures_while_it_is_told_to(name: str, serve: Serve, stream: Any) -> None:
+    server = serve(name, 40.0)
+    sent = stream(name, 1)
+    with on(name, server.port) as board:
+        assert board.frames(0.1) == []
+        board.start()
+        frames = collect(board, 0.5)
+        assert len(frames) > 10
+        assert all(sent.holds(0, frame.values) for frame in frames)
+        times = [frame.received_s for frame in frames]
+        assert times == sorted(times)
+        board.stop()
+        assert collect(board, 0.2) == []
+        assert (board.health.frames, board.health.dropped) == (len(frames), 0)
+        board.start()
+        assert len(collect(board, 0.3)) > 5
+        assert board.health.dropped == 0
+
+
+def test_frames_are_on_a_fixed_grid_of_time(serve: Serve) -> None:
+    with on("teensy", serve("teensy", 40.0).port) as board:
+        board.start()
+        ticks = [40 * frame.time_s for frame in collect(board, 0.5)]
+    assert ticks == pytest.approx([round(tick) for tick in ticks], abs=1e-3)
+
+
+def test_a_wait_ends_in_time(serve: Serve) -> None:
+    with on("teensy", serve("teensy", 1.0).port) as board:
+        board.start()
+        begin = time.monotonic()
+        board.frames(0.0)
+        assert time.monotonic() - begin < 0.5
+
+
+def test_unplugged_in_the_middle_of_a_frame_and_plugged_again(name: str, serve: Serve) -> None:
+    server = serve(name)
+    board = on(name, server.port)
+    board.open()
+    board.start()
+    assert board.frames(2.0)
+    server.cut()
+    with pytest.raises(BoardLostError, match=f"{server.port} is gone: it was unplugged"):
+        collect(board, 2.0)
+    board.close()
+    again = serve(name)
+    assert again.port == server.port
+    board.open()
+    board.start()
+    assert board.frames(2.0)
+    board.close()
+
+
+def test_the_plug_is_pulled_in_the_middle_of_a_frame(serve: Serve) -> None:
+    server = serve("openeit", 40.0)
+    port = os.open(server.port, os.O_RDWR | os.O_NOCTTY)
+    os.read(port, 1)
+    heard, cutting = b"", threading.Thread(target=server.cut)
+    cutting.start()
+    with contextlib.suppress(OSError):
+        while more := os.read(port, 4096):
+            heard += more
+    os.close(port)
+    cutting.join()
+    last = heard.rpartition(b"magnitudes: ")[2]
+    assert 100 < len(last) < 32 * 14  # as many bytes as a mode of 8 electrodes has
+
+
+def test_unplugged_before_a_command(serve: Serve) -> None:
+    server = serve("teensy")
+    board = on("teensy", server.port)
+    board.open()
+    server.cut()
+    with pytest.raises(BoardLostError):
+        board.start()
+    board.close()
+
+
+@pytest.mark.usefixtures("impatient")
+@pytest.mark.parametrize("text_board", ["eit-kit", "openeit"])
+@pytest.mark.parametrize("baud", [9600, 57_600, 230_400])
+def test_a_wrong_baud_rate_is_named(
+    text_board: str, baud: int, serve: Serve, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    server = serve(text_board, 40.0)
+    monkeypatch.setattr(PROTOCOLS[text_board], "baud", baud)  # the host's; the board has its own
+    with on(text_board, server.port) as board:
+        board.start()
+        with pytest.raises(
+            BoardError,
+            match=f"has the wrong baud rate: it is set to 115200 bit/s; set it to {baud}",
+        ):
+            collect(board, 5.0)
+
+
+@pytest.mark.usefixtures("impatient")
+def test_noise_is_most_likely_a_wrong_baud_rate(terminal: tuple[int, str]) -> None:
+    board_end, port = terminal
+    with on("eit-kit", port) as board:
+        board.start()
+        with pytest.raises(BoardError, match="most likely the board has a wrong baud rate"):
+            listen(board, board_end, random.Random(0).randbytes(100))
+
+
+@pytest.mark.usefixtures("impatient")
+@pytest.mark.parametrize(
+    ("spoken", "expected"),
+    [
+        ("openeit", "eit-kit"),
+        ("eit-kit", "openeit"),
+        ("openeit", "teensy"),
+        ("eit-kit", "sciospec"),
+    ],
+)
+def test_another_boards_protocol_is_named(spoken: str, expected: str, serve: Serve) -> None:
+    server = serve(spoken, 40.0)
+    with (
+        on(expected, server.port) as board,
+        pytest.raises(BoardError, match=f"looks like board '{spoken}', not '{expected}'"),
+    ):
+        start_and_collect(board)
+
+
+@pytest.mark.usefixtures("impatient")
+def test_another_programs_text_is_quoted(terminal: tuple[int, str]) -> None:
+    board_end, port = terminal
+    with on("eit-kit", port) as board:
+        board.start()
+        with pytest.raises(BoardError, match="sends text that no known board sends, such as 'GPS"):
+            listen(board, board_end, b"GPS fix lost, searching\n")
+
+
+@pytest.mark.usefixtures("impatient")
+def test_a_silent_instrument_does_not_answer(terminal: tuple[int, str]) -> None:
+    with (
+        on("sciospec", terminal[1]) as board,
+        pytest.raises(BoardError, match="does not answer as 'sciospec' does"),
+    ):
+        board.start()
+
+
+def test_a_board_that_was_started_and_sends_nothing_is_named(
+    terminal: tuple[int, str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(serial_board, "_SILENCE_S", 0.2)
+    with on("teensy", terminal[1]) as board:
+        assert collect(board, 0.4) == []  # nothing is awaited before it is started
+        board.start()
+        with pytest.raises(BoardError, match="sends nothing: see whether it is switched on"):
+            collect(board, 2.0)
+
+
+def test_a_board_that_was_deaf_when_it_was_started_is_told_again(
+    serve: Serve, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("teensy", "openeit"):  # one is silent, the other sends another number of values
+        monkeypatch.setattr(serial_board, "_SILENCE_S", 0.3)
+        server = serve(name, 40.0)
+        obey, begin = server._device.obey, time.monotonic()
+
+        def deaf(data: bytes, obey: Callable[[bytes], bytes] = obey, begin: float = begin) -> bytes:
+            return obey(data) if time.monotonic() > begin + 0.1 else b""
+
+        monkeypatch.setattr(server._device, "obey", deaf)
+        with on(name, server.port) as board:
+            board.start()
+            assert collect(board, 0.8), name
+
+
+def test_a_command_that_is_refused_is_named(serve: Serve) -> None:
+    server = serve("sciospec", nominal=sensor("jku-tank-adjacent"))
+    with (
+        on("sciospec", server.port) as board,
+        pytest.raises(BoardError, match="refuses the command b0 03 06 01 04 b0"),
+    ):
+        board.start()
+
+
+def test_another_pattern_is_refused(serve: Serve) -> None:
+    with on("teensy", serve("teensy", 40.0, sensor("foam16", offset=4)).port) as board:
+        board.start()
+        with pytest.raises(BoardError, match="is set to drive pattern 0x944d"):
+            collect(board, 2.0)
+
+
+def test_a_board_that_is_not_open_says_so() -> None:
+    with pytest.raises(BoardError, match="is not open: open it first"):
+        TeensyBoard(foam16(), "/dev/ttyACM0").start()
+
+
+def test_a_host_that_does_not_read_loses_frames_and_the_numbers_show_it(serve: Serve) -> None:
+    server = serve("teensy", 400.0)
+    with on("teensy", server.port) as board:
+        board.start()
+        time.sleep(1.0)
+        assert len(server._unsent) < 2 * 860
+        frames = collect(board, 0.5)
+        assert board.health.dropped > 100
+        assert board.health.damaged == 0
+        assert frames[-1].number + 1 == len(frames) + board.health.dropped
+
+
+def fast(serve: Serve, seconds: float) -> None:
+    """A board at ten times its rate: every frame arrives, and memory does not grow."""
+    server = serve("teensy", 100.0)
+    process = psutil.Process()
+    with on("teensy", server.port) as board:
+        board.start()
+        collect(board, 0.5)
+        before = process.memory_info().rss
+        count, end = board.health.frames, time.monotonic() + seconds
+        while time.monotonic() < end:
+            count += len(board.frames(0.1))
+        health = board.health
+        assert health.frames == count > 80 * seconds
+        assert health.damaged == health.skipped_bytes == 0
+        assert health.dropped < 0.01 * count
+        assert process.memory_info().rss - before < 8 << 20
+        assert len(board._unread) < 1 << 16
+
+
+def test_ten_times_the_rate(serve: Serve) -> None:
+    fast(serve, 1.5)
+
+
+@pytest.mark.slow
+def test_ten_times_the_rate_for_a_minute(serve: Serve) -> None:
+    fast(serve, 60.0)
+
+
+# Ports
+
+
+def test_a_port_that_is_missing_is_answered_with_those_that_exist(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    found = [
+        SimpleNamespace(device="/dev/ttyUSB1", description="n/a"),
+        SimpleNamespace(device="/dev/ttyACM0", description="USB Serial"),
+    ]
+    monkeypatch.setattr("serial.tools.list_ports.comports", lambda: found)
+    with pytest.raises(
+        BoardError,
+        match=r"no serial port /dev/ttyACM7: those that exist are /dev/ttyACM0 \(USB Serial\), "
+        r"/dev/ttyUSB1\.",
+    ):
+        on("teensy", "/dev/ttyACM7").open()
+    monkeypatch.setattr("serial.tools.list_ports.comports", lambda: [])
+    with pytest.raises(BoardError, match="there is none on this machine"):
+        on("teensy", "/dev/ttyACM7").open()
+
+
+def test_a_file_is_no_port(tmp_path: Any) -> None:
+    path = tmp_path / "x"
+    path.write_text("")
+    with pytest.raises(BoardError, match="is no serial port"):
+        on("teensy", str(path)).open()
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can become somebody else")
+def test_a_port_that_may_not_be_used_names_its_group(terminal: tuple[int, str]) -> None:
+    port = terminal[1]
+    group = next(g for g in grp.getgrall() if g.gr_gid not in (0, os.getegid()))
+    os.chown(port, 0, group.gr_gid)
+    Path(port).chmod(0o660)
+    os.seteuid(65534)
+    try:
+        with pytest.raises(BoardError, match=f"group '{group.gr_name}': join it with `sudo"):
+            on("teensy", port).open()
+    finally:
+        os.seteuid(0)
+    Path(port).chmod(0o600)
+    with pytest.raises(BoardError, match="nor may any group"):
+        raise ports.refused(port, PermissionError(13, "Permission denied"))
+
+
+HOLD = """
+import sys, time
+{how}
+print("held", flush=True)
+time.sleep(60)
+"""
+
+
+@pytest.mark.parametrize(
+    "how",
+    [
+        "import serial; line = serial.Serial(sys.argv[1], exclusive=True)",
+        "line = open(sys.argv[1], 'rb', buffering=0)",  # a program that locks nothing
+    ],
+)
+def test_a_port_in_use_names_the_program(how: str, serve: Serve) -> None:
+    port = serve("teensy").port
+    command = [sys.executable, "-c", HOLD.format(how=how), port]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as other:
+        assert other.stdout is not None
+        assert other.stdout.readline() == "held\n"
+        with pytest.raises(
+            BoardError, match=rf"is in use by python.*\(process {other.pid}\): close it there"
+        ):
+            on("teensy", port).open()
+        other.kill()
+    with on("teensy", port) as board:
+        board.start()
+        assert board.frames(2.0)
+
+
+def test_a_port_is_opened_once_by_one_program(serve: Serve) -> None:
+    port = serve("teensy").port
+    with on("teensy", port), pytest.raises(BoardError, match=f"{port} is in use"):
+        on("teensy", port).open()
