@@ -183,7 +183,7 @@ def write_suite(path: Path, recording: Path, sensor: Sensor, board: str, *, emul
     """
     title = f"Touches on {sensor.name}, recorded with {'an emulated board' if emulated else board}"
     name = re.sub(r"[^a-z0-9]+", "-", recording.stem.lower()).strip("-") or "own"
-    # Tables show this name alone: it must tell an emulated board from a real one, and from the set.
+    # It must tell an emulated board from a real one, and this recording from the public set.
     own = f"emulated-{name}" if emulated else f"own-{name}" if name == "ohmc16" else name
     text = "\n".join(
         [

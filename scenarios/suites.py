@@ -165,6 +165,12 @@ def _for_operators(scenario: Scenario) -> tuple[str, str] | None:
 def _for_methods(scenario: Scenario) -> tuple[str, str] | None:
     """The field and the reason why no method could be judged on `scenario`, if so."""
     if isinstance(scenario, RecordedScenario):
+        # Tables show this name alone, and no table may pass an emulated board for a real one.
+        if scenario.recorded_set.emulated and "emulated" not in scenario.name:
+            return "name", (
+                f"{scenario.recording} was recorded from an emulated board, so its name must say "
+                f"so: 'emulated-{scenario.name}'"
+            )
         return None
     if scenario.test < 1:
         return "test", "a suite judges methods on at least 1 test sample"

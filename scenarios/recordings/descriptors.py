@@ -53,6 +53,7 @@ class RecordedSet:
         citation: what to cite.
         reader: from the folder that holds the repository's files to a `Recording`.
         own: the file of a recording of one's own, which has no public source.
+        emulated: no real sensor was measured.
     """
 
     name: str
@@ -64,6 +65,7 @@ class RecordedSet:
     citation: str
     reader: Callable[[Path, Sensor], Recording]
     own: Path | None = None
+    emulated: bool = False
 
     @property
     def repository(self) -> str:

@@ -61,6 +61,7 @@ def _own_set(path: Path, changed_ns: int, size: int) -> RecordedSet:
         citation="",
         reader=partial(_read, path),
         own=path,
+        emulated=content.emulated,
     )
 
 

@@ -288,6 +288,10 @@ def test_an_emulated_recording_never_counts_as_real(tmp_path: Path, frames: Fram
     suite = load_suite(tmp_path / "touch.toml")
     assert suite.scenarios[0].name == "emulated-touch"
     assert suite.title == "Touches on foam16, recorded with an emulated board"
+    written = tmp_path / "touch.toml"
+    written.write_text(written.read_text().replace('"emulated-touch"', '"touch"'))
+    with pytest.raises(InputError, match=r"scenarios\[0\].name': .*must say so: 'emulated-touch'"):
+        load_suite(written)
 
 
 def test_a_recording_is_played_and_recorded_again(tmp_path: Path) -> None:
