@@ -42,6 +42,8 @@ LOAD_COLUMNS = ("pressure_pa", "depth_mm")
 _BLOCK = 256
 REGISTRATION_FRAMES = 100
 """Validation presses, the first ones, that register a method's images with the robot."""
+LEAST_PRESSES = 3
+"""Fewer validation presses determine no registration."""
 
 
 class Known(Protocol):

@@ -8,7 +8,12 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from eitbench.benchmark.judge import REGISTRATION_FRAMES, fit_registration, judge
+from eitbench.benchmark.judge import (
+    LEAST_PRESSES,
+    REGISTRATION_FRAMES,
+    fit_registration,
+    judge,
+)
 from eitbench.benchmark.method_worker import Frames, MethodServant, MethodTask, scenario_splits
 from eitbench.benchmark.outcome import Kept
 from eitbench.benchmark.selection import selected_parameters
@@ -18,6 +23,7 @@ from eitbench.benchmark.timing import WARM_FRAMES, WARM_SECONDS, warm_percentile
 from eitbench.benchmark.worker import Reply, WorkerLostError
 from eitbench.methods import Method, methods
 from eitbench.scenarios.datasets import Dataset, load
+from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.recordings.fetch import locate
 from eitbench.scenarios.scenario import RecordedScenario, Scenario
 from eitbench.scenarios.suites import Suite
@@ -43,12 +49,17 @@ class MethodData(CellData):
         if isinstance(scenario, RecordedScenario):
             locate(scenario.recorded_set, limit_s=suite.download_limit_s, progress=progress)
         test = load(scenario, split="test", limit=limit, jobs=jobs, progress=progress)
-        positions = test.truth == "position"
-        return cls(
-            scenario,
-            test,
-            load(scenario, split="validation", limit=REGISTRATION_FRAMES) if positions else None,
-        )
+        if test.truth != "position":
+            return cls(scenario, test, None)
+        validation = load(scenario, split="validation", limit=REGISTRATION_FRAMES)
+        if len(validation) < LEAST_PRESSES:
+            # Every fifth press is for validation, the first one among them.
+            raise InputError(
+                f"Scenario {scenario.name!r} has {len(validation)} validation presses, and at "
+                f"least {LEAST_PRESSES} register images with places: record at least "
+                f"{5 * (LEAST_PRESSES - 1) + 1} touches."
+            )
+        return cls(scenario, test, validation)
 
     def subject(self, plan: CellPlan, store: RunStore) -> "MethodSubject":
         """The method of the cell."""

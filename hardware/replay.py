@@ -8,8 +8,9 @@ from numpy.typing import NDArray
 
 from eitbench.hardware.board import Board, BoardError, Frame, Health
 from eitbench.scenarios.errors import InputError
-from eitbench.scenarios.recordings import recorded_set
+from eitbench.scenarios.recordings import is_recording, recorded_set
 from eitbench.scenarios.recordings.fetch import read_recording
+from eitbench.scenarios.recordings.recording_file import read_file
 from eitbench.scenarios.sensors import Sensor
 
 RATE_HZ = 10.0
@@ -28,6 +29,9 @@ class Replay(Board):
         speed: times its own rate.
         sensor: the sensor that it must be of; any by default.
 
+    Attributes:
+        emulated: what is played was recorded from an emulated board.
+
     Raises:
         InputError: an unknown set, a speed that is not above 0, or another sensor.
         DataUnavailableError, DataCorruptError: as in `read_recording`.
@@ -36,10 +40,10 @@ class Replay(Board):
     def __init__(self, file: str | Path, speed: float = 1.0, sensor: Sensor | None = None) -> None:
         if not (np.isfinite(speed) and speed > 0):
             raise InputError(f"A recording is played at a speed above 0, got {speed:g}.")
-        if Path(file).suffix == ".h5":
-            nominal, times, values = _recording_file(Path(file))
+        if is_recording(str(file)):
+            (nominal, times, values), self.emulated = _recording_file(Path(file))
         else:
-            nominal, times, values = _recorded_set(str(file))
+            (nominal, times, values), self.emulated = _recorded_set(str(file)), False
         if sensor is not None and sensor != nominal:
             raise InputError(
                 f"{file} was measured on sensor {nominal.name!r}, not on {sensor.name!r}: name "
@@ -116,5 +120,8 @@ def _recorded_set(name: str) -> Frames:
     return recorded.sensor(), np.arange(len(values)) / RATE_HZ, values
 
 
-def _recording_file(path: Path) -> Frames:
-    raise InputError(f"{path}: recordings of our own cannot be read yet.")
+def _recording_file(path: Path) -> tuple[Frames, bool]:
+    content, _ = read_file(path)
+    if not len(content):
+        raise InputError(f"{path} holds no frames: there is nothing to play.")
+    return (content.sensor, content.time_s, content.values), content.emulated

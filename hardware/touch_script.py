@@ -11,24 +11,19 @@
 Times count from the moment the board is switched on; places are in the sensor's frame.
 """
 
-import json
-import tomllib
 from pathlib import Path
 from typing import Annotated
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, field_validator
+from pydantic import Field, ValidationInfo, field_validator
 
 from eitbench.hardware.emulated_sensor import Touch
-from eitbench.scenarios.errors import InputError
-from eitbench.scenarios.suites import key_lines
+from eitbench.scenarios.declaration import Declaration, read_declaration
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 
 
-class ScriptedTouch(BaseModel):
+class ScriptedTouch(Declaration):
     """One touch: from `start_s` to `end_s` a disc presses at (`x_mm`, `y_mm`)."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     start_s: Finite = Field(ge=0)
     end_s: Finite
@@ -52,10 +47,8 @@ class ScriptedTouch(BaseModel):
         )
 
 
-class TouchScript(BaseModel):
+class TouchScript(Declaration):
     """What happens to an emulated board."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     touches: tuple[ScriptedTouch, ...] = Field(min_length=1)
 
@@ -71,24 +64,4 @@ def read_script(path: Path) -> TouchScript:
         InputError: the file cannot be read or scripts something wrong (the line and the field are
             named).
     """
-    try:
-        text = path.read_text(encoding="utf-8")
-        declared = tomllib.loads(text)
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, "strerror", None) or "it is not UTF-8 text"
-        raise InputError(f"Cannot read the touch script {path}: {reason}.") from error
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"The touch script {path} is not valid TOML: {error}.") from error
-    try:
-        return TouchScript.model_validate_json(json.dumps(declared, default=str), strict=True)
-    except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        key = first["loc"]
-        field = "".join(f"[{p}]" if isinstance(p, int) else f".{p}" for p in key).lstrip(".")
-        lines = key_lines(text)
-        while key not in lines:
-            key = key[:-1]
-        problem = first["msg"].removeprefix("Value error, ").rstrip(".")
-        raise InputError(
-            f"Touch script {path}, line {lines[key]}, field {field!r}: {problem}."
-        ) from error
+    return read_declaration("Touch script", path, TouchScript, (TouchScript, ScriptedTouch))[0]

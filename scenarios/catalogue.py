@@ -1,11 +1,14 @@
-"""The registry of sensors by name: the default skin and one for every recorded set."""
+"""Sensors by name: the default skin, one for every recorded set, and those of files."""
 
 from dataclasses import replace
+from pathlib import Path
 
 from eitbench.scenarios.errors import unknown_name
 from eitbench.scenarios.outlines import rectangle
 from eitbench.scenarios.patterns import offset_pattern
-from eitbench.scenarios.recordings import RECORDED_SETS
+from eitbench.scenarios.recordings import RECORDED_SETS, is_recording
+from eitbench.scenarios.recordings.recording_file import recorded_sensor
+from eitbench.scenarios.sensor_file import read_sensor
 from eitbench.scenarios.sensors import Sensor, SensorBuilder, even_electrodes
 
 
@@ -28,16 +31,35 @@ def sensors() -> dict[str, SensorBuilder]:
     return {"foam16": foam16} | {s.sensor_name: s.sensor for s in RECORDED_SETS.values()}
 
 
+def is_file(name: str) -> bool:
+    """Whether `name` is the path of a sensor file (.toml) or of a recording (.h5)."""
+    return name.endswith(".toml") or is_recording(name)
+
+
 def sensor(name: str, *, offset: int | None = None) -> Sensor:
-    """The sensor called `name`; `offset` replaces its drive pattern by (i, i+offset).
+    """The sensor called `name`, or that of a sensor file (.toml) or a recording (.h5).
+
+    Args:
+        name: of a known sensor, or the path of a file.
+        offset: replaces the drive pattern by (i, i+offset).
 
     Raises:
-        InputError: unknown name (the nearest one is suggested) or an impossible offset.
+        InputError: unknown name (the nearest one is suggested), a sensor file that declares
+            something wrong, or an impossible offset.
+        DataUnavailableError, DataCorruptError: no such recording, or one that cannot be read.
     """
-    builders = sensors()
-    if name not in builders:
-        raise unknown_name("sensor", name, builders)
-    nominal = builders[name]()
+    nominal = _nominal(name)
     if offset is None:
         return nominal
     return replace(nominal, pattern=offset_pattern(nominal.n_electrodes, offset))
+
+
+def _nominal(name: str) -> Sensor:
+    if is_recording(name):
+        return recorded_sensor(Path(name))
+    if is_file(name):
+        return read_sensor(Path(name))
+    builders = sensors()
+    if name not in builders:
+        raise unknown_name("sensor", name, builders)
+    return builders[name]()

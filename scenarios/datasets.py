@@ -218,6 +218,7 @@ def _recorded(
     # Imported here: simulated data need no download.
     from eitbench.scenarios.recordings.fetch import read_recording
 
+    recorded = scenario.recorded_set
     recording = read_recording(scenario.recording, limit_s=download_limit_s, progress=progress)
     rows = np.flatnonzero(recording.samples["split"] == split)[:limit]
     if len(rows) == 0:
@@ -226,7 +227,7 @@ def _recorded(
     samples = samples.reset_index(drop=True)
     samples.insert(0, "sample", np.arange(len(rows)))
     measured = next((name for name in _WHAT_WAS_MEASURED if name in samples), "sample")
-    samples.insert(1, "phantom", [f"{scenario.recording} {what}" for what in samples[measured]])
+    samples.insert(1, "phantom", [f"{recorded.name} {what}" for what in samples[measured]])
     voltages = np.array(recording.voltages[rows], dtype=np.float64)
     reference = np.array(recording.reference, dtype=np.float64)
     if scenario.calibrated:
@@ -238,7 +239,7 @@ def _recorded(
         voltages=voltages,
         reference=reference,
         samples=samples,
-        truth=scenario.recorded_set.truth,
+        truth=recorded.truth,
         data_hash=scenario.data_hash(split),
         classes=None if recording.classes is None else recording.classes[rows],
     )

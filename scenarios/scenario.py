@@ -1,21 +1,21 @@
 """Scenarios: what is simulated or read, declared in full."""
 
-import re
 from dataclasses import replace
 from functools import lru_cache
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import BeforeValidator, Field, field_validator, model_validator
+from pydantic import BeforeValidator, Field, ValidationInfo, field_validator, model_validator
 
+from eitbench.scenarios.catalogue import is_file
 from eitbench.scenarios.catalogue import sensor as sensor_by_name
-from eitbench.scenarios.declaration import Declaration
-from eitbench.scenarios.errors import unknown_name
+from eitbench.scenarios.declaration import Declaration, Name, beside
+from eitbench.scenarios.errors import EitbenchError, unknown_name
 from eitbench.scenarios.imperfections import Imperfections, channels
 from eitbench.scenarios.noise import Noise
 from eitbench.scenarios.phantoms.families import Family, family
 from eitbench.scenarios.physics.forward import ForwardModel, forward_model
 from eitbench.scenarios.press import FOAM
-from eitbench.scenarios.recordings import RECORDED_SETS, RecordedSet
+from eitbench.scenarios.recordings import RecordedSet, is_recording, recorded_set
 from eitbench.scenarios.sensors import Sensor, content_hash
 
 # Raised by one whenever the same declared parameters give other numbers than before.
@@ -23,13 +23,6 @@ GENERATOR_VERSION = 1
 
 Split = Literal["train", "validation", "test"]
 MAX_SNR_DB = 200.0
-
-
-def _name(value: object) -> object:
-    # Names become folders, groups of result files and command-line arguments.
-    if not isinstance(value, str) or not re.fullmatch(r"[a-z0-9][a-z0-9-]*", value):
-        raise ValueError("a name has small letters, digits and hyphens only")
-    return value
 
 
 def _noise(value: object) -> object:
@@ -40,7 +33,6 @@ def _noise(value: object) -> object:
     raise ValueError(f'noise is an SNR of 0 to {MAX_SNR_DB:g} dB, "clean" or "mixture"')
 
 
-Name = Annotated[str, BeforeValidator(_name)]
 NoiseField = Annotated[Noise, BeforeValidator(_noise)]
 
 
@@ -57,7 +49,8 @@ class SimulatedScenario(Declaration):
 
     Attributes:
         name: registry name; noise is drawn from it.
-        sensor: registry name of the nominal sensor, the one methods are told of.
+        sensor: registry name of the nominal sensor, the one methods are told of, or the path of a
+            sensor file (.toml) or of a recording (.h5).
         image_shape: (H, W) of the nominal image grid; the sensor's own by default.
         conductivity_range: least and greatest conductivity that methods are told to expect, as
             multiples of the background; the sensor's own by default.
@@ -94,7 +87,8 @@ class SimulatedScenario(Declaration):
 
     @field_validator("sensor")
     @classmethod
-    def _known_sensor(cls, value: str) -> str:
+    def _known_sensor(cls, value: str, info: ValidationInfo) -> str:
+        value = beside(value, info) if is_file(value) else value
         sensor_by_name(value)
         return value
 
@@ -135,7 +129,8 @@ class SimulatedScenario(Declaration):
         """The forward model that the data of `split` come from."""
         imperfections = self.split_imperfections(split)
         refinement = self.mesh_refinement * imperfections.mesh_refinement
-        return forward_model(_data_sensor(self.sensor, self.image_shape, refinement, imperfections))
+        nominal = _nominal_sensor(self.sensor, self.image_shape)
+        return forward_model(_data_sensor(nominal, refinement, imperfections))
 
     def split_imperfections(self, split: Split) -> Imperfections:
         """How the sensor of `split` differs from the nominal one: not at all, but for the test."""
@@ -190,7 +185,8 @@ class SimulatedScenario(Declaration):
         """SHA-256 (hex) of every declared parameter and all that decides the data of `split`."""
         return content_hash(
             {
-                "scenario": _declared(self),
+                # What a file declares counts, not where it lies.
+                "scenario": _declared(self, {"sensor"} if is_file(self.sensor) else set()),
                 "sensor": self.nominal_sensor.describe(),
                 "clean": self.clean_parameters(split),
             }
@@ -202,7 +198,7 @@ class RecordedScenario(Declaration):
 
     Attributes:
         name: registry name.
-        recording: registry name of the recorded set.
+        recording: registry name of the recorded set, or the path of a recording of one's own (.h5).
         calibrated: methods get frames corrected by `calibration`, from the reference frame alone.
     """
 
@@ -213,10 +209,18 @@ class RecordedScenario(Declaration):
 
     @field_validator("recording")
     @classmethod
-    def _known_recording(cls, value: str) -> str:
-        if value not in RECORDED_SETS:
-            raise unknown_name("recorded set", value, RECORDED_SETS)
-        return value
+    def _known_recording(cls, value: str, info: ValidationInfo) -> str:
+        if not is_recording(value):
+            recorded_set(value)
+            return value
+        path = beside(value, info)
+        # A suite file must name what is there; a run is readable without its recordings.
+        if info.context:
+            try:
+                recorded_set(path)
+            except EitbenchError as error:
+                raise ValueError(str(error)) from error
+        return path
 
     @property
     def title(self) -> str:
@@ -226,7 +230,7 @@ class RecordedScenario(Declaration):
     @property
     def recorded_set(self) -> RecordedSet:
         """The set's descriptor."""
-        return RECORDED_SETS[self.recording]
+        return recorded_set(self.recording)
 
     @property
     def nominal_sensor(self) -> Sensor:
@@ -234,13 +238,15 @@ class RecordedScenario(Declaration):
         return _nominal_sensor(self.recorded_set.sensor_name)
 
     def data_hash(self, split: Split) -> str:
-        """SHA-256 (hex) of the descriptor, the upstream files and the sensor."""
+        """SHA-256 (hex) of the descriptor, its files and the sensor."""
         recorded = self.recorded_set
+        own = recorded.own is not None
         return content_hash(
             {
                 "generator": GENERATOR_VERSION,
-                "scenario": _declared(self),
-                "files": [[f.path, f.sha256] for f in recorded.files],
+                # What a recording of one's own holds counts, not its name.
+                "scenario": _declared(self, {"recording"} if own else set()),
+                "files": [[*([] if own else [f.path]), f.sha256] for f in recorded.files],
                 "source": [recorded.repository, recorded.commit, recorded.truth],
                 "sensor": self.nominal_sensor.describe(),
                 "split": split,
@@ -248,9 +254,9 @@ class RecordedScenario(Declaration):
         )
 
 
-def _declared(scenario: SimulatedScenario | RecordedScenario) -> dict[str, Any]:
-    """What a scenario declares; what only some do counts where they do."""
-    declared = scenario.model_dump(mode="json")
+def _declared(scenario: SimulatedScenario | RecordedScenario, apart: set[str]) -> dict[str, Any]:
+    """What a scenario declares but for fields `apart`; what only some declare counts for those."""
+    declared = scenario.model_dump(mode="json", exclude=apart)
     optional = {"imperfections": None, "calibrated": False}
     return {k: v for k, v in declared.items() if k not in optional or v != optional[k]}
 
@@ -270,14 +276,33 @@ def checked_split(split: str) -> Split:
     return known[split]
 
 
-# Forward models are cached per sensor object, so equal scenarios must share one.
-@lru_cache(maxsize=32)
 def _nominal_sensor(
     name: str,
     image_shape: tuple[int, int] | None = None,
     conductivity_range: tuple[float, float] | None = None,
 ) -> Sensor:
-    nominal = sensor_by_name(name)
+    if not is_file(name):
+        return _registered_sensor(name, image_shape, conductivity_range)
+    told = _told(sensor_by_name(name), image_shape, conductivity_range)
+    return _shared(told.name, told)
+
+
+# Forward models, pixel centres and masks are cached per sensor object, so equal scenarios should
+# share one; making one takes as long as solving it.
+@lru_cache(maxsize=64)
+def _registered_sensor(
+    name: str,
+    image_shape: tuple[int, int] | None,
+    conductivity_range: tuple[float, float] | None,
+) -> Sensor:
+    return _told(sensor_by_name(name), image_shape, conductivity_range)
+
+
+def _told(
+    nominal: Sensor,
+    image_shape: tuple[int, int] | None,
+    conductivity_range: tuple[float, float] | None,
+) -> Sensor:
     return replace(
         nominal,
         image_shape=image_shape or nominal.image_shape,
@@ -286,9 +311,12 @@ def _nominal_sensor(
 
 
 @lru_cache(maxsize=64)
-def _data_sensor(
-    name: str, image_shape: tuple[int, int] | None, refinement: int, imperfections: Imperfections
-) -> Sensor:
-    nominal = _nominal_sensor(name, image_shape)
+def _shared(name: str, sensor: Sensor) -> Sensor:
+    del name  # equal sensors may have several
+    return sensor
+
+
+@lru_cache(maxsize=64)
+def _data_sensor(nominal: Sensor, refinement: int, imperfections: Imperfections) -> Sensor:
     built = replace(nominal, electrodes=imperfections.built(nominal))
     return built if refinement == 1 else built.refined(refinement)

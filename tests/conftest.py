@@ -1,10 +1,13 @@
-"""What all tests share: where independent reference data lie, and a cache of their own."""
+"""What all tests share: where independent reference data lie, a cache of their own, the command."""
 
 import os
-from collections.abc import Iterator
+import sys
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+
+from eitbench import cli
 
 # One thread: the suite runs on small machines, and results must not depend on the thread count.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -39,3 +42,20 @@ def reference_file() -> Path:
     if not path.is_file():
         pytest.skip("needs EIDORS' solution: set EITBENCH_REFERENCE to foam16_eidors.npz's folder")
     return path
+
+
+@pytest.fixture
+def eitbench(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> Callable[..., tuple[int, str, str]]:
+    """Run a command in this process: exit code, stdout, stderr."""
+
+    def call(*arguments: str | Path) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["eitbench", *map(str, arguments)])
+        with pytest.raises(SystemExit) as end:
+            cli.main()
+        out, err = capsys.readouterr()
+        code = end.value.code
+        return code if isinstance(code, int) else int(code is not None), out, err
+
+    return call

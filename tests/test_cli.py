@@ -24,21 +24,6 @@ OPERATORS = str(DATA / "tiny-operators.toml")
 Run = Callable[..., tuple[int, str, str]]
 
 
-@pytest.fixture
-def eitbench(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Run:
-    """Run a command in this process: exit code, stdout, stderr."""
-
-    def call(*arguments: str) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["eitbench", *arguments])
-        with pytest.raises(SystemExit) as end:
-            cli.main()
-        out, err = capsys.readouterr()
-        code = end.value.code
-        return code if isinstance(code, int) else int(code is not None), out, err
-
-    return call
-
-
 COMMANDS = [
     (),
     ("list",),

@@ -1,4 +1,6 @@
-"""Recorded sensor sets: descriptors, readers and verified downloads."""
+"""Recorded sensor sets, public and own: descriptors, readers and verified downloads."""
+
+from pathlib import Path
 
 from eitbench.scenarios.errors import unknown_name
 from eitbench.scenarios.recordings.descriptors import RecordedSet, Recording
@@ -6,6 +8,7 @@ from eitbench.scenarios.recordings.hydrogel import MULTITOUCH, OHMC8, OHMC16
 from eitbench.scenarios.recordings.hydrogel_rectangle import FIXED_PRESS, RECTANGLE, REPEATS
 from eitbench.scenarios.recordings.jku_tank import JKU_TANKS
 from eitbench.scenarios.recordings.kuopio import KTC2023
+from eitbench.scenarios.recordings.own import is_recording, own_set
 from eitbench.scenarios.recordings.pyeidors_tank import PYEIDORS_TANK
 from eitbench.scenarios.recordings.sciospec_tank import SCIOSPEC_TANK
 
@@ -24,18 +27,21 @@ RECORDED_SETS: dict[str, RecordedSet] = {
         PYEIDORS_TANK,
     )
 }
-"""Every recorded set by name."""
+"""Every public recorded set by name."""
 
 
 def recorded_set(name: str) -> RecordedSet:
-    """The descriptor of the set called `name`.
+    """The descriptor of the public set called `name`, or of a recording by its path (.h5).
 
     Raises:
-        InputError: unknown name (the nearest one is suggested).
+        InputError: unknown name (the nearest one is suggested), or a recording without labels.
+        DataUnavailableError, DataCorruptError: no such recording, or a damaged one.
     """
+    if is_recording(name):
+        return own_set(Path(name))
     if name not in RECORDED_SETS:
         raise unknown_name("recorded set", name, RECORDED_SETS)
     return RECORDED_SETS[name]
 
 
-__all__ = ["RECORDED_SETS", "RecordedSet", "Recording", "recorded_set"]
+__all__ = ["RECORDED_SETS", "RecordedSet", "Recording", "is_recording", "recorded_set"]

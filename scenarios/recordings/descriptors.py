@@ -42,7 +42,7 @@ class Recording:
 
 @dataclass(frozen=True, eq=False)
 class RecordedSet:
-    """Descriptor of a recorded set; the data stay at their public source.
+    """Descriptor of a recorded set; the data stay at their public source, or in one's own file.
 
     Attributes:
         name: registry name, also the name of its scenario.
@@ -52,6 +52,8 @@ class RecordedSet:
         source: the public repository at a fixed commit, its licence and the files of this set.
         citation: what to cite.
         reader: from the folder that holds the repository's files to a `Recording`.
+        own: the file of a recording of one's own, which has no public source.
+        emulated: no real sensor was measured.
     """
 
     name: str
@@ -62,6 +64,8 @@ class RecordedSet:
     source: Source
     citation: str
     reader: Callable[[Path, Sensor], Recording]
+    own: Path | None = None
+    emulated: bool = False
 
     @property
     def repository(self) -> str:

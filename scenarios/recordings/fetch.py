@@ -66,6 +66,8 @@ def verify(recorded: RecordedSet, folder: Path) -> None:
     Raises:
         DataCorruptError: a file in `folder` differs from what was published; it is named.
     """
+    if recorded.own is not None:
+        return  # its own checksums were compared when it was described
     for file in recorded.files:
         target = inside(folder, file.path)
         if not is_intact(target, file):
@@ -82,6 +84,8 @@ def cached_folder(recorded: RecordedSet) -> Path:
 
 def find(recorded: RecordedSet) -> Path | None:
     """The folder that holds all files of the set, unverified; None if there is none yet."""
+    if recorded.own is not None:
+        return recorded.own.parent
     given = os.environ.get("EITBENCH_DATA")
     folders = [Path(given).expanduser() / recorded.repository] if given else []
     for folder in (*folders, cached_folder(recorded)):

@@ -81,3 +81,89 @@ def quality(recording: Recording, pattern: DrivePattern) -> Quality:
         spread=typical(np.sqrt(np.array(variances))),
         reciprocity=float(reciprocity_error(reference, pattern)) if twice else float("nan"),
     )
+
+
+def typical_noise(frames: ArrayLike) -> NDArray[np.float64]:
+    """Standard deviation (M,) of the noise of `frames` (n, M) that follow each other.
+
+    From the median step between frames, so that a touch that begins or ends does not count as
+    noise: 1.4826 times the median of |step| is the standard deviation of normal steps, which is
+    sqrt(2) times that of the frames. NaN for fewer than two frames.
+    """
+    values = np.asarray(frames, dtype=np.float64)
+    if len(values) < 2:
+        return np.full(values.shape[-1], np.nan)
+    steps = np.abs(np.diff(values, axis=0))
+    return np.asarray(1.4826 * np.median(steps, axis=0) / np.sqrt(2))
+
+
+STANDS_OUT = 3.0
+"""How many times the error of the other measurements makes an electrode suspect."""
+_UNTOUCHED_ERROR = 0.01
+_LEAST = 3
+
+
+def suspect_electrodes(frames: ArrayLike, pattern: DrivePattern) -> tuple[int, ...]:
+    """Electrodes whose measurements in `frames` (n, M) are noisy or not reciprocal; worst first.
+
+    A bad electrode spoils every measurement it takes part in as one role, driving or sensing. So an
+    electrode is suspect where even the good ones (the lower quartile) of the measurements it
+    drives, or of those it senses, have `STANDS_OUT` times the median error of all measurements it
+    takes no part in. The worst one is named, its measurements are left out, and the rest is judged
+    again: else its partners, which share half of its measurements, would be blamed too. Two errors
+    are looked at: the noise from frame to frame, and the relative reciprocity error
+    |v' - s v| / (|v'| + |v|) of the mean frame, of which less than 1 % is never suspect. With
+    opposition drive an electrode and its opposite always drive together; only sensing tells them
+    apart.
+
+    Sources: reciprocity finds faulty electrodes without a model (Hartinger et al., IEEE Trans.
+    Biomed. Eng. 56 (2009) 369); leaving measurements of one electrode out and judging the rest is
+    due to Asfaw and Adler, Physiol. Meas. 26 (2005) S175. The thresholds are ours.
+    """
+    values = np.asarray(frames, dtype=np.float64)
+    noise = typical_noise(values)
+    smallest = 1e-9 * float(np.sqrt(np.mean(values**2))) if values.size else 0.0
+    found = [
+        *_standing_out(np.maximum(noise, smallest), pattern),
+        *_standing_out(_relative_reciprocity(values.mean(axis=0), pattern), pattern),
+    ]
+    return tuple(dict.fromkeys(found))
+
+
+def _relative_reciprocity(frame: NDArray[np.float64], pattern: DrivePattern) -> NDArray[np.float64]:
+    """Relative reciprocity error (M,) of every value; NaN where it is measured but once."""
+    pairs = pattern.reciprocal_pairs()
+    error = np.full(len(frame), np.nan)
+    first, second = frame[pairs[:, 0]], frame[pairs[:, 1]]
+    size = np.abs(first) + np.abs(second)
+    difference = np.abs(second - pattern.reciprocal_signs(pairs) * first)
+    relative = np.divide(difference, size, out=np.ones_like(size), where=size > 0)
+    error[pairs[:, 0]] = error[pairs[:, 1]] = np.maximum(relative, _UNTOUCHED_ERROR / STANDS_OUT)
+    return error
+
+
+def _standing_out(error: NDArray[np.float64], pattern: DrivePattern) -> list[int]:
+    """Electrodes that stand out in `error` (M,), the worst first; NaN is left out."""
+    left = np.isfinite(error)
+    found: list[int] = []
+    roles = (pattern.table[:, :2], pattern.table[:, 2:])
+    while left.sum() > _LEAST:
+        scores: dict[int, tuple[float, float]] = {}
+        for electrode in np.unique(pattern.table[left]).tolist():
+            part = [(role == electrode).any(axis=1) & left for role in roles]
+            others = left & ~part[0] & ~part[1]
+            if others.sum() < _LEAST:
+                continue
+            usual = float(np.median(error[others]))
+            ratios = [
+                float(np.quantile(error[of], 0.25)) / usual
+                for of in part
+                if of.sum() >= _LEAST and usual > 0
+            ]
+            scores[electrode] = (max(ratios, default=0.0), sum(ratios))
+        worst = max(scores, key=lambda electrode: scores[electrode], default=-1)
+        if worst < 0 or scores[worst][0] < STANDS_OUT:
+            break
+        found.append(worst)
+        left &= ~(pattern.table == worst).any(axis=1)
+    return found

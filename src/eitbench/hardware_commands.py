@@ -1,11 +1,15 @@
 """Commands that work with a board: a real one, an emulated one, or a recording."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from eitbench.console import Json, print_json, print_renderable
+
+if TYPE_CHECKING:
+    from eitbench.hardware.board import Board
+    from eitbench.hardware.recorder import Recorder
 
 app = typer.Typer()
 
@@ -56,3 +60,80 @@ def emulate(
         board.serve()
     finally:
         board.switch_off()
+
+
+@app.command(epilog="Example: eitbench record --board emulator --guided --out touch.h5")
+def record(
+    board: Annotated[str, typer.Option(metavar="NAME", help="A board (eitbench list boards).")],
+    out: Annotated[Path, typer.Option(metavar="FILE.h5", help="The new recording.")],
+    port: Annotated[str | None, typer.Option(help="The serial port of a real board.")] = None,
+    sensor: Annotated[
+        str | None,
+        typer.Option(help="The sensor on it, or a sensor file, .toml (default: the board's)."),
+    ] = None,
+    seconds: Annotated[float | None, typer.Option(min=0, help="Time (default: to Ctrl-C).")] = None,
+    file: Annotated[
+        str | None, typer.Option(metavar="SET|FILE.h5", help="What `replay` plays.")
+    ] = None,
+    script: Annotated[
+        Path | None, typer.Option(metavar="FILE.toml", help="Touches of `emulator`.")
+    ] = None,
+    guided: Annotated[
+        bool, typer.Option("--guided", help="Be led to a set that is ready for a suite.")
+    ] = False,
+) -> None:
+    """Record a board into a file, free-running or guided."""
+    from eitbench.hardware.boards import make_board
+    from eitbench.hardware.guided import suite_path, write_suite
+    from eitbench.hardware.recorder import Recorder, check_new
+    from eitbench.hardware.recording import is_emulated
+    from eitbench.scenarios.catalogue import sensor as sensor_by_name
+
+    if guided and seconds is not None:
+        raise typer.BadParameter("a guided session ends when you say so: leave out --seconds")
+    check_new(out)  # before a board is waited for
+    suite = suite_path(out) if guided else None
+    nominal = None if sensor is None else sensor_by_name(sensor)
+    made = make_board(board, port=port, sensor=nominal, file=file, script=script)
+    emulated = is_emulated(made)
+    with made, Recorder(out, made.sensor, board, emulated=emulated) as recorder:
+        touches = _guide(made, recorder) if guided else _record(made, recorder, seconds)
+    typer.echo(f"{recorder.count} frames are in {out}: eitbench recordings check {out}")
+    if suite is not None and touches:
+        write_suite(suite, out, made.sensor, board, emulated=emulated)
+        typer.echo(f"Judge methods on them: eitbench run {suite}")
+
+
+def _guide(board: "Board", recorder: "Recorder") -> int:
+    """Touches that a guided session recorded."""
+    from eitbench.hardware.guided import Guide
+
+    def ask(question: str) -> str:
+        answer: str = typer.prompt(question, default="", show_default=False, prompt_suffix=" ")
+        return answer
+
+    return Guide(board, recorder, ask, typer.echo).run()
+
+
+def _record(board: "Board", recorder: "Recorder", seconds: float | None) -> int:
+    """Record, with a status line that moves; no touch is labelled."""
+    from rich.console import Console
+    from rich.live import Live
+    from rich.text import Text
+
+    from eitbench.hardware.recording import record as record_frames
+
+    console = Console(stderr=True)
+    # Without a terminal a line that moves would leave but fragments.
+    with Live(console=console, transient=True, auto_refresh=False) as live:
+        try:
+            record_frames(
+                board,
+                recorder,
+                seconds=seconds,
+                show=lambda status: live.update(Text(status.line()), refresh=console.is_terminal),
+                say=lambda sentence: console.print(sentence, highlight=False, markup=False),
+            )
+        except KeyboardInterrupt:
+            console.print("Ctrl-C: the recording ends here.")
+    return 0

@@ -151,7 +151,7 @@ def test_own_suite_by_path(tmp_path: Path) -> None:
         ("train = 0", "train = -1", 9, "scenarios[0].train", "greater"),
         ("train = 0", "train = 1.5", 9, "scenarios[0].train", "integer"),
         ("train = 0", "", 5, "scenarios[0].train", "missing"),
-        ('kind = "simulated"', 'kind = "real"', 5, "scenarios[0].kind", "'recorded'"),
+        ('kind = "simulated"', 'kind = "real"', 6, "scenarios[0].kind", "'recorded'"),
         ('kind = "simulated"', "", 5, "scenarios[0].kind", "'recorded'"),
         ("methods =", 'operators = ["fem"]\nmethods =', 3, "operators", "either `methods` or"),
         ('methods = ["noser"]', "", 1, "operators", "either `methods` or `operators`"),

@@ -1,0 +1,178 @@
+"""The commands `record` and `recordings`, as they are typed."""
+
+import os
+import pty
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from eitbench.hardware import boards
+from eitbench.hardware.board import Board, Frame
+from eitbench.hardware.recorder import Recorder
+from eitbench.scenarios import load_suite
+from eitbench.scenarios.recordings.recording_file import read_file
+from eitbench.scenarios.sensors import Sensor
+
+Run = Callable[..., tuple[int, str, str]]
+Frames = Callable[[int], list[Frame]]
+
+SENSOR = """
+name = "bench"
+[outline]
+rectangle_mm = [80, 60]
+[electrodes]
+count = 8
+width_mm = 10
+start_mm = 20
+[pattern]
+offset = 3
+"""
+
+
+@pytest.fixture
+def fake(monkeypatch: pytest.MonkeyPatch, board: Callable[..., Board], frames: Frames) -> None:
+    """`make_board` gives a board of ten frames."""
+
+    def make(name: str, *, sensor: Sensor | None, **choices: object) -> Board:
+        made = board(frames(10))
+        made.sensor = sensor or made.sensor
+        return made
+
+    monkeypatch.setattr(boards, "make_board", make)
+
+
+@pytest.mark.usefixtures("fake")
+def test_a_board_is_recorded(tmp_path: Path, eitbench: Run) -> None:
+    out = tmp_path / "a.h5"
+    code, said, _ = eitbench("record", "--board", "fake", "--seconds", "0.2", "--out", out)
+    assert (code, said) == (0, f"10 frames are in {out}: eitbench recordings check {out}\n")
+    assert len(read_file(out)[0]) == 10
+    again = eitbench("record", "--board", "fake", "--seconds", "0.2", "--out", out)
+    assert again == (
+        2, "", f"eitbench: {out} exists already and is never overwritten: name another file.\n",
+    )  # fmt: skip
+
+
+@pytest.mark.usefixtures("fake")
+def test_a_sensor_file_says_what_is_on_the_board(tmp_path: Path, eitbench: Run) -> None:
+    (tmp_path / "bench.toml").write_text(SENSOR)
+    out = tmp_path / "a.h5"
+    command = ("record", "--board", "fake", "--seconds", "0.2", "--out", out, "--sensor")
+    assert eitbench(*command, tmp_path / "bench.toml")[0] == 0
+    assert read_file(out)[0].sensor.name == "bench"
+    out.unlink()
+    code, _, err = eitbench(*command, "foam61")
+    assert (code, err) == (2, "eitbench: Unknown sensor 'foam61': did you mean 'foam16'?\n")
+    code, _, err = eitbench(*command, "foam16")
+    assert code == 2
+    assert "'foam16' has 208 values, and a frame has 40: choose the sensor" in err
+
+
+@pytest.mark.usefixtures("fake")
+def test_guided_and_seconds_exclude_each_other(tmp_path: Path, eitbench: Run) -> None:
+    code, _, err = eitbench(
+        "record", "--board", "fake", "--guided", "--seconds", "3", "--out", tmp_path / "a.h5"
+    )
+    assert code == 2
+    assert "leave out --seconds" in err
+    (tmp_path / "b.toml").write_text("")
+    code, _, err = eitbench("record", "--board", "f", "--guided", "--out", tmp_path / "b.h5")
+    assert code == 2
+    assert "b.toml exists already and is never overwritten" in err
+    assert not (tmp_path / "b.h5").exists()
+
+
+def test_recordings_are_checked_and_exchanged(
+    tmp_path: Path, eitbench: Run, skin: Sensor, frames: Frames
+) -> None:
+    path = tmp_path / "a.h5"
+    with Recorder(path, skin, "fake") as recorder:
+        for frame in frames(10):
+            # A sensor that does not change: noise alone would not be reciprocal.
+            pairs = skin.pattern.reciprocal_pairs()
+            values = 1 + 1e-3 * frame.values
+            values[pairs[:, 1]] = skin.pattern.reciprocal_signs(pairs) * values[pairs[:, 0]]
+            recorder.append(Frame(frame.number, frame.time_s, frame.received_s, values))
+        recorder.untouched(0, 9)
+    code, said, _ = eitbench("recordings", "check", path)
+    assert code == 0
+    assert said.splitlines()[-1] == f"{path} is sound."
+    code, said, _ = eitbench("recordings", "export", path, "--to", tmp_path / "a.csv")
+    assert (code, said) == (0, f"10 frames are in {tmp_path / 'a.csv'}.\n")
+    code, said, _ = eitbench("recordings", "import", tmp_path / "a.csv", "--out", tmp_path / "b.h5")
+    assert (code, said) == (0, f"10 frames are in {tmp_path / 'b.h5'}.\n")
+    (tmp_path / "c.h5").write_bytes(path.read_bytes()[:-3000])
+    code, said, err = eitbench("recordings", "check", tmp_path / "c.h5")
+    assert code == 1
+    assert said == f"{tmp_path / 'c.h5'} is damaged: it was cut short.\n"
+    assert err == f"eitbench: {tmp_path / 'c.h5'} has 1 problem.\n"
+    code, _, err = eitbench("recordings", "fetch", path)
+    assert code == 2
+    assert "has no labels, so it is no set: record with --guided" in err
+
+
+@pytest.mark.parametrize(
+    "command", [("record",), *(("recordings", c) for c in ("check", "export", "import"))]
+)
+def test_every_command_has_help_with_an_example(command: tuple[str, ...], eitbench: Run) -> None:
+    code, out, _ = eitbench(*command, "--help")
+    assert code == 0
+    assert f"Example: eitbench {' '.join(command)}" in " ".join(out.split())
+
+
+def test_an_emulated_board_is_recorded_until_ctrl_c(tmp_path: Path) -> None:
+    """The whole way: a serial device file, the live status line of a terminal, Ctrl-C."""
+    out = tmp_path / "a.h5"
+    command = [sys.executable, "-m", "eitbench.cli", "record", "--board", "emulator"]
+    master, slave = pty.openpty()
+    with subprocess.Popen(
+        [*command, "--out", str(out)], stdout=subprocess.PIPE, stderr=slave, text=True
+    ) as process:
+        os.close(slave)
+        try:
+            while not out.exists() or len(read_file(out)[0]) < 15:
+                time.sleep(0.2)
+            process.send_signal(signal.SIGINT)
+            said, _ = process.communicate(timeout=30)
+        finally:
+            process.kill()
+    shown = os.read(master, 1 << 16).decode()
+    os.close(master)
+    content, condition = read_file(out)
+    assert process.returncode == 0
+    assert said == f"{len(content)} frames are in {out}: eitbench recordings check {out}\n"
+    assert (condition.complete, content.emulated, content.board) == (True, True, "emulator")
+    assert "10.0/s  SNR" in shown
+    assert "Ctrl-C: the recording ends here." in shown
+
+
+@pytest.mark.slow
+def test_a_guided_session_with_an_emulated_board_is_ready_for_a_suite(tmp_path: Path) -> None:
+    out = tmp_path / "touch.h5"
+    answers = "\n1\n\n" + "30 30\n70 30\n50 60\n" + "\n"
+    command = [sys.executable, "-m", "eitbench.cli", "record", "--board", "emulator", "--guided"]
+    done = subprocess.run(
+        [*command, "--out", str(out)], input=answers, capture_output=True, text=True, timeout=120
+    )
+    assert done.returncode == 0, done.stderr
+    suite_file = out.with_suffix(".toml")
+    assert done.stdout.splitlines()[-1] == f"Judge methods on them: eitbench run {suite_file}"
+    content, _ = read_file(out)
+    reference = content.values[content.reference].mean(axis=0)
+    for first, last in zip(content.labels["first"], content.labels["last"], strict=True):
+        # It was pressed while the frames of the label were taken.
+        change = content.values[first : last + 1].mean(axis=0) - reference
+        assert np.linalg.norm(change) > 0.01 * np.linalg.norm(reference)
+    assert load_suite(suite_file).scenarios[0].name == "emulated-touch"
+    moved = tmp_path / "moved"
+    moved.mkdir()
+    for file in (out, suite_file):
+        shutil.move(file, moved)
+    assert load_suite(moved / "touch.toml").scenarios[0].name == "emulated-touch"
