@@ -1,0 +1,184 @@
+"""A board without hardware, a recorder without a disk, and a live view that is served."""
+
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from eitbench.hardware.board import Board, BoardLostError, Frame
+from eitbench.hardware.live.access import Access
+from eitbench.hardware.live.server import listen, make_server
+from eitbench.hardware.live.session import Session
+from eitbench.hardware.live.viewer import Gallery
+from eitbench.scenarios.catalogue import foam16
+from eitbench.scenarios.physics.forward import forward_model
+from eitbench.scenarios.press import FOAM
+from eitbench.scenarios.sensors import Sensor
+
+Array = NDArray[np.float64]
+
+
+class FoamBoard(Board):
+    """Simulated foam that can be pressed and unplugged; 60 dB of noise.
+
+    Attributes:
+        sent: the frames it has handed out.
+        faulty: the error that `frames` raises next.
+    """
+
+    def __init__(self, rate_hz: float = 50.0, gain: float = 1.0) -> None:
+        super().__init__(foam16())
+        self.rate_hz = rate_hz
+        self.gain = gain
+        self.sent: list[Frame] = []
+        self.faulty: Exception | None = None
+        self.opened = 0
+        self._model = forward_model(self.sensor)
+        self._untouched = self._clean = self._model.voltages(self._model.background)
+        self._rng = np.random.default_rng(0)
+        self._plugged = threading.Event()
+        self._plugged.set()
+        self._next_s = 0.0
+
+    def open(self) -> None:
+        if not self._plugged.is_set():
+            raise BoardLostError("There is no port.")
+        self.opened += 1
+
+    def start(self) -> None:
+        self._next_s = time.monotonic()
+
+    def frames(self, wait_s: float) -> list[Frame]:
+        if self.faulty is not None:
+            error, self.faulty = self.faulty, None
+            raise error
+        if not self._plugged.is_set():
+            raise BoardLostError("The board was unplugged.")
+        time.sleep(max(0.0, min(wait_s, self._next_s - time.monotonic())))
+        now = time.monotonic()
+        if now < self._next_s:
+            return []
+        self._next_s += 1 / self.rate_hz
+        noise = 1e-3 * np.sqrt(np.mean(self._clean**2)) * self._rng.standard_normal(208)
+        values = self.gain * (self._clean + noise)
+        self.sent.append(Frame(len(self.sent), now, now, values))
+        return self.sent[-1:]
+
+    def stop(self) -> None:
+        pass
+
+    def close(self) -> None:
+        pass
+
+    def touch(self, x_m: float, y_m: float, radius_m: float, pressure_pa: float) -> None:
+        x, y = self.sensor.pixel_centres
+        distance = np.maximum(np.hypot(x - x_m, y - y_m) - radius_m, 0.0)
+        self._clean = self._model.voltages(FOAM.pressed(pressure_pa, distance))
+
+    def release(self) -> None:
+        self._clean = self._untouched
+
+    def unplug(self) -> None:
+        self._plugged.clear()
+
+    def plug(self) -> None:
+        self._plugged.set()
+
+
+class ListRecorder:
+    """Keeps what it is given in memory, and then writes a file; slow or faulty if asked to be."""
+
+    made: list["ListRecorder"]
+    delay_s = 0.0
+    fails_after = 10**9
+
+    def __init__(self, path: Path, sensor: Sensor, board: str) -> None:
+        self.path, self.sensor, self.board = path, sensor, board
+        self.frames: list[Frame] = []
+        self.events: list[str] = []
+        type(self).made.append(self)
+
+    def append(self, frame: Frame) -> None:
+        time.sleep(self.delay_s)
+        if len(self.frames) >= self.fails_after:
+            raise OSError(28, "No space left on device")
+        self.frames.append(frame)
+
+    def event(self, text: str, time_s: float) -> None:
+        self.events.append(text)
+
+    def close(self) -> None:
+        np.save(self.path.open("wb"), [frame.number for frame in self.frames])
+
+
+@pytest.fixture
+def board() -> FoamBoard:
+    return FoamBoard()
+
+
+@pytest.fixture
+def recorder() -> type[ListRecorder]:
+    """A class of its own for every test."""
+    return type("Own", (ListRecorder,), {"made": []})
+
+
+@pytest.fixture
+def wait_for() -> Callable[..., None]:
+    def wait(condition: Callable[[], object], seconds: float = 20.0) -> None:
+        end = time.monotonic() + seconds
+        while not condition():
+            assert time.monotonic() < end, "it did not come to that"
+            time.sleep(0.01)
+
+    return wait
+
+
+class Served:
+    """A live view of `board`, served on a free port."""
+
+    def __init__(self, board: Board, out: Path, recorder: Any, access: Access) -> None:
+        self.board = board
+        self.gallery = Gallery(board.sensor)
+        self.session = Session(
+            board, "emulator", out=out, make_recorder=recorder, show=self.gallery.show
+        )
+        self._listening = listen(access, 0)
+        self.port = int(self._listening.getsockname()[1])
+        self.url = f"http://127.0.0.1:{self.port}/"
+        self._server = make_server(self.session, self.gallery, access, self.port)
+        self._thread = threading.Thread(
+            target=self._server.run, kwargs={"sockets": [self._listening]}, daemon=True
+        )
+
+    def start(self, method: str = "noser") -> None:
+        self.session.start(method)
+        self._thread.start()
+
+    def stop(self) -> None:
+        self._server.should_exit = True
+        self._thread.join()
+        self.session.stop()
+        with suppress(OSError):
+            self._listening.close()
+
+
+@pytest.fixture
+def served(
+    board: FoamBoard, recorder: type[ListRecorder], tmp_path: Path
+) -> Iterator[Callable[..., Served]]:
+    started: list[Served] = []
+
+    def serve(access: Access | None = None, method: str = "noser") -> Served:
+        started.append(Served(board, tmp_path, recorder, access or Access()))
+        started[-1].start(method)
+        return started[-1]
+
+    yield serve
+    for one in started:
+        one.stop()
