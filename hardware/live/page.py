@@ -46,9 +46,9 @@ def _hash(source: str) -> str:
 
 
 def _colours() -> list[list[int]]:
-    """cividis, dark for high conductivity: it looks alike to all eyes, and touches are bright."""
+    """viridis, dark for high conductivity: even to colour-blind eyes, with touches bright."""
     from matplotlib import colormaps
 
-    table = colormaps["cividis_r"](range(256), bytes=True)
+    table = colormaps["viridis_r"](range(256), bytes=True)
     rows: list[list[int]] = table[:, :3].tolist()
     return rows

@@ -1,5 +1,4 @@
-"""Recording beside the view: every frame goes to the file, in a thread that nothing else waits for.
-"""
+"""Recording beside the view: a thread that nothing waits for writes every frame to a file."""
 
 import queue
 import threading
@@ -11,7 +10,7 @@ from eitbench.hardware.board import Frame
 from eitbench.scenarios.errors import EitbenchError
 from eitbench.scenarios.sensors import Sensor
 
-# A disk that stands still for this many frames (80 s at 100 frames/s, 14 MB) has lost the recording.
+# A disk that stands still for this many frames (80 s at 100 a second, 14 MB) ends the recording.
 MOST_WAITING = 8192
 _WAIT_S = 0.05
 

@@ -58,6 +58,6 @@ def _electrodes(sensor: Sensor) -> list[list[list[float]]]:
 
 
 def _touch(sensor: Sensor) -> dict[str, object]:
-    """How an emulated sensor is pressed from the page: as wide as a fingertip on a skin of 10 cm."""
+    """How an emulated sensor is pressed from the page: with a fingertip, if it is 10 cm wide."""
     x0, y0, x1, y1 = sensor.outline.bounds
     return {"radius_m": 0.08 * min(x1 - x0, y1 - y0), "pressures_pa": PRESSURES_PA}

@@ -3,7 +3,7 @@
 import asyncio
 import json
 import socket
-from collections.abc import AsyncIterator, Awaitable, Callable
+from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 
 import uvicorn
@@ -29,7 +29,7 @@ from eitbench.hardware.live.page import page
 from eitbench.hardware.live.scene import scene
 from eitbench.hardware.live.session import Session
 from eitbench.hardware.live.viewer import Gallery, Viewer
-from eitbench.scenarios.errors import EitbenchError, InputError
+from eitbench.scenarios.errors import EitbenchError
 
 STATE_EVERY_S = 0.25
 MOST_VIEWERS = 16
@@ -49,8 +49,8 @@ def listen(access: Access, port: int) -> socket.socket:
         return socket.create_server((access.host, port), family=family)
     except OSError as error:
         raise EitbenchError(
-            f"Cannot listen on {access.host}, port {port} ({error.strerror or error}): give another "
-            "with --http-port."
+            f"Cannot listen on {access.host}, port {port} ({error.strerror or error}): give "
+            "another with --http-port."
         ) from error
 
 
@@ -92,6 +92,7 @@ class _Visitors:
         self._gallery = gallery
         self._access = access
         self._port = port
+        self._scene = scene(session)
 
     async def show_page(self, request: Request) -> Response:
         if not self._is_ours(request):
@@ -128,7 +129,7 @@ class _Visitors:
             return
         viewer = Viewer()
         self._gallery.viewers.add(viewer)
-        visit = _Visit(websocket, viewer, self._session)
+        visit = _Visit(websocket, viewer, self._session, self._scene)
         tasks = [asyncio.create_task(work()) for work in (visit.send, visit.listen)]
         try:
             await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
@@ -154,15 +155,18 @@ class _Visitors:
 class _Visit:
     """One page that looks on."""
 
-    def __init__(self, websocket: WebSocket, viewer: Viewer, session: Session) -> None:
+    def __init__(
+        self, websocket: WebSocket, viewer: Viewer, session: Session, scene: dict[str, object]
+    ) -> None:
         self._websocket = websocket
         self._viewer = viewer
         self._session = session
+        self._scene = scene
         self._presses = False
 
     async def send(self) -> None:
         """Send the scene, then pictures as they come and the state four times a second."""
-        await self._say("scene", scene(self._session))
+        await self._say("scene", self._scene)
         loop = asyncio.get_running_loop()
         due = loop.time()
         while True:

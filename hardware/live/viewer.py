@@ -98,9 +98,7 @@ class Gallery:
         number = next(self._numbers)
         message = to_message(picture, number, self._sensor)
         try:
-            loop.call_soon_threadsafe(
-                self._offer, Shown(number, message, picture.frame.received_s)
-            )
+            loop.call_soon_threadsafe(self._offer, Shown(number, message, picture.frame.received_s))
         except RuntimeError:  # the loop was closed meanwhile: nobody looks on any more
             self._loop = None
 

@@ -27,7 +27,7 @@ function resize() {
   const [x0, y0, x1, y1] = scene.bounds_m;
   const aspect = (x1 - x0) / (y1 - y0);
   const narrow = window.innerWidth < 480;
-  const margin = { left: narrow ? 30 : 48, right: narrow ? 18 : 26, top: narrow ? 18 : 26, bottom: narrow ? 34 : 44 };
+  const margin = { left: narrow ? 44 : 48, right: narrow ? 18 : 26, top: narrow ? 18 : 26, bottom: narrow ? 34 : 44 };
   image.style.maxWidth = "";
   let width = image.clientWidth;
   const most = Math.max(240, Math.min(0.72 * window.innerHeight, 640));
@@ -92,7 +92,7 @@ function drawRim() {
     ctx.textAlign = ["left", "center", "right"][2 * t];
     ctx.fillText(`${(1e3 * x).toFixed(0)}${t === 1 ? " mm" : ""}`, place.x(x), low + 27);
     ctx.textAlign = "right";
-    ctx.fillText((1e3 * y).toFixed(0), place.left - 21, place.y(y) + [-5, 0, 5][2 * t]);
+    ctx.fillText((1e3 * y).toFixed(0), place.left - 22, place.y(y) + [-5, 0, 5][2 * t]);
   }
 }
 
@@ -165,14 +165,21 @@ function drawBar() {
   bar.width = 256;
   bar.height = 1;
   COLOURS.forEach(([r, g, b], k) => { ctx.fillStyle = `rgb(${r} ${g} ${b})`; ctx.fillRect(k, 0, 1, 1); });
-  const [low, high] = range, ticks = [0, 0.25, 0.5, 0.75, 1];
-  const digits = Math.max(0, Math.min(5, 2 - Math.floor(Math.log10(high - low))));
-  $("ticks").replaceChildren(...ticks.map((t) => {
-    const span = document.createElement("span");
-    span.style.left = `${100 * t}%`;
-    span.textContent = (low + t * (high - low)).toFixed(digits);
-    return span;
-  }));
+  const [low, high] = range, step = niceStep((high - low) / 5);
+  const digits = Math.max(0, -Math.floor(Math.log10(step) + 1e-9));
+  const ticks = [];
+  for (let k = Math.ceil(low / step - 1e-9); k * step <= high * (1 + 1e-9); k++) {
+    const tick = document.createElement("span");
+    tick.style.left = `${(100 * (k * step - low)) / (high - low)}%`;
+    tick.textContent = (k * step).toFixed(digits);
+    ticks.push(tick);
+  }
+  $("ticks").replaceChildren(...ticks);
+}
+
+function niceStep(least) {
+  const power = 10 ** Math.floor(Math.log10(least));
+  return [1, 2, 5, 10].map((factor) => factor * power).find((step) => step >= least * (1 - 1e-9));
 }
 
 function ring(x, y, radius, width, colour, dashes) {
