@@ -189,7 +189,8 @@ function allowPresses() {
     event.preventDefault();
   });
   image.addEventListener("keyup", (event) => { if (event.key === " ") press(false); });
-  for (const kind of ["focus", "blur"]) image.addEventListener(kind, () => { press(false); schedule(); });
+  image.addEventListener("focus", schedule);
+  image.addEventListener("blur", () => { press(false); schedule(); });
 }
 
 function follow(event) {

@@ -39,7 +39,12 @@ class Page:
         self.wait("document.querySelector('#method-shown').textContent !== '–'")
 
     def wait(self, condition: str) -> None:
-        self.page.wait_for_function(condition, timeout=20_000)
+        """Poll from here: Playwright's own polling would evaluate strings in the page, which its
+        policy forbids."""
+        end = time.monotonic() + 20
+        while not self.page.evaluate(condition):
+            assert time.monotonic() < end, condition
+            self.page.wait_for_timeout(30)
 
     def contact(self) -> tuple[float, float]:
         """Where the page shows the strongest contact [m]; waits for one."""
@@ -97,8 +102,8 @@ def test_a_touch_appears_where_it_is_made(opened: Any) -> None:
     x, y = page.contact()
     assert np.hypot(x - PLACE[0], y - PLACE[1]) < 0.005
     # Beside the marker, which lies over the place itself, and opposite, where nothing is.
-    assert page.pixel(PLACE[0] - 0.006, PLACE[1]) != before
-    assert page.pixel(0.08, 0.03) == before
+    np.testing.assert_allclose(page.pixel(0.08, 0.03), before, atol=15)
+    assert np.abs(np.subtract(page.pixel(PLACE[0] - 0.006, PLACE[1]), before)).max() > 40
     page.page.mouse.move(*page.point(0.07, 0.03))
     page.wait("Number(document.querySelector('#contacts td:nth-child(2)').textContent) > 65")
     x, y = page.contact()
