@@ -34,6 +34,7 @@ COMMANDS = [
     ("new-method",),
     ("recordings",),
     ("recordings", "fetch"),
+    ("live",),
 ]
 
 

@@ -1,6 +1,5 @@
-"""Recording beside the view: a thread that nothing waits for writes every frame to a file."""
+"""Recording beside the view: what goes wrong with the file ends the recording, and nothing else."""
 
-import queue
 import threading
 from collections.abc import Callable
 from pathlib import Path
@@ -10,19 +9,15 @@ from eitbench.hardware.board import Frame
 from eitbench.scenarios.errors import EitbenchError
 from eitbench.scenarios.sensors import Sensor
 
-# A disk that stands still for this many frames (80 s at 100 a second, 14 MB) ends the recording.
-MOST_WAITING = 8192
-_WAIT_S = 0.05
-
 
 class Recorder(Protocol):
-    """A file that frames are appended to."""
+    """A file that frames are appended to; appending returns at once, and others write it."""
 
     def append(self, frame: Frame) -> None:
-        """Write a frame."""
+        """Have a frame written."""
 
     def event(self, text: str, time_s: float) -> None:
-        """Write what happened, and when."""
+        """Have it written what happened at `time_s`, on the clock of `Frame.received_s` [s]."""
 
     def close(self) -> None:
         """Write what is left."""
@@ -33,75 +28,57 @@ MakeRecorder = Callable[[Path, Sensor, str], Recorder]
 
 
 class Recording:
-    """One file that is being written.
+    """A file that is being written.
 
     Attributes:
         path: the file.
+        frames: frames that were handed to it.
         failed: why it ended before it was told to; "" if it did not.
-        frames: frames that were written so far.
     """
 
-    def __init__(self, path: Path, make: Callable[[], Recorder]) -> None:
+    def __init__(self, path: Path, recorder: Recorder) -> None:
         self.path = path
-        self.failed = ""
         self.frames = 0
-        self._recorder = make()
-        self._waiting: queue.Queue[Callable[[], None]] = queue.Queue(MOST_WAITING)
-        self._ended = threading.Event()
-        self._thread = threading.Thread(target=self._write, name="eitbench-recording", daemon=True)
-        self._thread.start()
+        self.failed = ""
+        self._recorder: Recorder | None = recorder
+        self._lock = threading.Lock()
 
     @property
     def running(self) -> bool:
         """Whether frames are still written."""
-        return self._thread.is_alive() and not self.failed
+        return self._recorder is not None and not self.failed
 
     def append(self, frame: Frame) -> None:
-        """Have `frame` written; returns at once."""
+        """Have `frame` written, if the recording runs."""
 
-        def write() -> None:
-            self._recorder.append(frame)
+        def append(recorder: Recorder) -> None:
+            recorder.append(frame)
             self.frames += 1
 
-        self._put(write)
+        self._tell(append)
 
     def event(self, text: str, time_s: float) -> None:
-        """Have `text` written as an event at `time_s` [s]; returns at once."""
-        self._put(lambda: self._recorder.event(text, time_s))
+        """Have an event written, if the recording runs."""
+        self._tell(lambda recorder: recorder.event(text, time_s))
 
     def close(self) -> None:
-        """Write what is waiting, and end; returns when the file is closed."""
-        self._ended.set()
-        self._thread.join()
+        """Have the rest written; no error if it is closed."""
+        with self._lock:
+            recorder, self._recorder = self._recorder, None
+        if recorder is not None:
+            self._guard(recorder.close)
 
-    def _put(self, write: Callable[[], None]) -> None:
-        if self._ended.is_set() or self.failed:
-            return
+    def _tell(self, what: Callable[[Recorder], None]) -> None:
+        # The file must not be closed in between; that a frame waits for this takes no time.
+        with self._lock:
+            recorder = self._recorder
+            if recorder is not None and not self.failed:
+                self._guard(lambda: what(recorder))
+
+    def _guard(self, write: Callable[[], None]) -> None:
         try:
-            self._waiting.put_nowait(write)
-        except queue.Full:
-            self.failed = f"{self.path} cannot be written as fast as frames come: it ends here."
-
-    def _next(self) -> Callable[[], None] | None:
-        while True:
-            try:
-                return self._waiting.get(timeout=_WAIT_S)
-            except queue.Empty:
-                if self._ended.is_set():
-                    return None
-
-    def _write(self) -> None:
-        try:
-            while not self.failed and (write := self._next()) is not None:
-                write()
-        except Exception as error:  # a full disk ends the recording, never the view
-            self._fail(error)
-        try:
-            self._recorder.close()
-        except Exception as error:
-            self._fail(error)
-
-    def _fail(self, error: Exception) -> None:
-        if not self.failed:
-            known = isinstance(error, EitbenchError)
-            self.failed = str(error) if known else f"{self.path} cannot be written: {error}."
+            write()
+        except Exception as error:  # the board and the view go on
+            if not self.failed:
+                known = isinstance(error, EitbenchError)
+                self.failed = str(error) if known else f"{self.path} cannot be written: {error}."

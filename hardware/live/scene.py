@@ -27,7 +27,8 @@ def scene(session: Session) -> dict[str, object]:
         "methods": [
             {"name": name, "about": about} for name, about in usable_methods(sensor).items()
         ],
-        "touch": _touch(sensor) if session.emulated else None,
+        "emulated": session.emulated,
+        "touch": _touch(sensor) if session.can_be_pressed else None,
     }
 
 

@@ -33,6 +33,7 @@ class Session:
     Attributes:
         board: the board.
         name: the board's name.
+        emulated: no real sensor is behind it.
         imaging: what makes images of its frames.
     """
 
@@ -41,6 +42,7 @@ class Session:
         board: Board,
         name: str,
         *,
+        emulated: bool,
         out: Path,
         make_recorder: MakeRecorder,
         show: Callable[[Picture], None],
@@ -48,6 +50,7 @@ class Session:
         """`show` is called with every picture, by the thread that makes them; it must not wait."""
         self.board = board
         self.name = name
+        self.emulated = emulated
         self.imaging = Imaging(board.sensor, show)
         self._out = out
         self._make_recorder = make_recorder
@@ -101,17 +104,14 @@ class Session:
             if self._recording is not None and self._recording.running:
                 raise InputError(f"A recording is under way: {self._recording.path.name}.")
             path = self._out / f"live-{time.strftime('%Y%m%d-%H%M%S')}.h5"
-            if path.exists():
-                raise InputError(f"{path} exists already: try again in a second.")
-            self._recording = Recording(
-                path, lambda: self._make_recorder(path, self.board.sensor, self.name)
-            )
+            self._close_recording()  # one that failed
+            recorder = self._make_recorder(path, self.board.sensor, self.name)
+            self._recording = Recording(path, recorder)
 
     def stop_recording(self) -> None:
         """Close the file; nothing if none is being written."""
         with self._recording_lock:
-            if self._recording is not None:
-                self._recording.close()
+            self._close_recording()
 
     def touch(self, x_m: float, y_m: float, radius_m: float, pressure_pa: float) -> None:
         """Press an emulated sensor.
@@ -119,19 +119,18 @@ class Session:
         Raises:
             InputError: the board is none.
         """
-        press = getattr(self.board, "touch", None)
-        if press is None:
+        if not self.can_be_pressed:
             raise InputError("Only an emulated board can be pressed from the page.")
-        press(x_m, y_m, radius_m, pressure_pa)
+        self.board.touch(x_m, y_m, radius_m, pressure_pa)  # type: ignore[attr-defined]
 
     def release(self) -> None:
         """Let go of an emulated sensor; nothing for another board."""
-        if self.emulated:
+        if self.can_be_pressed:
             self.board.release()  # type: ignore[attr-defined]
 
     @property
-    def emulated(self) -> bool:
-        """Whether the board is emulated: it can be pressed from the page."""
+    def can_be_pressed(self) -> bool:
+        """Whether the board is emulated here, so that the page can press it."""
         return hasattr(self.board, "touch")
 
     def state(self) -> dict[str, object]:
@@ -159,6 +158,10 @@ class Session:
                 "failed": recording.failed,
             },
         }
+
+    def _close_recording(self) -> None:
+        if self._recording is not None:
+            self._recording.close()
 
     def _board_state(self) -> str:
         if self._lost:

@@ -86,7 +86,7 @@ function showScene(message) {
   document.title = `${scene.board} – eitbench live`;
   set($("board"), scene.board);
   set($("sensor"), scene.sensor);
-  $("emulated").hidden = !scene.touch;
+  $("emulated").hidden = !scene.emulated;
   $("method").replaceChildren(...scene.methods.map(({ name }) => new Option(name, name)));
   if (scene.touch) allowPresses();
   resize();

@@ -3,9 +3,8 @@
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import suppress
+from contextlib import ExitStack
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -13,9 +12,7 @@ from numpy.typing import NDArray
 
 from eitbench.hardware.board import Board, BoardLostError, Frame
 from eitbench.hardware.live.access import Access
-from eitbench.hardware.live.server import listen, make_server
-from eitbench.hardware.live.session import Session
-from eitbench.hardware.live.viewer import Gallery
+from eitbench.hardware.live.run import LiveView, live_view
 from eitbench.scenarios.catalogue import foam16
 from eitbench.scenarios.physics.forward import forward_model
 from eitbench.scenarios.press import FOAM
@@ -92,10 +89,9 @@ class FoamBoard(Board):
 
 
 class ListRecorder:
-    """Keeps what it is given in memory, and then writes a file; slow or faulty if asked to be."""
+    """Keeps what it is given in memory, and then writes a file; faulty if asked to be."""
 
     made: list["ListRecorder"]
-    delay_s = 0.0
     fails_after = 10**9
 
     def __init__(self, path: Path, sensor: Sensor, board: str) -> None:
@@ -105,7 +101,6 @@ class ListRecorder:
         type(self).made.append(self)
 
     def append(self, frame: Frame) -> None:
-        time.sleep(self.delay_s)
         if len(self.frames) >= self.fails_after:
             raise OSError(28, "No space left on device")
         self.frames.append(frame)
@@ -139,46 +134,30 @@ def wait_for() -> Callable[..., None]:
     return wait
 
 
-class Served:
-    """A live view of `board`, served on a free port."""
-
-    def __init__(self, board: Board, out: Path, recorder: Any, access: Access) -> None:
-        self.board = board
-        self.gallery = Gallery(board.sensor)
-        self.session = Session(
-            board, "emulator", out=out, make_recorder=recorder, show=self.gallery.show
-        )
-        self._listening = listen(access, 0)
-        self.port = int(self._listening.getsockname()[1])
-        self.url = f"http://127.0.0.1:{self.port}/"
-        self._server = make_server(self.session, self.gallery, access, self.port)
-        self._thread = threading.Thread(
-            target=self._server.run, kwargs={"sockets": [self._listening]}, daemon=True
-        )
-
-    def start(self, method: str = "noser") -> None:
-        self.session.start(method)
-        self._thread.start()
-
-    def stop(self) -> None:
-        self._server.should_exit = True
-        self._thread.join()
-        self.session.stop()
-        with suppress(OSError):
-            self._listening.close()
-
-
 @pytest.fixture
 def served(
     board: FoamBoard, recorder: type[ListRecorder], tmp_path: Path
-) -> Iterator[Callable[..., Served]]:
-    started: list[Served] = []
+) -> Iterator[Callable[..., LiveView]]:
+    """Serves a live view of `board` on a free port."""
+    with ExitStack() as running:
 
-    def serve(access: Access | None = None, method: str = "noser") -> Served:
-        started.append(Served(board, tmp_path, recorder, access or Access()))
-        started[-1].start(method)
-        return started[-1]
+        def serve(access: Access | None = None) -> LiveView:
+            view = running.enter_context(
+                live_view(
+                    board,
+                    "emulator",
+                    "noser",
+                    emulated=True,
+                    access=access or Access(),
+                    port=0,
+                    out=tmp_path,
+                    make_recorder=recorder,
+                )
+            )
+            thread = threading.Thread(target=view.serve, daemon=True)
+            thread.start()
+            running.callback(thread.join)
+            running.callback(setattr, view.server, "should_exit", True)
+            return view
 
-    yield serve
-    for one in started:
-        one.stop()
+        yield serve

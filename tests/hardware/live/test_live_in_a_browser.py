@@ -74,14 +74,14 @@ def opened(browser: Any, served: Any) -> Iterator[Callable[..., Page]]:
     pages: list[Page] = []
 
     def open_page(**options: Any) -> Page:
-        pages.append(Page(browser, one.url, **options))
+        pages.append(Page(browser, one.address, **options))
         return pages[-1]
 
     yield open_page
     for page in pages:
         page.page.close()
         assert page.errors == []
-        assert {url.split("?")[0] for url in page.requests} == {one.url}
+        assert {url.split("?")[0] for url in page.requests} == {one.address}
 
 
 def test_images_move_at_the_rate_of_the_board(opened: Any, board: Any) -> None:
