@@ -77,6 +77,7 @@ let refused = "", plotted = 0;
 
 function status(kind, sign, text) {
   $("status").dataset.kind = kind;
+  image.classList.toggle("stale", kind === "bad");
   set($("status-sign"), sign);
   set($("status-text"), text);
 }
