@@ -73,7 +73,7 @@ function paint(now) {
 
 // ---- Words ----
 
-let refused = "", plotted = 0;
+let refused = "", methodShown = "", plotted = 0;
 
 function status(kind, sign, text) {
   $("status").dataset.kind = kind;
@@ -100,8 +100,9 @@ function showState(message) {
   else if (state.board === "silent") status("bad", "■", "No frames from the board");
   else if (left) status("wait", "◌", `Taking the reference: do not touch (${left} more)`);
   else status("good", "●", "Running");
-  const wanted = state.fitting || state.method;
-  if (document.activeElement !== $("method") && wanted) $("method").value = wanted;
+  // Only when it changes: what is being chosen just now must stay as it is.
+  const inUse = state.fitting || state.method;
+  if (inUse && inUse !== methodShown) $("method").value = methodShown = inUse;
   const chosen = scene.methods.find(({ name }) => name === $("method").value);
   set($("about"), chosen ? chosen.about : "");
   const number = (value, digits) => (value === null ? "–" : value.toFixed(digits));
@@ -234,8 +235,8 @@ function drawPointer() {
 
 $("method").addEventListener("change", (event) => {
   refused = "";
-  ask({ do: "method", name: event.target.value });
-  event.target.blur();
+  methodShown = event.target.value;
+  ask({ do: "method", name: methodShown });
 });
 $("reference").addEventListener("click", () => { refused = ""; ask({ do: "reference" }); });
 $("record").addEventListener("click", () => {
