@@ -2,29 +2,10 @@
 
 import threading
 from collections.abc import Callable
-from pathlib import Path
-from typing import Protocol
 
 from eitbench.hardware.board import Frame
+from eitbench.hardware.recorder import Recorder
 from eitbench.scenarios.errors import EitbenchError
-from eitbench.scenarios.sensors import Sensor
-
-
-class Recorder(Protocol):
-    """A file that frames are appended to; appending returns at once, and others write it."""
-
-    def append(self, frame: Frame) -> None:
-        """Have a frame written."""
-
-    def event(self, text: str, time_s: float) -> None:
-        """Have it written what happened at `time_s`, on the clock of `Frame.received_s` [s]."""
-
-    def close(self) -> None:
-        """Write what is left."""
-
-
-MakeRecorder = Callable[[Path, Sensor, str], Recorder]
-"""From the path of a new file, the sensor and the board's name."""
 
 
 class Recording:
@@ -36,8 +17,8 @@ class Recording:
         failed: why it ended before it was told to; "" if it did not.
     """
 
-    def __init__(self, path: Path, recorder: Recorder) -> None:
-        self.path = path
+    def __init__(self, recorder: Recorder) -> None:
+        self.path = recorder.path
         self.frames = 0
         self.failed = ""
         self._recorder: Recorder | None = recorder
@@ -60,6 +41,11 @@ class Recording:
     def event(self, text: str, time_s: float) -> None:
         """Have an event written, if the recording runs."""
         self._tell(lambda recorder: recorder.event(text, time_s))
+
+    def untouched(self, count: int) -> None:
+        """Have it written that the last `count` frames show the untouched sensor, if it has them."""
+        if self.frames >= count:
+            self._tell(lambda recorder: recorder.untouched(self.frames - count, self.frames - 1))
 
     def close(self) -> None:
         """Have the rest written; no error if it is closed."""

@@ -10,7 +10,6 @@ import uvicorn
 
 from eitbench.hardware.board import Board
 from eitbench.hardware.live.access import Access
-from eitbench.hardware.live.recording import MakeRecorder
 from eitbench.hardware.live.server import listen, make_server
 from eitbench.hardware.live.session import Session
 from eitbench.hardware.live.viewer import Gallery
@@ -47,7 +46,6 @@ def live_view(
     access: Access,
     port: int,
     out: Path,
-    make_recorder: MakeRecorder,
 ) -> Iterator[LiveView]:
     """A live view of `board`, called `name`; the board is closed at the end.
 
@@ -59,7 +57,6 @@ def live_view(
         access: where it is served, and to whom.
         port: of the server; 0 takes any that is free.
         out: the folder that recordings go to.
-        make_recorder: makes the file of a recording.
 
     Raises:
         BoardError: the board cannot be opened.
@@ -67,9 +64,7 @@ def live_view(
         EitbenchError: the port is taken.
     """
     gallery = Gallery(board.sensor)
-    session = Session(
-        board, name, emulated=emulated, out=out, make_recorder=make_recorder, show=gallery.show
-    )
+    session = Session(board, name, emulated=emulated, out=out, show=gallery.show)
     with listen(access, port) as listening:
         port = listening.getsockname()[1]
         server = make_server(session, gallery, access, port)

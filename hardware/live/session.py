@@ -15,15 +15,18 @@ from numpy.typing import NDArray
 from eitbench.hardware.board import Board, BoardError, Frame
 from eitbench.hardware.live.imaging import Imaging
 from eitbench.hardware.live.picture import Picture
-from eitbench.hardware.live.pulse import Pulse
-from eitbench.hardware.live.recording import MakeRecorder, Recording
+from eitbench.hardware.live.recording import Recording
 from eitbench.hardware.live.reference import FRAMES, reference_of
+from eitbench.hardware.recorder import Recorder
+from eitbench.hardware.recording import Continuity
+from eitbench.hardware.status import Monitor
 from eitbench.scenarios.errors import EitbenchError, InputError
 
 Array = NDArray[np.float64]
 
 RETRY_S = 1.0
 SILENT_S = 3.0
+STATUS_S = 0.5
 _WAIT_S = 0.1
 
 
@@ -44,7 +47,6 @@ class Session:
         *,
         emulated: bool,
         out: Path,
-        make_recorder: MakeRecorder,
         show: Callable[[Picture], None],
     ) -> None:
         """`show` is called with every picture, by the thread that makes them; it must not wait."""
@@ -53,8 +55,9 @@ class Session:
         self.emulated = emulated
         self.imaging = Imaging(board.sensor, show)
         self._out = out
-        self._make_recorder = make_recorder
-        self._pulse = Pulse()
+        self._monitor, self._follow = Monitor(board.sensor), Continuity()
+        self._status, self._status_s = self._monitor.status(0), -STATUS_S
+        self._damaged_before = 0
         self._recording: Recording | None = None
         self._recording_lock = threading.Lock()
         self._lost = ""
@@ -105,8 +108,9 @@ class Session:
                 raise InputError(f"A recording is under way: {self._recording.path.name}.")
             path = self._out / f"live-{time.strftime('%Y%m%d-%H%M%S')}.h5"
             self._close_recording()  # one that failed
-            recorder = self._make_recorder(path, self.board.sensor, self.name)
-            self._recording = Recording(path, recorder)
+            self._recording = Recording(
+                Recorder(path, self.board.sensor, self.name, emulated=self.emulated)
+            )
 
     def stop_recording(self) -> None:
         """Close the file; nothing if none is being written."""
@@ -135,20 +139,21 @@ class Session:
 
     def state(self) -> dict[str, object]:
         """How things stand, as plain values."""
-        recording, health = self._recording, self.board.health
-        taken = self._reference_frames
-        snr = self._pulse.snr_db
+        recording, status = self._recording, self._status
+        taken, board = self._reference_frames, self._board_state()
         return {
-            "board": self._board_state(),
+            "board": board,
             "sentence": self._lost or self._reference_failed,
             "method": self.imaging.method,
             "fitting": self.imaging.fitting,
             "method_failed": self.imaging.failed,
             "reference_left": 0 if taken is None else FRAMES - len(taken),
-            "rate_hz": round(self._pulse.rate_hz, 2),
-            "snr_db": round(snr, 1) if np.isfinite(snr) else None,
-            "dropped": health.dropped,
-            "damaged": health.damaged,
+            "rate_hz": _known(status.rate_hz) if board == "running" else 0.0,
+            "snr_db": _known(status.snr_db),
+            "dropped": status.dropped,
+            "damaged": status.damaged,
+            "reciprocity": _known(status.reciprocity),
+            "suspects": list(status.suspects),
             "recording": None
             if recording is None
             else {
@@ -177,11 +182,11 @@ class Session:
                     self.board.open()
                     self.board.start()
                     self._last_frame_s = time.monotonic()
+                    self._follow.restart()
                     self._note("The board is back.")
                     self._lost = ""
                 while not self._ended.is_set():
-                    for frame in self.board.frames(_WAIT_S):
-                        self._add(frame)
+                    self._add([self._follow(frame) for frame in self.board.frames(_WAIT_S)])
             except Exception as error:  # anything else would leave a page that stands still
                 self.board.close()
                 self._lose(error)
@@ -192,25 +197,32 @@ class Session:
         known = isinstance(error, EitbenchError)
         sentence = str(error) if known else f"{type(error).__name__}: {error}."
         if not self._lost:
+            self._damaged_before += self.board.health.damaged
             self._note(f"The board was lost: {sentence}")
         self._lost = sentence
 
-    def _add(self, frame: Frame) -> None:
-        self._last_frame_s = time.monotonic()
-        self._pulse.add(frame)
-        if self._recording is not None:
-            self._recording.append(frame)
-        taken = self._reference_frames
-        if taken is not None:
-            taken.append(frame.values)
-            if len(taken) == FRAMES:
-                self._finish_reference(taken)
-        self.imaging.add(frame)
+    def _add(self, frames: list[Frame]) -> None:
+        now = time.monotonic()
+        self._monitor.add(frames)
+        if now >= self._status_s + STATUS_S:
+            damaged = self._damaged_before + self.board.health.damaged
+            self._status, self._status_s = self._monitor.status(damaged), now
+        for frame in frames:
+            self._last_frame_s = now
+            if self._recording is not None:
+                self._recording.append(frame)
+            taken = self._reference_frames
+            if taken is not None:
+                taken.append(frame.values)
+                if len(taken) == FRAMES:
+                    self._finish_reference(taken)
+            self.imaging.add(frame)
 
     def _finish_reference(self, frames: list[Array]) -> None:
         try:
             self.imaging.reference = reference_of(self.board.sensor, frames)
-            self._note(f"Reference: the mean of {FRAMES} frames.")
+            if self._recording is not None:
+                self._recording.untouched(FRAMES)
         except InputError as error:
             self._reference_failed = str(error)
         # Unless it was asked for again meanwhile.
@@ -220,3 +232,7 @@ class Session:
     def _note(self, text: str) -> None:
         if self._recording is not None:
             self._recording.event(text, time.monotonic())
+
+
+def _known(figure: float) -> float | None:
+    return round(figure, 4) if np.isfinite(figure) else None

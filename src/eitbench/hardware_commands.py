@@ -147,12 +147,9 @@ def live(
     ] = True,
 ) -> None:
     """Watch a board on a page in the browser: images, contacts, voltages; record what it sends."""
-    from functools import partial
-
     from eitbench.hardware.boards import make_board
     from eitbench.hardware.live.access import access_to
     from eitbench.hardware.live.run import live_view, watch
-    from eitbench.hardware.recorder import Recorder
     from eitbench.hardware.recording import is_emulated
     from eitbench.scenarios.catalogue import sensor as sensor_by_name
 
@@ -176,6 +173,5 @@ def live(
         access=access,
         port=http_port,
         out=out,
-        make_recorder=partial(Recorder, emulated=emulated),
     ) as view:
         watch(view, ready)

@@ -13,7 +13,6 @@ import sys
 import tempfile
 import threading
 import time
-from functools import partial
 from pathlib import Path
 from statistics import mean
 
@@ -28,7 +27,6 @@ from playwright.sync_api import Page, sync_playwright  # noqa: E402
 from eitbench.hardware.boards import make_emulator  # noqa: E402
 from eitbench.hardware.live.access import Access  # noqa: E402
 from eitbench.hardware.live.run import live_view  # noqa: E402
-from eitbench.hardware.recorder import Recorder  # noqa: E402
 
 # The emulated sensor's own physics takes 20 ms of the core for each frame; a real board takes none.
 CASES = (("noser", 40.0), ("noser", 10.0), ("dnn", 15.0), ("tv", 12.0), ("tv", 10.0))
@@ -66,7 +64,6 @@ def _measured(page: Page, method: str, rate_hz: float, folder: Path) -> tuple[fl
         access=Access(),
         port=0,
         out=folder,
-        make_recorder=partial(Recorder, emulated=True),
     ) as view:
         server = threading.Thread(target=view.serve)
         server.start()

@@ -109,7 +109,11 @@ function showState(message) {
   set($("rate"), number(state.rate_hz, 1));
   set($("snr"), number(state.snr_db, 0));
   set($("latency"), number(state.latency_ms, 0));
-  set($("dropped"), String(state.dropped));
+  set($("dropped"), String(state.dropped + state.damaged));
+  set($("reciprocity"), number(state.reciprocity === null ? null : 100 * state.reciprocity, 1));
+  const suspects = state.suspects.join(", ");
+  $("suspects").dataset.kind = suspects ? "bad" : "";
+  set($("suspects"), suspects ? `▲ Suspect electrodes: ${suspects}` : "No suspect electrodes.");
   while (paints.length && paints[0] < performance.now() - 2000) paints.shift();
   const span = paints.length > 1 ? paints[paints.length - 1] - paints[0] : 0;
   set($("painted"), (span ? (1000 * (paints.length - 1)) / span : 0).toFixed(1));

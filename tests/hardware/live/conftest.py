@@ -1,4 +1,4 @@
-"""A board without hardware, a recorder without a disk, and a live view that is served."""
+"""A board without hardware, and a live view of it that is served."""
 
 import threading
 import time
@@ -16,7 +16,6 @@ from eitbench.hardware.live.run import LiveView, live_view
 from eitbench.scenarios.catalogue import foam16
 from eitbench.scenarios.physics.forward import forward_model
 from eitbench.scenarios.press import FOAM
-from eitbench.scenarios.sensors import Sensor
 
 Array = NDArray[np.float64]
 
@@ -88,39 +87,9 @@ class FoamBoard(Board):
         self._plugged.set()
 
 
-class ListRecorder:
-    """Keeps what it is given in memory, and then writes a file; faulty if asked to be."""
-
-    made: list["ListRecorder"]
-    fails_after = 10**9
-
-    def __init__(self, path: Path, sensor: Sensor, board: str) -> None:
-        self.path, self.sensor, self.board = path, sensor, board
-        self.frames: list[Frame] = []
-        self.events: list[str] = []
-        type(self).made.append(self)
-
-    def append(self, frame: Frame) -> None:
-        if len(self.frames) >= self.fails_after:
-            raise OSError(28, "No space left on device")
-        self.frames.append(frame)
-
-    def event(self, text: str, time_s: float) -> None:
-        self.events.append(text)
-
-    def close(self) -> None:
-        np.save(self.path.open("wb"), [frame.number for frame in self.frames])
-
-
 @pytest.fixture
 def board() -> FoamBoard:
     return FoamBoard()
-
-
-@pytest.fixture
-def recorder() -> type[ListRecorder]:
-    """A class of its own for every test."""
-    return type("Own", (ListRecorder,), {"made": []})
 
 
 @pytest.fixture
@@ -135,23 +104,20 @@ def wait_for() -> Callable[..., None]:
 
 
 @pytest.fixture
-def served(
-    board: FoamBoard, recorder: type[ListRecorder], tmp_path: Path
-) -> Iterator[Callable[..., LiveView]]:
-    """Serves a live view of `board` on a free port."""
+def served(board: FoamBoard, tmp_path: Path) -> Iterator[Callable[..., LiveView]]:
+    """Serves a live view of `board`, or of another one, on a free port."""
     with ExitStack() as running:
 
-        def serve(access: Access | None = None) -> LiveView:
+        def serve(access: Access | None = None, other: Board | None = None) -> LiveView:
             view = running.enter_context(
                 live_view(
-                    board,
+                    other or board,
                     "emulator",
                     "noser",
                     emulated=True,
                     access=access or Access(),
                     port=0,
                     out=tmp_path,
-                    make_recorder=recorder,
                 )
             )
             thread = threading.Thread(target=view.serve, daemon=True)

@@ -5,6 +5,7 @@ import json
 import struct
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from eitbench.hardware.live.commands import MAX_BYTES
 from eitbench.hardware.live.server import MOST_VIEWERS, listen
 from eitbench.hardware.live.viewer import MOST_UNPAINTED
 from eitbench.scenarios.errors import EitbenchError, InputError
+from eitbench.scenarios.recordings.recording_file import read_file
 
 TOKEN = "correct-horse-battery"
 
@@ -159,7 +161,7 @@ def test_a_page_that_paints_nothing_gets_no_more_pictures(
         assert slow.picture()["frame"] >= first + 18
 
 
-def test_commands_do_what_they_say(served: Any, recorder: Any) -> None:
+def test_commands_do_what_they_say(served: Any) -> None:
     with page_of(served()) as page:
         page.image()
         page.ask(do="method", name="tv")
@@ -172,9 +174,12 @@ def test_commands_do_what_they_say(served: Any, recorder: Any) -> None:
             page.picture()
         assert state["recording"]["running"]
         page.ask(do="record", on=False)
-        while page.message("state")["recording"]["running"]:
+        while (state := page.message("state"))["recording"]["running"]:
             pass
-        assert len(recorder.made[0].frames) > 0
+        content, condition = read_file(Path(state["recording"]["file"]))
+        assert len(content) == state["recording"]["frames"] > 0
+        assert content.emulated
+        assert condition.complete
         before = page.image()["untouched"]
         page.ask(do="reference")
         while (page.image()["untouched"] == before).all():

@@ -13,8 +13,11 @@ from eitbench.hardware.board import BoardError, BoardLostError
 from eitbench.hardware.live.newest import Newest
 from eitbench.hardware.live.picture import Picture
 from eitbench.hardware.live.session import RETRY_S, Session
+from eitbench.hardware.recorder import Recorder, RecorderError
 from eitbench.methods import Method, register
 from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.recordings.checking import check
+from eitbench.scenarios.recordings.recording_file import Content, read_file
 
 PLACE = (0.03, 0.06)
 
@@ -22,17 +25,25 @@ PLACE = (0.03, 0.06)
 class Watched:
     """A session with the pictures it has shown."""
 
-    def __init__(self, board: Any, recorder: Any, out: Path) -> None:
+    def __init__(self, board: Any, out: Path) -> None:
         self.pictures: list[Picture] = []
         self.show: Callable[[Picture], None] = self.pictures.append
         self.session = Session(
-            board,
-            "emulator",
-            emulated=True,
-            out=out,
-            make_recorder=recorder,
-            show=lambda p: self.show(p),
+            board, "emulator", emulated=True, out=out, show=lambda picture: self.show(picture)
         )
+
+    @property
+    def recording(self) -> Any:
+        """The state of the recording."""
+        return self.session.state()["recording"]
+
+    def recorded(self) -> Content:
+        """End the recording, and read it."""
+        self.session.stop_recording()
+        content, condition = read_file(Path(self.recording["file"]))
+        assert condition.complete
+        assert len(content) == self.recording["frames"]
+        return content
 
     @property
     def newest(self) -> Picture:
@@ -40,8 +51,8 @@ class Watched:
 
 
 @pytest.fixture
-def watched(board: Any, recorder: Any, tmp_path: Path) -> Iterator[Watched]:
-    watched = Watched(board, recorder, tmp_path)
+def watched(board: Any, tmp_path: Path) -> Iterator[Watched]:
+    watched = Watched(board, tmp_path)
     yield watched
     watched.session.stop()
 
@@ -171,7 +182,7 @@ def test_a_method_that_cannot_be_fitted_leaves_the_old_one(
 
 
 def test_a_slow_viewer_never_delays_the_recording(
-    running: Watched, board: Any, recorder: Any, wait_for: Any
+    running: Watched, board: Any, wait_for: Any
 ) -> None:
     """Frames go on at the board's rate while one picture takes forever."""
     stuck = threading.Event()
@@ -182,44 +193,63 @@ def test_a_slow_viewer_never_delays_the_recording(
 
     running.show = show
     running.session.start_recording()
-    first = len(board.sent)
     try:
-        wait_for(lambda: len(recorder.made[0].frames) > 60)
+        wait_for(lambda: running.recording["frames"] > 60)
     finally:
         stuck.set()
-    running.session.stop_recording()
-    numbers = [frame.number for frame in recorder.made[0].frames]
-    assert numbers == list(range(numbers[0], numbers[0] + len(numbers)))
-    assert numbers[0] <= first + 1
+    content = running.recorded()
+    assert content.emulated
+    assert (np.diff(content.number) == 1).all()
+    for number, values in zip(content.number, content.values, strict=True):
+        np.testing.assert_array_equal(values, board.sent[number].values)
     # What the viewer missed meanwhile is skipped, not shown late.
-    wait_for(lambda: running.newest.frame.number > numbers[-1])
+    wait_for(lambda: running.newest.frame.number > content.number[-1])
 
 
 def test_a_full_disk_ends_the_recording_only(
-    running: Watched, recorder: Any, wait_for: Any
+    running: Watched, wait_for: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    recorder.fails_after = 3
+    def full(self: Recorder, frame: Any) -> None:
+        raise RecorderError("The recording was stopped, since the disk is full.")
+
     running.session.start_recording()
-    wait_for(lambda: running.session.state()["recording"]["failed"])  # type: ignore[index]
-    state: Any = running.session.state()["recording"]
-    assert "No space left on device" in state["failed"]
-    assert state["frames"] == 3
-    assert not state["running"]
+    wait_for(lambda: running.recording["frames"] > 2)
+    with monkeypatch.context() as patch:
+        patch.setattr(Recorder, "append", full)
+        wait_for(lambda: running.recording["failed"])
+    assert running.recording["failed"].endswith("the disk is full.")
+    assert not running.recording["running"]
     count = len(running.pictures)
     wait_for(lambda: len(running.pictures) > count + 3)
-    recorder.fails_after = 10**9
     time.sleep(1.1)  # files are named by the second
     running.session.start_recording()
-    wait_for(lambda: len(recorder.made[1].frames) > 2)
+    wait_for(lambda: running.recording["frames"] > 2)
+    assert len(running.recorded()) > 2
 
 
-def test_a_board_that_is_lost_is_opened_again(
-    running: Watched, board: Any, recorder: Any, wait_for: Any
+def test_a_reference_that_is_taken_while_recording_is_marked_in_the_file(
+    running: Watched, wait_for: Any
 ) -> None:
     running.session.start_recording()
+    wait_for(lambda: running.recording["frames"] > 2)
+    before = running.session.imaging.reference
+    running.session.take_reference()
+    wait_for(lambda: running.session.imaging.reference is not before)
+    content = running.recorded()
+    assert running.session.imaging.reference is not None
+    np.testing.assert_allclose(
+        content.values[content.reference].mean(axis=0), running.session.imaging.reference.values
+    )
+    assert not check(Path(running.recording["file"]))[0]
+
+
+def test_a_board_that_is_lost_is_opened_again(running: Watched, board: Any, wait_for: Any) -> None:
+    running.session.start_recording()
+    wait_for(lambda: running.recording["frames"] > 2)
     board.unplug()
     wait_for(lambda: running.session.state()["board"] == "lost")
     assert running.session.state()["sentence"] in ("The board was unplugged.", "There is no port.")
+    assert running.session.state()["rate_hz"] == 0
     time.sleep(RETRY_S)
     board.plug()
     count = len(running.pictures)
@@ -227,10 +257,12 @@ def test_a_board_that_is_lost_is_opened_again(
     assert running.session.state()["board"] == "running"
     assert running.newest.image is not None
     assert board.opened == 2
-    running.session.stop_recording()
-    events = recorder.made[0].events
-    assert events[0].startswith("The board was lost: The board was unplugged.")
-    assert events[1] == "The board is back."
+    content = running.recorded()
+    assert list(content.events["text"]) == [
+        "The board was lost: The board was unplugged.",
+        "The board is back.",
+    ]
+    assert (np.diff(content.number) == 1).all()
 
 
 @pytest.mark.parametrize("error", [BoardError("It speaks openeit."), RuntimeError("a bug")])
@@ -264,3 +296,5 @@ def test_rate_and_noise_are_measured(running: Watched, wait_for: Any) -> None:
     state: Any = running.session.state()
     assert state["snr_db"] == pytest.approx(60, abs=1)
     assert 10 < state["rate_hz"] < 55
+    assert state["reciprocity"] < 0.01
+    assert state["suspects"] == []
