@@ -43,7 +43,7 @@ class Recording:
         self._tell(lambda recorder: recorder.event(text, time_s))
 
     def untouched(self, count: int) -> None:
-        """Have it written that the last `count` frames show the untouched sensor, if it has them."""
+        """Have it written that the last `count` frames show the untouched sensor."""
         if self.frames >= count:
             self._tell(lambda recorder: recorder.untouched(self.frames - count, self.frames - 1))
 
