@@ -8,7 +8,8 @@ import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 from eitbench.benchmark import metrics, tactile
-from eitbench.benchmark.tactile import Contacts, Similarity
+from eitbench.benchmark.tactile import Similarity
+from eitbench.scenarios.contacts import Contacts, contacts, is_constant, locate
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.sensors import Sensor
 
@@ -122,7 +123,7 @@ def fit_registration(validation: Known, estimates: ArrayLike) -> Similarity:
     """
     sensor = validation.sensor
     images = _imputed(validation, estimates).astype(np.float64)
-    found = tactile.locate(images - sensor.background, sensor)
+    found = locate(images - sensor.background, sensor)
     presses = _presses(validation)
     similarity = tactile.fit_similarity(found, presses)
     if similarity is not None:
@@ -171,10 +172,10 @@ def _judge_conductivity(
         "bounded": metrics.bounded_score(
             {"ssim": similarity, "cc": correlation, "rie": error, "psnr": ratio}
         ),
-        "cc_undefined": metrics.is_constant(truth, mask) | metrics.is_constant(images, mask),
+        "cc_undefined": is_constant(truth, mask) | is_constant(images, mask),
     }
-    true = tactile.contacts(truth - sensor.background, sensor)
-    return figures | _tactile(true, tactile.contacts(contrast, sensor), sensor)
+    true = contacts(truth - sensor.background, sensor)
+    return figures | _tactile(true, contacts(contrast, sensor), sensor)
 
 
 def _judge_classes(
@@ -185,10 +186,10 @@ def _judge_classes(
     truth, sensor = dataset.classes[rows].astype(np.float64), dataset.sensor
     contrast = images.astype(np.float64) - sensor.background
     mask = sensor.mask
-    true, found = tactile.contacts(truth, sensor), tactile.contacts(contrast, sensor)
+    true, found = contacts(truth, sensor), contacts(contrast, sensor)
     figures: Columns = {
         "cc": metrics.cc(truth, contrast, mask),
-        "cc_undefined": metrics.is_constant(truth, mask) | metrics.is_constant(images, mask),
+        "cc_undefined": is_constant(truth, mask) | is_constant(images, mask),
         "iou_resistive": tactile.overlap(true.region, found.region, (-1,)),
         "iou_conductive": tactile.overlap(true.region, found.region, (1,)),
     }
@@ -221,7 +222,7 @@ def _judge_position(
         raise InputError(f"Scenario {dataset.scenario!r} needs a registration.")
     sensor = dataset.sensor
     contrast = images.astype(np.float64) - sensor.background
-    place = tactile.locate(contrast, sensor)
+    place = locate(contrast, sensor)
     presses = _presses(dataset)[rows]
     error = np.hypot(*(registration(place) - presses).T)
     # Finding nothing costs what the farthest wrong place in the sensor would.
@@ -229,7 +230,7 @@ def _judge_position(
     expected = registration.inverse(presses)
     return {
         "localisation_mm": 1e3 * error,
-        "strength": tactile.contacts(contrast, sensor).total_strength,
+        "strength": contacts(contrast, sensor).total_strength,
         "found_x_m": place[:, 0],
         "found_y_m": place[:, 1],
         "expected_x_m": expected[:, 0],

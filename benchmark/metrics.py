@@ -12,6 +12,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from eitbench.scenarios.contacts import is_constant
 from eitbench.scenarios.errors import InputError
 
 Array = NDArray[np.float64]
@@ -96,13 +97,6 @@ def cc(truth: ArrayLike, estimate: ArrayLike, mask: Mask | None = None) -> Array
     # The mean of equal numbers is rounded, so a constant image is recognised by its values.
     values[is_constant(t, inside) | is_constant(p, inside)] = 0.0
     return np.clip(values, -1.0, 1.0)
-
-
-def is_constant(images: ArrayLike, mask: Mask | None = None) -> Mask:
-    """Which of the `images` (n, H, W) have one value on all pixels of the mask: (n,)."""
-    stack = np.asarray(images)
-    pixels = stack.reshape(len(stack), -1) if mask is None else stack[:, mask]
-    return np.asarray(pixels.min(axis=1) == pixels.max(axis=1))
 
 
 def rie(truth: ArrayLike, estimate: ArrayLike, mask: Mask | None = None) -> Array:

@@ -14,12 +14,13 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from eitbench.benchmark.tactile import fit_similarity, locate
+from eitbench.benchmark.tactile import fit_similarity
 from eitbench.methods import Problem
 from eitbench.methods.kernel_ridge import Kernel, gaussians, kernel_ridge, linear
 from eitbench.methods.linear_touch import unit_frames
 from eitbench.methods.place_network import REAL, SIMULATED, PlaceNetwork
 from eitbench.methods.training.job import no_split
+from eitbench.scenarios.contacts import locate
 from eitbench.scenarios.datasets import load
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.recordings import recorded_set

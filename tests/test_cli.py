@@ -34,7 +34,9 @@ COMMANDS = [
     ("new-method",),
     ("recordings",),
     ("recordings", "fetch"),
+    ("calibrate",),
     ("emulate",),
+    ("live",),
 ]
 
 

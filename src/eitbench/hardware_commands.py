@@ -1,5 +1,6 @@
 """Commands that work with a board: a real one, an emulated one, or a recording."""
 
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -137,3 +138,63 @@ def _record(board: "Board", recorder: "Recorder", seconds: float | None) -> int:
         except KeyboardInterrupt:
             console.print("Ctrl-C: the recording ends here.")
     return 0
+
+
+@app.command(epilog="Example: eitbench live --board emulator --method noser")
+def live(
+    board: Annotated[str, typer.Option(metavar="NAME", help="A board (eitbench list boards).")],
+    port: Annotated[str | None, typer.Option(help="The serial port of a real board.")] = None,
+    file: Annotated[
+        str | None, typer.Option(metavar="SET|FILE.h5", help="What `replay` plays.")
+    ] = None,
+    sensor: Annotated[
+        str | None,
+        typer.Option(help="The sensor on it, or a sensor file, .toml (default: the board's)."),
+    ] = None,
+    method: Annotated[str, typer.Option(help="Makes the images at first.")] = "noser",
+    out: Annotated[
+        Path, typer.Option(metavar="DIR", file_okay=False, help="Where recordings go.")
+    ] = Path(),
+    http_port: Annotated[
+        int, typer.Option(min=0, max=65535, help="Port of the page; 0 takes any.")
+    ] = 8765,
+    host: Annotated[
+        str | None,
+        typer.Option(metavar="ADDRESS", help="Let other machines look; needs a token."),
+    ] = None,
+    token: Annotated[
+        str | None, typer.Option(help="What they have to know: 16 characters or more.")
+    ] = None,
+    browser: Annotated[
+        bool, typer.Option("--browser/--no-browser", help="Open the page in a browser.")
+    ] = True,
+) -> None:
+    """Watch a board on a page in the browser: images, contacts, voltages; record what it sends."""
+    from eitbench.hardware.boards import make_board
+    from eitbench.hardware.live.access import access_to
+    from eitbench.hardware.live.run import live_view, watch
+    from eitbench.hardware.recording import is_emulated
+    from eitbench.scenarios.catalogue import sensor as sensor_by_name
+
+    access = access_to(host, token)
+    nominal = None if sensor is None else sensor_by_name(sensor)
+    made = make_board(board, port=port, sensor=nominal, file=file)
+    emulated = is_emulated(made)
+
+    def ready(address: str) -> None:
+        typer.echo(f"{board}{' (emulated)' if emulated else ''}: {address}  (Ctrl-C ends it)")
+        if browser and sys.stdout.isatty():
+            import webbrowser
+
+            webbrowser.open(address)
+
+    with live_view(
+        made,
+        board,
+        method,
+        emulated=emulated,
+        access=access,
+        port=http_port,
+        out=out,
+    ) as view:
+        watch(view, ready)

@@ -8,12 +8,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from eitbench.benchmark.tactile import locate
 from eitbench.methods import Problem, create
 from eitbench.methods.kernel_ridge import WEIGHTS, gaussians, kernel_ridge, linear
 from eitbench.methods.linear_touch import unit_frames
 from eitbench.methods.place_network import SIMULATED, PlaceNetwork
 from eitbench.scenarios import InputError, RecordedScenario, load
+from eitbench.scenarios.contacts import locate
 from eitbench.scenarios.datasets import Dataset
 from eitbench.scenarios.suites import learned_from, scenario_by_name
 

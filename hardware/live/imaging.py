@@ -1,0 +1,187 @@
+"""From frames to pictures: the method in use, the next one that is being fitted, and contacts."""
+
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eitbench.hardware.board import Frame
+from eitbench.hardware.live.newest import Newest
+from eitbench.hardware.live.picture import Contact, Picture
+from eitbench.hardware.live.reference import Reference, no_data
+from eitbench.methods import Method, Problem, create, methods
+from eitbench.scenarios.contacts import contacts
+from eitbench.scenarios.errors import EitbenchError, InputError, unknown_name
+from eitbench.scenarios.physics.forward import forward_model
+from eitbench.scenarios.sensors import Sensor
+
+Array = NDArray[np.float64]
+
+# A frame that differs from the reference by less than twice its noise, or an image whose contrast
+# stays below 3 % of the background, shows no contact: the rule that finds contacts knows only how
+# they stand out from the rest of the same image, and something always does.
+TOUCHED_NOISE = 2.0
+TOUCHED_CONTRAST = 0.03
+MOST_CONTACTS = 10
+_WAIT_S = 0.2
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """A method that is ready."""
+
+    name: str
+    method: Method
+
+
+def usable_methods(sensor: Sensor) -> dict[str, str]:
+    """The methods that can be used on `sensor`: names and descriptions."""
+    return {
+        name: (cls.__doc__ or "").strip().split("\n")[0]
+        for name, cls in methods().items()
+        if not cls.untrained(sensor)
+    }
+
+
+class Imaging:
+    """Makes pictures of the newest frames, in a thread of its own; fits methods in another.
+
+    A method sees frames as the model would have measured them: the model's untouched frame plus the
+    difference to the reference in model units. It is the same difference to the reference, so that
+    a new reference needs no new fit.
+
+    Attributes:
+        sensor: the nominal sensor.
+        reference: the untouched sensor; pictures hold no image until there is one.
+        failed: why the last method that was chosen cannot be used; "" if it can.
+    """
+
+    def __init__(self, sensor: Sensor, show: Callable[[Picture], None]) -> None:
+        self.sensor = sensor
+        self.reference: Reference | None = None
+        self.failed = ""
+        self._show = show
+        self._model = forward_model(sensor)
+        self._untouched = self._model.voltages(self._model.background)
+        self._fitted: Fitted | None = None
+        self._fitting: str | None = None
+        self._frames: Newest[Frame] = Newest()
+        self._chosen: Newest[str] = Newest()
+        self._ended = threading.Event()
+        self._threads = [
+            threading.Thread(target=work, name=f"eitbench-{name}", daemon=True)
+            for name, work in (("images", self._make_images), ("fit", self._fit_chosen))
+        ]
+
+    def start(self) -> None:
+        """Start both threads."""
+        for thread in self._threads:
+            thread.start()
+
+    def stop(self) -> None:
+        """End both threads; a fit that is under way is left to itself."""
+        self._ended.set()
+        self._threads[0].join()
+
+    @property
+    def method(self) -> str:
+        """The name of the method that makes the images; "" before the first is ready."""
+        return self._fitted.name if self._fitted else ""
+
+    @property
+    def fitting(self) -> str:
+        """The name of the method that is being fitted; "" if none is."""
+        return self._fitting or ""
+
+    def choose(self, name: str) -> None:
+        """Use the method `name` as soon as it is fitted.
+
+        Raises:
+            InputError: there is none of that name, or it has no weights for the sensor.
+        """
+        known = methods()
+        if name not in known:
+            raise unknown_name("method", name, known)
+        if why := known[name].untrained(self.sensor):
+            raise InputError(why)
+        self.failed = ""
+        self._fitting = name
+        self._chosen.put(name)
+
+    def add(self, frame: Frame) -> None:
+        """Make a picture of `frame`, unless a newer one comes first."""
+        self._frames.put(frame)
+
+    def _fit_chosen(self) -> None:
+        while not self._ended.is_set():
+            name = self._chosen.take(_WAIT_S)
+            if name is None:
+                continue
+            try:
+                method = create(name)
+                method.fit(Problem(self.sensor, self._untouched, no_data))
+                self._fitted = Fitted(name, method)
+            except Exception as error:  # a method may be anybody's: it must not end the view
+                self.failed = f"{name} cannot be used: {_sentence(error)}"
+            if self._fitting == name:
+                self._fitting = None
+
+    def _make_images(self) -> None:
+        while not self._ended.is_set():
+            frame = self._frames.take(_WAIT_S)
+            if frame is not None:
+                self._show(self._picture(frame))
+
+    def _picture(self, frame: Frame) -> Picture:
+        began = time.perf_counter()
+        fitted, reference = self._fitted, self.reference
+        image: Array | None = None
+        found: tuple[Contact, ...] = ()
+        failed = ""
+        if fitted is not None and reference is not None:
+            try:
+                image = self._image(fitted.method, reference, frame)
+                found = self._contacts(image, reference, frame)
+            except Exception as error:  # costs this picture's image only
+                failed = f"{fitted.name} failed on this frame: {_sentence(error)}"
+        return Picture(
+            frame=frame,
+            method=fitted.name if fitted else "",
+            image=image,
+            reference=reference.values if reference else None,
+            contacts=found,
+            failed=failed,
+            image_ms=1e3 * (time.perf_counter() - began),
+        )
+
+    def _image(self, method: Method, reference: Reference, frame: Frame) -> Array:
+        voltages = self._untouched + reference.difference(frame.values)
+        image = np.asarray(method.reconstruct(voltages[None]))
+        if image.shape != (1, *self.sensor.image_shape):
+            raise InputError(f"it returned an image of shape {image.shape}.")
+        if not np.isfinite(image[0, self.sensor.mask]).all():
+            raise InputError("its image holds a value that is not a finite number.")
+        return np.asarray(image[0])
+
+    def _contacts(self, image: Array, reference: Reference, frame: Frame) -> tuple[Contact, ...]:
+        sensor = self.sensor
+        contrast = image - sensor.background
+        peak = np.abs(contrast[sensor.mask]).max()
+        if reference.deviation(frame.values) < TOUCHED_NOISE or (
+            peak < TOUCHED_CONTRAST * sensor.background
+        ):
+            return ()
+        found = contacts(contrast[None], sensor)
+        return tuple(
+            Contact(x_m=float(x), y_m=float(y), strength=float(strength), area_m2=float(area))
+            for (x, y), strength, area in zip(
+                found.position[:MOST_CONTACTS], found.strength, found.area, strict=False
+            )
+        )
+
+
+def _sentence(error: Exception) -> str:
+    return str(error) if isinstance(error, EitbenchError) else f"{type(error).__name__}: {error}."

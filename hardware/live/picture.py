@@ -1,0 +1,83 @@
+"""A picture: what the page shows of one frame, and its bytes on the wire.
+
+A picture is one binary message: the length of its header (uint32, little-endian), the header (JSON
+in UTF-8, padded with spaces so that what follows is aligned to 4 bytes), then float32 values,
+little-endian: the image (H x W, NaN outside the sensor; absent if there is none), the voltages
+(M) and the reference (M; absent if there is none).
+"""
+
+import json
+import struct
+from dataclasses import asdict, dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eitbench.hardware.board import Frame
+from eitbench.scenarios.sensors import Sensor
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Contact:
+    """A contact that an image shows.
+
+    Attributes:
+        x_m, y_m: its centroid in the sensor's frame [m].
+        strength: |contrast| integrated over it [S/m * m^2].
+        area_m2: [m^2].
+    """
+
+    x_m: float
+    y_m: float
+    strength: float
+    area_m2: float
+
+
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """What became of one frame.
+
+    Attributes:
+        frame: the frame.
+        method: the method that made the image; "" if none is ready.
+        image: (H, W) absolute conductivity [S/m]; None without a method or a reference, and where
+            the method failed.
+        reference: (M,) the untouched frame in the board's units; None if there is none yet.
+        contacts: the strongest first.
+        failed: why the method made no image of this frame; "" if it did.
+        image_ms: time that the image took [ms].
+    """
+
+    frame: Frame
+    method: str
+    image: Array | None
+    reference: Array | None
+    contacts: tuple[Contact, ...]
+    failed: str
+    image_ms: float
+
+
+def to_message(picture: Picture, number: int, sensor: Sensor) -> bytes:
+    """The message that shows `picture`, the `number`-th one."""
+    header = {
+        "picture": number,
+        "frame": picture.frame.number,
+        "method": picture.method,
+        "shape": None if picture.image is None else list(sensor.image_shape),
+        "values": len(picture.frame.values),
+        "reference": picture.reference is not None,
+        "contacts": [asdict(contact) for contact in picture.contacts],
+        "failed": picture.failed,
+        "image_ms": round(picture.image_ms, 3),
+    }
+    text = json.dumps(header, allow_nan=False).encode()
+    text += b" " * (-len(text) % 4)
+    parts = [struct.pack("<I", len(text)), text]
+    if picture.image is not None:
+        parts.append(np.where(sensor.mask, picture.image, np.nan).astype("<f4").tobytes())
+    parts.append(picture.frame.values.astype("<f4").tobytes())
+    if picture.reference is not None:
+        parts.append(picture.reference.astype("<f4").tobytes())
+    return b"".join(parts)

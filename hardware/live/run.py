@@ -1,0 +1,88 @@
+"""A live view put together: a board, its session, and the server that shows it."""
+
+import socket
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+import uvicorn
+
+from eitbench.hardware.board import Board
+from eitbench.hardware.live.access import Access
+from eitbench.hardware.live.server import listen, make_server
+from eitbench.hardware.live.session import Session
+from eitbench.hardware.live.viewer import Gallery
+
+
+@dataclass(frozen=True, eq=False)
+class LiveView:
+    """A board that is watched, and a server that is yet to be run.
+
+    Attributes:
+        session: reads the board.
+        gallery: the pages that look on.
+        address: of the page, with the token if there is one.
+    """
+
+    session: Session
+    gallery: Gallery
+    address: str
+    server: uvicorn.Server
+    listening: socket.socket
+
+    def serve(self) -> None:
+        """Answer pages until the server is told to stop."""
+        self.server.run(sockets=[self.listening])
+
+
+@contextmanager
+def live_view(
+    board: Board,
+    name: str,
+    method: str,
+    *,
+    emulated: bool,
+    access: Access,
+    port: int,
+    out: Path,
+) -> Iterator[LiveView]:
+    """A live view of `board`, called `name`; the board is closed at the end.
+
+    Args:
+        board: the board, not yet opened.
+        name: registry name of the board.
+        method: the first method that makes the images.
+        emulated: no real sensor is behind it, and the page says so.
+        access: where it is served, and to whom.
+        port: of the server; 0 takes any that is free.
+        out: the folder that recordings go to.
+
+    Raises:
+        BoardError: the board cannot be opened.
+        InputError: an unknown method, or one without weights for the sensor.
+        EitbenchError: the port is taken.
+    """
+    gallery = Gallery(board.sensor)
+    session = Session(board, name, emulated=emulated, out=out, show=gallery.show)
+    with listen(access, port) as listening:
+        port = listening.getsockname()[1]
+        server = make_server(session, gallery, access, port)
+        session.start(method)
+        try:
+            yield LiveView(session, gallery, _address(access, port), server, listening)
+        finally:
+            session.stop()
+
+
+def watch(view: LiveView, ready: Callable[[str], None]) -> None:
+    """Serve `view` until Ctrl-C; `ready` is told the address."""
+    ready(view.address)
+    with suppress(KeyboardInterrupt):
+        view.serve()
+
+
+def _address(access: Access, port: int) -> str:
+    host = socket.gethostname() if access.host in ("0.0.0.0", "::") else access.host
+    shown = f"[{host}]" if ":" in host else host
+    return f"http://{shown}:{port}/" + (f"?token={access.token}" if access.token else "")

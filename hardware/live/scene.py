@@ -1,0 +1,64 @@
+"""What a page has to know once: the sensor's shape, the scale of its colours, what it may ask."""
+
+import numpy as np
+
+from eitbench.hardware.live.imaging import usable_methods
+from eitbench.hardware.live.session import Session
+from eitbench.scenarios.sensors import Sensor
+
+# A range that reaches far above the background would leave a touch a sliver of the scale.
+MOST_ABOVE = 2.0
+_RIM_POINTS = 256
+_ELECTRODE_POINTS = 5
+PRESSURES_PA = {"light": 5e3, "medium": 20e3, "hard": 60e3}
+
+
+def scene(session: Session) -> dict[str, object]:
+    """The message that a page gets first, as plain values."""
+    sensor = session.board.sensor
+    return {
+        "board": session.name,
+        "sensor": sensor.name,
+        "bounds_m": list(sensor.outline.bounds),
+        "outline_m": _outline(sensor),
+        "electrodes_m": _electrodes(sensor),
+        "background": sensor.background,
+        "scale": colour_range(sensor),
+        "methods": [
+            {"name": name, "about": about} for name, about in usable_methods(sensor).items()
+        ],
+        "emulated": session.emulated,
+        "touch": _touch(sensor) if session.can_be_pressed else None,
+    }
+
+
+def colour_range(sensor: Sensor) -> list[float]:
+    """Least and greatest conductivity [S/m] of the fixed colour scale."""
+    low, high = sensor.conductivity_range
+    return [low * sensor.background, min(high, MOST_ABOVE) * sensor.background]
+
+
+def _outline(sensor: Sensor) -> list[list[float]]:
+    outline = sensor.outline
+    around = np.linspace(0.0, outline.perimeter, _RIM_POINTS, endpoint=False)
+    points: list[list[float]] = outline.point(
+        np.unique(np.concatenate([around, outline.corners]))
+    ).tolist()
+    return points
+
+
+def _electrodes(sensor: Sensor) -> list[list[list[float]]]:
+    """Points along each electrode [m]."""
+    lines: list[list[list[float]]] = [
+        sensor.outline.point(
+            np.linspace(e.centre - e.width / 2, e.centre + e.width / 2, _ELECTRODE_POINTS)
+        ).tolist()
+        for e in sensor.electrodes
+    ]
+    return lines
+
+
+def _touch(sensor: Sensor) -> dict[str, object]:
+    """How an emulated sensor is pressed from the page: with a fingertip, if it is 10 cm wide."""
+    x0, y0, x1, y1 = sensor.outline.bounds
+    return {"radius_m": 0.08 * min(x1 - x0, y1 - y0), "pressures_pa": PRESSURES_PA}

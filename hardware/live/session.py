@@ -1,0 +1,238 @@
+"""A live session: the threads between a board, a file and whoever looks on.
+
+One thread reads the board. Every frame goes to the recording, if there is one; only the newest goes
+on to the images. A board that is lost is opened again every second until it is back.
+"""
+
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eitbench.hardware.board import Board, BoardError, Frame
+from eitbench.hardware.live.imaging import Imaging
+from eitbench.hardware.live.picture import Picture
+from eitbench.hardware.live.recording import Recording
+from eitbench.hardware.live.reference import FRAMES, reference_of
+from eitbench.hardware.recorder import Recorder
+from eitbench.hardware.recording import Continuity
+from eitbench.hardware.status import Monitor
+from eitbench.scenarios.errors import EitbenchError, InputError
+
+Array = NDArray[np.float64]
+
+RETRY_S = 1.0
+SILENT_S = 3.0
+STATUS_S = 0.5
+_WAIT_S = 0.1
+
+
+class Session:
+    """A board that is watched.
+
+    Attributes:
+        board: the board.
+        name: the board's name.
+        emulated: no real sensor is behind it.
+        imaging: what makes images of its frames.
+    """
+
+    def __init__(
+        self,
+        board: Board,
+        name: str,
+        *,
+        emulated: bool,
+        out: Path,
+        show: Callable[[Picture], None],
+    ) -> None:
+        """`show` is called with every picture, by the thread that makes them; it must not wait."""
+        self.board = board
+        self.name = name
+        self.emulated = emulated
+        self.imaging = Imaging(board.sensor, show)
+        self._out = out
+        self._monitor, self._follow = Monitor(board.sensor), Continuity()
+        self._status, self._status_s = self._monitor.status(0), -STATUS_S
+        self._damaged_before = 0
+        self._recording: Recording | None = None
+        self._recording_lock = threading.Lock()
+        self._lost = ""
+        self._reference_frames: list[Array] | None = []
+        self._reference_failed = ""
+        self._last_frame_s = time.monotonic()
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._read, name="eitbench-board", daemon=True)
+
+    def start(self, method: str) -> None:
+        """Open the board and begin.
+
+        Raises:
+            BoardError: it cannot be opened.
+            InputError: an unknown method, or one without weights for the sensor.
+        """
+        self.imaging.choose(method)
+        self.board.open()
+        try:
+            self.board.start()
+        except BoardError:
+            self.board.close()
+            raise
+        self.imaging.start()
+        self._thread.start()
+
+    def stop(self) -> None:
+        """End the recording and let go of the board."""
+        self._ended.set()
+        if self._thread.is_alive():
+            self._thread.join()
+            self.imaging.stop()
+        self.stop_recording()
+
+    def take_reference(self) -> None:
+        """Take the mean of the next frames as the untouched sensor."""
+        self._reference_failed = ""
+        self._reference_frames = []
+
+    def start_recording(self) -> None:
+        """Write frames to a new file from now on.
+
+        Raises:
+            EitbenchError: the file cannot be made, or a recording is under way.
+        """
+        with self._recording_lock:
+            if self._recording is not None and self._recording.running:
+                raise InputError(f"A recording is under way: {self._recording.path.name}.")
+            path = self._out / f"live-{time.strftime('%Y%m%d-%H%M%S')}.h5"
+            self._close_recording()  # one that failed
+            self._recording = Recording(
+                Recorder(path, self.board.sensor, self.name, emulated=self.emulated)
+            )
+
+    def stop_recording(self) -> None:
+        """Close the file; nothing if none is being written."""
+        with self._recording_lock:
+            self._close_recording()
+
+    def touch(self, x_m: float, y_m: float, radius_m: float, pressure_pa: float) -> None:
+        """Press an emulated sensor.
+
+        Raises:
+            InputError: the board is none.
+        """
+        if not self.can_be_pressed:
+            raise InputError("Only an emulated board can be pressed from the page.")
+        self.board.touch(x_m, y_m, radius_m, pressure_pa)  # type: ignore[attr-defined]
+
+    def release(self) -> None:
+        """Let go of an emulated sensor; nothing for another board."""
+        if self.can_be_pressed:
+            self.board.release()  # type: ignore[attr-defined]
+
+    @property
+    def can_be_pressed(self) -> bool:
+        """Whether the board is emulated here, so that the page can press it."""
+        return hasattr(self.board, "touch")
+
+    def state(self) -> dict[str, object]:
+        """How things stand, as plain values."""
+        recording, status = self._recording, self._status
+        taken, board = self._reference_frames, self._board_state()
+        return {
+            "board": board,
+            "sentence": self._lost or self._reference_failed,
+            "method": self.imaging.method,
+            "fitting": self.imaging.fitting,
+            "method_failed": self.imaging.failed,
+            "reference_left": 0 if taken is None else FRAMES - len(taken),
+            "rate_hz": _known(status.rate_hz) if board == "running" else 0.0,
+            "snr_db": _known(status.snr_db),
+            "dropped": status.dropped,
+            "damaged": status.damaged,
+            "reciprocity": _known(status.reciprocity),
+            "suspects": list(status.suspects),
+            "recording": None
+            if recording is None
+            else {
+                "file": str(recording.path),
+                "running": recording.running,
+                "frames": recording.frames,
+                "failed": recording.failed,
+            },
+        }
+
+    def _close_recording(self) -> None:
+        if self._recording is not None:
+            self._recording.close()
+
+    def _board_state(self) -> str:
+        if self._lost:
+            return "lost"
+        if time.monotonic() - self._last_frame_s > SILENT_S:
+            return "silent"
+        return "running"
+
+    def _read(self) -> None:
+        while not self._ended.is_set():
+            try:
+                if self._lost:
+                    self.board.open()
+                    self.board.start()
+                    self._last_frame_s = time.monotonic()
+                    self._follow.restart()
+                    self._note("The board is back.")
+                    self._lost = ""
+                while not self._ended.is_set():
+                    self._add([self._follow(frame) for frame in self.board.frames(_WAIT_S)])
+            except Exception as error:  # anything else would leave a page that stands still
+                self.board.close()
+                self._lose(error)
+                self._ended.wait(RETRY_S)
+        self.board.close()
+
+    def _lose(self, error: Exception) -> None:
+        known = isinstance(error, EitbenchError)
+        sentence = str(error) if known else f"{type(error).__name__}: {error}."
+        if not self._lost:
+            self._damaged_before += self.board.health.damaged
+            self._note(f"The board was lost: {sentence}")
+        self._lost = sentence
+
+    def _add(self, frames: list[Frame]) -> None:
+        now = time.monotonic()
+        self._monitor.add(frames)
+        if now >= self._status_s + STATUS_S:
+            damaged = self._damaged_before + self.board.health.damaged
+            self._status, self._status_s = self._monitor.status(damaged), now
+        for frame in frames:
+            self._last_frame_s = now
+            if self._recording is not None:
+                self._recording.append(frame)
+            taken = self._reference_frames
+            if taken is not None:
+                taken.append(frame.values)
+                if len(taken) == FRAMES:
+                    self._finish_reference(taken)
+            self.imaging.add(frame)
+
+    def _finish_reference(self, frames: list[Array]) -> None:
+        try:
+            self.imaging.reference = reference_of(self.board.sensor, frames)
+            if self._recording is not None:
+                self._recording.untouched(FRAMES)
+        except InputError as error:
+            self._reference_failed = str(error)
+        # Unless it was asked for again meanwhile.
+        if self._reference_frames is frames:
+            self._reference_frames = None
+
+    def _note(self, text: str) -> None:
+        if self._recording is not None:
+            self._recording.event(text, time.monotonic())
+
+
+def _known(figure: float) -> float | None:
+    return round(figure, 4) if np.isfinite(figure) else None

@@ -1,0 +1,107 @@
+"""Pages that look on: for each, the newest picture waits, and it says what it has painted."""
+
+import asyncio
+import itertools
+import time
+from collections import deque
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from statistics import median
+from typing import NamedTuple
+
+from eitbench.hardware.live.picture import Picture, to_message
+from eitbench.scenarios.sensors import Sensor
+
+# Pictures that were sent and are not painted yet. Two, so that one is on its way while another is
+# painted; no more, so that a slow page skips pictures and never shows old ones.
+MOST_UNPAINTED = 2
+_LATENCIES = 30
+
+
+class Shown(NamedTuple):
+    """A picture as pages get it: its number, its bytes, and when its frame was received [s]."""
+
+    number: int
+    message: bytes
+    received_s: float
+
+
+class Viewer:
+    """One page. Belongs to the event loop's thread."""
+
+    def __init__(self) -> None:
+        self._newest: Shown | None = None
+        self._ready = asyncio.Event()
+        self._unpainted: dict[int, float] = {}
+        self._latencies: deque[float] = deque(maxlen=_LATENCIES)
+
+    def offer(self, picture: Shown) -> None:
+        """Let `picture` take the place of one that was not sent yet."""
+        self._newest = picture
+        self._check()
+
+    def painted(self, number: int) -> None:
+        """Picture `number` is on the canvas; those sent before it are too, or never will be."""
+        if number in self._unpainted:
+            self._latencies.append(time.monotonic() - self._unpainted[number])
+        self._unpainted = {n: at for n, at in self._unpainted.items() if n > number}
+        self._check()
+
+    async def next(self, wait_s: float) -> Shown | None:
+        """The picture to send; None if none is to be sent within `wait_s` [s]."""
+        try:
+            async with asyncio.timeout(wait_s):
+                await self._ready.wait()
+        except TimeoutError:
+            return None
+        picture, self._newest = self._newest, None
+        self._ready.clear()
+        if picture is not None:
+            self._unpainted[picture.number] = picture.received_s
+        return picture
+
+    @property
+    def latency_ms(self) -> float | None:
+        """Median time from a frame's last byte to the canvas [ms]; None before the first."""
+        return round(1e3 * median(self._latencies), 1) if self._latencies else None
+
+    def _check(self) -> None:
+        if self._newest is not None and len(self._unpainted) < MOST_UNPAINTED:
+            self._ready.set()
+
+
+class Gallery:
+    """Hands pictures from the thread that makes them to the viewers in the event loop.
+
+    Attributes:
+        viewers: the pages that look on; belongs to the event loop's thread.
+    """
+
+    def __init__(self, sensor: Sensor) -> None:
+        self.viewers: set[Viewer] = set()
+        self._sensor = sensor
+        self._numbers = itertools.count(1)
+        self._loop: asyncio.AbstractEventLoop | None = None
+
+    @asynccontextmanager
+    async def open(self) -> AsyncIterator[None]:
+        """Take pictures as long as the event loop runs."""
+        self._loop = asyncio.get_running_loop()
+        yield
+        self._loop = None
+
+    def show(self, picture: Picture) -> None:
+        """Offer `picture` to every viewer; called by any thread, and never waits."""
+        loop = self._loop
+        if loop is None or not self.viewers:
+            return
+        number = next(self._numbers)
+        message = to_message(picture, number, self._sensor)
+        try:
+            loop.call_soon_threadsafe(self._offer, Shown(number, message, picture.frame.received_s))
+        except RuntimeError:  # the loop was closed meanwhile: nobody looks on any more
+            self._loop = None
+
+    def _offer(self, shown: Shown) -> None:
+        for viewer in self.viewers:
+            viewer.offer(shown)

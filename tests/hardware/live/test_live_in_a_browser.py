@@ -1,0 +1,239 @@
+"""The page of the live view in headless Chromium."""
+
+import shutil
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from eitbench.hardware.board import Board
+from eitbench.hardware.boards import make_emulator
+from eitbench.scenarios.recordings.recording_file import read_file
+
+playwright = pytest.importorskip("playwright.sync_api", reason="needs Playwright")
+CHROMIUM = shutil.which("chromium")
+pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium")
+
+PLACE = (0.03, 0.06)
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    with playwright.sync_playwright() as started:
+        browser = started.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        yield browser
+        browser.close()
+
+
+class Page:
+    """An open live view, with what went wrong in it and what it asked for."""
+
+    def __init__(self, browser: Any, url: str, **options: Any) -> None:
+        self.address = url
+        self.errors: list[str] = []
+        self.requests: list[str] = []
+        self.page = browser.new_page(**options)
+        self.page.on("console", lambda m: self.errors.append(m.text) if m.type == "error" else None)
+        self.page.on("pageerror", lambda error: self.errors.append(str(error)))
+        self.page.on("request", lambda request: self.requests.append(request.url))
+        self.page.goto(url)
+        self.wait("document.querySelector('#status').dataset.kind === 'good'")
+        self.wait("document.querySelector('#method-shown').textContent !== '–'")
+
+    def wait(self, condition: str) -> None:
+        """Poll from here: Playwright's own polling would evaluate strings in the page, which its
+        policy forbids."""
+        end = time.monotonic() + 20
+        while not self.page.evaluate(condition):
+            assert time.monotonic() < end, condition
+            self.page.wait_for_timeout(30)
+
+    def contact(self) -> tuple[float, float]:
+        """Where the page shows the strongest contact [m]; waits for one."""
+        self.page.wait_for_selector("#contacts tbody td", timeout=20_000)
+        cells = self.page.locator("#contacts tbody tr").first.locator("td").all_inner_texts()
+        return float(cells[1]) / 1e3, float(cells[2]) / 1e3
+
+    def pixel(self, x_m: float, y_m: float) -> list[int]:
+        """The colour of the image at a place [m]."""
+        colour: list[int] = self.page.evaluate(
+            "([x, y]) => { const scale = devicePixelRatio; return [...context.getImageData("
+            "place.x(x) * scale, place.y(y) * scale, 1, 1).data]; }",
+            [x_m, y_m],
+        )
+        return colour
+
+    def point(self, x_m: float, y_m: float) -> tuple[float, float]:
+        """Where a place [m] lies on the screen."""
+        box = self.page.locator("#image").bounding_box()
+        x, y = self.page.evaluate("([x, y]) => [place.x(x), place.y(y)]", [x_m, y_m])
+        return box["x"] + x, box["y"] + y
+
+
+@pytest.fixture
+def opened(browser: Any, served: Any) -> Iterator[Callable[..., Page]]:
+    pages: list[Page] = []
+
+    def open_page(other: Board | None = None, **options: Any) -> Page:
+        pages.append(Page(browser, served(other=other).address, **options))
+        return pages[-1]
+
+    yield open_page
+    for page in pages:
+        page.page.close()
+        assert page.errors == []
+        assert set(page.requests) == {page.address}
+
+
+def test_images_move_at_the_rate_of_the_board(opened: Any, board: Any) -> None:
+    page = opened()
+    assert page.page.inner_text("#board") == "emulator"
+    assert page.page.locator("#emulated").is_visible()
+    page.wait("Number(document.querySelector('#painted').textContent) > 10")
+    assert float(page.page.inner_text("#latency")) < 1000
+    assert page.page.inner_text("#dropped") == "0"
+    assert abs(float(page.page.inner_text("#snr")) - 60) <= 1
+
+
+def test_a_touch_appears_where_it_is_made(opened: Any) -> None:
+    page = opened()
+    before = page.pixel(*PLACE)
+    page.page.mouse.move(*page.point(*PLACE))
+    page.page.mouse.down()
+    x, y = page.contact()
+    assert np.hypot(x - PLACE[0], y - PLACE[1]) < 0.005
+    # Beside the marker, which lies over the place itself, and opposite, where nothing is.
+    np.testing.assert_allclose(page.pixel(0.08, 0.03), before, atol=15)
+    assert np.abs(np.subtract(page.pixel(PLACE[0] - 0.006, PLACE[1]), before)).max() > 40
+    page.page.mouse.move(*page.point(0.07, 0.03))
+    page.wait("Number(document.querySelector('#contacts td:nth-child(2)').textContent) > 65")
+    x, y = page.contact()
+    assert np.hypot(x - 0.07, y - 0.03) < 0.005
+    page.page.mouse.up()
+    page.page.wait_for_selector("#untouched", state="visible")
+
+
+def test_a_touch_can_be_made_by_keyboard(opened: Any) -> None:
+    page = opened()
+    page.page.focus("#image")
+    for _ in range(10):
+        page.page.keyboard.press("ArrowLeft")
+    page.page.keyboard.down(" ")
+    x, y = page.contact()
+    assert np.hypot(x - 0.03, y - 0.05) < 0.005
+    page.page.keyboard.up(" ")
+    page.page.wait_for_selector("#untouched", state="visible")
+
+
+def test_a_finger_can_press_without_scrolling(opened: Any) -> None:
+    page = opened(viewport={"width": 375, "height": 812}, has_touch=True, device_scale_factor=2)
+    session = page.page.context.new_cdp_session(page.page)
+    x, y = page.point(*PLACE)
+    session.send(
+        "Input.dispatchTouchEvent", {"type": "touchStart", "touchPoints": [{"x": x, "y": y}]}
+    )
+    found = page.contact()
+    assert np.hypot(found[0] - PLACE[0], found[1] - PLACE[1]) < 0.005
+    session.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
+    page.page.wait_for_selector("#untouched", state="visible")
+
+
+def test_the_method_is_switched(opened: Any) -> None:
+    page = opened()
+    page.page.select_option("#method", "dnn")
+    page.wait("document.querySelector('#method-shown').textContent === 'dnn'")
+    assert "U-Net" in page.page.inner_text("#about")
+    page.page.select_option("#method", "linear-learned")
+    page.wait("document.querySelector('#note').dataset.kind === 'bad'")
+    assert "linear-learned cannot be used" in page.page.inner_text("#note")
+    assert page.page.input_value("#method") == "dnn"
+
+
+def test_the_reference_is_reset(opened: Any, board: Any) -> None:
+    page = opened()
+    board.touch(*PLACE, 0.008, 20e3)
+    page.contact()
+    page.page.get_by_role("button", name="Reset reference").click()
+    page.page.wait_for_selector("#untouched", state="visible")
+
+
+def test_a_recording_lands_on_disk_with_all_its_frames(opened: Any, board: Any) -> None:
+    page = opened()
+    page.page.get_by_role("button", name="Record").click()
+    page.wait("parseInt(document.querySelector('#recording').textContent.split(': ')[1]) > 50")
+    page.page.get_by_role("button", name="Stop").click()
+    page.wait("document.querySelector('#recording').textContent.startsWith('Recorded')")
+    words = page.page.inner_text("#recording")
+    path = Path(words.removeprefix("Recorded ").split(": ")[0])
+    assert path.name.startswith("live-")
+    content, condition = read_file(path)
+    assert condition.complete
+    assert f": {len(content)} frames" in words
+    assert (np.diff(content.number) == 1).all()
+    sent = [board.sent[number].values for number in content.number]
+    np.testing.assert_array_equal(content.values, sent)
+
+
+def test_a_board_that_is_unplugged_and_plugged_again(opened: Any, board: Any) -> None:
+    page = opened()
+    board.unplug()
+    page.wait("document.querySelector('#status-text').textContent === 'Board lost: trying again'")
+    assert page.page.inner_text("#note") in ("▲ The board was unplugged.", "▲ There is no port.")
+    time.sleep(1.2)
+    still = page.page.get_attribute("#image", "data-picture")
+    board.plug()
+    page.wait("document.querySelector('#status-text').textContent === 'Running'")
+    page.wait(f"Number(document.querySelector('#image').dataset.picture) > {still} + 5")
+    assert page.page.inner_text("#note") == ""
+
+
+def test_an_emulated_board_is_pressed_and_unplugged(opened: Any) -> None:
+    """The whole way: emulated sensor, protocol, serial device, server, page."""
+    emulator = make_emulator(None, "teensy", None, 2.0)
+    page = opened(emulator)
+    page.page.mouse.move(*page.point(0.07, 0.03))
+    page.page.mouse.down()
+    x, y = page.contact()
+    assert np.hypot(x - 0.07, y - 0.03) < 0.005
+    page.page.mouse.up()
+    page.page.wait_for_selector("#untouched", state="visible")
+    emulator.unplug()
+    page.wait("document.querySelector('#status-text').textContent === 'Board lost: trying again'")
+    emulator.plug()
+    page.wait("document.querySelector('#status-text').textContent === 'Running'")
+    page.wait("Number(document.querySelector('#painted').textContent) > 1")
+
+
+def test_the_server_goes_away_and_comes_back(opened: Any) -> None:
+    page = opened()
+    page.page.evaluate("socket.close()")
+    page.wait("document.querySelector('#status').dataset.kind === 'bad'")
+    page.wait("document.querySelector('#status').dataset.kind === 'good'")
+
+
+def test_colours_are_fixed_or_fit_the_image(opened: Any, board: Any) -> None:
+    page = opened()
+    ticks = "[...document.querySelectorAll('#ticks span')].map((tick) => Number(tick.textContent))"
+    assert page.page.evaluate(ticks) == pytest.approx([0.2, 0.4, 0.6, 0.8, 1.0])
+    page.page.get_by_label("Fit colours to the image").check()
+    page.wait(f"{ticks}[0] > 0.9")
+    board.touch(*PLACE, 0.008, 60e3)
+    page.wait(f"{ticks}[0] < 0.7")
+
+
+@pytest.mark.parametrize(("scheme", "width"), [("light", 375), ("dark", 1280)])
+def test_no_serious_violation_of_accessibility(
+    opened: Any, board: Any, scheme: str, width: int
+) -> None:
+    axe = pytest.importorskip("axe_playwright_python.sync_playwright")
+    page = opened(color_scheme=scheme, viewport={"width": width, "height": 800})
+    board.touch(*PLACE, 0.008, 20e3)
+    page.contact()
+    assert page.page.evaluate("document.documentElement.scrollWidth") == width
+    # Axe is put into the page by the test, which its policy forbids to everybody else.
+    violations = axe.Axe().run(page.page).response["violations"]
+    serious = [v for v in violations if v["impact"] in ("serious", "critical")]
+    assert [(v["id"], [n["html"] for n in v["nodes"][:3]]) for v in serious] == []
