@@ -196,6 +196,15 @@ def test_what_a_script_has_wrong_is_named_by_line_and_field(
     assert str(path) in str(caught.value)
 
 
+def test_the_documented_script_is_read(tmp_path: Path) -> None:
+    text = (Path(__file__).parents[3] / "docs/boards.md").read_text()
+    path = tmp_path / "touches.toml"
+    path.write_text(text.split("```toml\n")[1].split("```")[0])
+    script = read_script(path)
+    assert script.at(4.9) == script.at(8.0) == []
+    assert script.at(5.0) == [Touch(0.03, 0.06, 0.006, 20e3)]
+
+
 def test_a_script_that_is_missing_is_named(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="Cannot read the touch script"):
         make_board("emulator", script=tmp_path / "no.toml", sensor=sensor("foam16"))
