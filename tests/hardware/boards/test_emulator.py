@@ -143,10 +143,13 @@ def test_closing_it_leaves_no_thread_and_no_file(sensed: None) -> None:
         return threading.active_count(), len(list(Path("/proc/self/fd").iterdir()))
 
     before = held()
-    for _ in range(5):
+    for _ in range(3):
         with Emulator(foam16(), rate_hz=50.0) as board:
             board.start()
             board.frames(0.5)
+            board.open()  # once more
+            board.start()
+            assert board.frames(2.0)
     assert held() == before
 
 
