@@ -1,1 +1,1 @@
-"""How it is recorded: boards over a serial port (nothing here yet)."""
+"""How it is recorded: boards over a serial port, and emulated ones."""

@@ -69,6 +69,7 @@ class Emulator(Board):
         """
         if not self._plugged:
             raise BoardError("The emulated board is unplugged: plug it in.")
+        self.switch_off()
         if self._emulated is None:
             self._emulated = EmulatedSensor(self.sensor)
             self._emulated.frame(0.0, ())  # the first takes long, as loops may have to be compiled
@@ -96,9 +97,14 @@ class Emulator(Board):
 
     def open(self) -> None:
         """Switch it on, and take hold of its port as of any other."""
+        self.close()
         self.switch_on()
         self._host = self._board(self.sensor, self.port)
-        self._host.open()
+        try:
+            self._host.open()
+        except BoardError:
+            self.close()
+            raise
         self.health = self._host.health
 
     def start(self) -> None:

@@ -49,6 +49,7 @@ class SerialBoard(Board):
 
     def open(self) -> None:
         """Take hold of the port."""
+        self.close()
         ports.check(self.port)
         self._parser = self.protocol(self.sensor)
         self.health = self._parser.health

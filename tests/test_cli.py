@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+from typer.main import get_command
 
 from eitbench import __version__, cli, console
 
@@ -24,20 +25,15 @@ OPERATORS = str(DATA / "tiny-operators.toml")
 Run = Callable[..., tuple[int, str, str]]
 
 
-COMMANDS = [
-    (),
-    ("list",),
-    ("run",),
-    ("leaderboard",),
-    ("reproduce",),
-    ("check",),
-    ("new-method",),
-    ("recordings",),
-    ("recordings", "fetch"),
-    ("calibrate",),
-    ("emulate",),
-    ("live",),
-]
+def commands(group: Any, path: tuple[str, ...] = ()) -> list[tuple[str, ...]]:
+    """Every command and group of commands, as words."""
+    found = [path]
+    for name, command in getattr(group, "commands", {}).items():
+        found += commands(command, (*path, name))
+    return found
+
+
+COMMANDS = commands(get_command(cli.app))
 
 
 @pytest.mark.parametrize("command", COMMANDS)

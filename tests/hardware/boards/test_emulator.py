@@ -71,10 +71,9 @@ def test_a_script_presses_at_its_time(sensed: None, tmp_path: Path) -> None:
         board.start()
         frames = collect(board, 1.4)
         assert isinstance(board._emulated, Sensed)
-        touched = [t for t, touches in board._emulated.touched if touches]
-        assert 0.5 <= min(touched) < 0.6
-        assert 0.9 < max(touched) < 1.0
-        assert board._emulated.touched[30][1] == [Touch(0.03, 0.06, 0.006, 20e3)]
+        touched = {t: touches for t, touches in board._emulated.touched if touches}
+    assert 0.5 <= min(touched) <= max(touched) < 1.0
+    assert touched[min(touched)] == [Touch(0.03, 0.06, 0.006, 20e3)]
     assert {frame.values[0] for frame in frames} == {1.0, 2.0}
 
 
@@ -83,10 +82,10 @@ def test_a_hand_presses_until_it_is_taken_off(sensed: None, fast: Emulator) -> N
     fast.start()
     assert {f.values[0] for f in collect(fast, 0.2)} == {1.0}
     fast.touch(0.05, 0.05, 0.01, 10e3)
-    collect(fast, 0.1)
+    collect(fast, 0.2)  # what was measured before
     assert {f.values[0] for f in collect(fast, 0.2)} == {2.0}
     fast.release()
-    collect(fast, 0.1)
+    collect(fast, 0.2)
     assert {f.values[0] for f in collect(fast, 0.2)} == {1.0}
 
 
@@ -95,8 +94,7 @@ def test_a_touch_changes_the_voltages_of_the_emulated_sensor() -> None:
         board.start()
         before = board.frames(2.0)[-1].values
         board.touch(0.05, 0.05, 0.01, 30e3)
-        time.sleep(0.3)
-        collect(board, 0.1)
+        collect(board, 0.3)
         after = board.frames(2.0)[-1].values
     assert np.linalg.norm(after - before) > 0.02 * np.linalg.norm(before)
 
@@ -104,19 +102,19 @@ def test_a_touch_changes_the_voltages_of_the_emulated_sensor() -> None:
 def test_unplugged_and_plugged_again_it_is_the_same_sensor(sensed: None, fast: Emulator) -> None:
     fast.open()
     fast.start()
-    assert collect(fast, 0.2)
+    assert fast.frames(2.0)
     before = fast._emulated
     assert isinstance(before, Sensed)
     fast.unplug()
     with pytest.raises(BoardLostError, match="it was unplugged"):
-        collect(fast, 1.0)
+        collect(fast, 2.0)
     fast.close()
     with pytest.raises(BoardError, match="is unplugged: plug it in"):
         fast.open()
     fast.plug()
     fast.open()
     fast.start()
-    assert collect(fast, 0.2)[0].number == 0
+    assert fast.frames(2.0)[0].number == 0
     assert fast._emulated is before
     times = [t for t, _ in before.touched]
     assert times == sorted(times)  # the sensor has aged meanwhile
@@ -145,10 +143,13 @@ def test_closing_it_leaves_no_thread_and_no_file(sensed: None) -> None:
         return threading.active_count(), len(list(Path("/proc/self/fd").iterdir()))
 
     before = held()
-    for _ in range(5):
+    for _ in range(3):
         with Emulator(foam16(), rate_hz=50.0) as board:
             board.start()
             board.frames(0.5)
+            board.open()  # once more
+            board.start()
+            assert board.frames(2.0)
     assert held() == before
 
 
@@ -196,6 +197,15 @@ def test_what_a_script_has_wrong_is_named_by_line_and_field(
         read_script(path)
     assert says in str(caught.value)
     assert str(path) in str(caught.value)
+
+
+def test_the_documented_script_is_read(tmp_path: Path) -> None:
+    text = (Path(__file__).parents[3] / "docs/boards.md").read_text()
+    path = tmp_path / "touches.toml"
+    path.write_text(text.split("```toml\n")[1].split("```")[0])
+    script = read_script(path)
+    assert script.at(4.9) == script.at(8.0) == []
+    assert script.at(5.0) == [Touch(0.03, 0.06, 0.006, 20e3)]
 
 
 def test_a_script_that_is_missing_is_named(tmp_path: Path) -> None:
