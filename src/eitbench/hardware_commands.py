@@ -22,14 +22,12 @@ def calibrate(
     ],
     as_json: Json = False,
 ) -> None:
-    """Say what the untouched frame of a recording tells of its sensor and board."""
+    """Say what the untouched frames of a recording tell of its sensor and board."""
     from eitbench.reports.calibration import table
     from eitbench.scenarios.calibration import calibrate as found_in
-    from eitbench.scenarios.recordings import recorded_set
-    from eitbench.scenarios.recordings.fetch import read_recording
+    from eitbench.scenarios.recordings.untouched import untouched_frames
 
-    reference = read_recording(recording).reference
-    found = found_in(recorded_set(recording).sensor(), reference[None]).describe()
+    found = found_in(*untouched_frames(recording)).describe()
     if as_json:
         print_json(found)
     else:
