@@ -2,6 +2,7 @@
 
 import os
 import pty
+import re
 import shutil
 import signal
 import subprocess
@@ -118,15 +119,6 @@ def test_recordings_are_checked_and_exchanged(
     assert "has no labels, so it is no set: record with --guided" in err
 
 
-@pytest.mark.parametrize(
-    "command", [("record",), *(("recordings", c) for c in ("check", "export", "import"))]
-)
-def test_every_command_has_help_with_an_example(command: tuple[str, ...], eitbench: Run) -> None:
-    code, out, _ = eitbench(*command, "--help")
-    assert code == 0
-    assert f"Example: eitbench {' '.join(command)}" in " ".join(out.split())
-
-
 def test_an_emulated_board_is_recorded_until_ctrl_c(tmp_path: Path) -> None:
     """The whole way: a serial device file, the live status line of a terminal, Ctrl-C."""
     out = tmp_path / "a.h5"
@@ -149,7 +141,7 @@ def test_an_emulated_board_is_recorded_until_ctrl_c(tmp_path: Path) -> None:
     assert process.returncode == 0
     assert said == f"{len(content)} frames are in {out}: eitbench recordings check {out}\n"
     assert (condition.complete, content.emulated, content.board) == (True, True, "emulator")
-    assert "10.0/s  SNR" in shown
+    assert re.search(r"\d\.\d/s  SNR \d+ dB", shown)
     assert "Ctrl-C: the recording ends here." in shown
 
 
