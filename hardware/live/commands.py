@@ -41,17 +41,17 @@ class Record(_Command):
 
 
 class Press(_Command):
-    """Press an emulated sensor at a place [m]."""
+    """Press an emulated sensor at a place [m]; say where a real one is touched."""
 
     do: Literal["touch"]
     x_m: Annotated[float, Field(ge=-10, le=10)]
     y_m: Annotated[float, Field(ge=-10, le=10)]
     radius_m: Annotated[float, Field(gt=0, le=1)]
-    pressure_pa: Annotated[float, Field(gt=0, le=1e6)]
+    pressure_pa: Annotated[float, Field(gt=0, le=1e6)] | None = None
 
 
 class Release(_Command):
-    """Let go of it."""
+    """Let go of it; the touch is over."""
 
     do: Literal["release"]
 

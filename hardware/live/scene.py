@@ -28,7 +28,7 @@ def scene(session: Session) -> dict[str, object]:
             {"name": name, "about": about} for name, about in usable_methods(sensor).items()
         ],
         "emulated": session.emulated,
-        "touch": _touch(sensor) if session.can_be_pressed else None,
+        "touch": _touch(sensor, PRESSURES_PA if session.can_be_pressed else {}),
     }
 
 
@@ -58,7 +58,10 @@ def _electrodes(sensor: Sensor) -> list[list[list[float]]]:
     return lines
 
 
-def _touch(sensor: Sensor) -> dict[str, object]:
-    """How an emulated sensor is pressed from the page: with a fingertip, if it is 10 cm wide."""
+def _touch(sensor: Sensor, pressures_pa: dict[str, float]) -> dict[str, object]:
+    """How a sensor is touched on the page: with a fingertip, if it is 10 cm wide.
+
+    A real one, without `pressures_pa`, is not pressed by it: the place goes into the recording.
+    """
     x0, y0, x1, y1 = sensor.outline.bounds
-    return {"radius_m": 0.08 * min(x1 - x0, y1 - y0), "pressures_pa": PRESSURES_PA}
+    return {"radius_m": 0.08 * min(x1 - x0, y1 - y0), "pressures_pa": pressures_pa}

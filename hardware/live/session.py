@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eitbench.hardware.board import Board, BoardError, Frame
+from eitbench.hardware.guided import ENOUGH, suite_path, write_suite
 from eitbench.hardware.live.imaging import Imaging
 from eitbench.hardware.live.picture import Picture
 from eitbench.hardware.live.recording import Recording
@@ -98,7 +99,7 @@ class Session:
         self._reference_frames = []
 
     def start_recording(self) -> None:
-        """Write frames to a new file from now on.
+        """Write frames to a new file from now on, the reference first.
 
         Raises:
             EitbenchError: the file cannot be made, or a recording is under way.
@@ -111,26 +112,33 @@ class Session:
             self._recording = Recording(
                 Recorder(path, self.board.sensor, self.name, emulated=self.emulated)
             )
+        self.take_reference()
 
     def stop_recording(self) -> None:
-        """Close the file; nothing if none is being written."""
+        """Close the file, a suite beside it if it has touches; nothing if none is written."""
         with self._recording_lock:
             self._close_recording()
 
-    def touch(self, x_m: float, y_m: float, radius_m: float, pressure_pa: float) -> None:
-        """Press an emulated sensor.
+    def touch(self, x_m: float, y_m: float, radius_m: float, pressure_pa: float | None) -> None:
+        """Press an emulated sensor; of any, note in the recording where it is touched.
 
         Raises:
-            InputError: the board is none.
+            InputError: the board is real and nothing is recorded.
         """
-        if not self.can_be_pressed:
-            raise InputError("Only an emulated board can be pressed from the page.")
-        self.board.touch(x_m, y_m, radius_m, pressure_pa)  # type: ignore[attr-defined]
+        recording = self._recording
+        if self.can_be_pressed and pressure_pa is not None:
+            self.board.touch(x_m, y_m, radius_m, pressure_pa)  # type: ignore[attr-defined]
+        elif recording is None or not recording.running:
+            raise InputError("Start a recording first: it keeps the places where you touch.")
+        if recording is not None:
+            recording.touched(x_m, y_m)
 
     def release(self) -> None:
-        """Let go of an emulated sensor; nothing for another board."""
+        """The touch is over."""
         if self.can_be_pressed:
             self.board.release()  # type: ignore[attr-defined]
+        if self._recording is not None:
+            self._recording.released()
 
     @property
     def can_be_pressed(self) -> bool:
@@ -160,13 +168,25 @@ class Session:
                 "file": str(recording.path),
                 "running": recording.running,
                 "frames": recording.frames,
+                "touches": recording.touches,
+                "enough": ENOUGH,
+                "suite": str(recording.path.with_suffix(".toml")),
                 "failed": recording.failed,
             },
         }
 
     def _close_recording(self) -> None:
-        if self._recording is not None:
-            self._recording.close()
+        recording = self._recording
+        if recording is None:
+            return
+        was_running = recording.running
+        recording.close()
+        if was_running and recording.touches and recording.has_reference and not recording.failed:
+            path, sensor = recording.path, self.board.sensor
+            try:
+                write_suite(suite_path(path), path, sensor, self.name, emulated=self.emulated)
+            except OSError as error:
+                recording.failed = f"The suite of {path} cannot be written: {error.strerror}."
 
     def _board_state(self) -> str:
         if self._lost:

@@ -89,7 +89,7 @@ function showScene(message) {
   set($("sensor"), scene.sensor);
   $("emulated").hidden = !scene.emulated;
   $("method").replaceChildren(...scene.methods.map(({ name }) => new Option(name, name)));
-  if (scene.touch) allowPresses();
+  allowPresses();
   resize();
 }
 
@@ -133,7 +133,12 @@ function showRecording(recording) {
   words.dataset.kind = recording && recording.failed ? "bad" : "";
   if (!recording) set(words, "Not recording.");
   else if (recording.failed) set(words, `▲ ${recording.failed}`);
-  else set(words, `${running ? "Recording to" : "Recorded"} ${recording.file}: ${recording.frames} frames`);
+  else {
+    const { file, frames, touches, enough, suite } = recording;
+    let said = `${running ? "Recording to" : "Recorded"} ${file}: ${frames} frames, ${touches} of ${enough} touches.`;
+    if (!running && touches >= enough) said += ` Judge methods on them: eitbench run ${suite}`;
+    set(words, said);
+  }
 }
 
 function showNote() {
@@ -158,7 +163,7 @@ function showContacts() {
   });
 }
 
-// ---- Presses on an emulated board ----
+// ---- Touches: they press an emulated board, and a recording keeps their places ----
 
 let pointer = null, pressed = false, moved = false;
 
@@ -170,7 +175,10 @@ function allowPresses() {
   image.classList.add("pressable");
   image.tabIndex = 0;
   image.setAttribute("role", "application");
-  image.setAttribute("aria-label", "Image of the sensor's conductivity, which can be pressed");
+  const real = Object.keys(scene.touch.pressures_pa).length === 0;
+  set($("press-title"), real ? "Where you touch it" : "Press it");
+  $("hint-real").hidden = !real;
+  image.setAttribute("aria-label", `Image of the sensor's conductivity, ${real ? "to mark touches on" : "which can be pressed"}`);
   image.setAttribute("aria-describedby", "hint");
   $("pressures").replaceChildren(...Object.entries(scene.touch.pressures_pa).map(([name, pa]) => {
     const label = document.createElement("label"), input = document.createElement("input");
@@ -216,8 +224,9 @@ function move(x, y) {
 }
 
 function touch() {
-  const pressure = Number(document.querySelector("input[name=pressure]:checked").value);
-  ask({ do: "touch", x_m: pointer.x, y_m: pointer.y, radius_m: scene.touch.radius_m, pressure_pa: pressure });
+  const chosen = document.querySelector("input[name=pressure]:checked");
+  const place_m = { x_m: pointer.x, y_m: pointer.y, radius_m: scene.touch.radius_m };
+  ask({ do: "touch", ...place_m, pressure_pa: chosen ? Number(chosen.value) : null });
 }
 
 function press(down) {

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from eitbench.hardware.board import BoardError, BoardLostError
+from eitbench.hardware.guided import Timing
 from eitbench.hardware.live.newest import Newest
 from eitbench.hardware.live.picture import Picture
 from eitbench.hardware.live.session import RETRY_S, Session
@@ -18,6 +19,8 @@ from eitbench.methods import Method, register
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.recordings.checking import check
 from eitbench.scenarios.recordings.recording_file import Content, read_file
+from eitbench.scenarios.scenario import RecordedScenario
+from eitbench.scenarios.suites import load_suite
 
 PLACE = (0.03, 0.06)
 
@@ -298,3 +301,50 @@ def test_rate_and_noise_are_measured(running: Watched, wait_for: Any) -> None:
     assert 10 < state["rate_hz"] < 55
     assert state["reciprocity"] < 0.01
     assert state["suspects"] == []
+
+
+PLACES = [(0.03, 0.04), (0.07, 0.06)]
+
+
+def test_touched_places_become_labels_and_the_recording_a_suite(
+    running: Watched, wait_for: Any
+) -> None:
+    """A touch counts once it has settled; what the page marks is what the board was pressed at."""
+    running.session.start_recording()
+    wait_for(lambda: not running.session.state()["reference_left"])
+    for x, y in PLACES:
+        running.session.touch(x, y, 0.008, 30e3)
+        time.sleep(Timing.settle_s + 0.3)
+        running.session.touch(x + 1e-4, y, 0.008, 30e3)  # a hand trembles
+        running.session.release()
+        time.sleep(0.1)
+    running.session.touch(0.05, 0.05, 0.008, 30e3)  # too short to settle
+    running.session.release()
+    assert running.recording["touches"] == 2
+    content = running.recorded()
+    found = content.labels[["x_m", "y_m"]].to_numpy()
+    np.testing.assert_allclose(found, PLACES)
+    untouched = content.values[content.reference].mean(axis=0)
+    noise = np.linalg.norm(content.values[content.reference][0] - untouched)
+    for first, last in zip(content.labels["first"], content.labels["last"], strict=True):
+        assert last - first >= 5
+        shown = np.linalg.norm(content.values[first : last + 1] - untouched, axis=1)
+        assert (shown > 5 * noise).all()
+    suite = load_suite(Path(running.recording["suite"]))
+    (own, _) = suite.scenarios
+    assert isinstance(own, RecordedScenario)
+    assert own.recorded_set.truth == "position"
+
+
+def test_on_a_real_board_places_go_into_a_recording_alone(
+    running: Watched, board: Any, wait_for: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delattr(type(board), "touch")
+    with pytest.raises(InputError, match="Start a recording first"):
+        running.session.touch(*PLACES[0], 0.008, None)
+    running.session.start_recording()
+    wait_for(lambda: not running.session.state()["reference_left"])
+    running.session.touch(*PLACES[0], 0.008, None)
+    time.sleep(Timing.settle_s + 0.2)
+    running.session.release()
+    assert running.recording["touches"] == 1
