@@ -19,23 +19,34 @@ def table(found: dict[str, Any]) -> "Group":
     )
     if not found["credible"]:
         head += (
-            "This explains less than half of it, so frames are not corrected: what is left is "
-            "noise, or the sensor differs in other ways.\n"
+            "Calibration explains less than half of it, so that frames are not corrected: what is "
+            "left is noise, or the sensor differs in other ways than electrodes and gains.\n"
         )
+        return Group(Text(head))
     columns = Table("electrode", "shift mm", "contact x", "channel", "gain %", box=None)
     for column in columns.columns:
         column.justify = "right"
     electrodes, channels = found["electrodes"], found["channels"]
     for k in range(max(len(electrodes), len(channels))):
-        cells = [""] * 5
-        if k < len(electrodes):
-            of = electrodes[k]
-            cells[:3] = [
-                str(of["electrode"]),
-                f"{of['shift_mm']:+.2f}",
-                f"{of['contact_impedance']:.2f}",
-            ]
-        if k < len(channels):
-            cells[3:] = [str(channels[k]["channel"]), f"{100 * (channels[k]['gain'] - 1):+.2f}"]
-        columns.add_row(*cells)
-    return Group(Text(head), columns)
+        columns.add_row(
+            *(_electrode(electrodes[k]) if k < len(electrodes) else ("", "", "")),
+            *(_channel(channels[k]) if k < len(channels) else ()),
+        )
+    note = (
+        "\n± and */: one standard deviation. In a suite, `calibrated = true` in a scenario gives "
+        "methods frames that are corrected by this."
+    )
+    return Group(Text(head), columns, Text(note))
+
+
+def _electrode(of: dict[str, Any]) -> tuple[str, str, str]:
+    return (
+        str(of["electrode"]),
+        f"{of['shift_mm']:+.2f} ± {of['shift_mm_sd']:.2f}",
+        f"{of['contact_impedance']:.2f} */ {of['contact_impedance_sd_factor']:.2f}",
+    )
+
+
+def _channel(of: dict[str, Any]) -> tuple[str, str]:
+    a, b = of["channel"]
+    return f"{a}-{b}", f"{100 * (of['gain'] - 1):+.2f} ± {100 * of['gain_sd']:.2f}"

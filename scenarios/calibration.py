@@ -31,7 +31,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import linalg
 
 from eitbench.scenarios.errors import InputError
-from eitbench.scenarios.imperfections import channels
+from eitbench.scenarios.imperfections import channel_pairs, channels
 from eitbench.scenarios.physics.forward import ForwardModel, forward_model
 from eitbench.scenarios.sensors import Electrode, Sensor
 
@@ -68,6 +68,8 @@ class Calibration:
         gains: (C,) relative gain of every channel.
         shifts: (E,) of every electrode along the rim [m].
         contacts: (E,) contact impedance of every electrode, as a multiple of the nominal one.
+        deviations: (P,) posterior standard deviation of every unknown (gains, shifts, contact
+            impedances), in parts of its prior's: near 1 the frames say nothing of it.
         untouched: (M,) mean of the frames that were used, in the board's units.
         misfit_before, misfit_after: median distance from a value of `untouched` to the model's,
             relative to the rms of the frame; nominal and calibrated.
@@ -79,6 +81,7 @@ class Calibration:
     gains: Array
     shifts: Array
     contacts: Array
+    deviations: Array
     untouched: Array
     misfit_before: float
     misfit_after: float
@@ -93,7 +96,17 @@ class Calibration:
         return self.misfit_after < _EXPLAINED * self.misfit_before
 
     def describe(self) -> dict[str, object]:
-        """What was found as plain values, in the units of the attributes; shifts in mm."""
+        """What was found as plain values: shifts in mm, each with its standard deviation.
+
+        That of a contact impedance is a factor.
+        """
+        pairs = channel_pairs(self.sensor.pattern)
+        gain, shift, contact = np.split(
+            self.deviations, [len(self.gains), len(self.gains) + len(self.shifts)]
+        )
+        gain = GAIN_DEVIATION * gain
+        shift_mm = 1e3 * SHIFT_DEVIATION * _spacing(self.sensor) * shift
+        factor = np.exp(CONTACT_DEVIATION * contact)
         return {
             "sensor": self.sensor.name,
             "misfit_before": self.misfit_before,
@@ -103,12 +116,17 @@ class Calibration:
             "electrodes": [
                 {
                     "electrode": k,
-                    "shift_mm": 1e3 * float(shift),
-                    "contact_impedance": float(contact),
+                    "shift_mm": 1e3 * float(self.shifts[k]),
+                    "shift_mm_sd": float(shift_mm[k]),
+                    "contact_impedance": float(self.contacts[k]),
+                    "contact_impedance_sd_factor": float(factor[k]),
                 }
-                for k, (shift, contact) in enumerate(zip(self.shifts, self.contacts, strict=True))
+                for k in range(self.sensor.n_electrodes)
             ],
-            "channels": [{"channel": k, "gain": float(gain)} for k, gain in enumerate(self.gains)],
+            "channels": [
+                {"channel": list(pair), "gain": float(self.gains[k]), "gain_sd": float(gain[k])}
+                for k, pair in enumerate(pairs)
+            ],
         }
 
     @cached_property
@@ -186,6 +204,7 @@ def calibrate(sensor: Sensor, frames: ArrayLike) -> Calibration:
         gains=gains,
         shifts=shifts,
         contacts=contacts,
+        deviations=problem.deviations(found, slopes),
         untouched=untouched,
         misfit_before=_misfit(problem.modelled(np.zeros(problem.size)), untouched),
         misfit_after=_misfit(values, untouched),
@@ -201,7 +220,7 @@ class _Problem:
     def __init__(self, sensor: Sensor, untouched: Array) -> None:
         self.sensor, self.untouched = sensor, untouched
         self.channel, self.n_channels = channels(sensor.pattern)
-        self.spacing = sensor.outline.perimeter / sensor.n_electrodes
+        self.spacing = _spacing(sensor)
         self.mesh = forward_model(sensor).mesh
         self.size = self.n_channels + 2 * sensor.n_electrodes
         nominal = self.modelled(np.zeros(self.size))
@@ -249,10 +268,8 @@ class _Problem:
         """A Gauss-Newton step from `p`, shortened until it improves; the factor has no prior."""
         values = self.modelled(p)
         weight = self._weights(values)
-        factor = _factor(values, self.untouched, weight)
-        residual = weight * (self.untouched - factor * values)
-        rows, frame = weight[:, None] * slopes, weight * values
-        rows = factor * (rows - np.outer(frame, frame @ rows) / (frame @ frame))
+        rows = self._rows(values, weight, slopes)
+        residual = weight * (self.untouched - _factor(values, self.untouched, weight) * values)
         normal = rows.T @ rows + np.eye(self.size)
         update = linalg.solve(normal, rows.T @ residual - p, assume_a="pos")
         now = residual @ residual + p @ p
@@ -264,6 +281,19 @@ class _Problem:
                 return tried
         return p
 
+    def deviations(self, p: Array, slopes: Array) -> Array:
+        """Posterior standard deviations (P,) at `p`, in those of the priors."""
+        values = self.modelled(p)
+        rows = self._rows(values, self._weights(values), slopes)
+        covariance = linalg.inv(rows.T @ rows + np.eye(self.size))
+        return np.asarray(np.sqrt(np.diag(covariance)))
+
+    def _rows(self, values: Array, weight: Array, slopes: Array) -> Array:
+        """Weighted slopes (M, P) of the frame with the common factor that fits it best."""
+        rows, frame = weight[:, None] * slopes, weight * values
+        factor = _factor(values, self.untouched, weight)
+        return np.asarray(factor * (rows - np.outer(frame, frame @ rows) / (frame @ frame)))
+
     def _weights(self, values: Array) -> Array:
         """Of the residuals (M,): one over the noise, and less for what fits no such sensor."""
         residual = self.untouched - _factor(values, self.untouched) * values
@@ -271,6 +301,11 @@ class _Problem:
         typical = max(noise, float(np.median(np.abs(residual))))
         fitting = np.exp(-((residual / (_OUTLYING * typical)) ** 2) / 2)
         return np.asarray(fitting * self.connected / noise)
+
+
+def _spacing(sensor: Sensor) -> float:
+    """From one electrode to the next [m]."""
+    return sensor.outline.perimeter / sensor.n_electrodes
 
 
 def _connected(sensor: Sensor, untouched: Array, nominal: Array) -> NDArray[np.bool_]:

@@ -212,9 +212,18 @@ def channels(pattern: DrivePattern) -> tuple[NDArray[np.int64], int]:
 
     Channels are numbered in the order in which they first occur.
     """
-    pairs = [tuple(sorted(pair)) for pair in pattern.table[:, 2:].tolist()]
-    number = {pair: k for k, pair in enumerate(dict.fromkeys(pairs))}
-    return np.array([number[pair] for pair in pairs], dtype=np.int64), len(number)
+    number = {pair: k for k, pair in enumerate(channel_pairs(pattern))}
+    measured = pattern.table[:, 2:].tolist()
+    return np.array([number[_pair(*pair)] for pair in measured], dtype=np.int64), len(number)
+
+
+def channel_pairs(pattern: DrivePattern) -> list[tuple[int, int]]:
+    """The two electrodes of every channel, the lower one first."""
+    return list(dict.fromkeys(_pair(*pair) for pair in pattern.table[:, 2:].tolist()))
+
+
+def _pair(a: int, b: int) -> tuple[int, int]:
+    return (a, b) if a < b else (b, a)
 
 
 TYPICAL = Imperfections(
