@@ -6,7 +6,8 @@ by B, the mean of SSIM, CC, 1 - RIE and PSNR between fixed ends, from 0 to 1 (S 
 alone). Rungs that differ in `severity` alone form a curve, and the area under it, over the span of
 its severities, sums a method up: 1 would be a perfect image whatever the sensor. Recorded
 scenarios, of which no true conductivity is known, are the last rungs, by the figure that ranks
-them. All differences are paired touch by touch, and intervals are drawn over touches.
+them, and without intervals. The differences of simulated rungs are paired touch by touch, and their
+intervals drawn over touches; fewer than `MIN_PHANTOMS` touches give none.
 """
 
 from collections.abc import Sequence
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 
 from eitbench.benchmark.averages import numbers
 from eitbench.benchmark.results import Run, leaderboard_rows
+from eitbench.benchmark.standings import MIN_PHANTOMS
 from eitbench.benchmark.statistics import Interval, bootstrap_means
 from eitbench.scenarios.imperfections import Imperfections
 from eitbench.scenarios.scenario import RecordedScenario, Scenario, SimulatedScenario
@@ -57,10 +59,11 @@ class Ladder:
     """What a run says of its ladder.
 
     Attributes:
-        rungs: scenarios of the simulated rungs, in the order of the suite, without twins.
+        rungs: scenarios of the simulated rungs, without twins, in the order of the suite but for
+            those of the curve, which follow each other.
         methods: by falling area, or by B on the last rung where there is no curve.
         steps: by rung and method, of methods that ran there.
-        severities: of the points of the curve; empty where there is none.
+        severities: of the rungs of the curve; empty where there is none.
         curves: mean B (points,) of every method, nominal and, where it ran, calibrated.
         areas: under the curve, with its interval; the same for the calibrated one.
         real: by recorded set and method.
@@ -69,7 +72,7 @@ class Ladder:
     rungs: tuple[str, ...]
     methods: tuple[str, ...]
     steps: dict[tuple[str, str], Step]
-    severities: tuple[float, ...]
+    severities: dict[str, float]
     curves: dict[tuple[str, bool], Array]
     areas: dict[tuple[str, bool], Interval]
     real: dict[tuple[str, str], Real]
@@ -85,6 +88,8 @@ def read_ladder(run: Run) -> Ladder | None:
     scenarios = [s for s in suite.scenarios if s.name in present]
     rungs = [s for s in scenarios if isinstance(s, SimulatedScenario) and s.imperfections]
     nominal = [s for s in rungs if not s.calibrated]
+    curve = _curve(nominal)
+    nominal = _together(nominal, curve)
     if len(nominal) < 2:
         return None
     twins = {s.name: twin.name for s in scenarios if (twin := _twin(s, scenarios))}
@@ -100,15 +105,15 @@ def read_ladder(run: Run) -> Ladder | None:
         for method in table.methods
         if table.has(rung.name, method)
     }
-    curve = _curve(nominal)
+    severities = {s.name: s.imperfections.severity for s in curve if s.imperfections}
     curves, areas = {}, {}
     for method in table.methods:
         for calibrated in (False, True):
             names = [twins.get(s.name) if calibrated else s.name for s in curve]
-            if curve and all(table.has(name, method) for name in names):
-                values = np.stack([table.values(str(name), method) for name in names], axis=1)
+            values = table.together([(name, method) for name in names]) if curve else None
+            if values is not None:
                 curves[method, calibrated] = values.mean(axis=0)
-                areas[method, calibrated] = _area(values, _severities(curve))
+                areas[method, calibrated] = _area(values, list(severities.values()))
 
     def merit(method: str) -> float:
         if (method, False) in areas:
@@ -120,7 +125,7 @@ def read_ladder(run: Run) -> Ladder | None:
         rungs=tuple(s.name for s in nominal),
         methods=tuple(sorted(table.methods, key=merit)),
         steps=steps,
-        severities=_severities(curve),
+        severities=severities,
         curves=curves,
         areas=areas,
         real=_real(run, [s for s in scenarios if isinstance(s, RecordedScenario)], twins),
@@ -133,7 +138,7 @@ class _Table:
     def __init__(self, run: Run) -> None:
         samples = run.samples[run.samples[FIGURE].notna()]
         self._cells = {
-            (str(scenario), str(method)): numbers(cell.sort_values("sample"), FIGURE)
+            (str(scenario), str(method)): cell.sort_values("sample")
             for (scenario, method), cell in samples.groupby(["scenario", "method"], sort=False)
         }
         self.methods = tuple(dict.fromkeys(method for _, method in self._cells))
@@ -142,23 +147,30 @@ class _Table:
         return (scenario, method) in self._cells
 
     def values(self, scenario: str, method: str) -> Array:
-        return self._cells[scenario, method]
+        return numbers(self._cells[scenario, method], FIGURE)
 
     def mean(self, scenario: str, method: str) -> Interval:
         return _mean(self.values(scenario, method))
 
+    def together(self, cells: Sequence[tuple[str | None, str]]) -> Array | None:
+        """B (touches, cells) of several cells; None where one is missing or lacks other touches."""
+        if not all(self.has(*cell) for cell in cells):
+            return None
+        found = [self._cells[str(scenario), method] for scenario, method in cells]
+        if any(not np.array_equal(of["sample"], found[0]["sample"]) for of in found):
+            return None
+        return np.stack([numbers(of, FIGURE) for of in found], axis=1)
+
     def difference(
         self, first: tuple[str | None, str], second: tuple[str | None, str]
     ) -> Interval | None:
-        """First minus second, touch by touch; None where one is missing or cut short."""
-        if not (self.has(*first) and self.has(*second)):
-            return None
-        values = [self.values(str(name), method) for name, method in (first, second)]
-        return None if len(values[0]) != len(values[1]) else _mean(values[0] - values[1])
+        """First minus second, touch by touch; None where they lack different touches."""
+        values = self.together([first, second])
+        return None if values is None else _mean(values[:, 0] - values[:, 1])
 
 
 def _mean(values: Array) -> Interval:
-    if len(values) < 2:
+    if len(values) < MIN_PHANTOMS:
         return Interval(float(values.mean()), np.nan, np.nan)
     return bootstrap_means(values[:, None])[0]
 
@@ -195,14 +207,21 @@ def _curve(rungs: Sequence[SimulatedScenario]) -> list[SimulatedScenario]:
     for rung in rungs:
         groups.setdefault(apart_from_severity(rung).model_dump_json(), []).append(rung)
     largest = max(groups.values(), key=len)
-    by_severity = {severity: s for s in largest for severity in _severities([s])}
+    by_severity = {s.imperfections.severity: s for s in largest if s.imperfections}
     if len(by_severity) < _LEAST_POINTS:
         return []
     return [by_severity[severity] for severity in sorted(by_severity)]
 
 
-def _severities(rungs: Sequence[SimulatedScenario]) -> tuple[float, ...]:
-    return tuple(s.imperfections.severity for s in rungs if s.imperfections is not None)
+def _together(
+    rungs: Sequence[SimulatedScenario], curve: Sequence[SimulatedScenario]
+) -> list[SimulatedScenario]:
+    """The rungs with those of the `curve`, by severity, where the first of them stands."""
+    if not curve:
+        return list(rungs)
+    first = min(rungs.index(rung) for rung in curve)
+    before, after = ([r for r in part if r not in curve] for part in (rungs[:first], rungs[first:]))
+    return [*before, *curve, *after]
 
 
 def _real(

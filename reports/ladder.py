@@ -27,10 +27,12 @@ if TYPE_CHECKING:
     from eitbench.benchmark.statistics import Interval
 
 _NOT_RUN = "–"
+AREAS = ((False, "area over severity"), (True, "area, calibrated"))
 LEGEND = (
     "B: mean of SSIM, CC, 1 - RIE and PSNR between fixed ends, 0 to 1; in brackets what "
     "calibration adds, with ! where the 95 % interval over touches excludes 0. Area: under B "
-    "over severity, divided by its span. Real sensors: what ranks them, and calibrated (circles)."
+    "over severity, divided by its span. Real sensors: what ranks them, in brackets the change by "
+    "calibration (circles in the figure)."
 )
 
 
@@ -84,23 +86,14 @@ def to_table(ladder: Ladder) -> pd.DataFrame:
     for (rung, method), step in ladder.steps.items():
         row = {"rung": rung, "method": method, "figure": "B", **_ends("", step.value)}
         row |= _ends("loss", step.loss) | _ends("gain", step.gain)
+        row |= {"calibrated": None if step.gain is None else step.value.value + step.gain.value}
         rows.append(row)
     for (method, calibrated), area in ladder.areas.items():
         name = "area, calibrated" if calibrated else "area"
         rows.append({"rung": name, "method": method, "figure": "B", **_ends("", area)})
     for (rung, method), real in ladder.real.items():
-        gain = None
-        if real.value is not None and real.calibrated is not None:
-            gain = real.calibrated - real.value
-        rows.append(
-            {
-                "rung": rung,
-                "method": method,
-                "figure": real.figure,
-                "value": real.value,
-                "gain": gain,
-            }
-        )
+        row = {"rung": rung, "method": method, "figure": real.figure, "value": real.value}
+        rows.append(row | {"calibrated": real.calibrated})
     return pd.DataFrame(rows)
 
 
@@ -129,8 +122,8 @@ def grid(ladder: Ladder) -> list[list[str]]:
     rows = [["rung", *map(printable, ladder.methods)]]
     for rung in ladder.rungs:
         cells = [_step(ladder, rung, method) for method in ladder.methods]
-        rows.append([printable(short(rung, ladder.rungs)), *cells])
-    for calibrated, title in ((False, "area"), (True, "area, calibrated")):
+        rows.append([label(ladder, rung), *cells])
+    for calibrated, title in AREAS:
         areas = [ladder.areas.get((method, calibrated)) for method in ladder.methods]
         if any(areas):
             shown = [_NOT_RUN if area is None else f"{area.value:.3f}" for area in areas]
@@ -148,7 +141,7 @@ def _step(ladder: Ladder, rung: str, method: str) -> str:
         return _NOT_RUN
     if step.gain is None:
         return f"{step.value.value:.3f}"
-    sure = "" if step.gain.low <= 0 <= step.gain.high else "!"
+    sure = "!" if step.gain.low > 0 or step.gain.high < 0 else ""
     return f"{step.value.value:.3f} ({step.gain.value:+.3f}{sure})"
 
 
@@ -173,6 +166,14 @@ def short(rung: str, rungs: Sequence[str]) -> str:
     first = rung.split("-")[0] + "-"
     common = len(rungs) > 1 and all(name.startswith(first) for name in rungs)
     return rung.removeprefix(first) if common else rung
+
+
+def label(ladder: Ladder, rung: str) -> str:
+    """A rung as tables call it, with its severity if it is on the curve."""
+    name = printable(short(rung, ladder.rungs))
+    if rung not in ladder.severities or name.startswith("severity"):
+        return name
+    return f"{name} (severity {ladder.severities[rung]:g})"
 
 
 def draw(ladder: Ladder) -> Figure:
@@ -200,7 +201,7 @@ def draw(ladder: Ladder) -> Figure:
 
 def _draw_losses(axes: Axes, ladder: Ladder) -> None:
     """A table in colours: rungs and areas down, methods across, B written into each cell."""
-    rows = [printable(short(rung, ladder.rungs)) for rung in ladder.rungs]
+    rows = [label(ladder, rung) for rung in ladder.rungs]
     value = np.full((len(rows), len(ladder.methods)), np.nan)
     loss = value.copy()
     for i, rung in enumerate(ladder.rungs):
@@ -210,7 +211,7 @@ def _draw_losses(axes: Axes, ladder: Ladder) -> None:
                 value[i, j] = step.value.value
                 loss[i, j] = np.nan if step.loss is None else max(step.loss.value, 0.0)
     most = float(np.nanmax([0.05, *loss.flat]))
-    for calibrated, title in ((False, "area under severity"), (True, "the same, calibrated")):
+    for calibrated, title in AREAS:
         areas = [ladder.areas.get((method, calibrated)) for method in ladder.methods]
         if any(areas):
             rows.append(title)
@@ -228,15 +229,16 @@ def _draw_losses(axes: Axes, ladder: Ladder) -> None:
     axes.set_yticks(range(len(rows)), rows)
     axes.tick_params(length=0)
     axes.spines[:].set_visible(False)
-    axes.set_title("B on each rung; colour: lost against the ideal sensor", loc="left")
+    axes.set_title("B (0 to 1) on each rung; colour: lost against the ideal sensor", loc="left")
     axes.figure.colorbar(shown, ax=axes, location="bottom", shrink=0.5, aspect=30, label="B lost")
 
 
 def _draw_curves(axes: Axes, ladder: Ladder) -> None:
+    severities = list(ladder.severities.values())
     for k, method in enumerate(ladder.methods):
         if (method, False) in ladder.curves:
             axes.plot(
-                ladder.severities, ladder.curves[method, False], marker=marker(k), ms=3, lw=1,
+                severities, ladder.curves[method, False], marker=marker(k), ms=3, lw=1,
                 color=COLOURS[k % len(COLOURS)], ls=DASHES[k // len(COLOURS) % len(DASHES)],
                 label=printable(method),
             )  # fmt: skip

@@ -1,5 +1,6 @@
 """The ladder: what is compared with what, and areas that can be worked out by hand."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 from eitbench.benchmark.kind import METHODS
 from eitbench.benchmark.ladder import read_ladder
 from eitbench.benchmark.results import Run
+from eitbench.benchmark.standings import MIN_PHANTOMS
 from eitbench.scenarios.imperfections import Imperfections
 from eitbench.scenarios.scenario import SimulatedScenario
 from eitbench.scenarios.suites import Suite
@@ -85,7 +87,7 @@ def test_a_rung_is_compared_with_its_calibrated_twin_alone() -> None:
 def test_areas_follow_the_trapezoidal_rule_over_the_span() -> None:
     ladder = read_ladder(made())
     assert ladder is not None
-    assert list(ladder.severities) == [0, 1, 3]
+    assert ladder.severities == {"none": 0, "all": 1, "triple": 3}
     good = (0.5 * (0.9 + 0.7) * 1 + 0.5 * (0.7 + 0.3) * 2) / 3
     assert ladder.areas["good", False].value == pytest.approx(good, abs=1e-3)
     assert ladder.areas["poor", False].value == pytest.approx(0.5, abs=1e-3)
@@ -103,3 +105,29 @@ def test_without_a_curve_or_an_ideal_rung_there_is_less() -> None:
 
 def test_one_rung_is_no_ladder() -> None:
     assert read_ladder(made(("ideal",))) is None
+
+
+def test_rungs_of_the_curve_follow_each_other() -> None:
+    ladder = read_ladder(made(("none", "gain", "triple", "ideal", "all")))
+    assert ladder is not None
+    assert ladder.rungs == ("none", "all", "triple", "gain", "ideal")
+
+
+def test_few_touches_give_no_intervals() -> None:
+    run = made()
+    few = replace(run, samples=run.samples[run.samples["sample"] < MIN_PHANTOMS - 1])
+    ladder = read_ladder(few)
+    assert ladder is not None
+    assert np.isnan(ladder.steps["all", "good"].value.low)
+
+
+def test_rungs_that_lack_different_touches_are_not_compared() -> None:
+    run = made()
+    lacking = {"ideal": 0, "all": 1}
+    kept = [
+        s not in lacking or k != lacking[s]
+        for s, k in zip(run.samples["scenario"], run.samples["sample"], strict=True)
+    ]
+    ladder = read_ladder(replace(run, samples=run.samples[kept]))
+    assert ladder is not None
+    assert not ladder.steps["all", "good"].loss
