@@ -201,7 +201,8 @@ def _choose(scenario: Scenario, method: str, plugins: Sequence[Path]) -> Choice 
 def validation_key(scenario: Scenario) -> str:
     """SHA-256 (hex) of what decides a choice: sensor, validation phantoms, noise; or the set.
 
-    Scenarios that differ in name, in sample numbers or in their test phantoms share their choices.
+    Scenarios that differ in name, in sample numbers or in their test phantoms share their choices,
+    and so do a nominal and a calibrated one: what is compared is the calibration alone.
     """
     seen = validation_scenario(scenario)
     if isinstance(seen, SimulatedScenario):
@@ -212,7 +213,8 @@ def validation_key(scenario: Scenario) -> str:
                 "noise": seen.noise.validation,
             }
         )
-    return scenario.data_hash("validation")
+    named = {"name": seen.recorded_set.name, "calibrated": False}
+    return seen.model_copy(update=named).data_hash("validation")
 
 
 def record(scenario: Scenario, choices: Mapping[str, Choice], folder: Path) -> Path:

@@ -207,3 +207,15 @@ def test_tuning_leaves_out_data_that_cannot_be_had(
     assert "'away' is left out" in caplog.text
     with pytest.raises(DataUnavailableError, match="nothing to tune on"):
         list(selection.tune([away], ["back-projection"], tmp_path))
+
+
+def test_a_calibrated_scenario_shares_the_choices_of_the_nominal_one() -> None:
+    """Else a ladder would compare tuned with default parameters and call it calibration."""
+    declared = {s.name: s for s in load_suite("sim2real").scenarios}
+    for name in ("ohmc16", "ktc2023", "hydrogel-rectangle", "sim2real-emulated"):
+        assert validation_key(declared[name]) == validation_key(declared[f"{name}-calibrated"])
+    assert selected_parameters(declared["ohmc16-calibrated"], "noser") is not None
+    # The whole ladder is tuned alike, as a user would: on the nominal sensor, with noise.
+    rungs = [s for s in declared.values() if isinstance(s, SimulatedScenario)]
+    assert len({validation_key(rung) for rung in rungs}) == 1
+    assert selected_parameters(rungs[0], "noser") is not None
