@@ -141,8 +141,11 @@ def _step(ladder: Ladder, rung: str, method: str) -> str:
         return _NOT_RUN
     if step.gain is None:
         return f"{step.value.value:.3f}"
+    gain = f"{step.gain.value:+.3f}"
+    if float(gain) == 0:  # however sure, it matters to nobody
+        return f"{step.value.value:.3f} (0)"
     sure = "!" if step.gain.low > 0 or step.gain.high < 0 else ""
-    return f"{step.value.value:.3f} ({step.gain.value:+.3f}{sure})"
+    return f"{step.value.value:.3f} ({gain}{sure})"
 
 
 def _real(ladder: Ladder, rung: str, method: str) -> str:
@@ -151,7 +154,8 @@ def _real(ladder: Ladder, rung: str, method: str) -> str:
         return _NOT_RUN
     if real.calibrated is None:
         return f"{real.value:.3g}"
-    return f"{real.value:.3g} ({real.calibrated - real.value:+.2g})"
+    change = real.calibrated - real.value
+    return f"{real.value:.3g} ({f'{change:+.2g}' if change else '0'})"
 
 
 def _titled(rung: str, figure: str) -> str:
