@@ -4,6 +4,7 @@ One thread reads the board. Every frame goes to the recording, if there is one; 
 on to the images. A board that is lost is opened again every second until it is back.
 """
 
+import os
 import threading
 import time
 from collections.abc import Callable
@@ -20,6 +21,7 @@ from eitbench.hardware.live.recording import Recording
 from eitbench.hardware.live.reference import FRAMES, reference_of
 from eitbench.hardware.recorder import Recorder
 from eitbench.hardware.recording import Continuity
+from eitbench.hardware.serial_board import SerialBoard
 from eitbench.hardware.status import Monitor
 from eitbench.scenarios.errors import EitbenchError, InputError
 
@@ -73,7 +75,7 @@ class Session:
 
         Raises:
             BoardError: it cannot be opened.
-            InputError: an unknown method, or one without weights for the sensor.
+            InputError: an unknown method, or one that cannot be used on the sensor.
         """
         self.imaging.choose(method)
         self.board.open()
@@ -219,6 +221,8 @@ class Session:
         if not self._lost:
             self._damaged_before += self.board.health.damaged
             self._note(f"The board was lost: {sentence}")
+        elif _is_away(self.board):
+            sentence = f"The board is unplugged: plug it in. ({sentence})"
         self._lost = sentence
 
     def _add(self, frames: list[Frame]) -> None:
@@ -252,6 +256,11 @@ class Session:
     def _note(self, text: str) -> None:
         if self._recording is not None:
             self._recording.event(text, time.monotonic())
+
+
+def _is_away(board: Board) -> bool:
+    """Whether the serial port that `board` was on has gone; only POSIX shows ports as files."""
+    return isinstance(board, SerialBoard) and os.name == "posix" and not Path(board.port).exists()
 
 
 def _known(figure: float) -> float | None:

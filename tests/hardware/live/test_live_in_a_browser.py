@@ -146,9 +146,6 @@ def test_the_method_is_switched(opened: Any) -> None:
     page.page.select_option("#method", "dnn")
     page.wait("document.querySelector('#method-shown').textContent === 'dnn'")
     assert "U-Net" in page.page.inner_text("#about")
-    page.page.select_option("#method", "linear-learned")
-    page.wait("document.querySelector('#note').dataset.kind === 'bad'")
-    assert "linear-learned cannot be used" in page.page.inner_text("#note")
     assert page.page.input_value("#method") == "dnn"
 
 

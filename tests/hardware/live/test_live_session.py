@@ -4,19 +4,25 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
+from threadpoolctl import threadpool_info, threadpool_limits
 
 from eitbench.hardware.board import BoardError, BoardLostError
+from eitbench.hardware.boards import make_board, make_emulator
 from eitbench.hardware.guided import Timing
+from eitbench.hardware.live.imaging import LEARN_FIRST
 from eitbench.hardware.live.newest import Newest
 from eitbench.hardware.live.picture import Picture
+from eitbench.hardware.live.reference import NO_DATA, no_data
 from eitbench.hardware.live.session import RETRY_S, Session
 from eitbench.hardware.recorder import Recorder, RecorderError
-from eitbench.methods import Method, register
+from eitbench.methods import Method, Problem, create, register
+from eitbench.scenarios.catalogue import foam16
 from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.physics.forward import forward_model
 from eitbench.scenarios.recordings.checking import check
 from eitbench.scenarios.recordings.recording_file import Content, read_file
 from eitbench.scenarios.scenario import RecordedScenario
@@ -82,6 +88,25 @@ class Moody(Method):
     def reconstruct(self, voltages: Any) -> Any:
         if np.abs(self.problem.difference(voltages)).max() > 0.01:
             raise ValueError("too much for it")
+        return np.ones((len(voltages), 80, 80))
+
+
+def most_threads() -> int:
+    """Threads that linear algebra may use."""
+    return max(int(pool["num_threads"]) for pool in threadpool_info() if pool["user_api"] == "blas")
+
+
+@register("test-curious")
+class Curious(Method):
+    """Notes how many threads it may use."""
+
+    seen: ClassVar[list[int]] = []
+
+    def fit(self, problem: Any) -> None:
+        self.seen.append(most_threads())
+
+    def reconstruct(self, voltages: Any) -> Any:
+        self.seen.append(most_threads())
         return np.ones((len(voltages), 80, 80))
 
 
@@ -178,10 +203,27 @@ def test_a_method_that_cannot_be_fitted_leaves_the_old_one(
     assert running.newest.image is not None
     with pytest.raises(InputError, match="did you mean 'noser'"):
         running.session.imaging.choose("nose")
-    running.session.imaging.choose("linear-learned")
-    wait_for(
-        lambda: "learns from simulated touches" in str(running.session.state()["method_failed"])
-    )
+    for name in LEARN_FIRST:
+        with pytest.raises(InputError, match=f"^{name} cannot be used live: it learns from sim"):
+            running.session.imaging.choose(name)
+
+
+@pytest.mark.parametrize("name", sorted(LEARN_FIRST))
+def test_methods_that_are_said_to_learn_first_do(name: str) -> None:
+    model = forward_model(foam16())
+    problem = Problem(foam16(), model.voltages(model.background), no_data)
+    with pytest.raises(InputError, match=NO_DATA):
+        create(name).fit(problem)
+
+
+def test_methods_compute_without_helper_threads(watched: Watched, wait_for: Any) -> None:
+    with threadpool_limits(2):
+        watched.session.start("test-curious")
+        wait_for(lambda: watched.pictures and watched.newest.image is not None)
+        watched.session.stop()
+        assert set(Curious.seen) == {1}
+        assert len(Curious.seen) > 1
+        assert most_threads() == 2
 
 
 def test_a_slow_viewer_never_delays_the_recording(
@@ -266,6 +308,23 @@ def test_a_board_that_is_lost_is_opened_again(running: Watched, board: Any, wait
         "The board is back.",
     ]
     assert (np.diff(content.number) == 1).all()
+
+
+def test_a_serial_port_that_is_gone_is_an_unplugged_board(tmp_path: Path, wait_for: Any) -> None:
+    emulator = make_emulator(None, "teensy", None, 2.0)
+    emulator.switch_on()
+    port = emulator.port
+    watched = Watched(make_board("teensy", port=port), tmp_path)
+    try:
+        watched.session.start("noser")
+        wait_for(lambda: watched.pictures)
+        emulator.switch_off()
+        wait_for(lambda: "plug it in. (" in str(watched.session.state()["sentence"]))
+        sentence = str(watched.session.state()["sentence"])
+        assert sentence.startswith("The board is unplugged: plug it in. (There is no serial port")
+    finally:
+        watched.session.stop()
+        emulator.switch_off()
 
 
 @pytest.mark.parametrize("error", [BoardError("It speaks openeit."), RuntimeError("a bug")])
