@@ -125,9 +125,12 @@ class Session:
         """Press an emulated sensor; of any, note in the recording where it is touched.
 
         Raises:
-            InputError: the board is real and nothing is recorded.
+            InputError: the board is real and nothing is recorded, or a recording takes its
+                reference.
         """
         recording = self._recording
+        if recording is not None and recording.running and self._reference_frames is not None:
+            raise InputError("Do not touch it yet: the recording takes its reference.")
         if self.can_be_pressed and pressure_pa is not None:
             self.board.touch(x_m, y_m, radius_m, pressure_pa)  # type: ignore[attr-defined]
         elif recording is None or not recording.running:
@@ -157,7 +160,8 @@ class Session:
             "method": self.imaging.method,
             "fitting": self.imaging.fitting,
             "method_failed": self.imaging.failed,
-            "reference_left": 0 if taken is None else FRAMES - len(taken),
+            # With its last frame it is not there yet.
+            "reference_left": 0 if taken is None else max(FRAMES - len(taken), 1),
             "rate_hz": _known(status.rate_hz) if board == "running" else 0.0,
             "snr_db": _known(status.snr_db),
             "dropped": status.dropped,

@@ -395,6 +395,19 @@ def test_touched_places_become_labels_and_the_recording_a_suite(
     assert own.recorded_set.truth == "position"
 
 
+def test_nothing_is_touched_while_a_recording_takes_its_reference(
+    running: Watched, board: Any, wait_for: Any
+) -> None:
+    untouched = board._clean
+    running.session.start_recording()
+    with pytest.raises(InputError, match="Do not touch it yet"):
+        running.session.touch(*PLACE, 0.008, 30e3)
+    assert board._clean is untouched
+    wait_for(lambda: not running.session.state()["reference_left"])
+    running.session.touch(*PLACE, 0.008, 30e3)
+    assert board._clean is not untouched
+
+
 def test_on_a_real_board_places_go_into_a_recording_alone(
     running: Watched, board: Any, wait_for: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
