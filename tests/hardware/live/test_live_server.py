@@ -137,6 +137,20 @@ def test_a_picture_holds_image_voltages_and_reference(served: Any, board: Any) -
         assert page.message("state")["latency_ms"] > 0
 
 
+def test_a_page_is_told_how_old_its_picture_is(served: Any) -> None:
+    with page_of(served()) as page:
+        assert page.message("state")["age_s"] is None
+        while (age_s := page.message("state")["age_s"]) is None:
+            pass
+        assert 0 <= age_s < 20
+        while not page.picture(paint=False):
+            pass
+        for _ in range(6):  # it paints no more, and what it shows grows old
+            while isinstance(received := page.socket.recv(timeout=20), bytes):
+                pass
+        assert json.loads(received)["age_s"] > 1
+
+
 def test_a_page_that_goes_away_lets_go(served: Any, board: Any, wait_for: Any) -> None:
     one = served()
     untouched = board._clean
