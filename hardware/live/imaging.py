@@ -1,5 +1,6 @@
 """From frames to pictures: the method in use, the next one that is being fitted, and contacts."""
 
+import sys
 import threading
 import time
 from collections.abc import Callable
@@ -7,11 +8,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
 from eitbench.hardware.board import Frame
 from eitbench.hardware.live.newest import Newest
 from eitbench.hardware.live.picture import Contact, Picture
-from eitbench.hardware.live.reference import Reference, no_data
+from eitbench.hardware.live.reference import NO_DATA, Reference, no_data
 from eitbench.methods import Method, Problem, create, methods
 from eitbench.scenarios.contacts import contacts
 from eitbench.scenarios.errors import EitbenchError, InputError, unknown_name
@@ -26,6 +28,8 @@ Array = NDArray[np.float64]
 TOUCHED_NOISE = 2.0
 TOUCHED_CONTRAST = 0.03
 MOST_CONTACTS = 10
+# They learn from simulated touches when they are fitted, and here there are none.
+LEARN_FIRST = frozenset({"linear-learned", "linear-touch"})
 _WAIT_S = 0.2
 
 
@@ -42,8 +46,15 @@ def usable_methods(sensor: Sensor) -> dict[str, str]:
     return {
         name: (cls.__doc__ or "").strip().split("\n")[0]
         for name, cls in methods().items()
-        if not cls.untrained(sensor)
+        if not _unusable(name, sensor)
     }
+
+
+def _unusable(name: str, sensor: Sensor) -> str:
+    """Why a method that there is cannot be used on `sensor`, as a sentence; "" if it can."""
+    if name in LEARN_FIRST:
+        return f"{name} cannot be used live: {NO_DATA}"
+    return methods()[name].untrained(sensor)
 
 
 class Imaging:
@@ -77,7 +88,8 @@ class Imaging:
         ]
 
     def start(self) -> None:
-        """Start both threads."""
+        """Start both threads; until `stop` this process computes without helper threads."""
+        self._limits = _compute_alone()
         for thread in self._threads:
             thread.start()
 
@@ -85,6 +97,7 @@ class Imaging:
         """End both threads; a fit that is under way is left to itself."""
         self._ended.set()
         self._threads[0].join()
+        self._limits.restore_original_limits()
 
     @property
     def method(self) -> str:
@@ -100,12 +113,12 @@ class Imaging:
         """Use the method `name` as soon as it is fitted.
 
         Raises:
-            InputError: there is none of that name, or it has no weights for the sensor.
+            InputError: there is none of that name, or it cannot be used on the sensor.
         """
         known = methods()
         if name not in known:
             raise unknown_name("method", name, known)
-        if why := known[name].untrained(self.sensor):
+        if why := _unusable(name, self.sensor):
             raise InputError(why)
         self.failed = ""
         self._fitting = name
@@ -123,6 +136,7 @@ class Imaging:
             try:
                 method = create(name)
                 method.fit(Problem(self.sensor, self._untouched, no_data))
+                _compute_alone()  # what was loaded only now, too
                 self._fitted = Fitted(name, method)
             except Exception as error:  # a method may be anybody's: it must not end the view
                 self.failed = f"{name} cannot be used: {_sentence(error)}"
@@ -181,6 +195,17 @@ class Imaging:
                 found.position[:MOST_CONTACTS], found.strength, found.area, strict=False
             )
         )
+
+
+def _compute_alone() -> threadpool_limits:
+    """Have linear algebra and torch compute without helper threads, as far as they are loaded.
+
+    A frame is so small that helpers win nothing, and where other programs keep the cores busy they
+    wait for each other: `tv` made one image a second instead of ten. Returns what restores them.
+    """
+    if (torch := sys.modules.get("torch")) is not None:
+        torch.set_num_threads(1)
+    return threadpool_limits(1)
 
 
 def _sentence(error: Exception) -> str:

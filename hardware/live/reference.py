@@ -14,6 +14,10 @@ from eitbench.scenarios.sensors import Sensor
 Array = NDArray[np.float64]
 
 FRAMES = 10
+NO_DATA = (
+    "it learns from simulated touches before its first image, and the live view has none: choose "
+    "another method."
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +58,4 @@ def reference_of(sensor: Sensor, frames: Sequence[Array]) -> Reference:
 
 def no_data(split: str, limit: int | None) -> Dataset:
     """Refuses: methods that learn when they are fitted have nothing to learn from here."""
-    raise InputError(
-        "it learns from simulated touches before its first image, and the live view has none: "
-        "choose another method."
-    )
+    raise InputError(NO_DATA)

@@ -13,6 +13,7 @@ from eitbench.hardware.live.access import Access
 from eitbench.hardware.live.server import listen, make_server
 from eitbench.hardware.live.session import Session
 from eitbench.hardware.live.viewer import Gallery
+from eitbench.scenarios.errors import InputError
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,13 +57,20 @@ def live_view(
         emulated: no real sensor is behind it, and the page says so.
         access: where it is served, and to whom.
         port: of the server; 0 takes any that is free.
-        out: the folder that recordings go to.
+        out: the folder that recordings go to; it is made if there is none.
 
     Raises:
         BoardError: the board cannot be opened.
-        InputError: an unknown method, or one without weights for the sensor.
+        InputError: an unknown method, or one that cannot be used on the sensor; a folder that
+            cannot be made.
         EitbenchError: the port is taken.
     """
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(
+            f"The folder {out} cannot be made ({error.strerror}): name another with --out."
+        ) from error
     gallery = Gallery(board.sensor)
     session = Session(board, name, emulated=emulated, out=out, show=gallery.show)
     with listen(access, port) as listening:

@@ -171,8 +171,8 @@ class _Visit:
         due = loop.time()
         while True:
             if loop.time() >= due:
-                state = self._session.state() | {"latency_ms": self._viewer.latency_ms}
-                await self._say("state", state)
+                seen = {"latency_ms": self._viewer.latency_ms, "age_s": self._viewer.age_s}
+                await self._say("state", self._session.state() | seen)
                 due = loop.time() + STATE_EVERY_S
             picture = await self._viewer.next(due - loop.time())
             if picture is not None:

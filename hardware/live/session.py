@@ -4,6 +4,7 @@ One thread reads the board. Every frame goes to the recording, if there is one; 
 on to the images. A board that is lost is opened again every second until it is back.
 """
 
+import os
 import threading
 import time
 from collections.abc import Callable
@@ -20,6 +21,7 @@ from eitbench.hardware.live.recording import Recording
 from eitbench.hardware.live.reference import FRAMES, reference_of
 from eitbench.hardware.recorder import Recorder
 from eitbench.hardware.recording import Continuity
+from eitbench.hardware.serial_board import SerialBoard
 from eitbench.hardware.status import Monitor
 from eitbench.scenarios.errors import EitbenchError, InputError
 
@@ -73,7 +75,7 @@ class Session:
 
         Raises:
             BoardError: it cannot be opened.
-            InputError: an unknown method, or one without weights for the sensor.
+            InputError: an unknown method, or one that cannot be used on the sensor.
         """
         self.imaging.choose(method)
         self.board.open()
@@ -123,9 +125,12 @@ class Session:
         """Press an emulated sensor; of any, note in the recording where it is touched.
 
         Raises:
-            InputError: the board is real and nothing is recorded.
+            InputError: the board is real and nothing is recorded, or a recording takes its
+                reference.
         """
         recording = self._recording
+        if recording is not None and recording.running and self._reference_frames is not None:
+            raise InputError("Do not touch it yet: the recording takes its reference.")
         if self.can_be_pressed and pressure_pa is not None:
             self.board.touch(x_m, y_m, radius_m, pressure_pa)  # type: ignore[attr-defined]
         elif recording is None or not recording.running:
@@ -155,7 +160,8 @@ class Session:
             "method": self.imaging.method,
             "fitting": self.imaging.fitting,
             "method_failed": self.imaging.failed,
-            "reference_left": 0 if taken is None else FRAMES - len(taken),
+            # With its last frame it is not there yet.
+            "reference_left": 0 if taken is None else max(FRAMES - len(taken), 1),
             "rate_hz": _known(status.rate_hz) if board == "running" else 0.0,
             "snr_db": _known(status.snr_db),
             "dropped": status.dropped,
@@ -219,6 +225,8 @@ class Session:
         if not self._lost:
             self._damaged_before += self.board.health.damaged
             self._note(f"The board was lost: {sentence}")
+        elif _is_away(self.board):
+            sentence = f"The board is unplugged: plug it in. ({sentence})"
         self._lost = sentence
 
     def _add(self, frames: list[Frame]) -> None:
@@ -252,6 +260,11 @@ class Session:
     def _note(self, text: str) -> None:
         if self._recording is not None:
             self._recording.event(text, time.monotonic())
+
+
+def _is_away(board: Board) -> bool:
+    """Whether the serial port that `board` was on has gone; only POSIX shows ports as files."""
+    return isinstance(board, SerialBoard) and os.name == "posix" and not Path(board.port).exists()
 
 
 def _known(figure: float) -> float | None:

@@ -34,6 +34,7 @@ class Viewer:
         self._ready = asyncio.Event()
         self._unpainted: dict[int, float] = {}
         self._latencies: deque[float] = deque(maxlen=_LATENCIES)
+        self._shown_s: float | None = None
 
     def offer(self, picture: Shown) -> None:
         """Let `picture` take the place of one that was not sent yet."""
@@ -43,7 +44,8 @@ class Viewer:
     def painted(self, number: int) -> None:
         """Picture `number` is on the canvas; those sent before it are too, or never will be."""
         if number in self._unpainted:
-            self._latencies.append(time.monotonic() - self._unpainted[number])
+            self._shown_s = self._unpainted[number]
+            self._latencies.append(time.monotonic() - self._shown_s)
         self._unpainted = {n: at for n, at in self._unpainted.items() if n > number}
         self._check()
 
@@ -64,6 +66,11 @@ class Viewer:
     def latency_ms(self) -> float | None:
         """Median time from a frame's last byte to the canvas [ms]; None before the first."""
         return round(1e3 * median(self._latencies), 1) if self._latencies else None
+
+    @property
+    def age_s(self) -> float | None:
+        """Time since the frame whose picture is on the canvas [s]; None before the first."""
+        return None if self._shown_s is None else round(time.monotonic() - self._shown_s, 1)
 
     def _check(self) -> None:
         if self._newest is not None and len(self._unpainted) < MOST_UNPAINTED:

@@ -110,8 +110,10 @@ function drawImage() {
     ctx.restore();
   }
   ctx.drawImage(rim, 0, 0, place.width, place.height);
-  if (picture) picture.contacts.forEach(drawContact);
-  if (pressed || document.activeElement === image) drawPointer();
+  if (picture) picture.contacts.forEach(drawMarker);
+  if (showsPointer()) drawPointer();
+  labels = [];
+  if (picture) picture.contacts.slice(0, MOST_LABELS).forEach(drawLabel);
 }
 
 function fillPixels() {
@@ -192,21 +194,49 @@ function ring(x, y, radius, width, colour, dashes) {
   context.setLineDash([]);
 }
 
-function drawContact(contact, k) {
+function drawMarker(contact) {
   const [x, y] = [place.x(contact.x_m), place.y(contact.y_m)];
-  ring(x, y, 9, 5, "#000", []);
-  ring(x, y, 9, 2.5, "#fff", []);
-  if (k > 2) return;
+  ring(x, y, MARKER, 5, "#000", []);
+  ring(x, y, MARKER, 2.5, "#fff", []);
+}
+
+const MARKER = 9, MOST_LABELS = 3, LABEL_HEIGHT = 18;
+let labels = [];
+
+function drawLabel(contact, k) {
   const words = `${k + 1}: ${(1e3 * contact.x_m).toFixed(0)}, ${(1e3 * contact.y_m).toFixed(0)} mm`;
   context.font = "600 12px system-ui, sans-serif";
   context.textBaseline = "middle";
-  const width = context.measureText(words).width;
-  const left = x + 16 + width > place.left + place.inner ? x - 16 - width : x + 16;
+  const box = labelBox(place.x(contact.x_m), place.y(contact.y_m), context.measureText(words).width + 8);
+  labels.push(box);
   context.fillStyle = "rgb(0 0 0 / .78)";
-  context.fillRect(left - 4, y - 9, width + 8, 18);
+  context.fillRect(box.x, box.y, box.width, LABEL_HEIGHT);
   context.fillStyle = "#fff";
   context.textAlign = "left";
-  context.fillText(words, left, y + 0.5);
+  context.fillText(words, box.x + 4, box.y + LABEL_HEIGHT / 2 + 0.5);
+}
+
+// Beside the marker, or farther out, where it covers no marker, no ring and no other label.
+function labelBox(x, y, width) {
+  const boxes = [];
+  for (let out = MARKER + 4; out < 0.7 * place.inner; out += 12) {
+    const [across, down] = [y - LABEL_HEIGHT / 2, x - width / 2];
+    boxes.push({ x: x + out, y: across, width }, { x: x - out - width, y: across, width },
+      { x: down, y: y + out, width }, { x: down, y: y - out - LABEL_HEIGHT, width });
+  }
+  return boxes.find(isFree) || boxes[0];
+}
+
+function isFree(box) {
+  const [right, low] = [box.x + box.width, box.y + LABEL_HEIGHT];
+  if (box.x < 0 || box.y < 0 || right > place.width || low > place.height) return false;
+  if (labels.some((l) => l.x < right && box.x < l.x + l.width && l.y < low && box.y < l.y + LABEL_HEIGHT)) return false;
+  const nearest = (x, y) => Math.hypot(Math.max(box.x - x, 0, x - right), Math.max(box.y - y, 0, y - low));
+  if (picture.contacts.some((c) => nearest(place.x(c.x_m), place.y(c.y_m)) < MARKER + 3)) return false;
+  if (!showsPointer()) return true;
+  const [x, y] = [place.x(pointer.x), place.y(pointer.y)], radius = scene.touch.radius_m * place.perMetre;
+  const farthest = Math.hypot(Math.max(x - box.x, right - x), Math.max(y - box.y, low - y));
+  return nearest(x, y) > radius + 3 || farthest < radius - 3;
 }
 
 // ---- Voltages over the reference, and their difference ----

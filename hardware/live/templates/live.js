@@ -3,6 +3,8 @@
 
 const PLOT_EVERY_MS = 100;
 const RETRY_MS = 1000;
+const REFUSED_MS = 10000;
+const OLD_S = 1;
 
 let state = null, pending = null, scheduled = false, socket = null;
 const paints = [];
@@ -17,7 +19,7 @@ function connect() {
     const message = JSON.parse(data);
     if (message.type === "scene") showScene(message);
     else if (message.type === "state") showState(message);
-    else if (message.type === "refused") { refused = message.why; showNote(); }
+    else if (message.type === "refused") showRefused(message.why);
   };
   socket.onclose = () => {
     status("bad", "▲", "No connection to eitbench: trying again");
@@ -26,6 +28,7 @@ function connect() {
 }
 
 function ask(command) {
+  if (command.do !== "painted" && command.do !== "release") showRefused("");
   if (socket.readyState === WebSocket.OPEN) socket.send(JSON.stringify(command));
 }
 
@@ -73,11 +76,11 @@ function paint(now) {
 
 // ---- Words ----
 
-let refused = "", methodShown = "", plotted = 0;
+let refused = "", fades = 0, methodShown = "", plotted = 0;
 
 function status(kind, sign, text) {
   $("status").dataset.kind = kind;
-  image.classList.toggle("stale", kind === "bad");
+  image.classList.toggle("stale", kind === "bad" || kind === "old");
   set($("status-sign"), sign);
   set($("status-text"), text);
 }
@@ -99,7 +102,10 @@ function showState(message) {
   if (state.board === "lost") status("bad", "▲", "Board lost: trying again");
   else if (state.board === "silent") status("bad", "■", "No frames from the board");
   else if (left) status("wait", "◌", `Taking the reference: do not touch (${left} more)`);
-  else status("good", "●", "Running");
+  // A board that sends less than once a second leaves an image that old, whatever the method.
+  else if (state.rate_hz && state.age_s > OLD_S + 1 / state.rate_hz) {
+    status("old", "◔", `Image of ${state.age_s.toFixed(0)} s ago: ${state.method} is slower than the board`);
+  } else status("good", "●", "Running");
   // Only when it changes: what is being chosen just now must stay as it is.
   const inUse = state.fitting || state.method;
   if (inUse && inUse !== methodShown) $("method").value = methodShown = inUse;
@@ -109,7 +115,7 @@ function showState(message) {
   set($("rate"), number(state.rate_hz, 1));
   set($("snr"), number(state.snr_db, 0));
   set($("latency"), number(state.latency_ms, 0));
-  set($("dropped"), String(state.dropped + state.damaged));
+  set($("lost"), String(state.dropped + state.damaged));
   set($("reciprocity"), number(state.reciprocity === null ? null : 100 * state.reciprocity, 1));
   const suspects = state.suspects.join(", ");
   $("suspects").dataset.kind = suspects ? "bad" : "";
@@ -141,12 +147,21 @@ function showRecording(recording) {
   }
 }
 
+function showRefused(why) {
+  refused = why;
+  clearTimeout(fades);
+  if (why) fades = setTimeout(showRefused, REFUSED_MS, "");
+  showNote();
+}
+
 function showNote() {
+  if (!state) return;
   const note = $("note");
-  const wrong = refused || (state && (state.sentence || state.method_failed)) || (picture && picture.failed);
-  const fitting = state && state.fitting;
+  const wrong = state.sentence || refused || state.method_failed || (picture && picture.failed);
+  // A slow method is fitted long before its first image is there.
+  const preparing = state.fitting || (picture && picture.method === state.method ? "" : state.method);
   note.dataset.kind = wrong ? "bad" : "";
-  set(note, wrong ? `▲ ${wrong}` : fitting ? `◌ Preparing ${fitting}` : "");
+  set(note, wrong ? `▲ ${wrong}` : preparing ? `◌ Preparing ${preparing}` : "");
 }
 
 function showContacts() {
@@ -237,8 +252,9 @@ function press(down) {
   schedule();
 }
 
+function showsPointer() { return pointer && (pressed || document.activeElement === image); }
+
 function drawPointer() {
-  if (!pointer) return;
   const [x, y] = [place.x(pointer.x), place.y(pointer.y)], radius = scene.touch.radius_m * place.perMetre;
   ring(x, y, radius, pressed ? 4 : 3, "#000", []);
   ring(x, y, radius, pressed ? 2 : 1, "#fff", pressed ? [] : [4, 4]);
@@ -247,13 +263,11 @@ function drawPointer() {
 // ---- Controls ----
 
 $("method").addEventListener("change", (event) => {
-  refused = "";
   methodShown = event.target.value;
   ask({ do: "method", name: methodShown });
 });
-$("reference").addEventListener("click", () => { refused = ""; ask({ do: "reference" }); });
+$("reference").addEventListener("click", () => ask({ do: "reference" }));
 $("record").addEventListener("click", () => {
-  refused = "";
   ask({ do: "record", on: $("record").getAttribute("aria-pressed") !== "true" });
 });
 $("adaptive").addEventListener("change", schedule);

@@ -5,6 +5,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,10 +13,13 @@ from numpy.typing import NDArray
 
 from eitbench.hardware.board import Board, BoardLostError, Frame
 from eitbench.hardware.live.access import Access
+from eitbench.hardware.live.picture import Picture
 from eitbench.hardware.live.run import LiveView, live_view
+from eitbench.hardware.live.session import Session
 from eitbench.scenarios.catalogue import foam16
 from eitbench.scenarios.physics.forward import forward_model
 from eitbench.scenarios.press import FOAM
+from eitbench.scenarios.recordings.recording_file import Content, read_file
 
 Array = NDArray[np.float64]
 
@@ -87,6 +91,34 @@ class FoamBoard(Board):
         self._plugged.set()
 
 
+class Watched:
+    """A session with the pictures it has shown."""
+
+    def __init__(self, board: Any, out: Path) -> None:
+        self.pictures: list[Picture] = []
+        self.show: Callable[[Picture], None] = self.pictures.append
+        self.session = Session(
+            board, "emulator", emulated=True, out=out, show=lambda picture: self.show(picture)
+        )
+
+    @property
+    def recording(self) -> Any:
+        """The state of the recording."""
+        return self.session.state()["recording"]
+
+    def recorded(self) -> Content:
+        """End the recording, and read it."""
+        self.session.stop_recording()
+        content, condition = read_file(Path(self.recording["file"]))
+        assert condition.complete
+        assert len(content) == self.recording["frames"]
+        return content
+
+    @property
+    def newest(self) -> Picture:
+        return self.pictures[-1]
+
+
 @pytest.fixture
 def board() -> FoamBoard:
     return FoamBoard()
@@ -101,6 +133,32 @@ def wait_for() -> Callable[..., None]:
             time.sleep(0.01)
 
     return wait
+
+
+@pytest.fixture
+def watch(tmp_path: Path) -> Iterator[Callable[[Board], Watched]]:
+    """Makes a session of a board, without a server."""
+    with ExitStack() as running:
+
+        def make(board: Board) -> Watched:
+            watched = Watched(board, tmp_path)
+            running.callback(watched.session.stop)
+            return watched
+
+        yield make
+
+
+@pytest.fixture
+def watched(watch: Callable[[Board], Watched], board: FoamBoard) -> Watched:
+    return watch(board)
+
+
+@pytest.fixture
+def running(watched: Watched, wait_for: Callable[..., None]) -> Watched:
+    """A session that shows images."""
+    watched.session.start("noser")
+    wait_for(lambda: watched.pictures and watched.newest.image is not None)
+    return watched
 
 
 @pytest.fixture

@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 
 LIVE = [sys.executable, "-m", "eitbench.cli", "live", "--board", "emulator", "--http-port", "0"]
+LIVE += ["--out", "new/folder"]
 
 
 @pytest.mark.parametrize(
@@ -21,6 +22,8 @@ LIVE = [sys.executable, "-m", "eitbench.cli", "live", "--board", "emulator", "--
         (["--host", "0.0.0.0", "--token", "short"], "16 to 128"),
         (["--token", "long-enough-to-be-one"], "--host"),
         (["--method", "nose"], "did you mean 'noser'"),
+        (["--method", "linear-touch"], "learns from simulated touches before its first image"),
+        (["--out", "/dev/null/here"], "--out"),
     ],
 )
 def test_what_cannot_be_is_one_sentence(eitbench: Any, options: list[str], sentence: str) -> None:
@@ -46,5 +49,6 @@ def test_it_prints_its_address_serves_and_ends_with_ctrl_c(tmp_path: Path) -> No
             except OSError:
                 assert time.monotonic() < end
                 time.sleep(0.1)
+        assert (tmp_path / "new" / "folder").is_dir()
         running.send_signal(signal.SIGINT)
         assert running.wait(30) == 0

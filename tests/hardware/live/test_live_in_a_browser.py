@@ -1,6 +1,7 @@
 """The page of the live view in headless Chromium."""
 
 import shutil
+import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -11,6 +12,8 @@ import pytest
 
 from eitbench.hardware.board import Board
 from eitbench.hardware.boards import make_emulator
+from eitbench.methods import Method, register
+from eitbench.scenarios.recordings.checking import check
 from eitbench.scenarios.recordings.recording_file import read_file
 
 playwright = pytest.importorskip("playwright.sync_api", reason="needs Playwright")
@@ -94,7 +97,7 @@ def test_images_move_at_the_rate_of_the_board(opened: Any, board: Any) -> None:
     assert page.page.locator("#emulated").is_visible()
     page.wait("Number(document.querySelector('#painted').textContent) > 10")
     assert float(page.page.inner_text("#latency")) < 1000
-    assert page.page.inner_text("#dropped") == "0"
+    assert page.page.inner_text("#lost") == "0"
     assert abs(float(page.page.inner_text("#snr")) - 60) <= 1
 
 
@@ -146,10 +149,113 @@ def test_the_method_is_switched(opened: Any) -> None:
     page.page.select_option("#method", "dnn")
     page.wait("document.querySelector('#method-shown').textContent === 'dnn'")
     assert "U-Net" in page.page.inner_text("#about")
-    page.page.select_option("#method", "linear-learned")
-    page.wait("document.querySelector('#note').dataset.kind === 'bad'")
-    assert "linear-learned cannot be used" in page.page.inner_text("#note")
     assert page.page.input_value("#method") == "dnn"
+
+
+@register("test-slow")
+class Slow(Method):
+    """Takes its time: the first image waits, and each of the others for 3 s."""
+
+    go = threading.Event()
+
+    def fit(self, problem: Any) -> None:
+        pass
+
+    def reconstruct(self, voltages: Any) -> Any:
+        if not self.go.is_set():
+            self.go.wait(20)
+        else:
+            time.sleep(3)
+        return np.ones((len(voltages), 80, 80))
+
+
+def test_a_method_that_is_slower_than_the_board_is_said(opened: Any) -> None:
+    page = opened()
+    Slow.go.clear()
+    page.page.select_option("#method", "test-slow")
+    words = "document.querySelector('#status-text').textContent"
+    page.wait(f"/^Image of [2-9] s ago: test-slow is slower than the board$/.test({words})")
+    # It is fitted, and yet there is no image of it.
+    assert page.page.inner_text("#note") == "◌ Preparing test-slow"
+    assert page.page.inner_text("#method-shown") == "noser"
+    opacity = "getComputedStyle(document.querySelector('#image')).opacity"
+    assert float(page.page.evaluate(opacity)) < 0.5
+    Slow.go.set()
+    page.wait("document.querySelector('#note').textContent === ''")
+    assert page.page.inner_text("#method-shown") == "test-slow"
+    page.wait(f"/^Image of [2-4] s ago/.test({words})")
+    page.page.select_option("#method", "noser")
+    page.wait(f"{words} === 'Running'")
+    assert page.page.evaluate(opacity) == "1"
+
+
+def test_what_was_refused_fades_and_hides_no_sentence_of_the_board(opened: Any, board: Any) -> None:
+    page = opened()
+    page.page.clock.install()
+    refuse = "socket.send(JSON.stringify({do: 'method', name: 'nose'}))"
+    note = "document.querySelector('#note').textContent"
+    page.page.evaluate(refuse)
+    page.wait(f"{note}.includes('Unknown method')")
+    page.page.clock.fast_forward(11_000)
+    page.wait(f"{note} === ''")
+    page.page.evaluate(refuse)
+    page.wait(f"{note}.includes('Unknown method')")
+    board.unplug()
+    page.wait(f"{note} === '▲ There is no port.'")
+    board.plug()
+    page.wait(f"{note}.includes('Unknown method')")
+    page.page.get_by_role("button", name="Reset reference").click()
+    page.wait(f"{note} === ''")
+
+
+@pytest.mark.parametrize("place", [(0.03, 0.06), (0.08, 0.06), (0.05, 0.05)])
+def test_a_label_covers_neither_ring_nor_marker(opened: Any, place: tuple[float, float]) -> None:
+    page = opened()
+    page.page.mouse.move(*page.point(*place))
+    page.page.mouse.down()
+    page.contact()
+    label, marker, ring, width = page.page.evaluate(
+        "[labels[0], [place.x(picture.contacts[0].x_m), place.y(picture.contacts[0].y_m), MARKER],"
+        " [place.x(pointer.x), place.y(pointer.y), scene.touch.radius_m * place.perMetre],"
+        " place.width]"
+    )
+    across = label["x"] + np.linspace(0, label["width"], 50)
+    down = label["y"] + np.linspace(0, 18, 20)
+    x, y = np.meshgrid(across, down)
+    assert np.hypot(x - marker[0], y - marker[1]).min() > marker[2]
+    distance = np.hypot(x - ring[0], y - ring[1])
+    assert distance.min() > ring[2] or distance.max() < ring[2]
+    assert 0 <= label["x"] <= width - label["width"]
+
+
+def test_on_a_phone_recording_needs_no_scrolling(opened: Any) -> None:
+    page = opened(viewport={"width": 375, "height": 812})
+    for name in ("Reset reference", "Record"):
+        box = page.page.get_by_role("button", name=name).bounding_box()
+        assert box["y"] + box["height"] < 812
+
+
+def test_a_recording_made_on_the_page_is_sound(opened: Any, board: Any) -> None:
+    """It begins with a reference, during which the page says so, and holds what was pressed."""
+    board.rate_hz = 10.0
+    page = opened()
+    page.page.get_by_role("button", name="Record").click()
+    status = "document.querySelector('#status-text').textContent"
+    page.wait(f"{status}.startsWith('Taking the reference: do not touch')")
+    page.wait(f"{status} === 'Running'")
+    for x, y in ((0.03, 0.06), (0.07, 0.03)):
+        page.page.mouse.move(*page.point(x, y))
+        page.page.mouse.down()
+        page.page.wait_for_timeout(1200)
+        page.page.mouse.up()
+    page.page.get_by_role("button", name="Stop").click()
+    page.wait("document.querySelector('#recording').textContent.startsWith('Recorded')")
+    path = Path(page.page.inner_text("#recording").removeprefix("Recorded ").split(": ")[0])
+    assert check(path)[0] == []
+    content, _ = read_file(path)
+    np.testing.assert_allclose(
+        content.labels[["x_m", "y_m"]], [(0.03, 0.06), (0.07, 0.03)], atol=1e-3
+    )
 
 
 def test_the_reference_is_reset(opened: Any, board: Any) -> None:

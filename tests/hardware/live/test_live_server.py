@@ -111,7 +111,9 @@ def test_a_picture_holds_image_voltages_and_reference(served: Any, board: Any) -
         scene = page.message("scene")
         assert scene["sensor"] == "foam16"
         assert len(scene["electrodes_m"]) == 16
-        assert {"noser", "tv", "dnn"} <= {method["name"] for method in scene["methods"]}
+        offered = {method["name"] for method in scene["methods"]}
+        assert {"noser", "tv", "dnn"} <= offered
+        assert not {"linear-learned", "linear-touch"} & offered
         assert scene["scale"] == [0.05, 1.0]
         picture = page.image()
         sent = board.sent[picture["frame"]].values
@@ -133,6 +135,20 @@ def test_a_picture_holds_image_voltages_and_reference(served: Any, board: Any) -
         while page.picture()["contacts"]:
             pass
         assert page.message("state")["latency_ms"] > 0
+
+
+def test_a_page_is_told_how_old_its_picture_is(served: Any) -> None:
+    with page_of(served()) as page:
+        assert page.message("state")["age_s"] is None
+        while (age_s := page.message("state")["age_s"]) is None:
+            pass
+        assert 0 <= age_s < 20
+        while not page.picture(paint=False):
+            pass
+        for _ in range(6):  # it paints no more, and what it shows grows old
+            while isinstance(received := page.socket.recv(timeout=20), bytes):
+                pass
+        assert json.loads(received)["age_s"] > 1
 
 
 def test_a_page_that_goes_away_lets_go(served: Any, board: Any, wait_for: Any) -> None:

@@ -1,0 +1,143 @@
+"""Recordings of a live view, without a server: frames, references, touched places, full disks."""
+
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from eitbench.hardware.guided import Timing
+from eitbench.hardware.live.picture import Picture
+from eitbench.hardware.recorder import Recorder, RecorderError
+from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.recordings.checking import check
+from eitbench.scenarios.scenario import RecordedScenario
+from eitbench.scenarios.suites import load_suite
+
+PLACES = [(0.03, 0.04), (0.07, 0.06)]
+PLACE = (0.03, 0.06)
+
+
+def test_a_slow_viewer_never_delays_the_recording(running: Any, board: Any, wait_for: Any) -> None:
+    """Frames go on at the board's rate while one picture takes forever."""
+    stuck = threading.Event()
+
+    def show(picture: Picture) -> None:
+        stuck.wait()
+        running.pictures.append(picture)
+
+    running.show = show
+    running.session.start_recording()
+    try:
+        wait_for(lambda: running.recording["frames"] > 60)
+    finally:
+        stuck.set()
+    content = running.recorded()
+    assert content.emulated
+    assert (np.diff(content.number) == 1).all()
+    for number, values in zip(content.number, content.values, strict=True):
+        np.testing.assert_array_equal(values, board.sent[number].values)
+    # What the viewer missed meanwhile is skipped, not shown late.
+    wait_for(lambda: running.newest.frame.number > content.number[-1])
+
+
+def test_a_full_disk_ends_the_recording_only(
+    running: Any, wait_for: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(self: Recorder, frame: Any) -> None:
+        raise RecorderError("The recording was stopped, since the disk is full.")
+
+    running.session.start_recording()
+    wait_for(lambda: running.recording["frames"] > 2)
+    with monkeypatch.context() as patch:
+        patch.setattr(Recorder, "append", full)
+        wait_for(lambda: running.recording["failed"])
+    assert running.recording["failed"].endswith("the disk is full.")
+    assert not running.recording["running"]
+    count = len(running.pictures)
+    wait_for(lambda: len(running.pictures) > count + 3)
+    time.sleep(1.1)  # files are named by the second
+    running.session.start_recording()
+    wait_for(lambda: running.recording["frames"] > 2)
+    assert len(running.recorded()) > 2
+
+
+def test_a_reference_that_is_taken_while_recording_is_marked_in_the_file(
+    running: Any, wait_for: Any
+) -> None:
+    running.session.start_recording()
+    wait_for(lambda: running.recording["frames"] > 2)
+    before = running.session.imaging.reference
+    running.session.take_reference()
+    wait_for(lambda: running.session.imaging.reference is not before)
+    content = running.recorded()
+    assert running.session.imaging.reference is not None
+    np.testing.assert_allclose(
+        content.values[content.reference].mean(axis=0), running.session.imaging.reference.values
+    )
+    assert not check(Path(running.recording["file"]))[0]
+
+
+def test_only_one_recording_at_a_time(running: Any) -> None:
+    running.session.start_recording()
+    with pytest.raises(InputError, match="under way"):
+        running.session.start_recording()
+
+
+def test_touched_places_become_labels_and_the_recording_a_suite(
+    running: Any, wait_for: Any
+) -> None:
+    """A touch counts once it has settled; what the page marks is what the board was pressed at."""
+    running.session.start_recording()
+    wait_for(lambda: not running.session.state()["reference_left"])
+    for x, y in PLACES:
+        running.session.touch(x, y, 0.008, 30e3)
+        time.sleep(Timing.settle_s + 0.3)
+        running.session.touch(x + 1e-4, y, 0.008, 30e3)  # a hand trembles
+        running.session.release()
+        time.sleep(0.1)
+    running.session.touch(0.05, 0.05, 0.008, 30e3)  # too short to settle
+    running.session.release()
+    assert running.recording["touches"] == 2
+    content = running.recorded()
+    found = content.labels[["x_m", "y_m"]].to_numpy()
+    np.testing.assert_allclose(found, PLACES)
+    untouched = content.values[content.reference].mean(axis=0)
+    noise = np.linalg.norm(content.values[content.reference][0] - untouched)
+    for first, last in zip(content.labels["first"], content.labels["last"], strict=True):
+        assert last - first >= 5
+        shown = np.linalg.norm(content.values[first : last + 1] - untouched, axis=1)
+        assert (shown > 5 * noise).all()
+    suite = load_suite(Path(running.recording["suite"]))
+    (own, _) = suite.scenarios
+    assert isinstance(own, RecordedScenario)
+    assert own.recorded_set.truth == "position"
+
+
+def test_nothing_is_touched_while_a_recording_takes_its_reference(
+    running: Any, board: Any, wait_for: Any
+) -> None:
+    untouched = board._clean
+    running.session.start_recording()
+    with pytest.raises(InputError, match="Do not touch it yet"):
+        running.session.touch(*PLACE, 0.008, 30e3)
+    assert board._clean is untouched
+    wait_for(lambda: not running.session.state()["reference_left"])
+    running.session.touch(*PLACE, 0.008, 30e3)
+    assert board._clean is not untouched
+
+
+def test_on_a_real_board_places_go_into_a_recording_alone(
+    running: Any, board: Any, wait_for: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delattr(type(board), "touch")
+    with pytest.raises(InputError, match="Start a recording first"):
+        running.session.touch(*PLACES[0], 0.008, None)
+    running.session.start_recording()
+    wait_for(lambda: not running.session.state()["reference_left"])
+    running.session.touch(*PLACES[0], 0.008, None)
+    time.sleep(Timing.settle_s + 0.2)
+    running.session.release()
+    assert running.recording["touches"] == 1
