@@ -28,7 +28,7 @@ def export_recording(path: Path, to: Path) -> int:
 
     Raises:
         InputError: another ending, or `to` exists already.
-        DataUnavailableError, DataCorruptError: the recording cannot be read.
+        UnreadableError, DataCorruptError: the recording cannot be read.
     """
     writers = {".csv": write_csv, ".mat": write_mat, ".h5": write_recording}
     if to.suffix not in writers:
@@ -51,8 +51,8 @@ def import_recording(source: str, to: Path, sensor: Sensor | None = None) -> int
     Raises:
         InputError: a sensor where none is needed or none where one is, an unknown source, or `to`
             exists already.
-        DataUnavailableError, DataCorruptError: the source cannot be read, or is not what it should
-            be.
+        UnreadableError, DataUnavailableError, DataCorruptError: the source cannot be read, or is
+            not what it should be.
     """
     check_new(to)
     if is_recording(source):

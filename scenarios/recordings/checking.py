@@ -21,7 +21,7 @@ def check(path: Path) -> tuple[list[str], list[str]]:
         Problems (none where it is sound) and facts, one sentence each.
 
     Raises:
-        DataUnavailableError: there is no such file, or it may not be read.
+        UnreadableError: there is no such file, or it may not be read.
     """
     try:
         content, condition = read_file(path)

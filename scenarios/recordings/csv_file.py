@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from eitbench.scenarios.errors import DataCorruptError, DataUnavailableError, InputError
+from eitbench.scenarios.errors import DataCorruptError, InputError, UnreadableError
 from eitbench.scenarios.recordings.plain import COLUMNS, content_of, frames_alone, head_of
 from eitbench.scenarios.recordings.recording_file import Content
 from eitbench.scenarios.sensors import Sensor
@@ -40,14 +40,14 @@ def read_csv(path: Path, sensor: Sensor | None) -> Content:
 
     Raises:
         InputError: no sensor where one is needed, or one where none is.
-        DataUnavailableError: the file cannot be read.
+        UnreadableError: the file cannot be read.
         DataCorruptError: something in it is not what it should be.
     """
     try:
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or "it is not UTF-8 text"
-        raise DataUnavailableError(f"Cannot read {path}: {reason}.") from error
+        raise UnreadableError(f"Cannot read {path}: {reason}.") from error
     lines = text.splitlines()
     body = [line for line in lines if not line.startswith("#")]
     if not lines or lines[0] != _FIRST:

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from eitbench.scenarios.errors import DataCorruptError, DataUnavailableError, InputError
+from eitbench.scenarios.errors import DataCorruptError, InputError, UnreadableError
 from eitbench.scenarios.recordings.descriptors import (
     RecordedSet,
     Recording,
@@ -29,7 +29,7 @@ def own_set(path: Path) -> RecordedSet:
     """The recorded set that the file at `path` is.
 
     Raises:
-        DataUnavailableError: there is no such file, or it may not be read.
+        UnreadableError: there is no such file, or it may not be read.
         DataCorruptError: no recording, or a damaged one.
         InputError: it has no labels or no reference, so that no method could be judged on it.
     """
@@ -37,9 +37,7 @@ def own_set(path: Path) -> RecordedSet:
         known = path.resolve(strict=True)
         stat = known.stat()
     except OSError as error:
-        raise DataUnavailableError(
-            f"Cannot read the recording {path}: {error.strerror}."
-        ) from error
+        raise UnreadableError(f"Cannot read the recording {path}: {error.strerror}.") from error
     return _own_set(known, stat.st_mtime_ns, stat.st_size)
 
 

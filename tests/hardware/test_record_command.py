@@ -114,6 +114,15 @@ def test_recordings_are_checked_and_exchanged(
     assert code == 1
     assert said == f"{tmp_path / 'c.h5'} is damaged: it was cut short.\n"
     assert err == f"eitbench: {tmp_path / 'c.h5'} has 1 problem.\n"
+    for command in (
+        ("recordings", "check", tmp_path / "none.h5"),
+        ("recordings", "import", tmp_path / "none.csv", "--out", tmp_path / "d.h5"),
+        ("record", "--board", "replay", "--file", "none.h5", "--out", tmp_path / "d.h5"),
+        ("run", tmp_path / "none.toml"),
+    ):
+        code, _, err = eitbench(*command)
+        assert code == 2
+        assert "No such file" in err
     code, _, err = eitbench("recordings", "fetch", path)
     assert code == 2
     assert "has no labels, so it is no set: record with --guided" in err
