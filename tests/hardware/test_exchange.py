@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pandas as pd
 import pytest
@@ -11,6 +12,7 @@ import scipy.io
 from eitbench.hardware.board import Frame
 from eitbench.hardware.exchange import export_recording, import_recording
 from eitbench.hardware.recorder import Recorder
+from eitbench.hardware.replay import Replay
 from eitbench.scenarios.errors import (
     DataCorruptError,
     DataUnavailableError,
@@ -21,6 +23,7 @@ from eitbench.scenarios.recordings import RECORDED_SETS, recorded_set
 from eitbench.scenarios.recordings.checking import check
 from eitbench.scenarios.recordings.fetch import read_recording
 from eitbench.scenarios.recordings.recording_file import Content, read_file
+from eitbench.scenarios.recordings.untouched import untouched_frames
 from eitbench.scenarios.sensors import Sensor
 
 Frames = Callable[[int], list[Frame]]
@@ -57,7 +60,7 @@ def assert_equal(one: Content, other: Content) -> None:
 @pytest.mark.parametrize("ending", [".csv", ".mat"])
 def test_there_and_back_not_a_bit_is_lost(recorded: Path, tmp_path: Path, ending: str) -> None:
     other = tmp_path / f"b{ending}"
-    assert export_recording(recorded, other) == 21
+    assert export_recording(recorded, other) == f"21 frames are in {other}."
     assert import_recording(str(other), tmp_path / "c.h5") == 21
     content, condition = read_file(tmp_path / "c.h5")
     assert condition.sealed
@@ -72,10 +75,27 @@ def test_what_was_cut_off_is_made_whole(recorded: Path, tmp_path: Path, skin: Se
             pass
         (tmp_path / "cut.h5").write_bytes((tmp_path / "running.h5").read_bytes())
     assert "It was not closed: 5 whole frames are intact." in check(tmp_path / "cut.h5")[0]
-    export_recording(tmp_path / "cut.h5", tmp_path / "whole.h5")
+    assert export_recording(tmp_path / "cut.h5", tmp_path / "whole.h5") == (
+        f"5 frames are in {tmp_path / 'whole.h5'}. {tmp_path / 'cut.h5'} was not closed: what "
+        "followed them is lost."
+    )
     content, condition = read_file(tmp_path / "whole.h5")
     assert condition.sealed
     assert_equal(content, read_file(tmp_path / "running.h5")[0])
+
+
+def test_what_was_damaged_is_never_made_sound(recorded: Path, tmp_path: Path) -> None:
+    with h5py.File(recorded, "r+") as file:
+        file["frames/values"][4, 7] += 1
+    says = "is damaged, so that it is not used: the checksum of frame 4 is wrong"
+    for ending in (".csv", ".mat", ".h5"):
+        with pytest.raises(DataCorruptError, match=says):
+            export_recording(recorded, tmp_path / f"b{ending}")
+    with pytest.raises(DataCorruptError, match=says):
+        Replay(recorded)
+    with pytest.raises(DataCorruptError, match=says):
+        untouched_frames(str(recorded))
+    assert list(tmp_path.iterdir()) == [recorded]
 
 
 def test_matlab_finds_arrays_by_their_names(recorded: Path, tmp_path: Path) -> None:
