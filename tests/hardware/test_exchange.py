@@ -123,22 +123,24 @@ def test_plain_numbers_need_a_sensor(tmp_path: Path, skin: Sensor) -> None:
         assert content.events["text"].tolist() == [
             "imported without times: 1 s between frames is assumed"
         ]
-        assert check(to)[0][0] == (
-            "It has no reference: no frames are marked as the untouched sensor."
-        )
+        assert "needs frames that are marked as untouched" in check(to)[1][1]
 
 
 def test_bad_sources_are_one_sentence(recorded: Path, tmp_path: Path, skin: Sensor) -> None:
     out = tmp_path / "out.h5"
     (tmp_path / "short.csv").write_text("1,2\n3,4\n")
-    (tmp_path / "ragged.csv").write_text("1,2\n3\n")
+    (tmp_path / "ragged.csv").write_text("# by hand\n1,2\n\n3\n")
+    (tmp_path / "words.csv").write_text("1,2\n3,\n")
+    (tmp_path / "nan.csv").write_text("1,2\n3,nan\n")
     (tmp_path / "binary.csv").write_bytes(b"\xff\x00")
     (tmp_path / "text.mat").write_text("nonsense")
     scipy.io.savemat(tmp_path / "none.mat", {"v": np.ones((2, 40))})
     scipy.io.savemat(tmp_path / "text2.mat", {"values": "a"})
     for name, says in {
         "short.csv": "has values of shape (2, 2), and a frame of sensor 'skin' has 40",
-        "ragged.csv": "its lines are not all of as many numbers",
+        "ragged.csv": "line 4 has 1 values, and those before it have 2",
+        "words.csv": "line 2 holds something else than numbers",
+        "nan.csv": "line 2 holds a value that is not a finite number",
         "binary.csv": "it is not UTF-8 text",
         "text.mat": "is not a readable MATLAB file",
         "none.mat": "holds no array 'values'",
@@ -165,6 +167,28 @@ def test_bad_sources_are_one_sentence(recorded: Path, tmp_path: Path, skin: Sens
     with pytest.raises(DataUnavailableError, match="Cannot read the recording"):
         export_recording(tmp_path / "no.h5", tmp_path / "x.csv")
     assert not out.exists()
+
+
+def test_a_file_that_was_cut_anywhere_is_refused(recorded: Path, tmp_path: Path) -> None:
+    export_recording(recorded, tmp_path / "own.csv")
+    text = (tmp_path / "own.csv").read_text()
+    head, *rows, end = text.rstrip().rsplit("\n", 3)
+    assert end == "# frames: 21"
+    cuts = {
+        f"line {text.count(chr(10)) - 1} has 20 values, and those before it have 43": (
+            "\n".join([head, rows[0], ",".join(rows[1].split(",")[:20])])
+        ),
+        "cut short or edited, since its last line, 31, is not '# frames: 21'": (
+            "\n".join([head, *rows])[:-1]  # the last number is a digit shorter
+        ),
+        "is not '# frames: 20'": "\n".join([head, rows[0], end]),
+        "is not '# frames: 21'": text.rstrip()[:-1],
+    }
+    for says, cut in cuts.items():
+        (tmp_path / "cut.csv").write_text(cut)
+        with pytest.raises(DataCorruptError, match=says):
+            import_recording(str(tmp_path / "cut.csv"), tmp_path / "b.h5")
+    assert not (tmp_path / "b.h5").exists()
 
 
 @pytest.mark.parametrize(
