@@ -150,7 +150,6 @@ COUNT = np.arange(float(N))
         ({"time_s": np.full(N, np.nan)}, "time_s holds values that are not numbers"),
         ({"number": COUNT + 3 * (COUNT > 7)}, "3 frames of the board's were dropped (9.1%)"),
         ({"number": np.minimum(COUNT, 8)}, "running number does not grow at frame 9"),
-        ({"values": np.empty((0, 208))}, "It holds no frames"),
         ({"values": untouched(12)}, "Label 0 names frames 10 to 14, and there are frames 0 to 11"),
         ({"values": untouched(5)}, "The reference names frames that are not there"),
         ({"values": np.random.default_rng(1).normal(size=(N, 208))}, "The reciprocity error is 1"),
@@ -174,6 +173,11 @@ def test_a_recording_that_is_no_set_is_sound_and_says_what_it_needs(tmp_path: Pa
         "labelled: record with --guided."
     )
     assert facts[2].startswith("Reciprocity error of all frames: 1.")
+
+
+def test_a_recording_without_frames_is_told(tmp_path: Path) -> None:
+    Recorder(tmp_path / "a.h5", sensor("foam16"), "fake").close()
+    assert check(tmp_path / "a.h5")[0] == ["It holds no frames."]
 
 
 def test_labels_off_the_sensor_are_told(tmp_path: Path) -> None:
