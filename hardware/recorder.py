@@ -121,6 +121,11 @@ class Recorder:
         """Number of frames appended."""
         return self._appended
 
+    @property
+    def written(self) -> int:
+        """Number of frames that are in the file."""
+        return self._written
+
     def append(self, frame: Frame) -> None:
         """Append `frame`.
 

@@ -98,10 +98,10 @@ def _marks(content: Content) -> list[str]:
 
 def _missing_for_a_set(content: Content) -> list[str]:
     needs = {
-        "frames that are marked as untouched": content.reference,
-        "touches that are labelled": content.labels,
+        "frames that are marked as untouched": len(content.reference),
+        "touches that are labelled": len(content.labels),
     }
-    if missing := " and ".join(what for what, rows in needs.items() if not len(rows)):
+    if missing := " and ".join(what for what, count in needs.items() if not count):
         return [f"To be a set for suites it needs {missing}: record with --guided."]
     return []
 

@@ -67,7 +67,7 @@ def test_status_names_a_noisy_electrode() -> None:
 
 
 def test_a_long_status_fits_in_a_terminal() -> None:
-    status = Status(99_999, 100.0, 60.2, 999, 99, 0.123, tuple(range(15, -1, -1)))
+    status = Status(99_999, 100.0, 60.2, 999, 9, 0.123, tuple(range(15, -1, -1)))
     assert len(status.line()) <= 80
     assert status.line().endswith("recip. 12.3%  suspect 15,14+14")
 
