@@ -26,13 +26,14 @@ class Protocol(ABC):
 
     Attributes:
         name: registry name, also of the board that speaks it.
-        title: one line for listings.
         baud: rate of the line [bit/s].
         default_sensor: registry name of the sensor that boards of this kind measure.
         device: the board's end.
         answers: what the board has answered to commands, by acknowledging or refusing (see
             `awaits_answers`): whether it obeyed, oldest first, for the host to take away.
         awaits_answers: the board answers every command.
+        waking: the commands that stop and start any board of this kind, whatever its sensor; none
+            where they send by themselves.
         sensor: the nominal sensor; its drive pattern gives the order of a frame's values.
         health: what came of the bytes.
         refusal: why what arrives cannot be frames of the sensor, as one sentence; None if it can.
@@ -42,11 +43,11 @@ class Protocol(ABC):
     """
 
     name: ClassVar[str]
-    title: ClassVar[str]
     baud: ClassVar[int]
     default_sensor: ClassVar[str] = "foam16"
     device: ClassVar["type[Device]"]
     awaits_answers: ClassVar[bool] = False
+    waking: ClassVar[tuple[bytes, ...]] = ()
 
     def __init__(self, sensor: Sensor) -> None:
         self.check(sensor)

@@ -62,9 +62,9 @@ class Teensy(Protocol):
     """Frames with running number, time stamp, pattern id and CRC-32; values are V/A as float32."""
 
     name = "teensy"
-    title = "binary frames with checksum of a Teensy 4.1 class board"
     baud = 2_000_000  # on a serial line; over USB any rate is full speed
     device = _TeensyDevice
+    waking = (STOP, START)
 
     def __init__(self, sensor: Sensor) -> None:
         super().__init__(sensor)

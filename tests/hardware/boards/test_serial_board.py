@@ -197,6 +197,31 @@ def test_another_boards_protocol_is_named(spoken: str, expected: str, serve: Ser
 
 
 @pytest.mark.usefixtures("impatient")
+@pytest.mark.parametrize(
+    ("spoken", "expected"),
+    [
+        ("teensy", "eit-kit"),
+        ("teensy", "openeit"),
+        ("teensy", "sciospec"),
+        ("sciospec", "teensy"),
+        ("sciospec", "eit-kit"),
+    ],
+)
+def test_another_board_that_is_silent_is_woken_and_named(
+    spoken: str, expected: str, serve: Serve, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(serial_board, "_SILENCE_S", 0.2)
+    monkeypatch.setattr(serial_board, "_LISTEN_S", 0.3)
+    server = serve(spoken, 40.0)
+    with (
+        on(expected, server.port) as board,
+        pytest.raises(BoardError, match=f"looks like board '{spoken}', not '{expected}': give"),
+    ):
+        start_and_collect(board)
+    assert not server._device.running  # it was told to stop
+
+
+@pytest.mark.usefixtures("impatient")
 def test_another_programs_text_is_quoted(terminal: tuple[int, str]) -> None:
     board_end, port = terminal
     with on("eit-kit", port) as board:
@@ -326,8 +351,9 @@ def test_a_port_that_is_missing_is_answered_with_those_that_exist(
 def test_a_file_is_no_port(tmp_path: Any) -> None:
     path = tmp_path / "x"
     path.write_text("")
-    with pytest.raises(BoardError, match="is no serial port"):
-        on("teensy", str(path)).open()
+    for port in (str(path), "/dev/null", ""):
+        with pytest.raises(BoardError, match=f"^'{port}' is no serial port: "):
+            on("teensy", port).open()
 
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="only root can become somebody else")
