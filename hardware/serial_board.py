@@ -65,6 +65,11 @@ class SerialBoard(Board):
             )
         except OSError as error:  # pyserial's own errors are OSErrors
             raise ports.refused(self.port, error) from error
+        try:
+            self.firmware = self._said_of_itself()
+        except BoardError:
+            self.close()
+            raise
 
     def start(self) -> None:
         """Tell the board to measure, after what it was doing before."""
@@ -115,6 +120,19 @@ class SerialBoard(Board):
         if self._serial is None:
             raise BoardError(f"The board on {self.port} is not open: open it first.")
         return self._serial
+
+    def _said_of_itself(self) -> str:
+        """What the board answers when it is asked for its firmware; "" if it does not."""
+        if self.protocol.question is None:
+            return ""
+        command, answer = self.protocol.question
+        self._send(command)
+        heard, end = b"", time.monotonic() + _ANSWER_S
+        while time.monotonic() < end:
+            heard += self._read()
+            if found := answer.search(heard):
+                return found[1].decode()
+        return ""
 
     def _lost(self, error: OSError) -> BoardLostError:
         self.close()

@@ -119,7 +119,7 @@ def record(
     # Whoever ends it politely gets what Ctrl-C gives: a file that was closed.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     with made:
-        recorder = Recorder(out, made.sensor, board, emulated=emulated)
+        recorder = Recorder(out, made.sensor, board, firmware=made.firmware, emulated=emulated)
         guide = Guide(made, recorder, _ask, typer.echo)
         try:
             with recorder:

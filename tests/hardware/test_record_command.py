@@ -178,6 +178,7 @@ def test_an_emulated_board_is_recorded_until_ctrl_c(tmp_path: Path, end: signal.
     assert process.returncode == 0
     assert said == f"{len(content)} frames are in {out}: eitbench recordings check {out}\n"
     assert (condition.complete, content.emulated, content.board) == (True, True, "emulator")
+    assert content.firmware == "eitbench-teensy 1.0"
     assert re.search(r"\d\.\d/s  SNR \d+ dB", shown)
     assert "Interrupted: the recording ends here." in shown
 

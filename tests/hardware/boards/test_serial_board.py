@@ -230,6 +230,26 @@ def test_another_programs_text_is_quoted(terminal: tuple[int, str]) -> None:
             listen(board, board_end, b"GPS fix lost, searching\n")
 
 
+def test_a_board_that_can_says_its_firmware(name: str, serve: Serve) -> None:
+    server = serve(name, 100.0)
+    board = on(name, server.port)
+    for _ in range(2):  # the second time it is measuring
+        board.open()
+        assert board.firmware == ("eitbench-teensy 1.0" if name == "teensy" else "")
+        board.start()
+        assert board.frames(2.0)
+        assert board.health.damaged == 0
+    board.close()
+
+
+def test_a_board_of_which_nothing_is_known_is_opened_all_the_same(
+    terminal: tuple[int, str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(serial_board, "_ANSWER_S", 0.1)
+    with on("teensy", terminal[1]) as board:
+        assert board.firmware == ""
+
+
 @pytest.mark.usefixtures("impatient")
 def test_a_silent_instrument_does_not_answer(terminal: tuple[int, str]) -> None:
     with (
