@@ -68,7 +68,9 @@ def read_csv(path: Path, sensor: Sensor | None) -> Content:
         return frames_alone(table, sensor, path)
     if sensor is not None:
         raise InputError(f"{path} says on which sensor it was measured: leave out --sensor.")
-    head = _head([line for line in lines[1:] if line.startswith("#")], path)
+    head = _head(
+        [line for line in lines[1:] if line.startswith("#") and not line.startswith(_COUNT)], path
+    )
     names = body[0][1].split(",") if body else []
     if names[: len(COLUMNS)] != list(COLUMNS):
         raise DataCorruptError(f"{path} cannot be imported: its columns are not {COLUMNS} and v0.")

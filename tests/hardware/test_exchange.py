@@ -183,6 +183,7 @@ def test_a_file_that_was_cut_anywhere_is_refused(recorded: Path, tmp_path: Path)
         ),
         "is not '# frames: 20'": "\n".join([head, rows[0], end]),
         "is not '# frames: 21'": text.rstrip()[:-1],
+        "since its last line, 32, is not '# frames: 21'": text.rstrip()[:-2],
     }
     for says, cut in cuts.items():
         (tmp_path / "cut.csv").write_text(cut)
