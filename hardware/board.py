@@ -60,6 +60,7 @@ class Board(ABC):
         default_sensor: registry name of the sensor it measures if the user names none.
         sensor: the nominal sensor on it; its drive pattern gives the order of a frame's values.
         health: what came of its bytes.
+        firmware: what it says of itself, known once it is open; "" if it says nothing.
     """
 
     default_sensor: ClassVar[str] = "foam16"
@@ -67,6 +68,7 @@ class Board(ABC):
     def __init__(self, sensor: Sensor) -> None:
         self.sensor = sensor
         self.health = Health()
+        self.firmware = ""
 
     @abstractmethod
     def open(self) -> None:

@@ -51,8 +51,8 @@ def make_board(
     port: str | None = None,
     sensor: Sensor | None = None,
     file: str | Path | None = None,
-    speed: float = 1.0,
-    protocol: str = "teensy",
+    speed: float | None = None,
+    protocol: str | None = None,
     script: Path | None = None,
 ) -> Board:
     """The board called `name`.
@@ -62,8 +62,8 @@ def make_board(
         port: serial port of a real board.
         sensor: nominal sensor on it; the board's default by default.
         file: recorded set or recording that `replay` plays.
-        speed: of `replay` and `emulator`, times their own rate.
-        protocol: what `emulator` speaks.
+        speed: of `replay` and `emulator`, times their own rate; 1 by default.
+        protocol: what `emulator` speaks; "teensy" by default.
         script: file with touches of `emulator`.
 
     Raises:
@@ -73,16 +73,17 @@ def make_board(
     known = boards()
     if name not in known:
         raise unknown_name("board", name, known)
-    _check_choice(name, port=port, file=file, script=script)
+    _check_choice(name, port=port, file=file, script=script, speed=speed, protocol=protocol)
+    rate = 1.0 if speed is None else speed
     if name == "replay":
         if file is None:
             raise InputError(
                 "Board 'replay' needs a recorded set (eitbench list recordings) or a recording "
                 "(.h5): give --file."
             )
-        return Replay(file, speed, sensor)
+        return Replay(file, rate, sensor)
     if name == "emulator":
-        return make_emulator(sensor, protocol, script, speed)
+        return make_emulator(sensor, protocol or "teensy", script, rate)
     if port is None:
         raise ports.no_port(name)
     make: Any = known[name]
@@ -109,7 +110,8 @@ def make_emulator(
 
 
 def _check_choice(name: str, **choices: object) -> None:
-    taken = {"replay": ("file",), "emulator": ("script",)}.get(name, ("port",))
+    of_file, of_emulator = ("file", "speed"), ("script", "speed", "protocol")
+    taken = {"replay": of_file, "emulator": of_emulator}.get(name, ("port",))
     for choice, value in choices.items():
         if value is not None and choice not in taken:
             raise InputError(f"Board {name!r} takes no {choice}: leave out --{choice}.")

@@ -105,7 +105,7 @@ class Emulator(Board):
         except BoardError:
             self.close()
             raise
-        self.health = self._host.health
+        self.health, self.firmware = self._host.health, self._host.firmware
 
     def start(self) -> None:
         """Have it measure."""

@@ -12,32 +12,41 @@ from eitbench.scenarios.recordings import is_recording, layout, recorded_set
 from eitbench.scenarios.recordings.csv_file import read_csv, write_csv
 from eitbench.scenarios.recordings.fetch import read_recording
 from eitbench.scenarios.recordings.mat_recording import read_mat_recording, write_mat
+from eitbench.scenarios.recordings.own import undamaged
 from eitbench.scenarios.recordings.plain import NO_TIMES
-from eitbench.scenarios.recordings.recording_file import Content, read_file
+from eitbench.scenarios.recordings.recording_file import Content
 from eitbench.scenarios.sensors import Sensor
 
 _READERS = {".csv": read_csv, ".mat": read_mat_recording}
 
 
-def export_recording(path: Path, to: Path) -> int:
-    """Write what is intact in the recording at `path` to the new file `to`; the number of frames.
+def export_recording(path: Path, to: Path) -> str:
+    """Write the recording at `path` to the new file `to`; of one that was cut off, what is intact.
 
     Args:
         path: of the recording.
         to: a name that ends in .csv, .mat or .h5.
 
+    Returns:
+        How many frames were written, and what is missing, in sentences.
+
     Raises:
-        InputError: another ending, or `to` exists already.
-        DataUnavailableError, DataCorruptError: the recording cannot be read.
+        InputError: another ending, `to` exists already, or there are no frames.
+        UnreadableError, DataCorruptError: the recording cannot be read, or is damaged.
     """
     writers = {".csv": write_csv, ".mat": write_mat, ".h5": write_recording}
     if to.suffix not in writers:
         raise InputError(f"A recording is exported to .csv, .mat or .h5, not to {to.name!r}.")
-    content, _ = read_file(path)
+    content, condition = undamaged(path)
     if to.exists():
         raise InputError(f"{to} exists already and is never overwritten: name another file.")
+    if not len(content):
+        raise InputError(f"{path} holds no frames: there is nothing to export.")
     writers[to.suffix](content, to)
-    return len(content)
+    written = f"{len(content)} frames are in {to}."
+    if condition.complete:
+        return written
+    return f"{written} {path} was not closed: what followed them is lost."
 
 
 def import_recording(source: str, to: Path, sensor: Sensor | None = None) -> int:
@@ -51,8 +60,8 @@ def import_recording(source: str, to: Path, sensor: Sensor | None = None) -> int
     Raises:
         InputError: a sensor where none is needed or none where one is, an unknown source, or `to`
             exists already.
-        DataUnavailableError, DataCorruptError: the source cannot be read, or is not what it should
-            be.
+        UnreadableError, DataUnavailableError, DataCorruptError: the source cannot be read, or is
+            not what it should be.
     """
     check_new(to)
     if is_recording(source):

@@ -12,6 +12,7 @@ from eitbench.hardware.board import Board
 from eitbench.hardware.emulator import Emulator
 from eitbench.hardware.recorder import Recorder
 from eitbench.hardware.recording import record
+from eitbench.hardware.status import Status
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.sensors import Sensor
 
@@ -21,6 +22,7 @@ CLASSICAL = (
     "back-projection", "tikhonov", "noser", "laplacian", "greit", "tv",
     "gauss-newton-noser", "gauss-newton-tv",
 )  # fmt: skip
+_GREATEST = 1000  # repeats, and mm
 # What presses an emulated board: a fingertip, firmly.
 _RADIUS_M, _PRESSURE_PA = 0.005, 30e3
 
@@ -46,6 +48,9 @@ class Guide:
     Args:
         ask: shows a question and returns what was typed, "" for a mere Enter.
         say: shows a sentence.
+
+    Attributes:
+        touches: touches so far that are labelled.
     """
 
     def __init__(
@@ -59,11 +64,13 @@ class Guide:
         self._board, self._recorder = board, recorder
         self._ask, self._say = ask, say
         self._timing = timing or Timing()
+        self.touches = 0
+        self._status: Status | None = None
         self._stop = Event()
         self._failure: Exception | None = None
 
-    def run(self) -> int:
-        """The whole session; the number of touches recorded.
+    def run(self) -> None:
+        """The whole session.
 
         Raises:
             BoardError, RecorderError: as for `record`.
@@ -71,36 +78,42 @@ class Guide:
         thread = Thread(target=self._record, name="guided recording", daemon=True)
         thread.start()
         try:
-            return self._session()
+            self._session()
         finally:
             self._stop.set()
             thread.join()
 
     def _record(self) -> None:
         try:
-            record(self._board, self._recorder, stop=self._stop, say=self._say)
+            record(self._board, self._recorder, stop=self._stop, show=self._follow, say=self._say)
         except Exception as error:  # told by whoever waits for frames
             self._failure = error
 
-    def _session(self) -> int:
+    def _follow(self, status: Status) -> None:
+        self._status = status
+
+    def _session(self) -> None:
         self._ask("Leave the sensor untouched, and press Enter")
         first, last = self._during(self._timing.reference_s)
         self._recorder.untouched(first, last)
-        self._say(f"Reference: {last - first + 1} frames.")
-        repeats = self._number("How often is each place touched? [1]", 1.0, least=1)
+        self._say_how_it_goes(f"Reference: {last - first + 1} frames.")
+        repeats = self._number("How often is each place touched? [1]", 1, whole=True)
         depth_mm = self._number("How deep is a touch [mm]? (Enter if unknown)", float("nan"))
-        touches = 0
         while (place := self._place()) is not None:
             for _ in range(int(repeats)):
                 self._touch(*place, depth_mm)
-                touches += 1
-            self._say(f"{touches} touches so far.")
-        if touches < ENOUGH:
+            touches = "1 touch" if self.touches == 1 else f"{self.touches} touches"
+            self._say_how_it_goes(f"{touches} so far.")
+        if self.touches < ENOUGH:
             self._say(
-                f"Too few touches to be judged ({touches}): every fifth one registers images with "
-                f"places, so record at least {ENOUGH}."
+                f"Too few touches to be judged ({self.touches}): every fifth one registers images "
+                f"with places, so record at least {ENOUGH}."
             )
-        return touches
+
+    def _say_how_it_goes(self, sentence: str) -> None:
+        if self._status is not None:
+            self._say(self._status.line())
+        self._say(sentence)
 
     def _touch(self, x_mm: float, y_mm: float, depth_mm: float) -> None:
         where = f"({x_mm:g}, {y_mm:g}) mm"
@@ -118,6 +131,7 @@ class Guide:
             depth_mm=depth_mm,
             state=f"{x_mm:g} {y_mm:g}",
         )
+        self.touches += 1
         if isinstance(self._board, Emulator):
             self._board.release()
             self._during(self._timing.settle_s)
@@ -133,15 +147,16 @@ class Guide:
             time.sleep(0.01)
         return first, self._recorder.count - 1
 
-    def _number(self, question: str, default: float, least: float = 0) -> float:
+    def _number(self, question: str, default: float, *, whole: bool = False) -> float:
+        least, kind = (1, "whole number") if whole else (0, "number")
         while typed := self._ask(question).strip():
             try:
-                number = float(typed)
+                number = int(typed) if whole else float(typed)
             except ValueError:
-                number = -1.0
-            if least <= number < 1000:
+                number = -1
+            if least <= number <= _GREATEST:
                 return number
-            self._say(f"That is a number from {least:g} to 1000, got {typed!r}.")
+            self._say(f"That is a {kind} from {least} to {_GREATEST}, got {typed!r}.")
         return default
 
     def _place(self) -> tuple[float, float] | None:

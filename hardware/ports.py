@@ -42,8 +42,9 @@ def check(port: str) -> None:
         return
     if not path.exists():
         raise BoardError(f"There is no serial port {port}: {existing()}.")
-    if not path.is_char_device():
-        raise BoardError(f"{port} is no serial port: {existing()}.")
+    # On Linux, 1 is memory, such as /dev/null, which every other program uses.
+    if not path.is_char_device() or os.major(path.stat().st_rdev) == 1:
+        raise _no_serial_port(port)
     if not os.access(path, os.R_OK | os.W_OK):
         raise forbidden(port)
     if holders(port):
@@ -56,8 +57,14 @@ def refused(port: str, error: OSError) -> BoardError:
         return forbidden(port)
     if error.errno in (errno.EAGAIN, errno.EBUSY):
         return taken(port)
+    if str(error).startswith("Could not configure port"):  # pyserial's; it has no rate to set
+        return _no_serial_port(port)
     reason = os.strerror(error.errno) if error.errno else str(error)
     return BoardError(f"The serial port {port} cannot be opened ({reason}): {existing()}.")
+
+
+def _no_serial_port(port: str) -> BoardError:
+    return BoardError(f"{port!r} is no serial port: {existing()}.")
 
 
 def forbidden(port: str) -> BoardError:

@@ -74,7 +74,8 @@ class Recorder:
 
     Raises:
         InputError: the file exists already, or its name does not end in .h5.
-        RecorderError: it cannot be written.
+        RecorderError: it cannot be written, or (at the end of a `with`) holds no frame and is
+            removed.
     """
 
     def __init__(
@@ -119,6 +120,11 @@ class Recorder:
     def count(self) -> int:
         """Number of frames appended."""
         return self._appended
+
+    @property
+    def written(self) -> int:
+        """Number of frames that are in the file."""
+        return self._written
 
     def append(self, frame: Frame) -> None:
         """Append `frame`.
@@ -193,10 +199,17 @@ class Recorder:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        self.close()
-        # What failed before its first frame must not be in the way of another attempt.
-        if kind is not None and self.count == 0:
-            self.path.unlink()
+        try:
+            self.close()
+        finally:
+            # What holds no frame must not be in the way of another attempt.
+            if not self._written:
+                self.path.unlink()
+        if kind is None and not self._written:
+            raise RecorderError(
+                f"Not one frame arrived, so that there is no recording {self.path}: see whether "
+                "the board measures, and record for longer."
+            )
 
     def _create(self) -> Any:
         import h5py
@@ -303,9 +316,13 @@ class Recorder:
         except (OSError, RuntimeError, ValueError) as error:
             number = getattr(error, "errno", None)
             reason = "the disk is full" if number in _FULL else f"it cannot be written ({error})"
+            kept = (
+                f"the {self._written} frames until then are in it."
+                if self._written
+                else "nothing is kept; make room, or record elsewhere."
+            )
             raise RecorderError(
-                f"The recording {self.path} was stopped, since {reason}: the {self._written} "
-                "frames until then are in it."
+                f"The recording {self.path} was stopped, since {reason}: {kept}"
             ) from error
 
     def _append(self, name: str, rows: NDArray[Any]) -> None:

@@ -10,7 +10,7 @@ from eitbench.hardware.board import Board, BoardError, Frame, Health
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.recordings import is_recording, recorded_set
 from eitbench.scenarios.recordings.fetch import read_recording
-from eitbench.scenarios.recordings.recording_file import read_file
+from eitbench.scenarios.recordings.own import undamaged
 from eitbench.scenarios.sensors import Sensor
 
 RATE_HZ = 10.0
@@ -34,7 +34,7 @@ class Replay(Board):
 
     Raises:
         InputError: an unknown set, a speed that is not above 0, or another sensor.
-        DataUnavailableError, DataCorruptError: as in `read_recording`.
+        DataUnavailableError, DataCorruptError: as in `read_recording` and `undamaged`.
     """
 
     def __init__(self, file: str | Path, speed: float = 1.0, sensor: Sensor | None = None) -> None:
@@ -121,7 +121,7 @@ def _recorded_set(name: str) -> Frames:
 
 
 def _recording_file(path: Path) -> tuple[Frames, bool]:
-    content, _ = read_file(path)
+    content, _ = undamaged(path)
     if not len(content):
         raise InputError(f"{path} holds no frames: there is nothing to play.")
     return (content.sensor, content.time_s, content.values), content.emulated

@@ -2,6 +2,7 @@
 
 import os
 import time
+from collections.abc import Sequence
 from typing import ClassVar
 
 import serial
@@ -9,7 +10,7 @@ import serial
 from eitbench.hardware import ports
 from eitbench.hardware.board import Board, BoardError, BoardLostError, Frame
 from eitbench.hardware.diagnosis import diagnose
-from eitbench.hardware.protocols import Protocol
+from eitbench.hardware.protocols import PROTOCOLS, Protocol
 from eitbench.hardware.protocols.eit_kit import EitKit
 from eitbench.hardware.protocols.openeit import OpenEit
 from eitbench.hardware.protocols.sciospec import Sciospec
@@ -64,6 +65,11 @@ class SerialBoard(Board):
             )
         except OSError as error:  # pyserial's own errors are OSErrors
             raise ports.refused(self.port, error) from error
+        try:
+            self.firmware = self._said_of_itself()
+        except BoardError:
+            self.close()
+            raise
 
     def start(self) -> None:
         """Tell the board to measure, after what it was doing before."""
@@ -115,6 +121,19 @@ class SerialBoard(Board):
             raise BoardError(f"The board on {self.port} is not open: open it first.")
         return self._serial
 
+    def _said_of_itself(self) -> str:
+        """What the board answers when it is asked for its firmware; "" if it does not."""
+        if self.protocol.question is None:
+            return ""
+        command, answer = self.protocol.question
+        self._send(command)
+        heard, end = b"", time.monotonic() + _ANSWER_S
+        while time.monotonic() < end:
+            heard += self._read()
+            if found := answer.search(heard):
+                return found[1].decode()
+        return ""
+
     def _lost(self, error: OSError) -> BoardLostError:
         self.close()
         lost = BoardLostError(
@@ -160,6 +179,7 @@ class SerialBoard(Board):
         if obeyed is None:
             raise BoardError(
                 self._diagnosis()
+                or self._awakened()
                 or f"The board on {self.port} does not answer as {self.protocol.name!r} does: see "
                 "whether it is switched on, and whether this is its port."
             )
@@ -186,8 +206,9 @@ class SerialBoard(Board):
             raise BoardError(self._parser.refusal)
         if silent:
             raise BoardError(
-                f"The board on {self.port} sends nothing: see whether it is switched on, is a "
-                f"{self.protocol.name!r}, and is set to {self.protocol.baud} bit/s."
+                self._awakened()
+                or f"The board on {self.port} sends nothing: see whether it is switched on, is a "
+                f"board {self.protocol.name!r}, and is set to {self.protocol.baud} bit/s."
             )
         if not data:
             return
@@ -215,12 +236,28 @@ class SerialBoard(Board):
     def _diagnosis(self) -> str | None:
         return diagnose(bytes(self._unread), self.protocol, self.port, self._listen)
 
-    def _listen(self, baud: int) -> bytes:
-        """What is heard at another rate."""
+    def _awakened(self) -> str | None:
+        """Which other board it is, if one is silent until it is told to start; one sentence."""
+        for name, protocol in PROTOCOLS.items():
+            if not protocol.waking or name == self.protocol.name:
+                continue
+            heard = self._listen(protocol.baud, protocol.waking)
+            self._listen(protocol.baud, protocol.waking[:1])  # whatever it is, it stops
+            if protocol.recognises(heard):
+                return (
+                    f"What {self.port} answers looks like board {name!r}, not "
+                    f"{self.protocol.name!r}: give --board {name}."
+                )
+        return None
+
+    def _listen(self, baud: int, commands: Sequence[bytes] = ()) -> bytes:
+        """What is heard at another rate, after `commands`."""
         line = self._line
         try:
             line.baudrate = baud
             line.reset_input_buffer()
+            for command in commands:
+                self._send(command)
             heard = bytearray()
             end = time.monotonic() + _LISTEN_S
             while time.monotonic() < end:

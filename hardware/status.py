@@ -16,6 +16,7 @@ from eitbench.scenarios.sensors import Sensor
 
 WINDOW = 50
 """Frames, the last ones, that a status is computed from."""
+_NAMED = 2  # suspects in a line
 
 
 @dataclass(frozen=True)
@@ -43,14 +44,15 @@ class Status:
     suspects: tuple[int, ...]
 
     def line(self) -> str:
-        """The status in one line; what is not known yet is a dash."""
-        suspects = ", ".join(map(str, self.suspects)) or "none"
+        """The status in one line of at most 80 characters; what is not known yet is a dash."""
+        named, more = self.suspects[:_NAMED], len(self.suspects) - _NAMED
+        suspects = ",".join(map(str, named)) + (f"+{more}" if more > 0 else "")
         return (
-            f"{self.frames} frames  {_or_dash(self.rate_hz, '.1f')}/s  "
+            f"{self.frames} frames {_or_dash(self.rate_hz, '.1f')}/s  "
             f"SNR {_or_dash(self.snr_db, '.0f')} dB  "
-            f"{self.dropped} dropped  {self.damaged} damaged  "
-            f"reciprocity {_or_dash(100 * self.reciprocity, '.1f')} %  "
-            f"suspect electrodes: {suspects}"
+            f"{self.dropped} lost  {self.damaged} bad  "
+            f"recip. {_or_dash(100 * self.reciprocity, '.1f')}%  "
+            f"suspect {suspects or '-'}"
         )
 
 

@@ -16,6 +16,10 @@ class DataUnavailableError(EitbenchError):
     """Recorded data is not on this machine and could not be fetched."""
 
 
+class UnreadableError(InputError, DataUnavailableError):
+    """A file that the user named is not there, may not be read, or is of another kind."""
+
+
 class DataCorruptError(EitbenchError):
     """A file's content is not what its checksum or format promises."""
 

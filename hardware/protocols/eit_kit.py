@@ -58,7 +58,6 @@ class EitKit(LineProtocol):
     """Matrices of values in the board's own units, of which the pattern's entries are taken."""
 
     name = "eit-kit"
-    title = "text of boards derived from EIT-kit, n x n values a line"
     baud = 115_200
     device = _EitKitDevice
 

@@ -24,20 +24,18 @@ class _OpenEitDevice(Device):
         super().__init__(sensor)
         self.running = True
         self._commands = Commands()
-        self._electrodes = 8
+        self._electrodes = 8  # until it is told otherwise
 
     def obey(self, data: bytes) -> bytes:
-        for line in self._commands.lines(data):
-            for electrodes, letter in MODES.items():
-                if line == letter:
-                    self._electrodes = electrodes
+        # It measures with the electrodes that the sensor has, whichever letter comes.
+        if any(line in MODES.values() for line in self._commands.lines(data)):
+            self._electrodes = self.sensor.n_electrodes
         return b""
 
     def encode(self, number: int, time_s: float, values: Array) -> bytes:
-        # Electrodes that the sensor does not have are open.
         sent = np.zeros(_COUNTS[self._electrodes])
-        if self._electrodes <= self.sensor.n_electrodes:
-            sent[:] = np.abs(values[: len(sent)]) / _UNIT
+        if self._electrodes == self.sensor.n_electrodes:
+            sent[:] = np.abs(values) / _UNIT
         tenths = np.rint(sent * 1e4).astype(np.int64)
         text = "".join(
             f"{whole:8d}.{rest:04d},"
@@ -50,7 +48,6 @@ class OpenEit(LineProtocol):
     """`magnitudes: ` and 32, 192 or 896 values in the board's own units, for 8, 16 or 32."""
 
     name = "openeit"
-    title = "text of OpenEIT boards, magnitudes of an opposition pattern"
     baud = 115_200
     default_sensor = "ohmc16"
     device = _OpenEitDevice

@@ -4,6 +4,7 @@ Nothing here reads or writes a port: bytes come in and go out as values, so that
 be tested with any bytes, and the emulator speaks exactly what the reader understands.
 """
 
+import re
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import ClassVar
@@ -26,13 +27,16 @@ class Protocol(ABC):
 
     Attributes:
         name: registry name, also of the board that speaks it.
-        title: one line for listings.
         baud: rate of the line [bit/s].
         default_sensor: registry name of the sensor that boards of this kind measure.
         device: the board's end.
+        question: the command that the board answers with a line on its firmware, and that line;
+            none where there is no such command.
         answers: what the board has answered to commands, by acknowledging or refusing (see
             `awaits_answers`): whether it obeyed, oldest first, for the host to take away.
         awaits_answers: the board answers every command.
+        waking: the commands that stop and start any board of this kind, whatever its sensor; none
+            where they send by themselves.
         sensor: the nominal sensor; its drive pattern gives the order of a frame's values.
         health: what came of the bytes.
         refusal: why what arrives cannot be frames of the sensor, as one sentence; None if it can.
@@ -42,11 +46,12 @@ class Protocol(ABC):
     """
 
     name: ClassVar[str]
-    title: ClassVar[str]
     baud: ClassVar[int]
     default_sensor: ClassVar[str] = "foam16"
     device: ClassVar["type[Device]"]
     awaits_answers: ClassVar[bool] = False
+    waking: ClassVar[tuple[bytes, ...]] = ()
+    question: ClassVar[tuple[bytes, re.Pattern[bytes]] | None] = None
 
     def __init__(self, sensor: Sensor) -> None:
         self.check(sensor)

@@ -107,11 +107,11 @@ class Sciospec(Protocol):
     """One frame from the result frames of all injections, in the order of the pattern."""
 
     name = "sciospec"
-    title = "result frames of Sciospec's EIT instruments, 16 channels"
     baud = 115_200  # a serial port over USB: any rate is full speed
     default_sensor = "sciospec-tank"
     device = _SciospecDevice
     awaits_answers = True
+    waking = (STOP, START)
 
     def __init__(self, sensor: Sensor) -> None:
         super().__init__(sensor)
@@ -214,7 +214,9 @@ class Sciospec(Protocol):
 
     @classmethod
     def recognises(cls, data: bytes) -> bool:
-        """Two result frames behind each other."""
+        """Two result frames behind each other, or the answers to `waking` and what follows."""
+        if re.match(rb"(?:\x18\x01[\x81-\x83]\x18){2}(?:\xb4|\Z)", data):
+            return True
         result = re.escape(_HEAD[:2]) + rb"[\s\S]{%d}\xb4" % (_PAYLOAD)
         return re.search(rb"(?:" + result + rb"){2}", data) is not None
 

@@ -17,7 +17,8 @@ from eitbench.scenarios.sensors import Sensor
 SYNC = b"\xa5EIT"
 VERSION = 1
 MAX_VALUES = 4096
-START, STOP = b"start\n", b"stop\n"
+START, STOP, ASK = b"start\n", b"stop\n", b"version\n"
+FIRMWARE = b"eitbench-teensy 1.0"
 
 # Sync, version, pattern id, frame number, number of values, time stamp [us].
 _HEADER = struct.Struct("<4sHHIIQ")
@@ -49,10 +50,13 @@ class _TeensyDevice(Device):
         self._pattern = pattern_id(sensor.pattern)
 
     def obey(self, data: bytes) -> bytes:
+        answer = b""
         for line in self._commands.lines(data):
             if line in (START.strip(), STOP.strip()):
                 self.running = line == START.strip()
-        return b""
+            elif line == ASK.strip():
+                answer += FIRMWARE + b"\n"
+        return answer
 
     def encode(self, number: int, time_s: float, values: Array) -> bytes:
         return encode(self._pattern, number, time_s, values)
@@ -62,9 +66,10 @@ class Teensy(Protocol):
     """Frames with running number, time stamp, pattern id and CRC-32; values are V/A as float32."""
 
     name = "teensy"
-    title = "binary frames with checksum of a Teensy 4.1 class board"
     baud = 2_000_000  # on a serial line; over USB any rate is full speed
     device = _TeensyDevice
+    waking = (STOP, START)
+    question = (ASK, re.compile(rb"(eitbench-teensy [ -~]{1,40})\r?\n"))
 
     def __init__(self, sensor: Sensor) -> None:
         super().__init__(sensor)

@@ -21,14 +21,14 @@ def check(path: Path) -> tuple[list[str], list[str]]:
         Problems (none where it is sound) and facts, one sentence each.
 
     Raises:
-        DataUnavailableError: there is no such file, or it may not be read.
+        UnreadableError: there is no such file, or it may not be read.
     """
     try:
         content, condition = read_file(path)
     except DataCorruptError as error:
         return [str(error)], []
     problems = [*_condition(content, condition), *_frames(content), *_marks(content)]
-    facts = [_summary(content)]
+    facts = [_summary(content), *_missing_for_a_set(content)]
     # Frames that hold no numbers say nothing about electrodes.
     if len(content) and np.isfinite(content.values).all() and not outside(content):
         more_problems, more_facts = _electrodes(content)
@@ -85,8 +85,6 @@ def _marks(content: Content) -> list[str]:
         )
     if ((content.reference < 0) | (content.reference >= n)).any():
         problems.append("The reference names frames that are not there.")
-    if not len(content.reference):
-        problems.append("It has no reference: no frames are marked as the untouched sensor.")
     places = content.labels[["x_m", "y_m"]].to_numpy(dtype=np.float64)
     away = ~content.sensor.outline.contains(*places.T) & np.isfinite(places).all(axis=1)
     if away.any():
@@ -98,6 +96,16 @@ def _marks(content: Content) -> list[str]:
     return problems
 
 
+def _missing_for_a_set(content: Content) -> list[str]:
+    needs = {
+        "frames that are marked as untouched": len(content.reference),
+        "touches that are labelled": len(content.labels),
+    }
+    if missing := " and ".join(what for what, count in needs.items() if not count):
+        return [f"To be a set for suites it needs {missing}: record with --guided."]
+    return []
+
+
 def _electrodes(content: Content) -> tuple[list[str], list[str]]:
     """Judged on the untouched frames, or on all where none are marked."""
     marked = content.reference if len(content.reference) else slice(None)
@@ -106,7 +114,8 @@ def _electrodes(content: Content) -> tuple[list[str], list[str]]:
     problems, facts = [], []
     if len(pattern.reciprocal_pairs()):
         error = float(reciprocity_error(frames.mean(axis=0), pattern))
-        facts.append(f"Reciprocity error of the untouched sensor: {error:.2%}.")
+        of = "the untouched sensor" if len(content.reference) else "all frames"
+        facts.append(f"Reciprocity error of {of}: {error:.2%}.")
         if not error <= MAX_RECIPROCITY:
             problems.append(
                 f"The reciprocity error is {error:.1%}, and a sound sensor has less than "

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from eitbench.scenarios.errors import DataCorruptError, DataUnavailableError, InputError
+from eitbench.scenarios.errors import DataCorruptError, InputError, UnreadableError
 from eitbench.scenarios.recordings import layout
 from eitbench.scenarios.recordings.plain import COLUMNS, content_of, frames_alone, head_of
 from eitbench.scenarios.recordings.recording_file import Content
@@ -40,7 +40,7 @@ def read_mat_recording(path: Path, sensor: Sensor | None) -> Content:
 
     Raises:
         InputError: no sensor where one is needed, or one where none is.
-        DataUnavailableError: the file cannot be read.
+        UnreadableError: the file cannot be read.
         DataCorruptError: something in it is not what it should be.
     """
     found = _variables(path, (*COLUMNS, "values", "header"))
@@ -67,7 +67,7 @@ def _variables(path: Path, names: tuple[str, ...]) -> dict[str, NDArray[Any]]:
     try:
         path.open("rb").close()
     except OSError as error:
-        raise DataUnavailableError(f"Cannot read {path}: {error.strerror}.") from error
+        raise UnreadableError(f"Cannot read {path}: {error.strerror}.") from error
     try:
         content = scipy.io.loadmat(str(path), appendmat=False, variable_names=list(names))
     # scipy's parser of damaged files fails in whatever way the damage leads to.

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from eitbench.scenarios.errors import DataCorruptError, DataUnavailableError, InputError
+from eitbench.scenarios.errors import DataCorruptError, InputError, UnreadableError
 from eitbench.scenarios.recordings.descriptors import (
     RecordedSet,
     Recording,
@@ -29,7 +29,7 @@ def own_set(path: Path) -> RecordedSet:
     """The recorded set that the file at `path` is.
 
     Raises:
-        DataUnavailableError: there is no such file, or it may not be read.
+        UnreadableError: there is no such file, or it may not be read.
         DataCorruptError: no recording, or a damaged one.
         InputError: it has no labels or no reference, so that no method could be judged on it.
     """
@@ -37,9 +37,7 @@ def own_set(path: Path) -> RecordedSet:
         known = path.resolve(strict=True)
         stat = known.stat()
     except OSError as error:
-        raise DataUnavailableError(
-            f"Cannot read the recording {path}: {error.strerror}."
-        ) from error
+        raise UnreadableError(f"Cannot read the recording {path}: {error.strerror}.") from error
     return _own_set(known, stat.st_mtime_ns, stat.st_size)
 
 
@@ -74,17 +72,31 @@ def _truth(content: Content) -> Truth:
     return "position" if np.isfinite(places).all() else "none"
 
 
+def undamaged(path: Path) -> tuple[Content, Condition]:
+    """What `read_file` gives of the recording at `path`, unless it was damaged.
+
+    Frames may be missing at the end of a file that was not closed.
+
+    Raises:
+        UnreadableError: there is no such file, or it may not be read.
+        DataCorruptError: no recording, or a damaged one.
+    """
+    content, condition = read_file(path)
+    problem = damage(condition)
+    if not problem and outside(content):
+        problem = "a label or the reference lies outside it"
+    if problem:
+        raise DataCorruptError(f"{path} is damaged, so that it is not used: {problem}.")
+    return content, condition
+
+
 def _usable(path: Path) -> Content:
     """The content of the file at `path`, if methods can be judged on it."""
-    content, condition = read_file(path)
-    if problem := damage(condition):
-        raise DataCorruptError(f"{path} is damaged: {problem}.")
+    content, _ = undamaged(path)
     if not len(content.labels):
         raise InputError(f"{path} has no labels, so it is no set: record with --guided.")
     if not len(content.reference):
         raise InputError(f"{path} has no untouched frames, so it is no set: record with --guided.")
-    if outside(content):
-        raise DataCorruptError(f"{path} is damaged: a label or the reference lies outside it.")
     if not np.isfinite(content.values).all():
         row = int(np.flatnonzero(~np.isfinite(content.values).all(axis=1))[0])
         raise DataCorruptError(f"Frame {row} of {path} holds a value that is not a number.")

@@ -10,7 +10,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from eitbench.scenarios.described_sensor import describe_sensor, described_sensor
-from eitbench.scenarios.errors import DataCorruptError, DataUnavailableError, InputError
+from eitbench.scenarios.errors import DataCorruptError, InputError, UnreadableError
 from eitbench.scenarios.recordings import layout
 from eitbench.scenarios.recordings.unclosed import readable
 from eitbench.scenarios.sensors import Sensor
@@ -76,7 +76,7 @@ def read_file(path: Path) -> tuple[Content, Condition]:
     """What the recording at `path` holds, and its condition; it may still be written to.
 
     Raises:
-        DataUnavailableError: there is no such file, or it may not be read.
+        UnreadableError: there is no such file, or it may not be read.
         DataCorruptError: no recording, or one whose parts do not fit together.
     """
     header, parts = _parts(path)
@@ -121,7 +121,7 @@ def recorded_sensor(path: Path) -> Sensor:
     """The sensor of the recording at `path`.
 
     Raises:
-        DataUnavailableError, DataCorruptError: as for `read_file`.
+        UnreadableError, DataCorruptError: as for `read_file`.
     """
     return read_file(path)[0].sensor
 
@@ -188,9 +188,7 @@ def _open(path: Path) -> Any:
             head = stream.read(8)
         source = readable(path)
     except OSError as error:
-        raise DataUnavailableError(
-            f"Cannot read the recording {path}: {error.strerror}."
-        ) from error
+        raise UnreadableError(f"Cannot read the recording {path}: {error.strerror}.") from error
     if head != b"\x89HDF\r\n\x1a\n":
         raise DataCorruptError(f"{path} is not an HDF5 file, so it is no recording of eitbench's.")
     try:

@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.recordings import recorded_set
 from eitbench.scenarios.recordings.fetch import read_recording
-from eitbench.scenarios.recordings.own import is_recording
-from eitbench.scenarios.recordings.recording_file import read_file
+from eitbench.scenarios.recordings.own import is_recording, undamaged
 from eitbench.scenarios.sensors import Sensor
 
 
@@ -22,7 +21,7 @@ def untouched_frames(name: str) -> tuple[Sensor, NDArray[np.float64]]:
     """
     if not is_recording(name):
         return recorded_set(name).sensor(), read_recording(name).reference[None]
-    content, _ = read_file(Path(name))
+    content, _ = undamaged(Path(name))
     if not len(content.reference):
         raise InputError(
             f"{name} marks no frames as untouched: record with --guided, or take a new reference "

@@ -14,6 +14,16 @@ if TYPE_CHECKING:
 
 app = typer.Typer()
 
+Script = Annotated[
+    Path | None, typer.Option(metavar="FILE.toml", help="Touches of `emulator`: when, where, how.")
+]
+Protocol = Annotated[
+    str | None, typer.Option(metavar="BOARD", help="What `emulator` speaks (default: teensy).")
+]
+Speed = Annotated[
+    float | None, typer.Option(help="Of `replay` and `emulator`: times their own rate.")
+]
+
 
 @app.command(epilog="Example: eitbench calibrate sciospec-tank")
 def calibrate(
@@ -53,6 +63,7 @@ def emulate(
 
     nominal = None if sensor is None else sensor_by_name(sensor)
     board = make_emulator(nominal, protocol, script, speed)
+    typer.echo("Getting ready, which takes some seconds.", err=True)
     board.switch_on()
     try:
         typer.echo(f"{board.title}: no real sensor. Ctrl-C ends it.")
@@ -74,16 +85,18 @@ def record(
     file: Annotated[
         str | None, typer.Option(metavar="SET|FILE.h5", help="What `replay` plays.")
     ] = None,
-    script: Annotated[
-        Path | None, typer.Option(metavar="FILE.toml", help="Touches of `emulator`.")
-    ] = None,
+    script: Script = None,
+    protocol: Protocol = None,
+    speed: Speed = None,
     guided: Annotated[
         bool, typer.Option("--guided", help="Be led to a set that is ready for a suite.")
     ] = False,
 ) -> None:
     """Record a board into a file, free-running or guided."""
+    import signal
+
     from eitbench.hardware.boards import make_board
-    from eitbench.hardware.guided import suite_path, write_suite
+    from eitbench.hardware.guided import Guide, suite_path, write_suite
     from eitbench.hardware.recorder import Recorder, check_new
     from eitbench.hardware.recording import is_emulated
     from eitbench.scenarios.catalogue import sensor as sensor_by_name
@@ -93,29 +106,42 @@ def record(
     check_new(out)  # before a board is waited for
     suite = suite_path(out) if guided else None
     nominal = None if sensor is None else sensor_by_name(sensor)
-    made = make_board(board, port=port, sensor=nominal, file=file, script=script)
+    made = make_board(
+        board,
+        port=port,
+        sensor=nominal,
+        file=file,
+        script=script,
+        protocol=protocol,
+        speed=speed,
+    )
     emulated = is_emulated(made)
-    with made, Recorder(out, made.sensor, board, emulated=emulated) as recorder:
-        touches = _guide(made, recorder) if guided else _record(made, recorder, seconds)
-    typer.echo(f"{recorder.count} frames are in {out}: eitbench recordings check {out}")
-    if suite is not None and touches:
-        write_suite(suite, out, made.sensor, board, emulated=emulated)
-        typer.echo(f"Judge methods on them: eitbench run {suite}")
+    # Whoever ends it politely gets what Ctrl-C gives: a file that was closed.
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    with made:
+        recorder = Recorder(out, made.sensor, board, firmware=made.firmware, emulated=emulated)
+        guide = Guide(made, recorder, _ask, typer.echo)
+        try:
+            with recorder:
+                if guided:
+                    guide.run()
+                else:
+                    _record(made, recorder, seconds)
+        finally:  # what there is by now is kept, however it ended
+            if count := recorder.written:
+                typer.echo(f"{count} frames are in {out}: eitbench recordings check {out}")
+            if suite is not None and guide.touches:
+                write_suite(suite, out, made.sensor, board, emulated=emulated)
+                typer.echo(f"Judge methods on them: eitbench run {suite}")
 
 
-def _guide(board: "Board", recorder: "Recorder") -> int:
-    """Touches that a guided session recorded."""
-    from eitbench.hardware.guided import Guide
-
-    def ask(question: str) -> str:
-        answer: str = typer.prompt(question, default="", show_default=False, prompt_suffix=" ")
-        return answer
-
-    return Guide(board, recorder, ask, typer.echo).run()
+def _ask(question: str) -> str:
+    answer: str = typer.prompt(question, default="", show_default=False, prompt_suffix=" ")
+    return answer
 
 
-def _record(board: "Board", recorder: "Recorder", seconds: float | None) -> int:
-    """Record, with a status line that moves; no touch is labelled."""
+def _record(board: "Board", recorder: "Recorder", seconds: float | None) -> None:
+    """Record, with a status line that moves."""
     from rich.console import Console
     from rich.live import Live
     from rich.text import Text
@@ -134,8 +160,7 @@ def _record(board: "Board", recorder: "Recorder", seconds: float | None) -> int:
                 say=lambda sentence: console.print(sentence, highlight=False, markup=False),
             )
         except KeyboardInterrupt:
-            console.print("Ctrl-C: the recording ends here.")
-    return 0
+            console.print("Interrupted: the recording ends here.")
 
 
 @app.command(epilog="Example: eitbench live --board emulator --method noser")
@@ -149,6 +174,9 @@ def live(
         str | None,
         typer.Option(help="The sensor on it, or a sensor file, .toml (default: the board's)."),
     ] = None,
+    script: Script = None,
+    protocol: Protocol = None,
+    speed: Speed = None,
     method: Annotated[str, typer.Option(help="Makes the images at first.")] = "noser",
     out: Annotated[
         Path, typer.Option(metavar="DIR", file_okay=False, help="Where recordings go.")
@@ -176,7 +204,15 @@ def live(
 
     access = access_to(host, token)
     nominal = None if sensor is None else sensor_by_name(sensor)
-    made = make_board(board, port=port, sensor=nominal, file=file)
+    made = make_board(
+        board,
+        port=port,
+        sensor=nominal,
+        file=file,
+        script=script,
+        protocol=protocol,
+        speed=speed,
+    )
     emulated = is_emulated(made)
 
     def ready(address: str) -> None:

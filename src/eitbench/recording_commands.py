@@ -45,10 +45,10 @@ def export(
     file: Annotated[Path, typer.Argument(metavar="FILE.h5", help="A recording of your own.")],
     to: Annotated[Path, typer.Option(metavar="FILE", help="A new .csv, .mat or .h5 file.")],
 ) -> None:
-    """Write what is intact in a recording to another file; .h5 makes a cut-off recording whole."""
+    """Write a recording to another file; .h5 makes a cut-off one whole; refuses a damaged one."""
     from eitbench.hardware.exchange import export_recording
 
-    typer.echo(f"{export_recording(file, to)} frames are in {to}.")
+    typer.echo(export_recording(file, to))
 
 
 @app.command("import", epilog="Example: eitbench recordings import ohmc16 --out ohmc16.h5")

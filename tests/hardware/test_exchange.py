@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pandas as pd
 import pytest
@@ -11,6 +12,7 @@ import scipy.io
 from eitbench.hardware.board import Frame
 from eitbench.hardware.exchange import export_recording, import_recording
 from eitbench.hardware.recorder import Recorder
+from eitbench.hardware.replay import Replay
 from eitbench.scenarios.errors import (
     DataCorruptError,
     DataUnavailableError,
@@ -21,6 +23,7 @@ from eitbench.scenarios.recordings import RECORDED_SETS, recorded_set
 from eitbench.scenarios.recordings.checking import check
 from eitbench.scenarios.recordings.fetch import read_recording
 from eitbench.scenarios.recordings.recording_file import Content, read_file
+from eitbench.scenarios.recordings.untouched import untouched_frames
 from eitbench.scenarios.sensors import Sensor
 
 Frames = Callable[[int], list[Frame]]
@@ -57,7 +60,7 @@ def assert_equal(one: Content, other: Content) -> None:
 @pytest.mark.parametrize("ending", [".csv", ".mat"])
 def test_there_and_back_not_a_bit_is_lost(recorded: Path, tmp_path: Path, ending: str) -> None:
     other = tmp_path / f"b{ending}"
-    assert export_recording(recorded, other) == 21
+    assert export_recording(recorded, other) == f"21 frames are in {other}."
     assert import_recording(str(other), tmp_path / "c.h5") == 21
     content, condition = read_file(tmp_path / "c.h5")
     assert condition.sealed
@@ -72,10 +75,27 @@ def test_what_was_cut_off_is_made_whole(recorded: Path, tmp_path: Path, skin: Se
             pass
         (tmp_path / "cut.h5").write_bytes((tmp_path / "running.h5").read_bytes())
     assert "It was not closed: 5 whole frames are intact." in check(tmp_path / "cut.h5")[0]
-    export_recording(tmp_path / "cut.h5", tmp_path / "whole.h5")
+    assert export_recording(tmp_path / "cut.h5", tmp_path / "whole.h5") == (
+        f"5 frames are in {tmp_path / 'whole.h5'}. {tmp_path / 'cut.h5'} was not closed: what "
+        "followed them is lost."
+    )
     content, condition = read_file(tmp_path / "whole.h5")
     assert condition.sealed
     assert_equal(content, read_file(tmp_path / "running.h5")[0])
+
+
+def test_what_was_damaged_is_never_made_sound(recorded: Path, tmp_path: Path) -> None:
+    with h5py.File(recorded, "r+") as file:
+        file["frames/values"][4, 7] += 1
+    says = "is damaged, so that it is not used: the checksum of frame 4 is wrong"
+    for ending in (".csv", ".mat", ".h5"):
+        with pytest.raises(DataCorruptError, match=says):
+            export_recording(recorded, tmp_path / f"b{ending}")
+    with pytest.raises(DataCorruptError, match=says):
+        Replay(recorded)
+    with pytest.raises(DataCorruptError, match=says):
+        untouched_frames(str(recorded))
+    assert list(tmp_path.iterdir()) == [recorded]
 
 
 def test_matlab_finds_arrays_by_their_names(recorded: Path, tmp_path: Path) -> None:
@@ -103,22 +123,24 @@ def test_plain_numbers_need_a_sensor(tmp_path: Path, skin: Sensor) -> None:
         assert content.events["text"].tolist() == [
             "imported without times: 1 s between frames is assumed"
         ]
-        assert check(to)[0][0] == (
-            "It has no reference: no frames are marked as the untouched sensor."
-        )
+        assert "needs frames that are marked as untouched" in check(to)[1][1]
 
 
 def test_bad_sources_are_one_sentence(recorded: Path, tmp_path: Path, skin: Sensor) -> None:
     out = tmp_path / "out.h5"
     (tmp_path / "short.csv").write_text("1,2\n3,4\n")
-    (tmp_path / "ragged.csv").write_text("1,2\n3\n")
+    (tmp_path / "ragged.csv").write_text("# by hand\n1,2\n\n3\n")
+    (tmp_path / "words.csv").write_text("1,2\n3,\n")
+    (tmp_path / "nan.csv").write_text("1,2\n3,nan\n")
     (tmp_path / "binary.csv").write_bytes(b"\xff\x00")
     (tmp_path / "text.mat").write_text("nonsense")
     scipy.io.savemat(tmp_path / "none.mat", {"v": np.ones((2, 40))})
     scipy.io.savemat(tmp_path / "text2.mat", {"values": "a"})
     for name, says in {
         "short.csv": "has values of shape (2, 2), and a frame of sensor 'skin' has 40",
-        "ragged.csv": "its lines are not all of as many numbers",
+        "ragged.csv": "line 4 has 1 values, and those before it have 2",
+        "words.csv": "line 2 holds something else than numbers",
+        "nan.csv": "line 2 holds a value that is not a finite number",
         "binary.csv": "it is not UTF-8 text",
         "text.mat": "is not a readable MATLAB file",
         "none.mat": "holds no array 'values'",
@@ -145,6 +167,29 @@ def test_bad_sources_are_one_sentence(recorded: Path, tmp_path: Path, skin: Sens
     with pytest.raises(DataUnavailableError, match="Cannot read the recording"):
         export_recording(tmp_path / "no.h5", tmp_path / "x.csv")
     assert not out.exists()
+
+
+def test_a_file_that_was_cut_anywhere_is_refused(recorded: Path, tmp_path: Path) -> None:
+    export_recording(recorded, tmp_path / "own.csv")
+    text = (tmp_path / "own.csv").read_text()
+    head, *rows, end = text.rstrip().rsplit("\n", 3)
+    assert end == "# frames: 21"
+    cuts = {
+        f"line {text.count(chr(10)) - 1} has 20 values, and those before it have 43": (
+            "\n".join([head, rows[0], ",".join(rows[1].split(",")[:20])])
+        ),
+        "cut short or edited, since its last line, 31, is not '# frames: 21'": (
+            "\n".join([head, *rows])[:-1]  # the last number is a digit shorter
+        ),
+        "is not '# frames: 20'": "\n".join([head, rows[0], end]),
+        "is not '# frames: 21'": text.rstrip()[:-1],
+        "since its last line, 32, is not '# frames: 21'": text.rstrip()[:-2],
+    }
+    for says, cut in cuts.items():
+        (tmp_path / "cut.csv").write_text(cut)
+        with pytest.raises(DataCorruptError, match=says):
+            import_recording(str(tmp_path / "cut.csv"), tmp_path / "b.h5")
+    assert not (tmp_path / "b.h5").exists()
 
 
 @pytest.mark.parametrize(

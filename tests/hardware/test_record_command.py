@@ -10,14 +10,19 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+import typer
 
-from eitbench.hardware import boards
-from eitbench.hardware.board import Board, Frame
+from eitbench import hardware_commands
+from eitbench.hardware import boards, guided
+from eitbench.hardware.board import Board, BoardError, Frame
+from eitbench.hardware.guided import Timing
 from eitbench.hardware.recorder import Recorder
 from eitbench.scenarios import load_suite
+from eitbench.scenarios.errors import DataCorruptError, UnreadableError
 from eitbench.scenarios.recordings.recording_file import read_file
 from eitbench.scenarios.sensors import Sensor
 
@@ -47,6 +52,20 @@ def fake(monkeypatch: pytest.MonkeyPatch, board: Callable[..., Board], frames: F
         return made
 
     monkeypatch.setattr(boards, "make_board", make)
+
+
+@pytest.fixture
+def endless(monkeypatch: pytest.MonkeyPatch, board: Callable[..., Any], frames: Frames) -> None:
+    """`make_board` gives a board that always has more frames; touches are short."""
+    values = frames(1)[0].values
+
+    def make(name: str, **choices: object) -> Board:
+        made = board([Frame(k, k / 100, k / 100, values) for k in range(5000)])
+        made.wait_s = 0.01
+        return made  # type: ignore[no-any-return]
+
+    monkeypatch.setattr(boards, "make_board", make)
+    monkeypatch.setattr(guided, "Timing", lambda: Timing(0.1, 0.02, 0.05))
 
 
 @pytest.mark.usefixtures("fake")
@@ -114,12 +133,30 @@ def test_recordings_are_checked_and_exchanged(
     assert code == 1
     assert said == f"{tmp_path / 'c.h5'} is damaged: it was cut short.\n"
     assert err == f"eitbench: {tmp_path / 'c.h5'} has 1 problem.\n"
+    for command in (
+        ("recordings", "check", tmp_path / "none.h5"),
+        ("recordings", "import", tmp_path / "none.csv", "--out", tmp_path / "d.h5"),
+        ("record", "--board", "replay", "--file", "none.h5", "--out", tmp_path / "d.h5"),
+        ("run", tmp_path / "none.toml"),
+    ):
+        code, _, err = eitbench(*command)
+        assert code == 2
+        assert "No such file" in err
     code, _, err = eitbench("recordings", "fetch", path)
     assert code == 2
     assert "has no labels, so it is no set: record with --guided" in err
 
 
-def test_an_emulated_board_is_recorded_until_ctrl_c(tmp_path: Path) -> None:
+def recorded(path: Path) -> int:
+    """How many frames are in the file that is being made at `path`."""
+    try:
+        return len(read_file(path)[0])
+    except (UnreadableError, DataCorruptError):  # there is none yet, or only its beginning
+        return 0
+
+
+@pytest.mark.parametrize("end", [signal.SIGINT, signal.SIGTERM])
+def test_an_emulated_board_is_recorded_until_ctrl_c(tmp_path: Path, end: signal.Signals) -> None:
     """The whole way: a serial device file, the live status line of a terminal, Ctrl-C."""
     out = tmp_path / "a.h5"
     command = [sys.executable, "-m", "eitbench.cli", "record", "--board", "emulator"]
@@ -129,9 +166,9 @@ def test_an_emulated_board_is_recorded_until_ctrl_c(tmp_path: Path) -> None:
     ) as process:
         os.close(slave)
         try:
-            while not out.exists() or len(read_file(out)[0]) < 15:
+            while recorded(out) < 15:
                 time.sleep(0.2)
-            process.send_signal(signal.SIGINT)
+            process.send_signal(end)
             said, _ = process.communicate(timeout=30)
         finally:
             process.kill()
@@ -141,8 +178,57 @@ def test_an_emulated_board_is_recorded_until_ctrl_c(tmp_path: Path) -> None:
     assert process.returncode == 0
     assert said == f"{len(content)} frames are in {out}: eitbench recordings check {out}\n"
     assert (condition.complete, content.emulated, content.board) == (True, True, "emulator")
+    assert content.firmware == "eitbench-teensy 1.0"
     assert re.search(r"\d\.\d/s  SNR \d+ dB", shown)
-    assert "Ctrl-C: the recording ends here." in shown
+    assert "Interrupted: the recording ends here." in shown
+
+
+ANSWERS = ("", "", "", "30 30", "", "")  # one touch, and then nothing more
+
+
+def test_a_guided_session_that_is_interrupted_keeps_its_touches(
+    tmp_path: Path, eitbench: Run, endless: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted_by(error: BaseException, out: Path) -> tuple[int, str, str]:
+        left = list(ANSWERS)
+
+        def ask(question: str) -> str:
+            if not left:
+                raise error
+            return left.pop(0)
+
+        monkeypatch.setattr(hardware_commands, "_ask", ask)
+        return eitbench("record", "--board", "fake", "--guided", "--out", out)
+
+    for k, (error, code, sentence) in enumerate(
+        [
+            (KeyboardInterrupt(), 130, "Interrupted."),  # Ctrl-C
+            (typer.Abort(), 130, "Interrupted."),  # the end of what can be typed
+            (BoardError("It is broken."), 1, "It is broken."),
+        ]
+    ):
+        out = tmp_path / f"a{k}.h5"
+        found, said, err = interrupted_by(error, out)
+        content, condition = read_file(out)
+        assert (found, err) == (code, f"eitbench: {sentence}\n")
+        assert said.splitlines()[-2:] == [
+            f"{len(content)} frames are in {out}: eitbench recordings check {out}",
+            f"Judge methods on them: eitbench run {out.with_suffix('.toml')}",
+        ]
+        assert condition.sealed
+        assert len(content.labels) == 1
+        assert load_suite(out.with_suffix(".toml")).scenarios[0].name == f"a{k}"
+
+
+def test_nothing_is_left_of_a_recording_without_frames(
+    tmp_path: Path, eitbench: Run, board: Callable[..., Board], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(boards, "make_board", lambda name, **choices: board([]))
+    out = tmp_path / "a.h5"
+    code, said, err = eitbench("record", "--board", "fake", "--seconds", "0.1", "--out", out)
+    assert (code, said) == (1, "")
+    assert err.startswith(f"eitbench: Not one frame arrived, so that there is no recording {out}")
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.slow

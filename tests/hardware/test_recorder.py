@@ -99,6 +99,16 @@ def test_frames_of_another_sensor_are_refused(tmp_path: Path, skin: Sensor) -> N
     assert list(tmp_path.iterdir()) == []  # another attempt may take the name
 
 
+def test_without_a_frame_there_is_no_recording(tmp_path: Path, skin: Sensor) -> None:
+    def empty() -> None:
+        with Recorder(tmp_path / "a.h5", skin, "fake") as recorder:
+            recorder.event("nothing came", 0.0)
+
+    with pytest.raises(RecorderError, match="Not one frame arrived, so that there is no recording"):
+        empty()
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_what_fails_later_is_kept(tmp_path: Path, skin: Sensor, frames: Frames) -> None:
     def interrupted() -> None:
         with Recorder(tmp_path / "a.h5", skin, "fake") as recorder:
@@ -215,7 +225,7 @@ def test_a_disk_that_is_full_from_the_start_leaves_nothing(
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (room, before[1]))
     try:
-        with pytest.raises(RecorderError, match="the disk is full: the 0 frames"):
+        with pytest.raises(RecorderError, match="the disk is full: nothing is kept; make room"):
             Recorder(tmp_path / "a.h5", skin, "fake")
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, before)

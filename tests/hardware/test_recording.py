@@ -13,7 +13,7 @@ from eitbench.hardware import recording as loop
 from eitbench.hardware.board import BoardError, Frame
 from eitbench.hardware.emulator import Emulator
 from eitbench.hardware.guided import CLASSICAL, Guide, Timing, suite_path, write_suite
-from eitbench.hardware.recorder import Recorder
+from eitbench.hardware.recorder import Recorder, RecorderError
 from eitbench.hardware.recording import is_emulated, record
 from eitbench.hardware.replay import Replay
 from eitbench.hardware.status import Monitor, Status
@@ -47,7 +47,7 @@ def of_foam(n: int, snr_db: float, *, first: int = 0, noisy: int | None = None) 
 def test_status_says_what_is_seen() -> None:
     monitor = Monitor(sensor("foam16"))
     assert monitor.status(0).line() == (
-        "0 frames  -/s  SNR - dB  0 dropped  0 damaged  reciprocity - %  suspect electrodes: none"
+        "0 frames -/s  SNR - dB  0 lost  0 bad  recip. -%  suspect -"
     )
     monitor.add(of_foam(40, 60))
     monitor.add([Frame(43, 4.3, 104.3, of_foam(1, 60)[0].values)])
@@ -56,14 +56,20 @@ def test_status_says_what_is_seen() -> None:
     assert status.rate_hz == pytest.approx(40 / 4.3)
     assert status.snr_db == pytest.approx(60, abs=0.5)
     assert status.reciprocity < 1e-3
-    assert "SNR 60 dB  3 dropped  2 damaged  reciprocity 0.0 %" in status.line()
+    assert "SNR 60 dB  3 lost  2 bad  recip. 0.0%" in status.line()
 
 
 def test_status_names_a_noisy_electrode() -> None:
     monitor = Monitor(sensor("foam16"))
     monitor.add(of_foam(50, 60, noisy=7))
     assert monitor.status(0).suspects == (7,)
-    assert monitor.status(0).line().endswith("suspect electrodes: 7")
+    assert monitor.status(0).line().endswith("suspect 7")
+
+
+def test_a_long_status_fits_in_a_terminal() -> None:
+    status = Status(99_999, 100.0, 60.2, 999, 9, 0.123, tuple(range(15, -1, -1)))
+    assert len(status.line()) <= 80
+    assert status.line().endswith("recip. 12.3%  suspect 15,14+14")
 
 
 def test_frames_without_numbers_do_not_stop_the_status(skin: Sensor) -> None:
@@ -145,8 +151,12 @@ def test_a_board_that_stays_away_does_not_outlast_the_time(
     monkeypatch.setattr(loop, "AGAIN_S", 0.01)
     made = board([])
     made.lost_after, made.refusals = 0, 10**6
-    with Recorder(tmp_path / "a.h5", skin, "fake") as recorder:
+    with (
+        pytest.raises(RecorderError, match="Not one frame arrived"),
+        Recorder(tmp_path / "a.h5", skin, "fake") as recorder,
+    ):
         assert record(made, recorder, seconds=0.3).frames == 0
+    assert made.calls.count("open") > 3
 
 
 def test_a_board_of_another_kind_ends_the_recording(
@@ -159,8 +169,8 @@ def test_a_board_of_another_kind_ends_the_recording(
 
     made.frames = wrong
     with (
-        Recorder(tmp_path / "a.h5", skin, "fake") as recorder,
         pytest.raises(BoardError, match="another protocol"),
+        Recorder(tmp_path / "a.h5", skin, "fake") as recorder,
     ):
         record(made, recorder)
     assert made.calls == ["start", "stop"]
@@ -189,9 +199,10 @@ def guided(
 
     timing = Timing(reference_s=0.1, settle_s=0.03, hold_s=0.06)
     with Recorder(path, made.sensor, "fake") as recorder:
-        touches = Guide(made, recorder, ask, said.append, timing).run()
+        guide = Guide(made, recorder, ask, said.append, timing)
+        guide.run()
     assert not left
-    return touches, asked, said
+    return guide.touches, asked, [sentence for sentence in said if "SNR" not in sentence]
 
 
 def test_a_guided_session_ends_in_a_set(tmp_path: Path, board: Make) -> None:
@@ -233,7 +244,8 @@ def test_an_emulated_board_is_pressed_by_the_session(tmp_path: Path) -> None:
     timing = Timing(reference_s=0.4, settle_s=0.3, hold_s=0.3)
     with emulator, Recorder(tmp_path / "a.h5", emulator.sensor, "emulator") as recorder:
         guide = Guide(emulator, recorder, lambda _: left.pop(0), lambda _: None, timing)
-        assert guide.run() == 2
+        guide.run()
+        assert guide.touches == 2
     content, _ = read_file(tmp_path / "a.h5")
     untouched = content.values[content.reference]
     noise = np.linalg.norm(untouched - untouched.mean(axis=0), axis=1).max()
@@ -243,18 +255,32 @@ def test_an_emulated_board_is_pressed_by_the_session(tmp_path: Path) -> None:
 
 
 def test_typing_errors_are_asked_again(tmp_path: Path, board: Make) -> None:
-    answers = ["", "many", "0", "1", "-3", "", "30", "30 x", "500 20", "30 20", "", "", ""]
+    answers = ["", "many", "2.5", "0", "1", "-3", "", "30", "30 x", "500 20", "30 20", "", "", ""]
     touches, _, said = guided(tmp_path / "a.h5", board, answers)
     assert touches == 1
     assert said[1:-2] == [
-        "That is a number from 1 to 1000, got 'many'.",
-        "That is a number from 1 to 1000, got '0'.",
+        "That is a whole number from 1 to 1000, got 'many'.",
+        "That is a whole number from 1 to 1000, got '2.5'.",
+        "That is a whole number from 1 to 1000, got '0'.",
         "That is a number from 0 to 1000, got '-3'.",
         "A place is two numbers such as 30 55, got '30'.",
         "A place is two numbers such as 30 55, got '30 x'.",
         "(500, 20) mm is outside the sensor, which reaches from (0, 0) to (100, 100) mm.",
     ]
+    assert said[-2] == "1 touch so far."
     assert said[-1].startswith("Too few touches to be judged (1)")
+
+
+def test_a_session_says_how_it_goes(tmp_path: Path, board: Make) -> None:
+    made, left, said = board(of_foam(400, 60)), ["", "", "", "30 20", "", "", ""], list[str]()
+    made.sensor, made.wait_s = sensor("foam16"), 0.01
+    timing = Timing(reference_s=0.8, settle_s=0.0, hold_s=0.1)
+    with Recorder(tmp_path / "a.h5", made.sensor, "fake") as recorder:
+        Guide(made, recorder, lambda _: left.pop(0), said.append, timing).run()
+    assert "SNR 60 dB" in said[0]
+    assert said[1].startswith("Reference: ")
+    assert "SNR 60 dB" in said[2]
+    assert said[3] == "1 touch so far."
 
 
 def test_a_board_that_fails_ends_the_session(tmp_path: Path, board: Make) -> None:
@@ -266,8 +292,8 @@ def test_a_board_that_fails_ends_the_session(tmp_path: Path, board: Make) -> Non
 
     made.frames = wrong
     with (
-        Recorder(tmp_path / "a.h5", made.sensor, "fake") as recorder,
         pytest.raises(BoardError, match="another protocol"),
+        Recorder(tmp_path / "a.h5", made.sensor, "fake") as recorder,
     ):
         Guide(made, recorder, lambda question: "", lambda sentence: None).run()
     assert not any(thread.name == "guided recording" for thread in threading.enumerate())

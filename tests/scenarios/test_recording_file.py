@@ -150,8 +150,6 @@ COUNT = np.arange(float(N))
         ({"time_s": np.full(N, np.nan)}, "time_s holds values that are not numbers"),
         ({"number": COUNT + 3 * (COUNT > 7)}, "3 frames of the board's were dropped (9.1%)"),
         ({"number": np.minimum(COUNT, 8)}, "running number does not grow at frame 9"),
-        ({"values": np.empty((0, 208))}, "It holds no frames"),
-        ({"values": np.empty((0, 208))}, "It has no reference"),
         ({"values": untouched(12)}, "Label 0 names frames 10 to 14, and there are frames 0 to 11"),
         ({"values": untouched(5)}, "The reference names frames that are not there"),
         ({"values": np.random.default_rng(1).normal(size=(N, 208))}, "The reciprocity error is 1"),
@@ -162,6 +160,24 @@ def test_what_was_recorded_wrongly_is_told(
 ) -> None:
     problems, _ = check(record(tmp_path / "a.h5", **({"values": untouched()} | recorded)))
     assert any(says in problem for problem in problems), problems
+
+
+def test_a_recording_that_is_no_set_is_sound_and_says_what_it_needs(tmp_path: Path) -> None:
+    with Recorder(tmp_path / "a.h5", sensor("foam16"), "fake") as recorder:
+        for k, values in enumerate(untouched(5)):
+            recorder.append(Frame(k, k, k, values))
+    problems, facts = check(tmp_path / "a.h5")
+    assert problems == []
+    assert facts[1] == (
+        "To be a set for suites it needs frames that are marked as untouched and touches that are "
+        "labelled: record with --guided."
+    )
+    assert facts[2].startswith("Reciprocity error of all frames: 1.")
+
+
+def test_a_recording_without_frames_is_told(tmp_path: Path) -> None:
+    Recorder(tmp_path / "a.h5", sensor("foam16"), "fake").close()
+    assert check(tmp_path / "a.h5")[0] == ["It holds no frames."]
 
 
 def test_labels_off_the_sensor_are_told(tmp_path: Path) -> None:

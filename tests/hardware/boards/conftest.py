@@ -1,5 +1,7 @@
 """Streams of bytes as boards send them, made with the emulated end of each protocol."""
 
+import os
+import pty
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
@@ -82,3 +84,13 @@ def serve() -> Iterator[Callable[..., BoardServer]]:
     yield switch_on
     for server in servers:
         server.stop()
+
+
+@pytest.fixture
+def terminal() -> Iterator[tuple[int, str]]:
+    """A bare pseudo-terminal: the end of the board, and the port."""
+    board_end, host_end = pty.openpty()
+    port = os.ttyname(host_end)
+    os.close(host_end)
+    yield board_end, port
+    os.close(board_end)

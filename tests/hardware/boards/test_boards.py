@@ -83,6 +83,8 @@ def test_the_emulator_runs_at_a_multiple_of_its_rate() -> None:
         ("teensy", {"port": "p", "file": "x"}, "'teensy' takes no file: leave out --file"),
         ("emulator", {"port": "p"}, "'emulator' takes no port"),
         ("replay", {"file": "ohmc16", "script": Path("x")}, "'replay' takes no script"),
+        ("teensy", {"port": "p", "speed": 2.0}, "'teensy' takes no speed: leave out --speed"),
+        ("replay", {"file": "ohmc16", "protocol": "openeit"}, "'replay' takes no protocol"),
         ("replay", {}, "give --file"),
         ("emulator", {"protocol": "opneeit"}, "did you mean 'openeit'"),
         ("emulator", {"speed": 0.0}, "at a speed above 0"),

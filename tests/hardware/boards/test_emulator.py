@@ -169,7 +169,9 @@ def test_another_program_opens_it(tmp_path: Path) -> None:
             assert board.frames(3.0)
         process.send_signal(signal.SIGINT)
         assert process.wait(10) == 130
-        assert process.stderr.read() == "eitbench: Interrupted.\n"
+        assert process.stderr.read() == (
+            "Getting ready, which takes some seconds.\neitbench: Interrupted.\n"
+        )
 
 
 # Scripts

@@ -245,10 +245,20 @@ def test_the_letter_sets_the_number_of_electrodes(stream: MakeStream) -> None:
     assert OpenEit(nominal).starting() == (b"d\n",)
     device = OpenEit.device(nominal)
     assert device.running
-    for electrodes, values in ((8, 32), (16, 192), (32, 896)):
-        device.obey(MODES[electrodes])
-        device.obey(b"\r\n")
-        assert device.encode(0, 0.0, np.ones(192)).count(b",") == values
+    assert device.encode(0, 0.0, np.ones(192)) == b"magnitudes: " + 32 * b"       0.0000," + b"\r\n"
+    device.obey(MODES[16])
+    device.obey(b"\r\n")
+    assert device.encode(0, 0.0, np.ones(192)).count(b"1000.0000,") == 192
+
+
+def test_an_emulated_board_measures_with_the_electrodes_it_has(stream: MakeStream) -> None:
+    device, host = OpenEit.device(sensor("ohmc16")), OpenEit(sensor("ohmc8"))
+    for command in host.starting():
+        device.obey(command)
+    for k in range(PATIENCE):
+        assert host.feed(device.encode(k, 0.0, np.ones(192)), 0.0) == []
+    assert host.refusal is not None
+    assert "sends 192 values a frame where sensor 'ohmc8' has 32" in host.refusal
 
 
 # sciospec

@@ -1,23 +1,18 @@
 """Boards on a serial port: unplugged, taken, at a wrong rate, with another protocol, too fast."""
 
 import contextlib
-import grp
 import os
-import pty
 import random
-import subprocess
-import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import psutil
 import pytest
 
-from eitbench.hardware import ports, serial_board
+from eitbench.hardware import serial_board
 from eitbench.hardware.board import BoardError, BoardLostError, Frame
 from eitbench.hardware.board_server import BoardServer
 from eitbench.hardware.protocols import PROTOCOLS
@@ -57,16 +52,6 @@ def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(serial_board, "_PATIENCE_S", 0.3)
     monkeypatch.setattr(serial_board, "_ANSWER_S", 0.3)
     monkeypatch.setattr(serial_board, "_LISTEN_S", 0.1)
-
-
-@pytest.fixture
-def terminal() -> Iterator[tuple[int, str]]:
-    """A bare pseudo-terminal: the end of the board, and the port."""
-    board_end, host_end = pty.openpty()
-    port = os.ttyname(host_end)
-    os.close(host_end)
-    yield board_end, port
-    os.close(board_end)
 
 
 def test_a_board_measures_while_it_is_told_to(name: str, serve: Serve, stream: Any) -> None:
@@ -197,12 +182,57 @@ def test_another_boards_protocol_is_named(spoken: str, expected: str, serve: Ser
 
 
 @pytest.mark.usefixtures("impatient")
+@pytest.mark.parametrize(
+    ("spoken", "expected"),
+    [
+        ("teensy", "eit-kit"),
+        ("teensy", "openeit"),
+        ("teensy", "sciospec"),
+        ("sciospec", "teensy"),
+        ("sciospec", "eit-kit"),
+    ],
+)
+def test_another_board_that_is_silent_is_woken_and_named(
+    spoken: str, expected: str, serve: Serve, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(serial_board, "_SILENCE_S", 0.2)
+    monkeypatch.setattr(serial_board, "_LISTEN_S", 0.3)
+    server = serve(spoken, 40.0)
+    with (
+        on(expected, server.port) as board,
+        pytest.raises(BoardError, match=f"looks like board '{spoken}', not '{expected}': give"),
+    ):
+        start_and_collect(board)
+    assert not server._device.running  # it was told to stop
+
+
+@pytest.mark.usefixtures("impatient")
 def test_another_programs_text_is_quoted(terminal: tuple[int, str]) -> None:
     board_end, port = terminal
     with on("eit-kit", port) as board:
         board.start()
         with pytest.raises(BoardError, match="sends text that no known board sends, such as 'GPS"):
             listen(board, board_end, b"GPS fix lost, searching\n")
+
+
+def test_a_board_that_can_says_its_firmware(name: str, serve: Serve) -> None:
+    server = serve(name, 100.0)
+    board = on(name, server.port)
+    for _ in range(2):  # the second time it is measuring
+        board.open()
+        assert board.firmware == ("eitbench-teensy 1.0" if name == "teensy" else "")
+        board.start()
+        assert board.frames(2.0)
+        assert board.health.damaged == 0
+    board.close()
+
+
+def test_a_board_of_which_nothing_is_known_is_opened_all_the_same(
+    terminal: tuple[int, str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(serial_board, "_ANSWER_S", 0.1)
+    with on("teensy", terminal[1]) as board:
+        assert board.firmware == ""
 
 
 @pytest.mark.usefixtures("impatient")
@@ -299,86 +329,3 @@ def test_ten_times_the_rate(serve: Serve) -> None:
 @pytest.mark.slow
 def test_ten_times_the_rate_for_a_minute(serve: Serve) -> None:
     fast(serve, 60.0)
-
-
-# Ports
-
-
-def test_a_port_that_is_missing_is_answered_with_those_that_exist(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    found = [
-        SimpleNamespace(device="/dev/ttyUSB1", description="n/a"),
-        SimpleNamespace(device="/dev/ttyACM0", description="USB Serial"),
-    ]
-    monkeypatch.setattr("serial.tools.list_ports.comports", lambda: found)
-    with pytest.raises(
-        BoardError,
-        match=r"no serial port /dev/ttyACM7: those that exist are /dev/ttyACM0 \(USB Serial\), "
-        r"/dev/ttyUSB1\.",
-    ):
-        on("teensy", "/dev/ttyACM7").open()
-    monkeypatch.setattr("serial.tools.list_ports.comports", lambda: [])
-    with pytest.raises(BoardError, match="there is none on this machine"):
-        on("teensy", "/dev/ttyACM7").open()
-
-
-def test_a_file_is_no_port(tmp_path: Any) -> None:
-    path = tmp_path / "x"
-    path.write_text("")
-    with pytest.raises(BoardError, match="is no serial port"):
-        on("teensy", str(path)).open()
-
-
-@pytest.mark.skipif(os.geteuid() != 0, reason="only root can become somebody else")
-def test_a_port_that_may_not_be_used_names_its_group(terminal: tuple[int, str]) -> None:
-    port = terminal[1]
-    group = next(g for g in grp.getgrall() if g.gr_gid not in (0, os.getegid()))
-    os.chown(port, 0, group.gr_gid)
-    Path(port).chmod(0o660)
-    os.seteuid(65534)
-    try:
-        with pytest.raises(BoardError, match=f"group '{group.gr_name}': join it with `sudo"):
-            on("teensy", port).open()
-    finally:
-        os.seteuid(0)
-    Path(port).chmod(0o600)
-    with pytest.raises(BoardError, match="nor may any group"):
-        raise ports.refused(port, PermissionError(13, "Permission denied"))
-
-
-HOLD = """
-import sys, time
-{how}
-print("held", flush=True)
-time.sleep(60)
-"""
-
-
-@pytest.mark.parametrize(
-    "how",
-    [
-        "import serial; line = serial.Serial(sys.argv[1], exclusive=True)",
-        "line = open(sys.argv[1], 'rb', buffering=0)",  # a program that locks nothing
-    ],
-)
-def test_a_port_in_use_names_the_program(how: str, serve: Serve) -> None:
-    port = serve("teensy").port
-    command = [sys.executable, "-c", HOLD.format(how=how), port]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as other:
-        assert other.stdout is not None
-        assert other.stdout.readline() == "held\n"
-        with pytest.raises(
-            BoardError, match=rf"is in use by python.*\(process {other.pid}\): close it there"
-        ):
-            on("teensy", port).open()
-        other.kill()
-    with on("teensy", port) as board:
-        board.start()
-        assert board.frames(2.0)
-
-
-def test_a_port_is_opened_once_by_one_program(serve: Serve) -> None:
-    port = serve("teensy").port
-    with on("teensy", port), pytest.raises(BoardError, match=f"{port} is in use"):
-        on("teensy", port).open()
