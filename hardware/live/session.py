@@ -112,7 +112,13 @@ class Session:
             path = self._out / f"live-{time.strftime('%Y%m%d-%H%M%S')}.h5"
             self._close_recording()  # one that failed
             self._recording = Recording(
-                Recorder(path, self.board.sensor, self.name, emulated=self.emulated)
+                Recorder(
+                    path,
+                    self.board.sensor,
+                    self.name,
+                    firmware=self.board.firmware,
+                    emulated=self.emulated,
+                )
             )
         self.take_reference()
 
