@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eitbench.methods.method import Method
+from eitbench.methods.problem import Problem
 from eitbench.methods.reciprocity import averaging
 from eitbench.methods.registry import register
 from eitbench.methods.ridge import ridge
 from eitbench.scenarios.errors import InputError
 
 if TYPE_CHECKING:
-    from eitbench.methods.problem import Problem
     from eitbench.scenarios.datasets import Dataset
 
 Array = NDArray[np.float64]
@@ -36,8 +36,7 @@ class LinearLearned(Method):
         self._problem = problem
         self._averaging = averaging(problem.sensor.pattern)
         train, validation = problem.training(TRAINING), problem.validation(VALIDATION)
-        # Simulated frames are V/A, and their untouched frame may be another than the problem's.
-        inputs, seen = ((d.voltages - d.reference) @ self._averaging for d in (train, validation))
+        inputs, seen = self._inputs(train), self._inputs(validation)
         self._std = np.maximum(inputs.std(axis=0), 1e-6 * inputs.std(axis=0).max())
         found = ridge(
             inputs / self._std,
@@ -46,6 +45,11 @@ class LinearLearned(Method):
             contrasts(validation, problem),
         )
         self._matrix = found.matrix.astype(np.float64)
+
+    def _inputs(self, data: Dataset) -> Array:
+        """Averaged differences [V/A] to the untouched frame of `data`, which may be another one."""
+        own = Problem(data.sensor, data.reference, lambda split, limit: data)
+        return np.asarray(own.difference(data.voltages) @ self._averaging)
 
     def reconstruct(self, voltages: Array) -> Array:
         """Absolute conductivity (n, H, W) [S/m] from frames (n, M), within the sensor's range."""
