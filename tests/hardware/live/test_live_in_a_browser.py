@@ -148,7 +148,7 @@ def test_the_method_is_switched(opened: Any) -> None:
     page = opened()
     page.page.select_option("#method", "dnn")
     page.wait("document.querySelector('#method-shown').textContent === 'dnn'")
-    assert "U-Net" in page.page.inner_text("#about")
+    page.wait("document.querySelector('#about').textContent.includes('U-Net')")
     assert page.page.input_value("#method") == "dnn"
 
 
