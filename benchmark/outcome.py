@@ -31,6 +31,13 @@ class Outcome:
             self._status.append("ok" if valid else "invalid-output")
             self._message.append("" if valid else "returned values that are not finite")
 
+    def take(self, batch: Batch) -> None:
+        """Add samples that are kept already."""
+        names = batch.values.keys()
+        self._values += [{name: batch.values[name][k] for name in names} for k in range(len(batch))]
+        self._status += batch.status
+        self._message += batch.message
+
     def fail(self, count: int, failure: Failure) -> "Outcome":
         """Add `count` samples that were lost to `failure`."""
         self._values += [None] * count
@@ -38,13 +45,13 @@ class Outcome:
         self._message += [failure.message] * count
         return self
 
-    def batch(self, start: int) -> Batch:
-        """All of it."""
+    def batch(self, start: int, state: str) -> Batch:
+        """All of it, with what its cell remembers."""
         arrays = self._blank(len(self))
         for k, values in enumerate(self._values):
             for name, value in (values or {}).items():
                 arrays[name][k] = value
-        return Batch(start, self._status, self._message, arrays)
+        return Batch(start, self._status, self._message, arrays, state)
 
 
 class Kept:

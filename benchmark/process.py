@@ -15,6 +15,7 @@ from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any
 
+import psutil
 from threadpoolctl import threadpool_limits
 
 THREADS = 1
@@ -122,12 +123,16 @@ def _die_with_parent() -> None:
     if parent is None:
         return
     parent.join()
-    end_group(os.getpid())
+    end_tree(os.getpid())
     os._exit(1)
 
 
-def end_group(pid: int) -> None:
-    """Kill the process group that the worker `pid` leads, where there are groups."""
+def end_tree(pid: int) -> None:
+    """Kill what the worker `pid` started, in its process group or out of it, then the group."""
+    with suppress(psutil.Error):
+        for process in psutil.Process(pid).children(recursive=True):
+            with suppress(psutil.Error):
+                process.kill()
     if hasattr(os, "killpg"):
         with suppress(ProcessLookupError, PermissionError):
             os.killpg(pid, signal.SIGKILL)

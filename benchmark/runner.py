@@ -309,6 +309,7 @@ def _cell_plan(plan: Plan, manifest: Manifest, entry: Manifest) -> CellPlan:
         plugin=plan.origins.get(entry["name"]),
         fit_limit_s=plan.suite.fit_limit_s,
         frame_limit_s=plan.suite.frame_limit_s,
+        memory_limit_mb=plan.suite.memory_limit_mb,
         batch=manifest["batch"],
     )
 

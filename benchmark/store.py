@@ -9,6 +9,7 @@ appears whole or not at all.
 import hashlib
 import json
 import math
+import os
 import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -59,12 +60,18 @@ class Batch:
         start: position of its first sample in the data set.
         status, message: k texts each.
         values: arrays (k, ...), NaN where there is no valid answer.
+        state: what its cell remembers by then, as JSON; see `cell_run.CellState`.
     """
 
     start: int
     status: Sequence[str]
     message: Sequence[str]
     values: Values
+    state: str
+
+    def __len__(self) -> int:
+        """Number of samples k."""
+        return len(self.status)
 
     @property
     def stop(self) -> int:
@@ -123,6 +130,7 @@ class RunStore:
                 part,
                 status=np.array(batch.status, dtype=np.str_),
                 message=np.array(batch.message, dtype=np.str_),
+                state=np.array(batch.state),
                 **dict[str, Any](batch.values),
             ),
         )
@@ -138,18 +146,30 @@ class RunStore:
             with np.load(path, allow_pickle=False) as arrays:
                 values = {name: arrays[name] for name in arrays.files}
             status, message = (values.pop(name).tolist() for name in ("status", "message"))
+            state = str(values.pop("state"))
         except (OSError, EOFError, ValueError, KeyError, BadZipFile) as error:
             raise _unreadable(path, error) from error
-        return Batch(start, status, message, values)
+        return Batch(start, status, message, values, state)
 
     def batches(self, cell: Cell, split: str) -> Iterator[Batch]:
         """The batches kept of a cell, in order, one in memory at a time."""
         for path in sorted(self._parts(cell).glob(f"{split}-*.npz")):
             yield self.batch(cell, split, int(path.stem.rpartition("-")[2]))
 
-    def has_batch(self, cell: Cell, split: str, start: int) -> bool:
-        """Whether the batch at `start` is kept."""
-        return self._batch_path(cell, split, start).is_file()
+    def batch_length(self, cell: Cell, split: str, start: int) -> int:
+        """How many samples are kept of the batch at `start`.
+
+        Raises:
+            DataCorruptError: it cannot be read.
+        """
+        path = self._batch_path(cell, split, start)
+        if not path.is_file():
+            return 0
+        try:
+            with np.load(path, allow_pickle=False) as arrays:
+                return len(arrays["status"])
+        except (OSError, EOFError, ValueError, KeyError, TypeError, BadZipFile) as error:
+            raise _unreadable(path, error) from error
 
     def has_batches(self, cell: Cell) -> bool:
         """Whether any test batch of the cell is kept."""
@@ -232,6 +252,7 @@ class RunStore:
             path.parent.mkdir(parents=True, exist_ok=True)
             try:
                 write(part)
+                _flush(part)
                 part.replace(path)
             finally:
                 part.unlink(missing_ok=True)
@@ -299,6 +320,12 @@ def _folder(name: str) -> str:
         digest = hashlib.sha256(name.encode()).hexdigest()[:16]
         quoted = f"{quoted[: MAX_FOLDER - 17]}~{digest}"
     return "%2E" + quoted[1:] if quoted.startswith(".") else quoted
+
+
+def _flush(path: Path) -> None:
+    """Have a file on the disk, so that it is whole where its name appears, whatever happens."""
+    with path.open("r+b") as file:
+        os.fsync(file.fileno())
 
 
 def _write_text(path: Path, text: str) -> None:

@@ -39,6 +39,7 @@ class CellPlan:
     plugin: Path | None
     fit_limit_s: float
     frame_limit_s: float
+    memory_limit_mb: float
     batch: int
 
 

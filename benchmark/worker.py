@@ -4,12 +4,15 @@ The parent sends the name of one of the servant's methods with its arguments, an
 `Reply`, up to a time limit; it never sends truth.
 """
 
+import math
+import os
 import random
 import signal
 import sys
 import threading
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
@@ -19,16 +22,17 @@ import numpy as np
 import psutil
 from numpy.typing import NDArray
 
-from eitbench.benchmark.process import end_group, start_process
+from eitbench.benchmark.process import end_tree, start_process
 from eitbench.methods.registry import Plugin, load_plugin
 from eitbench.scenarios.errors import InputError
 
 Status = Literal["ok", "error", "timeout", "invalid-output", "out-of-memory"]
 
 SEED = 0
-POLL_SECONDS = 0.2
+POLL_SECONDS, JOIN_SECONDS = 0.2, 5.0
 PLUGIN_LIMIT_S = 60.0
 MAX_MESSAGE = 500
+LOG_LIMIT, LOG_HEAD = 2**24, 2**20  # bytes: a log that is longer than the first keeps the second
 
 
 @dataclass(frozen=True)
@@ -83,9 +87,16 @@ class Worker:
         *arguments: object,
         log: Path | None = None,
         stop: threading.Event | None = None,
+        memory_limit_mb: float = math.inf,
     ) -> None:
-        """Start `serve(connection, *arguments)` with its output going to `log` (None: nowhere)."""
+        """Start `serve(connection, *arguments)` with its output going to `log` (None: nowhere).
+
+        Args:
+            memory_limit_mb: resident memory that it and the processes it starts may take [MiB].
+        """
+        self._log = log
         self._stop = stop or threading.Event()
+        self._memory_limit_mb = memory_limit_mb
         self._process, self._connection = start_process(serve, arguments, log)
 
     def __enter__(self) -> "Worker":
@@ -98,8 +109,8 @@ class Worker:
         """Send `request` and wait at most `limit` seconds for the answer.
 
         Raises:
-            WorkerLostError: no answer in time, or the process died or answered nonsense; `what` it
-                was doing is said.
+            WorkerLostError: no answer in time, too much memory, or the process died or answered
+                nonsense; `what` it was doing is said.
             StoppedError: the run was interrupted.
         """
         deadline = time.monotonic() + limit
@@ -118,9 +129,27 @@ class Worker:
                 ready = wait([self._connection, self._process.sentinel], min(left, POLL_SECONDS))
                 if self._process.sentinel in ready and not self._connection.poll():
                     raise EOFError
-            return self._receive(what)
+                if not ready:
+                    self._shorten_log()
+                    self._hold_to_memory(tree_memory_mb(self._process.pid), what)
+            reply = self._receive(what)
         except (EOFError, OSError) as error:
             raise WorkerLostError(self._death(what)) from error
+        self._shorten_log()
+        self._hold_to_memory(reply.memory_mb, what)
+        return reply
+
+    def _hold_to_memory(self, used_mb: float, what: str) -> None:
+        if used_mb > self._memory_limit_mb:
+            self.close()
+            message = f"{what} took more than {self._memory_limit_mb:g} MB of memory"
+            raise WorkerLostError(Failure("out-of-memory", message))
+
+    def _shorten_log(self) -> None:
+        """Keep the head of a log that has grown too long; what is written next is appended."""
+        with suppress(OSError):  # it is not there yet, or its disk has gone
+            if self._log is not None and self._log.stat().st_size > LOG_LIMIT:
+                os.truncate(self._log, LOG_HEAD)
 
     def _receive(self, what: str) -> Reply:
         answer: object
@@ -141,12 +170,13 @@ class Worker:
         self._connection.close()
         if self._process.is_alive():
             if self._process.pid is not None:
-                end_group(self._process.pid)
+                end_tree(self._process.pid)
             self._process.kill()
-        self._process.join()
+        # Not for ever: a process that escaped holds the pipe by which an end is seen.
+        self._process.join(JOIN_SECONDS)
 
     def _death(self, what: str) -> Failure:
-        self._process.join(5)
+        self._process.join(JOIN_SECONDS)
         code = self._process.exitcode
         if code is None:  # alive, but what it sent cannot be read
             self.close()
@@ -162,6 +192,7 @@ class Worker:
 
 def serve(connection: Connection, servant: object) -> None:
     """Answer requests, each a method of `servant` that gives a `Reply`, until there are no more."""
+    own = os.getpid()
     while True:
         operation, *arguments = connection.recv()
         seed_everything()
@@ -170,6 +201,8 @@ def serve(connection: Connection, servant: object) -> None:
             reply: Reply = getattr(servant, operation)(*arguments)
         except BaseException as error:  # what is judged may raise anything, SystemExit included
             reply = Reply(None, time.perf_counter() - start, describe_exception(error))
+        if os.getpid() != own:  # what is judged has forked, and its child came back, too
+            os._exit(0)
         connection.send(replace(reply, memory_mb=peak_memory_mb()))
 
 
@@ -247,6 +280,17 @@ def seed_everything() -> None:
     """Seed the global generators before every request, so that resuming changes nothing."""
     random.seed(SEED)
     np.random.seed(SEED)  # noqa: NPY002  (plugins may draw from the global generator)
+
+
+def tree_memory_mb(pid: int | None) -> float:
+    """Resident memory of the process `pid` and of all that it started [MiB]; 0 where it is gone."""
+    total = 0
+    with suppress(psutil.Error):
+        parent = psutil.Process(pid)
+        for process in (parent, *parent.children(recursive=True)):
+            with suppress(psutil.Error):
+                total += process.memory_info().rss
+    return total / 2**20
 
 
 def peak_memory_mb() -> float:

@@ -39,6 +39,7 @@ class Suite(Declaration):
         limit: number of test samples of each scenario when the user names none; all by default.
         fit_limit_s: a method or operator may take this long to set itself up on a scenario [s].
         frame_limit_s: it may take this long for one sample [s].
+        memory_limit_mb: it may take this much memory, with the processes it starts [MiB].
         download_limit_s: a recorded set may take this long to download [s]; no limit by default.
     """
 
@@ -51,6 +52,7 @@ class Suite(Declaration):
     limit: int | None = Field(default=None, ge=1)
     fit_limit_s: float = Field(default=600.0, gt=0, allow_inf_nan=False)
     frame_limit_s: float = Field(default=10.0, gt=0, allow_inf_nan=False)
+    memory_limit_mb: float = Field(default=8192.0, gt=0, allow_inf_nan=False)
     download_limit_s: float | None = Field(default=None, gt=0, allow_inf_nan=False)
 
     @field_validator("operators")

@@ -14,7 +14,7 @@ import pandas as pd
 import psutil
 import pytest
 
-from eitbench.benchmark import cell, method_cell
+from eitbench.benchmark import cell_run, method_cell
 from eitbench.benchmark.runner import Plan, RunResult, make_plan, resume_run, start_run
 from eitbench.benchmark.worker import Worker
 from eitbench.scenarios.datasets import Dataset, load
@@ -179,7 +179,7 @@ def test_an_unexpected_error_costs_its_cell_only(
             raise RuntimeError("no more processes")
         return Worker(*args, **kwargs)
 
-    monkeypatch.setattr(cell, "Worker", worker)
+    monkeypatch.setattr(cell_run, "Worker", worker)
     run = start_run(
         make_plan(tiny, methods=["toy-good", "noser"], plugins=[toys]), tmp_path / "run"
     ).path

@@ -18,7 +18,7 @@ def batch(start: int) -> Batch:
     images = np.full((2, 3, 4), float(start), dtype=np.float32)
     images[1] = np.nan
     values = {"conductivity": images, "frame_ms": np.array([1.5, np.nan])}
-    return Batch(start, ["ok", "error"], ["", "ValueError: ü"], values)
+    return Batch(start, ["ok", "error"], ["", "ValueError: ü"], values, "{}")
 
 
 def test_batches_come_back_in_order(tmp_path: Path) -> None:
@@ -34,8 +34,8 @@ def test_batches_come_back_in_order(tmp_path: Path) -> None:
     assert found[1].values.keys() == {"conductivity", "frame_ms"}
     for name, array in batch(2).values.items():
         np.testing.assert_array_equal(found[1].values[name], array)
-    assert store.has_batch(CELL, "test", 2)
-    assert not store.has_batch(CELL, "test", 6)
+    assert store.batch_length(CELL, "test", 2) == 2
+    assert not store.batch_length(CELL, "test", 6)
 
 
 def test_a_full_disk_is_one_sentence_and_leaves_no_piece(
@@ -50,7 +50,7 @@ def test_a_full_disk_is_one_sentence_and_leaves_no_piece(
     monkeypatch.setattr(np, "savez", full)
     with pytest.raises(EitbenchError, match=r"Could not write .*No space left on device"):
         store.save_batch(CELL, "test", batch(0))
-    assert not store.has_batch(CELL, "test", 0)
+    assert not store.batch_length(CELL, "test", 0)
     assert not [path for path in (tmp_path / "run" / "parts").rglob("*") if path.is_file()]
 
 
@@ -121,7 +121,7 @@ def test_method_names_stay_inside_the_run(name: str, tmp_path: Path) -> None:
     cell = Cell("some-scenario", name)
     store.log(cell).write_text("")
     store.save_batch(cell, "test", batch(0))
-    assert store.has_batch(cell, "test", 0)
+    assert store.batch_length(cell, "test", 0) == 2
     assert store.log(cell).parent == run / "logs"
     assert [path.name for path in tmp_path.iterdir()] == ["run"]
     (part,) = run.rglob("*.npz")

@@ -1,0 +1,106 @@
+"""A plugin whose methods are a danger to the run that they are part of."""
+
+import ctypes
+import os
+import signal
+import sys
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from eitbench.methods import Method, Problem, register
+
+Array = np.ndarray[Any, np.dtype[np.float64]]
+
+
+class Untouched(Method):
+    """Sees nothing, after it has done what its name says."""
+
+    def fit(self, problem: Problem) -> None:
+        self.image = np.full(problem.mask.shape, problem.background)
+
+    def reconstruct(self, voltages: Array) -> Array:
+        self.harm()
+        return np.repeat(self.image[None], len(voltages), axis=0)
+
+    def harm(self) -> None:
+        """What it does."""
+
+
+@register("segfaults")
+class Segfaults(Untouched):
+    """Reads from nowhere."""
+
+    def harm(self) -> None:
+        ctypes.string_at(0)
+
+
+@register("is-killed")
+class IsKilled(Untouched):
+    """Is killed, as the system does when memory runs out."""
+
+    def harm(self) -> None:
+        os.kill(os.getpid(), signal.SIGKILL)
+
+
+@register("takes-memory")
+class TakesMemory(Untouched):
+    """Takes all the memory there is, in its own process and in a child's."""
+
+    def harm(self) -> None:
+        if os.fork():
+            os.wait()
+        taken = []
+        while True:
+            taken.append(np.ones(2**21))
+            time.sleep(0.01)
+
+
+@register("forks")
+class Forks(Untouched):
+    """Comes back twice."""
+
+    def harm(self) -> None:
+        os.fork()
+
+
+@register("leaves-a-daemon")
+class LeavesADaemon(Untouched):
+    """Leaves a process behind, in a session of its own."""
+
+    def harm(self) -> None:
+        if os.fork() == 0:
+            os.setsid()
+            Path(os.environ["HOSTILE_PID"]).write_text(str(os.getpid()))
+            time.sleep(600)
+            os._exit(0)
+
+
+@register("prints-a-gigabyte")
+class PrintsAGigabyte(Untouched):
+    """Prints more than a disk should hold, once."""
+
+    left = 256
+
+    def harm(self) -> None:
+        while self.left:
+            sys.stdout.write(4 * 2**20 * "x")
+            self.left -= 1
+
+
+@register("deadlocks")
+class Deadlocks(Untouched):
+    """Waits for itself."""
+
+    def harm(self) -> None:
+        lock = threading.Lock()
+        lock.acquire()
+        lock.acquire()
+
+
+@register("behaves")
+class Behaves(Untouched):
+    """Does no harm."""

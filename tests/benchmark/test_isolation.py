@@ -1,0 +1,71 @@
+"""Whatever a plugin does to its process costs its own rows only."""
+
+import os
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import psutil
+import pytest
+
+from eitbench.benchmark.runner import make_plan, start_run
+from eitbench.benchmark.worker import LOG_LIMIT
+from eitbench.scenarios.suites import Suite
+
+pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
+HOSTILE = Path(__file__).parent / "data" / "hostile_methods.py"
+
+
+@pytest.fixture(scope="module")
+def run(tiny: Suite, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run of every hostile method but one that hangs, two at a time, beside one that behaves."""
+    folder = tmp_path_factory.mktemp("hostile")
+    limits = {"frame_limit_s": 30.0, "memory_limit_mb": 1000.0, "limit": 3}
+    plan = make_plan(tiny.model_copy(update=limits), plugins=[HOSTILE])
+    plan = replace(plan, names=tuple(name for name in plan.names if name != "deadlocks"))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("HOSTILE_PID", str(folder / "daemon"))
+        return start_run(plan, folder / "run", jobs=2).path
+
+
+@pytest.mark.parametrize(
+    ("method", "status", "message"),
+    [
+        ("noser", "ok", ""),
+        ("behaves", "ok", ""),
+        ("segfaults", "error", "died of SIGSEGV"),
+        ("is-killed", "out-of-memory", "its process was killed (out of memory, or by hand)"),
+        ("takes-memory", "out-of-memory", "took more than 1000 MB of memory"),
+        ("forks", "ok", ""),
+        ("leaves-a-daemon", "ok", ""),
+        ("prints-a-gigabyte", "ok", ""),
+    ],
+)
+def test_it_costs_its_rows_only(method: str, status: str, message: str, run: Path) -> None:
+    rows = pd.read_parquet(run / "samples.parquet").set_index("method").loc[[method]]
+    assert rows["status"].tolist() == 3 * [status]
+    assert all(message in text for text in rows["message"])
+    assert np.isfinite(rows["score"]).all()
+
+
+def test_a_deadlock_costs_its_time(tiny: Suite, tmp_path: Path) -> None:
+    suite = tiny.model_copy(update={"frame_limit_s": 0.2, "limit": 2})
+    plan = make_plan(suite, methods=["deadlocks"], plugins=[HOSTILE])
+    rows = pd.read_parquet(start_run(plan, tmp_path / "run").path / "samples.parquet")
+    assert rows["status"].tolist() == ["timeout", "timeout"]
+
+
+def test_what_it_prints_does_not_fill_the_disk(run: Path) -> None:
+    (log,) = (run / "logs").glob("*prints-a-gigabyte.log")
+    assert log.stat().st_size <= LOG_LIMIT
+    assert log.read_bytes()[:4] == b"xxxx"
+
+
+def test_what_it_leaves_behind_is_ended(run: Path) -> None:
+    pid = int((run.parent / "daemon").read_text())
+    deadline = time.monotonic() + 10
+    while psutil.pid_exists(pid) and psutil.Process(pid).status() != psutil.STATUS_ZOMBIE:
+        assert time.monotonic() < deadline, "it lives on"
+        time.sleep(0.1)
