@@ -6,14 +6,16 @@ from typing import Any
 
 import pandas as pd
 
+from eitbench.benchmark import manifest
 from eitbench.benchmark.cell_run import CellRun
 from eitbench.benchmark.outcome import Kept
-from eitbench.benchmark.progress import CellProgress
+from eitbench.benchmark.progress import Bar
 from eitbench.benchmark.subject import Judged, Subject
+from eitbench.benchmark.timing import calibration
 from eitbench.scenarios.errors import EitbenchError
 
 
-def run_cell(subject: Judged, progress: CellProgress, stop: threading.Event) -> None:
+def run_cell(subject: Judged, progress: Bar, stop: threading.Event) -> None:
     """Ask for what is not kept yet, then judge the cell; whatever it does is a row.
 
     Raises:
@@ -23,7 +25,7 @@ def run_cell(subject: Judged, progress: CellProgress, stop: threading.Event) -> 
     judge_cell(subject, CellRun(subject, progress, stop).run())
 
 
-def prepare(subject: Subject, progress: CellProgress, stop: threading.Event) -> None:
+def prepare(subject: Subject, progress: Bar, stop: threading.Event) -> None:
     """Run what other cells need, unless it is kept already.
 
     Raises:
@@ -74,6 +76,8 @@ def judge_cell(subject: Judged, row: Mapping[str, Any] | None) -> None:
         **(row or {}),
         **whole,
         "coverage": ok / len(table) if len(table) else 0.0,
+        "machine": manifest.cpu_model(),
+        "calibration_ms": calibration(),
         "n": len(table),
         "complete": row is not None and len(table) == len(test),
     }

@@ -14,7 +14,7 @@ import numpy as np
 from pydantic import TypeAdapter
 
 from eitbench.benchmark.outcome import Outcome
-from eitbench.benchmark.progress import CellProgress
+from eitbench.benchmark.progress import Bar
 from eitbench.benchmark.subject import NAN, Subject
 from eitbench.benchmark.worker import (
     Failure,
@@ -72,7 +72,7 @@ class CellRun:
         pending: the batches that are not kept yet, or not whole.
     """
 
-    def __init__(self, subject: Subject, progress: CellProgress, stop: threading.Event) -> None:
+    def __init__(self, subject: Subject, progress: Bar, stop: threading.Event) -> None:
         self.subject, self.progress, self.stop = subject, progress, stop
         self.plan, self.store = subject.plan, subject.store
         self.memory_mb = NAN

@@ -12,7 +12,6 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy import stats
 
-from eitbench.benchmark import manifest
 from eitbench.benchmark.averages import averages
 from eitbench.benchmark.cards import METRICS, MetricCard
 from eitbench.benchmark.kind import METHODS
@@ -112,11 +111,11 @@ def read_results(path: Path) -> Results:
             "suite again."
         )
     cells, units = table.with_name(METHODS.table), {}
-    if cells.is_file() and (table.with_name(manifest.FILE_NAME)).is_file():
-        solve = manifest.read(table.parent).get("calibration_ms")
+    if cells.is_file():
         for row in read_table(cells).to_dict("records"):
-            if solve and np.isfinite(row["frame_ms_p50"]):
-                units[str(row["scenario"]), str(row["method"])] = row["frame_ms_p50"] / solve
+            solve, frame = row.get("calibration_ms"), row.get("frame_ms_p50")
+            if solve and frame and np.isfinite(frame / solve):
+                units[str(row["scenario"]), str(row["method"])] = frame / solve
     return Results(path, samples, units)
 
 

@@ -7,6 +7,7 @@ import platform
 import subprocess
 import sys
 from datetime import UTC, datetime
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -80,14 +81,16 @@ def versions() -> dict[str, str | None]:
 def machine() -> dict[str, str | int | None]:
     """Processor, cores, memory and operating system; no host or user name."""
     return {
-        "cpu": _cpu_model(),
+        "cpu": cpu_model(),
         "cores": os.cpu_count(),
         "memory_mb": psutil.virtual_memory().total // 2**20,
         "os": platform.platform(),
     }
 
 
-def _cpu_model() -> str:
+@cache
+def cpu_model() -> str:
+    """The processor's name."""
     cpuinfo = Path("/proc/cpuinfo")
     if cpuinfo.is_file():
         for line in cpuinfo.read_text(errors="replace").splitlines():

@@ -3,6 +3,7 @@
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Protocol
 
 from rich.console import Console
 from rich.progress import (
@@ -13,6 +14,13 @@ from rich.progress import (
     TimeElapsedColumn,
     TimeRemainingColumn,
 )
+
+
+class Bar(Protocol):
+    """What is told how far a cell is."""
+
+    def advance(self, frames: int) -> None:
+        """So many frames more are done."""
 
 
 class CellProgress:

@@ -305,9 +305,9 @@ def _row(run: Run, keys: Row, cell: pd.DataFrame) -> Row:
         row[name] = str(known.get(name, ""))
     row |= {"data_hash": data.get("hash"), "data_n": data.get("n")}
     row["inverse_crime"] = data.get("inverse_crime")
-    row["machine"] = run.manifest.get("machine", {}).get("cpu")
+    row["machine"] = known.get("machine")
     if kind == METHODS:
-        solve = run.manifest.get("calibration_ms")
+        solve = known.get("calibration_ms")
         frame = row["frame_ms_p50"]
         row["frame_solves"] = frame / solve if solve and frame is not None else None
         noted = run.notes.get(keys["scenario"], {})

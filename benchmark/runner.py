@@ -10,7 +10,8 @@ from pathlib import Path
 from types import FrameType
 
 from eitbench.benchmark import manifest as manifests
-from eitbench.benchmark.cell import judge_cell, prepare, run_cell
+from eitbench.benchmark.cell import judge_cell
+from eitbench.benchmark.execution import Executor, Work, executor
 from eitbench.benchmark.lock import locked
 from eitbench.benchmark.manifest import Manifest
 from eitbench.benchmark.method_cell import MethodData
@@ -19,7 +20,7 @@ from eitbench.benchmark.plan import Plan, make_plan
 from eitbench.benchmark.process import THREADS
 from eitbench.benchmark.progress import RunProgress
 from eitbench.benchmark.store import Cell, RunStore
-from eitbench.benchmark.subject import CellData, CellPlan, Subject
+from eitbench.benchmark.subject import CellData, CellPlan
 from eitbench.benchmark.timing import calibration
 from eitbench.benchmark.worker import SEED, StoppedError
 from eitbench.scenarios.errors import (
@@ -55,21 +56,36 @@ class RunInterruptedError(EitbenchError):
 
 
 def start_run(
-    plan: Plan, out: Path, *, jobs: int = 1, progress: RunProgress | None = None
+    plan: Plan,
+    out: Path,
+    *,
+    jobs: int = 1,
+    scheduler: str | None = None,
+    progress: RunProgress | None = None,
 ) -> RunResult:
     """Run `plan` into the new directory `out`, `jobs` cells at a time.
+
+    Args:
+        scheduler: address of a Dask scheduler on whose machines the cells are run; `jobs` is then
+            how many processes simulate data here.
 
     Call it from a script only under `if __name__ == "__main__":`, since it starts processes.
 
     Raises:
-        InputError: `out` is not empty, or another process works in it.
+        InputError: `out` is not empty, another process works in it, or no scheduler answers.
         DataUnavailableError, DataCorruptError: no scenario's data could be had.
         RunInterruptedError: Ctrl-C or SIGTERM; `resume_run` continues.
         EitbenchError: `out` cannot be written.
     """
     progress = progress or RunProgress(quiet=True)
-    store = RunStore.create(out, plan.kind)
-    with locked(out), _termination_interrupts():
+    with executor(jobs, scheduler) as where:
+        return _start(plan, RunStore.create(out, plan.kind), where, jobs, progress)
+
+
+def _start(
+    plan: Plan, store: RunStore, where: Executor, jobs: int, progress: RunProgress
+) -> RunResult:
+    with locked(store.path), _termination_interrupts():
         try:
             data, skipped, refused = _load(plan, plan.scenarios, jobs, progress)
             skipped |= _untrained(plan, data, progress)
@@ -78,13 +94,21 @@ def start_run(
         except BaseException:  # nothing has been run: leave nothing behind, after Ctrl-C too
             store.discard()
             raise
-        return _execute(plan, store, manifest, data, jobs, progress)
+        return _execute(plan, store, manifest, data, where, progress)
 
 
 def resume_run(
-    run: Path, *, suite: Suite | None = None, jobs: int = 1, progress: RunProgress | None = None
+    run: Path,
+    *,
+    suite: Suite | None = None,
+    jobs: int = 1,
+    scheduler: str | None = None,
+    progress: RunProgress | None = None,
 ) -> RunResult:
     """Continue the run in `run`, in place, with the choices it was started with.
+
+    Args:
+        jobs, scheduler: as for `start_run`; they may be others than before.
 
     Raises:
         InputError: `run` is no run directory, belongs to another suite, plugin or data, or another
@@ -101,7 +125,7 @@ def resume_run(
     if manifest["status"] == "finished":
         return _result(run, manifest)
     progress = progress or RunProgress(quiet=True)
-    with locked(run), _termination_interrupts():
+    with locked(run), _termination_interrupts(), executor(jobs, scheduler) as where:
         manifest = manifests.read_resumable(run)  # another process may just have finished it
         if manifest["status"] == "finished":
             return _result(run, manifest)
@@ -110,7 +134,7 @@ def resume_run(
             {"time": manifests.now(), "command_line": manifests.command_line(), "jobs": jobs}
             | manifests.environment()
         )
-        return _execute(plan, RunStore(run, plan.kind), manifest, data, jobs, progress)
+        return _execute(plan, RunStore(run, plan.kind), manifest, data, where, progress)
 
 
 def _result(run: Path, manifest: Manifest) -> RunResult:
@@ -269,11 +293,11 @@ def _execute(
     store: RunStore,
     manifest: Manifest,
     data: dict[str, CellData],
-    jobs: int,
+    where: Executor,
     progress: RunProgress,
 ) -> RunResult:
     cells = [_cell_plan(plan, manifest, entry) for entry in manifest["cells"]]
-    interrupted = not _run_cells(cells, data, store, jobs, progress)
+    interrupted = not _run_cells(cells, data, store, where, progress)
     if interrupted:
         for cell in cells:
             if not store.finished(cell.cell) and store.has_batches(cell.cell):
@@ -318,7 +342,7 @@ def _run_cells(
     cells: list[CellPlan],
     data: dict[str, CellData],
     store: RunStore,
-    jobs: int,
+    where: Executor,
     progress: RunProgress,
 ) -> bool:
     """Run what is not finished; False after Ctrl-C.
@@ -329,31 +353,27 @@ def _run_cells(
     stop = threading.Event()
     unfinished = [plan for plan in cells if not store.finished(plan.cell)]
     first_of = {plan.cell.scenario: plan for plan in reversed(unfinished)}
-    found = {
-        name: there.preparation(first_of[name], store)
+    preparations = {
+        name: Work("preparation", there, first_of[name])
         for name, there in data.items()
-        if name in first_of
+        if name in first_of and there.preparation(first_of[name], store) is not None
     }
-    preparations = {name: subject for name, subject in found.items() if subject is not None}
     prepared: dict[str, Future[None]] = {}
 
-    def preparing(subject: Subject) -> None:
+    def working(work: Work) -> None:
+        subject, scenario = work.subject(store), work.plan.cell.scenario
         with progress.cell(str(subject.plan.cell), sum(subject.sizes.values())) as bar:
-            prepare(subject, bar, stop)
-
-    def working(plan: CellPlan) -> None:
-        subject = data[plan.cell.scenario].subject(plan, store)
-        with progress.cell(str(plan.cell), sum(subject.sizes.values())) as bar:
-            if plan.cell.scenario in prepared:
-                prepared[plan.cell.scenario].result()
+            if work.role == "cell" and scenario in prepared:
+                prepared[scenario].result()
             if not stop.is_set():
-                run_cell(subject, bar, stop)
+                where.do(work, store, bar, stop)
 
-    with progress.cells(len(unfinished) + len(preparations)), ThreadPoolExecutor(jobs) as pool:
+    works = [Work("cell", data[plan.cell.scenario], plan) for plan in unfinished]
+    with progress.cells(len(works) + len(preparations)), ThreadPoolExecutor(where.slots) as pool:
         # They are begun before any cell that waits for one.
-        for scenario, subject in preparations.items():
-            prepared[scenario] = pool.submit(preparing, subject)
-        futures = [*prepared.values(), *(pool.submit(working, plan) for plan in unfinished)]
+        for scenario, work in preparations.items():
+            prepared[scenario] = pool.submit(working, work)
+        futures = [*prepared.values(), *(pool.submit(working, work) for work in works)]
         try:
             wait(futures, return_when=FIRST_EXCEPTION)
         except KeyboardInterrupt:

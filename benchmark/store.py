@@ -37,6 +37,8 @@ CHUNK = 6400  # values read at once: one image of 80 x 80 pixels
 
 Values = Mapping[str, NDArray[Any]]
 """Arrays with a row for each of some samples, by name."""
+Files = Mapping[str, bytes]
+"""What is kept of a cell: the content of its files by name."""
 Truth = tuple[Mapping[str, Any], Values]
 """What is known of a scenario: attributes and arrays by name."""
 
@@ -212,6 +214,21 @@ class RunStore:
             self.path / kind.arrays, lambda part: self._write_arrays(part, judged, truths)
         )
 
+    def pack(self, cell: Cell) -> Files:
+        """What is kept of a cell, to be sent elsewhere."""
+        folder = self._parts(cell)
+        there = sorted(folder.iterdir()) if folder.is_dir() else []
+        return {path.name: path.read_bytes() for path in there if not path.name.startswith(".")}
+
+    def unpack(self, cell: Cell, files: Files) -> None:
+        """Keep what was packed elsewhere, unless it is kept already."""
+        folder = self._parts(cell)
+        # As where it was written: the table of the cell, which says that it is judged, comes last.
+        for name in sorted(files, key=lambda name: (name == self.kind.table, name)):
+            path = folder / Path(name).name
+            if not path.is_file() or path.read_bytes() != files[name]:
+                self._replace(path, lambda part, name=name: _write_bytes(part, files[name]))
+
     def forget(self, cell: Cell) -> None:
         """Remove what is kept of a cell."""
         shutil.rmtree(self._parts(cell), ignore_errors=True)
@@ -326,6 +343,10 @@ def _flush(path: Path) -> None:
     """Have a file on the disk, so that it is whole where its name appears, whatever happens."""
     with path.open("r+b") as file:
         os.fsync(file.fileno())
+
+
+def _write_bytes(path: Path, content: bytes) -> None:
+    path.write_bytes(content)
 
 
 def _write_text(path: Path, text: str) -> None:

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Sequence
+from functools import cache
 
 import numpy as np
 from scipy import sparse
@@ -20,8 +21,11 @@ def warm_percentiles(frame_ms: Sequence[float]) -> tuple[float, float]:
     return float(p50), float(p99)
 
 
-def calibration(repeats: int = 5) -> float:
-    """Milliseconds this machine needs for a fixed solve on one thread (the fastest of `repeats`).
+@cache
+def calibration() -> float:
+    """Milliseconds this machine needs for a fixed solve on one thread (the fastest of five).
+
+    Measured when it is first asked for.
 
     The work resembles what methods do: a sparse factorisation of a 5-point Laplacian on an
     80 x 80 grid with 16 right-hand sides, then a dense product the size of a Jacobian. Times of two
@@ -35,7 +39,7 @@ def calibration(repeats: int = 5) -> float:
     dense = np.sin(np.arange(208 * side * side, dtype=np.float64)).reshape(208, -1)
     fastest = np.inf
     with threadpool_limits(1):
-        for _ in range(repeats):
+        for _ in range(5):
             start = time.perf_counter()
             solution = splu(laplacian).solve(right)
             dense @ solution

@@ -42,6 +42,10 @@ def run(
         typer.Option(metavar="FILE.py", help="A file with more methods or operators."),
     ] = None,
     jobs: Annotated[int, typer.Option(min=1, help="Cells (scenario x method) at a time.")] = 1,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(metavar="ADDRESS", help="Run the cells on the cluster of a Dask scheduler."),
+    ] = None,
     out: Annotated[
         Path | None, typer.Option(metavar="DIR", help="New folder (default: runs/SUITE-TIME).")
     ] = None,
@@ -57,18 +61,22 @@ def run(
 
     choices = (methods, operators, scenarios, limit, plugin or None, out)
     if resume is not None and any(choice is not None for choice in choices):
-        raise typer.BadParameter("a resumed run keeps its choices: give SUITE and --jobs only")
+        raise typer.BadParameter(
+            "a resumed run keeps its choices: give SUITE, --jobs and --scheduler only"
+        )
     if resume is None and suite is None:
         raise typer.BadParameter("name a suite (eitbench list suites), or give --resume DIR")
     progress = RunProgress()
     try:
         if resume is not None:
             chosen = None if suite is None else load_suite(suite)
-            result = resume_run(resume, suite=chosen, jobs=jobs, progress=progress)
+            result = resume_run(
+                resume, suite=chosen, jobs=jobs, scheduler=scheduler, progress=progress
+            )
         elif suite is not None:
             plan = plan_of(suite, methods, scenarios, limit, plugin, operators)
             folder = out or Path("runs") / f"{plan.suite.name}-{time.strftime('%Y%m%d-%H%M%S')}"
-            result = start_run(plan, folder, jobs=jobs, progress=progress)
+            result = start_run(plan, folder, jobs=jobs, scheduler=scheduler, progress=progress)
     except RunInterruptedError as interrupted:
         fail(str(interrupted), 130)
     _show_run(result, as_json, limit)

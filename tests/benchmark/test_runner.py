@@ -16,7 +16,7 @@ import pandas as pd
 import psutil
 import pytest
 
-from eitbench.benchmark import cell, lock, method_cell, runner
+from eitbench.benchmark import cell, execution, lock, method_cell, runner
 from eitbench.benchmark.judge import METRIC_COLUMNS, judge
 from eitbench.benchmark.method_cell import MethodData
 from eitbench.benchmark.runner import Plan, RunResult, make_plan, resume_run, start_run
@@ -31,7 +31,7 @@ from eitbench.scenarios.suites import Suite
 
 N = 5
 TIMES = ("frame_ms", "setup_s", "first_frame_ms", "frame_ms_p50", "frame_ms_p99", "batch_fps")
-NOT_COMPARED = [*TIMES, "memory_mb"]
+NOT_COMPARED = [*TIMES, "memory_mb", "calibration_ms"]
 
 
 @pytest.fixture(scope="module")
@@ -332,7 +332,7 @@ def test_a_run_is_finished_only_with_every_cell(
             run_cell(subject, *args)
 
     with monkeypatch.context() as patch:
-        patch.setattr(runner, "run_cell", forget)
+        patch.setattr(execution, "run_cell", forget)
         with pytest.raises(EitbenchError, match=r"1 of the 2 cells .* are not complete"):
             start_run(plan_of(tiny, toys, "noser", "toy-good"), tmp_path / "run")
     manifest = json.loads((tmp_path / "run" / "manifest.json").read_text())

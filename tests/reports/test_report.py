@@ -213,11 +213,10 @@ def test_several_runs_are_shown_alike(many: Path, tmp_path: Path) -> None:
     other = shutil.copytree(many, tmp_path / "other")
     table = pd.read_parquet(other / "samples.parquet")
     table.assign(rie=table["rie"] / 2).to_parquet(other / "samples.parquet")
-    content = json.loads((other / "manifest.json").read_text())
-    machine = {"machine": {"cpu": "Another"}, "calibration_ms": 10.0}
-    (other / "manifest.json").write_text(json.dumps(content | machine))
-    content["calibration_ms"] = 20.0
-    (many / "manifest.json").write_text(json.dumps(content))
+    for run, machine, solve in ((other, "Another", 10.0), (many, "One", 20.0)):
+        cells = pd.read_parquet(run / "methods.parquet")
+        cells = cells.assign(machine=machine, calibration_ms=solve)
+        cells.to_parquet(run / "methods.parquet")
     (board,) = gather([many, other])["boards"]
     rows = {row["label"]: row for row in board["views"][0]["rows"]}
     assert {"good (run)", "good (other)", "poor (run)", "poor (other)"} <= set(rows)

@@ -8,6 +8,7 @@ from typing import Any
 from urllib.parse import unquote
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from eitbench.reports.leaderboard import FORMATS, leaderboard
@@ -22,6 +23,12 @@ def change(run: Path, **more: Any) -> None:
     (run / "manifest.json").write_text(json.dumps(content | more))
 
 
+def measured_on(run: Path, machine: str, calibration_ms: float) -> None:
+    table = pd.read_parquet(run / "methods.parquet")
+    table = table.assign(machine=machine, calibration_ms=calibration_ms)
+    table.to_parquet(run / "methods.parquet")
+
+
 @pytest.fixture
 def runs(build: Any, dataset_of: Any, tmp_path: Path) -> Path:
     """Two runs with version 0.2.0, on unlike machines, one with 0.1.0, and one that is damaged."""
@@ -32,9 +39,10 @@ def runs(build: Any, dataset_of: Any, tmp_path: Path) -> Path:
         build.add(dataset, name, share * (dataset.conductivity - 1) + 1 + noise)
     folder = tmp_path / "runs"
     first = shutil.copytree(build.write(), folder / "first")
-    change(first, versions={"eitbench": "0.2.0"}, calibration_ms=20.0)
+    change(first, versions={"eitbench": "0.2.0"})
+    measured_on(first, "One", 20.0)
     second = shutil.copytree(first, folder / "second")
-    change(second, machine={"cpu": "Another"}, calibration_ms=40.0)
+    measured_on(second, "Another", 40.0)
     old = shutil.copytree(first, folder / "old")
     change(old, versions={"eitbench": "0.1.0"})
     damaged = shutil.copytree(first, folder / "damaged")

@@ -1,0 +1,322 @@
+"""Where cells are worked on: on this machine, or on those of a Dask cluster, by the same code.
+
+On a cluster a cell is worked on in pieces of some minutes. A piece gets what is kept of its cell,
+goes on as a resumed run does, and sends back what is kept then: rows are here, and safe, after each
+piece. A piece whose machine is lost is done again on another one by the scheduler.
+"""
+
+import multiprocessing
+import tempfile
+import threading
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, Protocol
+
+from eitbench.benchmark import manifest
+from eitbench.benchmark.cell import prepare, run_cell
+from eitbench.benchmark.kind import Kind
+from eitbench.benchmark.progress import Bar
+from eitbench.benchmark.store import Files, RunStore
+from eitbench.benchmark.subject import CellData, CellPlan, Judged, Subject
+from eitbench.benchmark.worker import StoppedError
+from eitbench.scenarios.errors import EitbenchError, InputError
+
+if TYPE_CHECKING:
+    from distributed import Client, Future
+
+PIECE_SECONDS = 600.0
+CONNECT_SECONDS = 10.0
+POLL_SECONDS = 0.5
+ATTEMPTS = 3
+# Cells that are asked of a cluster at a time: each is a thread here, which waits.
+ASKED = 256
+
+Role = Literal["cell", "preparation"]
+
+
+@dataclass(frozen=True, eq=False)
+class Work:
+    """A cell, or what the cells of its scenario wait for.
+
+    Attributes:
+        plan: the cell; of a preparation, one of those that wait for it.
+    """
+
+    role: Role
+    data: CellData
+    plan: CellPlan
+
+    def subject(self, store: RunStore) -> Subject:
+        """What runs."""
+        if self.role == "cell":
+            return self.data.subject(self.plan, store)
+        subject = self.data.preparation(self.plan, store)
+        assert subject is not None
+        return subject
+
+    def do(self, store: RunStore, progress: Bar, stop: threading.Event) -> None:
+        """Run what is not kept yet.
+
+        Raises:
+            StoppedError: stopped; what is finished is kept.
+            EitbenchError: it cannot be written, read or had.
+        """
+        subject = self.subject(store)
+        if isinstance(subject, Judged):
+            run_cell(subject, progress, stop)
+        else:
+            prepare(subject, progress, stop)
+
+
+class Executor(Protocol):
+    """Does work, in the thread that asks for it.
+
+    Attributes:
+        slots: how much work may be asked for at a time.
+    """
+
+    slots: int
+
+    def do(self, work: Work, store: RunStore, progress: Bar, stop: threading.Event) -> None:
+        """See `Work.do`."""
+
+
+@dataclass(frozen=True)
+class Here:
+    """This machine."""
+
+    slots: int
+
+    def do(self, work: Work, store: RunStore, progress: Bar, stop: threading.Event) -> None:
+        """See `Work.do`."""
+        work.do(store, progress, stop)
+
+
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """What a machine of the cluster is asked for, apart from the data.
+
+    Attributes:
+        kept: what is kept of the cell.
+        needed: what is kept of its preparation.
+        plugin: name and content of the file that registers it, if there is one.
+        weights: SHA-256 of the weights that it loads here.
+        versions: what results rest on, as it is here.
+        seconds: after so long it is stopped where it stands.
+    """
+
+    role: Role
+    plan: CellPlan
+    kind: Kind
+    kept: Files
+    needed: Files
+    plugin: tuple[str, bytes] | None
+    weights: str
+    versions: Mapping[str, str | None]
+    seconds: float
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """What is kept after a piece, what was printed, and whether nothing is left to do."""
+
+    kept: Files
+    log: bytes
+    finished: bool
+
+
+class Cluster:
+    """The machines of the Dask scheduler at `address`."""
+
+    slots = ASKED
+
+    def __init__(self, client: "Client") -> None:
+        self._client = client
+        self._lock = threading.Lock()
+        self._there: dict[str, Future] = {}
+
+    def do(self, work: Work, store: RunStore, progress: Bar, stop: threading.Event) -> None:
+        """See `Work.do`."""
+        subject = work.subject(store)
+        cell, done = subject.plan.cell, 0
+        while True:
+            piece = self._piece(work, subject, store)
+            answer = self._answer(work.data, piece, stop)
+            with store.log(cell).open("ab") as log:
+                log.write(answer.log)
+            store.unpack(cell, answer.kept)
+            kept = sum(
+                len(batch) for split in subject.sizes for batch in store.batches(cell, split)
+            )
+            progress.advance(kept - done)
+            done = kept
+            if answer.finished:
+                return
+
+    def _piece(self, work: Work, subject: Subject, store: RunStore) -> Piece:
+        plan = work.plan
+        plugin = None if plan.plugin is None else (plan.plugin.name, plan.plugin.read_bytes())
+        waits_for = work.data.preparation(plan, store) if work.role == "cell" else None
+        return Piece(
+            work.role,
+            plan,
+            store.kind,
+            store.pack(subject.plan.cell),
+            {} if waits_for is None else store.pack(waits_for.plan.cell),
+            plugin,
+            work.data.weights(plan.cell.name),
+            manifest.versions(),
+            PIECE_SECONDS,
+        )
+
+    def _answer(self, data: CellData, piece: Piece, stop: threading.Event) -> Answer:
+        """What the cluster answers to a piece.
+
+        Raises:
+            StoppedError: stopped meanwhile.
+            EitbenchError: the cluster cannot do it.
+        """
+        from distributed import CancelledError, KilledWorker
+
+        name = str(piece.plan.cell)
+        for _ in range(ATTEMPTS):
+            future = self._client.submit(_do_piece, self._data(data), piece, pure=False, key=None)
+            ended = threading.Event()
+            future.add_done_callback(lambda _, ended=ended: ended.set())
+            try:
+                while not ended.wait(POLL_SECONDS):
+                    if stop.is_set():
+                        future.cancel()
+                        raise StoppedError
+                answer: Answer = future.result()
+            except KilledWorker as error:
+                raise EitbenchError(
+                    f"{name} was lost with each of the machines that worked on it."
+                ) from error
+            except CancelledError:  # the data went with the last machine that had them
+                self._forget(data)
+                continue
+            return answer
+        raise EitbenchError(f"The cluster lost the data of {name} {ATTEMPTS} times.")
+
+    def _data(self, data: CellData) -> "Future":
+        """The data of a scenario on the cluster, sent to each machine once."""
+        with self._lock:
+            name = data.scenario.name
+            if name not in self._there:
+                (self._there[name],) = self._client.scatter([data], broadcast=True, hash=False)
+            return self._there[name]
+
+    def _forget(self, data: CellData) -> None:
+        with self._lock:
+            self._there.pop(data.scenario.name, None)
+
+
+@contextmanager
+def executor(jobs: int, scheduler: str | None) -> Iterator[Executor]:
+    """This machine with `jobs` cells at a time, or the cluster of `scheduler`, an address.
+
+    Raises:
+        InputError: `distributed` is not installed, or no scheduler answers there.
+    """
+    if scheduler is None:
+        yield Here(jobs)
+        return
+    try:
+        from distributed import Client
+    except ImportError as error:
+        raise InputError(
+            "A cluster needs Dask: pip install -c constraints.txt -e '.[cluster]'."
+        ) from error
+    try:
+        client = Client(scheduler, timeout=CONNECT_SECONDS, set_as_default=False)
+    except (OSError, ValueError) as error:
+        raise InputError(
+            f"No Dask scheduler answers at {scheduler!r}: start one with `dask scheduler`, and "
+            "give the address that it prints."
+        ) from error
+    with client:
+        yield Cluster(client)
+
+
+def _do_piece(data: CellData, piece: Piece) -> Answer:
+    """Do a piece on this machine of a cluster.
+
+    Raises:
+        EitbenchError: this machine is not like the one that asks, or the work cannot be done.
+    """
+    if manifest.versions() != piece.versions:
+        changed = [n for n, v in manifest.versions().items() if v != piece.versions.get(n)]
+        raise EitbenchError(
+            f"A machine of the cluster has another version of {', '.join(changed)} than this one: "
+            "install the same on all."
+        )
+    name = piece.plan.cell.name
+    if data.weights(name) != piece.weights:
+        raise EitbenchError(
+            f"A machine of the cluster has other weights of {name!r} than this one: copy them "
+            "into its cache (EITBENCH_CACHE)."
+        )
+    # Dask starts its processes as daemons, which Python would not let start others.
+    multiprocessing.current_process().daemon = False
+    with tempfile.TemporaryDirectory(prefix="eitbench-") as folder:
+        store, plan = RunStore.create(Path(folder) / "run", piece.kind), piece.plan
+        if piece.plugin is not None:
+            file, content = piece.plugin
+            plan = replace(plan, plugin=Path(folder) / Path(file).name)
+            (Path(folder) / Path(file).name).write_bytes(content)
+        work = Work(piece.role, data, plan)
+        cell = work.subject(store).plan.cell
+        store.unpack(cell, piece.kept)
+        waits_for = data.preparation(plan, store) if piece.role == "cell" else None
+        if waits_for is not None:
+            store.unpack(waits_for.plan.cell, piece.needed)
+        with _cancellation() as stop:
+            try:
+                work.do(store, _Until(time.monotonic() + piece.seconds), stop)
+                finished = True
+            except StoppedError:
+                finished = False
+        log = store.log(cell)
+        return Answer(store.pack(cell), log.read_bytes() if log.exists() else b"", finished)
+
+
+class _Until:
+    """Stops work after a batch when its time is over."""
+
+    def __init__(self, deadline: float) -> None:
+        self._deadline = deadline
+
+    def advance(self, frames: int) -> None:
+        """So many frames more are kept.
+
+        Raises:
+            StoppedError: that was enough.
+        """
+        if time.monotonic() > self._deadline:
+            raise StoppedError
+
+
+@contextmanager
+def _cancellation() -> Iterator[threading.Event]:
+    """An event that is set when nobody waits any more for the task that runs in this thread."""
+    from distributed import get_worker
+
+    worker, stop, over = get_worker(), threading.Event(), threading.Event()
+    key: Any = worker.get_current_task()
+
+    def watch() -> None:
+        while not over.wait(POLL_SECONDS):
+            task = worker.state.tasks.get(key)
+            if task is None or task.state in ("cancelled", "released"):
+                stop.set()
+                return
+
+    threading.Thread(target=watch, daemon=True).start()
+    try:
+        yield stop
+    finally:
+        over.set()
