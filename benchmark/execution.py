@@ -285,10 +285,11 @@ def _do_piece(data: CellData, piece: Piece) -> Answer:
 
 
 class _Until:
-    """Stops work after a batch when its time is over."""
+    """Stops work when its time is over, but not before a batch is done."""
 
     def __init__(self, deadline: float) -> None:
         self._deadline = deadline
+        self._begun = False
 
     def advance(self, frames: int) -> None:
         """So many frames more are kept.
@@ -296,8 +297,9 @@ class _Until:
         Raises:
             StoppedError: that was enough.
         """
-        if time.monotonic() > self._deadline:
+        if self._begun and time.monotonic() > self._deadline:
             raise StoppedError
+        self._begun = True  # the first call tells what was kept before
 
 
 @contextmanager

@@ -6,6 +6,7 @@ import os
 import signal
 import time
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -30,8 +31,8 @@ from eitbench.scenarios.errors import (
 from eitbench.scenarios.suites import Suite
 
 N = 5
+SameResults = Callable[[Path, Path], None]
 TIMES = ("frame_ms", "setup_s", "first_frame_ms", "frame_ms_p50", "frame_ms_p99", "batch_fps")
-NOT_COMPARED = [*TIMES, "memory_mb", "calibration_ms"]
 
 
 @pytest.fixture(scope="module")
@@ -183,33 +184,6 @@ def test_a_finished_run_has_no_parts(toy_run: Path) -> None:
     }
 
 
-def read(run: Path) -> tuple[pd.DataFrame, pd.DataFrame, dict[str, Any]]:
-    with h5py.File(run / "reconstructions.h5") as file:
-        images = {
-            f"{scenario}/{method}/{name}": array[:]
-            for scenario, methods in file.items()
-            for method, group in methods.items()
-            for name, array in group.items()
-        }
-    order = ["scenario", "method"]
-    samples = pd.read_parquet(run / "samples.parquet").sort_values([*order, "sample"])
-    table = pd.read_parquet(run / "methods.parquet").sort_values(order)
-    return (
-        samples.drop(columns="frame_ms").reset_index(drop=True),
-        table.drop(columns=NOT_COMPARED, errors="ignore").reset_index(drop=True),
-        images,
-    )
-
-
-def assert_same_results(one: Path, other: Path) -> None:
-    first, second = read(one), read(other)
-    pd.testing.assert_frame_equal(first[0], second[0], check_exact=True)
-    pd.testing.assert_frame_equal(first[1], second[1], check_exact=True)
-    assert first[2].keys() == second[2].keys()
-    for name, array in first[2].items():
-        np.testing.assert_array_equal(array, second[2][name])
-
-
 def plan_of(suite: Suite, toys: Path, *methods: str) -> Plan:
     return make_plan(suite, methods=methods, plugins=[toys])
 
@@ -229,7 +203,11 @@ def fill_disk_after(count: int, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_full_disk_keeps_what_was_finished_and_resumes(
-    tiny: Suite, toys: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    same_results: SameResults,
+    tiny: Suite,
+    toys: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     plan = plan_of(tiny, toys, "noser", "toy-random", "toy-nan")
     whole, cut = tmp_path / "whole", tmp_path / "cut"
@@ -244,17 +222,19 @@ def test_a_full_disk_keeps_what_was_finished_and_resumes(
     assert len(kept) == 4
     result = resume_run(cut)
     assert result == RunResult(cut, ())
-    assert_same_results(whole, cut)
+    same_results(whole, cut)
     manifest = json.loads((cut / "manifest.json").read_text())
     assert len(manifest["resumed"]) == 1
     assert resume_run(cut, suite=tiny).path == cut  # nothing left to do
 
 
-def test_several_cells_at_a_time_change_nothing(tiny: Suite, toys: Path, tmp_path: Path) -> None:
+def test_several_cells_at_a_time_change_nothing(
+    same_results: SameResults, tiny: Suite, toys: Path, tmp_path: Path
+) -> None:
     plan = plan_of(tiny, toys, "noser", "toy-random", "toy-good")
     start_run(plan, tmp_path / "one", jobs=1)
     start_run(plan, tmp_path / "three", jobs=3)
-    assert_same_results(tmp_path / "one", tmp_path / "three")
+    same_results(tmp_path / "one", tmp_path / "three")
 
 
 @pytest.fixture
