@@ -18,8 +18,8 @@ from eitbench.scenarios.suites import load_suite
 
 SEED, KILLS = 0, 200
 METHODS = "noser,toy-random,toy-nan,toy-slow,toy-dies-on-one,toy-killed,toy-exits"
-# The sample of each row: cell, split, number; its time, which a row computed again would not have.
-Rows = dict[tuple[str, str, int], float]
+# Method and sample of each row, and its time, which a row computed again would not have.
+Rows = dict[tuple[str, int], float]
 
 
 class Run:
@@ -57,15 +57,13 @@ def finished_rows(out: Path) -> Rows:
         table = pd.read_parquet(out / "samples.parquet")
         keys = zip(table["method"], table["sample"], strict=True)
         times = table["frame_ms"].tolist()
-        return {(m, "test", int(k)): t for (m, k), t in zip(keys, times, strict=True)}
+        return {(m, int(k)): t for (m, k), t in zip(keys, times, strict=True)}
     found: Rows = {}
     for path in out.glob("parts/*/*/test-*.npz"):
         with np.load(path) as arrays:
             start = int(path.stem.rpartition("-")[2])
-            for k, (status, ms) in enumerate(
-                zip(arrays["status"], arrays["frame_ms"], strict=True)
-            ):
-                found[path.parent.name, "test", start + k] = float(ms) if status == "ok" else np.nan
+            for k, ms in enumerate(arrays["frame_ms"]):
+                found[path.parent.name, start + k] = float(ms)
     return found
 
 
