@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from eitbench.benchmark.choices import recorded_choice
 from eitbench.benchmark.judge import (
     LEAST_PRESSES,
     REGISTRATION_FRAMES,
@@ -16,7 +17,6 @@ from eitbench.benchmark.judge import (
 )
 from eitbench.benchmark.method_worker import Frames, MethodServant, MethodTask, scenario_splits
 from eitbench.benchmark.outcome import Kept
-from eitbench.benchmark.selection import selected_parameters
 from eitbench.benchmark.store import RunStore, Truth, Values
 from eitbench.benchmark.subject import NAN, Ask, CellData, CellPlan, Judged
 from eitbench.benchmark.timing import WARM_FRAMES, WARM_SECONDS, warm_percentiles
@@ -99,7 +99,12 @@ class MethodData(CellData):
 
     def parameters(self, name: str) -> dict[str, Any] | None:
         """Hyper-parameters that were chosen for data like these."""
-        return selected_parameters(self.scenario, name)
+        choice = self.choice(name)
+        return None if choice is None else choice["parameters"]
+
+    def choice(self, name: str) -> dict[str, Any] | None:
+        """The record of how these were chosen; see `choices.recorded_choice`."""
+        return recorded_choice(self.scenario, name)
 
     def voltages(self, split: str) -> Frames:
         """Frames (n, M) of "test" or "validation"."""

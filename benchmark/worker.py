@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from eitbench.benchmark.process import end_group, start_process
 from eitbench.methods.registry import Plugin, load_plugin
 from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.guard import close_test_split
 
 Status = Literal["ok", "error", "timeout", "invalid-output", "out-of-memory"]
 
@@ -180,6 +181,7 @@ class _PluginReader:
         self._plugin = plugin
 
     def names(self) -> Reply:
+        close_test_split()
         return Reply(load_plugin(self._plugin), 0.0)
 
 
