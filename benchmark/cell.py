@@ -23,6 +23,7 @@ from eitbench.benchmark.worker import (
 from eitbench.scenarios.errors import EitbenchError
 
 RESTARTS = 3
+TELL_LIMIT_S = 60.0
 # Failures that asking again sample by sample would not mend.
 BROKEN_CONTRACT = frozenset({"mutated", "shape", "dtype"})
 
@@ -35,6 +36,8 @@ def run_cell(subject: Judged, progress: CellProgress, stop: threading.Event) -> 
         EitbenchError: what is kept could not be written or read.
     """
     judge_cell(subject, CellRun(subject, progress, stop).run())
+    if subject.plan.cell.variant:  # of other tracks figures are kept, no images
+        subject.store.forget_answers(subject.plan.cell)
 
 
 def prepare(subject: Subject, progress: CellProgress, stop: threading.Event) -> None:
@@ -99,6 +102,7 @@ class CellRun:
             row["first_frame_ms"] = self._first()
             row["batch_fps"] = self._batches()
             row |= self.subject.warm(lambda what, rows: self._answer("test", rows, what))
+            row |= self._told()
         except WorkerLostError as lost:
             failure = lost.failure
         except (StoppedError, EitbenchError):
@@ -153,6 +157,13 @@ class CellRun:
             self._first_lost = lost.failure
             return NAN
         return NAN if first.failure else first.seconds * 1e3
+
+    def _told(self) -> dict[str, Any]:
+        """What the subject was told, if it says so and is still there."""
+        if self._worker is None or not self.subject.tells:
+            return {}
+        reply = self._ask("told", limit=TELL_LIMIT_S, what="its account of what it read")
+        return {} if reply.failure is not None else self.subject.told(reply.value)
 
     def _batches(self) -> float:
         """Keep the answers to the pending batches, each leaving the list; samples per second."""

@@ -177,7 +177,7 @@ def _choices(path: Path) -> dict[str, Any]:
         choices: dict[str, Any] = json.loads(path.read_text())["choices"]
         for choice in choices.values():
             dict(choice["parameters"])
-            [dict(trial["parameters"]) for trial in choice["trials"]]
+            [(dict(trial["parameters"]), trial["status"]) for trial in choice["trials"]]
     except (ValueError, KeyError, TypeError, AttributeError):
         _log.warning("%s is damaged and is not used: delete it and tune again.", path)
         return {}

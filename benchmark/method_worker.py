@@ -78,8 +78,9 @@ class MethodServant:
         return method, Reply(None, time.perf_counter() - start)
 
     def told(self) -> Reply:
-        """What the method has read of its problem so far."""
-        return Reply(self.problem.reads(), 0.0)
+        """What the method has read of its problem so far, and what its weights were trained on."""
+        trained_on = {} if self._method is None else dict(self._method.trained_on)
+        return Reply((self.problem.reads(), trained_on), 0.0)
 
     def reconstruct(self, frames: Frames) -> Reply:
         """Images (n, H, W) of `frames` (n, M), in the precision they are kept in."""

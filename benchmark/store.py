@@ -30,6 +30,7 @@ from eitbench.methods.registry import RESERVED
 from eitbench.scenarios.errors import DataCorruptError, EitbenchError, InputError
 
 SAMPLES = "samples.parquet"
+TRACKS = "tracks.parquet"
 TRUTH = RESERVED
 MAX_FOLDER = 120
 CHUNK = 6400  # values read at once: one image of 80 x 80 pixels
@@ -42,13 +43,18 @@ Truth = tuple[Mapping[str, Any], Values]
 
 @dataclass(frozen=True)
 class Cell:
-    """One scenario with one method or operator, `name`."""
+    """One scenario with one method or operator, `name`.
+
+    Attributes:
+        variant: tells the cells of other tracks from that which is ranked, whose variant is "".
+    """
 
     scenario: str
     name: str
+    variant: str = ""
 
     def __str__(self) -> str:
-        return f"{self.scenario}--{self.name}"
+        return "--".join((self.scenario, self.name, *([self.variant] if self.variant else [])))
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,7 +110,7 @@ class RunStore:
 
     def log(self, cell: Cell) -> Path:
         """Where what runs in a cell writes what it prints."""
-        return self.path / "logs" / f"{_folder(cell.scenario)}--{_folder(cell.name)}.log"
+        return self.path / "logs" / f"{_folder(cell.scenario)}--{_cell_folder(cell)}.log"
 
     def write_manifest(self, content: manifest.Manifest) -> None:
         """Replace the manifest."""
@@ -192,6 +198,23 @@ class RunStore:
             self.path / kind.arrays, lambda part: self._write_arrays(part, judged, truths)
         )
 
+    def rows(self, cell: Cell) -> pd.DataFrame:
+        """The judged rows of a cell.
+
+        Raises:
+            DataCorruptError: they cannot be read.
+        """
+        return _read_table(self._parts(cell) / SAMPLES, "sample")
+
+    def write_tracks(self, rows: pd.DataFrame) -> None:
+        """Replace the rows of the tracks that are not ranked."""
+        self._replace(self.path / TRACKS, lambda part: rows.to_parquet(part, index=False))
+
+    def forget_answers(self, cell: Cell) -> None:
+        """Remove the answers that are kept of a judged cell, but not its rows."""
+        for path in self._parts(cell).glob("*.npz"):
+            path.unlink(missing_ok=True)
+
     def forget(self, cell: Cell) -> None:
         """Remove what is kept of a cell."""
         shutil.rmtree(self._parts(cell), ignore_errors=True)
@@ -220,7 +243,7 @@ class RunStore:
                     row += len(values)
 
     def _parts(self, cell: Cell) -> Path:
-        return self.path / "parts" / _folder(cell.scenario) / _folder(cell.name)
+        return self.path / "parts" / _folder(cell.scenario) / _cell_folder(cell)
 
     def _batch_path(self, cell: Cell, split: str, start: int) -> Path:
         return self._parts(cell) / f"{split}-{start:08d}.npz"
@@ -290,6 +313,11 @@ def _read_table(path: Path, column: str) -> pd.DataFrame:
 def _unreadable(path: Path, error: Exception) -> DataCorruptError:
     reason = (str(error).splitlines() or [type(error).__name__])[0].rstrip(".")
     return DataCorruptError(f"{path} cannot be read ({reason}): delete it and resume the run.")
+
+
+def _cell_folder(cell: Cell) -> str:
+    # No name holds a slash.
+    return _folder(f"{cell.name}/{cell.variant}" if cell.variant else cell.name)
 
 
 def _folder(name: str) -> str:

@@ -134,9 +134,7 @@ class Validation:
         self.data = load(validation_scenario(scenario), split="validation", limit=limit)
         self.standard = (0.0, 1.0)
         splits = partial(_training_split, scenario)
-        self._task = MethodTask(
-            self.data.sensor, self.data.reference, splits, method, {}, plugin
-        )
+        self._task = MethodTask(self.data.sensor, self.data.reference, splits, method, {}, plugin)
         self._worker: Worker | None = None
         self._images: NDArray[np.float32] = np.empty(0, np.float32)
 

@@ -92,7 +92,9 @@ def tune(
         asked = [s for s in plan.suite.scenarios if s.name in plan.scenarios]
         different = {validation_key(s): s for s in reversed(asked) if _at_hand(s)}
         if not different:
-            raise DataUnavailableError("There is nothing to tune on: fetch the recorded sets first.")
+            raise DataUnavailableError(
+                "There is nothing to tune on: fetch the recorded sets first."
+            )
         at_once = _together(list(reversed(different.values())), once)
         digests = dict(plan.plugins)
         studies = []
@@ -273,9 +275,7 @@ def _trials(study: optuna.Study, space: SearchSpace) -> list[Trial]:
     return found
 
 
-def _choice(
-    study: optuna.Study, space: SearchSpace, what: Study, ended_by: EndedBy
-) -> Choice:
+def _choice(study: optuna.Study, space: SearchSpace, what: Study, ended_by: EndedBy) -> Choice:
     tried = figures(study, space)
     # The first of equals; the defaults where nothing gave a figure.
     best: Any = max(tried, key=lambda point: tried[point], default=space.start)
