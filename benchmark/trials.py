@@ -159,11 +159,23 @@ class Validation:
             self._worker.close()
             self._worker = None
 
-    def worker(self) -> Worker:
-        """The worker, or a new one where the last was lost."""
-        if self._worker is None:
-            self._worker = Worker(serve, TrialServant(self._task), stop=self._stop)
-        return self._worker
+    def search(self) -> tuple[dict[str, tuple[Any, ...]], dict[str, Any]] | None:
+        """What the method lets be chosen and its defaults, from a new worker; None for nothing.
+
+        Raises:
+            InputError: the method cannot be tuned.
+        """
+        self.close()
+        self._worker = Worker(serve, TrialServant(self._task), stop=self._stop)
+        try:
+            reply = self._worker.ask("describe", limit=DESCRIBE_LIMIT_S, what="its description")
+        except WorkerLostError as lost:
+            said = lost.failure.message
+            raise InputError(f"Method {self._task.method!r} cannot be tuned: {said}.") from lost
+        if reply.failure is not None:
+            raise InputError(reply.failure.message.removeprefix("InputError: "))
+        found: tuple[dict[str, tuple[Any, ...]], dict[str, Any]] | None = reply.value
+        return found
 
     def fit(self, parameters: dict[str, Any], clock: Clock) -> None:
         """Fit the method.
@@ -206,8 +218,11 @@ class Validation:
         return (value - offset) / scale
 
     def _ask(self, clock: Clock, *request: object, limit: float, what: str) -> Any:
+        if self._worker is None:
+            self.search()  # the last one was lost; a new one's start is not the method's time
+        assert self._worker is not None
         try:
-            return clock.ask(self.worker(), *request, limit=limit, what=what)
+            return clock.ask(self._worker, *request, limit=limit, what=what)
         except TrialFailedError as failed:
             if failed.__cause__ is not None:
                 self.close()

@@ -26,7 +26,6 @@ from eitbench.benchmark.lock import locked
 from eitbench.benchmark.plan import Plan
 from eitbench.benchmark.sweep import INTERRUPTED, SearchSpace, SweepSampler, figures
 from eitbench.benchmark.trials import (
-    DESCRIBE_LIMIT_S,
     FIGURES,
     FRAMES,
     PARTS,
@@ -34,7 +33,7 @@ from eitbench.benchmark.trials import (
     Validation,
     evaluate,
 )
-from eitbench.benchmark.worker import StoppedError, WorkerLostError
+from eitbench.benchmark.worker import StoppedError
 from eitbench.methods.registry import methods
 from eitbench.scenarios.datasets import load
 from eitbench.scenarios.errors import DataUnavailableError, InputError
@@ -165,7 +164,7 @@ def choose(study: Study, journals: Path, stop: threading.Event | None = None) ->
             if len(study.scenarios) > 1:
                 validation.standardise()
             validations.append(validation)
-        space = _space(study.method, validations[0])
+        space = _space(validations[0])
         if space is None:
             return None
         key = _key(study, space)
@@ -174,14 +173,9 @@ def choose(study: Study, journals: Path, stop: threading.Event | None = None) ->
         return _choice(searched, space, study, ended_by)
 
 
-def _space(method: str, validation: Validation) -> SearchSpace | None:
-    try:
-        reply = validation.worker().ask("describe", limit=DESCRIBE_LIMIT_S, what="its description")
-    except WorkerLostError as lost:
-        raise InputError(f"Method {method!r} cannot be tuned: {lost.failure.message}.") from lost
-    if reply.failure is not None:
-        raise InputError(reply.failure.message.removeprefix("InputError: "))
-    return None if reply.value is None else SearchSpace.of(*reply.value)
+def _space(validation: Validation) -> SearchSpace | None:
+    found = validation.search()
+    return None if found is None else SearchSpace.of(*found)
 
 
 def _key(study: Study, space: SearchSpace) -> str:
