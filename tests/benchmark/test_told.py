@@ -1,7 +1,7 @@
 """What a method reads is noted, and what it was taught on is held against the test split."""
 
+import copy
 import json
-import pickle
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -10,10 +10,12 @@ import numpy as np
 import pytest
 
 from eitbench.benchmark.choices import Budget, Choice, Trial, record
+from eitbench.benchmark.method_worker import MethodServant, MethodTask
 from eitbench.benchmark.told import account, training_contents
 from eitbench.benchmark.told_words import in_words
 from eitbench.methods import Problem, create
 from eitbench.methods.learned import Dnn
+from eitbench.reports.leaderboard import overlaps
 from eitbench.scenarios.contents import contents
 from eitbench.scenarios.datasets import Dataset, load
 from eitbench.scenarios.physics.forward import forward_model
@@ -90,7 +92,7 @@ def test_the_sensor_is_as_good_as_the_one_it_stands_for() -> None:
     assert problem.sensor.describe() == plain.describe()
     assert not problem.reads().conductivity_range
     assert replace(problem.sensor, image_shape=(8, 8)) == replace(plain, image_shape=(8, 8))
-    assert pickle.loads(pickle.dumps(problem.sensor)) == plain  # noqa: S301  (made here)
+    assert copy.deepcopy(problem.sensor) == plain
     assert problem.reads().conductivity_range
 
 
@@ -126,6 +128,20 @@ def test_training_on_the_test_stream_is_counted() -> None:
     assert account(problem.reads(), {}, SMALL, test, tuned="")["overlap"] == 4
     few = own("test", 3)
     assert account(problem.reads(), {}, SMALL, few, tuned="")["overlap"] == 3
+
+
+def test_a_method_that_learns_from_the_test_stream_is_counted() -> None:
+    """As in a worker: what the method asks for itself is what is compared."""
+    data = own("test", None)
+    servant = MethodServant(MethodTask(data.sensor, data.reference, leaking, "linear-learned", {}))
+    servant.fitted({})
+    reads, trained_on = servant.told().value
+    assert [given.split for given in reads.given] == ["train"]
+    found = account(reads, trained_on, SMALL, data, tuned="")
+    assert found["overlap"] == len(data)
+    row = {"method": "linear-learned", "n": 4, "data_n": 4, "told": "", "overlap": 4.0}
+    said = overlaps([row])
+    assert said == ["4 of 4 test samples were in the training set of linear-learned"]
 
 
 def test_an_honest_training_split_overlaps_nowhere() -> None:
