@@ -11,10 +11,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, Protocol
 
 import numpy as np
-import optuna
 from numpy.typing import NDArray
 
 from eitbench.benchmark.choices import Trial, validation_scenario
@@ -64,6 +63,16 @@ class TrialServant(MethodServant):
     def fit(self, parameters: dict[str, Any]) -> Reply:
         """Fit the method with `parameters`."""
         return self.fitted(parameters)[1]
+
+
+class Reported(Protocol):
+    """What a trial is reported to; one of Optuna's."""
+
+    def report(self, value: float, step: int) -> None:
+        """Note the figure of one frame."""
+
+    def should_prune(self) -> bool:
+        """Whether it is clearly worse than the best so far."""
 
 
 class TrialFailedError(Exception):
@@ -230,7 +239,7 @@ class Validation:
 
 
 def evaluate(
-    trial: optuna.Trial,
+    trial: Reported,
     parameters: dict[str, Any],
     validations: Sequence[Validation],
     seconds: float,

@@ -91,7 +91,7 @@ def to_markdown(rows: Sequence[Row]) -> str:
                 "| " + " | ".join(heads) + " |",
                 "| --- " + "| ---: " * (len(heads) - 1) + "|",
             ]
-            lines += ["| " + " | ".join(cells) + " |" for cells in body]
+            lines += ["| " + " | ".join(texts) + " |" for texts in body]
         if known := told(board):
             lines += ["", "What each was told:", ""]
             lines += [f"- {escape_markdown(sentence)}" for sentence in known]
@@ -161,9 +161,9 @@ def to_html(rows: Sequence[Row]) -> str:
         if said := note(board):
             lines.append(f"<p>{html.escape(said)}</p>")
         if compared := tracks_table(board):
-            heads, *body = ([html.escape(t) for t in row] for row in compared)
+            titles, *body = ([html.escape(t) for t in row] for row in compared)
             lines += ["<table>", "<caption>Tracks</caption>"]
-            lines.append("<thead><tr>" + "".join(f'<th scope="col">{t}</th>' for t in heads))
+            lines.append("<thead><tr>" + "".join(f'<th scope="col">{t}</th>' for t in titles))
             lines.append("</tr></thead><tbody>")
             lines += [f"<tr>{''.join(f'<td>{t}</td>' for t in cells)}</tr>" for cells in body]
             lines += ["</tbody>", "</table>"]

@@ -225,14 +225,13 @@ def test_tuning_leaves_out_data_that_cannot_be_had(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     away = SMALL.model_copy(update={"name": "away", "image_shape": (18, 18)})
-    real_load = tuning.load
 
     def spy(scenario: Scenario, split: str, limit: int | None = None) -> Any:
         if scenario.name == "away":
             raise DataUnavailableError("It is not on this machine.")
-        return real_load(scenario, split=split, limit=limit)
+        return load(scenario, split=split, limit=limit)
 
-    monkeypatch.setattr(tuning, "load", spy)
+    monkeypatch.setattr("eitbench.benchmark.tuning.load", spy)
     plan = make_plan(suite(away, SMALL), methods=["noser"])
     assert [scenario for scenario, _, _ in tune(plan, tmp_path)] == ["small"]
     assert "'away' is left out" in caplog.text

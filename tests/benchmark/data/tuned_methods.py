@@ -6,11 +6,15 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
-from eitbench.methods import Method, register
+from eitbench.methods import Method, Problem, register
 from eitbench.scenarios import load
+from eitbench.scenarios.scenario import SimulatedScenario
 from eitbench.scenarios.simulation import clean_voltages, phantom
 from eitbench.scenarios.suites import scenario_by_name
+
+Array = NDArray[np.float64]
 
 
 @register("constant")
@@ -21,10 +25,10 @@ class Constant(Method):
     search: ClassVar = {"factor": (0.5, 0.9, 1.0, 1.4)}
     factor: float = 1.4
 
-    def fit(self, problem):
+    def fit(self, problem: Problem) -> None:
         self._problem = problem
 
-    def reconstruct(self, voltages):
+    def reconstruct(self, voltages: Array) -> Array:
         problem = self._problem
         return np.full((len(voltages), *problem.mask.shape), self.factor * problem.background)
 
@@ -37,9 +41,10 @@ class Hostile(Constant):
     search: ClassVar = {"way": ("fine", "load", "phantom", "voltages", "late", "hang", "die")}
     way: str = "fine"
 
-    def fit(self, problem):
+    def fit(self, problem: Problem) -> None:
         super().fit(problem)
         scenario = scenario_by_name("quick")
+        assert isinstance(scenario, SimulatedScenario)
         if self.way == "load":
             load("quick", split="test")
         if self.way == "phantom":
@@ -51,7 +56,7 @@ class Hostile(Constant):
         if self.way == "die":
             os._exit(3)
 
-    def reconstruct(self, voltages):
+    def reconstruct(self, voltages: Array) -> Array:
         if self.way == "late":
             load("quick", split="test")
         return super().reconstruct(voltages)
