@@ -32,7 +32,7 @@ class WatchedSensor(Sensor):
         return hash(self._plain)
 
     def __reduce__(self) -> tuple[object, ...]:
-        """Copies and pickles are those of the sensor itself, with all that it holds."""
+        """A copy is one of the sensor itself, with all that it holds."""
         self._read.update(_NOTED.values())
         return copy.copy, (self._plain,)
 
