@@ -23,6 +23,8 @@ def run_cell(subject: Judged, progress: Bar, stop: threading.Event) -> None:
         EitbenchError: what is kept could not be written or read.
     """
     judge_cell(subject, CellRun(subject, progress, stop).run())
+    if subject.plan.cell.variant:  # of other tracks figures are kept, no images
+        subject.store.forget_answers(subject.plan.cell)
 
 
 def prepare(subject: Subject, progress: Bar, stop: threading.Event) -> None:

@@ -28,6 +28,7 @@ from eitbench.benchmark.worker import (
 from eitbench.scenarios.errors import DataCorruptError, EitbenchError
 
 RESTARTS = 3
+TELL_LIMIT_S = 60.0
 SAVE_SECONDS = 1.0  # samples that are asked for one by one are kept as often as this
 # Failures that asking again sample by sample would not mend.
 BROKEN_CONTRACT = frozenset({"mutated", "shape", "dtype"})
@@ -104,7 +105,7 @@ class CellRun:
         """
         state = self._state
         self.progress.advance(self._kept)
-        warm: dict[str, float] = {}
+        measured: dict[str, Any] = {}
         try:
             if state.failure is not None:
                 raise WorkerLostError(state.failure)
@@ -115,7 +116,8 @@ class CellRun:
             elif state.working:
                 self._set_up()
             self._batches()
-            warm = self.subject.warm(lambda what, rows: self._answer("test", rows, what))
+            measured = self.subject.warm(lambda what, rows: self._answer("test", rows, what))
+            measured |= self._told()
         except WorkerLostError as lost:
             state.failure = lost.failure
         except (StoppedError, EitbenchError):
@@ -129,7 +131,7 @@ class CellRun:
                 outcome = self._kept_of(split, rows)
                 self._keep(split, rows, outcome.fail(_missing(rows, outcome), state.failure))
         fps = state.done / state.seconds if state.seconds > 0 else NAN
-        return state.row | warm | {"batch_fps": fps, "memory_mb": self.memory_mb}
+        return state.row | measured | {"batch_fps": fps, "memory_mb": self.memory_mb}
 
     def _set_up(self) -> Reply:
         """Start a worker and make the subject ready in it.
@@ -177,6 +179,13 @@ class CellRun:
             self._state.first_lost = lost.failure
             return NAN
         return NAN if first.failure else first.seconds * 1e3
+
+    def _told(self) -> dict[str, Any]:
+        """What the subject was told, if it says so and is still there."""
+        if self._worker is None or not self.subject.tells:
+            return {}
+        reply = self._ask("told", limit=TELL_LIMIT_S, what="its account of what it read")
+        return {} if reply.failure is not None else self.subject.told(reply.value)
 
     def _batches(self) -> None:
         """Keep the answers to the pending batches, each leaving the list."""

@@ -151,7 +151,7 @@ class Cluster:
             kept = sum(
                 len(batch) for split in subject.sizes for batch in store.batches(cell, split)
             )
-            progress.advance(kept - done)
+            progress.advance(max(0, kept - done))
             done = kept
             if answer.finished:
                 return

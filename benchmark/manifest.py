@@ -45,6 +45,7 @@ _NEEDED: dict[str, type] = {
 _NEEDED_OF_CELL: dict[str, type] = {
     "scenario": str,
     "name": str,
+    "variant": str,
     "track": str,
     "parameters": dict,
 }

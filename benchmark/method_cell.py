@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from eitbench.benchmark.choices import recorded_choice
 from eitbench.benchmark.judge import (
     LEAST_PRESSES,
     REGISTRATION_FRAMES,
@@ -16,12 +17,13 @@ from eitbench.benchmark.judge import (
 )
 from eitbench.benchmark.method_worker import Frames, MethodServant, MethodTask, scenario_splits
 from eitbench.benchmark.outcome import Kept
-from eitbench.benchmark.selection import selected_parameters
 from eitbench.benchmark.store import RunStore, Truth, Values
 from eitbench.benchmark.subject import NAN, Ask, CellData, CellPlan, Judged
 from eitbench.benchmark.timing import WARM_FRAMES, WARM_SECONDS, warm_percentiles
+from eitbench.benchmark.told import account
 from eitbench.benchmark.worker import Reply, WorkerLostError
 from eitbench.methods import Method, methods
+from eitbench.methods.problem import Reads
 from eitbench.scenarios.datasets import Dataset, load
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.recordings.fetch import locate
@@ -99,7 +101,13 @@ class MethodData(CellData):
 
     def parameters(self, name: str) -> dict[str, Any] | None:
         """Hyper-parameters that were chosen for data like these."""
-        return selected_parameters(self.scenario, name)
+        choice = recorded_choice(self.scenario, name)
+        return None if choice is None else choice["parameters"]
+
+    def tried(self, name: str) -> list[dict[str, Any]]:
+        """Those of all trials that did not fail."""
+        choice = recorded_choice(self.scenario, name) or {"trials": []}
+        return [t["parameters"] for t in choice["trials"] if t["status"] != "failed"]
 
     def voltages(self, split: str) -> Frames:
         """Frames (n, M) of "test" or "validation"."""
@@ -112,9 +120,13 @@ class MethodData(CellData):
 class MethodSubject(Judged):
     """A method, asked for the images of frames."""
 
+    tells: ClassVar[bool] = True
+
     unknown: ClassVar[Mapping[str, Any]] = {
         "parameters": "",
         "registration": "",
+        "told": "",
+        "overlap": NAN,
         **dict.fromkeys(
             ("setup_s", "train_s", "first_frame_ms", "frame_ms_p50", "frame_ms_p99", "batch_fps"),
             NAN,
@@ -170,6 +182,8 @@ class MethodSubject(Judged):
 
     def warm(self, ask: Ask) -> dict[str, float]:
         """Time single good frames, up to a number and a time; the first one comes last."""
+        if self.plan.cell.variant:
+            return {}  # the parameters that are ranked are those that are timed
         good = self.valid_samples()
         warm: list[float] = []
         spent = 0.0
@@ -185,6 +199,11 @@ class MethodSubject(Judged):
             spent += reply.seconds
         p50, p99 = warm_percentiles(warm)
         return {"frame_ms_p50": p50, "frame_ms_p99": p99}
+
+    def told(self, value: tuple[Reads, dict[str, str]]) -> dict[str, Any]:
+        """What the method was told, as JSON, and how much of the test split it was taught on."""
+        tuned = self.plan.cell.name if self.plan.parameters else ""
+        return account(*value, self.data.scenario, self.test, tuned=tuned)
 
     def figures(self, kept: Kept) -> tuple[pd.DataFrame, dict[str, Any]]:
         """What `judge` says of every image, and the registration as JSON if there is one."""

@@ -3,8 +3,8 @@
 import json
 import time
 from collections.abc import Mapping
-from dataclasses import Field, dataclass
-from functools import partial
+from dataclasses import Field, dataclass, replace
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,7 @@ from eitbench.methods.problem import Problem, Splits
 from eitbench.methods.registry import create, load_plugin
 from eitbench.scenarios.datasets import Dataset, load
 from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.guard import close_test_split
 from eitbench.scenarios.scenario import Scenario
 from eitbench.scenarios.sensors import Sensor
 from eitbench.scenarios.suites import learned_from
@@ -49,19 +50,37 @@ class MethodServant:
         self.task = task
         self._method: Method | None = None
 
+    @cached_property
+    def problem(self) -> Problem:
+        """The problem that the method is given."""
+        return Problem(self.task.sensor, self.task.reference, self.task.splits)
+
+    def load_plugin(self) -> None:
+        """Run the file that the method is registered in; from here on the test split is closed."""
+        close_test_split()
+        if self.task.plugin is not None:
+            load_plugin(self.task.plugin)
+
     def set_up(self) -> Reply:
         """Fit the method; the reply holds its `parameters` as JSON, and what training cost."""
-        task = self.task
-        if task.plugin is not None:
-            load_plugin(task.plugin)
-        method = create(task.method, **task.parameters)
-        parameters = json.dumps(constructor_parameters(method) | dict(task.parameters), default=str)
-        problem = Problem(task.sensor, task.reference, task.splits)
+        self.load_plugin()
+        method, reply = self.fitted(self.task.parameters)
+        declared = constructor_parameters(method) | dict(self.task.parameters)
+        parameters = json.dumps(declared, default=str)
+        return replace(reply, value={"parameters": parameters, "train_s": float(method.train_s)})
+
+    def fitted(self, parameters: Mapping[str, Any]) -> tuple[Method, Reply]:
+        """The method, made with `parameters` and fitted; and a reply with the time it took."""
+        method = create(self.task.method, **parameters)
         start = time.perf_counter()
-        method.fit(problem)
+        method.fit(self.problem)
         self._method = method
-        seconds = time.perf_counter() - start
-        return Reply({"parameters": parameters, "train_s": float(method.train_s)}, seconds)
+        return method, Reply(None, time.perf_counter() - start)
+
+    def told(self) -> Reply:
+        """What the method has read of its problem so far, and what its weights were trained on."""
+        trained_on = {} if self._method is None else dict(self._method.trained_on)
+        return Reply((self.problem.reads(), trained_on), 0.0)
 
     def reconstruct(self, frames: Frames) -> Reply:
         """Images (n, H, W) of `frames` (n, M), in the precision they are kept in."""

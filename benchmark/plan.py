@@ -12,6 +12,9 @@ from eitbench.methods.registry import METHODS, OPERATORS
 from eitbench.scenarios.errors import InputError, unknown_name
 from eitbench.scenarios.suites import Suite
 
+TRACKS = ("default", "tuned", "oracle")
+"""As its author set it; with the parameters chosen on validation data; with the best on test."""
+
 
 @dataclass(frozen=True)
 class Plan:
@@ -23,6 +26,7 @@ class Plan:
         limit: number of test samples of each scenario, None for all.
         plugins: files with more methods or operators, each with the SHA-256 of its content.
         origins: the plugin of each of the names that one registers.
+        tracks: those that are run beside the one that is ranked.
     """
 
     suite: Suite
@@ -31,6 +35,7 @@ class Plan:
     limit: int | None
     plugins: tuple[tuple[Path, str], ...]
     origins: Mapping[str, Path] = field(default_factory=dict)
+    tracks: tuple[str, ...] = ()
 
     @property
     def kind(self) -> Kind:
@@ -58,6 +63,7 @@ class Plan:
             "names": list(self.names),
             "scenarios": list(self.scenarios),
             "limit": self.limit,
+            "tracks": list(self.tracks),
             "plugins": [
                 {
                     "path": str(path),
@@ -84,6 +90,7 @@ class Plan:
                 plan["limit"],
                 tuple((Path(p["path"]), p["sha256"]) for p in plan["plugins"]),
                 {name: Path(p["path"]) for p in plan["plugins"] for name in p["names"]},
+                tuple(plan["tracks"]),
             )
         except (KeyError, TypeError, ValueError) as error:
             raise InputError(
@@ -105,6 +112,7 @@ def make_plan(
     scenarios: Sequence[str] = (),
     limit: int | None = None,
     plugins: Iterable[Path] = (),
+    tracks: Sequence[str] = (),
 ) -> Plan:
     """Choose from `suite`; without `methods` or `operators`, its own and those of the plugins.
 
@@ -113,6 +121,11 @@ def make_plan(
             operators or the other way round, or a bad plugin.
     """
     ranks = suite.ranks
+    for track in tracks:
+        if track not in TRACKS:
+            raise unknown_name("track", track, TRACKS)
+    if tracks and ranks != "methods":
+        raise InputError(f"Suite {suite.name!r} ranks operators, which have no tracks.")
     asked, other = (methods, operators) if ranks == "methods" else (operators, methods)
     if other:
         raise InputError(f"Suite {suite.name!r} ranks {ranks}: choose among them with --{ranks}.")
@@ -148,6 +161,7 @@ def make_plan(
         suite.limit if limit is None else limit,
         tuple((path, _sha256(path)) for path in files),
         origins,
+        tuple(dict.fromkeys(tracks)),
     )
 
 

@@ -4,7 +4,7 @@ import json
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +18,8 @@ from eitbench.benchmark import manifest
 from eitbench.benchmark.averages import averages
 from eitbench.benchmark.kind import KINDS, METHODS, Kind
 from eitbench.benchmark.statistics import once
-from eitbench.benchmark.store import SAMPLES, TRUTH
+from eitbench.benchmark.store import SAMPLES, TRACKS, TRUTH
+from eitbench.benchmark.told_words import in_words
 from eitbench.scenarios.errors import DataCorruptError, InputError
 
 Row = dict[str, Any]
@@ -62,6 +63,7 @@ class Run:
         samples: one row per scenario, method (or operator) and sample.
         cells: one row per scenario and method (or operator).
         notes: figures of recorded scenarios, by scenario and by a name of `NOTES`.
+        tracks: rows like `samples` of the tracks beside the ranked one; empty if none was run.
     """
 
     path: Path
@@ -70,6 +72,7 @@ class Run:
     samples: pd.DataFrame
     cells: pd.DataFrame
     notes: dict[str, dict[str, float | None]]
+    tracks: pd.DataFrame = field(default_factory=pd.DataFrame)
 
     def scenarios(self) -> list[str]:
         """Names of the scenarios that have rows, in the order of the run."""
@@ -166,6 +169,7 @@ def read_run(path: Path) -> Run:
         samples,
         read_table(path / table),
         _read_json(notes) if notes.is_file() else {},
+        read_table(path / TRACKS) if (path / TRACKS).is_file() else pd.DataFrame(),
     )
 
 
@@ -312,6 +316,8 @@ def _row(run: Run, keys: Row, cell: pd.DataFrame) -> Row:
         row["frame_solves"] = frame / solve if solve and frame is not None else None
         noted = run.notes.get(keys["scenario"], {})
         row |= {name: _plain(noted.get(name)) for name in NOTES}
+        row["told"] = in_words(str(known.get("told", "")))
+        row["overlap"] = _plain(known.get("overlap"))
     return row
 
 

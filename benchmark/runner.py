@@ -22,6 +22,7 @@ from eitbench.benchmark.progress import RunProgress
 from eitbench.benchmark.store import Cell, RunStore
 from eitbench.benchmark.subject import CellData, CellPlan
 from eitbench.benchmark.timing import calibration
+from eitbench.benchmark.tracks import other_cells, write_tracks
 from eitbench.benchmark.worker import SEED, StoppedError
 from eitbench.scenarios.errors import (
     DataCorruptError,
@@ -249,10 +250,11 @@ def _new_manifest(
         "skipped": skipped,
         "refused": refused,
         "cells": [
-            _chosen(there, name)
+            entry
             for there in data.values()
             for name in plan.names
             if not there.untrained(name)
+            for entry in (_chosen(there, name), *other_cells(plan, there, name))
         ],
     }
 
@@ -282,6 +284,7 @@ def _chosen(data: CellData, name: str) -> Manifest:
     return {
         "scenario": data.scenario.name,
         "name": name,
+        "variant": "",
         "track": "calibrated" if data.scenario.calibrated else track,
         "parameters": dict(parameters or {}),
         "weights": data.weights(name),
@@ -302,7 +305,9 @@ def _execute(
         for cell in cells:
             if not store.finished(cell.cell) and store.has_batches(cell.cell):
                 judge_cell(data[cell.cell.scenario].subject(cell, store), None)
-    store.assemble([c.cell for c in cells], {name: there.truth() for name, there in data.items()})
+    ranked = [c.cell for c in cells if not c.cell.variant]
+    store.assemble(ranked, {name: there.truth() for name, there in data.items()})
+    write_tracks(store, cells)
     unfinished = sum(not store.finished(cell.cell) for cell in cells)
     ended = not interrupted and not unfinished
     manifest |= {
@@ -326,7 +331,7 @@ def _execute(
 
 def _cell_plan(plan: Plan, manifest: Manifest, entry: Manifest) -> CellPlan:
     return CellPlan(
-        cell=Cell(entry["scenario"], entry["name"]),
+        cell=Cell(entry["scenario"], entry["name"], entry["variant"]),
         track=entry["track"],
         parameters=entry["parameters"],
         suite=plan.suite.name,

@@ -21,6 +21,7 @@ from scipy import stats
 
 from eitbench.benchmark.averages import averages, numbers
 from eitbench.benchmark.cards import MetricCard
+from eitbench.benchmark.gaps import COLUMNS, gaps
 from eitbench.benchmark.kind import METHODS
 from eitbench.benchmark.metrics import ANCHORS, anchored
 from eitbench.benchmark.results import (
@@ -76,7 +77,7 @@ class Standing:
             share one; `rank_low` and `rank_high`; `first`, the share of draws in which it is the
             best; `rank_valid`, the rank if failed samples were left out; `weights_won`, the share
             of all weightings of SSIM, CC, RIE and PSNR under which it is the best; and the ends
-            `NAME_low`, `NAME_high` of every figure.
+            `NAME_low`, `NAME_high` of every figure; and what `gaps` says of other tracks.
         pairs: every two methods that have all samples.
         phantoms: number of those that were drawn; 0 where none were.
         why_not: why there are no intervals, as a sentence; "" where there are.
@@ -107,8 +108,11 @@ def _standing(board: Sequence[Entry]) -> Standing:
         row |= {"ranked_by": by, "group": None, "rank_low": None, "rank_high": None}
         row |= {"first": None, "rank_valid": rank, "weights_won": None}
         row |= {f"{name}_{end}": None for name in METHODS.metrics for end in ("low", "high")}
+        row |= dict.fromkeys(COLUMNS)
     if by is None:
         return Standing(rows, [], 0, "Nothing that methods are ranked by is known here.")
+    for row, entry in zip(rows, board, strict=True):
+        row |= _gaps(entry, by)
     places = _whole(board)
     cells = [board[place].cell.sort_values("sample") for place in places]
     if any("phantom" not in cell for cell in cells):
@@ -142,6 +146,17 @@ def _standing(board: Sequence[Entry]) -> Standing:
                 row[f"{card.name}_low"], row[f"{card.name}_high"] = map(float, ends[:, k, j])
     placed = [replace(p, first=places[p.first], second=places[p.second]) for p in pairs]
     return Standing(rows, placed, phantoms, "")
+
+
+def _gaps(entry: Entry, by: str) -> dict[str, float]:
+    """What is known of the other tracks of a row."""
+    others = entry.run.tracks
+    if others.empty:
+        return {}
+    row = entry.row
+    of = (others["scenario"] == row["scenario"]) & (others["method"] == row["method"])
+    tuned = row["track"] != "default"
+    return gaps(others[of], entry.cell, tuned=tuned, by=by) if of.any() else {}
 
 
 def _whole(board: Sequence[Entry]) -> list[int]:

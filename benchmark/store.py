@@ -31,6 +31,7 @@ from eitbench.methods.registry import RESERVED
 from eitbench.scenarios.errors import DataCorruptError, EitbenchError, InputError
 
 SAMPLES = "samples.parquet"
+TRACKS = "tracks.parquet"
 TRUTH = RESERVED
 MAX_FOLDER = 120
 CHUNK = 6400  # values read at once: one image of 80 x 80 pixels
@@ -45,13 +46,18 @@ Truth = tuple[Mapping[str, Any], Values]
 
 @dataclass(frozen=True)
 class Cell:
-    """One scenario with one method or operator, `name`."""
+    """One scenario with one method or operator, `name`.
+
+    Attributes:
+        variant: tells the cells of other tracks from that which is ranked, whose variant is "".
+    """
 
     scenario: str
     name: str
+    variant: str = ""
 
     def __str__(self) -> str:
-        return f"{self.scenario}--{self.name}"
+        return "--".join((self.scenario, self.name, *([self.variant] if self.variant else [])))
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,7 +119,7 @@ class RunStore:
 
     def log(self, cell: Cell) -> Path:
         """Where what runs in a cell writes what it prints."""
-        return self.path / "logs" / f"{_folder(cell.scenario)}--{_folder(cell.name)}.log"
+        return self.path / "logs" / f"{_folder(cell.scenario)}--{_cell_folder(cell)}.log"
 
     def write_manifest(self, content: manifest.Manifest) -> None:
         """Replace the manifest."""
@@ -221,13 +227,32 @@ class RunStore:
         return {path.name: path.read_bytes() for path in there if not path.name.startswith(".")}
 
     def unpack(self, cell: Cell, files: Files) -> None:
-        """Keep what was packed elsewhere, unless it is kept already."""
+        """Keep what was packed elsewhere, and nothing else of the cell."""
         folder = self._parts(cell)
+        for name in self.pack(cell).keys() - files.keys():
+            (folder / name).unlink(missing_ok=True)
         # As where it was written: the table of the cell, which says that it is judged, comes last.
         for name in sorted(files, key=lambda name: (name == self.kind.table, name)):
             path = folder / Path(name).name
             if not path.is_file() or path.read_bytes() != files[name]:
                 self._replace(path, lambda part, name=name: _write_bytes(part, files[name]))
+
+    def rows(self, cell: Cell) -> pd.DataFrame:
+        """The judged rows of a cell.
+
+        Raises:
+            DataCorruptError: they cannot be read.
+        """
+        return _read_table(self._parts(cell) / SAMPLES, "sample")
+
+    def write_tracks(self, rows: pd.DataFrame) -> None:
+        """Replace the rows of the tracks that are not ranked."""
+        self._replace(self.path / TRACKS, lambda part: rows.to_parquet(part, index=False))
+
+    def forget_answers(self, cell: Cell) -> None:
+        """Remove the answers that are kept of a judged cell, but not its rows."""
+        for path in self._parts(cell).glob("*.npz"):
+            path.unlink(missing_ok=True)
 
     def forget(self, cell: Cell) -> None:
         """Remove what is kept of a cell."""
@@ -257,7 +282,7 @@ class RunStore:
                     row += len(values)
 
     def _parts(self, cell: Cell) -> Path:
-        return self.path / "parts" / _folder(cell.scenario) / _folder(cell.name)
+        return self.path / "parts" / _folder(cell.scenario) / _cell_folder(cell)
 
     def _batch_path(self, cell: Cell, split: str, start: int) -> Path:
         return self._parts(cell) / f"{split}-{start:08d}.npz"
@@ -328,6 +353,11 @@ def _read_table(path: Path, column: str) -> pd.DataFrame:
 def _unreadable(path: Path, error: Exception) -> DataCorruptError:
     reason = (str(error).splitlines() or [type(error).__name__])[0].rstrip(".")
     return DataCorruptError(f"{path} cannot be read ({reason}): delete it and resume the run.")
+
+
+def _cell_folder(cell: Cell) -> str:
+    # No name holds a slash.
+    return _folder(f"{cell.name}/{cell.variant}" if cell.variant else cell.name)
 
 
 def _folder(name: str) -> str:

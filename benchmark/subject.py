@@ -50,9 +50,11 @@ class Subject(ABC):
         plan: the cell.
         store: where answers are kept.
         unknown: the cell's own figures as they stand where nothing is known, by name.
+        tells: whether its servant says at the end what it was told.
     """
 
     unknown: ClassVar[Mapping[str, Any]] = {}
+    tells: ClassVar[bool] = False
 
     def __init__(self, plan: CellPlan, store: RunStore) -> None:
         self.plan = plan
@@ -81,6 +83,10 @@ class Subject(ABC):
 
     def warm(self, ask: Ask) -> dict[str, float]:
         """Times of a subject that runs for a while, measured on valid samples of the test split."""
+        return {}
+
+    def told(self, value: Any) -> dict[str, Any]:
+        """Figures of the cell from what its servant's `told` answers at the end."""
         return {}
 
     def valid_samples(self) -> NDArray[np.intp]:
@@ -162,3 +168,7 @@ class CellData(ABC):
     def parameters(self, name: str) -> dict[str, Any] | None:
         """Parameters chosen for the method or operator `name`; None where there are none."""
         return None
+
+    def tried(self, name: str) -> list[dict[str, Any]]:
+        """The sets of parameters that were tried before these were chosen."""
+        return []

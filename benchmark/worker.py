@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from eitbench.benchmark.process import end_tree, start_process
 from eitbench.methods.registry import Plugin, load_plugin
 from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.guard import close_test_split
 
 Status = Literal["ok", "error", "timeout", "invalid-output", "out-of-memory"]
 
@@ -213,6 +214,7 @@ class _PluginReader:
         self._plugin = plugin
 
     def names(self) -> Reply:
+        close_test_split()
         return Reply(load_plugin(self._plugin), 0.0)
 
 

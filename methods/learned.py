@@ -30,6 +30,10 @@ BATCH = 64
 """Frames that go through a network at once: more would only take more memory."""
 
 
+TRAINED_ON = ("scenario", "train_data", "train_samples")
+"""What of the notes with weights says which data they come from."""
+
+
 @dataclass
 class Learned(Method):
     """Base of the methods whose networks `eitbench train` trains.
@@ -66,6 +70,7 @@ class Learned(Method):
         path, tensors, about = self.files.load(problem.sensor, own)
         try:
             self.train_s = float(about["train_s"])
+            self.trained_on = {name: about[name] for name in TRAINED_ON}
             self.prepare(problem, tensors, about)
         except InputError:
             raise

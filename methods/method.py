@@ -3,6 +3,7 @@
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import ClassVar
 
 import numpy as np
@@ -21,11 +22,14 @@ class Method(ABC):
         source: the publication it follows.
         search: the values of each parameter that may be chosen on the validation split.
         train_s: time that the weights it loads took to train [s]; NaN if it loads none.
+        trained_on: the data behind the weights it loads: `scenario`, the hash `train_data` and the
+            number `train_samples`; empty if it loads none.
     """
 
     source: ClassVar[str] = ""
     search: ClassVar[Mapping[str, Sequence[object]]] = {}
     train_s: float = math.nan
+    trained_on: Mapping[str, str] = MappingProxyType({})
 
     @classmethod
     def weights_hash(cls, sensor: Sensor) -> str:

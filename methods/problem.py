@@ -1,11 +1,14 @@
-"""What a method is told about the problem it is to solve."""
+"""What a method is told about the problem it is to solve, and what of it the method reads."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from eitbench.methods.watched_sensor import watched
+from eitbench.scenarios.contents import Contents, contents
 from eitbench.scenarios.datasets import Dataset
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.physics.forward import ForwardModel, forward_model
@@ -15,8 +18,44 @@ Array = NDArray[np.float64]
 Splits = Callable[[str, int | None], Dataset]
 
 
+@dataclass(frozen=True, eq=False)
+class Given:
+    """Samples that a method was given to learn from.
+
+    Attributes:
+        split, scenario, data_hash: where they come from.
+        samples: their number; they are the first ones.
+        contents: what each shows.
+    """
+
+    split: str
+    scenario: str
+    data_hash: str
+    samples: int
+    contents: Contents
+
+
+@dataclass(frozen=True, eq=False)
+class Reads:
+    """What a method has read of its problem.
+
+    Attributes:
+        model: the nominal sensor's physics, and with it its contact impedance.
+        gain: the nominal model's frame of the untouched sensor, to scale the board's units by.
+        conductivity_range: what conductivity is to be expected.
+        given: the samples it was given.
+    """
+
+    model: bool
+    gain: bool
+    conductivity_range: bool
+    given: tuple[Given, ...]
+
+
 class Problem:
     """The nominal sensor, its untouched frame, forward physics and data to learn from.
+
+    It notes what is read of it, see `reads`.
 
     Attributes:
         sensor: the nominal sensor, with the range of conductivity to expect; a real one differs.
@@ -24,39 +63,60 @@ class Problem:
     """
 
     def __init__(self, sensor: Sensor, reference: ArrayLike, splits: Splits) -> None:
-        self.sensor = sensor
+        self._read: set[str] = set()
+        self._given: dict[str, tuple[int, Callable[[], Given]]] = {}
+        self._nominal = sensor
+        self.sensor = watched(sensor, self._read)
         self.reference = self._frames(sensor, np.asarray(reference)[None])[0]
         self._splits = splits
 
     @property
     def background(self) -> float:
         """Conductivity of the untouched sensor [S/m]."""
-        return self.sensor.background
+        return self._nominal.background
 
     @property
     def mask(self) -> NDArray[np.bool_]:
         """(H, W): the pixels inside the sensor; outside, an estimate is ignored."""
-        return self.sensor.mask
+        return self._nominal.mask
 
-    @cached_property
+    @property
     def model(self) -> ForwardModel:
         """The exact forward model on the sensor's image grid."""
-        return forward_model(self.sensor)
+        self._read.add("model")
+        return forward_model(self._nominal)
 
-    @cached_property
+    @property
     def background_voltages(self) -> Array:
         """(M,) [V/A], what the model predicts for the untouched sensor."""
-        return self.model.voltages(self.model.background)
+        self._read.add("model")
+        return self._modelled
 
-    @cached_property
+    @property
     def jacobian(self) -> Array:
         """(M, H, W) [V/A per S/m], the model's derivative at the background; 0 outside the mask."""
-        return self.model.jacobian(self.model.background)
+        self._read.add("model")
+        return self._derivative
 
-    @cached_property
+    @property
     def gain(self) -> float:
         """Board units per V/A: the least-squares factor from the model's frame to v_ref."""
-        modelled = self.background_voltages
+        self._read.add("gain")
+        return self._factor
+
+    @cached_property
+    def _modelled(self) -> Array:
+        model = forward_model(self._nominal)
+        return model.voltages(model.background)
+
+    @cached_property
+    def _derivative(self) -> Array:
+        model = forward_model(self._nominal)
+        return model.jacobian(model.background)
+
+    @cached_property
+    def _factor(self) -> float:
+        modelled = self._modelled
         gain = float(modelled @ self.reference / (modelled @ modelled))
         if not gain > 0:
             raise InputError(
@@ -71,15 +131,37 @@ class Problem:
         Raises:
             InputError: a wrong number of values or a value that is not finite.
         """
-        return np.asarray((self._frames(self.sensor, voltages) - self.reference) / self.gain)
+        return np.asarray((self._frames(self._nominal, voltages) - self.reference) / self.gain)
 
     def training(self, limit: int | None = None) -> Dataset:
         """The first `limit` samples of the training split, with their truth."""
-        return self._splits("train", limit)
+        return self._noted(self._splits("train", limit))
 
     def validation(self, limit: int | None = None) -> Dataset:
         """The first `limit` samples of the validation split, with their truth."""
-        return self._splits("validation", limit)
+        return self._noted(self._splits("validation", limit))
+
+    def reads(self) -> Reads:
+        """What was read so far."""
+        return Reads(
+            "model" in self._read,
+            "gain" in self._read,
+            "conductivity_range" in self._read,
+            tuple(given() for _, given in self._given.values()),
+        )
+
+    def _noted(self, data: Dataset) -> Dataset:
+        """`data`, whose samples are now known to the method."""
+        known, _ = self._given.get(data.split, (0, None))
+        if len(data) > known:  # they are the first ones, always
+            # Compared when it is asked for: a method's set-up is timed.
+            phantoms, frames = data.phantoms, None if data.phantoms else data.voltages
+            about = (data.split, data.scenario, data.data_hash, len(data))
+            self._given[data.split] = (
+                len(data),
+                lambda: Given(*about, contents(phantoms, frames)),
+            )
+        return data
 
     @staticmethod
     def _frames(sensor: Sensor, voltages: ArrayLike) -> Array:

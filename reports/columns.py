@@ -101,6 +101,10 @@ class Layout:
     paper: frozenset[str]
     terminal: Mapping[str, str]
 
+    def column(self, name: str) -> Column:
+        """The column called `name`."""
+        return next(column for column in self.columns if column.name == name)
+
 
 METHODS = Layout(
     (

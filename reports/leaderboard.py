@@ -4,6 +4,7 @@ import csv
 import html
 import io
 import json
+import re
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -83,6 +84,17 @@ def to_markdown(rows: Sequence[Row]) -> str:
             )
         if said := note(board):
             lines += ["", escape_markdown(said)]
+        if compared := tracks_table(board):
+            heads, *body = ([escape_markdown(t) for t in row] for row in compared)
+            lines += [
+                "",
+                "| " + " | ".join(heads) + " |",
+                "| --- " + "| ---: " * (len(heads) - 1) + "|",
+            ]
+            lines += ["| " + " | ".join(texts) + " |" for texts in body]
+        if known := told(board):
+            lines += ["", "What each was told:", ""]
+            lines += [f"- {escape_markdown(sentence)}" for sentence in known]
         parts.append("\n".join(lines) + "\n")
     return "\n".join(parts)
 
@@ -148,6 +160,16 @@ def to_html(rows: Sequence[Row]) -> str:
         lines += ["</tbody>", "</table>"]
         if said := note(board):
             lines.append(f"<p>{html.escape(said)}</p>")
+        if compared := tracks_table(board):
+            titles, *body = ([html.escape(t) for t in row] for row in compared)
+            lines += ["<table>", "<caption>Tracks</caption>"]
+            lines.append("<thead><tr>" + "".join(f'<th scope="col">{t}</th>' for t in titles))
+            lines.append("</tr></thead><tbody>")
+            lines += [f"<tr>{''.join(f'<td>{t}</td>' for t in cells)}</tr>" for cells in body]
+            lines += ["</tbody>", "</table>"]
+        if known := told(board):
+            items = "".join(f"<li>{html.escape(sentence)}</li>" for sentence in known)
+            lines += ["<p>What each was told:</p>", f"<ul>{items}</ul>"]
     return "\n".join(lines) + "\n" if lines else ""
 
 
@@ -193,6 +215,15 @@ def table(rows: Sequence[Row], width: int) -> "Group":
         shown_below.append(shown)
         if said := note(board):
             shown_below += [Text(f" {said}"), Text()]
+        if compared := tracks_table(board):
+            heads, *body = compared
+            beside = Table(title="Tracks", title_justify="left", box=box.SIMPLE_HEAD)
+            for k, head in enumerate(heads):
+                beside.add_column(Text(head), justify="right" if k else "left")
+            for cells in body:
+                beside.add_row(*map(Text, cells))
+            shown_below.append(beside)
+        shown_below += [Text(f" Told: {sentence}") for sentence in told(board)]
     return Group(*shown_below)
 
 
@@ -238,10 +269,10 @@ def _data(row: Row) -> str:
 def note(board: Sequence[Row]) -> str:
     """What is to be known of a board, as one line; "" where there is nothing.
 
-    That is how the published figures are to be read, the quality of recorded data, and what
-    failures cost.
+    That is how the published figures are to be read, the quality of recorded data, what failures
+    cost, and which methods were taught on what they are tested on.
     """
-    said = comparison(board) + costs_of_failures(board)
+    said = comparison(board) + costs_of_failures(board) + overlaps(board)
     for name, words in _NOTES.items():
         known = [row[name] for row in board if row.get(name) is not None]
         if known:
@@ -256,6 +287,59 @@ def costs_of_failures(board: Sequence[Row]) -> list[str]:
         for row in board
         if row.get("rank_valid") not in (None, row["rank"]) and row["coverage"] < 1
     ]
+
+
+def overlaps(board: Sequence[Row]) -> list[str]:
+    """For each method that was taught on test samples, how many, or that nothing is known of it."""
+    said = []
+    for row in board:
+        if row.get("overlap"):
+            total = row["n"] if row["data_n"] is None else row["data_n"]
+            said.append(
+                f"{row['overlap']:.0f} of {total} test samples were in the training set of "
+                f"{row['method']}"
+            )
+        elif row.get("told") and row["overlap"] is None:
+            said.append(f"whether {row['method']} was trained on test samples is not known here")
+    return said
+
+
+def told(board: Sequence[Row]) -> list[str]:
+    """What the methods of a board were told, those told the same together."""
+    names: dict[str, list[str]] = {}
+    for row in board:
+        if row.get("told"):
+            names.setdefault(row["told"], []).append(row["method"])
+    return [f"{', '.join(dict.fromkeys(methods))}: {words}" for words, methods in names.items()]
+
+
+def tracks_table(board: Sequence[Row]) -> list[list[str]]:
+    """The heads, then a row for each method that was run on other tracks; empty if none was."""
+    rows = [
+        row
+        for row in board
+        if any(row.get(gap) is not None for gap in ("tuning_gain", "oracle_gap"))
+    ]
+    if not rows:
+        return []
+    by = layout(board[0]).column(rows[0]["ranked_by"])
+    heads = [by.title, "default", "tuned", "oracle", "gained by tuning", "left to the oracle"]
+    body = []
+    for row in rows:
+        figures = [row[f"{track}_figure"] for track in ("default", "tuned", "oracle")]
+        texts = ["–" if value is None else by.number(value) for value in figures]
+        gaps = [_gap(row, name, by) for name in ("tuning_gain", "oracle_gap")]
+        body.append([row["method"], *texts, *gaps])
+    return [heads, *body]
+
+
+def _gap(row: Row, name: str, by: Column) -> str:
+    value, low, high = (row[f"{name}{end}"] for end in ("", "_low", "_high"))
+    if value is None:
+        return "–"
+    # What rounds to 0 has no sign.
+    texts = [re.sub(r"^-(?=[0.]*$)", "", by.number(v)) for v in (value, low, high) if v is not None]
+    return texts[0] if len(texts) < 3 else f"{texts[0]} ({texts[1]} to {texts[2]})"
 
 
 _NOTES = {

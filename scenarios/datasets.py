@@ -10,6 +10,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.guard import check_open
 from eitbench.scenarios.noise import measured_frames, measured_reference
 from eitbench.scenarios.phantoms.phantom import Phantom, rasterise
 from eitbench.scenarios.scenario import (
@@ -106,8 +107,8 @@ def load(
         download_limit_s: how long a recorded set may take to download [s]; no limit by default.
 
     Raises:
-        InputError: unknown scenario or split, or a limit or number of jobs that is no whole
-            number of at least 1.
+        InputError: unknown scenario or split, a limit or number of jobs that is no whole number of
+            at least 1, or the test split where it is closed (see `guard`).
         DataUnavailableError: recorded data is neither here nor within reach.
         DataCorruptError: recorded data is not what its checksum promises.
         EitbenchError: the cache folder is not writable or full.
@@ -119,6 +120,7 @@ def load(
     if isinstance(scenario, str):
         scenario = scenario_by_name(scenario)
     part = checked_split(split)
+    check_open(part)
     if isinstance(scenario, RecordedScenario):
         return _recorded(scenario, part, limit, download_limit_s, progress)
     return _simulated(scenario, part, limit, jobs, progress)

@@ -18,6 +18,7 @@ from threadpoolctl import threadpool_limits
 from eitbench.scenarios.cache_dir import cache_dir
 from eitbench.scenarios.cache_file import CacheFile
 from eitbench.scenarios.errors import DataCorruptError
+from eitbench.scenarios.guard import check_open
 from eitbench.scenarios.imperfections import TOUCH_INTERVAL_S
 from eitbench.scenarios.phantoms.phantom import Phantom, draw, rasterise
 from eitbench.scenarios.scenario import SimulatedScenario, Split
@@ -32,7 +33,12 @@ _log = logging.getLogger(__name__)
 
 
 def phantom(scenario: SimulatedScenario, split: Split, sample: int) -> Phantom:
-    """Phantom number `sample` of `split`; families take turns, so any first n are balanced."""
+    """Phantom number `sample` of `split`; families take turns, so any first n are balanced.
+
+    Raises:
+        InputError: the test split, where it is closed.
+    """
+    check_open(split)
     families = scenario.split_families(split)
     rng = generator("phantom", scenario.phantom_stream, split, sample)
     return draw(families[sample % len(families)], scenario.nominal_sensor, rng)
@@ -44,8 +50,10 @@ def clean_voltages(
     """Voltages (count, M) [V/A] of the first `count` phantoms of `split`, without noise.
 
     Raises:
+        InputError: the test split, where it is closed.
         EitbenchError: the cache folder is not writable or full.
     """
+    check_open(split)
     chunks = _chunks(scenario, split, count)
     ready: dict[int, Array] = {}
     for chunk in chunks:

@@ -106,6 +106,13 @@ function drawBoard() {
     el("thead", {}, el("tr", {}, ...head)), el("tbody", {}, ...(body.length ? body : [el("tr", {}, el("td", { class: "text", colspan: columns.length }, "Nothing matches."))])));
   const said = [view().phantoms ? `Intervals from ${view().phantoms} phantoms` : view().why_not.replace(/\.$/, ""), ...board().notes];
   $("board-note").textContent = said.filter(Boolean).join("; ") + ".";
+  $("told").replaceChildren(...board().told.map((sentence) => el("li", {}, sentence)));
+  $("told-section").hidden = !board().told.length;
+  const [heads, ...tracks] = board().tracks.length ? board().tracks : [[]];
+  const cells = (kind, texts) => texts.map((text, k) => el(kind, { class: k ? "" : "text", ...(kind === "th" && { scope: "col" }) }, text));
+  $("tracks").replaceChildren(el("caption", { class: "soft" }, "On each track, with 95 % intervals of the gaps"),
+    el("thead", {}, el("tr", {}, ...cells("th", heads))), el("tbody", {}, ...tracks.map((texts) => el("tr", {}, ...cells("td", texts)))));
+  $("tracks-section").hidden = !tracks.length;
 }
 
 // ---- plots -------------------------------------------------------------------------------------

@@ -39,6 +39,16 @@ class Recording:
     samples: pd.DataFrame
     classes: NDArray[np.int8] | None = None
 
+    def without_test(self) -> "Recording":
+        """The same without the frames of the test split."""
+        kept = (self.samples["split"] != "test").to_numpy()
+        return Recording(
+            self.voltages[kept],
+            self.reference,
+            self.samples[kept].reset_index(drop=True),
+            None if self.classes is None else self.classes[kept],
+        )
+
 
 @dataclass(frozen=True, eq=False)
 class RecordedSet:

@@ -15,6 +15,7 @@ from typing import Any
 
 from eitbench.scenarios.cache_dir import cache_dir
 from eitbench.scenarios.errors import DataCorruptError, DataUnavailableError
+from eitbench.scenarios.guard import is_closed
 from eitbench.scenarios.recordings import RecordedSet, Recording, recorded_set
 from eitbench.scenarios.recordings.sources import RecordedFile
 
@@ -23,6 +24,8 @@ _SILENCE_S = 30.0  # a server that says nothing for so long is given up
 
 def read_recording(name: str, *, limit_s: float | None = None, progress: bool = False) -> Recording:
     """The frames of the set called `name`: found or downloaded, verified, read and checked.
+
+    Where the test split is closed (see `guard`), those of its frames are left out.
 
     Args:
         name: of the set.
@@ -37,7 +40,8 @@ def read_recording(name: str, *, limit_s: float | None = None, progress: bool = 
     recorded = recorded_set(name)
     folder = locate(recorded, limit_s=limit_s, progress=progress)
     verify(recorded, folder)
-    return recorded.read(folder)
+    recording = recorded.read(folder)
+    return recording.without_test() if is_closed() else recording
 
 
 def inside(folder: Path, path: str) -> Path:

@@ -27,23 +27,36 @@ def tune(
     plugin: Annotated[
         list[Path] | None, typer.Option(metavar="FILE.py", help="A file with more methods.")
     ] = None,
+    trials: Annotated[
+        int, typer.Option(min=1, help="Sets of parameters that each method may try.")
+    ] = 16,
+    seconds: Annotated[
+        float, typer.Option(min=1, help="Time that each method may take in all [s].")
+    ] = 1200.0,
+    once: Annotated[
+        bool, typer.Option("--once", help="One choice for all scenarios ranked by one figure.")
+    ] = False,
     jobs: Annotated[int, typer.Option(min=1, help="Methods at a time.")] = 1,
     out: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Where choices go (default: your cache).")
     ] = None,
 ) -> None:
-    """Choose hyper-parameters on the validation split; later runs use them (track `tuned`)."""
-    from eitbench.benchmark.selection import tune as choose_all
-    from eitbench.benchmark.selection import user_choices
+    """Choose hyper-parameters on the validation split; later runs use them (track `tuned`).
+
+    Every method has the same budget. A tuning that was stopped goes on where it stood.
+    """
+    from eitbench.benchmark.choices import Budget, user_choices
+    from eitbench.benchmark.tuning import tune as choose_all
 
     plan = plan_of(suite, methods, scenarios, None, plugin)
-    chosen = [s for s in plan.suite.scenarios if s.name in plan.scenarios]
     folder = out or user_choices()
-    files = [path for path, _ in plan.plugins]
-    for scenario, name, choice in choose_all(
-        chosen, plan.methods, folder, plugins=files, jobs=jobs
-    ):
-        typer.echo(f"{scenario}  {name}  {json.dumps(choice.parameters)}")
+    chosen = choose_all(plan, folder, budget=Budget(trials, seconds), once=once, jobs=jobs)
+    for scenario, name, choice in chosen:
+        spent = choice.describe()["spent"]
+        typer.echo(
+            f"{scenario}  {name}  {json.dumps(choice.parameters)}  {spent['trials']} trials"
+            f" ({spent['pruned']} pruned, {spent['failed']} failed), {spent['seconds']:.0f} s"
+        )
     typer.echo(f"Choices: {folder}")
 
 

@@ -41,6 +41,12 @@ def run(
         list[Path] | None,
         typer.Option(metavar="FILE.py", help="A file with more methods or operators."),
     ] = None,
+    tracks: Annotated[
+        str | None,
+        typer.Option(
+            metavar="A,B", help="Run these tracks beside the ranked one: default, tuned, oracle."
+        ),
+    ] = None,
     jobs: Annotated[int, typer.Option(min=1, help="Cells (scenario x method) at a time.")] = 1,
     scheduler: Annotated[
         str | None,
@@ -59,7 +65,7 @@ def run(
     from eitbench.benchmark.runner import RunInterruptedError, resume_run, start_run
     from eitbench.scenarios.suites import load_suite
 
-    choices = (methods, operators, scenarios, limit, plugin or None, out)
+    choices = (methods, operators, scenarios, limit, plugin or None, tracks, out)
     if resume is not None and any(choice is not None for choice in choices):
         raise typer.BadParameter(
             "a resumed run keeps its choices: give SUITE, --jobs and --scheduler only"
@@ -74,7 +80,7 @@ def run(
                 resume, suite=chosen, jobs=jobs, scheduler=scheduler, progress=progress
             )
         elif suite is not None:
-            plan = plan_of(suite, methods, scenarios, limit, plugin, operators)
+            plan = plan_of(suite, methods, scenarios, limit, plugin, operators, tracks)
             folder = out or Path("runs") / f"{plan.suite.name}-{time.strftime('%Y%m%d-%H%M%S')}"
             result = start_run(plan, folder, jobs=jobs, scheduler=scheduler, progress=progress)
     except RunInterruptedError as interrupted:
@@ -91,6 +97,7 @@ def plan_of(
     limit: int | None,
     plugins: Sequence[Path] | None,
     operators: str | None = None,
+    tracks: str | None = None,
 ) -> "Plan":
     """What a command is to run; names are still lists with commas."""
     from eitbench.benchmark.runner import make_plan
@@ -106,6 +113,7 @@ def plan_of(
             scenarios=names_in("--scenarios", scenarios),
             limit=limit,
             plugins=plugins or (),
+            tracks=names_in("--tracks", tracks),
         )
     except InputError as error:
         # What it ranks is unknown to scenarios, so that only here a suite's own can be wrong.

@@ -3,7 +3,7 @@
 import pytest
 from pytest_benchmark.fixture import BenchmarkFixture
 
-from eitbench.benchmark.selection import selected_parameters
+from eitbench.benchmark.choices import selected_parameters
 from eitbench.methods import Problem, create, methods
 from eitbench.scenarios.datasets import load
 from eitbench.scenarios.suites import load_suite, scenarios

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from eitbench.benchmark import metrics
+from eitbench.benchmark.choices import selected_parameters
 from eitbench.benchmark.judge import REGISTRATION_FRAMES, fit_registration, judge
 from eitbench.benchmark.method_worker import scenario_splits
-from eitbench.benchmark.selection import selected_parameters
 from eitbench.methods import Problem, create
 from eitbench.scenarios.datasets import load
 from eitbench.scenarios.suites import scenarios
