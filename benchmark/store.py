@@ -229,13 +229,13 @@ class RunStore:
     def unpack(self, cell: Cell, files: Files) -> None:
         """Keep what was packed elsewhere, and nothing else of the cell."""
         folder = self._parts(cell)
-        for name in self.pack(cell).keys() - files.keys():
-            (folder / name).unlink(missing_ok=True)
         # As where it was written: the table of the cell, which says that it is judged, comes last.
         for name in sorted(files, key=lambda name: (name == self.kind.table, name)):
             path = folder / Path(name).name
             if not path.is_file() or path.read_bytes() != files[name]:
                 self._replace(path, lambda part, name=name: _write_bytes(part, files[name]))
+        for name in self.pack(cell).keys() - files.keys():
+            (folder / name).unlink(missing_ok=True)
 
     def rows(self, cell: Cell) -> pd.DataFrame:
         """The judged rows of a cell.
