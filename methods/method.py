@@ -19,11 +19,14 @@ class Method(ABC):
 
     Attributes:
         source: the publication it follows.
+        expected_failures: checks of `eitbench check` that it fails by its nature, and why; one that
+            passes nevertheless is a failure.
         search: the values of each parameter that may be chosen on the validation split.
         train_s: time that the weights it loads took to train [s]; NaN if it loads none.
     """
 
     source: ClassVar[str] = ""
+    expected_failures: ClassVar[Mapping[str, str]] = {}
     search: ClassVar[Mapping[str, Sequence[object]]] = {}
     train_s: float = math.nan
 
