@@ -22,15 +22,15 @@ from eitbench.benchmark.method_subject import OWN_GRID, SCENARIO, Subject
 from eitbench.methods.registry import methods as known_methods
 from eitbench.scenarios.errors import InputError, unknown_name
 
-# Those of what the process was seen to do come after all that make it do something, and the one
-# that may cost the worker comes last.
+# "The same twice" takes another worker, so it comes after what compares with the first one's
+# images. Those of what the processes were seen to do come after all that make them do something;
+# the one that may cost the worker comes last.
 CHECKS: dict[str, Callable[[Subject], str | None]] = {
     "returns (n, H, W)": contract.shape,
     "returns real numbers": contract.dtype,
     "returns finite values": contract.finite,
     "a batch equals its single frames": contract.batch_equals_single,
     "the order of frames does not matter": contract.order,
-    "the same twice": contract.deterministic,
     "the global seed does not matter": contract.seed,
     "leaves the global random state alone": contract.random_state,
     "leaves its input unchanged": contract.unchanged_input,
@@ -46,6 +46,7 @@ CHECKS: dict[str, Callable[[Subject], str | None]] = {
     "noise is not blown up": physics.noise,
     "the thread count does not matter": manners.threads,
     "memory does not grow": manners.memory,
+    "the same twice": contract.deterministic,
     "prints nothing": manners.quiet,
     "uses no network": manners.no_network,
     "writes nothing elsewhere": manners.no_writing,

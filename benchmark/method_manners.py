@@ -11,7 +11,8 @@ from eitbench.benchmark.method_subject import Subject
 MEMORY_MIB = 4.0
 """By how much memory may grow: what allocators keep for later.
 
-A method that keeps its images of 40 x 40 pixels grows by 12 MiB over a thousand frames.
+It is two huge pages of Linux. A method that keeps its images of 40 x 40 pixels grows by 7 MiB over
+600 frames; a slow one is asked for fewer, so that it has to keep more of each to be found.
 """
 
 BATCH = 8

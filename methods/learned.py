@@ -64,9 +64,13 @@ class Learned(Method):
         self._problem = problem
         own = Path(self.weights) if self.weights else None
         path, tensors, about = self.files.load(problem.sensor, own)
+        import torch
+
         try:
             self.train_s = float(about["train_s"])
-            self.prepare(problem, tensors, about)
+            # Networks draw weights, to be replaced, from the generator that is everybody's.
+            with torch.random.fork_rng(devices=[]):
+                self.prepare(problem, tensors, about)
         except InputError:
             raise
         except (RuntimeError, KeyError, ValueError) as error:
