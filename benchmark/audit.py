@@ -39,7 +39,14 @@ CHANGES: dict[str, tuple[tuple[int, int | None], ...]] = {
 }
 LOOKUPS = {"socket.getaddrinfo", "socket.gethostbyaddr", "socket.gethostbyname"}
 CALLS = {"socket.bind", "socket.connect", "socket.sendmsg", "socket.sendto"}
-PROGRAMS = {"os.exec", "os.posix_spawn", "os.spawn", "os.startfile", "os.system", "subprocess.Popen"}
+PROGRAMS = {
+    "os.exec",
+    "os.posix_spawn",
+    "os.spawn",
+    "os.startfile",
+    "os.system",
+    "subprocess.Popen",
+}
 MAX_NOTES = 100
 
 
@@ -112,7 +119,7 @@ def _hook(notes: int, allowed: list[str]) -> Callable[[str, tuple[Any, ...]], No
 
     def _note_path(path: object, folder: object) -> None:
         changed = _resolved(path, folder)
-        if changed is None or changed == os.devnull or f"{os.sep}__pycache__{os.sep}" in changed:
+        if changed is None or changed == os.devnull or "__pycache__" in Path(changed).parts:
             return
         if not any(changed == place or changed.startswith(place + os.sep) for place in allowed):
             note("write", changed)
@@ -127,10 +134,9 @@ def _resolved(path: object, folder: object) -> str | None:
     name = os.fsdecode(path)
     if name == ":memory:":  # of a database
         return None
-    if isinstance(folder, int) and folder >= 0 and not os.path.isabs(name):
+    if isinstance(folder, int) and folder >= 0 and not Path(name).is_absolute():
         try:
-            name = os.path.join(os.readlink(f"/proc/self/fd/{folder}"), name)
+            name = str(Path(f"/proc/self/fd/{folder}").readlink() / name)
         except OSError:  # not on Linux
             return None
-    # A link itself is changed, not what it leads to, unless it is opened.
     return os.path.realpath(name)

@@ -21,7 +21,7 @@ from eitbench.benchmark.worker import Failure, Reply
 from eitbench.methods.registry import methods
 
 # How often one frame is asked for, at most, and for how long, to see memory grow.
-REPEATS, LEAST_REPEATS, REPEAT_S = 600, 4, 0.6
+REPEATS, LEAST_REPEATS, REPEAT_S = 600, 4, 0.4
 
 
 class Growth(NamedTuple):

@@ -108,9 +108,7 @@ def outcome(name: str, check: Callable[[], str | None]) -> CheckResult:
         return CheckResult(name, "failed", str(finding))
 
 
-def held_to(
-    results: Iterable[CheckResult], expected: Mapping[str, str]
-) -> tuple[CheckResult, ...]:
+def held_to(results: Iterable[CheckResult], expected: Mapping[str, str]) -> tuple[CheckResult, ...]:
     """The `results` where some checks are `expected` to fail, each for a reason.
 
     An expectation that is not met is a failure, so that none outlives its reason.
@@ -119,7 +117,8 @@ def held_to(
     for result in results:
         reason = expected.get(result.name, "").rstrip(".")
         if reason and result.status == "failed":
-            result = replace(result, status="xfail", message=f"{result.message} Expected: {reason}.")
+            message = f"{result.message} Expected: {reason}."
+            result = replace(result, status="xfail", message=message)
         elif reason and result.status == "passed":
             message = f"it passes although it is expected to fail ({reason}): remove it."
             result = replace(result, status="failed", message=message)

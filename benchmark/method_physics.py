@@ -1,5 +1,6 @@
 """Checks of the physics that every method has to obey, however it works."""
 
+import itertools
 import math
 
 import numpy as np
@@ -158,7 +159,7 @@ def noise(subject: Subject) -> str:
         f"{error:.2g} S/m at {snr_db:g} dB" for snr_db, error in zip(SNR_DB, errors, strict=True)
     )
     said = f"noise adds {figures} to an image (rms)"
-    for less, more in zip(errors, errors[1:], strict=False):
+    for less, more in itertools.pairwise(errors):
         require(less <= MONOTONE * more, f"{said}; it should grow with the noise.")
     allowed = NOISE_GROWTH * 10 ** ((SNR_DB[0] - SNR_DB[-1]) / 20)
     floor = SAME_FRAME * subject.sensor.data_range
@@ -170,7 +171,7 @@ def noise(subject: Subject) -> str:
 
 
 def _noisy(frame: Array, snr_db: float) -> Array:
-    """`DRAWS` noisy frames (DRAWS, M); each draw is the same at every level but for its strength."""
+    """Noisy frames (DRAWS, M): each draw is the same at every level but for its strength."""
     rngs = (generator("method check", "noise", draw) for draw in range(DRAWS))
     return np.stack([add_noise(frame, snr_db, rng) for rng in rngs])
 

@@ -16,7 +16,6 @@ from eitbench.benchmark.worker import Reply
 from eitbench.methods.symmetry import Motion, motions
 from eitbench.scenarios.physics.forward import forward_model
 from eitbench.scenarios.scenario import SimulatedScenario
-from eitbench.scenarios.sensors import Sensor
 
 # A small image on which electrodes still begin and end at pixel corners, and a finer mesh for data.
 SCENARIO = SimulatedScenario(

@@ -19,6 +19,19 @@ TOLERANCE = 1e-6
 """How much the Jacobian may change, relative to its largest entry, under a symmetry."""
 
 
+def asymmetry(reason: str, turned: float, mirrored: float) -> dict[str, str]:
+    """What a method expects to fail that cannot keep the symmetry of a sensor, see `Method`.
+
+    Args:
+        turned, mirrored: how far `eitbench check` saw its image of moved voltages from the moved
+            image (rms), as fractions of the contrast.
+    """
+    return {
+        "rotation equivariance": f"{reason}: {turned:g} of the contrast",
+        "mirror equivariance": f"{reason}: {mirrored:g} of the contrast",
+    }
+
+
 @dataclass(frozen=True, eq=False)
 class Motion:
     """A motion of the sensor onto itself: a moved image has moved voltages.
