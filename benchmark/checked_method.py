@@ -65,7 +65,7 @@ class CheckedMethod(MethodServant):
         texts = all(isinstance(text, str) for pair in plain.items() for text in pair)
         return Reply(plain if texts else None, 0.0)
 
-    def fresh(self, frames: Frames, gain: float, seed: int | None, threads: int) -> Reply:
+    def refit(self, frames: Frames, gain: float, seed: int | None, threads: int) -> Reply:
         """Images of `frames` by another of its kind, fitted to the reference frame times `gain`.
 
         Args:

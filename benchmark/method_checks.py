@@ -23,8 +23,8 @@ from eitbench.methods.registry import methods as known_methods
 from eitbench.scenarios.errors import InputError, unknown_name
 
 # "The same twice" takes another worker, so it comes after what compares with the first one's
-# images. Those of what the processes were seen to do come after all that make them do something;
-# the one that may cost the worker comes last.
+# images. Those of what the processes were seen to do come after all that make them do something.
+# Those that may cost the worker, by taking too long, come last.
 CHECKS: dict[str, Callable[[Subject], str | None]] = {
     "returns (n, H, W)": contract.shape,
     "returns real numbers": contract.dtype,
@@ -44,10 +44,10 @@ CHECKS: dict[str, Callable[[Subject], str | None]] = {
     "mirror equivariance": physics.mirror,
     "gain invariance": physics.gain,
     "noise is not blown up": physics.noise,
-    "the thread count does not matter": manners.threads,
     "memory does not grow": manners.memory,
     "the same twice": contract.deterministic,
     "prints nothing": manners.quiet,
+    "the thread count does not matter": manners.threads,
     "uses no network": manners.no_network,
     "writes nothing elsewhere": manners.no_writing,
     "starts no other program": manners.no_programs,
@@ -90,7 +90,7 @@ def _expected_failures(subject: Subject, name: str) -> Mapping[str, str]:
         InputError: they are no such thing.
     """
     try:
-        expected = subject.worker.ask("expected_failures").value
+        expected: Mapping[str, str] | None = subject.worker.ask("expected_failures").value
     except BrokenError:  # which every check will say
         return {}
     if expected is None:

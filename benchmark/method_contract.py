@@ -74,7 +74,7 @@ def deterministic(subject: Subject) -> str:
 def seed(subject: Subject) -> str:
     """The state of the global generators decides nothing."""
     first = subject.images(subject.contact)
-    other = subject.fresh(subject.contact, seed=OTHER_SEED)
+    other = subject.refit(subject.contact, seed=OTHER_SEED)
     what = "images under two seeds of the global generators"
     return subject.close(first, other, SAME_RUN, what)
 

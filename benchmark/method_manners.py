@@ -29,9 +29,9 @@ def quiet(subject: Subject) -> None:
 
 def threads(subject: Subject) -> str:
     """Fitted and asked on two threads, it sees what it sees on one."""
-    other = subject.fresh(subject.contact, threads=2)
-    what = "images made on one thread and on two"
-    return subject.close(subject.images(subject.contact), other, SAME_FRAME, what)
+    one = subject.again(subject.contact)
+    two = subject.refit(subject.contact, threads=2)
+    return subject.close(one, two, SAME_FRAME, "images made on one thread and on two")
 
 
 def memory(subject: Subject) -> str:

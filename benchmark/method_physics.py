@@ -144,7 +144,7 @@ def _equivariant(subject: Subject, motion: Motion, how: str) -> str:
 
 def gain(subject: Subject) -> str:
     """Images do not depend on the board's units, which frames and reference share."""
-    other = subject.fresh(subject.contact * GAIN, gain=GAIN)
+    other = subject.refit(subject.contact * GAIN, gain=GAIN)
     what = f"images of frames and of {GAIN:g} times these (the reference too)"
     return subject.close(subject.images(subject.contact), other, SAME_FRAME, what)
 

@@ -121,11 +121,11 @@ class Subject:
         """The same, asked again."""
         return images_of(self.worker.ask("reconstruct", frames))
 
-    def fresh(
+    def refit(
         self, frames: Frames, *, gain: float = 1.0, seed: int | None = None, threads: int = THREADS
     ) -> Images:
-        """Images of `frames` by another of its kind, see `CheckedMethod.fresh`."""
-        return images_of(self.worker.ask("fresh", frames, gain, seed, threads))
+        """Images of `frames` by another of its kind, see `CheckedMethod.refit`."""
+        return images_of(self.worker.ask("refit", frames, gain, seed, threads))
 
     def contrast(self, frames: Frames) -> NDArray[np.float64]:
         """Contrast (n, P) [S/m] of the pixels inside the sensor."""

@@ -164,7 +164,9 @@ class Saturated(Bent):
     """Shows every contact as strong as any other."""
 
     def bent(self, contrast: Array, voltages: Array) -> Array:
-        return contrast / np.maximum(np.abs(contrast).max(axis=(1, 2), keepdims=True), 1e-9)
+        return np.asarray(
+            contrast / np.maximum(np.abs(contrast).max(axis=(1, 2), keepdims=True), 1e-9)
+        )
 
 
 @register("contract-squared")
@@ -189,7 +191,7 @@ class Mirrored(Bent):
 
     def bent(self, contrast: Array, voltages: Array) -> Array:
         y, x = (np.indices(contrast.shape[1:]) + 0.5) / contrast.shape[1] - 0.5
-        return contrast * (1 + 0.1 * np.sin(4 * np.arctan2(y, x)))
+        return np.asarray(contrast * (1 + 0.1 * np.sin(4 * np.arctan2(y, x))))
 
 
 @register("contract-gain")
@@ -208,7 +210,7 @@ class Noisy(Bent):
         pairs = pattern.reciprocal_pairs()
         first, second = voltages[:, pairs[:, 0]], voltages[:, pairs[:, 1]]
         broken = np.linalg.norm(second - first * pattern.reciprocal_signs(pairs), axis=1)
-        return (broken / np.linalg.norm(voltages, axis=1))[:, None, None]
+        return np.asarray((broken / np.linalg.norm(voltages, axis=1))[:, None, None])
 
 
 @register("contract-exploding")
