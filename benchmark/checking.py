@@ -1,14 +1,17 @@
 """What checks of methods and of operators share: their findings, and a worker that is renewed."""
 
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import Literal, get_args
 
 from eitbench.benchmark.worker import Failure, Reply, Worker, WorkerLostError, serve
 
 LIMIT_S = 60.0
 RESTARTS = 3
+
+
+Status = Literal["passed", "failed", "xfail", "skipped"]
 
 
 @dataclass(frozen=True)
@@ -17,12 +20,12 @@ class CheckResult:
 
     Attributes:
         name: what was checked.
-        status: "skipped" where it does not apply.
+        status: "skipped" where it does not apply, "xfail" where it failed as it was expected to.
         message: what was wrong, why it was skipped, or what was measured; may be empty.
     """
 
     name: str
-    status: Literal["passed", "failed", "skipped"]
+    status: Status
     message: str = ""
 
 
@@ -57,9 +60,9 @@ class CheckReport:
 
     @property
     def counts(self) -> dict[str, int]:
-        """How many ran, passed, failed and were skipped."""
-        counts = {status: len(self.having(status)) for status in ("passed", "failed", "skipped")}
-        return {"ran": counts["passed"] + counts["failed"], **counts}
+        """How many ran, passed, failed, failed as expected ("xfail") and were skipped."""
+        counts = {status: len(self.having(status)) for status in get_args(Status)}
+        return {"ran": len(self.results) - counts["skipped"], **counts}
 
     def describe(self) -> dict[str, object]:
         """Plain values for JSON."""
@@ -73,10 +76,11 @@ class CheckReport:
     def summary(self) -> str:
         """One line: how many ran, passed, failed and were skipped."""
         n = self.counts
+        expected = f", {n['xfail']} failed as expected" if n["xfail"] else ""
         skipped = f", {n['skipped']} skipped" if n["skipped"] else ""
         return (
             f"{self.name} on {self.where}: {n['ran']} checks ran, {n['passed']} passed, "
-            f"{n['failed']} failed{skipped}."
+            f"{n['failed']} failed{expected}{skipped}."
         )
 
 
@@ -102,6 +106,24 @@ def outcome(name: str, check: Callable[[], str | None]) -> CheckResult:
         return CheckResult(name, "skipped", str(reason))
     except BrokenError as finding:
         return CheckResult(name, "failed", str(finding))
+
+
+def held_to(results: Iterable[CheckResult], expected: Mapping[str, str]) -> tuple[CheckResult, ...]:
+    """The `results` where some checks are `expected` to fail, each for a reason.
+
+    An expectation that is not met is a failure, so that none outlives its reason.
+    """
+    held = []
+    for result in results:
+        reason = expected.get(result.name, "").rstrip(".")
+        if reason and result.status == "failed":
+            message = f"{result.message} Expected: {reason}."
+            result = replace(result, status="xfail", message=message)
+        elif reason and result.status == "passed":
+            message = f"it passes although it is expected to fail ({reason}): remove it."
+            result = replace(result, status="failed", message=message)
+        held.append(result)
+    return tuple(held)
 
 
 class RenewedWorker:

@@ -4,248 +4,54 @@ Every check asks a worker process, so a method that hangs or dies fails its chec
 """
 
 import tempfile
-from collections.abc import Callable
-from contextlib import suppress
-from functools import cached_property, partial
+from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-from threadpoolctl import threadpool_limits
-
+from eitbench.benchmark import method_contract as contract
+from eitbench.benchmark import method_manners as manners
+from eitbench.benchmark import method_physics as physics
 from eitbench.benchmark.checking import (
     LIMIT_S,
     BrokenError,
     CheckReport,
-    RenewedWorker,
-    SkippedError,
     all_outcomes,
-    require,
+    held_to,
 )
-from eitbench.benchmark.method_worker import (
-    Frames,
-    Images,
-    MethodServant,
-    MethodTask,
-    scenario_splits,
-)
-from eitbench.benchmark.process import THREADS
-from eitbench.benchmark.worker import Failure, Reply
+from eitbench.benchmark.method_subject import OWN_GRID, SCENARIO, Subject
 from eitbench.methods.registry import methods as known_methods
-from eitbench.scenarios.errors import unknown_name
-from eitbench.scenarios.scenario import SimulatedScenario
+from eitbench.scenarios.errors import InputError, unknown_name
 
-# A small image on which electrodes still begin and end at pixel corners, and a finer mesh for data.
-SCENARIO = SimulatedScenario(
-    name="check",
-    image_shape=(40, 40),
-    conductivity_range=(0.05, 20.0),  # contacts of both signs are shown
-    families=("circle", "rectangle"),
-    mesh_refinement=2,
-    train=64,
-    validation=16,
-    test=0,
-)
-# For methods that exist for certain sensors only, such as those that weights were trained for.
-OWN_GRID = SCENARIO.model_copy(update={"image_shape": None, "conductivity_range": None})
-# Fractions of the sensor's data range: float32 rounding; iterative methods; "no contrast".
-SAME_RUN, SAME_FRAME, NO_CONTRAST = 1e-5, 1e-3, 0.05
-
-
-class _Subject:
-    """The method under test on one problem, in a worker that is renewed when it is lost."""
-
-    def __init__(
-        self,
-        scenario: SimulatedScenario,
-        method: str,
-        plugin: Path | None,
-        limit_s: float,
-        log: Path,
-    ) -> None:
-        self.sensor = scenario.nominal_sensor
-        self.model = scenario.data_model("test")
-        self.log = log
-        self.reference = self.simulate(np.full(self.model.sensor.image_shape, 1.0))[0]
-        task = MethodTask(
-            self.sensor, self.reference, scenario_splits(scenario), method, {}, plugin
-        )
-        self.worker = RenewedWorker(MethodServant(task), limit_s, log)
-
-    def simulate(self, contrast_factor: NDArray[np.float64]) -> Frames:
-        """One frame (1, M) of the background times `contrast_factor`, from the finer mesh."""
-        with threadpool_limits(THREADS):  # more threads make so small a solve slower
-            return self.model.voltages(self.sensor.background * contrast_factor)[None]
-
-    def inclusion(self, factor: float) -> Frames:
-        """A frame (1, M) with the conductivity multiplied by `factor` inside a disc."""
-        return self.simulate(np.where(_disc(self.model.sensor.image_shape), factor, 1.0))
-
-    @cached_property
-    def frames(self) -> Frames:
-        """Three different frames (3, M)."""
-        return np.concatenate([self.inclusion(0.5), self.inclusion(0.8), self.inclusion(1.3)])
-
-    def ask(self, frames: Frames) -> Reply:
-        """What the fitted method answers to `frames`.
-
-        Raises:
-            BrokenError: it could not be fitted, hung or died.
-        """
-        return self.worker.ask("reconstruct", frames)
-
-    @property
-    def refuses_sensor(self) -> bool:
-        """Whether the method says that it cannot be fitted here."""
-        with suppress(BrokenError):
-            self.ask(self.reference[None])
-        return self.worker.refused("EitbenchError")
-
-    def images(self, frames: Frames) -> Images:
-        """Images (n, H, W) of `frames`.
-
-        Raises:
-            BrokenError: there are none.
-        """
-        answer = self.ask(frames)
-        if answer.failure is not None:
-            raise BrokenError(f"{answer.failure.message}.")
-        images: Images = answer.value
-        return images
-
-
-def _disc(shape: tuple[int, int]) -> NDArray[np.bool_]:
-    """(H, W): a disc off the centre, in fractions of the image."""
-    y, x = (np.indices(shape) + 0.5) / np.array(shape)[:, None, None]
-    return np.asarray(np.hypot(x - 0.35, y - 0.6) < 0.18)
-
-
-def _failure(subject: _Subject, kind: str) -> Failure | None:
-    """The failure of `kind` that plain frames provoke, if any; another failure breaks the check."""
-    failure = subject.ask(subject.frames).failure
-    if failure is not None and kind not in failure.kinds:
-        raise BrokenError(f"{failure.message}.")
-    return failure
-
-
-def _shape(subject: _Subject) -> None:
-    failure = _failure(subject, "shape")
-    require(failure is None, f"reconstruct {failure.message}." if failure else "")
-
-
-def _dtype(subject: _Subject) -> None:
-    failure = _failure(subject, "dtype")
-    require(failure is None, f"reconstruct {failure.message}." if failure else "")
-
-
-def _unchanged_input(subject: _Subject) -> None:
-    failure = _failure(subject, "mutated")
-    require(failure is None, "reconstruct changed its input voltages in place: work on a copy.")
-
-
-def _finite(subject: _Subject) -> None:
-    images = subject.images(subject.frames)[:, subject.sensor.mask]
-    bad = int((~np.isfinite(images)).sum())
-    require(bad == 0, f"{bad} of {images.size} pixels are NaN or infinite.")
-
-
-def _batch_equals_single(subject: _Subject) -> None:
-    frames = subject.frames
-    together = subject.images(frames)
-    alone = np.concatenate([subject.images(frame[None]) for frame in frames])
-    _close(subject, together, alone, SAME_FRAME, "a frame alone and in a batch")
-
-
-def _deterministic(subject: _Subject) -> None:
-    frames = subject.frames
-    first = subject.images(frames)
-    subject.worker.restart()
-    _close(subject, first, subject.images(frames), SAME_RUN, "two fits on the same problem")
-
-
-def _close(subject: _Subject, one: Images, other: Images, fraction: float, what: str) -> None:
-    mask = subject.sensor.mask
-    apart = float(np.max(np.abs(one[:, mask] - other[:, mask])))
-    allowed = fraction * subject.sensor.data_range
-    require(apart <= allowed, f"{what} differ by up to {apart:.3g} S/m; {allowed:.1g} is allowed.")
-
-
-def _zero_contrast(subject: _Subject) -> None:
-    image = subject.images(subject.reference[None])[0]
-    off = float(np.max(np.abs(image - subject.sensor.background)[subject.sensor.mask]))
-    require(
-        off <= NO_CONTRAST * subject.sensor.data_range,
-        f"the reference frame gives an image up to {off:.3g} S/m off the background of "
-        f"{subject.sensor.background:g} S/m: return absolute conductivity.",
-    )
-
-
-def _resistive(subject: _Subject) -> None:
-    inside, outside = _contrast(subject, 0.5)
-    require(
-        inside < 0 and inside < outside,
-        f"where conductivity halves, the mean contrast is {inside:.3g} S/m "
-        f"({outside:.3g} elsewhere); it should be negative and lower.",
-    )
-
-
-def _conductive(subject: _Subject) -> None:
-    if subject.sensor.conductivity_range[1] <= 1:
-        raise SkippedError("on this sensor, conductivity can only fall.")
-    inside, outside = _contrast(subject, 1.5)
-    require(
-        inside > 0 and inside > outside,
-        f"where conductivity is 1.5 times higher, the mean contrast is {inside:.3g} S/m "
-        f"({outside:.3g} elsewhere); it should be positive and higher.",
-    )
-
-
-def _contrast(subject: _Subject, factor: float) -> tuple[float, float]:
-    image = subject.images(subject.inclusion(factor))[0] - subject.sensor.background
-    disc, mask = _disc(subject.sensor.image_shape), subject.sensor.mask
-    return float(image[disc & mask].mean()), float(image[~disc & mask].mean())
-
-
-def _wrong_length(subject: _Subject) -> None:
-    _refused(subject, subject.frames[:, :-1], "frames with a value too few")
-
-
-def _nan_voltages(subject: _Subject) -> None:
-    frames = subject.frames.copy()
-    frames[1, 0] = np.nan
-    _refused(subject, frames, "frames with a NaN")
-
-
-def _refused(subject: _Subject, frames: Frames, what: str) -> None:
-    failure = subject.ask(frames).failure
-    advice = "Problem.difference(voltages) raises one."
-    require(
-        failure is not None and "ValueError" in failure.kinds,
-        f"{what} should raise a ValueError that says what is wrong; {advice}",
-    )
-
-
-def _quiet(subject: _Subject) -> None:
-    subject.images(subject.frames)
-    before = subject.log.stat().st_size
-    subject.images(subject.frames)
-    text = subject.log.read_text(errors="replace")[before:].strip()
-    require(not text, f"reconstruct prints: {text[:80]!r}.")
-
-
-CHECKS: dict[str, Callable[[_Subject], None]] = {
-    "returns (n, H, W)": _shape,
-    "returns real numbers": _dtype,
-    "returns finite values": _finite,
-    "a batch equals its single frames": _batch_equals_single,
-    "the same twice": _deterministic,
-    "leaves its input unchanged": _unchanged_input,
-    "zero contrast gives the background": _zero_contrast,
-    "a resistive contact is negative": _resistive,
-    "a conductive contact is positive": _conductive,
-    "refuses frames of the wrong length": _wrong_length,
-    "refuses frames with NaN": _nan_voltages,
-    "prints nothing": _quiet,
+# "The same twice" takes another worker, so it comes after what compares with the first one's
+# images. Those of what the processes were seen to do come after all that make them do something.
+# Those that may cost the worker, by taking too long, come last.
+CHECKS: dict[str, Callable[[Subject], str | None]] = {
+    "returns (n, H, W)": contract.shape,
+    "returns real numbers": contract.dtype,
+    "returns finite values": contract.finite,
+    "a batch equals its single frames": contract.batch_equals_single,
+    "the order of frames does not matter": contract.order,
+    "the global seed does not matter": contract.seed,
+    "leaves the global random state alone": contract.random_state,
+    "leaves its input unchanged": contract.unchanged_input,
+    "refuses frames of the wrong length": contract.wrong_length,
+    "refuses frames with NaN": contract.nan_voltages,
+    "zero contrast gives the background": physics.zero_contrast,
+    "a resistive contact is negative": physics.resistive,
+    "a conductive contact is positive": physics.conductive,
+    "small contrasts are nearly linear": physics.linear,
+    "rotation equivariance": physics.rotation,
+    "mirror equivariance": physics.mirror,
+    "gain invariance": physics.gain,
+    "noise is not blown up": physics.noise,
+    "memory does not grow": manners.memory,
+    "the same twice": contract.deterministic,
+    "prints nothing": manners.quiet,
+    "the thread count does not matter": manners.threads,
+    "uses no network": manners.no_network,
+    "writes nothing elsewhere": manners.no_writing,
+    "starts no other program": manners.no_programs,
+    "answers within the time limit": manners.in_time,
 }
 
 
@@ -253,22 +59,47 @@ def check_method(name: str, *, plugin: Path | None = None, limit_s: float = LIMI
     """Run every check on the method `name`, taken from the file `plugin` if one is given.
 
     Args:
-        limit_s: seconds that fitting, and each reconstruction, may take.
+        limit_s: seconds that fitting, and each answer, may take.
 
     Raises:
-        InputError: an unknown method (the nearest name is suggested).
+        InputError: an unknown method (the nearest name is suggested), or one that expects to fail
+            a check that does not exist, or for no reason.
     """
     if plugin is None and name not in (known := known_methods()):
         raise unknown_name("method", name, known)
     with tempfile.TemporaryDirectory() as folder:
-        subject = _Subject(SCENARIO, name, plugin, limit_s, Path(folder) / "log")
+        subject = Subject(SCENARIO, name, plugin, limit_s, Path(folder))
         if subject.refuses_sensor:
-            subject = _Subject(OWN_GRID, name, plugin, limit_s, Path(folder) / "log")
+            subject = Subject(OWN_GRID, name, plugin, limit_s, Path(folder))
         try:
+            expected = _expected_failures(subject, name)
             results = all_outcomes(
                 (title, partial(check, subject)) for title, check in CHECKS.items()
             )
         finally:
             subject.worker.restart()
     height, width = subject.sensor.image_shape
-    return CheckReport("method", name, f"{subject.sensor.name}, {height} x {width}", results)
+    where = f"{subject.sensor.name}, {height} x {width}"
+    return CheckReport("method", name, where, held_to(results, expected))
+
+
+def _expected_failures(subject: Subject, name: str) -> Mapping[str, str]:
+    """The checks that the method says it fails, and why; none if it cannot be asked.
+
+    Raises:
+        InputError: they are no such thing.
+    """
+    try:
+        expected: Mapping[str, str] | None = subject.worker.ask("expected_failures").value
+    except BrokenError:  # which every check will say
+        return {}
+    if expected is None:
+        raise InputError(
+            f"The expected_failures of {name!r} should map names of checks to reasons."
+        )
+    for title, reason in expected.items():
+        if title not in CHECKS:
+            raise unknown_name(f"check among the expected failures of {name!r}:", title, CHECKS)
+        if not reason.strip():
+            raise InputError(f"{name!r} expects to fail {title!r} but gives no reason: say why.")
+    return expected

@@ -22,7 +22,8 @@ from eitbench.methods.noser import noser_covariance
 from eitbench.methods.problem import Problem
 from eitbench.methods.registry import register
 from eitbench.methods.search import ROWS, UNKNOWN, VARIATION, WEIGHTS
-from eitbench.methods.tv_solver import TVSolver
+from eitbench.methods.symmetry import asymmetry
+from eitbench.methods.tv_solver import ANISOTROPY, TVSolver
 
 Array = NDArray[np.float64]
 
@@ -126,6 +127,7 @@ class GaussNewtonTV(GaussNewton):
     """Nonlinear Gauss-Newton with total variation and bounds."""
 
     source: ClassVar[str] = "Borsic et al., IEEE Trans. Med. Imaging 29(1), 2010"
+    expected_failures: ClassVar = asymmetry(ANISOTROPY, 0.10, 0.10)
     search: ClassVar = {**UNKNOWN, **VARIATION, **ROWS}
     steps: int = 6
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from eitbench.methods.method import Method
 from eitbench.methods.registry import register
+from eitbench.methods.symmetry import asymmetry
 from eitbench.methods.weight_files import WeightFiles
 from eitbench.scenarios.errors import DataCorruptError, InputError
 
@@ -28,6 +29,9 @@ Images = NDArray[np.float32]
 
 BATCH = 64
 """Frames that go through a network at once: more would only take more memory."""
+
+MOVED = "touches that were turned and mirrored at random taught it symmetry, nearly"
+"""Why a network that was trained here has the sensor's symmetry in part."""
 
 
 TRAINED_ON = ("scenario", "train_data", "train_samples")
@@ -68,10 +72,14 @@ class Learned(Method):
         self._problem = problem
         own = Path(self.weights) if self.weights else None
         path, tensors, about = self.files.load(problem.sensor, own)
+        import torch
+
         try:
             self.train_s = float(about["train_s"])
             self.trained_on = {name: about[name] for name in TRAINED_ON}
-            self.prepare(problem, tensors, about)
+            # Networks draw weights, to be replaced, from the generator that is everybody's.
+            with torch.random.fork_rng(devices=[]):
+                self.prepare(problem, tensors, about)
         except InputError:
             raise
         except (RuntimeError, KeyError, ValueError) as error:
@@ -133,6 +141,7 @@ class OneNetwork(Learned):
 class Dnn(OneNetwork):
     """A U-Net from voltages to conductivity, trained on simulated touches (DNN)."""
 
+    expected_failures: ClassVar = asymmetry(MOVED, 0.064, 0.048)
     files: ClassVar = WeightFiles("dnn", version="1")
 
 
@@ -141,4 +150,5 @@ class Dnn(OneNetwork):
 class PhyDnn(OneNetwork):
     """The U-Net of `dnn`, trained to explain the measured voltages too (PhyDNN)."""
 
+    expected_failures: ClassVar = asymmetry(MOVED, 0.079, 0.060)
     files: ClassVar = WeightFiles("phydnn", version="1")

@@ -20,6 +20,8 @@ class Method(ABC):
 
     Attributes:
         source: the publication it follows.
+        expected_failures: checks of `eitbench check` that it fails by its nature, and why; one that
+            passes nevertheless is a failure.
         search: the values of each parameter that may be chosen on the validation split.
         train_s: time that the weights it loads took to train [s]; NaN if it loads none.
         trained_on: the data behind the weights it loads: `scenario`, the hash `train_data` and the
@@ -27,6 +29,7 @@ class Method(ABC):
     """
 
     source: ClassVar[str] = ""
+    expected_failures: ClassVar[Mapping[str, str]] = {}
     search: ClassVar[Mapping[str, Sequence[object]]] = {}
     train_s: float = math.nan
     trained_on: Mapping[str, str] = MappingProxyType({})

@@ -11,7 +11,8 @@ from eitbench.methods.method import Method
 from eitbench.methods.problem import Problem
 from eitbench.methods.registry import register
 from eitbench.methods.search import ROWS, UNKNOWN, VARIATION
-from eitbench.methods.tv_solver import TVSolver
+from eitbench.methods.symmetry import asymmetry
+from eitbench.methods.tv_solver import ANISOTROPY, TVSolver
 
 Array = NDArray[np.float64]
 
@@ -32,6 +33,7 @@ class TotalVariation(Method):
     """
 
     source: ClassVar[str] = "Borsic et al., IEEE Trans. Med. Imaging 29(1), 2010"
+    expected_failures: ClassVar = asymmetry(ANISOTROPY, 0.11, 0.11)
     search: ClassVar = {**UNKNOWN, **VARIATION, **ROWS}
     weight: float = 1e-3
     variable: Variable = "conductivity"

@@ -21,6 +21,12 @@ from scipy.fft import dctn, idctn
 
 Array = NDArray[np.float64]
 
+ANISOTROPY = (
+    "the total variation of forward differences knows one diagonal of the pixels from the other "
+    "(Condat, SIAM J. Imaging Sci. 10(3), 2017)"
+)
+"""Why methods that use it are not equivariant, however long they iterate."""
+
 # Penalties relative to the weight of the variation, and over-relaxation. They set the speed of
 # convergence only, not the solution.
 GRADIENT_PENALTY = 10.0

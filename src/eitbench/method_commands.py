@@ -176,7 +176,10 @@ def check(
     ],
     as_json: Json = False,
 ) -> None:
-    """Check that a method or operator keeps the contract; exits 1 if any check fails."""
+    """Check that a method or operator keeps the contract; exits 1 if any check fails.
+
+    What a method declares in `expected_failures` is shown as xfail, with its reason.
+    """
     from eitbench.benchmark.checks import check_target
 
     reports = check_target(target)

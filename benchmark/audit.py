@@ -1,0 +1,142 @@
+"""What a process writes, calls and starts, told by Python's own audit events.
+
+Python announces what its standard library is about to do (PEP 578). Code compiled from C, Fortran
+or Rust announces nothing, nor does a program that was started: this finds the careless, and holds
+back nobody.
+"""
+
+import json
+import os
+import socket
+import sys
+import tempfile
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from eitbench.scenarios.cache_dir import cache_dir
+
+Kind = Literal["network", "write", "program"]
+
+WRITING = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND
+# Where the paths that an event changes stand among its arguments, and the folder each is in.
+CHANGES: dict[str, tuple[tuple[int, int | None], ...]] = {
+    "os.chmod": ((0, 2),),
+    "os.chown": ((0, 3),),
+    "os.link": ((1, 3),),
+    "os.mkdir": ((0, 2),),
+    "os.remove": ((0, 1),),
+    "os.removexattr": ((0, None),),
+    "os.rename": ((0, 2), (1, 3)),
+    "os.rmdir": ((0, 1),),
+    "os.setxattr": ((0, None),),
+    "os.symlink": ((1, 2),),
+    "os.truncate": ((0, None),),
+    "os.utime": ((0, 3),),
+    "sqlite3.connect": ((0, None),),
+}
+LOOKUPS = {"socket.getaddrinfo", "socket.gethostbyaddr", "socket.gethostbyname"}
+CALLS = {"socket.bind", "socket.connect", "socket.sendmsg", "socket.sendto"}
+PROGRAMS = {
+    "os.exec",
+    "os.posix_spawn",
+    "os.spawn",
+    "os.startfile",
+    "os.system",
+    "subprocess.Popen",
+}
+MAX_NOTES = 100
+
+
+@dataclass(frozen=True)
+class Watch:
+    """Notes what the process that begins it does; what it forks is watched too.
+
+    Attributes:
+        folder: a folder that exists; temporary files of the process go to a folder in it, which is
+            its own to write to, as is eitbench's cache.
+    """
+
+    folder: Path
+
+    def begin(self) -> None:
+        """Watch this process, from now to its end."""
+        own = self.folder / "own"
+        own.mkdir(exist_ok=True)
+        os.environ.update(dict.fromkeys(("TMPDIR", "TEMP", "TMP"), str(own)))
+        tempfile.tempdir = str(own)
+        notes = os.open(self._notes, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o600)
+        sys.addaudithook(_hook(notes, [str(place.resolve()) for place in (own, *_shared())]))
+
+    def noted(self, kind: Kind) -> list[str]:
+        """What was noted of that kind, as parts of a sentence, in the order it was first done."""
+        with suppress(FileNotFoundError):
+            lines = self._notes.read_text().splitlines()
+            found = (json.loads(line) for line in lines)
+            return list(dict.fromkeys(what for noted, what in found if noted == kind))
+        return []
+
+    @property
+    def _notes(self) -> Path:
+        return self.folder / "notes"
+
+
+def _shared() -> list[Path]:
+    """Caches that methods fill with what can be made again: eitbench's, and compiled loops."""
+    import pooch
+
+    compiled = os.environ.get("NUMBA_CACHE_DIR") or pooch.os_cache("numba")
+    return [cache_dir(), Path(compiled)]
+
+
+def _hook(notes: int, allowed: list[str]) -> Callable[[str, tuple[Any, ...]], None]:
+    known: set[tuple[Kind, str]] = set()
+
+    def note(kind: Kind, what: str) -> None:
+        if (kind, what) in known or len(known) >= MAX_NOTES:
+            return
+        known.add((kind, what))
+        with suppress(OSError):
+            os.write(notes, (json.dumps([kind, what]) + "\n").encode())
+
+    def hook(event: str, arguments: tuple[Any, ...]) -> None:
+        if event == "open":
+            path, _, flags = arguments
+            if isinstance(flags, int) and flags & WRITING:
+                _note_path(path, None)
+        elif event in CHANGES:
+            for place, folder in CHANGES[event]:
+                _note_path(arguments[place], None if folder is None else arguments[folder])
+        elif event in CALLS:
+            if arguments[0].family in (socket.AF_INET, socket.AF_INET6):
+                note("network", f"{event} to {arguments[1]}")
+        elif event in LOOKUPS:
+            note("network", f"{event} of {arguments[0]!r}")
+        elif event in PROGRAMS:
+            note("program", f"{event} of {str(arguments[0])!r}")
+
+    def _note_path(path: object, folder: object) -> None:
+        changed = _resolved(path, folder)
+        if changed is None or changed == os.devnull or "__pycache__" in Path(changed).parts:
+            return
+        if not any(changed == place or changed.startswith(place + os.sep) for place in allowed):
+            note("write", changed)
+
+    return hook
+
+
+def _resolved(path: object, folder: object) -> str | None:
+    """The real path of `path`, in the open `folder` if it is relative; None if it has no name."""
+    if not isinstance(path, str | bytes | os.PathLike):
+        return None  # a file that is open already
+    name = os.fsdecode(path)
+    if name == ":memory:":  # of a database
+        return None
+    if isinstance(folder, int) and folder >= 0 and not Path(name).is_absolute():
+        try:
+            name = str(Path(f"/proc/self/fd/{folder}").readlink() / name)
+        except OSError:  # not on Linux
+            return None
+    return os.path.realpath(name)

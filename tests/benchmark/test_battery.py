@@ -1,0 +1,24 @@
+"""Every built-in method keeps the contract, or says which check it fails by its nature."""
+
+import pytest
+
+from eitbench.benchmark.method_checks import check_method
+from eitbench.methods.registry import METHODS, methods
+
+# A network is fitted to every frame: minutes on one core.
+LONG = {"dip"}
+
+BUILT_IN = [name for name, cls in methods().items() if cls.__module__.startswith("eitbench.")]
+
+
+def test_every_built_in_method_is_listed() -> None:
+    assert len(BUILT_IN) >= len(METHODS.built_in)
+    assert set(BUILT_IN) >= LONG
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=pytest.mark.slow) if n in LONG else n for n in BUILT_IN]
+)
+def test_a_built_in_method_keeps_the_contract(name: str) -> None:
+    report = check_method(name, limit_s=300 if name in LONG else 60)
+    assert report.passed, [f"{result.name}: {result.message}" for result in report.failed]
