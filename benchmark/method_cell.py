@@ -88,10 +88,10 @@ class MethodData(CellData):
         cls = self._class(name)
         return "" if cls is None else cls.weights_hash(self.test.sensor)
 
-    def untrained(self, name: str) -> str:
-        """See `CellData.untrained`."""
+    def unusable(self, name: str) -> str:
+        """See `CellData.unusable`."""
         cls = self._class(name)
-        return "" if cls is None else cls.untrained(self.test.sensor)
+        return "" if cls is None else cls.unusable(self.test.sensor)
 
     def _class(self, name: str) -> type[Method] | None:
         # Those of plugin files are known in their workers alone; a run remembers the file.

@@ -33,8 +33,11 @@ class Method(ABC):
         return ""
 
     @classmethod
-    def untrained(cls, sensor: Sensor) -> str:
-        """Why it cannot be used for `sensor` before it is trained, as a sentence; "" if it can."""
+    def unusable(cls, sensor: Sensor) -> str:
+        """Why it cannot be used for `sensor` here, as a sentence; "" if it can.
+
+        Weights for the sensor, or a program that it runs, may be missing.
+        """
         return ""
 
     @abstractmethod
