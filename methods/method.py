@@ -20,11 +20,14 @@ class Method(ABC):
     Attributes:
         source: the publication it follows.
         search: the values of each parameter that may be chosen on the validation split.
+        differs: what else is different in software that is not ours, such as its electrode model
+            and mesh, for the note under a leaderboard; `fit` may say it exactly.
         train_s: time that the weights it loads took to train [s]; NaN if it loads none.
     """
 
     source: ClassVar[str] = ""
     search: ClassVar[Mapping[str, Sequence[object]]] = {}
+    differs: str = ""
     train_s: float = math.nan
 
     @classmethod

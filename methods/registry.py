@@ -142,6 +142,7 @@ METHODS = Registry(
         "learned",
         "dip",
         "refined",
+        "peers.pyeit_methods",
     ),
 )
 OPERATORS = Registry(
