@@ -115,6 +115,7 @@ class MethodSubject(Judged):
     unknown: ClassVar[Mapping[str, Any]] = {
         "parameters": "",
         "registration": "",
+        "differs": "",
         **dict.fromkeys(
             ("setup_s", "train_s", "first_frame_ms", "frame_ms_p50", "frame_ms_p99", "batch_fps"),
             NAN,

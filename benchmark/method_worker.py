@@ -50,7 +50,7 @@ class MethodServant:
         self._method: Method | None = None
 
     def set_up(self) -> Reply:
-        """Fit the method; the reply holds its `parameters` as JSON, and what training cost."""
+        """Fit the method; the reply holds its `parameters` as JSON, and what `Method` says of it."""
         task = self.task
         if task.plugin is not None:
             load_plugin(task.plugin)
@@ -61,7 +61,8 @@ class MethodServant:
         method.fit(problem)
         self._method = method
         seconds = time.perf_counter() - start
-        return Reply({"parameters": parameters, "train_s": float(method.train_s)}, seconds)
+        said = {"train_s": float(method.train_s), "differs": str(method.differs)}
+        return Reply({"parameters": parameters, **said}, seconds)
 
     def reconstruct(self, frames: Frames) -> Reply:
         """Images (n, H, W) of `frames` (n, M), in the precision they are kept in."""

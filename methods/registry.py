@@ -143,6 +143,7 @@ METHODS = Registry(
         "dip",
         "refined",
         "peers.pyeit_methods",
+        "peers.eidors",
     ),
 )
 OPERATORS = Registry(

@@ -28,7 +28,7 @@ from eitbench.reports.claims import CLAIMS
 from eitbench.reports.columns import printable, shown_columns
 from eitbench.reports.evidence import Evidence
 from eitbench.reports.images import packed_images
-from eitbench.reports.leaderboard import costs_of_failures
+from eitbench.reports.leaderboard import costs_of_failures, differences
 from eitbench.reports.published import comparison
 from eitbench.reports.verdicts import Verdict
 
@@ -143,7 +143,11 @@ def _board(standing: Standing, runs: Sequence[Run], missing: list[str]) -> Gathe
         "why_not": standing.why_not,
         "ranked_by": first.get("ranked_by") or "mse",
         "columns": [vars(column) for column in shown_columns(standing.rows)],
-        "notes": comparison(standing.rows) + costs_of_failures(standing.rows),
+        "notes": [
+            *comparison(standing.rows),
+            *costs_of_failures(standing.rows),
+            *differences(standing.rows),
+        ],
         "views": [_view("all samples", standing, runs)],
         "pairs": [vars(pair) for pair in standing.pairs],
         "snr_db": None,

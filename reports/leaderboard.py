@@ -238,10 +238,10 @@ def _data(row: Row) -> str:
 def note(board: Sequence[Row]) -> str:
     """What is to be known of a board, as one line; "" where there is nothing.
 
-    That is how the published figures are to be read, the quality of recorded data, and what
-    failures cost.
+    That is how the published figures are to be read, what differs in software that is not ours, the
+    quality of recorded data, and what failures cost.
     """
-    said = comparison(board) + costs_of_failures(board)
+    said = comparison(board) + costs_of_failures(board) + differences(board)
     for name, words in _NOTES.items():
         known = [row[name] for row in board if row.get(name) is not None]
         if known:
@@ -256,6 +256,15 @@ def costs_of_failures(board: Sequence[Row]) -> list[str]:
         for row in board
         if row.get("rank_valid") not in (None, row["rank"]) and row["coverage"] < 1
     ]
+
+
+def differences(board: Sequence[Row]) -> list[str]:
+    """For each thing that differs in software that is not ours, the methods that it is true of."""
+    found: dict[str, list[str]] = {}
+    for row in board:
+        if words := row.get("differs"):
+            found.setdefault(words, []).append(row["method"])
+    return [f"{', '.join(dict.fromkeys(names))}: {words}" for words, names in found.items()]
 
 
 _NOTES = {

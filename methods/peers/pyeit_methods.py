@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-DIFFERS = "pyEIT: point electrodes, its own triangle mesh"
-LAMBDAS = (1e-4, 1e-3, 1e-2, 0.1, 1.0, 10.0)
+DIFFERS = "run by pyEIT with point electrodes on a mesh of its own"
+LAMBDAS = (1e-4, 1e-3, 3e-3, 1e-2, 3e-2, 0.1, 0.3, 1.0)
 
 
 class PyEit(Peer):
@@ -44,7 +44,7 @@ class PyEit(Peer):
         """Make pyEIT's mesh, and the solver on it."""
         sensor = problem.sensor
         mesh = pyeit_mesh(sensor)
-        self.differs = f"{DIFFERS} of {mesh.n_elems} elements"
+        self.differs = f"{DIFFERS} ({mesh.n_elems} triangles)"
         self._solver, points = self.solver(mesh, pyeit_protocol(sensor.pattern))
         self._to_pixels = interpolation(points, scaled(sensor.outline, pixels_inside(problem)))
         self._v0 = self.reference()
