@@ -37,7 +37,7 @@ class PyEit(Peer):
     def unusable(cls, sensor: Sensor) -> str:
         """See `Method`."""
         if find_spec("pyeit") is None:
-            return "it runs pyEIT, which is not installed: pip install 'eitbench[peers]'."
+            return "pyEIT is not installed: pip install 'eitbench[peers]'."
         return ""
 
     def prepare(self, problem: Problem) -> None:
