@@ -50,7 +50,7 @@ class MethodServant:
         self._method: Method | None = None
 
     def set_up(self) -> Reply:
-        """Fit the method; the reply holds its `parameters` as JSON, and what `Method` says of it."""
+        """Fit the method; the reply holds its `parameters` as JSON, and what it says of itself."""
         task = self.task
         if task.plugin is not None:
             load_plugin(task.plugin)
