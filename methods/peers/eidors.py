@@ -54,6 +54,7 @@ class Eidors(Peer):
     """Base of EIDORS' methods; a subclass says which algorithm with which parameters."""
 
     algorithm: ClassVar[str]
+    source: ClassVar[str] = "Adler and Lionheart (EIDORS), Physiol. Meas. 27(5), 2006"
     differs = DIFFERS
 
     @classmethod
@@ -119,7 +120,6 @@ class EidorsNoser(LinearEidors):
     """
 
     algorithm: ClassVar[str] = "noser"
-    source: ClassVar[str] = "Cheney et al., Int. J. Imaging Syst. Technol. 2(2), 1990"
     search: ClassVar = {
         "hyperparameter": (0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0),
         "exponent": (0.2, 0.5, 0.8, 1.0),
@@ -143,7 +143,6 @@ class EidorsGreit(LinearEidors):
     """
 
     algorithm: ClassVar[str] = "greit"
-    source: ClassVar[str] = "Adler et al., Physiol. Meas. 30(6), 2009"
     search: ClassVar = {
         "weight": (0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0),
         "radius": (0.1, 0.15, 0.2, 0.25),
@@ -185,7 +184,6 @@ class EidorsTvPdipm(Eidors):
     """
 
     algorithm: ClassVar[str] = "tv-pdipm"
-    source: ClassVar[str] = "Borsic et al., IEEE Trans. Med. Imaging 29(1), 2010"
     search: ClassVar = {"hyperparameter": (1e-7, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2)}
     hyperparameter: float = 1e-4
     iterations: int = 10

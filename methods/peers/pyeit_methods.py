@@ -29,7 +29,7 @@ LAMBDAS = (1e-4, 1e-3, 3e-3, 1e-2, 3e-2, 0.1, 0.3, 1.0)
 class PyEit(Peer):
     """Base of pyEIT's methods; a subclass says which solver it sets up."""
 
-    source: ClassVar[str] = "Liu et al., pyEIT, SoftwareX 7, 2018"
+    source: ClassVar[str] = "Liu et al. (pyEIT), SoftwareX 7, 2018"
     differs = DIFFERS
     normalize: bool = True
 

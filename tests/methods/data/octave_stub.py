@@ -23,6 +23,13 @@ def main(arguments):
         sys.exit("error: 'prior_noser' undefined")
     if fault == "silent":
         return
+    n = scipy.io.loadmat(request, variable_names=["frames"])["frames"].shape[1]
+    if fault == "shape":
+        scipy.io.savemat(answer, {"points": np.zeros((5, 2)), "values": np.zeros((4, n))})
+        return
+    if fault == "nan":
+        scipy.io.savemat(answer, {"points": np.zeros((5, 2)), "values": np.full((5, n), np.nan)})
+        return
     assert (Path(eidors) / "startup.m").is_file()
     assert Path(script).name == "eidors_bridge.m"
     assert Path(script).is_file()
@@ -48,14 +55,10 @@ def main(arguments):
         hyperparameter = float(parameters["hyperparameter"][0, 0][0, 0])
         prior = np.diag(np.sum(jacobian**2, axis=0) ** 0.5) * hyperparameter**2
         values = np.linalg.solve(jacobian.T @ jacobian + prior, jacobian.T @ data)
-    if fault == "shape":
-        values = values[:-1]
-    if fault == "nan":
-        values[0, 0] = np.nan
     if "STUB_LOG" in os.environ:
         np.savez(
             os.environ["STUB_LOG"], voltages=voltages, options=options, algorithm=algorithm,
-            reference=r["reference"][:, 0], n=data.shape[1],
+            reference=r["reference"][:, 0], n=n,
         )  # fmt: skip
     scipy.io.savemat(answer, {"points": points, "values": values})
 
