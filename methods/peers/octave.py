@@ -7,6 +7,7 @@ import tempfile
 from collections.abc import Mapping
 from importlib.resources import as_file, files
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import scipy.io
@@ -36,7 +37,7 @@ def missing() -> str:
     return ""
 
 
-def ask_eidors(request: Mapping[str, object], limit_s: float = LIMIT_S) -> tuple[Array, Array]:
+def ask_eidors(request: Mapping[str, Any], limit_s: float = LIMIT_S) -> tuple[Array, Array]:
     """The points (P, 2) [m] and contrasts (P, n) that EIDORS answers to `request`.
 
     What a request holds is said in `eidors_bridge.m`, which answers it.

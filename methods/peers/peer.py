@@ -60,7 +60,7 @@ class Peer(Method):
     def reference(self) -> Array:
         """(M,) [V/A] the signed untouched frame of a sensor whose background is 1 S/m."""
         problem = self._problem
-        return self._signs * problem.reference / problem.gain * problem.background
+        return np.asarray(self._signs * problem.reference / problem.gain * problem.background)
 
     def reconstruct(self, voltages: Array) -> Array:
         """Absolute conductivity (n, H, W) [S/m] from frames (n, M), within the sensor's range."""
@@ -135,7 +135,7 @@ def interpolation(points: Array, targets: Array) -> sparse.csr_array:
     weights[inside] = np.column_stack([first_two, 1 - first_two.sum(axis=1)])
     corners = np.zeros((len(targets), 3), dtype=np.int64)
     corners[inside] = mesh.simplices[simplex[inside]]
-    corners[~inside] = cKDTree(points).query(targets[~inside])[1][:, None]
+    corners[~inside] = np.asarray(cKDTree(points).query(targets[~inside])[1])[:, None]
     weights[~inside, 0] = 1.0
     rows = np.repeat(np.arange(len(targets)), 3)
     shape = (len(targets), len(points))

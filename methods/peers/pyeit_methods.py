@@ -146,7 +146,7 @@ class PyEitGreit(PyEit):
         return solver, np.column_stack([x.ravel(), y.ravel()])[self._inside]
 
     def _kept(self, found: Array) -> Array:
-        return found[self._inside]
+        return np.asarray(found[self._inside])
 
 
 @register("pyeit-bp")

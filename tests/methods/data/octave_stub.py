@@ -9,12 +9,18 @@ import os
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import scipy.io
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+Pair = tuple[Index, Index]
 
 
-def main(arguments):
+def main(arguments: list[str]) -> None:
     options, (script, eidors, request, answer) = arguments[:-4], arguments[-4:]
     fault = os.environ.get("STUB_FAULT", "")
     if fault == "slow":
@@ -63,7 +69,7 @@ def main(arguments):
     scipy.io.savemat(answer, {"points": points, "values": values})
 
 
-def unit_fields(nodes, triangles, electrode_nodes, impedance):
+def unit_fields(nodes: Array, triangles: Index, electrode_nodes: Index, impedance: Array) -> Array:
     """Potentials (N + E, E) of unit currents through each electrode: first-order triangles, CEM."""
     n, e = len(nodes), len(electrode_nodes)
     system = np.zeros((n + e, n + e))
@@ -87,19 +93,19 @@ def unit_fields(nodes, triangles, electrode_nodes, impedance):
     system[n:, n:] += 1.0  # the electrodes' mean is the ground
     currents = np.zeros((n + e, e))
     currents[n:] = np.eye(e) - 1 / e
-    return np.linalg.solve(system, currents)
+    return np.asarray(np.linalg.solve(system, currents))
 
 
-def shape_gradients(corners):
+def shape_gradients(corners: Array) -> tuple[Array, float]:
     x, y = corners.T
     area = ((x[1] - x[0]) * (y[2] - y[0]) - (x[2] - x[0]) * (y[1] - y[0])) / 2
     gradients = np.column_stack(
         [np.roll(y, -1) - np.roll(y, -2), np.roll(x, -2) - np.roll(x, -1)]
     ) / (2 * area)
-    return gradients, area
+    return gradients, float(area)
 
 
-def sensitivity(nodes, triangles, fields, drive, sense):
+def sensitivity(nodes: Array, triangles: Index, fields: Array, drive: Pair, sense: Pair) -> Array:
     """dV/dsigma (M, K) of triangles: minus the product of the fields' gradients times the area."""
     driven = fields[:, drive[0]] - fields[:, drive[1]]
     sensed = fields[:, sense[0]] - fields[:, sense[1]]
@@ -112,7 +118,9 @@ def sensitivity(nodes, triangles, fields, drive, sense):
     return rows
 
 
-def greit(centres, jacobian, data, parameters, nodes):
+def greit(
+    centres: Array, jacobian: Array, data: Array, parameters: Any, nodes: Array
+) -> tuple[Array, Array]:
     """GREIT with discs as desired images, on a grid with x running fastest."""
     p = {name: parameters[name][0, 0] for name in parameters.dtype.names}
     x, y, radius = p["targets"]
