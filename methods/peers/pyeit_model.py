@@ -43,7 +43,7 @@ def signed_distance(outline: Outline, points: Array) -> Array:
         InputError: an outline that is neither a disc nor a polygon.
     """
     if isinstance(outline, Disc):
-        return np.asarray(np.hypot(*points.T) - 1)
+        return np.asarray(np.hypot(points[:, 0], points[:, 1]) - 1)
     if not isinstance(outline, Polygon):
         raise InputError("pyEIT's meshes are made of discs and polygons only.")
     corners = scaled(outline, np.array(outline.vertices))
@@ -52,7 +52,7 @@ def signed_distance(outline: Outline, points: Array) -> Array:
     along = np.clip(np.sum(offset * sides, axis=-1) / np.sum(sides**2, axis=-1), 0, 1)
     distance = np.linalg.norm(offset - along[..., None] * sides, axis=-1).min(axis=1)
     unit = Polygon(tuple((float(x), float(y)) for x, y in corners))
-    return np.where(unit.contains(*points.T), -distance, distance)
+    return np.asarray(np.where(unit.contains(*points.T), -distance, distance))
 
 
 @lru_cache(maxsize=8)
