@@ -3,18 +3,19 @@
 from pathlib import Path
 
 from eitbench.benchmark.checking import CheckReport
-from eitbench.benchmark.method_checks import check_method
+from eitbench.benchmark.method_checks import OWN_GRID, check_method
 from eitbench.benchmark.operator_checks import check_operator
 from eitbench.benchmark.worker import plugin_names
 from eitbench.methods.registry import methods, operators
-from eitbench.scenarios.errors import unknown_name
+from eitbench.scenarios.errors import InputError, unknown_name
 
 
 def check_target(target: str) -> list[CheckReport]:
     """Check a method or operator by name, or every one that the file `target` (.py) registers.
 
     Raises:
-        InputError: an unknown name (the nearest is suggested), or a file that does not load.
+        InputError: an unknown name (the nearest is suggested), a method that lacks something here,
+            or a file that does not load.
     """
     if target.endswith(".py"):
         plugin = Path(target).resolve()
@@ -25,6 +26,8 @@ def check_target(target: str) -> list[CheckReport]:
         ]
     known = methods()
     if target in known:
+        if why := known[target].unusable(OWN_GRID.nominal_sensor):
+            raise InputError(f"{target!r} cannot be checked here: {why}")
         return [check_method(target)]
     if target in operators():  # looked up last: it loads their libraries
         return [check_operator(target)]

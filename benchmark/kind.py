@@ -50,7 +50,7 @@ METHODS = Kind(
         "train_s",
         "memory_mb",
     ),
-    facts=(),
+    facts=("differs",),
     # A true conductivity gives a score, true classes a CC, presses a place, and recordings else a
     # response.
     ranked_by=("score", "cc", "localisation_mm", "repeatability_db"),

@@ -21,6 +21,11 @@ def _described(known: Mapping[str, type[Method] | type[Operator]]) -> list[Row]:
     ]
 
 
+def _methods() -> list[Row]:
+    known = methods()
+    return [{**row, "differs": known[str(row["name"])].differs} for row in _described(known)]
+
+
 def first_line(cls: type) -> str:
     """The first line of the description of a class; "" without one."""
     return (inspect.getdoc(cls) or "").partition("\n")[0]
@@ -79,7 +84,7 @@ def _recordings() -> list[Row]:
 
 
 LISTINGS: dict[str, Callable[[], list[Row]]] = {
-    "methods": lambda: _described(methods()),
+    "methods": _methods,
     "operators": lambda: _described(operators()),
     "scenarios": _scenarios,
     "sensors": _sensors,

@@ -90,10 +90,10 @@ class MethodData(CellData):
         cls = self._class(name)
         return "" if cls is None else cls.weights_hash(self.test.sensor)
 
-    def untrained(self, name: str) -> str:
-        """See `CellData.untrained`."""
+    def unusable(self, name: str) -> str:
+        """See `CellData.unusable`."""
         cls = self._class(name)
-        return "" if cls is None else cls.untrained(self.test.sensor)
+        return "" if cls is None else cls.unusable(self.test.sensor)
 
     def _class(self, name: str) -> type[Method] | None:
         # Those of plugin files are known in their workers alone; a run remembers the file.
@@ -127,6 +127,7 @@ class MethodSubject(Judged):
         "registration": "",
         "told": "",
         "overlap": NAN,
+        "differs": "",
         **dict.fromkeys(
             ("setup_s", "train_s", "first_frame_ms", "frame_ms_p50", "frame_ms_p99", "batch_fps"),
             NAN,

@@ -62,12 +62,13 @@ class MethodServant:
             load_plugin(self.task.plugin)
 
     def set_up(self) -> Reply:
-        """Fit the method; the reply holds its `parameters` as JSON, and what training cost."""
+        """Fit the method; the reply holds its `parameters` as JSON, and what it says of itself."""
         self.load_plugin()
         method, reply = self.fitted(self.task.parameters)
         declared = constructor_parameters(method) | dict(self.task.parameters)
         parameters = json.dumps(declared, default=str)
-        return replace(reply, value={"parameters": parameters, "train_s": float(method.train_s)})
+        said = {"train_s": float(method.train_s), "differs": str(method.differs)}
+        return replace(reply, value={"parameters": parameters, **said})
 
     def fitted(self, parameters: Mapping[str, Any]) -> tuple[Method, Reply]:
         """The method, made with `parameters` and fitted; and a reply with the time it took."""

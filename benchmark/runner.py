@@ -43,7 +43,7 @@ class RunResult:
 
     Attributes:
         skipped: one sentence for each scenario whose data could not be had, and for each method
-            that has no weights for a scenario's sensor.
+            that lacks something here, such as weights for a scenario's sensor.
         refused: one sentence for each scenario whose data are not what they should be.
     """
 
@@ -89,7 +89,7 @@ def _start(
     with locked(store.path), _termination_interrupts():
         try:
             data, skipped, refused = _load(plan, plan.scenarios, jobs, progress)
-            skipped |= _untrained(plan, data, progress)
+            skipped |= _unusable(plan, data, progress)
             manifest = _new_manifest(plan, data, skipped, refused, jobs)
             store.write_manifest(manifest)
         except BaseException:  # nothing has been run: leave nothing behind, after Ctrl-C too
@@ -253,14 +253,14 @@ def _new_manifest(
             entry
             for there in data.values()
             for name in plan.names
-            if not there.untrained(name)
+            if not there.unusable(name)
             for entry in (_chosen(there, name), *other_cells(plan, there, name))
         ],
     }
 
 
-def _untrained(plan: Plan, data: Mapping[str, CellData], progress: RunProgress) -> dict[str, str]:
-    """A sentence for each cell that lacks trained weights.
+def _unusable(plan: Plan, data: Mapping[str, CellData], progress: RunProgress) -> dict[str, str]:
+    """A sentence for each cell that lacks something, such as weights or a program.
 
     Raises:
         InputError: all cells do.
@@ -269,7 +269,7 @@ def _untrained(plan: Plan, data: Mapping[str, CellData], progress: RunProgress) 
         f"{scenario}/{name}": f"Scenario {scenario!r} is left out for {name!r}: {why}"
         for scenario, there in data.items()
         for name in plan.names
-        if (why := there.untrained(name))
+        if (why := there.unusable(name))
     }
     if len(found) == len(data) * len(plan.names):
         raise InputError(" ".join(found.values()))

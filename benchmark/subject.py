@@ -161,8 +161,8 @@ class CellData(ABC):
         """SHA-256 (hex) of the trained weights that `name` would load; "" where there are none."""
         return ""
 
-    def untrained(self, name: str) -> str:
-        """Why `name` cannot run here before it is trained, as a sentence; "" if it can."""
+    def unusable(self, name: str) -> str:
+        """Why `name` cannot run here, as a sentence; "" if it can."""
         return ""
 
     def parameters(self, name: str) -> dict[str, Any] | None:

@@ -58,7 +58,7 @@ class Learned(Method):
         return cls.files.content_hash(sensor)
 
     @classmethod
-    def untrained(cls, sensor: Sensor) -> str:
+    def unusable(cls, sensor: Sensor) -> str:
         """See `Method`."""
         return "" if cls.files.content_hash(sensor) else cls.files.missing(sensor)
 

@@ -23,6 +23,8 @@ class Method(ABC):
         expected_failures: checks of `eitbench check` that it fails by its nature, and why; one that
             passes nevertheless is a failure.
         search: the values of each parameter that may be chosen on the validation split.
+        differs: what else is different in software that is not ours, such as its electrode model
+            and mesh, for the note under a leaderboard; `fit` may say it exactly.
         train_s: time that the weights it loads took to train [s]; NaN if it loads none.
         trained_on: the data behind the weights it loads: `scenario`, the hash `train_data` and the
             number `train_samples`; empty if it loads none.
@@ -31,6 +33,7 @@ class Method(ABC):
     source: ClassVar[str] = ""
     expected_failures: ClassVar[Mapping[str, str]] = {}
     search: ClassVar[Mapping[str, Sequence[object]]] = {}
+    differs: str = ""
     train_s: float = math.nan
     trained_on: Mapping[str, str] = MappingProxyType({})
 
@@ -40,8 +43,11 @@ class Method(ABC):
         return ""
 
     @classmethod
-    def untrained(cls, sensor: Sensor) -> str:
-        """Why it cannot be used for `sensor` before it is trained, as a sentence; "" if it can."""
+    def unusable(cls, sensor: Sensor) -> str:
+        """Why it cannot be used for `sensor` here, as a sentence; "" if it can.
+
+        Weights for the sensor, or a program that it runs, may be missing.
+        """
         return ""
 
     @abstractmethod

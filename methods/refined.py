@@ -162,9 +162,9 @@ class LearnedGaussNewton(Refined):
         return super().weights_hash(sensor) if Dnn.weights_hash(sensor) else ""
 
     @classmethod
-    def untrained(cls, sensor: Sensor) -> str:
+    def unusable(cls, sensor: Sensor) -> str:
         """See `Method`."""
-        return super().untrained(sensor) or Dnn.untrained(sensor)
+        return super().unusable(sensor) or Dnn.unusable(sensor)
 
     def begun_from(self) -> str:
         """See `Refined`."""

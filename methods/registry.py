@@ -142,6 +142,8 @@ METHODS = Registry(
         "learned",
         "dip",
         "refined",
+        "peers.pyeit_methods",
+        "peers.eidors",
     ),
 )
 OPERATORS = Registry(

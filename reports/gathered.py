@@ -28,7 +28,13 @@ from eitbench.reports.claims import CLAIMS
 from eitbench.reports.columns import printable, shown_columns
 from eitbench.reports.evidence import Evidence
 from eitbench.reports.images import packed_images
-from eitbench.reports.leaderboard import costs_of_failures, overlaps, told, tracks_table
+from eitbench.reports.leaderboard import (
+    costs_of_failures,
+    differences,
+    overlaps,
+    told,
+    tracks_table,
+)
 from eitbench.reports.published import comparison
 from eitbench.reports.verdicts import Verdict
 
@@ -147,6 +153,7 @@ def _board(standing: Standing, runs: Sequence[Run], missing: list[str]) -> Gathe
             *comparison(standing.rows),
             *costs_of_failures(standing.rows),
             *overlaps(standing.rows),
+            *differences(standing.rows),
         ],
         "told": told(standing.rows),
         "tracks": tracks_table(standing.rows),

@@ -269,10 +269,11 @@ def _data(row: Row) -> str:
 def note(board: Sequence[Row]) -> str:
     """What is to be known of a board, as one line; "" where there is nothing.
 
-    That is how the published figures are to be read, the quality of recorded data, what failures
-    cost, and which methods were taught on what they are tested on.
+    That is how the published figures are to be read, what differs in software that is not ours, the
+    quality of recorded data, what failures cost, and which methods were taught on what they are
+    tested on.
     """
-    said = comparison(board) + costs_of_failures(board) + overlaps(board)
+    said = comparison(board) + costs_of_failures(board) + overlaps(board) + differences(board)
     for name, words in _NOTES.items():
         known = [row[name] for row in board if row.get(name) is not None]
         if known:
@@ -340,6 +341,15 @@ def _gap(row: Row, name: str, by: Column) -> str:
     # What rounds to 0 has no sign.
     texts = [re.sub(r"^-(?=[0.]*$)", "", by.number(v)) for v in (value, low, high) if v is not None]
     return texts[0] if len(texts) < 3 else f"{texts[0]} ({texts[1]} to {texts[2]})"
+
+
+def differences(board: Sequence[Row]) -> list[str]:
+    """For each thing that differs in software that is not ours, the methods that it is true of."""
+    found: dict[str, list[str]] = {}
+    for row in board:
+        if words := row.get("differs"):
+            found.setdefault(words, []).append(row["method"])
+    return [f"{', '.join(dict.fromkeys(names))}: {words}" for words, names in found.items()]
 
 
 _NOTES = {

@@ -34,7 +34,9 @@ def test_wheel_and_sdist_hold_the_rooms() -> None:
     assert targets["wheel"]["sources"] == {"src/eitbench": "eitbench"} | {
         room: f"eitbench/{room}" for room in ROOMS
     }
-    assert sorted(targets["sdist"]["only-include"]) == sorted([*front_door, *ROOMS, "tests"])
+    assert sorted(targets["sdist"]["only-include"]) == sorted(
+        [*front_door, *ROOMS, "examples", "tests"]
+    )
 
 
 @pytest.mark.parametrize("room", ROOMS)

@@ -54,7 +54,7 @@ def _unusable(name: str, sensor: Sensor) -> str:
     """Why a method that there is cannot be used on `sensor`, as a sentence; "" if it can."""
     if name in LEARN_FIRST:
         return f"{name} cannot be used live: {NO_DATA}"
-    return methods()[name].untrained(sensor)
+    return methods()[name].unusable(sensor)
 
 
 class Imaging:

@@ -15,7 +15,7 @@ METHODS = load_suite("paper").names
 @pytest.mark.parametrize("name", METHODS)
 def test_one_frame(benchmark: BenchmarkFixture, name: str) -> None:
     data = load("paper-50db", limit=1)
-    if why := methods()[name].untrained(data.sensor):
+    if why := methods()[name].unusable(data.sensor):
         pytest.skip(why)
     parameters = selected_parameters(scenarios()["paper-50db"], name) or {}
     method = create(name, **parameters)

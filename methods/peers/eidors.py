@@ -1,0 +1,197 @@
+"""EIDORS' NOSER, GREIT and TV-PDIPM, run by EIDORS in GNU Octave (see `eidors_bridge.m`)."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eitbench.methods.peers.octave import ask_eidors, missing
+from eitbench.methods.peers.peer import Peer, interpolation, pixels_inside
+from eitbench.methods.registry import register
+from eitbench.scenarios.physics.mesh import Mesh, triangle_mesh
+
+if TYPE_CHECKING:
+    from eitbench.methods.problem import Problem
+    from eitbench.scenarios.sensors import Sensor
+
+Array = NDArray[np.float64]
+
+# EIDORS' solvers treat every element as an unknown, in dense matrices: a mesh for them is coarse.
+MESH_ACROSS = 24
+GREIT_PIXELS = 32
+TARGETS_ACROSS = 32
+TARGET_RADIUS = 0.05  # of the sensor's longer side
+DIFFERS = "run by EIDORS in Octave on a coarser mesh of linear triangles"
+
+
+def eidors_mesh(sensor: Sensor) -> Mesh:
+    """Triangles about 1/24 of the sensor's longer side long, with nodes at electrode ends."""
+    height, width = sensor.image_shape
+    scale = MESH_ACROSS / max(height, width)
+    shape = max(2, round(height * scale)), max(2, round(width * scale))
+    return triangle_mesh(replace(sensor, image_shape=shape))
+
+
+def electrode_nodes(sensor: Sensor, mesh: Mesh) -> NDArray[np.int64]:
+    """(E, m) the nodes of each electrode's rim edges, counted from 1 and filled up with 0."""
+    perimeter = sensor.outline.perimeter
+    middle = mesh.rim_arcs.mean(axis=1)
+    found = []
+    for electrode in sensor.electrodes:
+        offset = (middle - electrode.centre + perimeter / 2) % perimeter - perimeter / 2
+        found.append(np.unique(mesh.rim_edges[np.abs(offset) < electrode.width / 2]) + 1)
+    padded = np.zeros((len(found), max(map(len, found))), dtype=np.int64)
+    for k, nodes in enumerate(found):
+        padded[k, : len(nodes)] = nodes
+    return padded
+
+
+class Eidors(Peer):
+    """Base of EIDORS' methods; a subclass says which algorithm with which parameters."""
+
+    algorithm: ClassVar[str]
+    source: ClassVar[str] = "Adler and Lionheart (EIDORS), Physiol. Meas. 27(5), 2006"
+    differs = DIFFERS
+
+    @classmethod
+    def unusable(cls, sensor: Sensor) -> str:
+        """See `Method`."""
+        return missing()
+
+    def prepare(self, problem: Problem) -> None:
+        """Describe the sensor to EIDORS."""
+        sensor = problem.sensor
+        mesh = eidors_mesh(sensor)
+        self.differs = f"{DIFFERS} ({len(mesh.elements)})"
+        # A background of b S/m behaves as one of 1 S/m if contact impedances are b times as large.
+        impedances = [e.contact_impedance * sensor.background for e in sensor.electrodes]
+        self._sensor = {
+            "nodes": mesh.nodes,
+            "elements": mesh.elements + 1.0,
+            "electrode_nodes": electrode_nodes(sensor, mesh).astype(np.float64),
+            "contact_impedance": np.array(impedances),
+            "pattern": sensor.pattern.table + 1.0,
+            "reference": self.reference(),
+        }
+        self._inside = pixels_inside(problem)
+
+    @abstractmethod
+    def parameters(self) -> dict[str, Any]:
+        """What `eidors_bridge.m` wants to know for this algorithm."""
+
+    def ask(self, difference: Array) -> Array:
+        """Contrast (n, P) of pixels from signed differences (n, M), by EIDORS."""
+        points, values = ask_eidors(
+            {
+                **self._sensor,
+                "algorithm": self.algorithm,
+                "parameters": self.parameters(),
+                "frames": (self._sensor["reference"] + difference).T,
+            }
+        )
+        return np.asarray((interpolation(points, self._inside) @ values).T)
+
+
+class LinearEidors(Eidors):
+    """Base of those whose images are linear in the data: EIDORS is asked once for each value."""
+
+    def prepare(self, problem: Problem) -> None:
+        """Ask EIDORS for the images of frames in which one value differs."""
+        super().prepare(problem)
+        self._matrix = self.ask(np.eye(problem.sensor.n_measurements))
+
+    def contrast(self, difference: Array) -> Array:
+        """See `Peer`."""
+        return difference @ self._matrix
+
+
+@register("eidors-noser")
+@dataclass
+class EidorsNoser(LinearEidors):
+    """EIDORS' NOSER: inv_solve_diff_GN_one_step with prior_noser.
+
+    Attributes:
+        hyperparameter: EIDORS' weight of the prior, which it squares.
+        exponent: the prior is diag(J^T J)^exponent.
+    """
+
+    algorithm: ClassVar[str] = "noser"
+    search: ClassVar = {
+        "hyperparameter": (0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0),
+        "exponent": (0.2, 0.5, 0.8, 1.0),
+    }
+    hyperparameter: float = 0.1
+    exponent: float = 0.5
+
+    def parameters(self) -> dict[str, Any]:
+        """See `Eidors`."""
+        return {"hyperparameter": self.hyperparameter, "exponent": self.exponent}
+
+
+@register("eidors-greit")
+@dataclass
+class EidorsGreit(LinearEidors):
+    """EIDORS' GREIT: calc_GREIT_RM, trained on small targets of its own simulation.
+
+    Attributes:
+        radius: of the desired image of a point, as a fraction of the sensor's longer half side.
+        weight: of the noise against the signal.
+    """
+
+    algorithm: ClassVar[str] = "greit"
+    search: ClassVar = {
+        "weight": (0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0),
+        "radius": (0.1, 0.15, 0.2, 0.25),
+    }
+    radius: float = 0.2
+    weight: float = 0.3
+
+    def prepare(self, problem: Problem) -> None:
+        """Choose the targets."""
+        outline = problem.sensor.outline
+        x0, y0, x1, y1 = outline.bounds
+        steps = (np.arange(TARGETS_ACROSS) + 0.5) / TARGETS_ACROSS
+        x, y = (c.ravel() for c in np.meshgrid(x0 + steps * (x1 - x0), y0 + steps * (y1 - y0)))
+        inside = outline.contains(x, y)
+        radius = np.full(int(inside.sum()), TARGET_RADIUS * max(x1 - x0, y1 - y0))
+        self._targets = np.stack([x[inside], y[inside], radius])
+        super().prepare(problem)
+
+    def parameters(self) -> dict[str, Any]:
+        """See `Eidors`."""
+        return {
+            "radius": self.radius,
+            "weight": self.weight,
+            "imgsz": np.array([[GREIT_PIXELS, GREIT_PIXELS]], dtype=np.float64),
+            "targets": self._targets,
+        }
+
+
+@register("eidors-tv-pdipm")
+@dataclass
+class EidorsTvPdipm(Eidors):
+    """EIDORS' total variation: inv_solve_TV_pdipm with prior_TV.
+
+    Octave is started for every batch of frames, which their times hold.
+
+    Attributes:
+        hyperparameter: EIDORS' weight of the total variation.
+        iterations: of the primal-dual interior point method.
+    """
+
+    algorithm: ClassVar[str] = "tv-pdipm"
+    search: ClassVar = {"hyperparameter": (1e-7, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2)}
+    hyperparameter: float = 1e-4
+    iterations: int = 10
+
+    def parameters(self) -> dict[str, Any]:
+        """See `Eidors`."""
+        return {"hyperparameter": self.hyperparameter, "iterations": float(self.iterations)}
+
+    def contrast(self, difference: Array) -> Array:
+        """See `Peer`."""
+        return self.ask(difference)

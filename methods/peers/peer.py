@@ -1,0 +1,144 @@
+"""What the peers share: differences in, a scale that is found once, absolute images out."""
+
+from abc import abstractmethod
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.spatial import Delaunay, cKDTree
+
+from eitbench.methods.method import Method
+from eitbench.methods.problem import Problem
+from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.patterns import DrivePattern
+from eitbench.scenarios.physics.forward import forward_model
+
+Array = NDArray[np.float64]
+
+# The scale is found on discs of this radius (of the sensor's longer side), on a square lattice of
+# this many across, each with this multiple of the background's conductivity.
+DISC_RADIUS = 0.1
+DISCS_ACROSS = 6
+DISC_FACTOR = 0.5
+
+
+class Peer(Method):
+    """Base of the methods that run other software.
+
+    Such software returns a contrast in a scale of its own. `fit` finds the one factor that fits it
+    best, in least squares, to discs that our forward model simulates on the nominal sensor, the
+    model that all methods are given; no data are used. Images are kept within the sensor's range
+    of conductivity, as those of all methods are.
+    """
+
+    def fit(self, problem: Problem) -> None:
+        """Prepare the other software and find its scale.
+
+        Raises:
+            InputError: it is not installed, or cannot treat this sensor.
+        """
+        if why := self.unusable(problem.sensor):
+            raise InputError(why)
+        self._problem = problem
+        self._signs = reference_signs(problem)
+        self._scale = 1.0
+        self.prepare(problem)
+        self._scale = self._calibrated()
+
+    @abstractmethod
+    def prepare(self, problem: Problem) -> None:
+        """Set the other software up for one problem."""
+
+    @abstractmethod
+    def contrast(self, difference: Array) -> Array:
+        """Contrast (n, P) of the P pixels inside, in any scale, from differences (n, M).
+
+        Differences are signed and belong to a sensor whose background is 1 S/m.
+        """
+
+    def reference(self) -> Array:
+        """(M,) [V/A] the signed untouched frame of a sensor whose background is 1 S/m."""
+        problem = self._problem
+        return np.asarray(self._signs * problem.reference / problem.gain * problem.background)
+
+    def reconstruct(self, voltages: Array) -> Array:
+        """Absolute conductivity (n, H, W) [S/m] from frames (n, M), within the sensor's range."""
+        problem = self._problem
+        relative = 1 + self._scale * self._relative_contrast(problem.difference(voltages))
+        images = np.full((len(relative), *problem.mask.shape), problem.background)
+        images[:, problem.mask] *= relative.clip(*problem.sensor.conductivity_range)
+        return images
+
+    def _relative_contrast(self, difference: Array) -> Array:
+        return self.contrast(difference * self._signs * self._problem.background)
+
+    def _calibrated(self) -> float:
+        """The least-squares factor from what the software returns for discs to the discs."""
+        problem = self._problem
+        discs = calibration_discs(problem)
+        model = problem.model
+        frames = model.voltages(problem.background * np.where(discs, DISC_FACTOR, 1.0))
+        found = self._relative_contrast(frames - problem.background_voltages)
+        true = np.where(discs[:, problem.mask], DISC_FACTOR - 1, 0.0)
+        energy = float(np.sum(found**2))
+        scale = float(np.sum(true * found)) / energy if energy > 0 else 0.0
+        if not scale > 0:
+            raise InputError(
+                f"What the peer returns for simulated contacts on sensor {problem.sensor.name!r} "
+                "is not correlated with them."
+            )
+        return scale
+
+
+def reference_signs(problem: Problem) -> Array:
+    """(M,) the factors that turn frames into signed ones: 1 unless magnitudes are measured.
+
+    |V| falls where a negative V rises; the sign of V on the untouched sensor is the model's.
+    """
+    sensor = problem.sensor
+    if not sensor.pattern.magnitudes:
+        return np.ones(sensor.n_measurements)
+    signed = forward_model(replace(sensor, pattern=DrivePattern(sensor.pattern.table)))
+    return np.sign(signed.voltages(signed.background))
+
+
+def calibration_discs(problem: Problem) -> NDArray[np.bool_]:
+    """(k, H, W): the pixels of each disc whose centre lies inside the sensor."""
+    sensor = problem.sensor
+    x0, y0, x1, y1 = sensor.outline.bounds
+    side = max(x1 - x0, y1 - y0)
+    steps = (np.arange(DISCS_ACROSS) + 0.5) / DISCS_ACROSS
+    cx, cy = (c.ravel() for c in np.meshgrid(x0 + steps * (x1 - x0), y0 + steps * (y1 - y0)))
+    inside = sensor.outline.contains(cx, cy)
+    x, y = sensor.pixel_centres
+    apart = np.hypot(x - cx[inside, None, None], y - cy[inside, None, None])
+    return np.asarray((apart < DISC_RADIUS * side) & sensor.mask)
+
+
+def pixels_inside(problem: Problem) -> Array:
+    """(P, 2) [m] the centres of the pixels inside the sensor."""
+    return np.column_stack([c[problem.mask] for c in problem.sensor.pixel_centres])
+
+
+def interpolation(points: Array, targets: Array) -> sparse.csr_array:
+    """(T, P) sparse: linear interpolation from `points` (P, 2) to `targets` (T, 2).
+
+    Outside of the points' convex hull the nearest point's value is taken.
+    """
+    mesh = Delaunay(points)
+    simplex = mesh.find_simplex(targets)
+    inside = simplex >= 0
+    affine = mesh.transform[simplex[inside]]
+    first_two = np.einsum("tij,tj->ti", affine[:, :2], targets[inside] - affine[:, 2])
+    weights = np.zeros((len(targets), 3))
+    weights[inside] = np.column_stack([first_two, 1 - first_two.sum(axis=1)])
+    corners = np.zeros((len(targets), 3), dtype=np.int64)
+    corners[inside] = mesh.simplices[simplex[inside]]
+    corners[~inside] = np.asarray(cKDTree(points).query(targets[~inside])[1])[:, None]
+    weights[~inside, 0] = 1.0
+    rows = np.repeat(np.arange(len(targets)), 3)
+    shape = (len(targets), len(points))
+    return sparse.csr_array(
+        sparse.coo_array((weights.ravel(), (rows, corners.ravel())), shape=shape)
+    )

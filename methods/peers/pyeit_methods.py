@@ -1,0 +1,170 @@
+"""pyEIT's JAC, GREIT and BP, run by pyEIT on its own mesh with its own point electrodes."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from dataclasses import dataclass
+from importlib.util import find_spec
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eitbench.methods.peers.peer import Peer, interpolation, pixels_inside
+from eitbench.methods.peers.pyeit_model import pyeit_mesh, pyeit_protocol, scaled
+from eitbench.methods.registry import register
+
+if TYPE_CHECKING:
+    from pyeit.mesh import PyEITMesh
+
+    from eitbench.methods.problem import Problem
+    from eitbench.scenarios.sensors import Sensor
+
+Array = NDArray[np.float64]
+
+DIFFERS = "run by pyEIT with point electrodes on a mesh of its own"
+LAMBDAS = (1e-3, 1e-2, 3e-2, 0.1, 0.3, 1.0, 3.0, 10.0)
+
+
+class PyEit(Peer):
+    """Base of pyEIT's methods; a subclass says which solver it sets up."""
+
+    source: ClassVar[str] = "Liu et al. (pyEIT), SoftwareX 7, 2018"
+    differs = DIFFERS
+    normalize: bool = True
+
+    @classmethod
+    def unusable(cls, sensor: Sensor) -> str:
+        """See `Method`."""
+        if find_spec("pyeit") is None:
+            return "pyEIT is not installed: pip install 'eitbench[peers]'."
+        return ""
+
+    def prepare(self, problem: Problem) -> None:
+        """Make pyEIT's mesh, and the solver on it."""
+        sensor = problem.sensor
+        mesh = pyeit_mesh(sensor)
+        self.differs = f"{DIFFERS} ({mesh.n_elems} triangles)"
+        self._solver, points = self.solver(mesh, pyeit_protocol(sensor.pattern))
+        self._to_pixels = interpolation(points, scaled(sensor.outline, pixels_inside(problem)))
+        self._v0 = self.reference()
+
+    @abstractmethod
+    def solver(self, mesh: PyEITMesh, protocol: Any) -> tuple[Any, Array]:
+        """The solver, set up, and the points (p, 2) that its solutions belong to."""
+
+    def contrast(self, difference: Array) -> Array:
+        """See `Peer`; pyEIT's `solve`."""
+        found = self._solver.solve(self._v0 + difference, self._v0, **self.options())
+        return np.asarray((self._to_pixels @ self._kept(np.real(found))).T)
+
+    def options(self) -> dict[str, Any]:
+        """Arguments of pyEIT's `solve`."""
+        return {"normalize": self.normalize}
+
+    def _kept(self, found: Array) -> Array:
+        return found
+
+
+@register("pyeit-jac")
+@dataclass
+class PyEitJac(PyEit):
+    """pyEIT's JAC: one Gauss-Newton step on its own mesh.
+
+    Attributes:
+        p: exponent of the prior diag(J^T J)^p, of method "kotre".
+        lamb: regularisation.
+        method: the prior: "kotre", "lm" (p = 1) or "dgn" (p = 0).
+        normalize: differences relative to the untouched frame.
+        log_scale: the estimate is taken as the logarithm of relative conductivity.
+    """
+
+    search: ClassVar = {
+        "lamb": LAMBDAS,
+        "normalize": (False, True),
+        "p": (0.2, 0.5, 0.8),
+        "method": ("kotre", "lm", "dgn"),
+        "log_scale": (False, True),
+    }
+    p: float = 0.5
+    lamb: float = 0.01
+    method: str = "kotre"
+    normalize: bool = True
+    log_scale: bool = False
+
+    def solver(self, mesh: PyEITMesh, protocol: Any) -> tuple[Any, Array]:
+        """`pyeit.eit.jac.JAC`, which estimates elements."""
+        from pyeit.eit.jac import JAC
+
+        solver = JAC(mesh, protocol)
+        solver.setup(
+            p=self.p, lamb=self.lamb, method=self.method, perm=1.0, jac_normalized=self.normalize
+        )
+        return solver, mesh.elem_centers[:, :2]
+
+    def options(self) -> dict[str, Any]:
+        """Arguments of pyEIT's `solve`."""
+        return {"normalize": self.normalize, "log_scale": self.log_scale}
+
+
+@register("pyeit-greit")
+@dataclass
+class PyEitGreit(PyEit):
+    """pyEIT's GREIT ("dist"): sigmoid-blurred sensitivities on a 32 x 32 grid.
+
+    Attributes:
+        lamb, p: strength and exponent of the noise covariance diag(J J^T)^p.
+        s: steepness of the desired image's rim.
+        ratio: its radius, as a fraction of the sensor's greatest extent.
+        normalize: differences relative to the untouched frame.
+    """
+
+    search: ClassVar = {
+        "lamb": LAMBDAS,
+        "normalize": (False, True),
+        "ratio": (0.03, 0.05, 0.1, 0.2),
+        "p": (0.2, 0.5, 1.0),
+        "s": (10.0, 20.0, 40.0),
+    }
+    lamb: float = 0.01
+    p: float = 0.2
+    s: float = 20.0
+    ratio: float = 0.1
+    normalize: bool = True
+
+    def solver(self, mesh: PyEITMesh, protocol: Any) -> tuple[Any, Array]:
+        """`pyeit.eit.greit.GREIT`, which estimates points of a grid."""
+        from pyeit.eit.greit import GREIT
+
+        solver = GREIT(mesh, protocol)
+        solver.setup(
+            method="dist", p=self.p, lamb=self.lamb, s=self.s, ratio=self.ratio, perm=1.0,
+            jac_normalized=self.normalize,
+        )  # fmt: skip
+        x, y, outside = solver.get_grid()
+        self._inside = ~outside
+        return solver, np.column_stack([x.ravel(), y.ravel()])[self._inside]
+
+    def _kept(self, found: Array) -> Array:
+        return np.asarray(found[self._inside])
+
+
+@register("pyeit-bp")
+@dataclass
+class PyEitBp(PyEit):
+    """pyEIT's BP: naive back-projection between equipotential lines.
+
+    Attributes:
+        weight: "simple" weakens the rim, "none" does not.
+    """
+
+    search: ClassVar = {"weight": ("none", "simple")}
+    weight: str = "none"
+
+    def solver(self, mesh: PyEITMesh, protocol: Any) -> tuple[Any, Array]:
+        """`pyeit.eit.bp.BP`, which estimates nodes."""
+        from pyeit.eit.bp import BP
+
+        solver = BP(mesh, protocol)
+        solver.setup(weight=self.weight, perm=1.0)
+        return solver, mesh.node[:, :2]
