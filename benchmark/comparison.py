@@ -16,7 +16,7 @@ from eitbench.benchmark import manifest
 from eitbench.benchmark.averages import averages
 from eitbench.benchmark.cards import METRICS, MetricCard
 from eitbench.benchmark.kind import METHODS
-from eitbench.benchmark.results import read_table
+from eitbench.benchmark.results import checked_table
 from eitbench.benchmark.standings import MIN_PHANTOMS, SIGNIFICANT
 from eitbench.benchmark.statistics import draw, holm, intervals, once
 from eitbench.benchmark.store import SAMPLES
@@ -26,6 +26,7 @@ Array = NDArray[np.float64]
 Verdict = Literal["better", "worse", "no difference found", "negligible", "equal"]
 
 _NEEDED = ("scenario", "method", "sample", "phantom", "input_hash", "status")
+_NEEDED_OF_CELL = ("scenario", "method", "frame_ms_p50")
 _EQUAL = 1e-9
 
 NEGLIGIBLE = 1e-3
@@ -104,7 +105,7 @@ def read_results(path: Path) -> Results:
     table = path / SAMPLES if path.is_dir() else path
     if not table.is_file():
         raise InputError(f"{path} is neither a run directory nor the {SAMPLES} of one.")
-    samples = read_table(table)
+    samples = checked_table(table, METHODS)
     missing = [name for name in _NEEDED if name not in samples]
     if missing:
         raise InputError(
@@ -114,7 +115,7 @@ def read_results(path: Path) -> Results:
     cells, units = table.with_name(METHODS.table), {}
     if cells.is_file() and (table.with_name(manifest.FILE_NAME)).is_file():
         solve = manifest.read(table.parent).get("calibration_ms")
-        for row in read_table(cells).to_dict("records"):
+        for row in checked_table(cells, METHODS, _NEEDED_OF_CELL).to_dict("records"):
             if solve and np.isfinite(row["frame_ms_p50"]):
                 units[str(row["scenario"]), str(row["method"])] = row["frame_ms_p50"] / solve
     return Results(path, samples, units)

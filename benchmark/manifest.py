@@ -8,9 +8,10 @@ import subprocess
 import sys
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import psutil
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 import eitbench
 from eitbench.scenarios.errors import InputError
@@ -131,11 +132,63 @@ def read(run: Path) -> Manifest:
         raise InputError(f"{run} is not a run directory: it holds no {FILE_NAME}.")
     try:
         manifest = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise InputError(f"The manifest {path} cannot be read: {error}.") from error
     if not isinstance(manifest, dict):
         raise InputError(f"The manifest {path} is not a JSON object.")
+    check_kinds(manifest, path)
     return manifest
+
+
+class _Told(BaseModel):
+    """The kinds of what a manifest tells, where it tells it; the rest is only printed."""
+
+    model_config = ConfigDict(strict=True, frozen=True)
+
+
+class _Data(_Told):
+    hash: str | None = None
+    n: int | None = None
+    inverse_crime: bool | None = None
+
+
+class _Plugin(_Told):
+    path: str
+    sha256: str
+    names: list[str]
+
+
+class _Plan(_Told):
+    suite: dict[str, Any] = {}
+    names: list[str] = []
+    scenarios: list[str] = []
+    limit: int | None = None
+    plugins: list[_Plugin] = []
+
+
+class _Manifest(_Told):
+    status: str = "finished"
+    plan: _Plan = _Plan()
+    data: dict[str, _Data] = {}
+    cells: list[dict[str, Any]] = []
+    machine: dict[str, Any] = {}
+    versions: dict[str, str | None] = {}
+    skipped: dict[str, str] = {}
+    calibration_ms: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
+
+
+def check_kinds(manifest: Manifest, path: Path) -> None:
+    """Refuse a manifest that tells something of another kind than eitbench writes.
+
+    Raises:
+        InputError: it does.
+    """
+    try:
+        _Manifest.model_validate(manifest)
+    except ValidationError as error:
+        (first, *_) = error.errors(include_url=False)
+        where = ".".join(map(str, first["loc"]))
+        raise InputError(f"The manifest {path} is damaged: {where}: {first['msg']}.") from error
 
 
 def read_resumable(run: Path) -> Manifest:

@@ -86,8 +86,9 @@ class Plan:
                 {name: Path(p["path"]) for p in plan["plugins"] for name in p["names"]},
             )
         except (KeyError, TypeError, ValueError) as error:
+            reason = " ".join(str(error).split())
             raise InputError(
-                f"{run} cannot be resumed: its manifest is incomplete ({error}). Start a new run."
+                f"{run} cannot be resumed: its manifest is incomplete ({reason}). Start a new run."
             ) from error
         for path, digest in made.plugins:
             if not path.is_file() or _sha256(path) != digest:

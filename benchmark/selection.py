@@ -258,7 +258,7 @@ def _choices(path: Path) -> dict[str, Any]:
         choices: dict[str, Any] = json.loads(path.read_text())["choices"]
         for choice in choices.values():
             dict(choice["parameters"])
-    except (ValueError, KeyError, TypeError, AttributeError):
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
         _log.warning("%s is damaged and is not used: delete it and tune again.", path)
         return {}
     return choices

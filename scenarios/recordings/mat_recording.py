@@ -1,6 +1,7 @@
 """Recordings as MATLAB files: arrays by the names of the layout, and a header as JSON."""
 
 import json
+import math
 from pathlib import Path
 from typing import Any
 
@@ -8,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eitbench.scenarios.errors import DataCorruptError, InputError, UnreadableError
+from eitbench.scenarios.limits import most_bytes
 from eitbench.scenarios.recordings import layout
 from eitbench.scenarios.recordings.plain import COLUMNS, content_of, frames_alone, head_of
 from eitbench.scenarios.recordings.recording_file import Content
@@ -53,7 +55,7 @@ def read_mat_recording(path: Path, sensor: Sensor | None) -> Content:
         raise InputError(f"{path} says on which sensor it was measured: leave out --sensor.")
     try:
         head = json.loads(str(found["header"].reshape(-1)[0]))
-    except (ValueError, IndexError) as error:
+    except (ValueError, IndexError, RecursionError) as error:
         raise DataCorruptError(f"{path} cannot be imported: its header is damaged.") from error
     columns = {name: _numbers(found, name, path).reshape(-1) for name in COLUMNS}
     if {len(column) for column in columns.values()} != {len(values)}:
@@ -69,7 +71,16 @@ def _variables(path: Path, names: tuple[str, ...]) -> dict[str, NDArray[Any]]:
     except OSError as error:
         raise UnreadableError(f"Cannot read {path}: {error.strerror}.") from error
     try:
+        claimed = sum(
+            16 * math.prod(shape)
+            for name, shape, _ in scipy.io.whosmat(str(path), appendmat=False)
+            if name in names
+        )
+        if claimed > most_bytes(path):
+            raise DataCorruptError(f"{path} cannot be imported: it claims to be much larger.")
         content = scipy.io.loadmat(str(path), appendmat=False, variable_names=list(names))
+    except DataCorruptError:
+        raise
     # scipy's parser of damaged files fails in whatever way the damage leads to.
     except Exception as error:
         raise DataCorruptError(
