@@ -101,7 +101,7 @@ def _head(lines: list[str], path: Path) -> dict[str, Any]:
             head[name] = json.loads(value)
         except (ValueError, RecursionError) as error:
             raise DataCorruptError(
-                f"{path} cannot be imported: its {name[:20]!r} is damaged."
+                f"{path} cannot be imported: its {name[:20]} is damaged."
             ) from error
     return head
 

@@ -236,7 +236,7 @@ def _other_part(draws: Random, file: h5py.File, name: str) -> None:
             )
         )
         return
-    old = file[name] if name in file else None
+    old = file.get(name)
     if old is not None:
         del file[name]
     shape = old.shape if isinstance(old, h5py.Dataset) else (4,)
