@@ -134,8 +134,6 @@ def _recordings(folder: Path) -> dict[str, Target]:
     bare = "".join(",".join(map(str, row)) + "\n" for row in values.tolist())
     plain = io.BytesIO()
     scipy.io.savemat(plain, {"values": values})
-    four = io.BytesIO()
-    scipy.io.savemat(four, {"values": values}, format="4")
 
     def own(path: Path) -> None:
         check(path)
@@ -166,7 +164,7 @@ def _recordings(folder: Path) -> dict[str, Target]:
         "mat": Target(
             "MATLAB",
             "spoilt.mat",
-            [(folder / "original.mat").read_bytes(), plain.getvalue(), four.getvalue()],
+            [(folder / "original.mat").read_bytes(), plain.getvalue()],
             mutations.mat,
             mat_of,
             12,
