@@ -112,6 +112,8 @@ def read_results(path: Path) -> Results:
             f"{table} has no column {missing[0]!r}, which a comparison of methods needs: run the "
             "suite again."
         )
+    if samples.duplicated(["scenario", "method", "sample"]).any():
+        raise InputError(f"{table} has several rows for one sample of a method: run again.")
     cells, units = table.with_name(METHODS.table), {}
     if cells.is_file() and (table.with_name(manifest.FILE_NAME)).is_file():
         solve = manifest.read(table.parent).get("calibration_ms")

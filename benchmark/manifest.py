@@ -171,7 +171,7 @@ class _Manifest(_Told):
     plan: _Plan = _Plan()
     data: dict[str, _Data] = {}
     cells: list[dict[str, Any]] = []
-    machine: dict[str, Any] = {}
+    machine: dict[str, str | int | float | None] = {}
     versions: dict[str, str | None] = {}
     skipped: dict[str, str] = {}
     calibration_ms: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None

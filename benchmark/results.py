@@ -364,7 +364,7 @@ def _row(run: Run, keys: Row, cell: pd.DataFrame) -> Row:
     if kind == METHODS:
         solve = run.manifest.get("calibration_ms")
         frame = row["frame_ms_p50"]
-        row["frame_solves"] = frame / solve if solve and frame is not None else None
+        row["frame_solves"] = _plain(frame / solve if solve and frame is not None else None)
         noted = run.notes.get(keys["scenario"], {})
         row |= {name: _plain(noted.get(name)) for name in NOTES}
     return row

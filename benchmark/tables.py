@@ -34,7 +34,9 @@ def read_parquet(path: Path) -> pd.DataFrame:
             raise ValueError("it claims to be much larger than the file")
     texts = [field.name for field in schema if _is_text(field.type)]
     # As a dictionary a text that is repeated a million times takes its memory once.
-    if sum(map(_length, pq.read_table(path, columns=texts, read_dictionary=texts).columns)) > most:
+    table = pq.read_table(path, columns=texts, read_dictionary=texts)
+    table.validate(full=True)  # it is UTF-8
+    if sum(map(_length, table.columns)) > most:
         raise ValueError("its texts are much larger than the file")
     return pd.read_parquet(path)
 

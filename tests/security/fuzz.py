@@ -1,4 +1,4 @@
-"""Hands spoilt files to every reader: `python -m tests.security.fuzz --files 100000 --out FOLDER`.
+"""Hands spoilt files to every reader: `nice -n 19 python -m tests.security.fuzz --out FOLDER`.
 
 File k of a target is made from the seed, the target's name and k alone, so that any of them can be
 made again (`--again TARGET K`). A reader may take a file or refuse it with an `EitbenchError`;
@@ -13,7 +13,6 @@ import argparse
 import json
 import logging
 import multiprocessing
-import os
 import resource
 import sys
 import tempfile
@@ -83,7 +82,6 @@ def read(target: Target, path: Path) -> tuple[bool, str]:
 
 def _serve(folder: Path, seed: int, known: dict[str, Target], pipe: Connection) -> None:
     """Read the files that are asked for, and answer one by one (in a forked process)."""
-    os.nice(19)
     memory = _memory_mb("VmSize:")
     limit = int((memory + ADDRESSES_MB) * 2**20)
     resource.setrlimit(resource.RLIMIT_AS, (limit, limit))

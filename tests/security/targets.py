@@ -159,7 +159,7 @@ def _recordings(folder: Path) -> dict[str, Target]:
             [(folder / "original.csv").read_bytes(), bare.encode()],
             mutations.text,
             csv_of,
-            18,
+            34,
         ),
         "mat": Target(
             "MATLAB",
@@ -167,7 +167,7 @@ def _recordings(folder: Path) -> dict[str, Target]:
             [(folder / "original.mat").read_bytes(), plain.getvalue()],
             mutations.mat,
             mat_of,
-            12,
+            24,
         ),
     }
 
@@ -181,10 +181,10 @@ def _declarations() -> dict[str, Target]:
             [SENSOR.encode(), POLYGON.encode()],
             mutations.text,
             read_sensor,
-            9,
+            20,
         ),
         "suite": Target(
-            "TOML", "spoilt-suite.toml", [SUITE.encode(), *files], mutations.text, read_suite, 9
+            "TOML", "spoilt-suite.toml", [SUITE.encode(), *files], mutations.text, read_suite, 20
         ),
     }
 
@@ -223,14 +223,14 @@ def _runs(folder: Path, run: Path) -> dict[str, Target]:
 
     notes = json.dumps({"tiny": {"guess_mm": 3.0, "repeat_noise": None}}).encode()
     kinds: dict[str, tuple[str, str, Mutation, Callable[[Path], object], int]] = {
-        "samples": ("Parquet", SAMPLES, mutations.parquet, shown, 4),
+        "samples": ("Parquet", SAMPLES, mutations.parquet, shown, 5),
         "cells": ("Parquet", METHODS.table, mutations.parquet, shown, 4),
-        "baseline": ("Parquet", SAMPLES, mutations.parquet, baseline, 2),
-        "arrays": ("HDF5", METHODS.arrays, mutations.hdf5, images, 4),
-        "manifest": ("JSON", manifest.FILE_NAME, mutations.json_text, described, 6),
+        "baseline": ("Parquet", SAMPLES, mutations.parquet, baseline, 3),
+        "arrays": ("HDF5", METHODS.arrays, mutations.hdf5, images, 3),
+        "manifest": ("JSON", manifest.FILE_NAME, mutations.json_text, described, 2),
         "reported": ("JSON", manifest.FILE_NAME, mutations.json_text, reported, 1),
-        "notes": ("JSON", NOTES_FILE, mutations.json_text, shown, 3),
-        "submission": ("JSON", submission.LEADERBOARD, mutations.json_text, submitted, 3),
+        "notes": ("JSON", NOTES_FILE, mutations.json_text, shown, 2),
+        "submission": ("JSON", submission.LEADERBOARD, mutations.json_text, submitted, 2),
     }
     found = {}
     for name, (form, file, mutation, read, share) in kinds.items():
@@ -273,7 +273,7 @@ def _others(folder: Path, run: Path) -> dict[str, Target]:
             [part.read_bytes()],
             mutations.npz,
             lambda path: store.batch(cell, "test", 0),
-            12,
+            26,
         ),
         "cache": Target(
             "HDF5",
@@ -281,7 +281,7 @@ def _others(folder: Path, run: Path) -> dict[str, Target]:
             [(folder / "cached.h5").read_bytes()],
             mutations.hdf5,
             lambda path: cached.read(),
-            4,
+            3,
         ),
         "weights": Target(
             "safetensors",
@@ -289,7 +289,7 @@ def _others(folder: Path, run: Path) -> dict[str, Target]:
             [checkpoint.read_bytes()],
             mutations.safetensors,
             weights,
-            12,
+            40,
         ),
         "choices": Target(
             "JSON",
@@ -297,7 +297,7 @@ def _others(folder: Path, run: Path) -> dict[str, Target]:
             [choices.read_bytes()],
             mutations.json_text,
             lambda path: selection.selected_parameters(scenario, "tikhonov"),
-            4,
+            14,
         ),
     }
 
