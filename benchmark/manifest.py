@@ -15,6 +15,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 import eitbench
 from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.suites import Suite
 
 FILE_NAME = "manifest.json"
 PACKAGES = (
@@ -158,8 +159,13 @@ class _Plugin(_Told):
     names: list[str]
 
 
+class _Suite(_Told):
+    name: str = ""
+    scenarios: list[dict[str, Any]] = []
+
+
 class _Plan(_Told):
-    suite: dict[str, Any] = {}
+    suite: _Suite = _Suite()
     names: list[str] = []
     scenarios: list[str] = []
     limit: int | None = None
@@ -189,6 +195,21 @@ def check_kinds(manifest: Manifest, path: Path) -> None:
         (first, *_) = error.errors(include_url=False)
         where = ".".join(map(str, first["loc"]))
         raise InputError(f"The manifest {path} is damaged: {where}: {first['msg']}.") from error
+
+
+def suite_of(manifest: Manifest) -> Suite:
+    """The suite of the run that `manifest` tells of.
+
+    Raises:
+        InputError: it does not tell it, or not as this version of eitbench declares suites.
+    """
+    try:
+        return Suite.model_validate(manifest["plan"]["suite"])
+    except (KeyError, ValidationError) as error:
+        raise InputError(
+            "The manifest of the run does not hold its suite as this version of eitbench declares "
+            "suites: run it again."
+        ) from error
 
 
 def read_resumable(run: Path) -> Manifest:

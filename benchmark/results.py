@@ -188,7 +188,7 @@ def read_run(path: Path) -> Run:
         )
     notes, kind = path / NOTES_FILE, kinds[0]
     labels = ("scenario", kind.name, *kind.labels)
-    told = _read_json(content)
+    told = read_json(content)
     manifest.check_kinds(told, content)
     return Run(
         path,
@@ -218,7 +218,7 @@ def checked_table(path: Path, kind: Kind, needed: Iterable[str] = ()) -> pd.Data
 
 def _read_notes(path: Path) -> dict[str, dict[str, float | None]]:
     try:
-        return _NOTES.validate_python(_read_json(path))
+        return _NOTES.validate_python(read_json(path))
     except ValidationError as error:
         raise DataCorruptError(f"{path} does not hold figures of recordings: run again.") from error
 
@@ -234,7 +234,12 @@ def failures(run: Run) -> list[str]:
     ]
 
 
-def _read_json(path: Path) -> dict[str, Any]:
+def read_json(path: Path) -> dict[str, Any]:
+    """A JSON object of a run directory.
+
+    Raises:
+        DataCorruptError: it is none.
+    """
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
     except (ValueError, RecursionError) as error:

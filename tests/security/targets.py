@@ -16,7 +16,9 @@ from tests.security.mutations import Mutation
 
 from eitbench.benchmark import comparison, manifest, selection, submission
 from eitbench.benchmark.kind import METHODS
+from eitbench.benchmark.ladder import read_ladder
 from eitbench.benchmark.plan import Plan, make_plan
+from eitbench.benchmark.rescore import rescored
 from eitbench.benchmark.results import NOTES_FILE, read_run
 from eitbench.benchmark.runner import start_run
 from eitbench.benchmark.store import SAMPLES, Batch, Cell, RunStore
@@ -203,15 +205,22 @@ def _runs(folder: Path, run: Path) -> dict[str, Target]:
 
     def described(path: Path) -> None:
         shown(path)
+        list(rescored(read_run(path.parent)))
         Plan.of(manifest.read_resumable(path.parent), path.parent)
+
+    def scored(path: Path) -> None:
+        shown(path)
+        list(rescored(read_run(path.parent)))
 
     def reported(path: Path) -> None:
         gather([path.parent])
+        read_ladder(read_run(path.parent))
 
     def images(path: Path) -> None:
         spoilt = read_run(path.parent)
         spoilt.scene("tiny", range(3))
         spoilt.estimates("tiny", "noser", range(3))
+        list(rescored(spoilt))
 
     def baseline(path: Path) -> None:
         comparison.losses(comparison.read_results(path), results, {})
@@ -223,7 +232,7 @@ def _runs(folder: Path, run: Path) -> dict[str, Target]:
 
     notes = json.dumps({"tiny": {"guess_mm": 3.0, "repeat_noise": None}}).encode()
     kinds: dict[str, tuple[str, str, Mutation, Callable[[Path], object], int]] = {
-        "samples": ("Parquet", SAMPLES, mutations.parquet, shown, 5),
+        "samples": ("Parquet", SAMPLES, mutations.parquet, scored, 5),
         "cells": ("Parquet", METHODS.table, mutations.parquet, shown, 4),
         "baseline": ("Parquet", SAMPLES, mutations.parquet, baseline, 3),
         "arrays": ("HDF5", METHODS.arrays, mutations.hdf5, images, 3),
