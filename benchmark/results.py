@@ -17,7 +17,7 @@ from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from eitbench.benchmark import manifest
 from eitbench.benchmark.averages import averages
-from eitbench.benchmark.judge import LOAD_COLUMNS
+from eitbench.benchmark.judge import LOAD_COLUMNS, METRIC_COLUMNS
 from eitbench.benchmark.kind import KINDS, METHODS, Kind
 from eitbench.benchmark.statistics import once
 from eitbench.benchmark.store import SAMPLES, TRUTH
@@ -35,8 +35,7 @@ _NOTES = TypeAdapter(dict[str, dict[str, float | None]], config=ConfigDict(stric
 
 # Columns beside labels, metrics and costs, by what they hold.
 TEXTS = ("input_hash", "status", "message", "phantom", "family")
-NUMBERS = ("sample", "snr_db", "expected_x_m", "expected_y_m", "found_x_m", "found_y_m",
-           "strength", "response", *LOAD_COLUMNS)  # fmt: skip
+NUMBERS = ("sample", "snr_db", "x_m", "y_m", "cc_undefined", *METRIC_COLUMNS, *LOAD_COLUMNS)
 
 
 @dataclass(frozen=True, eq=False)
