@@ -189,14 +189,11 @@ def read_run(path: Path) -> Run:
     labels = ("scenario", kind.name, *kind.labels)
     told = read_json(content)
     manifest.check_kinds(told, content)
-    return Run(
-        path,
-        kind,
-        told,
-        checked_table(path / SAMPLES, kind, ("suite", *labels, "sample", "status")),
-        checked_table(path / kind.table, kind, labels),
-        _read_notes(notes) if notes.is_file() else {},
-    )
+    samples = checked_table(path / SAMPLES, kind, ("suite", *labels, "sample", "status"))
+    cells = checked_table(path / kind.table, kind, labels)
+    if len(samples) and cells.empty:
+        raise DataCorruptError(f"{path / kind.table} is empty: run again.")
+    return Run(path, kind, told, samples, cells, _read_notes(notes) if notes.is_file() else {})
 
 
 def checked_table(path: Path, kind: Kind, needed: Iterable[str] = ()) -> pd.DataFrame:
