@@ -16,6 +16,7 @@ from typing import Any
 import h5py
 import numpy as np
 import pandas as pd
+import scipy.io
 
 from eitbench.scenarios.recordings.unclosed import _lookup3
 
@@ -196,7 +197,7 @@ def hdf5(draws: Random, data: bytes) -> bytes:
 
 def _seal(data: bytearray) -> None:
     """Put the checksums of superblock and object headers right (HDF5 specification, IV.A.1.b)."""
-    if data[8:9] in (b"\2", b"\3") and len(data) >= 48:
+    if len(data) >= 48 and data[8] in (2, 3):
         data[44:48] = _lookup3(bytes(data[:44])).to_bytes(4, "little")
     for found in re.finditer(b"OHDR", bytes(data)):
         start = found.start()
@@ -334,10 +335,8 @@ def mat(draws: Random, data: bytes) -> bytes:
 
 
 def _zeros_of_mat() -> bytes:
-    """The variable `values` with 40 million zeros, which compress to almost nothing."""
-    import scipy.io
-
-    buffer = io.BytesIO()
+    """The variable `values` with 400 000 zeros, which compress to almost nothing."""
+    buffer: Any = io.BytesIO()
     scipy.io.savemat(buffer, {"values": np.zeros((1000, 400))})
     return buffer.getvalue()[128:]
 
