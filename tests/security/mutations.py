@@ -338,7 +338,8 @@ def _zeros_of_mat() -> bytes:
     """The variable `values` with 400 000 zeros, which compress to almost nothing."""
     buffer: Any = io.BytesIO()
     scipy.io.savemat(buffer, {"values": np.zeros((1000, 400))})
-    return buffer.getvalue()[128:]
+    content: bytes = buffer.getvalue()
+    return content[128:]
 
 
 def pick(draws: Random, originals: Sequence[bytes], mutation: Mutation) -> bytes:
