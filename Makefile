@@ -4,7 +4,7 @@ PYTHON ?= $(firstword $(shell for p in python3 python3.13 python3.12 python3.11;
 BIN := .venv/bin
 STAMPS := .venv/.stamps
 
-.PHONY: help demo test slow bench lint types tune clean
+.PHONY: help demo test slow bench lint types audit tune clean
 
 help:  ## what can be made
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/'
@@ -30,6 +30,9 @@ lint: $(STAMPS)/lint  ## ruff
 types: $(STAMPS)/lint $(STAMPS)/test  ## mypy, strict
 	$(BIN)/mypy
 
+audit: $(STAMPS)/audit  ## known vulnerabilities of what is installed
+	$(BIN)/python tests/security/audit.py
+
 tune: $(STAMPS)/demo  ## choose the packaged hyper-parameters again (about an hour)
 	for suite in quick paper paper-noise noise shapes presses recorded; do $(BIN)/eitbench tune $$suite --jobs 2 --out benchmark/selected || exit 1; done
 
@@ -52,6 +55,10 @@ $(STAMPS)/bench: $(STAMPS)/test
 
 $(STAMPS)/lint: $(STAMPS)/demo
 	$(BIN)/pip install --quiet -c constraints.txt -e '.[lint]'
+	@touch $@
+
+$(STAMPS)/audit: $(STAMPS)/demo
+	$(BIN)/pip install --quiet -c constraints.txt -e '.[audit]'
 	@touch $@
 
 clean:  ## forget the environment and the tools' caches

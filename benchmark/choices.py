@@ -178,7 +178,7 @@ def _choices(path: Path) -> dict[str, Any]:
         for choice in choices.values():
             dict(choice["parameters"])
             [(dict(trial["parameters"]), trial["status"]) for trial in choice["trials"]]
-    except (ValueError, KeyError, TypeError, AttributeError):
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
         _log.warning("%s is damaged and is not used: delete it and tune again.", path)
         return {}
     return choices

@@ -15,7 +15,7 @@ from scipy import stats
 from eitbench.benchmark.averages import averages
 from eitbench.benchmark.cards import METRICS, MetricCard
 from eitbench.benchmark.kind import METHODS
-from eitbench.benchmark.results import read_table
+from eitbench.benchmark.results import checked_table
 from eitbench.benchmark.standings import MIN_PHANTOMS, SIGNIFICANT
 from eitbench.benchmark.statistics import draw, holm, intervals, once
 from eitbench.benchmark.store import SAMPLES
@@ -25,6 +25,7 @@ Array = NDArray[np.float64]
 Verdict = Literal["better", "worse", "no difference found", "negligible", "equal"]
 
 _NEEDED = ("scenario", "method", "sample", "phantom", "input_hash", "status")
+_NEEDED_OF_CELL = ("scenario", "method", "frame_ms_p50", "calibration_ms")
 _EQUAL = 1e-9
 
 NEGLIGIBLE = 1e-3
@@ -103,17 +104,19 @@ def read_results(path: Path) -> Results:
     table = path / SAMPLES if path.is_dir() else path
     if not table.is_file():
         raise InputError(f"{path} is neither a run directory nor the {SAMPLES} of one.")
-    samples = read_table(table)
+    samples = checked_table(table, METHODS)
     missing = [name for name in _NEEDED if name not in samples]
     if missing:
         raise InputError(
             f"{table} has no column {missing[0]!r}, which a comparison of methods needs: run the "
             "suite again."
         )
+    if samples.duplicated(["scenario", "method", "sample"]).any():
+        raise InputError(f"{table} has several rows for one sample of a method: run again.")
     cells, units = table.with_name(METHODS.table), {}
     if cells.is_file():
-        for row in read_table(cells).to_dict("records"):
-            solve, frame = row.get("calibration_ms"), row.get("frame_ms_p50")
+        for row in checked_table(cells, METHODS, _NEEDED_OF_CELL).to_dict("records"):
+            solve, frame = row["calibration_ms"], row["frame_ms_p50"]
             if solve and frame and np.isfinite(frame / solve):
                 units[str(row["scenario"]), str(row["method"])] = frame / solve
     return Results(path, samples, units)

@@ -29,7 +29,7 @@ def learning_curve(method: str, sensor: Sensor) -> pd.DataFrame:
         raise InputError(f"There is no learning curve {path} beside the weights of {method!r}.")
     try:
         return pd.DataFrame(json.loads(path.read_text())["curve"])
-    except (ValueError, KeyError) as error:
+    except (ValueError, KeyError, TypeError, RecursionError) as error:
         raise DataCorruptError(
             f"{path} holds no learning curve: train {method!r} again."
         ) from error

@@ -17,12 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eitbench.benchmark.averages import numbers
+from eitbench.benchmark.manifest import suite_of
 from eitbench.benchmark.results import Run, leaderboard_rows
 from eitbench.benchmark.standings import MIN_PHANTOMS
 from eitbench.benchmark.statistics import Interval, bootstrap_means
 from eitbench.scenarios.imperfections import Imperfections
 from eitbench.scenarios.scenario import RecordedScenario, Scenario, SimulatedScenario
-from eitbench.scenarios.suites import Suite
 
 Array = NDArray[np.float64]
 
@@ -80,10 +80,10 @@ class Ladder:
 
 def read_ladder(run: Run) -> Ladder | None:
     """The ladder of a run of methods; None if it has fewer than two rungs."""
-    declared = run.manifest["plan"]["suite"].get("scenarios", ())
+    declared = run.manifest.get("plan", {}).get("suite", {}).get("scenarios", ())
     if run.kind.name != "method" or not any(s.get("imperfections") for s in declared):
         return None
-    suite = Suite.model_validate(run.manifest["plan"]["suite"])
+    suite = suite_of(run.manifest)
     present = set(run.scenarios())
     scenarios = [s for s in suite.scenarios if s.name in present]
     rungs = [s for s in scenarios if isinstance(s, SimulatedScenario) and s.imperfections]

@@ -72,5 +72,5 @@ def _holder_lives(path: Path) -> bool:
         return bool(abs(started - holder["started"]) < 1.0)
     except (FileNotFoundError, psutil.NoSuchProcess):
         return False
-    except (ValueError, KeyError, TypeError, psutil.AccessDenied):
+    except (ValueError, KeyError, TypeError, RecursionError, psutil.AccessDenied):
         return True

@@ -9,12 +9,14 @@ import sys
 from datetime import UTC, datetime
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import psutil
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 import eitbench
 from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.suites import Suite
 
 FILE_NAME = "manifest.json"
 PACKAGES = (
@@ -135,11 +137,83 @@ def read(run: Path) -> Manifest:
         raise InputError(f"{run} is not a run directory: it holds no {FILE_NAME}.")
     try:
         manifest = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise InputError(f"The manifest {path} cannot be read: {error}.") from error
     if not isinstance(manifest, dict):
         raise InputError(f"The manifest {path} is not a JSON object.")
+    check_kinds(manifest, path)
     return manifest
+
+
+class _Told(BaseModel):
+    """The kinds of what a manifest tells, where it tells it; the rest is only printed."""
+
+    model_config = ConfigDict(strict=True, frozen=True)
+
+
+class _Data(_Told):
+    hash: str | None = None
+    n: int | None = None
+    inverse_crime: bool | None = None
+
+
+class _Plugin(_Told):
+    path: str
+    sha256: str
+    names: list[str]
+
+
+class _Suite(_Told):
+    name: str = ""
+    scenarios: list[dict[str, Any]] = []
+
+
+class _Plan(_Told):
+    suite: _Suite = _Suite()
+    names: list[str] = []
+    scenarios: list[str] = []
+    limit: int | None = None
+    plugins: list[_Plugin] = []
+
+
+class _Manifest(_Told):
+    status: str = "finished"
+    plan: _Plan = _Plan()
+    data: dict[str, _Data] = {}
+    cells: list[dict[str, Any]] = []
+    machine: dict[str, str | int | float | None] = {}
+    versions: dict[str, str | None] = {}
+    skipped: dict[str, str] = {}
+    calibration_ms: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
+
+
+def check_kinds(manifest: Manifest, path: Path) -> None:
+    """Refuse a manifest that tells something of another kind than eitbench writes.
+
+    Raises:
+        InputError: it does.
+    """
+    try:
+        _Manifest.model_validate(manifest)
+    except ValidationError as error:
+        (first, *_) = error.errors(include_url=False)
+        where = ".".join(map(str, first["loc"]))
+        raise InputError(f"The manifest {path} is damaged: {where}: {first['msg']}.") from error
+
+
+def suite_of(manifest: Manifest) -> Suite:
+    """The suite of the run that `manifest` tells of.
+
+    Raises:
+        InputError: it does not tell it, or not as this version of eitbench declares suites.
+    """
+    try:
+        return Suite.model_validate(manifest["plan"]["suite"])
+    except (KeyError, ValidationError) as error:
+        raise InputError(
+            "The manifest of the run does not hold its suite as this version of eitbench declares "
+            "suites: run it again."
+        ) from error
 
 
 def read_resumable(run: Path) -> Manifest:

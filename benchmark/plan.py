@@ -93,8 +93,9 @@ class Plan:
                 tuple(plan["tracks"]),
             )
         except (KeyError, TypeError, ValueError) as error:
+            reason = " ".join(str(error).split())
             raise InputError(
-                f"{run} cannot be resumed: its manifest is incomplete ({error}). Start a new run."
+                f"{run} cannot be resumed: its manifest is incomplete ({reason}). Start a new run."
             ) from error
         for path, digest in made.plugins:
             if not path.is_file() or _sha256(path) != digest:

@@ -12,7 +12,6 @@ from eitbench.scenarios.errors import DataCorruptError, DataUnavailableError
 from eitbench.scenarios.recordings.fetch import read_recording
 from eitbench.scenarios.recordings.quality import quality
 from eitbench.scenarios.scenario import RecordedScenario
-from eitbench.scenarios.suites import Suite
 
 Figures = dict[str, float | None]
 
@@ -26,7 +25,7 @@ def write_notes(run: Path) -> None:
         InputError: `run` has no readable manifest.
     """
     manifest = manifests.read(run)
-    suite = Suite.model_validate(manifest["plan"]["suite"])
+    suite = manifests.suite_of(manifest)
     noted: dict[str, Figures] = {}
     for scenario in suite.scenarios:
         if isinstance(scenario, RecordedScenario) and scenario.name in manifest["data"]:

@@ -17,10 +17,9 @@ from eitbench.benchmark.kind import METHODS
 from eitbench.benchmark.results import Run, read_run
 from eitbench.benchmark.store import RunStore
 from eitbench.benchmark.tactile import Similarity
-from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.errors import DataCorruptError, InputError
 from eitbench.scenarios.scenario import RecordedScenario, Scenario
 from eitbench.scenarios.sensors import Sensor
-from eitbench.scenarios.suites import Suite
 
 FIGURES = (*METRIC_COLUMNS, "cc_undefined")
 
@@ -66,10 +65,11 @@ def rescored(run: Run) -> Iterator[tuple[Rescored, pd.DataFrame]]:
     """
     if run.kind != METHODS:
         raise InputError(f"{run.path} ranks operators, which have no images to score.")
-    suite = Suite.model_validate(run.manifest["plan"]["suite"])
-    scenarios = {scenario.name: scenario for scenario in suite.scenarios}
+    scenarios = {scenario.name: scenario for scenario in manifests.suite_of(run.manifest).scenarios}
     for (name, method), cell in run.samples.groupby(["scenario", "method"], sort=False):
         rows = cell.sort_values("sample")
+        if name not in scenarios:
+            raise InputError(f"The suite of {run.path} has no scenario {name!r}.")
         known = _stored(run, scenarios[str(name)], rows)
         numbers = rows["sample"].tolist()
         images = run.estimates(str(name), str(method), numbers)
@@ -128,7 +128,12 @@ def _registration(run: Run, known: Stored, method: str) -> Similarity | None:
     kept = run.cells[of].get("registration", pd.Series(dtype=str)).tolist()
     if len(kept) != 1 or not kept[0]:
         raise InputError(f"{run.path} does not hold the registration of {method!r}.")
-    return Similarity.from_json(kept[0])
+    try:
+        return Similarity.from_json(kept[0])
+    except (ValueError, TypeError, RecursionError) as error:
+        raise DataCorruptError(
+            f"The registration of {method!r} in {run.path} is damaged."
+        ) from error
 
 
 def _difference(scenario: str, method: str, old: pd.DataFrame, new: pd.DataFrame) -> Rescored:

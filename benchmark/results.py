@@ -1,6 +1,7 @@
 """Reads run directories, and sums their rows up to a leaderboard."""
 
 import json
+import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -11,22 +12,35 @@ from typing import Any
 import h5py
 import numpy as np
 import pandas as pd
-import pyarrow as pa
 from numpy.typing import NDArray
+from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from eitbench.benchmark import manifest
 from eitbench.benchmark.averages import averages
+from eitbench.benchmark.judge import LOAD_COLUMNS, METRIC_COLUMNS
 from eitbench.benchmark.kind import KINDS, METHODS, Kind
 from eitbench.benchmark.statistics import once
 from eitbench.benchmark.store import SAMPLES, TRACKS, TRUTH
+from eitbench.benchmark.tables import read_parquet, wrong_kind
 from eitbench.benchmark.told_words import in_words
-from eitbench.scenarios.errors import DataCorruptError, InputError
+from eitbench.scenarios.described_sensor import MAX_PIXELS
+from eitbench.scenarios.errors import DataCorruptError, EitbenchError, InputError
+from eitbench.scenarios.limits import GZIP_EXPANSION, most_bytes, own_dataset
 
 Row = dict[str, Any]
 
 # What is known of a scenario's data beside its rows, if it is recorded.
 NOTES = ("reciprocity_error", "repeat_noise", "guess_mm")
 NOTES_FILE = "recordings.json"
+_NOTES = TypeAdapter(dict[str, dict[str, float | None]], config=ConfigDict(strict=True))
+
+# Columns beside labels, metrics and costs, by what they hold.
+TEXTS = ("input_hash", "status", "message", "phantom", "family", "machine", "told", "differs")
+NUMBERS = (
+    *("sample", "snr_db", "x_m", "y_m", "cc_undefined", "calibration_ms", "overlap"),
+    *METRIC_COLUMNS,
+    *LOAD_COLUMNS,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,16 +101,22 @@ class Run:
         """What is known of a scenario, with the truth of the given samples."""
         with self._images() as file:
             group = self._group(file, scenario, TRUTH)
-            rows = _rows_of(group["sample"][:], samples)
+            numbers, mask = self._numbers(group), own_dataset(group, "mask", MAX_PIXELS**2)[:]
+            rows = _rows_of(numbers, samples)
             names = [name for name in ("conductivity", "classes") if name in group]
-            truth = group[names[0]][rows].astype(np.float64) if names else None
+            truth = None
+            if names:
+                images = own_dataset(group, names[0], self._most())
+                if images.shape != (len(numbers), *mask.shape):
+                    raise ValueError("images and mask are of unlike shapes")
+                truth = images[rows].astype(np.float64)
             x0, y0, x1, y1 = (float(value) for value in group.attrs["bounds"])
             return Scene(
                 bounds=(x0, y0, x1, y1),
                 background=float(group.attrs["background"]),
                 data_range=float(group.attrs["data_range"]),
-                mask=group["mask"][:].astype(bool),
-                sample=group["sample"][:][rows],
+                mask=mask.astype(bool),
+                sample=numbers[rows],
                 truth=truth,
                 has_classes=names == ["classes"],
             )
@@ -110,13 +130,25 @@ class Run:
         """
         with self._images() as file:
             group = self._group(file, scenario, method)
-            numbers = group["sample"][:]
-            images = np.full((len(samples), *group["conductivity"].shape[1:]), np.nan, np.float32)
+            numbers = self._numbers(group)
+            stored = own_dataset(group, "conductivity", self._most())
+            if stored.ndim != 3 or len(stored) != len(numbers):
+                raise ValueError("there is not an image for each sample")
             known = np.isin(samples, numbers)
             if not known.any():
                 return None
-            images[known] = group["conductivity"][_rows_of(numbers, np.array(samples)[known])]
+            if 4 * len(samples) * math.prod(stored.shape[1:]) > self._most():
+                raise ValueError("it claims to be larger than the file")
+            images = np.full((len(samples), *stored.shape[1:]), np.nan, np.float32)
+            images[known] = stored[_rows_of(numbers, np.array(samples)[known])]
             return images
+
+    def _numbers(self, group: h5py.Group) -> NDArray[np.int64]:
+        """Sample numbers (n,) of the images of a group."""
+        return np.asarray(own_dataset(group, "sample", self._most())[:], dtype=np.int64)
+
+    def _most(self) -> int:
+        return most_bytes(self.path / self.kind.arrays, GZIP_EXPANSION)
 
     @contextmanager
     def _images(self) -> Iterator[h5py.File]:
@@ -124,7 +156,10 @@ class Run:
         try:
             with h5py.File(path, "r") as file:
                 yield file
-        except OSError as error:
+        except EitbenchError:
+            raise
+        # HDF5 fails in whatever way the damage leads to.
+        except Exception as error:
             raise DataCorruptError(f"{path} cannot be read: resume the run.") from error
 
     def _group(self, file: h5py.File, scenario: str, name: str) -> h5py.Group:
@@ -157,20 +192,46 @@ def read_run(path: Path) -> Run:
         raise InputError(
             f"The run in {path} has no results yet: finish it with `eitbench run --resume {path}`."
         )
-    notes = path / NOTES_FILE
-    samples, table = read_table(path / SAMPLES), kinds[0].table
-    for name in ("suite", "scenario", kinds[0].name, *kinds[0].labels, "sample", "status"):
-        if len(samples) and name not in samples:
-            raise DataCorruptError(f"{path / SAMPLES} has no column {name!r}: run again.")
+    notes, kind = path / NOTES_FILE, kinds[0]
+    labels = ("scenario", kind.name, *kind.labels)
+    told = read_json(content)
+    manifest.check_kinds(told, content)
+    samples = checked_table(path / SAMPLES, kind, ("suite", *labels, "sample", "status"))
+    cells = checked_table(path / kind.table, kind, labels)
+    if len(samples) and cells.empty:
+        raise DataCorruptError(f"{path / kind.table} is empty: run again.")
     return Run(
         path,
-        kinds[0],
-        _read_json(content),
+        kind,
+        told,
         samples,
-        read_table(path / table),
-        _read_json(notes) if notes.is_file() else {},
-        read_table(path / TRACKS) if (path / TRACKS).is_file() else pd.DataFrame(),
+        cells,
+        _read_notes(notes) if notes.is_file() else {},
+        checked_table(path / TRACKS, kind, labels) if (path / TRACKS).is_file() else pd.DataFrame(),
     )
+
+
+def checked_table(path: Path, kind: Kind, needed: Iterable[str] = ()) -> pd.DataFrame:
+    """A table of a run directory with all `needed` columns, and each of the right kind.
+
+    Raises:
+        DataCorruptError: it is none.
+    """
+    table = read_table(path)
+    for name in needed:
+        if len(table) and name not in table:
+            raise DataCorruptError(f"{path} has no column {name!r}: run again.")
+    texts = ("suite", "scenario", kind.name, *kind.labels, *kind.facts, *TEXTS)
+    if wrong := wrong_kind(table, texts, (*kind.metrics, *kind.costs, *NUMBERS)):
+        raise DataCorruptError(f"The column {wrong!r} of {path} is damaged: run again.")
+    return table
+
+
+def _read_notes(path: Path) -> dict[str, dict[str, float | None]]:
+    try:
+        return _NOTES.validate_python(read_json(path))
+    except ValidationError as error:
+        raise DataCorruptError(f"{path} does not hold figures of recordings: run again.") from error
 
 
 def failures(run: Run) -> list[str]:
@@ -184,10 +245,15 @@ def failures(run: Run) -> list[str]:
     ]
 
 
-def _read_json(path: Path) -> dict[str, Any]:
+def read_json(path: Path) -> dict[str, Any]:
+    """A JSON object of a run directory.
+
+    Raises:
+        DataCorruptError: it is none.
+    """
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise DataCorruptError(f"{path} is not valid JSON: run again.") from error
     if not isinstance(content, dict):
         raise DataCorruptError(f"{path} does not hold a JSON object: run again.")
@@ -201,8 +267,9 @@ def read_table(path: Path) -> pd.DataFrame:
         DataCorruptError: it cannot be read.
     """
     try:
-        return pd.read_parquet(path)
-    except (OSError, ValueError, pa.ArrowException) as error:
+        return read_parquet(path)
+    # Damaged tables fail in whatever way the damage leads to.
+    except Exception as error:
         raise DataCorruptError(f"{path} is not a readable Parquet file: run again.") from error
 
 
@@ -313,7 +380,7 @@ def _row(run: Run, keys: Row, cell: pd.DataFrame) -> Row:
     if kind == METHODS:
         solve = known.get("calibration_ms")
         frame = row["frame_ms_p50"]
-        row["frame_solves"] = frame / solve if solve and frame is not None else None
+        row["frame_solves"] = _plain(frame / solve if solve and frame is not None else None)
         noted = run.notes.get(keys["scenario"], {})
         row |= {name: _plain(noted.get(name)) for name in NOTES}
         row["told"] = in_words(str(known.get("told", "")))

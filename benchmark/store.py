@@ -17,16 +17,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
-from zipfile import BadZipFile
+from zipfile import ZipFile
 
 import h5py
 import numpy as np
 import pandas as pd
-import pyarrow as pa
 from numpy.typing import NDArray
 
 from eitbench.benchmark import lock, manifest
 from eitbench.benchmark.kind import Kind
+from eitbench.benchmark.tables import read_parquet
 from eitbench.methods.registry import RESERVED
 from eitbench.scenarios.errors import DataCorruptError, EitbenchError, InputError
 
@@ -151,13 +151,15 @@ class RunStore:
         """
         path = self._batch_path(cell, split, start)
         try:
-            with np.load(path, allow_pickle=False) as arrays:
-                values = {name: arrays[name] for name in arrays.files}
-            status, message = (values.pop(name).tolist() for name in ("status", "message"))
+            values = _read_arrays(path)
+            status, message = (values.pop(name) for name in ("status", "message"))
             state = str(values.pop("state"))
-        except (OSError, EOFError, ValueError, KeyError, BadZipFile) as error:
+            if any(len(values[name]) != len(status) for name in values):
+                raise ValueError("its arrays are of unlike lengths")
+            return Batch(start, list(map(str, status)), list(map(str, message)), values, state)
+        # Damaged archives and headers fail in whatever way the damage leads to.
+        except Exception as error:
             raise _unreadable(path, error) from error
-        return Batch(start, status, message, values, state)
 
     def batches(self, cell: Cell, split: str) -> Iterator[Batch]:
         """The batches kept of a cell, in order, one in memory at a time."""
@@ -174,9 +176,8 @@ class RunStore:
         if not path.is_file():
             return 0
         try:
-            with np.load(path, allow_pickle=False) as arrays:
-                return len(arrays["status"])
-        except (OSError, EOFError, ValueError, KeyError, TypeError, BadZipFile) as error:
+            return len(_read_arrays(path, ["status"])["status"])
+        except Exception as error:
             raise _unreadable(path, error) from error
 
     def has_batches(self, cell: Cell) -> bool:
@@ -336,6 +337,15 @@ def _part(path: Path) -> Path:
     return path.with_name(f".{path.name}.part{path.suffix}")
 
 
+def _read_arrays(path: Path, names: Sequence[str] = ()) -> dict[str, NDArray[Any]]:
+    """All or some arrays of an NPZ file as `np.savez` writes it: nothing in it is compressed."""
+    with ZipFile(path) as archive:
+        if sum(member.file_size for member in archive.infolist()) > path.stat().st_size:
+            raise ValueError("it claims to hold more than the file")
+    with np.load(path, allow_pickle=False) as arrays:
+        return {name: arrays[name] for name in names or arrays.files}
+
+
 def _read_table(path: Path, column: str) -> pd.DataFrame:
     """A table of at least one row that has `column`.
 
@@ -343,9 +353,10 @@ def _read_table(path: Path, column: str) -> pd.DataFrame:
         DataCorruptError: it is not.
     """
     try:
-        table = pd.read_parquet(path)
+        table = read_parquet(path)
         table[column].iloc[0]
-    except (OSError, ValueError, LookupError, pa.ArrowException) as error:
+    # Damaged tables fail in whatever way the damage leads to.
+    except Exception as error:
         raise _unreadable(path, error) from error
     return table
 

@@ -19,6 +19,7 @@ import pandas as pd
 
 from eitbench.benchmark.judge import judge
 from eitbench.benchmark.lock import locked
+from eitbench.benchmark.results import read_json, read_table
 from eitbench.methods import Problem, create
 from eitbench.methods.training import Request, train
 from eitbench.methods.training.job import no_split, training_scenario
@@ -153,7 +154,7 @@ def run_study(
     tables = []
     for label, trial in sorted(trials.items()):
         found = out / label / SAMPLES
-        rows = pd.read_parquet(found) if found.is_file() else pd.DataFrame([{"scenario": ""}])
+        rows = read_table(found) if found.is_file() else pd.DataFrame([{"scenario": ""}])
         tables.append(rows.assign(**trial.params))
     table = pd.concat(tables, ignore_index=True)
     table.to_parquet(out / SAMPLES)
@@ -168,7 +169,7 @@ def _begin(out: Path, settings: Mapping[str, Any]) -> None:
     """
     file = out / "study.json"
     if file.is_file():
-        begun = json.loads(file.read_text())
+        begun = read_json(file)
         for name, value in settings.items():
             if begun.get(name) != value:
                 raise InputError(
@@ -251,7 +252,7 @@ def _judged(study: Study, request: Request, limit: int | None) -> pd.DataFrame:
     assert request.out is not None
     finished = request.out / SAMPLES
     if finished.is_file():
-        return pd.read_parquet(finished)
+        return read_table(finished)
     training = train(request)
     about = json.loads(training.weights.with_suffix(".json").read_text())
     tables = []

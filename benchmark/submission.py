@@ -157,7 +157,7 @@ def _leaderboard_follows(run: Run, plan: Plan, jobs: int) -> str:
     try:
         told = json.loads((run.path / LEADERBOARD).read_text(encoding="utf-8"))
         rows = {(row["scenario"], row["method"]): row for row in told}
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
         return f"{LEADERBOARD} cannot be read ({type(error).__name__})."
     expected = [row for standing in standings([run]) for row in standing.rows]
     if len(told) != len(expected):

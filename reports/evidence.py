@@ -100,7 +100,7 @@ class Evidence:
 
     def _why_missing(self, kind: Kind, name: str) -> str:
         for run in self._runs:
-            if said := run.manifest["skipped"].get(f"{SCENARIO}/{name}"):
+            if said := run.manifest.get("skipped", {}).get(f"{SCENARIO}/{name}"):
                 return str(said)
         return f"No run holds the {kind.name} {name!r} on {SCENARIO!r}."
 

@@ -188,7 +188,7 @@ def to_page(found: Ledger, boards: Sequence[str], pictures: Sequence[Picture] = 
 def _environment(*, autoescape: bool) -> Environment:
     environment = Environment(
         loader=PackageLoader("eitbench.reports"),
-        autoescape=autoescape,
+        autoescape=autoescape,  # noqa: S701, Markdown has an escape of its own
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,

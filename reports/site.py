@@ -54,7 +54,9 @@ class _Edition:
     @property
     def file(self) -> str:
         """Where its page is, from the front page."""
-        return f"archive/{quote(self.version, safe='')}/{quote(self.suite, safe='')}.html"
+        # A version that is nothing but dots would be another folder.
+        version = quote(self.version, safe="").replace(".", "%2E", not self.version.strip("."))
+        return f"archive/{version}/{quote(self.suite, safe='')}.html"
 
 
 def write_site(runs: Path, out: Path) -> list[Path]:
@@ -107,7 +109,7 @@ def _editions(runs: Path) -> tuple[list[_Edition], list[str]]:
 
 
 def _parts(version: str) -> list[int]:
-    return [int(part) if part.isdigit() else 0 for part in version.split(".")]
+    return [int(part) if part.isdecimal() else 0 for part in version.split(".")]
 
 
 def _rows(found: Gathered) -> Iterable[dict[str, Any]]:

@@ -17,7 +17,7 @@ def read_study(folder: Path) -> Row:
     """
     try:
         summary: Row = json.loads((folder / "summary.json").read_text())
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise InputError(
             f"{folder} holds no finished study: run `eitbench study` with --out {folder}."
         ) from error

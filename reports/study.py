@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 
 from eitbench.benchmark import InputError
+from eitbench.benchmark.results import read_json, read_table
 from eitbench.benchmark.statistics import bootstrap_means, nested_bootstrap_means
 from eitbench.benchmark.study import METRICS, SAMPLES
 from eitbench.reports.figures import HEADING, NOTE, TITLE
@@ -34,8 +35,8 @@ def write_study(folder: Path) -> list[Path]:
     """
     if not (folder / SAMPLES).is_file():
         raise InputError(f"{folder} holds no finished study: run `eitbench study` with --out.")
-    asked = json.loads((folder / "study.json").read_text())
-    table = pd.read_parquet(folder / SAMPLES)
+    asked = read_json(folder / "study.json")
+    table = read_table(folder / SAMPLES)
     name = asked["study"]
     cost_h = float(table.groupby(_choices(table))["train_s"].first().sum()) / 3600
     summary = {**asked, "training_hours": round(cost_h, 2), "rows": SUMMARIES[name](table)}

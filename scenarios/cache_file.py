@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eitbench.scenarios.errors import DataCorruptError, EitbenchError
+from eitbench.scenarios.limits import own_dataset
 
 Array = NDArray[np.float64]
 
@@ -54,7 +55,8 @@ class CacheFile:
         try:
             # From memory: HDF5's own file locks would hold up concurrent processes.
             with h5py.File(io.BytesIO(content), "r") as file:
-                voltages = np.asarray(file["voltages"][()], dtype=np.float64)
+                part = own_dataset(file, "voltages", len(content))
+                voltages = np.asarray(part[()], dtype=np.float64)
                 stored, digest = str(file.attrs["parameters"]), str(file.attrs["sha256"])
         except _DAMAGE as error:
             raise DataCorruptError(f"The cache file {self.path} is unreadable.") from error

@@ -79,14 +79,18 @@ def read_declaration(
         raise InputError(f"Cannot read the {kind.lower()} file {path}: {reason}.") from error
     try:
         declared = tomllib.loads(text)
+        # Read as JSON, so that numbers written as text are refused but lists can be tuples.
+        content = json.dumps(declared, default=_date)
     except tomllib.TOMLDecodeError as error:
         raise InputError(_syntax_message(kind, path, text, str(error))) from error
+    except (ValueError, RecursionError) as error:
+        raise InputError(
+            f"Cannot read the {kind.lower()} file {path}: a number is too long, or lists or "
+            "tables lie too deep in one another."
+        ) from error
     places = Places(kind, path, text)
     try:
-        # Read as JSON, so that numbers written as text are refused but lists can be tuples.
-        found = model.model_validate_json(
-            json.dumps(declared, default=_date), strict=True, context={"folder": path.parent}
-        )
+        found = model.model_validate_json(content, strict=True, context={"folder": path.parent})
     except ValidationError as error:
         fields = sorted({field for known in models for field in known.model_fields})
         problems = [_problem(dict(e), declared, fields) for e in error.errors(include_url=False)]

@@ -9,6 +9,7 @@ from pydantic import BeforeValidator, Field, ValidationInfo, field_validator, mo
 from eitbench.scenarios.catalogue import is_file
 from eitbench.scenarios.catalogue import sensor as sensor_by_name
 from eitbench.scenarios.declaration import Declaration, Name, beside
+from eitbench.scenarios.described_sensor import Side
 from eitbench.scenarios.errors import EitbenchError, unknown_name
 from eitbench.scenarios.imperfections import Imperfections, channels
 from eitbench.scenarios.noise import Noise
@@ -70,7 +71,7 @@ class SimulatedScenario(Declaration):
     kind: Literal["simulated"] = "simulated"
     name: Name
     sensor: str = "foam16"
-    image_shape: tuple[Annotated[int, Field(ge=2)], Annotated[int, Field(ge=2)]] | None = None
+    image_shape: tuple[Side, Side] | None = None
     conductivity_range: (
         tuple[Annotated[float, Field(gt=0, lt=1)], Annotated[float, Field(ge=1, le=1000)]] | None
     ) = None

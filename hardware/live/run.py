@@ -91,6 +91,7 @@ def watch(view: LiveView, ready: Callable[[str], None]) -> None:
 
 
 def _address(access: Access, port: int) -> str:
-    host = socket.gethostname() if access.host in ("0.0.0.0", "::") else access.host
+    everywhere = access.host in ("0.0.0.0", "::")  # noqa: S104, it is only compared
+    host = socket.gethostname() if everywhere else access.host
     shown = f"[{host}]" if ":" in host else host
     return f"http://{shown}:{port}/" + (f"?token={access.token}" if access.token else "")

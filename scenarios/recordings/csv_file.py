@@ -99,8 +99,10 @@ def _head(lines: list[str], path: Path) -> dict[str, Any]:
         name, _, value = line.removeprefix("# ").partition(": ")
         try:
             head[name] = json.loads(value)
-        except ValueError as error:
-            raise DataCorruptError(f"{path} cannot be imported: its {name} is damaged.") from error
+        except (ValueError, RecursionError) as error:
+            raise DataCorruptError(
+                f"{path} cannot be imported: its {name[:20]} is damaged."
+            ) from error
     return head
 
 

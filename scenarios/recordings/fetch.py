@@ -19,6 +19,7 @@ from eitbench.scenarios.guard import is_closed
 from eitbench.scenarios.recordings import RecordedSet, Recording, recorded_set
 from eitbench.scenarios.recordings.sources import RecordedFile
 
+_CHUNK = 1 << 14
 _SILENCE_S = 30.0  # a server that says nothing for so long is given up
 
 
@@ -181,6 +182,10 @@ class _AbandonedError(Exception):
     """Nobody waits for the download any more."""
 
 
+class _TooLongError(Exception):
+    """More bytes arrive than were published."""
+
+
 @dataclass
 class _Download:
     """The download of `files` to `folder`, run in its own thread."""
@@ -219,9 +224,13 @@ class _Download:
         target = inside(self.folder, file.path)
         target.parent.mkdir(parents=True, exist_ok=True)
         pooch.get_logger().setLevel(logging.WARNING)
-        meter = _Meter(self.abandoned, bar)
+        meter = _Meter(self.abandoned, bar, file.bytes)
         downloader = pooch.HTTPDownloader(
-            progressbar=meter, chunk_size=1 << 14, timeout=(_SILENCE_S, _SILENCE_S)
+            progressbar=meter, chunk_size=_CHUNK, timeout=(_SILENCE_S, _SILENCE_S)
+        )
+        other = (
+            f"The source offers another {file.path} of {self.recorded.repository} than was "
+            "published ({}): it is not used; try again or report it."
         )
         try:
             pooch.retrieve(
@@ -235,17 +244,20 @@ class _Download:
             # requests raises some of its own errors as ValueError too; those carry a request.
             if hasattr(error, "request"):
                 raise
-            raise DataCorruptError(
-                f"The source offers another {file.path} of {self.recorded.repository} than was "
-                "published (its SHA-256 differs): it is not used; try again or report it."
-            ) from error
+            raise DataCorruptError(other.format("its SHA-256 differs")) from error
+        except _TooLongError as error:
+            raise DataCorruptError(other.format("it is longer")) from error
 
 
 class _Meter:
-    """Pooch's progress-bar protocol: moves the bar, and stops a download nobody waits for."""
+    """Pooch's progress-bar protocol: moves the bar, and stops a download nobody waits for.
 
-    def __init__(self, abandoned: threading.Event, bar: Any) -> None:
-        self.abandoned, self.bar = abandoned, bar
+    It also stops one of more than `most` bytes, which is not what was published.
+    """
+
+    def __init__(self, abandoned: threading.Event, bar: Any, most: int) -> None:
+        self.abandoned, self.bar, self.most = abandoned, bar, most
+        self.arrived = 0
         self.total = 0
         self.shown = 0
 
@@ -253,6 +265,10 @@ class _Meter:
         """`n` more bytes have arrived."""
         if self.abandoned.is_set():
             raise _AbandonedError
+        # Pooch counts the last chunk as a whole one.
+        self.arrived += n
+        if self.arrived > self.most + _CHUNK:
+            raise _TooLongError
         n = min(n, self.total - self.shown) if self.total else 0
         self.shown += n
         if self.bar is not None:
@@ -260,6 +276,7 @@ class _Meter:
 
     def reset(self) -> None:
         """Pooch resets before it fills the bar; what is shown is already right."""
+        self.arrived = 0
 
     def close(self) -> None:
         """Nothing is held open."""

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from eitbench.scenarios.errors import DataCorruptError, InputError, UnreadableError
 from eitbench.scenarios.recordings import layout
+from eitbench.scenarios.recordings.mat_variables import Variable, variables
 from eitbench.scenarios.recordings.plain import COLUMNS, content_of, frames_alone, head_of
 from eitbench.scenarios.recordings.recording_file import Content
 from eitbench.scenarios.sensors import Sensor
@@ -52,8 +53,8 @@ def read_mat_recording(path: Path, sensor: Sensor | None) -> Content:
     if sensor is not None:
         raise InputError(f"{path} says on which sensor it was measured: leave out --sensor.")
     try:
-        head = json.loads(str(found["header"].reshape(-1)[0]))
-    except (ValueError, IndexError) as error:
+        head = json.loads(str(found["header"]))
+    except (ValueError, RecursionError) as error:
         raise DataCorruptError(f"{path} cannot be imported: its header is damaged.") from error
     columns = {name: _numbers(found, name, path).reshape(-1) for name in COLUMNS}
     if {len(column) for column in columns.values()} != {len(values)}:
@@ -61,25 +62,19 @@ def read_mat_recording(path: Path, sensor: Sensor | None) -> Content:
     return content_of(head if isinstance(head, dict) else {}, columns, values, path)
 
 
-def _variables(path: Path, names: tuple[str, ...]) -> dict[str, NDArray[Any]]:
-    import scipy.io
-
+def _variables(path: Path, names: tuple[str, ...]) -> dict[str, Variable]:
     try:
-        path.open("rb").close()
+        return variables(path, names)
     except OSError as error:
         raise UnreadableError(f"Cannot read {path}: {error.strerror}.") from error
-    try:
-        content = scipy.io.loadmat(str(path), appendmat=False, variable_names=list(names))
-    # scipy's parser of damaged files fails in whatever way the damage leads to.
     except Exception as error:
         raise DataCorruptError(
             f"{path} is not a readable MATLAB file: save it with -v7, or again."
         ) from error
-    return {name: array for name, array in content.items() if isinstance(array, np.ndarray)}
 
 
-def _numbers(found: dict[str, NDArray[Any]], name: str, path: Path) -> NDArray[Any]:
+def _numbers(found: dict[str, Variable], name: str, path: Path) -> NDArray[Any]:
     array = found.get(name)
-    if array is None or array.dtype.kind not in "fiub":
+    if array is None or isinstance(array, str):
         raise DataCorruptError(f"{path} holds no array {name!r}, so it cannot be imported.")
     return array

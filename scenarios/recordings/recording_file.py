@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from eitbench.scenarios.described_sensor import describe_sensor, described_sensor
 from eitbench.scenarios.errors import DataCorruptError, InputError, UnreadableError
+from eitbench.scenarios.limits import own_dataset
 from eitbench.scenarios.recordings import layout
 from eitbench.scenarios.recordings.unclosed import readable
 from eitbench.scenarios.sensors import Sensor
@@ -223,8 +224,6 @@ def _header(file: Any) -> dict[str, Any]:
 
 
 def _datasets(file: Any, size: int) -> dict[str, NDArray[Any]]:
-    import h5py
-
     kinds: dict[str, tuple[Any, int]] = {
         layout.VALUES: ("<f8", 2),
         layout.PATTERN: ("<i8", 2),
@@ -235,14 +234,13 @@ def _datasets(file: Any, size: int) -> dict[str, NDArray[Any]]:
     }
     found = {}
     for name, (kind, dimensions) in kinds.items():
-        part = file.get(name)
-        if not isinstance(part, h5py.Dataset):
-            raise _LayoutError(f"it has no {name!r}")
+        # Nothing is compressed, so that a damaged size cannot ask for more memory than there is.
+        try:
+            part = own_dataset(file, name, size + (1 << 20))
+        except ValueError as error:
+            raise _LayoutError(str(error)) from error
         if part.dtype != np.dtype(kind) or len(part.shape) != dimensions:
             raise _LayoutError(f"{name!r} is not of the right type")
-        # Nothing is compressed, so that a damaged size cannot ask for more memory than there is.
-        if part.size * part.dtype.itemsize > size + (1 << 20):
-            raise _LayoutError(f"{name!r} claims to be larger than the file")
         found[name] = np.asarray(part[()])
     return found
 

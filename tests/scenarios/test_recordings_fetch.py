@@ -326,3 +326,31 @@ def test_no_bar_leaves_an_empty_line_where_there_is_no_terminal(
 ) -> None:
     fetch(skin, progress=True)
     assert capsys.readouterr().err == ""
+
+
+def test_a_download_without_end_is_stopped(
+    skin: RecordedSet, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A server that sends more than was published is not listened to until the disk is full."""
+    sent = []
+
+    class Endless(QuietHandler):
+        def do_GET(self) -> None:
+            self.send_response(200)
+            self.end_headers()
+            try:
+                for _ in range(4000):
+                    self.wfile.write(bytes(2**16))
+                    sent.append(2**16)
+            except OSError:
+                pass
+
+    server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), Endless)
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    redirect(monkeypatch, server.server_address[1])
+    with pytest.raises(DataCorruptError, match=r"published \(it is longer\)"):
+        fetch(skin)
+    server.shutdown()
+    server.server_close()
+    assert sum(sent) < 50_000_000  # what the connection holds, not the 260 MB that were offered
+    assert left_in_cache(skin) == set()

@@ -1,0 +1,99 @@
+"""Numbers and text of MATLAB files of version 5 to 7, read without trusting what they claim.
+
+SciPy's reader of such files takes types and sizes of a damaged one on trust, and can crash the
+process; it is kept for files whose checksum is known.
+Source: MATLAB, MAT-File Format, R2024a, "Level 5 MAT-Files".
+"""
+
+import math
+import struct
+import zlib
+from collections.abc import Collection, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eitbench.scenarios.limits import most_bytes
+
+_HEADER = 128
+_MATRIX, _COMPRESSED = 14, 15
+_NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8",
+            13: "u8"}  # fmt: skip
+_TEXTS = {1: "ascii", 2: "ascii", 4: "utf-16-le", 16: "utf-8", 17: "utf-16-le", 18: "utf-32-le"}
+_CHAR, _COMPLEX = 4, 0x800
+_CLASSES = {6: "f8", 7: "f4", 8: "i1", 9: "u1", 10: "i2", 11: "u2", 12: "i4", 13: "u4", 14: "i8",
+            15: "u8"}  # fmt: skip
+
+Variable = NDArray[Any] | str
+
+
+def variables(path: Path, names: Collection[str]) -> dict[str, Variable]:
+    """Those of the variables `names` in the file at `path` that are real arrays or text.
+
+    Raises:
+        OSError: the file cannot be read.
+        ValueError, LookupError, struct.error, zlib.error: it is damaged, or of another kind.
+    """
+    content = path.read_bytes()
+    if content[124:_HEADER] != b"\x00\x01IM":  # little-endian, as every MATLAB of today writes
+        raise ValueError("it is no MATLAB file of version 5 to 7")
+    found, place = {}, _HEADER
+    while place < len(content):
+        kind, size = struct.unpack_from("<II", content, place)
+        place += 8
+        data = content[place : place + size]
+        if len(data) < size:
+            raise ValueError("it was cut short")
+        place += size
+        if kind == _COMPRESSED:
+            kind, data = next(_elements(_unpacked(data, most_bytes(path))))
+        if kind == _MATRIX and data:
+            name, value = _variable(data)
+            if name in names and value is not None:
+                found[name] = value
+    return found
+
+
+def _unpacked(data: bytes, most: int) -> bytes:
+    unpacker = zlib.decompressobj()
+    content = unpacker.decompress(data, most)
+    if not unpacker.eof:
+        raise ValueError("a variable was cut short or is much larger than the file")
+    return content
+
+
+def _elements(data: bytes) -> Iterator[tuple[int, bytes]]:
+    """Type and content of the elements that follow each other in `data`."""
+    place = 0
+    while place < len(data):
+        (word,) = struct.unpack_from("<I", data, place)
+        if word >> 16:  # up to four bytes stand in the tag itself
+            kind, size, place = word & 0xFFFF, word >> 16, place + 4
+            after = place + 4
+        else:
+            kind, (size,), place = word, struct.unpack_from("<I", data, place + 4), place + 8
+            after = place + size + -size % 8
+        if place + size > min(after, len(data)):
+            raise ValueError("an element is longer than what holds it")
+        yield kind, data[place : place + size]
+        place = after
+
+
+def _variable(data: bytes) -> tuple[str, Variable | None]:
+    """Name and value of a matrix; None for one that is neither real numbers nor text."""
+    elements = _elements(data)
+    (_, flags), (_, shape), (_, name) = next(elements), next(elements), next(elements)
+    (kind,) = struct.unpack_from("<I", flags)
+    called = name.decode("ascii")
+    if kind & _COMPLEX or (kind & 0xFF != _CHAR and kind & 0xFF not in _CLASSES):
+        return called, None
+    stored, values = next(elements, (1, b""))
+    if kind & 0xFF == _CHAR:
+        return called, values.decode(_TEXTS[stored])
+    sizes = np.frombuffer(shape, "<i4").tolist()
+    array = np.frombuffer(values, f"<{_NUMBERS[stored]}")
+    if min(sizes, default=-1) < 0 or math.prod(sizes) != array.size:
+        raise ValueError("an array has not as many values as it claims")
+    return called, array.astype(_CLASSES[kind & 0xFF]).reshape(sizes, order="F")

@@ -1,0 +1,316 @@
+"""What is fuzzed: every reader that a user's file reaches, with valid files to spoil."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import scipy.io
+from tests.security import mutations
+from tests.security.mutations import Mutation
+
+from eitbench.benchmark import comparison, manifest, selection, submission
+from eitbench.benchmark.kind import METHODS
+from eitbench.benchmark.ladder import read_ladder
+from eitbench.benchmark.plan import Plan, make_plan
+from eitbench.benchmark.rescore import rescored
+from eitbench.benchmark.results import NOTES_FILE, read_run
+from eitbench.benchmark.runner import start_run
+from eitbench.benchmark.store import SAMPLES, Batch, Cell, RunStore
+from eitbench.hardware.board import Frame
+from eitbench.hardware.recorder import Recorder
+from eitbench.methods.tensor_file import read_tensors
+from eitbench.methods.training.checkpoint import Checkpoint
+from eitbench.reports.gathered import gather
+from eitbench.reports.leaderboard import FORMATS, leaderboard, write_leaderboard
+from eitbench.scenarios.cache_file import CacheFile
+from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.recordings.checking import check
+from eitbench.scenarios.recordings.csv_file import read_csv, write_csv
+from eitbench.scenarios.recordings.mat_recording import read_mat_recording, write_mat
+from eitbench.scenarios.recordings.own import own_set
+from eitbench.scenarios.recordings.recording_file import read_file
+from eitbench.scenarios.sensor_file import read_sensor
+from eitbench.scenarios.suites import load_suite, read_suite, suites
+
+
+@dataclass(frozen=True)
+class Target:
+    """A kind of file.
+
+    Attributes:
+        form: format of the file.
+        file: where a spoilt one is put, in the working folder.
+        originals: valid ones.
+        mutation: what spoils them.
+        read: calls our readers with the path of a spoilt one.
+        share: how often it is drawn; cheap ones more often.
+    """
+
+    form: str
+    file: str
+    originals: Sequence[bytes]
+    mutation: Mutation
+    read: Callable[[Path], object]
+    share: int
+
+
+SUITE = """
+name = "tiny"
+title = "The cheapest suite there is"
+methods = ["tikhonov", "noser"]
+
+[[scenarios]]
+kind = "simulated"
+name = "tiny"
+image_shape = [16, 16]
+families = ["circle"]
+train = 0
+validation = 2
+test = 12
+"""
+
+SENSOR = """
+name = "mine"
+background = 0.5
+image_shape = [24, 24]
+
+[outline]
+rectangle_mm = [60.0, 60.0]
+
+[electrodes]
+count = 8
+start_mm = 7.5
+width_mm = 5.0
+contact_impedance = [1e-3, 1e-3, 1e-3, 1e-3, 1e-3, 1e-3, 1e-3, 1e-3]
+
+[pattern]
+offset = 2
+"""
+
+POLYGON = """
+name = "bent"
+
+[outline]
+polygon_mm = [[0, 0], [40, 0], [40, 40], [20, 20], [0, 40]]
+
+[electrodes]
+centres_mm = [10, 50, 70, 100]
+width_mm = [4, 4, 4, 4]
+
+[pattern]
+table = [[0, 1, 2, 3], [1, 2, 3, 0]]
+magnitudes = true
+"""
+
+
+def targets(folder: Path) -> dict[str, Target]:
+    """All of them by name, made ready in the empty `folder`, where spoilt files are put too."""
+    os.environ["EITBENCH_CACHE"] = str(folder / "cache")
+    os.environ.pop("EITBENCH_DATA", None)
+    suite = folder / "suite.toml"
+    suite.write_text(SUITE)
+    plan = make_plan(load_suite(suite))
+    run = start_run(plan, folder / "run").path
+    return {**_recordings(folder), **_declarations(), **_runs(folder, run), **_others(folder, run)}
+
+
+def _recordings(folder: Path) -> dict[str, Target]:
+    recording = folder / "original.h5"
+    eight = read_sensor(_written(folder / "eight.toml", SENSOR.encode()))
+    values = 1 + 0.01 * np.random.default_rng(1).normal(size=(6, eight.n_measurements))
+    with Recorder(recording, eight, "fake", firmware="1") as recorder:
+        for k, frame in enumerate(values):
+            recorder.append(Frame(k, k / 10, k / 10, frame))
+        recorder.untouched(0, 1)
+        recorder.label(2, 4, x_m=0.03, y_m=0.04, state="a")
+        recorder.event("started", 0.0)
+    content, _ = read_file(recording)
+    write_csv(content, folder / "original.csv")
+    write_mat(content, folder / "original.mat")
+    bare = "".join(",".join(map(str, row)) + "\n" for row in values.tolist())
+    plain = io.BytesIO()
+    scipy.io.savemat(plain, {"values": values})
+
+    def own(path: Path) -> None:
+        check(path)
+        own_set(path).read(path.parent)
+
+    def csv_of(path: Path) -> None:
+        try:
+            read_csv(path, None)
+        except InputError:
+            read_csv(path, eight)
+
+    def mat_of(path: Path) -> None:
+        try:
+            read_mat_recording(path, None)
+        except InputError:
+            read_mat_recording(path, eight)
+
+    return {
+        "recording": Target("HDF5", "spoilt.h5", [recording.read_bytes()], mutations.hdf5, own, 6),
+        "csv": Target(
+            "CSV",
+            "spoilt.csv",
+            [(folder / "original.csv").read_bytes(), bare.encode()],
+            mutations.text,
+            csv_of,
+            34,
+        ),
+        "mat": Target(
+            "MATLAB",
+            "spoilt.mat",
+            [(folder / "original.mat").read_bytes(), plain.getvalue()],
+            mutations.mat,
+            mat_of,
+            24,
+        ),
+    }
+
+
+def _declarations() -> dict[str, Target]:
+    files = [path.read_bytes() for path in suites().values() if path.stat().st_size < 3000]
+    return {
+        "sensor": Target(
+            "TOML",
+            "spoilt-sensor.toml",
+            [SENSOR.encode(), POLYGON.encode()],
+            mutations.text,
+            read_sensor,
+            20,
+        ),
+        "suite": Target(
+            "TOML", "spoilt-suite.toml", [SUITE.encode(), *files], mutations.text, read_suite, 20
+        ),
+    }
+
+
+def _runs(folder: Path, run: Path) -> dict[str, Target]:
+    """The files of a run directory, each spoilt beside whole ones."""
+    whole = read_run(run)
+    write_leaderboard(leaderboard([run]), run)
+    results = comparison.read_results(run)
+    plan = Plan.of(whole.manifest, run)
+
+    def shown(path: Path) -> None:
+        rows = leaderboard([path.parent])
+        for write in FORMATS.values():
+            write(rows)
+
+    def described(path: Path) -> None:
+        shown(path)
+        list(rescored(read_run(path.parent)))
+        Plan.of(manifest.read_resumable(path.parent), path.parent)
+
+    def scored(path: Path) -> None:
+        shown(path)
+        list(rescored(read_run(path.parent)))
+
+    def reported(path: Path) -> None:
+        gather([path.parent])
+        read_ladder(read_run(path.parent))
+
+    def images(path: Path) -> None:
+        spoilt = read_run(path.parent)
+        spoilt.scene("tiny", range(3))
+        spoilt.estimates("tiny", "noser", range(3))
+        list(rescored(spoilt))
+
+    def baseline(path: Path) -> None:
+        comparison.losses(comparison.read_results(path), results, {})
+
+    def submitted(path: Path) -> None:
+        spoilt = read_run(path.parent)
+        told = submission.CHECKS["the leaderboard follows from the figures"]
+        told(spoilt, plan, 1)
+
+    notes = json.dumps({"tiny": {"guess_mm": 3.0, "repeat_noise": None}}).encode()
+    kinds: dict[str, tuple[str, str, Mutation, Callable[[Path], object], int]] = {
+        "samples": ("Parquet", SAMPLES, mutations.parquet, scored, 5),
+        "cells": ("Parquet", METHODS.table, mutations.parquet, shown, 4),
+        "baseline": ("Parquet", SAMPLES, mutations.parquet, baseline, 3),
+        "arrays": ("HDF5", METHODS.arrays, mutations.hdf5, images, 3),
+        "manifest": ("JSON", manifest.FILE_NAME, mutations.json_text, described, 2),
+        "reported": ("JSON", manifest.FILE_NAME, mutations.json_text, reported, 1),
+        "notes": ("JSON", NOTES_FILE, mutations.json_text, shown, 2),
+        "submission": ("JSON", submission.LEADERBOARD, mutations.json_text, submitted, 2),
+    }
+    found = {}
+    for name, (form, file, mutation, read, share) in kinds.items():
+        place = folder / f"run-{name}"
+        place.mkdir()
+        for path in run.iterdir():
+            if path.is_file() and path.name != file:
+                (place / path.name).write_bytes(path.read_bytes())
+        original = (run / file).read_bytes() if file != NOTES_FILE else notes
+        found[name] = Target(form, f"{place.name}/{file}", [original], mutation, read, share)
+    return found
+
+
+def _others(folder: Path, run: Path) -> dict[str, Target]:
+    """Parts of a run, the cache, weights and choices."""
+    import torch
+
+    rng = np.random.default_rng(2)
+    store, cell = RunStore(folder / "parts-run", METHODS), Cell("tiny", "noser")
+    images = rng.normal(size=(2, 4, 4)).astype(np.float32)
+    store.save_batch(cell, "test", Batch(0, ["ok", "error"], ["", "no"], {"conductivity": images}))
+    (part,) = (folder / "parts-run").rglob("*.npz")
+    cached = CacheFile(folder / "cached.h5", {"a": 1})
+    cached.write(rng.normal(size=(3, 5)))
+    tensors = {"a.b": torch.ones(3, 2), "c": torch.zeros(4, dtype=torch.int64)}
+    Checkpoint(tensors, {}, {}, ()).write(folder / "training", {"epochs": 3})
+    checkpoint = folder / "training" / "checkpoint.safetensors"
+    scenario = load_suite(folder / "suite.toml").scenarios[0]
+    choice = selection.Choice({"a": 1.0}, 1.0, (selection.Trial({"a": 1.0}, 1.0),))
+    choices = selection.record(scenario, {"tikhonov": choice}, selection.user_choices())
+
+    def weights(path: Path) -> None:
+        read_tensors(path)
+        Checkpoint.read(path.parent, {"epochs": 3})
+
+    return {
+        "batch": Target(
+            "NPZ",
+            str(part.relative_to(folder)),
+            [part.read_bytes()],
+            mutations.npz,
+            lambda path: store.batch(cell, "test", 0),
+            26,
+        ),
+        "cache": Target(
+            "HDF5",
+            "cached.h5",
+            [(folder / "cached.h5").read_bytes()],
+            mutations.hdf5,
+            lambda path: cached.read(),
+            3,
+        ),
+        "weights": Target(
+            "safetensors",
+            "training/checkpoint.safetensors",
+            [checkpoint.read_bytes()],
+            mutations.safetensors,
+            weights,
+            40,
+        ),
+        "choices": Target(
+            "JSON",
+            str(choices.relative_to(folder)),
+            [choices.read_bytes()],
+            mutations.json_text,
+            lambda path: selection.selected_parameters(scenario, "tikhonov"),
+            14,
+        ),
+    }
+
+
+def _written(path: Path, content: bytes) -> Path:
+    path.write_bytes(content)
+    return path

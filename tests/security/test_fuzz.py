@@ -1,0 +1,106 @@
+"""A small part of the fuzzing, and whether it would notice. docs/security.md tells of the whole."""
+
+import importlib
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def fuzzed(out: Path, *options: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "tests.security.fuzz", "--out", str(out), *options],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+def test_spoilt_files_of_all_formats_are_taken_or_refused(tmp_path: Path) -> None:
+    done = fuzzed(tmp_path, "--files", "300", "--seed", "7")
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert done.stdout.splitlines()[-1].endswith(" files, 0 findings")
+    told = {path.stem: json.loads(path.read_text()) for path in tmp_path.glob("*.json")}
+    assert len(told) == 17
+    assert sum(tally["files"] for tally in told.values()) >= 300
+    assert sum(tally["taken"] for tally in told.values()) > 30
+
+
+@pytest.mark.slow
+def test_a_hundred_thousand_spoilt_files(tmp_path: Path) -> None:
+    done = fuzzed(tmp_path, "--files", "100000", "--jobs", str(os.cpu_count()))
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+@pytest.fixture
+def fuzz(monkeypatch: pytest.MonkeyPatch) -> Any:
+    monkeypatch.syspath_prepend(str(ROOT))
+    return importlib.import_module("tests.security.fuzz")
+
+
+def fill(path: Path) -> None:
+    np.ones(2**26)  # 512 MB
+
+
+def hang(path: Path) -> None:
+    time.sleep(60)
+
+
+def dawdle(path: Path) -> None:
+    time.sleep(0.7)
+
+
+def crash(path: Path) -> None:
+    os.kill(os.getpid(), signal.SIGSEGV)
+
+
+def fail(path: Path) -> None:
+    raise KeyError("x")
+
+
+@pytest.mark.parametrize(
+    ("read", "limit_s", "problem"),
+    [
+        (fill, 10.0, "memory: 5"),
+        (hang, 1.0, "hang: more than 1 s"),
+        (dawdle, 0.6, "time: 1 s"),
+        (crash, 10.0, "crash: ended with -11"),
+        (fail, 10.0, "KeyError at test_fuzz.py:fail: 'x'"),
+    ],
+)
+def test_what_goes_wrong_is_found(
+    fuzz: Any,
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+    read: Callable[[Path], None],
+    limit_s: float,
+    problem: str,
+) -> None:
+    def third(path: Path) -> None:
+        if path.read_bytes() == b"third":
+            read(path)
+
+    contents = [b"first", b"second", b"third", b"fourth"]
+    monkeypatch.setattr(fuzz, "LIMIT_S", limit_s)
+    monkeypatch.setattr(fuzz, "spoilt", lambda seed, name, target, k: contents[k])
+    target = fuzz.Target("x", "x", [b""], lambda draws, data: data, third, 1)
+    tally = fuzz.Tally()
+    reader = fuzz.Reader(tmp_path, 1, {"x": target})
+    reader("x", range(4), tally)
+    reader.close()
+    assert tally.files == 4
+    assert tally.taken >= 3
+    ((k, found),) = tally.findings
+    assert k == 2
+    assert found.startswith(problem)

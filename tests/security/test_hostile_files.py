@@ -1,0 +1,195 @@
+"""Files made to harm: bombs, ways into other files, nesting without end. Each costs a sentence."""
+
+import io
+import json
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pandas as pd
+import pytest
+
+from eitbench.benchmark.kind import METHODS
+from eitbench.benchmark.manifest import read as read_manifest
+from eitbench.benchmark.results import Run, read_table
+from eitbench.benchmark.store import Batch, Cell, RunStore
+from eitbench.hardware.board import Frame
+from eitbench.hardware.recorder import Recorder
+from eitbench.scenarios import sensor
+from eitbench.scenarios.errors import DataCorruptError, InputError
+from eitbench.scenarios.recordings.csv_file import read_csv
+from eitbench.scenarios.recordings.recording_file import read_file
+from eitbench.scenarios.sensor_file import read_sensor
+
+CELL = Cell("s", "m")
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> RunStore:
+    store = RunStore(tmp_path / "run", METHODS)
+    store.save_batch(CELL, "test", Batch(0, ["ok"], [""], {"conductivity": np.ones((1, 4, 4))}))
+    return store
+
+
+def part_of(store: RunStore) -> Path:
+    (path,) = store.path.rglob("*.npz")
+    return path
+
+
+def archive(members: dict[str, bytes], way: int) -> bytes:
+    out = io.BytesIO()
+    with zipfile.ZipFile(out, "w", way) as file:
+        for name, content in members.items():
+            file.writestr(name, content)
+    return out.getvalue()
+
+
+def members_of(path: Path) -> dict[str, bytes]:
+    with zipfile.ZipFile(path) as file:
+        return {name: file.read(name) for name in file.namelist()}
+
+
+def test_a_zip_bomb_is_not_unpacked(store: RunStore) -> None:
+    path = part_of(store)
+    zeros = io.BytesIO()
+    np.save(zeros, np.zeros(25_000_000))
+    members = members_of(path) | {"bomb.npy": zeros.getvalue()}
+    path.write_bytes(archive(members, zipfile.ZIP_DEFLATED))
+    assert path.stat().st_size < 300_000
+    with pytest.raises(DataCorruptError, match="claims to hold more than the file"):
+        store.batch(CELL, "test", 0)
+
+
+def test_names_in_an_archive_lead_nowhere(store: RunStore, tmp_path: Path) -> None:
+    path = part_of(store)
+    before = sorted(tmp_path.rglob("*"))
+    array = members_of(path)["conductivity.npy"]
+    names = dict.fromkeys(["../../../up.npy", "/root/up.npy", "C:\\up.npy"], array)
+    path.write_bytes(archive(members_of(path) | names, zipfile.ZIP_STORED))
+    assert "../../../up" in store.batch(CELL, "test", 0).values
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_objects_in_an_archive_are_not_unpickled(store: RunStore, tmp_path: Path) -> None:
+    path = part_of(store)
+
+    class Touch:
+        def __reduce__(self) -> tuple[Any, ...]:
+            return Path.touch, (tmp_path / "touched",)
+
+    array = io.BytesIO()
+    np.save(array, np.array([Touch()], dtype=object))
+    path.write_bytes(archive(members_of(path) | {"x.npy": array.getvalue()}, zipfile.ZIP_STORED))
+    with pytest.raises(DataCorruptError, match="Object arrays cannot be loaded"):
+        store.batch(CELL, "test", 0)
+    assert not (tmp_path / "touched").exists()
+
+
+@pytest.fixture
+def recording(tmp_path: Path) -> Path:
+    foam = sensor("foam16")
+    with Recorder(tmp_path / "sound.h5", foam, "fake") as recorder:
+        for k in range(3):
+            recorder.append(Frame(k, float(k), float(k), np.ones(foam.n_measurements)))
+    return tmp_path / "sound.h5"
+
+
+def outside_data(file: h5py.File, folder: Path) -> None:
+    (folder / "secret").write_bytes(bytes(range(256)) * 30)
+    file.create_dataset("frames/time_s", (3,), "<f8", external=[(folder / "secret", 0, 24)])
+
+
+def outside_link(file: h5py.File, folder: Path) -> None:
+    with h5py.File(folder / "other.h5", "w") as other:
+        other["times"] = np.arange(3.0)
+    file["frames/time_s"] = h5py.ExternalLink(str(folder / "other.h5"), "/times")
+
+
+def outside_source(file: h5py.File, folder: Path) -> None:
+    with h5py.File(folder / "other.h5", "w") as other:
+        other["times"] = np.arange(3.0)
+    layout = h5py.VirtualLayout((3,), "<f8")
+    layout[:] = h5py.VirtualSource(str(folder / "other.h5"), "times", (3,))
+    file.create_virtual_dataset("frames/time_s", layout)
+
+
+@pytest.mark.parametrize("lead", [outside_data, outside_link, outside_source])
+def test_a_recording_does_not_read_other_files(
+    recording: Path, tmp_path: Path, lead: Callable[[h5py.File, Path], None]
+) -> None:
+    with h5py.File(recording, "r+") as file:
+        del file["frames/time_s"]
+        lead(file, tmp_path)
+    with pytest.raises(DataCorruptError, match="'frames/time_s' leads into another file"):
+        read_file(recording)
+
+
+def images(path: Path, size: int) -> Run:
+    """A run whose file of arrays claims `size` images of which none was ever written."""
+    with h5py.File(path / METHODS.arrays, "w") as file:
+        group = file.create_group("s/m")
+        group["sample"] = np.arange(3)
+        group.create_dataset("conductivity", (3, size, size), "<f4", chunks=(1, 64, 64))
+    return Run(path, METHODS, {}, pd.DataFrame(), pd.DataFrame(), {})
+
+
+def test_images_that_were_never_written_take_no_memory(tmp_path: Path) -> None:
+    assert images(tmp_path, 64).estimates("s", "m", range(3)) is not None
+    with pytest.raises(DataCorruptError, match=r"reconstructions\.h5 cannot be read"):
+        images(tmp_path, 100_000).estimates("s", "m", range(3))
+
+
+@pytest.mark.parametrize(
+    "table",
+    [
+        {"data": {"a": np.zeros(40_000_000)}, "compression": "zstd"},
+        {"data": {"a": np.zeros(40_000_000, np.int8)}, "compression": "snappy"},
+        {"data": {"a": ["x" * 100_000] * 5_000}, "compression": "snappy"},
+    ],
+)
+def test_tables_much_larger_than_their_file_are_refused(
+    tmp_path: Path, table: dict[str, Any]
+) -> None:
+    path = tmp_path / "bomb.parquet"
+    pd.DataFrame(table["data"]).to_parquet(path, compression=table["compression"])
+    with pytest.raises(DataCorruptError, match="not a readable Parquet file"):
+        read_table(path)
+
+
+DEEP = "[" * 100_000
+
+
+def test_nesting_without_end_is_told(tmp_path: Path) -> None:
+    (tmp_path / "deep.toml").write_text(f"a = {DEEP}")
+    with pytest.raises(InputError, match="lie too deep in one another"):
+        read_sensor(tmp_path / "deep.toml")
+    (tmp_path / "long.toml").write_text(f"a = {'9' * 10_000}")
+    with pytest.raises(InputError, match="a number is too long"):
+        read_sensor(tmp_path / "long.toml")
+    (tmp_path / "manifest.json").write_text(DEEP)
+    with pytest.raises(InputError, match="cannot be read"):
+        read_manifest(tmp_path)
+    (tmp_path / "deep.csv").write_text(f"# eitbench recording 1\n# sensor: {DEEP}\n")
+    with pytest.raises(DataCorruptError, match="its sensor is damaged"):
+        read_csv(tmp_path / "deep.csv", None)
+
+
+@pytest.mark.parametrize(
+    ("told", "says"),
+    [
+        ({"data": {"s": 3}}, "data.s: "),
+        ({"calibration_ms": "fast"}, "calibration_ms: "),
+        ({"calibration_ms": 0}, "calibration_ms: "),
+        ({"plan": {"plugins": [{"path": 3}]}}, "plan.plugins.0.path: "),
+        ({"skipped": ["a"]}, "skipped: "),
+    ],
+)
+def test_a_manifest_of_other_kinds_is_refused(
+    tmp_path: Path, told: dict[str, Any], says: str
+) -> None:
+    (tmp_path / "manifest.json").write_text(json.dumps(told))
+    with pytest.raises(InputError, match=f"is damaged: {says}"):
+        read_manifest(tmp_path)
