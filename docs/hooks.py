@@ -42,24 +42,14 @@ def _cards(cards: Iterable[MetricCard]) -> str:
     return "\n\n".join(
         f"### {card.title} {{ #{card.name} }}\n\n"
         f"`{card.name}`, {'no unit' if card.unit == '1' else card.unit}, {_BEST[card.best]}.\n\n"
-        f"{_plain(card.formula)}\n{{ .definition }}\n\n"
-        f"| | |\n|---|---|\n"
-        f"| Computed for | {_cell(card.domain)} |\n"
-        f"| Counts | {_cell(card.mask)} |\n"
-        f"| Data range | {_cell(card.data_range)} |\n"
-        f"| Summed up as | {card.average} |\n\n"
+        f'<p class="definition">{html.escape(card.formula)}</p>\n\n'
+        f"- Computed for: {card.domain}\n"
+        f"- Counts: {card.mask}\n"
+        f"- Data range: {card.data_range}\n"
+        f"- Summed up as: {card.average}\n\n"
         f"**Traps.** {card.traps}"
         for card in cards
     )
-
-
-def _plain(text: str) -> str:
-    """`text` with nothing in it that Markdown would read as its own."""
-    return re.sub(r"([*_|<>\[\]^$])", r"\\\1", text)
-
-
-def _cell(text: str) -> str:
-    return _plain(text)
 
 
 def _command_line() -> str:
@@ -71,6 +61,8 @@ def _command_line() -> str:
         text=True,
     ).stdout
     without_title = said.split("\n", 1)[1]
+    # Its lists of commands cut their descriptions short; each follows in full.
+    without_title = re.sub(r"\*\*Commands\*\*:\n\n(\* .*\n)+", "", without_title)
     return re.sub(r"^Example: (.*)$", r"Example: `\1`", without_title, flags=re.MULTILINE)
 
 

@@ -148,9 +148,11 @@ def test_every_fence_is_run_or_a_listing(page: Path) -> None:
 def test_commands_in_its_sentences_exist(page: Path) -> None:
     for token in MarkdownIt("commonmark").enable("table").parse(page.read_text()):
         for part in token.children or ():
-            whole = part.type == "code_inline" and re.match(r"eitbench [a-z]", part.content)
-            if whole and "..." not in part.content and " > " not in part.content:
-                parse(shlex.split(part.content))
+            if part.type != "code_inline" or not re.match(r"eitbench [a-z]", part.content):
+                continue
+            words = shlex.split(part.content)
+            if "..." not in words and command_of(words)[1]:  # a mere name has to be one
+                parse(words)
 
 
 @pytest.fixture(scope="module")
@@ -217,6 +219,8 @@ class Reader:
             code = compile(block.code, f"line {block.line}", "exec")
             if run and block.file is None:
                 exec(code, self._names)
+        elif block.language == "toml" and block.parsed_only:
+            tomllib.loads(block.code)
         elif block.language == "toml":
             read_listing(block)
         elif block.language == "json":
@@ -283,15 +287,20 @@ def read_listing(block: Block) -> None:
         assert "project" in declared, "Nothing here reads such a file."
 
 
-def parse(words: list[str]) -> None:
-    """Check a command as the command line would, down to the methods and scenarios of a run."""
+def command_of(words: list[str]) -> tuple[Any, list[str]]:
+    """The command that is named, and the words that follow its name."""
     found, rest = get_command(cli.app), words[1:]
     context = found.make_context("eitbench", ["list"], resilient_parsing=True)
     while hasattr(found, "get_command") and rest:
         inner = found.get_command(context, rest[0])
         assert inner is not None, f"There is no command {shlex.join(words)}"
         found, rest = inner, rest[1:]
-    rest = rest[: rest.index(">")] if ">" in rest else rest
+    return found, rest[: rest.index(">")] if ">" in rest else rest
+
+
+def parse(words: list[str]) -> None:
+    """Check a command as the command line would, down to the methods and scenarios of a run."""
+    found, rest = command_of(words)
     params = found.make_context(found.name or "", list(rest), resilient_parsing=False).params
     if found.name == "run" and params["suite"] in suites() and not params["plugin"]:
         chosen = {key: (params[key] or "").split(",") for key in ("methods", "scenarios")}
