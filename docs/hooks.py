@@ -13,9 +13,7 @@ from eitbench.benchmark.cards import METRICS, MetricCard
 from eitbench.benchmark.operator_cards import OPERATOR_COSTS, OPERATOR_METRICS
 
 # What arithmatex leaves of $...$ and $$...$$, outside code.
-_FORMULA = re.compile(
-    r'<(span|div) class="arithmatex">\\[(\[](.*?)\\[)\]]</\1>', flags=re.DOTALL
-)
+_FORMULA = re.compile(r'<(span|div) class="arithmatex">\\[(\[](.*?)\\[)\]]</\1>', flags=re.DOTALL)
 _PLACE = re.compile(r"^<!-- generated: (.*?) -->$", flags=re.MULTILINE)
 _BEST = {"max": "more is better", "min": "less is better", None: "descriptive"}
 

@@ -1,4 +1,7 @@
-"""Links to the outside: well-formed always, reached in the nightly tests. (Inner ones: the site.)"""
+"""Links: those of the site are checked when it is built; here the others, and those to the outside.
+
+That addresses can be reached is tested in the nightly tests only.
+"""
 
 import re
 import urllib.error
@@ -20,6 +23,21 @@ def addresses() -> dict[str, str]:
         for page in sorted(PAGES)
         for address in ADDRESS.findall(page.read_text())
     }
+
+
+@pytest.mark.parametrize("name", ["README.md", "CONTRIBUTING.md"])
+def test_links_of_pages_beside_the_site_lead_somewhere(name: str) -> None:
+    text = (ROOT / name).read_text()
+    for link in re.findall(r"\]\(([^)\s]+)\)", text):
+        if urlparse(link).scheme:
+            continue
+        file, _, anchor = link.partition("#")
+        target = ROOT / file if file else ROOT / name
+        assert target.exists(), f"{name}: {link}"
+        if anchor:
+            headings = re.findall(r"^#+ (.+)$", target.read_text(), flags=re.MULTILINE)
+            known = [re.sub(r"[^\w -]", "", title).lower().replace(" ", "-") for title in headings]
+            assert anchor in known, f"{name}: {link}"
 
 
 def test_addresses_are_well_formed() -> None:

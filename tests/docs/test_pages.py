@@ -240,7 +240,8 @@ class Reader:
             self._run(words)
         for words in block.commands:
             if words[0] == "make":
-                subprocess.run(["make", "-n", *words[1:]], cwd=ROOT, check=True)
+                dry = ["make", "-n", f"PYTHON={sys.executable}", *words[1:]]
+                subprocess.run(dry, cwd=ROOT, check=True, stdout=subprocess.DEVNULL)
             if words[0] != "eitbench":
                 continue
             parse(words)
@@ -320,11 +321,11 @@ def parses(words: list[str]) -> bool:
 @contextmanager
 def forgetting_plugins() -> Iterator[None]:
     """What a command's plugin registers is gone with it, as if it had a process of its own."""
-    before = [(registry._registered, dict(registry._registered)) for registry in REGISTRIES]
+    before = [registry.known() for registry in REGISTRIES]  # all built-in ones are imported by this
     yield
-    for known, kept in before:
-        for name in known.keys() - kept.keys():
-            del known[name]
+    for registry, kept in zip(REGISTRIES, before, strict=True):
+        for name in registry.known().keys() - kept.keys():
+            del registry._registered[name]
 
 
 @contextmanager
