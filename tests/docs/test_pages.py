@@ -62,7 +62,7 @@ BY_HAND = ("pip", "python", "python3", ".", ".venv/bin/pip", ".venv/bin/pytest",
 """Commands that only a fence with a reason may hold."""
 
 # Typer raises these of click's, or of its own copy of click, which has no public name.
-BAD_USAGE = typer.BadParameter.__mro__[1]
+BAD_USAGE: type[Exception] = typer.BadParameter.__mro__[1]
 Command = Callable[..., tuple[int, str, str]]
 
 
@@ -255,10 +255,13 @@ class Reader:
 
     def _run(self, words: list[str]) -> None:
         if words[0] == "cp":
-            copy = shutil.copytree if Path(words[1]).is_dir() else shutil.copyfile
-            copy(*words[1:])
+            source, target = words[1:]
+            if Path(source).is_dir():
+                shutil.copytree(source, target)
+            else:
+                shutil.copyfile(source, target)
             return
-        words, target = (words[:-2], words[-1]) if words[-2] == ">" else (words, None)
+        words, file = (words[:-2], Path(words[-1])) if words[-2] == ">" else (words, None)
         if words[1] == "record":
             words = [*words, *([] if "--guided" in words else ["--seconds", "1"])]
         with emulated_port(words) as arguments:
@@ -269,8 +272,8 @@ class Reader:
             with forgetting_plugins():
                 code, out, err = self._eitbench(*arguments)
         assert code == 0, f"{shlex.join(words)} ended with {code}:\n{out}\n{err}"
-        if target is not None:
-            Path(target).write_text(out)
+        if file is not None:
+            file.write_text(out)
 
 
 def read_listing(block: Block) -> None:
@@ -304,9 +307,11 @@ def parse(words: list[str]) -> None:
     found, rest = command_of(words)
     params = found.make_context(found.name or "", list(rest), resilient_parsing=False).params
     if found.name == "run" and params["suite"] in suites() and not params["plugin"]:
-        chosen = {key: (params[key] or "").split(",") for key in ("methods", "scenarios")}
-        named = {key: [name for name in names if name] for key, names in chosen.items()}
-        make_plan(load_suite(params["suite"]), **named)
+        methods, scenarios = (
+            [name for name in (params[key] or "").split(",") if name]
+            for key in ("methods", "scenarios")
+        )
+        make_plan(load_suite(params["suite"]), methods=methods, scenarios=scenarios)
 
 
 def parses(words: list[str]) -> bool:
