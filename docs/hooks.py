@@ -14,6 +14,7 @@ from eitbench.benchmark.operator_cards import OPERATOR_COSTS, OPERATOR_METRICS
 
 # What arithmatex leaves of $...$ and $$...$$, outside code.
 _FORMULA = re.compile(r'<(span|div) class="arithmatex">\\[(\[](.*?)\\[)\]]</\1>', flags=re.DOTALL)
+_BAR = re.compile(r"<mo>(&#x02016;|&#x0007C;)</mo>")  # would grow as tall as all that follows
 _PLACE = re.compile(r"^<!-- generated: (.*?) -->$", flags=re.MULTILINE)
 _BEST = {"max": "more is better", "min": "less is better", None: "descriptive"}
 
@@ -33,6 +34,7 @@ def _mathml(formula: re.Match[str]) -> str:
     drawn = convert(html.unescape(formula[2]).strip(), display="block" if block else "inline")
     if unknown := re.search(r"<m[io]>\\\w+", drawn):
         raise ValueError(f"A formula has an unknown command, {unknown[0]}: {formula[2]}")
+    drawn = _BAR.sub(r'<mo stretchy="false">\1</mo>', drawn)
     return f'<div class="formula">{drawn}</div>' if block else drawn
 
 
