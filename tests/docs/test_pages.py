@@ -3,7 +3,7 @@
 What a fence is, its language says:
 
 - none, or `sh`: commands, one a line, which have to end well. Boards on a port are emulated ones,
-  guided sessions get their answers, `record` lasts a second, and what serves until Ctrl-C gets that.
+  guided sessions get their answers, `record` lasts a second, what serves until Ctrl-C gets that.
 - `python`: run, or, if its first line is a comment that names a file, written to that file.
 - `toml`: read by whatever reads such a file, and written if its first line names a file.
 - `text` and other listings: nothing.
