@@ -4,7 +4,7 @@ PYTHON ?= $(firstword $(shell for p in python3 python3.13 python3.12 python3.11;
 BIN := .venv/bin
 STAMPS := .venv/.stamps
 
-.PHONY: help demo test slow bench lint types audit tune clean
+.PHONY: help demo test slow bench docs lint types audit tune clean
 
 help:  ## what can be made
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/'
@@ -22,6 +22,9 @@ bench: $(STAMPS)/bench  ## speed, measured beside rivals in one run (docs/speed.
 	@mkdir -p .benchmarks
 	$(BIN)/pytest tests/benchmarks -o addopts="--import-mode=importlib" --benchmark-columns=median,iqr,rounds --benchmark-sort=name --benchmark-json=.benchmarks/last.json
 	$(BIN)/python tests/benchmarks/ratios.py .benchmarks/last.json
+
+docs: $(STAMPS)/docs  ## the documentation as a site, in build/site; warnings are errors
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
 lint: $(STAMPS)/lint  ## ruff
 	$(BIN)/ruff check .
@@ -51,6 +54,10 @@ $(STAMPS)/test: $(STAMPS)/demo
 
 $(STAMPS)/bench: $(STAMPS)/test
 	$(BIN)/pip install --quiet -c constraints.txt -e '.[bench]'
+	@touch $@
+
+$(STAMPS)/docs: $(STAMPS)/demo
+	$(BIN)/pip install --quiet -c constraints.txt -e '.[docs]'
 	@touch $@
 
 $(STAMPS)/lint: $(STAMPS)/demo

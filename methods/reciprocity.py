@@ -18,7 +18,7 @@ def independent(
     """Which measurements reciprocity leaves independent, and how all follow from them.
 
     Returns `first` (K,), the independent measurements' numbers, and `owner` and `sign` (M,), such
-    that v = v[first][owner] * sign.
+    that `v = v[first][owner] * sign`.
     """
     root, sign = np.arange(pattern.n_measurements), np.ones(pattern.n_measurements, np.float32)
     pairs = pattern.reciprocal_pairs()

@@ -1,15 +1,11 @@
-"""docs/recording.md: its sensor, its suite and its commands are what it says."""
+"""docs/recording.md: its sensor, its suite and its layout are what it says."""
 
 import re
-import shlex
 from pathlib import Path
 
 import h5py
 import numpy as np
-import pytest
-from typer.main import get_command
 
-from eitbench import cli
 from eitbench.hardware.board import Frame
 from eitbench.hardware.recorder import Recorder
 from eitbench.scenarios import load_suite, sensor
@@ -18,7 +14,6 @@ from eitbench.scenarios.sensors import Sensor
 TEXT = (Path(__file__).resolve().parents[2] / "docs/recording.md").read_text()
 BLOCKS = re.findall(r"```(\w*)\n(.*?)```", TEXT, flags=re.DOTALL)
 SENSOR, SUITE = (code for language, code in BLOCKS if language == "toml")
-SHELL = [line for language, code in BLOCKS if not language for line in code.splitlines()]
 
 
 def recorded(path: Path, skin: Sensor) -> Path:
@@ -68,15 +63,3 @@ def test_its_layout_is_what_is_written(tmp_path: Path, skin: Sensor) -> None:
         if line.startswith("| attribute")
         for name in re.findall(r"`(\w+)`", line.split("|")[1])
     }
-
-
-@pytest.mark.parametrize("line", [line for line in SHELL if line.startswith("eitbench ")])
-def test_its_commands_exist_with_their_options(line: str) -> None:
-    words = shlex.split(line, comments=True)[1:]
-    found = get_command(cli.app)
-    context = found.make_context("eitbench", ["list"], resilient_parsing=True)
-    while hasattr(found, "get_command"):
-        inner = found.get_command(context, words.pop(0))
-        assert inner is not None
-        found = inner
-    found.make_context(found.name or "", words, resilient_parsing=False)

@@ -14,7 +14,8 @@ import scipy.io
 from tests.security import mutations
 from tests.security.mutations import Mutation
 
-from eitbench.benchmark import comparison, manifest, selection, submission
+from eitbench.benchmark import choices as recorded
+from eitbench.benchmark import comparison, manifest, submission
 from eitbench.benchmark.kind import METHODS
 from eitbench.benchmark.ladder import read_ladder
 from eitbench.benchmark.plan import Plan, make_plan
@@ -260,7 +261,9 @@ def _others(folder: Path, run: Path) -> dict[str, Target]:
     rng = np.random.default_rng(2)
     store, cell = RunStore(folder / "parts-run", METHODS), Cell("tiny", "noser")
     images = rng.normal(size=(2, 4, 4)).astype(np.float32)
-    store.save_batch(cell, "test", Batch(0, ["ok", "error"], ["", "no"], {"conductivity": images}))
+    store.save_batch(
+        cell, "test", Batch(0, ["ok", "error"], ["", "no"], {"conductivity": images}, "{}")
+    )
     (part,) = (folder / "parts-run").rglob("*.npz")
     cached = CacheFile(folder / "cached.h5", {"a": 1})
     cached.write(rng.normal(size=(3, 5)))
@@ -268,8 +271,9 @@ def _others(folder: Path, run: Path) -> dict[str, Target]:
     Checkpoint(tensors, {}, {}, ()).write(folder / "training", {"epochs": 3})
     checkpoint = folder / "training" / "checkpoint.safetensors"
     scenario = load_suite(folder / "suite.toml").scenarios[0]
-    choice = selection.Choice({"a": 1.0}, 1.0, (selection.Trial({"a": 1.0}, 1.0),))
-    choices = selection.record(scenario, {"tikhonov": choice}, selection.user_choices())
+    trials = (recorded.Trial({"a": 1.0}, 1.0),)
+    choice = recorded.Choice({"a": 1.0}, 1.0, trials, recorded.Budget(), "trials")
+    choices = recorded.record(scenario, {"tikhonov": choice}, recorded.user_choices())
 
     def weights(path: Path) -> None:
         read_tensors(path)
@@ -305,7 +309,7 @@ def _others(folder: Path, run: Path) -> dict[str, Target]:
             str(choices.relative_to(folder)),
             [choices.read_bytes()],
             mutations.json_text,
-            lambda path: selection.selected_parameters(scenario, "tikhonov"),
+            lambda path: recorded.selected_parameters(scenario, "tikhonov"),
             14,
         ),
     }

@@ -184,7 +184,8 @@ def test_a_sensor_that_a_board_cannot_measure_is_refused(protocol: Any, other: s
 
 def test_the_documented_bytes_are_the_frame() -> None:
     text = (Path(__file__).parents[3] / "docs/teensy-protocol.md").read_text()
-    example = bytes.fromhex("".join(re.findall(r"^    ([0-9a-f ]+?)(?:  .*)?$", text, re.M)))
+    listing = text.split("```text\n")[1].split("```")[0]
+    example = bytes.fromhex("".join(re.findall(r"^([0-9a-f ]+?)(?:  .*)?$", listing, re.M)))
     square = replace(foam16(), electrodes=foam16().electrodes[::4], pattern=offset_pattern(4, 1))
     assert f"{pattern_id(square.pattern):#06x}" in text
     (frame,) = Teensy(square).feed(example, 1.0)

@@ -1,0 +1,74 @@
+"""What MkDocs does beside Markdown: generated pages, and formulas as MathML, without a network."""
+
+import html
+import re
+import subprocess
+import sys
+from collections.abc import Iterable
+from typing import Any
+
+from latex2mathml.converter import convert
+
+from eitbench.benchmark.cards import METRICS, MetricCard
+from eitbench.benchmark.operator_cards import OPERATOR_COSTS, OPERATOR_METRICS
+
+# What arithmatex leaves of $...$ and $$...$$, outside code.
+_FORMULA = re.compile(r'<(span|div) class="arithmatex">\\[(\[](.*?)\\[)\]]</\1>', flags=re.DOTALL)
+_BAR = re.compile(r"<mo>(&#x02016;|&#x0007C;)</mo>")  # would grow as tall as all that follows
+_PLACE = re.compile(r"^<!-- generated: (.*?) -->$", flags=re.MULTILINE)
+_BEST = {"max": "more is better", "min": "less is better", None: "descriptive"}
+
+
+def on_page_markdown(markdown: str, **_: Any) -> str:
+    """Put generated Markdown where `<!-- generated: NAME -->` stands alone on a line."""
+    return _PLACE.sub(lambda place: GENERATED[place[1]](), markdown)
+
+
+def on_page_content(content: str, **_: Any) -> str:
+    """Turn formulas into MathML, which browsers draw by themselves."""
+    return _FORMULA.sub(_mathml, content)
+
+
+def _mathml(formula: re.Match[str]) -> str:
+    block = formula[1] == "div"
+    drawn = convert(html.unescape(formula[2]).strip(), display="block" if block else "inline")
+    if unknown := re.search(r"<m[io]>\\\w+", drawn):
+        raise ValueError(f"A formula has an unknown command, {unknown[0]}: {formula[2]}")
+    drawn = _BAR.sub(r'<mo stretchy="false">\1</mo>', drawn)
+    return f'<div class="formula">{drawn}</div>' if block else drawn
+
+
+def _cards(cards: Iterable[MetricCard]) -> str:
+    return "\n\n".join(
+        f"### {card.title} {{ #{card.name} }}\n\n"
+        f"`{card.name}`, {'no unit' if card.unit == '1' else card.unit}, {_BEST[card.best]}.\n\n"
+        f'<p class="definition">{html.escape(card.formula)}</p>\n\n'
+        f"- Computed for: {card.domain}\n"
+        f"- Counts: {card.mask}\n"
+        f"- Data range: {card.data_range}\n"
+        f"- Summed up as: {card.average}\n\n"
+        f"**Traps.** {card.traps}"
+        for card in cards
+    )
+
+
+def _command_line() -> str:
+    """What `typer utils docs` says of every command, one heading deeper."""
+    said = subprocess.run(
+        [sys.executable, "-m", "typer", "eitbench.cli", "utils", "docs", "--name", "eitbench"],
+        check=True,
+        capture_output=True,
+        text=True,
+    ).stdout
+    without_title = said.split("\n", 1)[1]
+    # Its lists of commands cut their descriptions short; each follows in full.
+    without_title = re.sub(r"\*\*Commands\*\*:\n\n(\* .*\n)+", "", without_title)
+    return re.sub(r"^Example: (.*)$", r"Example: `\1`", without_title, flags=re.MULTILINE)
+
+
+GENERATED = {
+    "metrics of images": lambda: _cards(METRICS.values()),
+    "metrics of operators": lambda: _cards(OPERATOR_METRICS.values()),
+    "costs of operators": lambda: _cards(OPERATOR_COSTS.values()),
+    "command line": _command_line,
+}

@@ -1,0 +1,100 @@
+"""The built site: its links and references hold, and it asks for nothing outside."""
+
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from html.parser import HTMLParser
+from pathlib import Path
+from urllib.parse import urlparse
+
+import pytest
+
+from eitbench.benchmark.cards import METRICS
+
+ROOT = Path(__file__).resolve().parents[2]
+CHROMIUM = shutil.which("chromium")
+LOADING = {
+    "script": "src", "img": "src", "iframe": "src", "source": "src", "link": "href"
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    pytest.importorskip("material", reason="needs the extra `docs`")
+    pytest.importorskip("latex2mathml", reason="needs the extra `docs`")
+    folder = tmp_path_factory.mktemp("site")
+    built = subprocess.run(
+        [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(folder)],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+    )
+    assert built.returncode == 0, built.stderr
+    return folder
+
+
+class Loaded(HTMLParser):
+    """What a page has a browser fetch."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.addresses: list[str] = []
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        values = dict(attrs)
+        if address := values.get(LOADING.get(tag, "")):
+            self.addresses.append(address)
+
+
+def test_no_page_loads_anything_from_outside(site: Path) -> None:
+    pages = list(site.rglob("*.html"))
+    assert len(pages) > 20
+    for page in pages:
+        for address in Loaded(page.read_text()).addresses:
+            assert not urlparse(address).netloc, f"{page.name} loads {address}"
+    for sheet in site.rglob("*.css"):
+        for address in re.findall(r"(?:@import|url\()\s*[\"']?([^)\"']+)", sheet.read_text()):
+            assert not urlparse(address).netloc, f"{sheet.name} loads {address}"
+
+
+def test_formulas_are_drawn_and_metrics_are_those_of_the_code(site: Path) -> None:
+    assert (site / "explanation/physics.html").read_text().count("<math ") > 40
+    for page in site.rglob("*.html"):
+        assert 'class="arithmatex"' not in page.read_text(), page
+    metrics = (site / "explanation/metrics.html").read_text()
+    for name in METRICS:
+        assert f'id="{name}"' in metrics
+    assert "generated:" not in metrics
+
+
+def test_every_command_has_its_reference(site: Path) -> None:
+    page = (site / "reference/cli.html").read_text()
+    for command in ("run", "leaderboard", "recordings-import", "submission-check"):
+        assert f'id="eitbench-{command}"' in page
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[object]:
+    playwright = pytest.importorskip("playwright.sync_api", reason="needs Playwright")
+    if CHROMIUM is None:
+        pytest.skip("needs Chromium")
+    with playwright.sync_playwright() as started:
+        browser = started.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        yield browser
+        browser.close()
+
+
+@pytest.mark.parametrize("name", ["index", "tutorials/method", "explanation/physics"])
+def test_pages_open_from_disk_on_a_telephone(site: Path, browser: object, name: str) -> None:
+    page = browser.new_page(viewport={"width": 375, "height": 700})  # type: ignore[attr-defined]
+    asked: list[str] = []
+    page.on("request", lambda request: asked.append(request.url))
+    page.goto((site / f"{name}.html").as_uri())
+    wide = page.evaluate("document.documentElement.scrollWidth")
+    page.close()
+    assert wide <= 375
+    assert asked
+    assert all(address.startswith(("file:", "data:", "blob:")) for address in asked), asked
