@@ -16,8 +16,11 @@ def test_every_built_in_method_is_listed() -> None:
     assert set(BUILT_IN) >= LONG
 
 
+SLOW = [pytest.mark.slow, pytest.mark.timeout(1800)]
+
+
 @pytest.mark.parametrize(
-    "name", [pytest.param(n, marks=pytest.mark.slow) if n in LONG else n for n in BUILT_IN]
+    "name", [pytest.param(n, marks=SLOW) if n in LONG else n for n in BUILT_IN]
 )
 def test_a_built_in_method_keeps_the_contract(name: str) -> None:
     report = check_method(name, limit_s=300 if name in LONG else 60)
