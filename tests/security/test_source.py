@@ -28,7 +28,7 @@ FORBIDDEN_CALLS = {
 FORBIDDEN_METHODS = {"extractall", "extract", "to_pickle", "unpack_archive"}
 
 BETWEEN_OUR_PROCESSES = {
-    "benchmark/process.py", "benchmark/real_trained.py", "benchmark/tuning.py",
+    "benchmark/execution.py", "benchmark/process.py", "benchmark/real_trained.py",
     "benchmark/study.py", "benchmark/worker.py", "methods/training/refined.py",
     "scenarios/simulation.py",
 }  # fmt: skip
