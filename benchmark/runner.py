@@ -109,7 +109,8 @@ def resume_run(
     """Continue the run in `run`, in place, with the choices it was started with.
 
     Args:
-        jobs, scheduler: as for `start_run`; they may be others than before.
+        jobs: as for `start_run`; it may be another number than before.
+        scheduler: as for `start_run`; it may be another one, or none.
 
     Raises:
         InputError: `run` is no run directory, belongs to another suite, plugin or data, or another
