@@ -3,7 +3,8 @@
 from pathlib import Path
 
 from eitbench.benchmark.checking import CheckReport
-from eitbench.benchmark.method_checks import OWN_GRID, check_method
+from eitbench.benchmark.method_checks import check_method
+from eitbench.benchmark.method_subject import OWN_GRID
 from eitbench.benchmark.operator_checks import check_operator
 from eitbench.benchmark.worker import plugin_names
 from eitbench.methods.registry import methods, operators

@@ -78,7 +78,8 @@ class Executor(Protocol):
         slots: how much work may be asked for at a time.
     """
 
-    slots: int
+    @property
+    def slots(self) -> int: ...
 
     def do(self, work: Work, store: RunStore, progress: Bar, stop: threading.Event) -> None:
         """See `Work.do`."""

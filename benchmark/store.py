@@ -14,6 +14,7 @@ import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -234,7 +235,7 @@ class RunStore:
         for name in sorted(files, key=lambda name: (name == self.kind.table, name)):
             path = folder / Path(name).name
             if not path.is_file() or path.read_bytes() != files[name]:
-                self._replace(path, lambda part, name=name: _write_bytes(part, files[name]))
+                self._replace(path, partial(_write_bytes, files[name]))
         for name in self.pack(cell).keys() - files.keys():
             (folder / name).unlink(missing_ok=True)
 
@@ -386,7 +387,7 @@ def _flush(path: Path) -> None:
         os.fsync(file.fileno())
 
 
-def _write_bytes(path: Path, content: bytes) -> None:
+def _write_bytes(content: bytes, path: Path) -> None:
     path.write_bytes(content)
 
 

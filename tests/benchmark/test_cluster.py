@@ -15,7 +15,7 @@ pytest.importorskip("distributed")
 
 from distributed import Client
 
-from eitbench.benchmark import execution
+from eitbench.benchmark import execution, manifest
 from eitbench.benchmark.runner import Plan, make_plan, resume_run, start_run
 from eitbench.scenarios.errors import EitbenchError, InputError
 from eitbench.scenarios.suites import Suite, load_suite
@@ -123,7 +123,8 @@ def test_what_a_cluster_finished_is_kept_and_the_run_goes_on_here(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(execution, "PIECE_SECONDS", 0.0)
-    answer, answered = execution.Cluster._answer, []
+    answer = execution.Cluster._answer
+    answered: list[execution.Answer] = []
 
     def fails_in_the_end(*given: object) -> object:
         if len(answered) == 3:
@@ -143,8 +144,8 @@ def test_what_a_cluster_finished_is_kept_and_the_run_goes_on_here(
 def test_another_version_on_the_cluster_is_refused(
     machines: Machines, plan: Plan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    ours = execution.manifest.versions()
-    monkeypatch.setattr(execution.manifest, "versions", lambda: ours | {"numpy": "1.0"})
+    ours = manifest.versions()
+    monkeypatch.setattr(manifest, "versions", lambda: ours | {"numpy": "1.0"})
     with pytest.raises(EitbenchError, match="has another version of numpy than this one"):
         start_run(plan, tmp_path / "run", scheduler=machines.address)
 

@@ -22,10 +22,11 @@ def hostile(build: Any, dataset_of: Callable[..., Dataset]) -> Callable[..., Pat
 
     def made(suite: str, scenario: str, method: str, version: str) -> Path:
         dataset = dataset_of("conductivity", 12)
-        builder = build
+        truth = dataset.conductivity
+        assert truth is not None
         for name, share in ((method, 0.9), ("plain", 0.5)):
-            builder.add(dataset, name, share * (dataset.conductivity - 1) + 1)
-        run = builder.write()
+            build.add(dataset, name, share * (truth - 1) + 1)
+        run: Path = build.write()
         for file in ("samples.parquet", "methods.parquet"):
             table = pd.read_parquet(run / file)
             table["scenario"] = scenario

@@ -136,7 +136,7 @@ def _recordings(folder: Path) -> dict[str, Target]:
     write_mat(content, folder / "original.mat")
     bare = "".join(",".join(map(str, row)) + "\n" for row in values.tolist())
     plain = io.BytesIO()
-    scipy.io.savemat(plain, {"values": values})
+    scipy.io.savemat(plain, {"values": values})  # type: ignore[arg-type]
 
     def own(path: Path) -> None:
         check(path)

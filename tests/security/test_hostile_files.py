@@ -30,7 +30,8 @@ CELL = Cell("s", "m")
 @pytest.fixture
 def store(tmp_path: Path) -> RunStore:
     store = RunStore(tmp_path / "run", METHODS)
-    store.save_batch(CELL, "test", Batch(0, ["ok"], [""], {"conductivity": np.ones((1, 4, 4))}))
+    values = {"conductivity": np.ones((1, 4, 4))}
+    store.save_batch(CELL, "test", Batch(0, ["ok"], [""], values, "{}"))
     return store
 
 
