@@ -47,6 +47,7 @@ PROGRAMS = {
     "os.system",
     "subprocess.Popen",
 }
+FONT_LISTER = "fc-list"  # called by matplotlib
 MAX_NOTES = 100
 
 
@@ -67,6 +68,8 @@ class Watch:
         own.mkdir(exist_ok=True)
         os.environ.update(dict.fromkeys(("TMPDIR", "TEMP", "TMP"), str(own)))
         tempfile.tempdir = str(own)
+        # matplotlib, which many a library imports, makes a list of fonts when it finds none.
+        os.environ["MPLCONFIGDIR"] = str(own)
         notes = os.open(self._notes, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o600)
         sys.addaudithook(_hook(notes, [str(place.resolve()) for place in (own, *_shared())]))
 
@@ -114,7 +117,7 @@ def _hook(notes: int, allowed: list[str]) -> Callable[[str, tuple[Any, ...]], No
                 note("network", f"{event} to {arguments[1]}")
         elif event in LOOKUPS:
             note("network", f"{event} of {arguments[0]!r}")
-        elif event in PROGRAMS:
+        elif event in PROGRAMS and arguments[0] != FONT_LISTER:
             note("program", f"{event} of {str(arguments[0])!r}")
 
     def _note_path(path: object, folder: object) -> None:

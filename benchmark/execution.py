@@ -72,14 +72,11 @@ class Work:
 
 
 class Executor(Protocol):
-    """Does work, in the thread that asks for it.
-
-    Attributes:
-        slots: how much work may be asked for at a time.
-    """
+    """Does work, in the thread that asks for it."""
 
     @property
-    def slots(self) -> int: ...
+    def slots(self) -> int:
+        """How much work may be asked for at a time."""
 
     def do(self, work: Work, store: RunStore, progress: Bar, stop: threading.Event) -> None:
         """See `Work.do`."""

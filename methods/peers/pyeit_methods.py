@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from eitbench.methods.peers.peer import Peer, interpolation, pixels_inside
 from eitbench.methods.peers.pyeit_model import pyeit_mesh, pyeit_protocol, scaled
 from eitbench.methods.registry import register
+from eitbench.methods.symmetry import asymmetry
 
 if TYPE_CHECKING:
     from pyeit.mesh import PyEITMesh
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 DIFFERS = "run by pyEIT with point electrodes on a mesh of its own"
+UNEVEN = "pyEIT's triangles are not symmetric"
 LAMBDAS = (1e-3, 1e-2, 3e-2, 0.1, 0.3, 1.0, 3.0, 10.0)
 
 
@@ -79,6 +81,7 @@ class PyEitJac(PyEit):
         log_scale: the estimate is taken as the logarithm of relative conductivity.
     """
 
+    expected_failures: ClassVar = asymmetry(UNEVEN, 0.03, 0.028)
     search: ClassVar = {
         "lamb": LAMBDAS,
         "normalize": (False, True),
@@ -119,6 +122,7 @@ class PyEitGreit(PyEit):
         normalize: differences relative to the untouched frame.
     """
 
+    expected_failures: ClassVar = asymmetry(UNEVEN, 0.019, 0.011)
     search: ClassVar = {
         "lamb": LAMBDAS,
         "normalize": (False, True),
@@ -158,6 +162,7 @@ class PyEitBp(PyEit):
         weight: "simple" weakens the rim, "none" does not.
     """
 
+    expected_failures: ClassVar = asymmetry(UNEVEN, 0.017, 0.014)
     search: ClassVar = {"weight": ("none", "simple")}
     weight: str = "none"
 
