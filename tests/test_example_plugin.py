@@ -56,6 +56,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
     return call
 
 
+@pytest.mark.slow  # continuous integration does it after every change, with nothing borrowed
 def test_the_example_is_listed_checked_and_ranked(run: Run, tmp_path: Path) -> None:
     where = run(
         "python",
