@@ -124,12 +124,11 @@ def resume_run(
             f"{run} is a run of suite {plan.suite.name!r} as it was then, not of this "
             f"{suite.name!r}: leave the suite out to continue it, or start a new run."
         )
-    if manifest["status"] == "finished":
-        return _result(run, manifest)
     progress = progress or RunProgress(quiet=True)
     with locked(run), _termination_interrupts(), executor(jobs, scheduler) as where:
         manifest = manifests.read_resumable(run)  # another process may just have finished it
         if manifest["status"] == "finished":
+            RunStore(run, plan.kind).remove_parts()  # it may have been killed just before
             return _result(run, manifest)
         data = _load_again(plan, run, manifest, jobs, progress)
         manifest["resumed"].append(

@@ -18,15 +18,8 @@ from eitbench.methods import methods
 from eitbench.scenarios.scenario import SimulatedScenario, SplitNoise
 from eitbench.scenarios.suites import load_suite, suites
 
-SMALL = SimulatedScenario(
-    name="small",
-    image_shape=(16, 16),
-    families=("circle", "rectangle"),
-    noise=SplitNoise(train="mixture", validation="mixture", test=40),
-    train=4,
-    validation=8,
-    test=4,
-)
+(SMALL,) = load_suite(Path(__file__).parent / "data" / "small.toml").scenarios
+assert isinstance(SMALL, SimulatedScenario)
 
 
 def choice(**parameters: object) -> Choice:

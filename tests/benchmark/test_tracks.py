@@ -16,19 +16,12 @@ from eitbench.benchmark.runner import start_run
 from eitbench.reports.leaderboard import FORMATS, leaderboard, tracks_table
 from eitbench.scenarios.datasets import load
 from eitbench.scenarios.errors import InputError
-from eitbench.scenarios.scenario import SimulatedScenario, SplitNoise
+from eitbench.scenarios.scenario import SimulatedScenario
 from eitbench.scenarios.suites import Suite, load_suite
 
 PLUGIN = Path(__file__).parent / "data" / "tuned_methods.py"
-SMALL = SimulatedScenario(
-    name="small",
-    image_shape=(16, 16),
-    families=("circle", "rectangle"),
-    noise=SplitNoise(train="mixture", validation="mixture", test=40),
-    train=4,
-    validation=8,
-    test=4,
-)
+(SMALL,) = load_suite(Path(__file__).parent / "data" / "small.toml").scenarios
+assert isinstance(SMALL, SimulatedScenario)
 SUITE = Suite(name="mine", title="Mine", methods=("noser",), scenarios=(SMALL,))
 
 

@@ -25,18 +25,11 @@ from eitbench.scenarios.guard import closed_test_split
 from eitbench.scenarios.recordings.fetch import read_recording
 from eitbench.scenarios.scenario import Scenario, SimulatedScenario, SplitNoise
 from eitbench.scenarios.simulation import clean_voltages, phantom
-from eitbench.scenarios.suites import Suite
+from eitbench.scenarios.suites import Suite, load_suite
 
 PLUGIN = Path(__file__).parent / "data" / "tuned_methods.py"
-SMALL = SimulatedScenario(
-    name="small",
-    image_shape=(16, 16),
-    families=("circle", "rectangle"),
-    noise=SplitNoise(train="mixture", validation="mixture", test=40),
-    train=4,
-    validation=8,
-    test=4,
-)
+(SMALL,) = load_suite(Path(__file__).parent / "data" / "small.toml").scenarios
+assert isinstance(SMALL, SimulatedScenario)
 
 
 def suite(*scenarios: Scenario, fit_limit_s: float = 60.0) -> Suite:
@@ -240,6 +233,7 @@ def test_tuning_leaves_out_data_that_cannot_be_had(
 
 
 def test_where_the_test_split_is_closed_nothing_gives_it() -> None:
+    assert isinstance(SMALL, SimulatedScenario)
     with closed_test_split():
         for reach in (
             lambda: load(SMALL, split="test"),
