@@ -5,7 +5,9 @@ goes on as a resumed run does, and sends back what is kept then: rows are here, 
 piece. A piece whose machine is lost is done again on another one by the scheduler.
 """
 
+import logging
 import multiprocessing
+import re
 import tempfile
 import threading
 import time
@@ -181,24 +183,41 @@ class Cluster:
 
         name = str(piece.plan.cell)
         for _ in range(ATTEMPTS):
-            future = self._client.submit(_do_piece, self._data(data), piece, pure=False, key=None)
-            ended = threading.Event()
-            future.add_done_callback(lambda _, ended=ended: ended.set())
             try:
-                while not ended.wait(POLL_SECONDS):
-                    if stop.is_set():
-                        future.cancel()
-                        raise StoppedError
-                answer: Answer = future.result()
+                self._await_machines(stop)
+                return self._result(data, piece, stop)
             except KilledWorker as error:
                 raise EitbenchError(
                     f"{name} was lost with each of the machines that worked on it."
                 ) from error
             except CancelledError:  # the data went with the last machine that had them
                 self._forget(data)
-                continue
-            return answer
+            except (OSError, RuntimeError) as error:
+                if isinstance(error, RuntimeError) and self._client.status == "running":
+                    raise
+                raise EitbenchError("The Dask scheduler no longer answers.") from error
         raise EitbenchError(f"The cluster lost the data of {name} {ATTEMPTS} times.")
+
+    def _result(self, data: CellData, piece: Piece, stop: threading.Event) -> Answer:
+        future = self._client.submit(_do_piece, self._data(data), piece, pure=False)
+        ended = threading.Event()
+        future.add_done_callback(lambda _: ended.set())
+        while not ended.wait(POLL_SECONDS):
+            if stop.is_set():
+                future.cancel()
+                raise StoppedError
+        answer: Answer = future.result()
+        return answer
+
+    def _await_machines(self, stop: threading.Event) -> None:
+        """Wait for the first machine: they may stand in a queue for hours.
+
+        Raises:
+            StoppedError: stopped meanwhile.
+        """
+        while not self._client.scheduler_info(n_workers=1)["workers"]:
+            if stop.wait(POLL_SECONDS):
+                raise StoppedError
 
     def _data(self, data: CellData) -> "Future":
         """The data of a scenario on the cluster, sent to each machine once."""
@@ -223,12 +242,18 @@ def executor(jobs: int, scheduler: str | None) -> Iterator[Executor]:
     if scheduler is None:
         yield Here(jobs)
         return
+    if not re.search(r":\d+$", scheduler):
+        raise InputError(
+            f"A Dask scheduler has an address such as tcp://10.0.0.1:8786, got {scheduler!r}."
+        )
     try:
         from distributed import Client
     except ImportError as error:
         raise InputError(
             "A cluster needs Dask: pip install -c constraints.txt -e '.[cluster]'."
         ) from error
+    # What goes wrong is said in our own sentences.
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)
     try:
         client = Client(scheduler, timeout=CONNECT_SECONDS, set_as_default=False)
     except (OSError, ValueError) as error:
@@ -278,6 +303,8 @@ def _do_piece(data: CellData, piece: Piece) -> Answer:
                 finished = True
             except StoppedError:
                 finished = False
+            except OSError as error:
+                raise EitbenchError(f"A machine of the cluster cannot go on: {error}.") from error
         log = store.log(cell)
         return Answer(store.pack(cell), log.read_bytes() if log.exists() else b"", finished)
 

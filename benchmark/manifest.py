@@ -50,6 +50,7 @@ _NEEDED_OF_CELL: dict[str, type] = {
     "variant": str,
     "track": str,
     "parameters": dict,
+    "spent": dict,
 }
 
 

@@ -99,15 +99,9 @@ class MethodData(CellData):
         # Those of plugin files are known in their workers alone; a run remembers the file.
         return methods().get(name)
 
-    def parameters(self, name: str) -> dict[str, Any] | None:
-        """Hyper-parameters that were chosen for data like these."""
-        choice = recorded_choice(self.scenario, name)
-        return None if choice is None else choice["parameters"]
-
-    def tried(self, name: str) -> list[dict[str, Any]]:
-        """Those of all trials that did not fail."""
-        choice = recorded_choice(self.scenario, name) or {"trials": []}
-        return [t["parameters"] for t in choice["trials"] if t["status"] != "failed"]
+    def choice(self, name: str) -> dict[str, Any] | None:
+        """See `CellData.choice`."""
+        return recorded_choice(self.scenario, name)
 
     def voltages(self, split: str) -> Frames:
         """Frames (n, M) of "test" or "validation"."""
@@ -203,8 +197,7 @@ class MethodSubject(Judged):
 
     def told(self, value: tuple[Reads, dict[str, str]]) -> dict[str, Any]:
         """What the method was told, as JSON, and how much of the test split it was taught on."""
-        tuned = self.plan.cell.name if self.plan.parameters else ""
-        return account(*value, self.data.scenario, self.test, tuned=tuned)
+        return account(*value, self.data.scenario, self.test, spent=self.plan.spent)
 
     def figures(self, kept: Kept) -> tuple[pd.DataFrame, dict[str, Any]]:
         """What `judge` says of every image, and the registration as JSON if there is one."""

@@ -279,14 +279,15 @@ def _unusable(plan: Plan, data: Mapping[str, CellData], progress: RunProgress) -
 
 
 def _chosen(data: CellData, name: str) -> Manifest:
-    parameters = data.parameters(name)
-    track = "default" if parameters is None else "tuned"
+    choice = data.choice(name)
+    track = "default" if choice is None else "tuned"
     return {
         "scenario": data.scenario.name,
         "name": name,
         "variant": "",
         "track": "calibrated" if data.scenario.calibrated else track,
-        "parameters": dict(parameters or {}),
+        "parameters": choice["parameters"] if choice else {},
+        "spent": choice["spent"] if choice else {},
         "weights": data.weights(name),
     }
 
@@ -334,6 +335,7 @@ def _cell_plan(plan: Plan, manifest: Manifest, entry: Manifest) -> CellPlan:
         cell=Cell(entry["scenario"], entry["name"], entry["variant"]),
         track=entry["track"],
         parameters=entry["parameters"],
+        spent=entry["spent"],
         suite=plan.suite.name,
         plugin=plan.origins.get(entry["name"]),
         fit_limit_s=plan.suite.fit_limit_s,

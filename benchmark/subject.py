@@ -28,6 +28,7 @@ class CellPlan:
 
     Attributes:
         parameters: constructor parameters of a method; empty on track "default".
+        spent: what choosing them cost, see `choices`; empty where they were not chosen.
         plugin: the file that registers the method or operator, None for one that is installed.
         batch: samples asked for at once; a run keeps to the number it was started with.
     """
@@ -35,6 +36,7 @@ class CellPlan:
     cell: Cell
     track: str
     parameters: dict[str, Any]
+    spent: dict[str, Any]
     suite: str
     plugin: Path | None
     fit_limit_s: float
@@ -165,10 +167,6 @@ class CellData(ABC):
         """Why `name` cannot run here, as a sentence; "" if it can."""
         return ""
 
-    def parameters(self, name: str) -> dict[str, Any] | None:
-        """Parameters chosen for the method or operator `name`; None where there are none."""
+    def choice(self, name: str) -> dict[str, Any] | None:
+        """The record of the parameters chosen for `name`, see `choices`; None if there is none."""
         return None
-
-    def tried(self, name: str) -> list[dict[str, Any]]:
-        """The sets of parameters that were tried before these were chosen."""
-        return []

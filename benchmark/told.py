@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from eitbench.benchmark.choices import recorded_choice, validation_scenario
+from eitbench.benchmark.choices import validation_scenario
 from eitbench.methods.problem import Reads
 from eitbench.methods.weight_files import packaged_weights
 from eitbench.scenarios.cache_dir import cache_dir
@@ -30,7 +30,7 @@ def account(
     scenario: Scenario,
     test: Dataset,
     *,
-    tuned: str,
+    spent: Mapping[str, Any],
 ) -> dict[str, Any]:
     """What a method was told, in the columns of its cell.
 
@@ -44,7 +44,7 @@ def account(
         reads: what it read of its problem.
         trained_on: see `Method`.
         scenario, test: what it is tested on.
-        tuned: its name where its parameters were chosen on validation data; else "".
+        spent: what choosing its parameters on validation data cost; empty where they were not.
     """
     learned = [given.contents for given in reads.given]
     noise = [given.split for given in reads.given if _has_test_noise(scenario, given.split)]
@@ -53,11 +53,8 @@ def account(
         source = _source(trained_on, scenario)
         if source is not None:
             learned.append(training_contents(source, int(trained_on["train_samples"])))
-    spent: dict[str, Any] = {}
-    if tuned and (choice := recorded_choice(scenario, tuned)) is not None:
-        spent = choice["spent"]
-        if _has_test_noise(validation_scenario(scenario), "validation"):
-            noise.append("tuning")
+    if spent and _has_test_noise(validation_scenario(scenario), "validation"):
+        noise.append("tuning")
     shown = contents(test.phantoms, test.voltages)
     overlap = float(np.isin(shown, np.concatenate(learned)).sum()) if learned else 0.0
     told = {
@@ -74,7 +71,7 @@ def account(
             for given in reads.given
         ],
         "trained_on": dict(trained_on),
-        "tuned": spent,
+        "tuned": dict(spent),
         "noise": noise,
     }
     known = not trained_on or source is not None

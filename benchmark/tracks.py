@@ -25,15 +25,16 @@ if TYPE_CHECKING:
 
 def other_cells(plan: "Plan", data: CellData, name: str) -> list[Manifest]:
     """Entries of the manifest for the cells of `name` on the tracks beside the ranked one."""
-    chosen = data.parameters(name)
-    if chosen is None:
+    choice = data.choice(name)
+    if choice is None:
         return []  # its one track is the default
     wanted: dict[str, dict[str, Any]] = {}
     if "default" in plan.tracks:
         wanted["default"] = {}
     if "oracle" in plan.tracks:
         # The first trial is that of the defaults.
-        others = [p for p in data.tried(name) if p != chosen]
+        tried = [t["parameters"] for t in choice["trials"] if t["status"] != "failed"]
+        others = [parameters for parameters in tried if parameters != choice["parameters"]]
         wanted |= {f"trial-{k:02d}": parameters for k, parameters in enumerate(others)}
     return [
         {
@@ -42,6 +43,7 @@ def other_cells(plan: "Plan", data: CellData, name: str) -> list[Manifest]:
             "variant": variant,
             "track": "default" if variant == "default" else "oracle",
             "parameters": parameters,
+            "spent": {},
             "weights": data.weights(name),
         }
         for variant, parameters in wanted.items()

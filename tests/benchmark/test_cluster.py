@@ -8,7 +8,9 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
+import psutil
 import pytest
 
 pytest.importorskip("distributed")
@@ -16,7 +18,7 @@ pytest.importorskip("distributed")
 from distributed import Client
 
 from eitbench.benchmark import execution, manifest
-from eitbench.benchmark.runner import Plan, make_plan, resume_run, start_run
+from eitbench.benchmark.runner import Plan, RunInterruptedError, make_plan, resume_run, start_run
 from eitbench.scenarios.errors import EitbenchError, InputError
 from eitbench.scenarios.suites import Suite, load_suite
 
@@ -59,6 +61,15 @@ class Machines:
         time.sleep(1.0)
         busy = next(address for address, tasks in self.client.processing().items() if tasks)
         os.kill(pids[busy], signal.SIGKILL)
+
+    def processes(self) -> int:
+        """How many processes the machines have started that live, and those have."""
+        living = (psutil.Process(worker.pid) for worker in self.workers if worker.poll() is None)
+        return sum(len(worker.children(recursive=True)) for worker in living)
+
+    def end_scheduler(self) -> None:
+        """Leave the machines without one."""
+        self._scheduler.kill()
 
     def end(self) -> None:
         self.client.close()
@@ -156,16 +167,52 @@ def test_a_scheduler_that_does_not_answer_is_one_sentence(
     monkeypatch.setattr(execution, "CONNECT_SECONDS", 0.5)
     with pytest.raises(InputError, match=r"No Dask scheduler answers at 'tcp://127\.0\.0\.1:9'"):
         start_run(plan, tmp_path / "run", scheduler="tcp://127.0.0.1:9")
+    with pytest.raises(InputError, match=r"an address such as tcp://10\.0\.0\.1:8786, got 'near'"):
+        start_run(plan, tmp_path / "run", scheduler="near")
     assert not (tmp_path / "run").exists()
+
+
+def test_what_is_stopped_here_stops_there(
+    machines: Machines, tiny: Suite, toys: Path, tmp_path: Path
+) -> None:
+    hanging = make_plan(
+        tiny.model_copy(update={"frame_limit_s": 600.0}), methods=["toy-hangs"], plugins=[toys]
+    )
+    before = machines.processes()
+    out = tmp_path / "run"
+    threading.Timer(4.0, os.kill, [os.getpid(), signal.SIGINT]).start()
+    with pytest.raises(RunInterruptedError):
+        start_run(hanging, out, scheduler=machines.address)
+    deadline = time.monotonic() + 20
+    while machines.processes() > before:
+        assert time.monotonic() < deadline, "the method goes on"
+        time.sleep(0.2)
 
 
 def test_a_machine_that_is_lost_costs_nothing(
     machines: Machines, plan: Plan, here: Path, same_results: SameResults, tmp_path: Path
 ) -> None:
-    """The last test: the cluster has one machine less afterwards."""
+    """The last test but one: the cluster has one machine less afterwards."""
     killer = threading.Thread(target=machines.kill_the_busy_one)
     killer.start()
     there = start_run(plan, tmp_path / "there", scheduler=machines.address).path
     killer.join()
     assert sum(process.poll() is not None for process in machines.workers) == 1
     same_results(here, there)
+
+
+def test_a_scheduler_that_ends_is_one_sentence_and_loses_nothing(
+    machines: Machines, plan: Plan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The last test: there is no cluster afterwards."""
+    answer, begun = execution.Cluster._answer, threading.Event()
+
+    def telling(*given: Any) -> execution.Answer:
+        if not begun.is_set():
+            begun.set()
+            threading.Timer(1.0, machines.end_scheduler).start()
+        return answer(*given)
+
+    monkeypatch.setattr(execution.Cluster, "_answer", telling)
+    with pytest.raises(EitbenchError, match=r"no longer answers\. .*eitbench run --resume"):
+        start_run(plan, tmp_path / "run", scheduler=machines.address)

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from eitbench.benchmark.choices import Budget, Choice, Trial, record
+from eitbench.benchmark.choices import Budget, Choice, Trial
 from eitbench.benchmark.method_worker import MethodServant, MethodTask
 from eitbench.benchmark.told import account, training_contents
 from eitbench.benchmark.told_words import in_words
@@ -125,9 +125,9 @@ def test_training_on_the_test_stream_is_counted() -> None:
     problem = a_problem(leaking)
     test = own("test", None)
     problem.training()
-    assert account(problem.reads(), {}, SMALL, test, tuned="")["overlap"] == 4
+    assert account(problem.reads(), {}, SMALL, test, spent={})["overlap"] == 4
     few = own("test", 3)
-    assert account(problem.reads(), {}, SMALL, few, tuned="")["overlap"] == 3
+    assert account(problem.reads(), {}, SMALL, few, spent={})["overlap"] == 3
 
 
 def test_a_method_that_learns_from_the_test_stream_is_counted() -> None:
@@ -137,7 +137,7 @@ def test_a_method_that_learns_from_the_test_stream_is_counted() -> None:
     servant.fitted({})
     reads, trained_on = servant.told().value
     assert [given.split for given in reads.given] == ["train"]
-    found = account(reads, trained_on, SMALL, data, tuned="")
+    found = account(reads, trained_on, SMALL, data, spent={})
     assert found["overlap"] == len(data)
     row = {"method": "linear-learned", "n": 4, "data_n": 4, "told": "", "overlap": 4.0}
     said = overlaps([row])
@@ -148,24 +148,22 @@ def test_an_honest_training_split_overlaps_nowhere() -> None:
     problem = a_problem()
     problem.training()
     problem.validation()
-    told = account(problem.reads(), {}, SMALL, own("test", None), tuned="")
+    told = account(problem.reads(), {}, SMALL, own("test", None), spent={})
     assert told["overlap"] == 0
     assert in_words(told["told"]) == "6 training samples; 8 validation samples"
 
 
-def test_what_tuning_told_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("EITBENCH_CACHE", str(tmp_path))
+def test_what_tuning_told_is_told() -> None:
     trials = tuple(Trial({"weight": float(k)}, 1.0) for k in range(12))
     choice = Choice({"weight": 0.0}, 1.0, trials, Budget(), "seconds")
-    record(SMALL, {"noser": choice}, tmp_path / "selected")
     problem, test = a_problem(), own("test", None)
     create("noser").fit(problem)
-    told = account(problem.reads(), {}, SMALL, test, tuned="noser")
+    told = account(problem.reads(), {}, SMALL, test, spent=choice.describe()["spent"])
     assert in_words(told["told"]) == (
         "nominal contact impedance; conductivity range; noise level through tuning; "
         "12 trials of tuning"
     )
-    assert "tuning" not in in_words(account(problem.reads(), {}, SMALL, test, tuned="")["told"])
+    assert "tuning" not in in_words(account(problem.reads(), {}, SMALL, test, spent={})["told"])
 
 
 def test_noise_is_known_from_data_that_have_it() -> None:
@@ -173,7 +171,7 @@ def test_noise_is_known_from_data_that_have_it() -> None:
     problem = a_problem(lambda split, limit: load(same, split=split, limit=limit))
     problem.training()
     problem.validation()
-    told = account(problem.reads(), {}, same, load(same, split="test"), tuned="")
+    told = account(problem.reads(), {}, same, load(same, split="test"), spent={})
     assert json.loads(told["told"])["noise"] == ["train"]
 
 
@@ -188,14 +186,14 @@ def test_weights_are_held_against_the_data_they_come_from(
     }
     problem, test = a_problem(), own("test", None)
     train = load(SMALL, split="train")
-    found = account(problem.reads(), notes, SMALL, test, tuned="")
+    found = account(problem.reads(), notes, SMALL, test, spent={})
     assert found["overlap"] == 0
     assert in_words(found["told"]) == "weights of 6 training samples"
     # What is tested on what it was trained on.
-    assert account(problem.reads(), notes, SMALL, train, tuned="")["overlap"] == 6
+    assert account(problem.reads(), notes, SMALL, train, spent={})["overlap"] == 6
     # Nothing is known of data that are not here.
     elsewhere = {**notes, "train_data": "0" * 64}
-    assert np.isnan(account(problem.reads(), elsewhere, SMALL, test, tuned="")["overlap"])
+    assert np.isnan(account(problem.reads(), elsewhere, SMALL, test, spent={})["overlap"])
 
 
 def test_contents_of_a_training_set_are_found_out_once(
