@@ -45,6 +45,7 @@ Twice leaves room for a method that follows noise more closely where there is mo
 
 MONOTONE = 1.25
 """By how much less noise in frames may give more in images: two draws tell an rms to about 20 %."""
+UNSEEN = "the contact is not seen at all."
 
 
 def zero_contrast(subject: Subject) -> str:
@@ -133,7 +134,7 @@ def _equivariant(subject: Subject, motion: Motion, how: str) -> str:
     expected = motion.images(subject.images(subject.contact))
     contrast = _rms(expected[:, mask] - background)
     apart = _rms(moved[:, mask] - expected[:, mask])
-    require(contrast > 0, "the contact is not seen at all.")
+    require(contrast > 0, UNSEEN)
     said = (
         f"voltages of the sensor {how} give an image that differs from the {how.split()[0]} one by "
         f"{apart / contrast:.2g} of its contrast (rms); {MOVED:g} is allowed."
@@ -144,6 +145,7 @@ def _equivariant(subject: Subject, motion: Motion, how: str) -> str:
 
 def gain(subject: Subject) -> str:
     """Images do not depend on the board's units, which frames and reference share."""
+    require(_rms(subject.contrast(subject.contact)) > 0, UNSEEN)
     other = subject.refit(subject.contact * GAIN, gain=GAIN)
     what = f"images of frames and of {GAIN:g} times these (the reference too)"
     return subject.close(subject.images(subject.contact), other, SAME_FRAME, what)
@@ -152,6 +154,7 @@ def gain(subject: Subject) -> str:
 def noise(subject: Subject) -> str:
     """Noise in frames gives noise in images: in proportion, and below the contact's contrast."""
     clean = subject.contrast(subject.contact)
+    require(_rms(clean) > 0, UNSEEN)
     noisy = [_noisy(subject.contact[0], snr_db) for snr_db in SNR_DB]
     seen = subject.contrast(np.concatenate(noisy)).reshape(len(SNR_DB), DRAWS, -1)
     errors = [_rms(images - clean) for images in seen]

@@ -129,7 +129,12 @@ def to_latex(rows: Sequence[Row]) -> str:
         for row in board:
             lines.append(" & ".join(_latex_cell(c, row, board) for c in columns) + " \\\\")
         lines += ["\\bottomrule", "\\end{tabular}"]
-        if said := note(board):
+        if tracks := tracks_table(board):
+            cells = [" & ".join(map(_latex, row)) + " \\\\" for row in tracks]
+            head = ["", "\\smallskip", "\\begin{tabular}{l" + "r" * (len(tracks[0]) - 1) + "}"]
+            lines += [*head, "\\toprule", cells[0], "\\midrule", *cells[1:]]
+            lines += ["\\bottomrule", "\\end{tabular}"]
+        for said in filter(None, (note(board), *told(board))):
             lines += ["", f"\\smallskip{{\\footnotesize {_latex(said)}}}"]
         lines.append("\\end{table*}")
         parts.append("\n".join(lines) + "\n")

@@ -51,12 +51,16 @@ def tune(
     plan = plan_of(suite, methods, scenarios, None, plugin)
     folder = out or user_choices()
     chosen = choose_all(plan, folder, budget=Budget(trials, seconds), once=once, jobs=jobs)
+    tuned: set[str] = set()
     for scenario, name, choice in chosen:
+        tuned.add(name)
         spent = choice.describe()["spent"]
         typer.echo(
             f"{scenario}  {name}  {json.dumps(choice.parameters)}  {spent['trials']} trials"
             f" ({spent['pruned']} pruned, {spent['failed']} failed), {spent['seconds']:.0f} s"
         )
+    if left := [name for name in plan.names if name not in tuned]:
+        typer.echo(f"Nothing to choose for {', '.join(left)}: see `search` in docs/tuning.md.")
     typer.echo(f"Choices: {folder}")
 
 

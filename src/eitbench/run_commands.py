@@ -68,7 +68,7 @@ def run(
     choices = (methods, operators, scenarios, limit, plugin or None, tracks, out)
     if resume is not None and any(choice is not None for choice in choices):
         raise typer.BadParameter(
-            "a resumed run keeps its choices: give SUITE, --jobs and --scheduler only"
+            "a resumed run keeps its choices: only --jobs and --scheduler may be others"
         )
     if resume is None and suite is None:
         raise typer.BadParameter("name a suite (eitbench list suites), or give --resume DIR")
