@@ -145,7 +145,8 @@ METHODS = Layout(
     {
         "rank": "#", "method": "Method", "group": "Ties", "score": "S",
         "localisation_mm": "Loc.\nmm", "coverage": "Done", "track": "Track", "ssim": "SSIM",
-        "psnr": "PSNR\ndB", "cc": "CC", "repeatability_db": "Repeatability\ndB", "frame_ms_p50": "Frame\nms",
+        "psnr": "PSNR\ndB", "cc": "CC", "repeatability_db": "Repeatability\ndB",
+        "frame_ms_p50": "Frame\nms",
         "frame_solves": "Frame\nsolves", "rie": "RIE", "bounded": "B",
         "strength_spearman": "Strength", "iou": "IoU", "n": "n",
         "setup_s": "Set-up\ns", "run": "Run",
