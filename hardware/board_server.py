@@ -89,9 +89,10 @@ class BoardServer:
                 self._attend(due)
                 if time.monotonic() < due:
                     continue
+                cut = self._cut  # read once: it may be asked for while a frame is sent
                 if self._listened() and self._device.running:
-                    self._send(tick / self.rate_hz)
-                if self._cut:
+                    self._send(tick / self.rate_hz, cut)
+                if cut:
                     time.sleep(_WAKE_S)  # what was sent arrives, or the system would forget it
                     break
                 # What could not be measured in time is left out; the grid stays.
@@ -126,10 +127,10 @@ class BoardServer:
         elif events & select.POLLOUT:
             self._write(b"")
 
-    def _send(self, time_s: float) -> None:
+    def _send(self, time_s: float, cut: bool) -> None:
         frame = self._device.encode(self._number, time_s, self._measure(time_s))
         self._number += 1
-        if self._cut:
+        if cut:
             self._write(frame[: len(frame) // 2])
         elif not self._unsent:
             self._write(frame)
