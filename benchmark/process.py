@@ -115,6 +115,8 @@ def _enter(
         faulthandler.enable(output)
         with threadpool_limits(THREADS), suppress(EOFError, BrokenPipeError):
             serve(connection, *arguments)
+        # Nobody asks any more. Once this process is gone, nobody can tell what it started.
+        end_tree(os.getpid())
 
 
 def _die_with_parent() -> None:
