@@ -1,7 +1,7 @@
 """One trial of a study: a method with some parameters, judged on more and more validation frames.
 
-The method runs in a worker that is given no other split than the one to train on, within the time
-limits of a run, so that one that hangs or dies costs its own trial only.
+The method runs in a worker that is given no other split than the one to train on, within the limits
+of a run, so that one that hangs or dies costs its own trial only.
 """
 
 import math
@@ -81,15 +81,16 @@ class TrialFailedError(Exception):
 
 @dataclass(frozen=True)
 class Limits:
-    """How long the method may take for its set-up and for one frame [s]."""
+    """What the method may take: for its set-up and for one frame [s], and of memory [MiB]."""
 
     fit_s: float
     frame_s: float
+    memory_mb: float
 
     @classmethod
     def of(cls, suite: Suite) -> "Limits":
         """Those of a run of `suite`."""
-        return cls(suite.fit_limit_s, suite.frame_limit_s)
+        return cls(suite.fit_limit_s, suite.frame_limit_s, suite.memory_limit_mb)
 
 
 class Clock:
@@ -175,7 +176,12 @@ class Validation:
             InputError: the method cannot be tuned.
         """
         self.close()
-        self._worker = Worker(serve, TrialServant(self._task), stop=self._stop)
+        self._worker = Worker(
+            serve,
+            TrialServant(self._task),
+            stop=self._stop,
+            memory_limit_mb=self.limits.memory_mb,
+        )
         try:
             reply = self._worker.ask("describe", limit=DESCRIBE_LIMIT_S, what="its description")
         except WorkerLostError as lost:

@@ -4,7 +4,6 @@ The parent sends the name of one of the servant's methods with its arguments, an
 `Reply`, up to a time limit; it never sends truth.
 """
 
-import math
 import os
 import random
 import signal
@@ -26,6 +25,7 @@ from eitbench.benchmark.process import end_tree, start_process
 from eitbench.methods.registry import Plugin, load_plugin
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.guard import close_test_split
+from eitbench.scenarios.suites import MEMORY_LIMIT_MB
 
 Status = Literal["ok", "error", "timeout", "invalid-output", "out-of-memory"]
 
@@ -88,7 +88,7 @@ class Worker:
         *arguments: object,
         log: Path | None = None,
         stop: threading.Event | None = None,
-        memory_limit_mb: float = math.inf,
+        memory_limit_mb: float = MEMORY_LIMIT_MB,
     ) -> None:
         """Start `serve(connection, *arguments)` with its output going to `log` (None: nowhere).
 

@@ -20,6 +20,8 @@ from eitbench.scenarios.scenario import (
 )
 
 _KIND = "Suite"
+MEMORY_LIMIT_MB = 8192.0
+"""Memory that a method or operator may take where nothing else is declared [MiB]."""
 WINDOW = 7
 """Side [pixels] of the windows that images are judged in; one must fit into the sensor."""
 STANDARDISING = 2
@@ -52,7 +54,7 @@ class Suite(Declaration):
     limit: int | None = Field(default=None, ge=1)
     fit_limit_s: float = Field(default=600.0, gt=0, allow_inf_nan=False)
     frame_limit_s: float = Field(default=10.0, gt=0, allow_inf_nan=False)
-    memory_limit_mb: float = Field(default=8192.0, gt=0, allow_inf_nan=False)
+    memory_limit_mb: float = Field(default=MEMORY_LIMIT_MB, gt=0, allow_inf_nan=False)
     download_limit_s: float | None = Field(default=None, gt=0, allow_inf_nan=False)
 
     @field_validator("operators")

@@ -47,7 +47,8 @@ def choices_in(folder: Path) -> dict[str, Any]:
 def test_a_trial_that_hangs_dies_or_reaches_for_the_test_split_costs_itself_only(
     tmp_path: Path,
 ) -> None:
-    plan = make_plan(suite(SMALL, fit_limit_s=3.0), methods=["hostile"], plugins=[PLUGIN])
+    limited = suite(SMALL, fit_limit_s=3.0).model_copy(update={"memory_limit_mb": 800.0})
+    plan = make_plan(limited, methods=["hostile"], plugins=[PLUGIN])
     ((scenario, method, choice),) = tune(plan, tmp_path)
     assert (scenario, method, choice.ended_by) == ("small", "hostile", "space")
     assert choice.parameters == {"way": "fine"}
@@ -58,8 +59,9 @@ def test_a_trial_that_hangs_dies_or_reaches_for_the_test_split_costs_itself_only
     assert "longer than 3 s" in told["hang"].message
     assert 3 <= told["hang"].seconds < 15
     assert "exit code 3" in told["die"].message
+    assert "took more than 800 MB of memory" in told["grow"].message
     spent = choices_in(tmp_path)["hostile"]["spent"]
-    assert (spent["trials"], spent["failed"]) == (7, 6)
+    assert (spent["trials"], spent["failed"]) == (8, 7)
     assert not (tmp_path / "journals").exists()
 
 
@@ -118,7 +120,7 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list[dict[str, Any]]:
 
 
 def study(budget: Budget) -> Study:
-    return Study((SMALL,), "noser", None, Limits(60.0, 10.0), budget)
+    return Study((SMALL,), "noser", None, Limits(60.0, 10.0, 8192.0), budget)
 
 
 def the_choice(budget: Budget, journals: Path) -> Choice:
@@ -189,7 +191,7 @@ def test_one_choice_for_several_scenarios(tmp_path: Path) -> None:
 
 
 def test_scenarios_of_unlike_spread_weigh_alike() -> None:
-    validation = Validation(SMALL, "noser", None, Limits(60.0, 10.0), threading.Event())
+    validation = Validation(SMALL, "noser", None, Limits(60.0, 10.0, 8192.0), threading.Event())
     validation.standardise()
     offset, scale = validation.standard
     untouched = frame_figures(validation.data, np.ones((8, 16, 16), np.float32))

@@ -51,7 +51,9 @@ def grid(scenario: Scenario, method: str, space: SearchSpace, folder: Path) -> G
     """The figure of every set of parameters, minus infinity where the method fails."""
     path = folder / f"{scenario.name}--{method}.json"
     if not path.is_file():
-        validation = Validation(scenario, method, None, Limits(600.0, 10.0), threading.Event())
+        validation = Validation(
+            scenario, method, None, Limits(600.0, 10.0, 8192.0), threading.Event()
+        )
         found = []
         for point in itertools.product(*(range(len(v)) for v in space.values.values())):
             result = evaluate(NeverPruned(), space.parameters(point), [validation], 1e9)

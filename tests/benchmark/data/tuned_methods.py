@@ -36,9 +36,11 @@ class Constant(Method):
 @register("hostile")
 @dataclass
 class Hostile(Constant):
-    """Helps itself to the test split, hangs and dies."""
+    """Helps itself to the test split and to all memory, hangs and dies."""
 
-    search: ClassVar = {"way": ("fine", "load", "phantom", "voltages", "late", "hang", "die")}
+    search: ClassVar = {"way": (
+        "fine", "load", "phantom", "voltages", "late", "hang", "die", "grow",
+    )}  # fmt: skip
     way: str = "fine"
 
     def fit(self, problem: Problem) -> None:
@@ -55,6 +57,10 @@ class Hostile(Constant):
             time.sleep(60)
         if self.way == "die":
             os._exit(3)
+        taken = []
+        while self.way == "grow":
+            taken.append(np.ones(2**21))
+            time.sleep(0.01)
 
     def reconstruct(self, voltages: Array) -> Array:
         if self.way == "late":
