@@ -129,7 +129,7 @@ class Answer:
 
 
 class Cluster:
-    """The machines of the Dask scheduler at `address`."""
+    """The machines of the Dask scheduler that `client` is connected to."""
 
     slots = ASKED
 
@@ -149,7 +149,9 @@ class Cluster:
                 log.write(answer.log)
             store.unpack(cell, answer.kept)
             kept = sum(
-                len(batch) for split in subject.sizes for batch in store.batches(cell, split)
+                store.batch_length(cell, split, start)
+                for split, size in subject.sizes.items()
+                for start in range(0, size, work.plan.batch)
             )
             progress.advance(max(0, kept - done))
             done = kept

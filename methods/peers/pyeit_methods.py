@@ -39,7 +39,7 @@ class PyEit(Peer):
     def unusable(cls, sensor: Sensor) -> str:
         """See `Method`."""
         if find_spec("pyeit") is None:
-            return "pyEIT is not installed: pip install 'eitbench[peers]'."
+            return "pyEIT is not installed: pip install -c constraints.txt -e '.[peers]'."
         return ""
 
     def prepare(self, problem: Problem) -> None:

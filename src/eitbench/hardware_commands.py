@@ -2,7 +2,7 @@
 
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -72,6 +72,17 @@ def emulate(
         board.switch_off()
 
 
+def _board(name: str, sensor: str | None, **chosen: Any) -> tuple["Board", bool]:
+    """The board `name` with what was chosen on the command line, and whether it is emulated."""
+    from eitbench.hardware.boards import make_board
+    from eitbench.hardware.recording import is_emulated
+    from eitbench.scenarios.catalogue import sensor as sensor_by_name
+
+    nominal = None if sensor is None else sensor_by_name(sensor)
+    board = make_board(name, sensor=nominal, **chosen)
+    return board, is_emulated(board)
+
+
 @app.command(epilog="Example: eitbench record --board emulator --guided --out touch.h5")
 def record(
     board: Annotated[str, typer.Option(metavar="NAME", help="A board (eitbench list boards).")],
@@ -95,27 +106,16 @@ def record(
     """Record a board into a file, free-running or guided."""
     import signal
 
-    from eitbench.hardware.boards import make_board
     from eitbench.hardware.guided import Guide, suite_path, write_suite
     from eitbench.hardware.recorder import Recorder, check_new
-    from eitbench.hardware.recording import is_emulated
-    from eitbench.scenarios.catalogue import sensor as sensor_by_name
 
     if guided and seconds is not None:
         raise typer.BadParameter("a guided session ends when you say so: leave out --seconds")
     check_new(out)  # before a board is waited for
     suite = suite_path(out) if guided else None
-    nominal = None if sensor is None else sensor_by_name(sensor)
-    made = make_board(
-        board,
-        port=port,
-        sensor=nominal,
-        file=file,
-        script=script,
-        protocol=protocol,
-        speed=speed,
+    made, emulated = _board(
+        board, sensor, port=port, file=file, script=script, protocol=protocol, speed=speed
     )
-    emulated = is_emulated(made)
     # Whoever ends it politely gets what Ctrl-C gives: a file that was closed.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     with made:
@@ -196,24 +196,13 @@ def live(
     ] = True,
 ) -> None:
     """Watch a board on a page in the browser: images, contacts, voltages; record what it sends."""
-    from eitbench.hardware.boards import make_board
     from eitbench.hardware.live.access import access_to
     from eitbench.hardware.live.run import live_view, watch
-    from eitbench.hardware.recording import is_emulated
-    from eitbench.scenarios.catalogue import sensor as sensor_by_name
 
     access = access_to(host, token)
-    nominal = None if sensor is None else sensor_by_name(sensor)
-    made = make_board(
-        board,
-        port=port,
-        sensor=nominal,
-        file=file,
-        script=script,
-        protocol=protocol,
-        speed=speed,
+    made, emulated = _board(
+        board, sensor, port=port, file=file, script=script, protocol=protocol, speed=speed
     )
-    emulated = is_emulated(made)
 
     def ready(address: str) -> None:
         typer.echo(f"{board}{' (emulated)' if emulated else ''}: {address}  (Ctrl-C ends it)")

@@ -101,15 +101,20 @@ def here(plan: Plan, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return start_run(plan, tmp_path_factory.mktemp("runs") / "here").path
 
 
+@pytest.fixture
+def by_batch(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A piece for each batch."""
+    monkeypatch.setattr(execution, "PIECE_SECONDS", 0.0)
+
+
+@pytest.mark.usefixtures("by_batch")
 def test_a_cluster_gives_the_same_bits_piece_by_piece(
     machines: Machines,
     plan: Plan,
     here: Path,
     same_results: SameResults,
     tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(execution, "PIECE_SECONDS", 0.0)  # a piece for each batch
     there = start_run(plan, tmp_path / "there", scheduler=machines.address).path
     same_results(here, there)
     assert (there / "logs" / "tiny--toy-nan.log").is_file()
@@ -125,6 +130,7 @@ def test_a_cluster_has_what_operators_are_compared_with(
     )
 
 
+@pytest.mark.usefixtures("by_batch")
 def test_what_a_cluster_finished_is_kept_and_the_run_goes_on_here(
     machines: Machines,
     plan: Plan,
@@ -133,7 +139,6 @@ def test_what_a_cluster_finished_is_kept_and_the_run_goes_on_here(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(execution, "PIECE_SECONDS", 0.0)
     answer = execution.Cluster._answer
     answered: list[execution.Answer] = []
 

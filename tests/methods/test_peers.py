@@ -235,7 +235,7 @@ def test_without_pyeit_a_method_says_what_to_install(monkeypatch: pytest.MonkeyP
     of = coarse("foam16")
     for name in PYEIT:
         why = methods()[name].unusable(of)
-        assert why == "pyEIT is not installed: pip install 'eitbench[peers]'."
+        assert why == "pyEIT is not installed: pip install -c constraints.txt -e '.[peers]'."
         with pytest.raises(InputError, match="eitbench\\[peers\\]"):
             create(name).fit(touched(of)[0])
 
