@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy import stats
+from scipy import special
 
 from eitbench.benchmark.averages import averages
 from eitbench.benchmark.cards import METRICS, MetricCard
@@ -304,5 +304,5 @@ def _p(value: float, drawn: Array, phantoms: int, *, two_sided: bool) -> float:
         t = 0.0 if abs(value) < _EQUAL else float(np.copysign(np.inf, value))
     else:
         t = value / error
-    tail = float(stats.t.sf(abs(t) if two_sided else t, phantoms - 1))
+    tail = float(special.stdtr(phantoms - 1, -abs(t) if two_sided else -t))
     return 2 * tail if two_sided else tail

@@ -29,7 +29,7 @@ PINNED = {
         "NUMBA_NUM_THREADS",
     )
 }
-PRELOADED = "eitbench.benchmark.method_worker"
+PRELOADED = "eitbench.benchmark.preload"
 # Cells run in threads, and starting a worker changes this process's environment for a moment.
 _STARTING = threading.Lock()
 

@@ -17,7 +17,7 @@ from itertools import combinations
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy import stats
+from scipy import special
 
 from eitbench.benchmark.averages import averages, numbers
 from eitbench.benchmark.cards import MetricCard
@@ -223,7 +223,7 @@ def paired_test(difference: Array, drawn: Array, phantoms: int) -> tuple[Array, 
     error[error < 10.0**-_DIGITS] = 0.0
     zero = np.where(np.abs(difference) < 10.0**-_DIGITS, 0.0, np.copysign(np.inf, difference))
     t = np.divide(difference, error, out=zero, where=error > 0)
-    return 2 * stats.t.sf(np.abs(t), phantoms - 1), t / np.sqrt(phantoms)
+    return 2 * special.stdtr(phantoms - 1, -np.abs(t)), t / np.sqrt(phantoms)
 
 
 def _wins(cell: pd.DataFrame, other: pd.DataFrame, card: MetricCard) -> float | None:

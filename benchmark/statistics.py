@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import special, stats
+from scipy import special
 
 from eitbench.scenarios.errors import InputError
 
@@ -118,7 +118,7 @@ def intervals(value: Array, drawn: Array, clusters: int, level: float = LEVEL) -
     Source: Hesterberg, What Teachers Should Know About the Bootstrap, The American Statistician
     69(4), 2015, sec. 3.2.2 (expanded percentile interval).
     """
-    quantile = stats.t.ppf((1 - level) / 2, clusters - 1) * np.sqrt(clusters / (clusters - 1))
+    quantile = special.stdtrit(clusters - 1, (1 - level) / 2) * np.sqrt(clusters / (clusters - 1))
     low = float(special.ndtr(quantile))
     ends: Array = np.quantile(drawn, [low, 1 - low], axis=0)
     return np.where(np.isnan(value), np.nan, ends)

@@ -69,7 +69,7 @@ class Registry(Generic[Base]):
                     f"{self.base.__name__}."
                 )
             if not cls.__module__.startswith("eitbench.methods."):
-                self._import_built_in()  # their names are taken before a plugin's
+                self.import_built_in()  # their names are taken before a plugin's
             taken = self._registered.get(name)
             if taken is not None and (taken.__module__, taken.__qualname__) != (
                 cls.__module__,
@@ -85,7 +85,7 @@ class Registry(Generic[Base]):
 
     def known(self) -> dict[str, type[Base]]:
         """Every member: built in, installed (entry-point group), loaded from a file."""
-        self._import_built_in()
+        self.import_built_in()
         for point in entry_points(group=self.group):
             try:
                 loaded = point.load()
@@ -120,7 +120,8 @@ class Registry(Generic[Base]):
         """The names that the Python module called `module` registered."""
         return [name for name, cls in self._registered.items() if cls.__module__ == module]
 
-    def _import_built_in(self) -> None:
+    def import_built_in(self) -> None:
+        """Import the modules of eitbench that register members."""
         for module in self.built_in:
             importlib.import_module(f"eitbench.methods.{module}")
 

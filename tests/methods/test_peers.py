@@ -236,7 +236,7 @@ def test_without_pyeit_a_method_says_what_to_install(monkeypatch: pytest.MonkeyP
     for name in PYEIT:
         why = methods()[name].unusable(of)
         assert why == "pyEIT is not installed: pip install -c constraints.txt -e '.[peers]'."
-        with pytest.raises(InputError, match="eitbench\\[peers\\]"):
+        with pytest.raises(InputError, match="\\[peers\\]"):
             create(name).fit(touched(of)[0])
 
 
