@@ -51,7 +51,7 @@ def listen(board: SerialBoard, board_end: int, text: bytes) -> None:
 def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(serial_board, "_PATIENCE_S", 0.3)
     monkeypatch.setattr(serial_board, "_ANSWER_S", 0.3)
-    monkeypatch.setattr(serial_board, "_LISTEN_S", 0.1)
+    monkeypatch.setattr(serial_board, "_LISTEN_S", 0.4)
 
 
 def test_a_board_measures_while_it_is_told_to(name: str, serve: Serve, stream: Any) -> None:
