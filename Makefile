@@ -13,7 +13,7 @@ demo: $(STAMPS)/demo  ## install, run the suite `quick`, print its leaderboard
 	$(BIN)/eitbench run quick --jobs 2
 
 test: $(STAMPS)/test  ## install what tests need and run them
-	$(BIN)/pytest -n auto --dist loadfile
+	$(BIN)/pytest -n auto --dist loadfile --no-loadscope-reorder
 
 slow: $(STAMPS)/test  ## the long tests, too
 	$(BIN)/pytest -m "slow or not slow" --timeout 3600
