@@ -10,12 +10,13 @@ Unknowns are the mesh's n nodes, then its E electrodes, which are never eliminat
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from eitbench.scenarios.physics.elements import ElectrodeTerms
+from eitbench.scenarios.physics.elements import ElectrodeTerms, stiffness
 from eitbench.scenarios.physics.mesh import Mesh
 
 Array = NDArray[np.float64]
@@ -77,13 +78,34 @@ def stride(size: int) -> int:
     return (size // LANES + 1) * LANES
 
 
-def dissect(mesh: Mesh, stiffness: Array, terms: ElectrodeTerms) -> Dissection:
-    """The dissection of `mesh` with element matrices (k, c, c) and its electrodes' terms."""
+def dissect(mesh: Mesh, terms: ElectrodeTerms) -> Dissection:
+    """The dissection of `mesh` with its electrodes' terms."""
+    mass = terms.mass.tocoo()
+    upper = mass.row <= mass.col
+    nodes, electrodes = np.nonzero(terms.coupling)
+    first = np.concatenate([mass.row[upper], nodes]).astype(np.int64)
+    second = np.concatenate([mass.col[upper], len(mesh.nodes) + electrodes]).astype(np.int64)
+    values = np.concatenate([mass.data[upper], -terms.coupling[nodes, electrodes]])
+    parts, order = _structure(mesh, first.tobytes(), second.tobytes())
+    return parts._replace(fixed=values[order])
+
+
+# Sensors that differ in contact impedance alone share all but their electrodes' values, and a
+# calibration builds dozens of them.
+@lru_cache(maxsize=8)
+def _structure(mesh: Mesh, first: bytes, second: bytes) -> tuple[Dissection, Index]:
+    """The dissection of `mesh` without `fixed`, and which of the electrodes' terms is where there.
+
+    Args:
+        first, second: the unknowns that each of these terms couples, int64, first <= second.
+    """
+    pairs = np.column_stack([np.frombuffer(unknowns, np.int64) for unknowns in (first, second)])
     n_nodes, corners = len(mesh.nodes), mesh.elements
     parts, children = _cut(mesh.nodes[corners].mean(axis=1))
-    fixed = _fixed_entries(corners, parts, terms, n_nodes)
+    owner = _owners(corners, parts, pairs)
+    owned = [np.flatnonzero(owner == p) for p in range(len(parts))]
     leaf_unknowns = [
-        None if part is None else _distinct(corners[part], *(ij for ij, _ in fixed[p]))
+        None if part is None else _distinct(corners[part], pairs[owned[p]])
         for p, part in enumerate(parts)
     ]
     eliminated, remaining = _order(leaf_unknowns, children, n_nodes)
@@ -95,10 +117,11 @@ def dissect(mesh: Mesh, stiffness: Array, terms: ElectrodeTerms) -> Dissection:
         for child in pair:
             places[child] = [where[parent][u] for u in remaining[child].tolist()]
 
+    local = stiffness(mesh)
     entries, elements, fixed_entries = (
         [np.empty(0, dtype=np.int64) for _ in fronts] for _ in range(3)
     )
-    coefficients, fixed_values = ([np.empty(0) for _ in fronts] for _ in range(2))
+    coefficients = [np.empty(0) for _ in fronts]
     i, j = np.triu_indices(corners.shape[1])
     for p, part in enumerate(parts):
         if part is None:
@@ -109,15 +132,14 @@ def dissect(mesh: Mesh, stiffness: Array, terms: ElectrodeTerms) -> Dissection:
         row, column = np.minimum(at[:, i], at[:, j]), np.maximum(at[:, i], at[:, j])
         entries[p] = (row * stride(len(fronts[p])) + column).ravel()
         elements[p] = np.repeat(part, len(i))
-        coefficients[p] = stiffness[part][:, i, j].ravel()
-        pairs = [sorted(where[p][u] for u in ij) for ij, _ in fixed[p]]
-        fixed_entries[p] = np.array([r * stride(len(fronts[p])) + c for r, c in pairs], dtype=int)
-        fixed_values[p] = np.array([value for _, value in fixed[p]])
+        coefficients[p] = local[part][:, i, j].ravel()
+        ends = [sorted(where[p][u] for u in pair) for pair in pairs[owned[p]].tolist()]
+        fixed_entries[p] = np.array([r * stride(len(fronts[p])) + c for r, c in ends], dtype=int)
 
     size = np.array([len(front) for front in fronts])
     counts = np.array([len(e) for e in eliminated])
     kept = np.array([count * stride(s) for count, s in zip(counts, size, strict=True)])
-    return Dissection(
+    dissection = Dissection(
         n_nodes,
         size,
         counts,
@@ -129,10 +151,11 @@ def dissect(mesh: Mesh, stiffness: Array, terms: ElectrodeTerms) -> Dissection:
         np.concatenate(coefficients),
         _starts(entries),
         np.concatenate(fixed_entries).astype(np.uint32),
-        np.concatenate(fixed_values),
+        np.empty(0),
         _starts(fixed_entries),
         np.concatenate([[0], np.cumsum(kept)]),
     )
+    return dissection, np.concatenate(owned)
 
 
 def _cut(centres: Array) -> tuple[list[Index | None], list[tuple[int, ...]]]:
@@ -158,27 +181,18 @@ def _cut(centres: Array) -> tuple[list[Index | None], list[tuple[int, ...]]]:
     return parts, children
 
 
-def _fixed_entries(
-    corners: Index, parts: list[Index | None], terms: ElectrodeTerms, n_nodes: int
-) -> list[list[tuple[tuple[int, int], float]]]:
-    """((unknown, unknown), value) of the electrodes' terms, each given to one smallest part."""
+def _owners(corners: Index, parts: list[Index | None], pairs: Index) -> Index:
+    """The smallest part (t,) that each electrode's term between `pairs` (t, 2) is given to."""
     part_of = np.empty(len(corners), dtype=np.int64)
     for p, part in enumerate(parts):
         if part is not None:
             part_of[part] = p
     elements_at: dict[int, set[int]] = {}
-    rim = set(terms.mass.tocoo().row.tolist()) | set(np.nonzero(terms.coupling)[0].tolist())
-    for element, node in zip(*np.nonzero(np.isin(corners, list(rim))), strict=True):
+    for element, node in zip(*np.nonzero(np.isin(corners, pairs)), strict=True):
         elements_at.setdefault(int(corners[element, node]), set()).add(int(element))
-    fixed: list[list[tuple[tuple[int, int], float]]] = [[] for _ in parts]
-    mass = terms.mass.tocoo()
-    for i, j, value in zip(mass.row.tolist(), mass.col.tolist(), mass.data.tolist(), strict=True):
-        if i <= j:
-            fixed[part_of[min(elements_at[i] & elements_at[j])]].append(((i, j), value))
-    for i, electrode in zip(*(k.tolist() for k in np.nonzero(terms.coupling)), strict=True):
-        value = -float(terms.coupling[i, electrode])
-        fixed[part_of[min(elements_at[i])]].append(((i, n_nodes + electrode), value))
-    return fixed
+    # An electrode lies at no element's corner: its node's elements decide.
+    shared = [elements_at[i] & elements_at.get(j, elements_at[i]) for i, j in pairs.tolist()]
+    return part_of[[min(elements) for elements in shared]]
 
 
 def _order(
@@ -208,8 +222,8 @@ def _order(
     return eliminated, remaining
 
 
-def _distinct(corners: Index, *pairs: tuple[int, int]) -> Index:
-    return np.unique(np.concatenate([corners.ravel(), np.array(pairs, dtype=np.int64).ravel()]))
+def _distinct(*unknowns: Index) -> Index:
+    return np.unique(np.concatenate([u.ravel() for u in unknowns]))
 
 
 def _starts(lists: list[Index]) -> Index:

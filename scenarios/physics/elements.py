@@ -6,6 +6,7 @@ electrode potentials U such that for all test functions w and W
     int sigma grad u . grad w  +  sum_l 1/z_l int_{e_l} (u - U_l)(w - W_l)  =  sum_l I_l W_l.
 """
 
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -21,6 +22,7 @@ Array = NDArray[np.float64]
 GAUSS = (0.5 - 0.5 / np.sqrt(3), 0.5 + 0.5 / np.sqrt(3))
 
 
+@lru_cache(maxsize=8)
 def stiffness(mesh: Mesh) -> Array:
     """int grad N_i . grad N_j over each element at sigma = 1 S/m: (k, c, c) [1], c corners."""
     corners = mesh.nodes[mesh.elements]
@@ -45,14 +47,15 @@ def _weighted_gradients(corners: Array, slopes: Array, weight: float) -> Array:
     return np.asarray(np.einsum("k,kxi,kxj->kij", measure, gradients, gradients))
 
 
-def couplings(mesh: Mesh, stiffness: Array) -> tuple[NDArray[np.uint32], Array]:
+@lru_cache(maxsize=8)
+def couplings(mesh: Mesh) -> tuple[NDArray[np.uint32], Array]:
     """Corners (k, 4) of the elements and K_ij (k, 6) of the pairs 01, 02, 03, 12, 13, 23 of them.
 
     Triangles have their last corner twice, the second time without any coupling.
     """
     missing = 4 - mesh.elements.shape[1]
     corners = np.pad(mesh.elements, ((0, 0), (0, missing)), mode="edge").astype(np.uint32)
-    padded = np.pad(stiffness, ((0, 0), (0, missing), (0, missing)))
+    padded = np.pad(stiffness(mesh), ((0, 0), (0, missing), (0, missing)))
     i, j = np.triu_indices(4, 1)
     return corners, padded[:, i, j]
 

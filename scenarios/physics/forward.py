@@ -31,7 +31,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.physics.dissection import dissect
-from eitbench.scenarios.physics.elements import couplings, electrode_terms, stiffness
+from eitbench.scenarios.physics.elements import couplings, electrode_terms
 from eitbench.scenarios.physics.elimination import element_gradients, sensitivities, solve
 from eitbench.scenarios.physics.mesh import Mesh, build_mesh
 from eitbench.scenarios.sensors import Sensor
@@ -51,10 +51,9 @@ class ForwardModel:
         self.sensor = sensor
         self.mesh = build_mesh(sensor) if mesh is None else mesh
         terms = electrode_terms(self.mesh, sensor.electrodes, sensor.outline.perimeter)
-        local = stiffness(self.mesh)
         self._conductance = terms.conductance
-        self._parts = dissect(self.mesh, local, terms)
-        self._corners, self._couplings = couplings(self.mesh, local)
+        self._parts = dissect(self.mesh, terms)
+        self._corners, self._couplings = couplings(self.mesh)
 
     @property
     def mesh_hash(self) -> str:
