@@ -18,7 +18,7 @@ SHARED = Path(__file__).resolve().parents[2] / "shared"
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_auto_num_workers() -> int:
-    """With `-n auto`: one more than there are cores, as many a test waits for a board or a limit."""
+    """With `-n auto`: one more than there are cores, as many a test waits for something."""
     return (os.cpu_count() or 1) + 1
 
 

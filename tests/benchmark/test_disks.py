@@ -9,10 +9,14 @@ from pathlib import Path
 
 import pytest
 
+from eitbench.benchmark.runner import make_plan, start_run
+from eitbench.scenarios.suites import load_suite
+
 SameResults = Callable[[Path, Path], None]
 TINY = Path(__file__).parent / "data" / "tiny.toml"
 MAIN = "from eitbench.cli import main; main()"
-RUN = [sys.executable, "-c", MAIN, "run", str(TINY), "--methods", "noser,greit"]
+METHODS = ["noser", "greit"]
+RUN = [sys.executable, "-c", MAIN, "run", str(TINY), "--methods", ",".join(METHODS)]
 # On a small disk of its own the run fails and leaves whole files; on a larger one it ends.
 SCRIPT = """
 set -e
@@ -34,7 +38,7 @@ def test_a_full_disk_is_one_sentence_and_breaks_nothing(
     probe = [*own, "mount", "-t", "tmpfs", "tmpfs", str(disk)]
     if shutil.which("unshare") is None or subprocess.run(probe, capture_output=True).returncode:
         pytest.skip("needs to mount a small disk")
-    subprocess.run([*RUN, "--out", str(tmp_path / "whole")], check=True, capture_output=True)
+    start_run(make_plan(load_suite(str(TINY)), methods=METHODS), tmp_path / "whole")
     names = {"DISK": disk, "SAID": said, "KEPT": kept, "PYTHON": sys.executable}
     environment = os.environ | {name: str(path) for name, path in names.items()}
     done = subprocess.run([*own, "sh", "-c", SCRIPT, "sh", *RUN], env=environment)

@@ -17,7 +17,7 @@ SCENARIO = """
 [[scenarios]]
 kind = "simulated"
 name = "tiny-{name}"
-image_shape = [24, 24]
+image_shape = [16, 16]
 families = ["circle"]
 noise = {{ validation = 50, test = {noise} }}
 train = 0

@@ -38,7 +38,7 @@ def background(name: str) -> tuple[Array, Array]:
 
 
 def one_step(name: str, change: Array) -> Array:
-    """A one-step image (H, W) of a measured change (M,), diagonal prior, 0 outside the sensor."""
+    """One-step images (..., H, W) of changes (..., M), diagonal prior, 0 outside the sensor."""
     voltages, jacobian = background(name)
     reference = read(name).reference
     gain = (voltages @ reference) / (voltages @ voltages)
@@ -48,9 +48,9 @@ def one_step(name: str, change: Array) -> Array:
     prior = np.maximum(np.sum(weighted**2, axis=0), 1e-12)
     system = weighted @ (weighted / prior).T
     system += 0.03 * np.trace(system) / len(system) * np.eye(len(system))
-    image = np.zeros(mask.shape)
-    image[mask] = (weighted / prior).T @ np.linalg.solve(system, weight * change / gain)
-    return image
+    images = np.zeros((*change.shape[:-1], *mask.shape))
+    images[..., mask] = np.linalg.solve(system, (weight * change / gain).T).T @ (weighted / prior)
+    return images
 
 
 @pytest.mark.parametrize("name", RECORDED_SETS)
@@ -185,7 +185,7 @@ def test_kuopio_truth_has_our_orientation() -> None:
     assert truth is not None
     assert set(np.unique(truth)) == {-1, 0, 1}
     mask = nominal("ktc2023").mask
-    images = [one_step("ktc2023", v - recording.reference) for v in recording.voltages]
+    images = one_step("ktc2023", recording.voltages - recording.reference)
 
     def agreement_of(oriented: NDArray[np.int8]) -> list[float]:
         pairs = zip(images, oriented, strict=True)

@@ -26,7 +26,6 @@ from eitbench.benchmark.store import SAMPLES, Batch, Cell, RunStore
 from eitbench.hardware.board import Frame
 from eitbench.hardware.recorder import Recorder
 from eitbench.methods.tensor_file import read_tensors
-from eitbench.methods.training.checkpoint import Checkpoint
 from eitbench.reports.gathered import gather
 from eitbench.reports.leaderboard import FORMATS, leaderboard, write_leaderboard
 from eitbench.scenarios.cache_file import CacheFile
@@ -268,6 +267,8 @@ def _others(folder: Path, run: Path) -> dict[str, Target]:
     cached = CacheFile(folder / "cached.h5", {"a": 1})
     cached.write(rng.normal(size=(3, 5)))
     tensors = {"a.b": torch.ones(3, 2), "c": torch.zeros(4, dtype=torch.int64)}
+    from eitbench.methods.training.checkpoint import Checkpoint  # Lightning takes seconds
+
     Checkpoint(tensors, {}, {}, ()).write(folder / "training", {"epochs": 3})
     checkpoint = folder / "training" / "checkpoint.safetensors"
     scenario = load_suite(folder / "suite.toml").scenarios[0]
