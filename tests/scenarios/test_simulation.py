@@ -1,6 +1,7 @@
 """Simulated voltages: the same bits however they are made, and a cache that cannot go wrong."""
 
 import errno
+import hashlib
 import logging
 import os
 import signal
@@ -15,7 +16,7 @@ import joblib
 import numpy as np
 import pytest
 
-from eitbench.scenarios.cache_file import ABANDONED_AFTER_S
+from eitbench.scenarios.cache_file import ABANDONED_AFTER_S, DIGEST
 from eitbench.scenarios.datasets import load
 from eitbench.scenarios.errors import EitbenchError
 from eitbench.scenarios.phantoms.families import PUBLISHED_FAMILIES
@@ -122,9 +123,11 @@ def test_scenarios_that_differ_in_noise_only_share_the_cache(solves: list[int]) 
     assert not np.array_equal(load(first, "test", 4).voltages, load(second, "test", 4).voltages)
 
 
-def flip_a_byte_of_the_voltages(path: Path) -> None:
-    with h5py.File(path, "r+") as file:
-        file["voltages"][0, 0] += 1e-9
+def flip_a_bit_of_the_voltages(path: Path) -> None:
+    content = bytearray(path.read_bytes())
+    with h5py.File(path) as file:
+        content[file["voltages"].id.get_offset()] ^= 1
+    path.write_bytes(content)
 
 
 def cut(path: Path) -> None:
@@ -135,23 +138,27 @@ def empty(path: Path) -> None:
     path.write_bytes(b"")
 
 
+def signed(path: Path, content: bytes) -> None:
+    path.write_bytes(content + hashlib.sha256(content).digest())
+
+
 def no_longer_hdf5(path: Path) -> None:
-    path.write_bytes(b"\0" * 4000)
+    signed(path, b"\0" * 4000)
 
 
 def other_parameters(path: Path) -> None:
     with h5py.File(path, "r+") as file:
         file.attrs["parameters"] = "{}"
+    signed(path, path.read_bytes())
 
 
 def no_checksum(path: Path) -> None:
-    with h5py.File(path, "r+") as file:
-        del file.attrs["sha256"]
+    path.write_bytes(path.read_bytes()[:-DIGEST])
 
 
 @pytest.mark.parametrize(
     "damage",
-    [flip_a_byte_of_the_voltages, cut, empty, no_longer_hdf5, other_parameters, no_checksum],
+    [flip_a_bit_of_the_voltages, cut, empty, no_longer_hdf5, other_parameters, no_checksum],
 )
 def test_corrupt_cache_file_is_noticed_named_and_made_again(
     damage: object, cache: Path, caplog: pytest.LogCaptureFixture
