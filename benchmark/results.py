@@ -224,6 +224,12 @@ def checked_table(path: Path, kind: Kind, needed: Iterable[str] = ()) -> pd.Data
     texts = ("suite", "scenario", kind.name, *kind.labels, *kind.facts, *TEXTS)
     if wrong := wrong_kind(table, texts, (*kind.metrics, *kind.costs, *NUMBERS)):
         raise DataCorruptError(f"The column {wrong!r} of {path} is damaged: run again.")
+    if "told" in table:
+        try:
+            for told in table["told"].unique():
+                in_words(_text(told))
+        except ValueError as error:
+            raise DataCorruptError(f"The column 'told' of {path} is damaged: run again.") from error
     return table
 
 
@@ -376,16 +382,20 @@ def _row(run: Run, keys: Row, cell: pd.DataFrame) -> Row:
         row[name] = str(known.get(name, ""))
     row |= {"data_hash": data.get("hash"), "data_n": data.get("n")}
     row["inverse_crime"] = data.get("inverse_crime")
-    row["machine"] = known.get("machine")
+    row["machine"] = _text(known.get("machine")) or None
     if kind == METHODS:
         solve = known.get("calibration_ms")
         frame = row["frame_ms_p50"]
         row["frame_solves"] = _plain(frame / solve if solve and frame is not None else None)
         noted = run.notes.get(keys["scenario"], {})
         row |= {name: _plain(noted.get(name)) for name in NOTES}
-        row["told"] = in_words(str(known.get("told", "")))
+        row["told"] = in_words(_text(known.get("told")))
         row["overlap"] = _plain(known.get("overlap"))
     return row
+
+
+def _text(value: Any) -> str:
+    return value if isinstance(value, str) else ""
 
 
 def _plain(value: Any) -> float | None:

@@ -8,6 +8,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
+from eitbench.benchmark.parquet_footer import codecs
 from eitbench.scenarios.limits import most_bytes
 
 CODECS = ("SNAPPY", "UNCOMPRESSED")
@@ -26,10 +27,9 @@ def read_parquet(path: Path) -> pd.DataFrame:
         for field in schema:
             if pa.types.is_nested(field.type):
                 raise ValueError(f"column {field.name!r} holds neither numbers nor text")
-        groups = [about.row_group(k) for k in range(about.num_row_groups)]
-        codecs = {g.column(k).compression for g in groups for k in range(g.num_columns)}
-        if not codecs <= set(CODECS):
-            raise ValueError(f"it is compressed with {', '.join(sorted(codecs))}")
+        used = codecs(path)
+        if not used <= set(CODECS):
+            raise ValueError(f"it is compressed with {', '.join(sorted(used))}")
         if about.num_rows * about.num_columns * 8 > most:
             raise ValueError("it claims to be much larger than the file")
     texts = [field.name for field in schema if _is_text(field.type)]

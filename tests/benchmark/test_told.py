@@ -226,3 +226,12 @@ def test_packaged_weights_come_with_the_contents_of_their_training_data(
     assert not (tmp_path / "contents").exists()
     first = load(paper.model_copy(update={"train": 2}), split="train").phantoms
     assert np.isin(contents(first, None), packaged).all()
+
+
+@pytest.mark.parametrize(
+    "damaged",
+    ["{", "[]", "1.5", "null", '"x"', "{}", '{"model": 1}', '\ufeff{"model": true}'],
+)
+def test_a_damaged_account_is_refused(damaged: str) -> None:
+    with pytest.raises(ValueError, match="validation error"):
+        in_words(damaged)
