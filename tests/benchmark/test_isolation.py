@@ -1,8 +1,6 @@
 """Whatever a plugin does to its process costs its own rows only."""
 
 import os
-import subprocess
-import sys
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -12,14 +10,12 @@ import pandas as pd
 import psutil
 import pytest
 
-from eitbench.benchmark.process import start_process
 from eitbench.benchmark.runner import make_plan, start_run
-from eitbench.benchmark.worker import LOG_LIMIT, Reply, serve
+from eitbench.benchmark.worker import LOG_LIMIT
 from eitbench.scenarios.suites import Suite
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
 HOSTILE = Path(__file__).parent / "data" / "hostile_methods.py"
-WAIT = "import time; time.sleep(600)"
 
 
 @pytest.fixture(scope="module")
@@ -69,24 +65,6 @@ def test_what_it_prints_does_not_fill_the_disk(run: Path) -> None:
 
 def test_what_it_leaves_behind_is_ended(run: Path) -> None:
     assert ends(int((run.parent / "daemon").read_text()))
-
-
-class Parent:
-    """Starts a process in a session of its own."""
-
-    def start(self) -> Reply:
-        child = subprocess.Popen([sys.executable, "-c", WAIT], start_new_session=True)
-        return Reply(child.pid, 0.0)
-
-
-def test_it_ends_with_its_worker_when_nobody_asks_any_more() -> None:
-    worker, connection = start_process(serve, (Parent(),), None)
-    connection.send(("start",))
-    pid = connection.recv().value
-    assert psutil.pid_exists(pid)
-    connection.close()  # as the end of the run does, however it ends
-    worker.join(10)
-    assert ends(pid)
 
 
 def ends(pid: int) -> bool:
