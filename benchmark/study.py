@@ -1,12 +1,13 @@
 """Studies: many trainings that differ in what is asked about, judged alike, and resumable.
 
-A study's folder holds `study.json` (what is asked), `study.journal` (Optuna's), a folder with the
-learning curve of each training, and, when all are done, `samples.parquet`: one row per training,
-scenario and sample.
+A study's folder holds `study.json` (what is asked), a folder for each training, with its learning
+curve and, once it is judged, its `samples.parquet`, and, when all are done, one `samples.parquet`
+of all their rows: one row per training, scenario and sample.
 """
 
 from __future__ import annotations
 
+import itertools
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -31,13 +32,10 @@ from eitbench.scenarios.scenario import SimulatedScenario
 from eitbench.scenarios.suites import load_suite
 
 if TYPE_CHECKING:
-    import optuna
-
     from eitbench.scenarios.scenario import Split
 
 Choice = Mapping[str, Any]
 
-JOURNAL = "study.journal"
 SAMPLES = "samples.parquet"
 METRICS = ("ssim", "cc", "rie", "psnr", "score")
 
@@ -144,19 +142,18 @@ def run_study(
     scenario = training_scenario(load_suite(budget.suite))
     settings = {"study": name, **vars(budget), "data": scenario.data_hash("train")}
     _begin(out, settings)
+    study = STUDIES[name]
+    choices = [
+        dict(zip(study.grid, values, strict=True))
+        for values in itertools.product(*study.grid.values())
+    ]
     with locked(out):
-        _forget_unfinished(name, out)
-        joblib.Parallel(n_jobs=jobs)(
-            joblib.delayed(_work)(name, STUDIES[name], budget, out, progress and jobs == 1)
-            for _ in range(jobs)
+        # One training a task: a process that is free takes the next, and none is begun twice.
+        tables = joblib.Parallel(n_jobs=jobs, batch_size=1)(
+            joblib.delayed(_rows)(study, choice, budget, out, progress and jobs == 1)
+            for choice in choices
         )
-    trials = {_label(trial.params): trial for trial in _opened(name, STUDIES[name], out).trials}
-    tables = []
-    for label, trial in sorted(trials.items()):
-        found = out / label / SAMPLES
-        rows = read_table(found) if found.is_file() else pd.DataFrame([{"scenario": ""}])
-        tables.append(rows.assign(**trial.params))
-    table = pd.concat(tables, ignore_index=True)
+    table: pd.DataFrame = pd.concat(tables, ignore_index=True)
     table.to_parquet(out / SAMPLES)
     return table
 
@@ -183,45 +180,11 @@ def _begin(out: Path, settings: Mapping[str, Any]) -> None:
     file.write_text(json.dumps(settings, indent=1) + "\n")
 
 
-def _storage(out: Path) -> optuna.storages.BaseStorage:
-    from optuna.storages import JournalStorage
-    from optuna.storages.journal import JournalFileBackend
-
-    return JournalStorage(JournalFileBackend(str(out / JOURNAL)))
-
-
-def _forget_unfinished(name: str, out: Path) -> None:
-    """Begin the journal again if trials were cut short, which Optuna would not try again.
-
-    What was finished is kept in files, and is passed over at once.
-    """
-    import optuna
-
-    finished = (optuna.trial.TrialState.COMPLETE, optuna.trial.TrialState.PRUNED)
-    if any(trial.state not in finished for trial in _opened(name, STUDIES[name], out).trials):
-        optuna.delete_study(study_name=name, storage=_storage(out))
-
-
-def _opened(name: str, study: Study, out: Path) -> optuna.Study:
-    import optuna
-
-    optuna.logging.set_verbosity(optuna.logging.ERROR)
-    return optuna.create_study(
-        storage=_storage(out),
-        sampler=optuna.samplers.GridSampler(dict(study.grid), seed=0),
-        study_name=name,
-        direction="maximize",
-        load_if_exists=True,
-    )
-
-
-def _work(name: str, study: Study, budget: Budget, out: Path, progress: bool) -> None:
-    """Train and judge until nothing is left that no other process works on."""
-    import optuna
-
-    def objective(trial: optuna.Trial) -> float:
-        choice = {key: trial.suggest_categorical(key, v) for key, v in study.grid.items()}
-        folder = out / _label(choice)
+def _rows(study: Study, choice: Choice, budget: Budget, out: Path, progress: bool) -> pd.DataFrame:
+    """The rows of a training, which is done unless they are there; one without figures if lost."""
+    folder = out / _label(choice)
+    finished = folder / SAMPLES
+    if not finished.is_file():
         base = Request(
             "phydnn",
             budget.suite,
@@ -232,15 +195,15 @@ def _work(name: str, study: Study, budget: Budget, out: Path, progress: bool) ->
             use=False,
             progress=progress,
         )
-        request = study.request(base, choice)
         try:
-            table = _judged(study, request, budget.judged)
-        except DivergedError as error:
-            raise optuna.TrialPruned(str(error)) from error
-        table.to_parquet(folder / SAMPLES)
-        return float(table["score"].mean())
-
-    _opened(name, study, out).optimize(objective)
+            table = _judged(study, study.request(base, choice), budget.judged)
+        except DivergedError:
+            table = pd.DataFrame([{"scenario": ""}])
+        folder.mkdir(parents=True, exist_ok=True)
+        part = folder / f".{SAMPLES}.part"
+        table.to_parquet(part)
+        part.replace(finished)
+    return read_table(finished).assign(**choice)
 
 
 def _label(choice: Choice) -> str:
@@ -248,11 +211,7 @@ def _label(choice: Choice) -> str:
 
 
 def _judged(study: Study, request: Request, limit: int | None) -> pd.DataFrame:
-    """Train as asked, unless that was done, and judge; the curve stays, the weights do not."""
-    assert request.out is not None
-    finished = request.out / SAMPLES
-    if finished.is_file():
-        return read_table(finished)
+    """Train as asked and judge; the curve stays, the weights do not."""
     training = train(request)
     about = json.loads(training.weights.with_suffix(".json").read_text())
     tables = []
@@ -262,7 +221,7 @@ def _judged(study: Study, request: Request, limit: int | None) -> pd.DataFrame:
         method.fit(Problem(data.sensor, data.reference, no_split))
         table = judge(data, method.reconstruct(data.voltages))[["sample", *METRICS]]
         tables.append(table.assign(scenario=scenario.name, train_s=float(about["train_s"])))
-    for weights in request.out.glob("*.safetensors"):
+    for weights in training.weights.parent.glob("*.safetensors"):
         weights.unlink()
     return pd.concat(tables, ignore_index=True)
 
