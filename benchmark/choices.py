@@ -2,7 +2,6 @@
 
 import json
 import logging
-import os
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import Any, Literal
 from eitbench.scenarios.cache_dir import cache_dir
 from eitbench.scenarios.scenario import Scenario, SimulatedScenario
 from eitbench.scenarios.sensors import content_hash
+from eitbench.scenarios.whole_file import write_whole
 
 _log = logging.getLogger(__name__)
 
@@ -143,10 +143,7 @@ def record(scenario: Scenario, choices: Mapping[str, Choice], folder: Path) -> P
         "rule": RULE,
         "choices": dict(sorted((_choices(path) | added).items())),
     }
-    folder.mkdir(parents=True, exist_ok=True)
-    partial = path.with_suffix(f".{os.getpid()}.partial")
-    partial.write_text(json.dumps(content, indent=1) + "\n")
-    partial.replace(path)
+    write_whole(path, (json.dumps(content, indent=1) + "\n").encode())
     return path
 
 

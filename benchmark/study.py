@@ -30,6 +30,7 @@ from eitbench.scenarios.datasets import load
 from eitbench.scenarios.errors import InputError, unknown_name
 from eitbench.scenarios.scenario import SimulatedScenario
 from eitbench.scenarios.suites import load_suite
+from eitbench.scenarios.whole_file import write_whole
 
 if TYPE_CHECKING:
     from eitbench.scenarios.scenario import Split
@@ -199,10 +200,7 @@ def _rows(study: Study, choice: Choice, budget: Budget, out: Path, progress: boo
             table = _judged(study, study.request(base, choice), budget.judged)
         except DivergedError:
             table = pd.DataFrame([{"scenario": ""}])
-        folder.mkdir(parents=True, exist_ok=True)
-        part = folder / f".{SAMPLES}.part"
-        table.to_parquet(part)
-        part.replace(finished)
+        write_whole(finished, table.to_parquet())
     return read_table(finished).assign(**choice)
 
 

@@ -1,8 +1,6 @@
 """What a method was told, as it was measured, and whether it was taught on what it is tested on."""
 
 import json
-import os
-import threading
 from collections.abc import Mapping
 from contextlib import suppress
 from io import BytesIO
@@ -20,6 +18,7 @@ from eitbench.scenarios.datasets import Dataset
 from eitbench.scenarios.scenario import Scenario, SimulatedScenario
 from eitbench.scenarios.simulation import phantom
 from eitbench.scenarios.suites import learned_from, scenarios
+from eitbench.scenarios.whole_file import write_whole
 
 NAN = float("nan")
 
@@ -97,10 +96,7 @@ def write_contents(path: Path, found: Contents) -> None:
     """Write what `training_contents` reads; it appears whole or not at all."""
     buffer = BytesIO()
     np.save(buffer, found)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(f".{path.name}.{os.getpid()}-{threading.get_ident()}.tmp")
-    part.write_bytes(buffer.getvalue())
-    part.replace(path)
+    write_whole(path, buffer.getvalue())
 
 
 def _checked(path: Path, count: int) -> Contents:

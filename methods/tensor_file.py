@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 from typing import TYPE_CHECKING
 
-import psutil
-
 from eitbench.scenarios.errors import DataCorruptError, EitbenchError
+from eitbench.scenarios.whole_file import write_whole
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -30,15 +28,8 @@ def write_tensors(path: Path, tensors: Mapping[str, Tensor], about: Mapping[str,
 
     stored = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
     content = save(stored, dict(about) | {DIGEST: _digest(stored, about)})
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        _sweep(path)
-        try:
-            temporary.write_bytes(content)
-            temporary.replace(path)
-        finally:
-            temporary.unlink(missing_ok=True)
+        write_whole(path, content)
     except OSError as error:
         raise EitbenchError(f"Could not write {path}: {error.strerror or error}.") from error
 
@@ -65,13 +56,6 @@ def read_tensors(path: Path) -> tuple[dict[str, Tensor], dict[str, str]] | None:
     if about.pop(DIGEST, None) != _digest(tensors, about):
         raise DataCorruptError(f"{path} is damaged: its content does not match its checksum.")
     return tensors, about
-
-
-def _sweep(path: Path) -> None:
-    """Remove what killed processes left beside `path`."""
-    for left in path.parent.glob(f".{path.name}.*.tmp"):
-        if not psutil.pid_exists(int(left.suffixes[-2][1:])):
-            left.unlink(missing_ok=True)
 
 
 def _digest(tensors: Mapping[str, Tensor], about: Mapping[str, str]) -> str:

@@ -3,11 +3,7 @@
 import hashlib
 import io
 import json
-import os
-import threading
-import time
 from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,14 +13,12 @@ from numpy.typing import NDArray
 
 from eitbench.scenarios.errors import DataCorruptError, EitbenchError
 from eitbench.scenarios.limits import own_dataset
+from eitbench.scenarios.whole_file import write_whole
 
 Array = NDArray[np.float64]
 
 DIGEST = hashlib.sha256().digest_size
 """Bytes at the end of a file that HDF5 does not look at: the SHA-256 of all before them."""
-
-# A temporary file this old [s] was left by a killed process: writing one takes milliseconds.
-ABANDONED_AFTER_S = 3600.0
 
 # What h5py raises on damaged content, found by altering files at random.
 _DAMAGE = (OSError, KeyError, ValueError, TypeError, RuntimeError, OverflowError, MemoryError)
@@ -81,26 +75,10 @@ class CacheFile:
             file["voltages"] = voltages
             file.attrs["parameters"] = self._parameters_text()
         content = buffer.getvalue()
-        writer = f"{os.getpid()}-{threading.get_ident()}"
-        temporary = self.path.with_name(f".{self.path.name}.{writer}.tmp")
         try:
-            self.path.parent.mkdir(parents=True, exist_ok=True)
-            self._sweep()
-            try:
-                temporary.write_bytes(content + hashlib.sha256(content).digest())
-                temporary.replace(self.path)
-            finally:
-                temporary.unlink(missing_ok=True)
+            write_whole(self.path, content + hashlib.sha256(content).digest())
         except OSError as error:
             raise self._unusable("write", error) from error
-
-    def _sweep(self) -> None:
-        """Remove what killed processes left beside this file."""
-        for left in self.path.parent.glob(f".{self.path.name}.*.tmp"):
-            # Its writer, or another process that sweeps, may be done with it meanwhile.
-            with suppress(FileNotFoundError):
-                if time.time() - left.stat().st_mtime > ABANDONED_AFTER_S:
-                    left.unlink()
 
     def _unusable(self, action: str, error: OSError) -> EitbenchError:
         return EitbenchError(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shutil
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -19,6 +18,7 @@ from eitbench.scenarios.phantoms.phantom import rasterise
 from eitbench.scenarios.scenario import SimulatedScenario
 from eitbench.scenarios.simulation import clean_voltages, phantom
 from eitbench.scenarios.suites import Suite
+from eitbench.scenarios.whole_file import write_whole
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -180,12 +180,9 @@ def finish(
 def _put_in_use(weights: Path) -> Path:
     """Copy weights and learning curve to where the user's own are looked for."""
     used = user_weights() / weights.name
-    used.parent.mkdir(parents=True, exist_ok=True)
     for source, target in (
         (weights.with_suffix(".json"), used.with_suffix(".json")),
         (weights, used),
     ):
-        partial = target.with_name(f".{target.name}.partial")
-        shutil.copyfile(source, partial)
-        partial.replace(target)
+        write_whole(target, source.read_bytes())
     return used

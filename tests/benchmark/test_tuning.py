@@ -266,7 +266,7 @@ import os, sys
 def hook(event, arguments):
     if event == "open" and isinstance(arguments[0], (str, bytes)):
         name = os.path.basename(os.fsdecode(arguments[0]))
-        if name.endswith((".h5", ".tmp")) and "-0" in name:
+        if name.endswith((".h5", ".part")) and "-0" in name:
             with_fd = os.open(os.environ["AUDIT_LOG"], os.O_WRONLY | os.O_APPEND | os.O_CREAT)
             os.write(with_fd, (name + "\\n").encode())
             os.close(with_fd)

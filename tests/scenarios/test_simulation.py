@@ -16,7 +16,7 @@ import joblib
 import numpy as np
 import pytest
 
-from eitbench.scenarios.cache_file import ABANDONED_AFTER_S, DIGEST
+from eitbench.scenarios.cache_file import DIGEST
 from eitbench.scenarios.datasets import load
 from eitbench.scenarios.errors import EitbenchError
 from eitbench.scenarios.phantoms.families import PUBLISHED_FAMILIES
@@ -228,18 +228,6 @@ def test_threads_that_generate_the_same_at_once_agree(cache: Path) -> None:
     for frames in made:
         assert np.array_equal(frames, made[1][: len(frames)])
     assert [path.name for path in files(cache)] == ["test-000000.h5"]
-
-
-def test_left_over_temporary_files_are_removed_but_fresh_ones_are_not(cache: Path) -> None:
-    clean_voltages(SCENARIO, "test", 1)
-    (path,) = files(cache)
-    old, fresh = (path.with_name(f".{path.name}.{pid}.tmp") for pid in (1, 2))
-    for left in (old, fresh):
-        left.write_bytes(b"half")
-    past = time.time() - ABANDONED_AFTER_S - 10
-    os.utime(old, (past, past))
-    clean_voltages(SCENARIO, "test", 2)
-    assert files(cache) == sorted([fresh, path])
 
 
 def test_unwritable_cache_folder_is_one_clear_sentence(
