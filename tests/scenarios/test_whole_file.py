@@ -1,7 +1,6 @@
 """Files that appear whole or not at all."""
 
 import os
-import signal
 import subprocess
 import sys
 import time
@@ -30,12 +29,14 @@ def test_a_killed_writer_leaves_a_whole_file_and_others_read_whole_ones(tmp_path
         with subprocess.Popen(
             [sys.executable, "-c", WRITER, path], stdout=subprocess.PIPE
         ) as writer:
-            assert writer.stdout is not None
-            writer.stdout.readline()
-            until = time.monotonic() + delay
-            while time.monotonic() < until:
-                assert not path.exists() or path.read_bytes() in whole
-            writer.send_signal(signal.SIGKILL)
+            try:
+                assert writer.stdout is not None
+                writer.stdout.readline()
+                until = time.monotonic() + delay
+                while time.monotonic() < until:
+                    assert not path.exists() or path.read_bytes() in whole
+            finally:
+                writer.kill()
         assert not path.exists() or path.read_bytes() in whole
     assert path.exists()
 
