@@ -113,7 +113,7 @@ def _enter(
         os.dup2(output.fileno(), 2)
         sys.stdout = sys.stderr = output
         faulthandler.enable(output)
-        with threadpool_limits(THREADS), suppress(EOFError, BrokenPipeError):
+        with threadpool_limits(THREADS), suppress(EOFError, ConnectionError):
             serve(connection, *arguments)
         # Nobody asks any more. Once this process is gone, nobody can tell what it started.
         end_tree(os.getpid())

@@ -59,6 +59,7 @@ def test_a_record_says_what_was_spent_and_why_a_trial_failed(tmp_path: Path) -> 
 
 def test_every_packaged_simulated_scenario_has_choices_from_the_search_space() -> None:
     chosen = 0
+    known = methods()
     loaded = [load_suite(name) for name in suites()]
     listed = [
         (scenario, name)
@@ -69,7 +70,7 @@ def test_every_packaged_simulated_scenario_has_choices_from_the_search_space() -
         for name in suite.names
     ]
     for scenario, name in listed:
-        if (cls := methods()[name]).search:
+        if (cls := known[name]).search:
             parameters = selected_parameters(scenario, name)
             assert parameters is not None, f"{scenario.name}: eitbench tune has not seen {name}"
             assert set(parameters) == set(cls.search)

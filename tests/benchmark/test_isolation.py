@@ -10,8 +10,9 @@ import pandas as pd
 import psutil
 import pytest
 
+from eitbench.benchmark.process import start_process
 from eitbench.benchmark.runner import make_plan, start_run
-from eitbench.benchmark.worker import LOG_LIMIT
+from eitbench.benchmark.worker import LOG_LIMIT, _PluginReader, serve
 from eitbench.scenarios.suites import Suite
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
@@ -65,6 +66,28 @@ def test_what_it_prints_does_not_fill_the_disk(run: Path) -> None:
 
 def test_what_it_leaves_behind_is_ended(run: Path) -> None:
     assert ends(int((run.parent / "daemon").read_text()))
+
+
+# As it is loaded: a process out of the worker's group.
+STARTS_SOMETHING = """
+import subprocess
+from pathlib import Path
+process = subprocess.Popen(["sleep", "1000"], start_new_session=True)
+Path(__file__).with_suffix(".pid").write_text(str(process.pid))
+"""
+
+
+def test_a_worker_that_nobody_asks_any_more_ends_what_it_started(tmp_path: Path) -> None:
+    plugin = tmp_path / "starts_something.py"
+    plugin.write_text(STARTS_SOMETHING)
+    process, connection = start_process(serve, (_PluginReader(plugin),), None)
+    connection.send(("names",))
+    assert connection.poll(60)
+    started = int(plugin.with_suffix(".pid").read_text())
+    assert psutil.pid_exists(started)
+    connection.close()
+    process.join(60)
+    assert ends(started)
 
 
 def ends(pid: int) -> bool:
