@@ -1,4 +1,4 @@
-"""What methods must reach with the packaged choices and weights, on 120 samples (20 a family)."""
+"""What methods must reach with the packaged choices and weights, on 60 samples (10 a family)."""
 
 from functools import cache
 
@@ -13,7 +13,7 @@ from eitbench.methods import Problem, create
 from eitbench.scenarios.datasets import load
 from eitbench.scenarios.suites import scenarios
 
-SAMPLES = 120
+SAMPLES = 60
 ENDS = ("paper", "paper-30db")
 LEVELS = ["paper", "paper-60db", "paper-50db", "paper-40db", "paper-30db"]
 

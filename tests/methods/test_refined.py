@@ -160,14 +160,14 @@ def test_steps_through_the_model_improve_the_image_of_a_network(
 ) -> None:
     tiny = suite(cache)
     monkeypatch.setattr(LearnedGaussNewton, "steps", 2)  # more than the packaged weights have
-    train(Request("dnn", tiny, epochs=10, operator="jacobian"))
-    request = Request("learned-gn", tiny, epochs=8, out=cache / "out")
+    train(Request("dnn", tiny, epochs=6, operator="jacobian"))
+    request = Request("learned-gn", tiny, epochs=5, out=cache / "out")
     calls = []
     loss = RefinerTrainee.loss
 
     def stopping(self: RefinerTrainee, batch: Data) -> torch.Tensor:
         calls.append(1)
-        if len(calls) == 100:  # in the second step's training
+        if len(calls) == 65:  # in the second step's training
             raise KeyboardInterrupt
         return loss(self, batch)
 
