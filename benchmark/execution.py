@@ -194,8 +194,11 @@ class Cluster:
                 ) from error
             except CancelledError:  # the data went with the last machine that had them
                 self._forget(data)
-            except (OSError, RuntimeError) as error:
-                if isinstance(error, RuntimeError) and self._client.status == "running":
+            except StoppedError:
+                raise
+            except Exception as error:
+                # Without its scheduler the client raises whatever comes, AttributeError included.
+                if self._client.status == "running" and not isinstance(error, OSError):
                     raise
                 raise EitbenchError("The Dask scheduler no longer answers.") from error
         raise EitbenchError(f"The cluster lost the data of {name} {ATTEMPTS} times.")
