@@ -80,6 +80,7 @@ class SerialBoard(Board):
             self._line.reset_input_buffer()
         except OSError as error:
             raise self._lost(error) from error
+        self._parser.begin()
         for command in self._parser.starting():
             self._send(command)
             if self._parser.awaits_answers:

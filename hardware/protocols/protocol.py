@@ -60,6 +60,7 @@ class Protocol(ABC):
         self.refusal: str | None = None
         self.answers: list[bool] = []
         self._refused = 0
+        self._last_number: int | None = None  # of the last frame, where the board counts them
 
     @classmethod
     @abstractmethod
@@ -77,6 +78,13 @@ class Protocol(ABC):
     def stopping(self) -> Sequence[bytes]:
         """The commands that have it pause."""
         return ()
+
+    def begin(self) -> None:
+        """What comes next does not continue what came before: a board was paused meanwhile.
+
+        What it sent before it heard of that is not counted as lost.
+        """
+        self._last_number = None
 
     @abstractmethod
     def feed(self, data: bytes, received_s: float) -> list[Frame]:

@@ -74,7 +74,6 @@ class Teensy(Protocol):
     def __init__(self, sensor: Sensor) -> None:
         super().__init__(sensor)
         self._pattern = pattern_id(sensor.pattern)
-        self._last: int | None = None
         self._scanner = Scanner(re.compile(re.escape(SYNC)), _judge)
         self._not_finite = 0
 
@@ -128,9 +127,9 @@ class Teensy(Protocol):
             self._not_finite += 1
             return None
         # A board that was switched on again counts from 0, which is no loss.
-        if self._last is not None and number > self._last:
-            self.health.dropped += number - self._last - 1
-        self._last = number
+        if self._last_number is not None and number > self._last_number:
+            self.health.dropped += number - self._last_number - 1
+        self._last_number = number
         return self._frame(number, time_us * 1e-6, received_s, values)
 
     @classmethod

@@ -263,6 +263,7 @@ def no_split(split: str, limit: int | None) -> Dataset:
     raise AssertionError(f"a trained method asked for the {split} split")
 
 
+@pytest.mark.slow
 def test_the_physical_loss_is_minimised_after_a_third_of_the_epochs_and_not_before(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -150,6 +150,7 @@ def test_the_surrogate_learns_what_a_linear_branch_cannot(
     assert result.validation_mse < 0.7 * alone.validation_mse
 
 
+@pytest.mark.slow
 def test_a_killed_training_continues_as_if_it_had_never_stopped(tmp_path: Path) -> None:
     tiny_suite, killed, whole = suite(tmp_path, tiny()), tmp_path / "killed", tmp_path / "whole"
     command = [sys.executable, "-m", "eitbench.cli", "train", "surrogate", "--suite", tiny_suite]

@@ -78,6 +78,10 @@ def test_a_gap_in_running_numbers_counts_as_dropped(stream: MakeStream) -> None:
     # A board that was switched off and on begins again, and loses nothing.
     parser.feed(b"".join(sent.messages[:2]), 0.0)
     assert (parser.health.frames, parser.health.dropped) == (9, 2)
+    # Nor does one that is paused, whose frames the host does not read meanwhile.
+    parser.begin()
+    parser.feed(b"".join(sent.messages[6:]), 0.0)
+    assert (parser.health.frames, parser.health.dropped) == (12, 2)
 
 
 def test_a_wrong_checksum_costs_that_frame_only(stream: MakeStream) -> None:

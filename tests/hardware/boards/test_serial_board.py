@@ -55,7 +55,7 @@ def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_board_measures_while_it_is_told_to(name: str, serve: Serve, stream: Any) -> None:
-    server = serve(name, 10.0)  # a terminal holds five frames for a host that is kept from reading
+    server = serve(name, 40.0)
     sent = stream(name, 1)
     with on(name, server.port) as board:
         assert board.frames(0.1) == []
