@@ -36,8 +36,10 @@ types: $(STAMPS)/lint $(STAMPS)/test  ## mypy, strict
 audit: $(STAMPS)/audit  ## known vulnerabilities of what is installed
 	$(BIN)/python tests/security/audit.py
 
-tune: $(STAMPS)/demo  ## choose the packaged hyper-parameters again (about an hour)
-	for suite in quick paper paper-noise noise shapes presses recorded; do $(BIN)/eitbench tune $$suite --jobs 2 --out benchmark/selected || exit 1; done
+tune: $(STAMPS)/test  ## choose the packaged hyper-parameters again (about an hour)
+	for suite in quick paper paper-noise noise shapes presses recorded; do \
+		$(BIN)/eitbench tune $$suite --jobs 2 --out benchmark/selected && \
+		$(BIN)/eitbench tune $$suite --methods pyeit-jac,pyeit-greit,pyeit-bp --out benchmark/selected || exit 1; done
 
 $(STAMPS)/venv:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "eitbench needs Python 3.11 or newer: make PYTHON=python3.x")'
