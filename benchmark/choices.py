@@ -2,12 +2,14 @@
 
 import json
 import logging
+import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
 
 from eitbench.scenarios.cache_dir import cache_dir
+from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.scenario import Scenario, SimulatedScenario
 from eitbench.scenarios.sensors import content_hash
 from eitbench.scenarios.whole_file import write_whole
@@ -39,6 +41,11 @@ class Budget:
 
     trials: int = 16
     seconds: float = 1200.0
+
+    def __post_init__(self) -> None:
+        """Raise InputError for a time that is not finite: it is the same for every method."""
+        if not math.isfinite(self.seconds):
+            raise InputError(f"A budget is a finite number of seconds, got {self.seconds}.")
 
 
 @dataclass(frozen=True)

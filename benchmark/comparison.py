@@ -16,8 +16,8 @@ from eitbench.benchmark.averages import averages
 from eitbench.benchmark.cards import METRICS, MetricCard
 from eitbench.benchmark.kind import METHODS
 from eitbench.benchmark.results import checked_table
-from eitbench.benchmark.standings import MIN_PHANTOMS, SIGNIFICANT
-from eitbench.benchmark.statistics import draw, holm, intervals, once
+from eitbench.benchmark.standings import SIGNIFICANT
+from eitbench.benchmark.statistics import MIN_PHANTOMS, draw, holm, intervals, once
 from eitbench.benchmark.store import SAMPLES
 from eitbench.scenarios.errors import InputError, unknown_name
 

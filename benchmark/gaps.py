@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 
 from eitbench.benchmark.averages import averages
 from eitbench.benchmark.kind import METHODS
-from eitbench.benchmark.statistics import draw, intervals, once
+from eitbench.benchmark.statistics import MIN_PHANTOMS, draw, intervals, once
 
 FIGURES = ("default_figure", "tuned_figure", "oracle_figure")
 GAPS = ("tuning_gain", "oracle_gap")
@@ -25,7 +25,8 @@ def gaps(
         main: its rows of the ranked track.
         tuned: whether that is with chosen parameters.
         by: the name of the figure that ranks.
-        clusters: column of what is drawn in the paired bootstrap of the intervals.
+        clusters: column of what is drawn in the paired bootstrap of the intervals; fewer than
+            `MIN_PHANTOMS` give none.
     """
     card = METHODS.metrics[by]
     cells = {str(track): rows for track, rows in tracks.groupby("track")}
@@ -40,7 +41,7 @@ def gaps(
     values = dict(zip(cells, once(figures, len(main)), strict=True))
     found = {f"{track}_figure": float(value) for track, value in values.items()}
     of = next(iter(cells.values()))[clusters] if clusters in main else None
-    drawn = None if of is None or of.nunique() < 2 else draw(figures, of)
+    drawn = None if of is None or of.nunique() < MIN_PHANTOMS else draw(figures, of)
     names = list(cells)
     for gap, better, worse in zip(GAPS, ("tuned", "oracle"), ("default", "tuned"), strict=True):
         if better in cells and worse in cells:

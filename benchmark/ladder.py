@@ -19,8 +19,7 @@ from numpy.typing import NDArray
 from eitbench.benchmark.averages import numbers
 from eitbench.benchmark.manifest import suite_of
 from eitbench.benchmark.results import Run, leaderboard_rows
-from eitbench.benchmark.standings import MIN_PHANTOMS
-from eitbench.benchmark.statistics import Interval, bootstrap_means
+from eitbench.benchmark.statistics import MIN_PHANTOMS, Interval, bootstrap_means
 from eitbench.scenarios.imperfections import Imperfections
 from eitbench.scenarios.scenario import RecordedScenario, Scenario, SimulatedScenario
 

@@ -1,5 +1,6 @@
 """Starting worker processes: from one server, on one thread, undisturbed by the terminal."""
 
+import ctypes
 import faulthandler
 import multiprocessing
 import os
@@ -30,6 +31,7 @@ PINNED = {
     )
 }
 PRELOADED = "eitbench.benchmark.preload"
+_PR_SET_CHILD_SUBREAPER = 36  # of Linux: sys/prctl.h
 # Cells run in threads, and starting a worker changes this process's environment for a moment.
 _STARTING = threading.Lock()
 
@@ -104,6 +106,7 @@ def _enter(
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's business
     if hasattr(os, "setsid"):
         os.setsid()  # so that what the method starts dies with it
+    _adopt_orphans()
     threading.Thread(target=_die_with_parent, daemon=True).start()
     # The server of processes has the environment it was started in, which may be an older one.
     os.environ.clear()
@@ -117,6 +120,13 @@ def _enter(
             serve(connection, *arguments)
         # Nobody asks any more. Once this process is gone, nobody can tell what it started.
         end_tree(os.getpid())
+
+
+def _adopt_orphans() -> None:
+    """Have what is started from here stay below this process, whatever it does to get away."""
+    if sys.platform == "linux":
+        # Else a process whose parent ends belongs to the system's first one, where none finds it.
+        ctypes.CDLL(None).prctl(_PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0)
 
 
 def _die_with_parent() -> None:

@@ -32,12 +32,9 @@ from eitbench.benchmark.results import (
     ranked_boards,
     ranking_figure,
 )
-from eitbench.benchmark.statistics import LEVEL, draw, holm, intervals, once
+from eitbench.benchmark.statistics import LEVEL, MIN_PHANTOMS, draw, holm, intervals, once
 
 Array = NDArray[np.float64]
-
-MIN_PHANTOMS = 10
-"""Fewer say too little of how much they differ among themselves."""
 
 WEIGHTINGS = 20_000
 SIGNIFICANT = 1 - LEVEL

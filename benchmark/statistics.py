@@ -17,6 +17,9 @@ from eitbench.scenarios.errors import InputError
 Array = NDArray[np.float64]
 
 LEVEL = 0.95
+
+MIN_PHANTOMS = 10
+"""Fewer say too little of how much they differ among themselves."""
 DRAWS = 2000
 _BLOCK_BYTES = 2**24
 

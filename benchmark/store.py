@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from eitbench.benchmark import lock, manifest
 from eitbench.benchmark.kind import Kind
-from eitbench.benchmark.tables import read_parquet
+from eitbench.benchmark.tables import read_parquet, write_parquet
 from eitbench.methods.registry import RESERVED
 from eitbench.scenarios.errors import DataCorruptError, EitbenchError, InputError
 
@@ -129,7 +129,7 @@ class RunStore:
 
     def write_samples(self, samples: pd.DataFrame) -> None:
         """Replace the rows of a finished run."""
-        self._replace(self.path / SAMPLES, lambda part: samples.to_parquet(part, index=False))
+        self._replace(self.path / SAMPLES, partial(write_parquet, samples))
 
     def save_batch(self, cell: Cell, split: str, batch: Batch) -> None:
         """Keep the outcome of a batch."""
@@ -188,10 +188,10 @@ class RunStore:
     def save_cell(self, cell: Cell, samples: pd.DataFrame, row: dict[str, Any]) -> None:
         """Keep the judged rows of a cell, and its own row."""
         folder = self._parts(cell)
-        self._replace(folder / SAMPLES, lambda part: samples.to_parquet(part, index=False))
+        self._replace(folder / SAMPLES, partial(write_parquet, samples))
         # Written last: its presence says that the cell is judged.
         table = pd.DataFrame([row])
-        self._replace(folder / self.kind.table, lambda part: table.to_parquet(part, index=False))
+        self._replace(folder / self.kind.table, partial(write_parquet, table))
 
     def judged(self, cell: Cell) -> bool:
         """Whether the cell has rows, be it of some of its frames only."""
@@ -217,7 +217,7 @@ class RunStore:
         rows = _concatenate([_read_table(folder / kind.table, "complete") for folder in folders])
         rows = rows.drop(columns="complete", errors="ignore")
         self.write_samples(samples)
-        self._replace(self.path / kind.table, lambda part: rows.to_parquet(part, index=False))
+        self._replace(self.path / kind.table, partial(write_parquet, rows))
         self._replace(
             self.path / kind.arrays, lambda part: self._write_arrays(part, judged, truths)
         )
@@ -249,7 +249,7 @@ class RunStore:
 
     def write_tracks(self, rows: pd.DataFrame) -> None:
         """Replace the rows of the tracks that are not ranked."""
-        self._replace(self.path / TRACKS, lambda part: rows.to_parquet(part, index=False))
+        self._replace(self.path / TRACKS, partial(write_parquet, rows))
 
     def forget_answers(self, cell: Cell) -> None:
         """Remove the answers that are kept of a judged cell, but not its rows."""

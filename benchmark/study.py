@@ -134,13 +134,15 @@ def run_study(
     `train_s`. A training that diverged has one row without figures.
 
     Raises:
-        InputError: no such study, one that does not fit its suite, a folder of another, or one
-            that another process works in.
+        InputError: no such study, one that does not fit its suite or its budget, a folder of
+            another, or one that another process works in.
         EitbenchError: as for `train`.
     """
     if name not in STUDIES:
         raise unknown_name("study", name, STUDIES)
     scenario = training_scenario(load_suite(budget.suite))
+    if budget.limit is not None and "samples" in STUDIES[name].grid:
+        raise InputError(f"The study {name!r} is about numbers of samples: leave out --limit.")
     settings = {"study": name, **vars(budget), "data": scenario.data_hash("train")}
     _begin(out, settings)
     study = STUDIES[name]

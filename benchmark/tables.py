@@ -1,4 +1,4 @@
-"""Parquet files of run directories: read if they hold what they should, in bounded memory."""
+"""Parquet files of run directories: read if they hold what was written, in bounded memory."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -13,6 +13,11 @@ from eitbench.scenarios.limits import most_bytes
 
 CODECS = ("SNAPPY", "UNCOMPRESSED")
 """Those that we write; others can hold thousands of times their size."""
+
+
+def write_parquet(table: pd.DataFrame, path: Path) -> None:
+    """Write `table` to the new file `path`, with a checksum for each of its pages."""
+    table.to_parquet(path, index=False, write_page_checksum=True)
 
 
 def read_parquet(path: Path) -> pd.DataFrame:
@@ -38,7 +43,8 @@ def read_parquet(path: Path) -> pd.DataFrame:
     table.validate(full=True)  # it is UTF-8
     if sum(map(_length, table.columns)) > most:
         raise ValueError("its texts are much larger than the file")
-    return pd.read_parquet(path)
+    # Without its checksums a flipped bit would be another figure.
+    return pd.read_parquet(path, page_checksum_verification=True)
 
 
 def _is_text(kind: pa.DataType) -> bool:

@@ -68,8 +68,9 @@ class Study:
 def tune(
     plan: Plan, folder: Path, *, budget: Budget | None = None, once: bool = False, jobs: int = 1
 ) -> Iterator[tuple[str, str, Choice]]:
-    """Choose for every scenario and method of `plan`, `jobs` at a time; yield what is recorded.
+    """Choose for every scenario and method of `plan`, `jobs` at a time; yield what was found.
 
+    Nothing is recorded of a method none of whose trials gave a figure.
     Scenarios with the same validation data are tuned once. A recorded set whose data cannot be had
     is left out, with a warning. Until the end the test split is closed in this process, as it is
     in the workers.
@@ -115,7 +116,7 @@ def _all(studies: Sequence[Study], folder: Path, jobs: int) -> Iterator[tuple[st
             for study, future in zip(studies, futures, strict=True):
                 choice = future.result()
                 if choice is not None:
-                    for scenario in study.scenarios:
+                    for scenario in study.scenarios if choice.figure is not None else ():
                         record(scenario, {study.method: choice}, folder)
                     yield study.name, study.method, choice
         finally:

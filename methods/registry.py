@@ -198,7 +198,7 @@ def load_plugin(path: str | Path) -> Plugin:
         spec.loader.exec_module(module)
     except InputError:
         raise
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise InputError(
             f"The plugin {file.name} does not run: {type(error).__name__}: {error}."
         ) from error

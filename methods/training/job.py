@@ -54,8 +54,9 @@ class Training:
     def sentences(self) -> list[str]:
         """What to tell the user."""
         ratio = self.baseline_mse / self.validation_mse
+        beside = f"{ratio:.3g} times below" if ratio >= 1 else "not below"
         said = [
-            f"Validation MSE: {self.validation_mse:.3g}, {ratio:.3g} times below the "
+            f"Validation MSE: {self.validation_mse:.3g}, {beside} the "
             f"{self.baseline_mse:.3g} of {self.baseline}.",
             f"Weights: {self.weights}",
         ]

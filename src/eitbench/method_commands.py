@@ -31,7 +31,7 @@ def tune(
         int, typer.Option(min=1, help="Sets of parameters that each method may try.")
     ] = 16,
     seconds: Annotated[
-        float, typer.Option(min=1, help="Time that each method may take in all [s].")
+        float, typer.Option(min=1, help="Seconds that each method may take in all.")
     ] = 1200.0,
     once: Annotated[
         bool, typer.Option("--once", help="One choice for all scenarios ranked by one figure.")
@@ -55,6 +55,10 @@ def tune(
     for scenario, name, choice in chosen:
         tuned.add(name)
         spent = choice.describe()["spent"]
+        if choice.figure is None:
+            why = next((f": {t.message}" for t in choice.trials if t.message), "")
+            typer.echo(f"{scenario}  {name}  nothing chosen, as no trial gave a figure{why}")
+            continue
         typer.echo(
             f"{scenario}  {name}  {json.dumps(choice.parameters)}  {spent['trials']} trials"
             f" ({spent['pruned']} pruned, {spent['failed']} failed), {spent['seconds']:.0f} s"

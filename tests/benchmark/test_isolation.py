@@ -75,11 +75,24 @@ from pathlib import Path
 process = subprocess.Popen(["sleep", "1000"], start_new_session=True)
 Path(__file__).with_suffix(".pid").write_text(str(process.pid))
 """
+# And one whose parent has ended, as daemons are made.
+STARTS_A_DAEMON = """
+import os, time
+from pathlib import Path
+if (child := os.fork()) == 0:
+    os.setsid()
+    if (daemon := os.fork()) == 0:
+        time.sleep(1000)
+    Path(__file__).with_suffix(".pid").write_text(str(daemon))
+    os._exit(0)
+os.waitpid(child, 0)
+"""
 
 
-def test_a_worker_that_nobody_asks_any_more_ends_what_it_started(tmp_path: Path) -> None:
+@pytest.mark.parametrize("text", [STARTS_SOMETHING, STARTS_A_DAEMON])
+def test_a_worker_that_nobody_asks_any_more_ends_what_it_started(text: str, tmp_path: Path) -> None:
     plugin = tmp_path / "starts_something.py"
-    plugin.write_text(STARTS_SOMETHING)
+    plugin.write_text(text)
     process, connection = start_process(serve, (_PluginReader(plugin),), None)
     connection.send(("names",))
     assert connection.poll(60)

@@ -10,7 +10,7 @@ import pytest
 from eitbench.benchmark.kind import METHODS
 from eitbench.benchmark.ladder import read_ladder
 from eitbench.benchmark.results import Run
-from eitbench.benchmark.standings import MIN_PHANTOMS
+from eitbench.benchmark.statistics import MIN_PHANTOMS
 from eitbench.scenarios.imperfections import Imperfections
 from eitbench.scenarios.scenario import SimulatedScenario
 from eitbench.scenarios.suites import Suite

@@ -4,6 +4,8 @@ import errno
 import json
 import os
 import signal
+import subprocess
+import sys
 import time
 from collections import Counter
 from collections.abc import Callable
@@ -14,7 +16,6 @@ from typing import Any
 import h5py
 import numpy as np
 import pandas as pd
-import psutil
 import pytest
 
 from eitbench.benchmark import cell, execution, lock, method_cell, runner
@@ -294,11 +295,33 @@ def test_a_run_in_use_is_not_resumed(cut_run: Path) -> None:
     assert not list(cut_run.glob(".lock*"))
 
 
-def test_the_lock_of_a_dead_process_is_taken_over(cut_run: Path) -> None:
-    # This process's number with another start: what a number that is used again looks like.
-    dead = {"pid": os.getpid(), "started": psutil.Process().create_time() - 1000}
-    (cut_run / ".lock").write_text(json.dumps(dead))
-    assert resume_run(cut_run).path == cut_run
+HOLDER = """
+import sys, time
+from pathlib import Path
+from eitbench.benchmark.lock import locked
+with locked(Path(sys.argv[1])):
+    print("holds it", flush=True)
+    time.sleep(1000)
+"""
+
+
+@pytest.mark.parametrize("apart", [False, True])
+def test_a_lock_holds_as_long_as_its_process(cut_run: Path, apart: bool) -> None:
+    """Also of one whose number nobody here knows, as in another container or on another machine."""
+    own = ["unshare", "--user", "--map-root-user", "--pid", "--fork", "--kill-child"]
+    if apart and subprocess.run([*own, "true"], capture_output=True).returncode:
+        pytest.skip("needs process numbers of its own")
+    command = [*(own if apart else ()), sys.executable, "-c", HOLDER, str(cut_run)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE) as holder:
+        assert holder.stdout is not None
+        holder.stdout.readline()
+        with pytest.raises(InputError, match="Another process is working on"):
+            resume_run(cut_run)
+        # Killed, and nobody has asked yet how it ended.
+        holder.kill()
+        holder.stdout.read()
+        assert (cut_run / ".lock").exists()
+        assert resume_run(cut_run).path == cut_run
     assert not list(cut_run.glob(".lock*"))
 
 

@@ -13,7 +13,6 @@ from eitbench.benchmark.kind import METHODS, OPERATORS
 from eitbench.benchmark.metrics import bounded_score, score
 from eitbench.benchmark.results import Run
 from eitbench.benchmark.standings import (
-    MIN_PHANTOMS,
     Pair,
     Standing,
     groups,
@@ -21,6 +20,7 @@ from eitbench.benchmark.standings import (
     standings,
     weights_won,
 )
+from eitbench.benchmark.statistics import MIN_PHANTOMS
 
 Array = NDArray[np.float64]
 

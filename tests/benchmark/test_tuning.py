@@ -5,7 +5,7 @@ import os
 import subprocess
 import sys
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -63,6 +63,39 @@ def test_a_trial_that_hangs_dies_or_reaches_for_the_test_split_costs_itself_only
     spent = choices_in(tmp_path)["hostile"]["spent"]
     assert (spent["trials"], spent["failed"]) == (8, 7)
     assert not (tmp_path / "journals").exists()
+
+
+FAILS = """
+from dataclasses import dataclass
+from typing import ClassVar
+from eitbench.methods import Method, register
+@register("fails")
+@dataclass
+class Fails(Method):
+    search: ClassVar = {"weight": (1.0, 2.0)}
+    weight: float = 1.0
+    def fit(self, problem):
+        raise RuntimeError("it cannot work")
+    def reconstruct(self, voltages):
+        raise AssertionError
+"""
+
+
+def test_nothing_is_chosen_where_no_trial_gave_a_figure(
+    tmp_path: Path, eitbench: Callable[..., tuple[int, str, str]]
+) -> None:
+    (tmp_path / "fails.py").write_text(FAILS)
+    (tmp_path / "own.toml").write_text(OWN_SUITE)
+    words = ("tune", tmp_path / "own.toml", "--plugin", tmp_path / "fails.py")
+    out = tmp_path / "out"
+    code, said, _ = eitbench(*words, "--methods", "fails", "--trials", "2", "--out", out)
+    assert code == 0
+    assert "fails  nothing chosen, as no trial gave a figure: " in said
+    assert "it cannot work" in said
+    assert not list(out.glob("*.json"))
+    code, _, err = eitbench(*words, "--seconds", "inf", "--out", out)
+    assert code == 2
+    assert "A budget is a finite number of seconds, got inf." in err
 
 
 def test_the_choice_is_the_best_of_what_is_known(tmp_path: Path) -> None:

@@ -145,6 +145,7 @@ def test_a_method_is_never_given_the_test_split(tiny: Suite) -> None:
         ("import no_such_module", "No module named 'no_such_module'"),
         ("x = (", "SyntaxError"),
         ("x = 1", "registers no method and no operator"),
+        ("raise SystemExit(5)", "does not run: SystemExit: 5"),
         ("import sys; sys.exit(3)", "SystemExit: 3"),
         ("import os; os._exit(3)", "exit code 3"),
     ],
