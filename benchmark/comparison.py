@@ -12,10 +12,11 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy import special
 
+from eitbench.benchmark import manifest
 from eitbench.benchmark.averages import averages
 from eitbench.benchmark.cards import METRICS, MetricCard
 from eitbench.benchmark.kind import METHODS
-from eitbench.benchmark.results import checked_table
+from eitbench.benchmark.results import checked_table, read_json
 from eitbench.benchmark.standings import SIGNIFICANT
 from eitbench.benchmark.statistics import MIN_PHANTOMS, draw, holm, intervals, once
 from eitbench.benchmark.store import SAMPLES
@@ -104,6 +105,8 @@ def read_results(path: Path) -> Results:
     table = path / SAMPLES if path.is_dir() else path
     if not table.is_file():
         raise InputError(f"{path} is neither a run directory nor the {SAMPLES} of one.")
+    if (about := path / manifest.FILE_NAME).is_file():
+        read_json(about)  # nothing is judged by a run of which a part is damaged
     samples = checked_table(table, METHODS)
     missing = [name for name in _NEEDED if name not in samples]
     if missing:

@@ -370,6 +370,11 @@ def test_runs_are_compared_gated_and_scored_again(tmp_path: Path, eitbench: Run)
         "Scored again: 12 samples, of which 12 changed.",
     ]
     assert json.loads(eitbench("gate", one, "--baseline", other, "--json")[1])["passed"]
+    manifest = tmp_path / "one" / "manifest.json"
+    manifest.write_text(manifest.read_text()[:1000])
+    code, _, err = eitbench("gate", one, "--baseline", other)
+    assert code == 1
+    assert "manifest.json is not valid JSON: run again." in err
 
 
 @pytest.mark.parametrize("margin", ["score", "score=-1", "score=much", "=1"])
