@@ -154,7 +154,7 @@ def make_plan(
     declared = [scenario.name for scenario in suite.scenarios]
     for name in scenarios:
         if name not in declared:
-            raise unknown_name(f"scenario of suite {suite.name!r}", name, declared)
+            raise unknown_name(f"scenario in suite {suite.name!r}:", name, declared)
     return Plan(
         suite,
         chosen,

@@ -90,7 +90,7 @@ def _editions(runs: Path) -> tuple[list[_Edition], list[str]]:
     """The editions, the newest version of each suite first, and why runs were left out."""
     paths = sorted(path.parent for path in runs.glob(f"*/{manifest.FILE_NAME}"))
     if not paths:
-        raise InputError(f"There is no run directory in {runs}.")
+        raise InputError(f"There is no run directory in {runs}: name the folder that holds them.")
     of: dict[tuple[str, str], list[Path]] = {}
     left_out = []
     for path in paths:
