@@ -38,7 +38,7 @@ def data(tiny: Suite) -> Dataset:
     ("choice", "sentence"),
     [
         ({"methods": ["nosr"]}, "Unknown method 'nosr': did you mean 'noser'"),
-        ({"scenarios": ["tinny"]}, "Unknown scenario in suite 'tiny': 'tinny': did you mean 'tiny'"),
+        ({"scenarios": ["tinny"]}, "in suite 'tiny': 'tinny': did you mean 'tiny'"),
         ({"plugins": [Path("no-such.py")]}, "a Python file that exists"),
     ],
 )
