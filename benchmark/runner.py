@@ -378,7 +378,7 @@ def _run_cells(
     works = [Work("cell", data[plan.cell.scenario], plan) for plan in unfinished]
     if where.slots > 1:
         # What took long to tune takes long to run: begun last, it would be worked on alone.
-        works.sort(key=lambda work: work.plan.spent.get("seconds", 0.0), reverse=True)
+        works.sort(key=lambda work: work.plan.spent.get("seconds") or 0.0, reverse=True)
     with progress.cells(len(works) + len(preparations)), ThreadPoolExecutor(where.slots) as pool:
         # They are begun before any cell that waits for one.
         for scenario, work in preparations.items():

@@ -390,8 +390,8 @@ def test_a_run_goes_on_with_the_weights_it_was_started_with(
 def test_several_at_a_time_begin_with_what_took_longest_to_tune(
     jobs: int, last: str, tiny: Suite, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """One at a time keep the order that is asked for."""
-    seconds = {"noser": 1.0, "tikhonov": 20.0, "laplacian": 300.0}
+    """One at a time keep the order that is asked for. What it took may not be known."""
+    seconds = {"noser": None, "tikhonov": 20.0, "laplacian": 300.0}
     begun: list[str] = []
     do = execution.Here.do
 
