@@ -20,8 +20,8 @@ slow: $(STAMPS)/test  ## the long tests, too
 
 bench: $(STAMPS)/bench  ## speed, measured beside rivals in one run (docs/speed.md)
 	@mkdir -p .benchmarks
-	$(BIN)/pytest tests/benchmarks -o addopts="--import-mode=importlib" --benchmark-columns=median,iqr,rounds --benchmark-sort=name --benchmark-json=.benchmarks/last.json
-	$(BIN)/python tests/benchmarks/ratios.py .benchmarks/last.json
+	$(BIN)/pytest tests/speed -o addopts="--import-mode=importlib" --benchmark-columns=median,iqr,rounds --benchmark-sort=name --benchmark-json=.benchmarks/last.json
+	$(BIN)/python tests/speed/ratios.py .benchmarks/last.json
 
 docs: $(STAMPS)/docs  ## the documentation as a site, in build/site; warnings are errors
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
@@ -38,8 +38,8 @@ audit: $(STAMPS)/audit  ## known vulnerabilities of what is installed
 
 tune: $(STAMPS)/test  ## choose the packaged hyper-parameters again (about an hour)
 	for suite in quick paper paper-noise noise shapes presses recorded; do \
-		$(BIN)/eitbench tune $$suite --jobs 2 --out benchmark/selected && \
-		$(BIN)/eitbench tune $$suite --methods pyeit-jac,pyeit-greit,pyeit-bp --out benchmark/selected || exit 1; done
+		$(BIN)/eitbench tune $$suite --jobs 2 --out benchmark/tuning/selected && \
+		$(BIN)/eitbench tune $$suite --methods pyeit-jac,pyeit-greit,pyeit-bp --out benchmark/tuning/selected || exit 1; done
 
 $(STAMPS)/venv:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "eitbench needs Python 3.11 or newer: make PYTHON=python3.x")'

@@ -9,8 +9,8 @@ from typing import Any
 
 from latex2mathml.converter import convert
 
-from eitbench.benchmark.cards import METRICS, MetricCard
-from eitbench.benchmark.operator_cards import OPERATOR_COSTS, OPERATOR_METRICS
+from eitbench.benchmark.metrics.operator_specs import OPERATOR_COSTS, OPERATOR_METRICS
+from eitbench.benchmark.metrics.specs import METRICS, MetricCard
 
 # What arithmatex leaves of $...$ and $$...$$, outside code.
 _FORMULA = re.compile(r'<(span|div) class="arithmatex">\\[(\[](.*?)\\[)\]]</\1>', flags=re.DOTALL)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eitbench.scenarios.errors import EitbenchError
-from eitbench.scenarios.sensors import Sensor
+from eitbench.scenarios.sensors.sensor import Sensor
 
 
 class BoardError(EitbenchError):

@@ -6,14 +6,14 @@ from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
 
-from eitbench.hardware import ports
 from eitbench.hardware.board import Board
-from eitbench.hardware.emulator import RATE_HZ, Emulator
-from eitbench.hardware.replay import Replay
-from eitbench.hardware.serial_board import SERIAL_BOARDS, SerialBoard
-from eitbench.scenarios.catalogue import sensor as sensor_by_name
+from eitbench.hardware.emulation.emulator import RATE_HZ, Emulator
+from eitbench.hardware.emulation.replay import Replay
+from eitbench.hardware.serial import ports
+from eitbench.hardware.serial.serial_board import SERIAL_BOARDS, SerialBoard
 from eitbench.scenarios.errors import InputError, unknown_name
-from eitbench.scenarios.sensors import Sensor
+from eitbench.scenarios.recordings.catalogue import sensor as sensor_by_name
+from eitbench.scenarios.sensors.sensor import Sensor
 
 GROUP = "eitbench.boards"
 MAX_SPEED = 100.0

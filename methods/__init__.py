@@ -1,7 +1,7 @@
 """How it is inverted: methods and forward operators, their interfaces and registries."""
 
 from eitbench.methods.method import Method
-from eitbench.methods.operators.operator import Operator
+from eitbench.methods.operator import Operator
 from eitbench.methods.problem import Problem
 from eitbench.methods.registry import (
     create,

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eitbench.methods.problem import Problem
-from eitbench.scenarios.sensors import Sensor
+from eitbench.scenarios.sensors.sensor import Sensor
 
 Array = NDArray[np.float64]
 

@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from eitbench.methods.watched_sensor import watched
-from eitbench.scenarios.contents import Contents, contents
-from eitbench.scenarios.datasets import Dataset
+from eitbench.scenarios.data.datasets import Dataset
 from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.phantoms.contents import Contents, contents
 from eitbench.scenarios.physics.forward import ForwardModel, forward_model
-from eitbench.scenarios.sensors import Sensor
+from eitbench.scenarios.sensors.sensor import Sensor
 
 Array = NDArray[np.float64]
 Splits = Callable[[str, int | None], Dataset]

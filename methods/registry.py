@@ -13,11 +13,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Generic, NamedTuple, TypeVar
 
 from eitbench.methods.method import Method
-from eitbench.methods.operators.operator import Operator
+from eitbench.methods.operator import Operator
 from eitbench.scenarios.errors import InputError, unknown_name
 
 if TYPE_CHECKING:
-    from eitbench.scenarios.sensors import Sensor
+    from eitbench.scenarios.sensors.sensor import Sensor
 
 MAX_NAME = 80  # bytes in UTF-8
 RESERVED = "truth"  # stands beside the methods in a file of reconstructions
@@ -126,39 +126,39 @@ class Registry(Generic[Base]):
             importlib.import_module(f"eitbench.methods.{module}")
 
 
-METHODS = Registry(
+METHOD_REGISTRY = Registry(
     "method",
     Method,  # type: ignore[type-abstract]
     "eitbench.methods",
     (
-        "back_projection",
-        "tikhonov",
-        "noser",
-        "laplacian",
-        "greit",
-        "total_variation",
-        "gauss_newton",
-        "linear_learned",
-        "linear_touch",
-        "learned",
-        "dip",
-        "refined",
+        "classical.back_projection",
+        "classical.tikhonov",
+        "classical.noser",
+        "classical.laplacian",
+        "classical.greit",
+        "classical.total_variation",
+        "classical.gauss_newton",
+        "learned.linear_learned",
+        "learned.linear_touch",
+        "learned.image_networks",
+        "untrained.dip",
+        "learned.refined",
         "peers.pyeit_methods",
         "peers.eidors",
     ),
 )
-OPERATORS = Registry(
+OPERATOR_REGISTRY = Registry(
     "operator",
     Operator,  # type: ignore[type-abstract]
     "eitbench.operators",
     ("operators.jacobian", "operators.surrogate", "operators.fem"),
 )
 
-register = METHODS.register
-methods = METHODS.known
-create = METHODS.create
-register_operator = OPERATORS.register
-operators = OPERATORS.known
+register = METHOD_REGISTRY.register
+methods = METHOD_REGISTRY.known
+create = METHOD_REGISTRY.create
+register_operator = OPERATOR_REGISTRY.register
+operators = OPERATOR_REGISTRY.known
 
 
 def operator(name: str, sensor: Sensor) -> Operator:
@@ -167,7 +167,7 @@ def operator(name: str, sensor: Sensor) -> Operator:
     Raises:
         InputError: an unknown name (the nearest is suggested).
     """
-    return OPERATORS.create(name, sensor)
+    return OPERATOR_REGISTRY.create(name, sensor)
 
 
 class Plugin(NamedTuple):
@@ -202,7 +202,9 @@ def load_plugin(path: str | Path) -> Plugin:
         raise InputError(
             f"The plugin {file.name} does not run: {type(error).__name__}: {error}."
         ) from error
-    registered = Plugin(METHODS.of_module(module_name), OPERATORS.of_module(module_name))
+    registered = Plugin(
+        METHOD_REGISTRY.of_module(module_name), OPERATOR_REGISTRY.of_module(module_name)
+    )
     if not any(registered):
         raise InputError(
             f"The plugin {file.name} registers no method and no operator: decorate a class with "

@@ -2,7 +2,7 @@
 
 import copy
 
-from eitbench.scenarios.sensors import Sensor
+from eitbench.scenarios.sensors.sensor import Sensor
 
 # Electrodes hold their contact impedance, which a method needs no more than for a model.
 _NOTED = {"electrodes": "model", "conductivity_range": "conductivity_range"}

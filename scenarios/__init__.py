@@ -4,28 +4,28 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from eitbench.scenarios.catalogue import sensor
-    from eitbench.scenarios.datasets import Dataset, load
+    from eitbench.scenarios.data.datasets import Dataset, load
     from eitbench.scenarios.errors import EitbenchError, InputError
     from eitbench.scenarios.physics.forward import ForwardModel, forward_model
-    from eitbench.scenarios.scenario import RecordedScenario, SimulatedScenario
-    from eitbench.scenarios.sensors import Sensor
-    from eitbench.scenarios.suites import Suite, load_suite
+    from eitbench.scenarios.recordings.catalogue import sensor
+    from eitbench.scenarios.sensors.sensor import Sensor
+    from eitbench.scenarios.suites.scenario import RecordedScenario, SimulatedScenario
+    from eitbench.scenarios.suites.suite import Suite, load_suite
 
 # Imported when first used: the command line must answer before numpy and pandas are loaded.
 _HOMES = {
-    "Dataset": "datasets",
+    "Dataset": "data.datasets",
     "EitbenchError": "errors",
     "ForwardModel": "physics.forward",
     "InputError": "errors",
-    "RecordedScenario": "scenario",
-    "Sensor": "sensors",
-    "SimulatedScenario": "scenario",
-    "Suite": "suites",
+    "RecordedScenario": "suites.scenario",
+    "Sensor": "sensors.sensor",
+    "SimulatedScenario": "suites.scenario",
+    "Suite": "suites.suite",
     "forward_model": "physics.forward",
-    "load": "datasets",
-    "load_suite": "suites",
-    "sensor": "catalogue",
+    "load": "data.datasets",
+    "load_suite": "suites.suite",
+    "sensor": "recordings.catalogue",
 }
 
 __all__ = [

@@ -42,7 +42,7 @@ def recorded_data(monkeypatch: pytest.MonkeyPatch) -> Path:
 
 @pytest.fixture(scope="session")
 def reference_file() -> Path:
-    """Voltages and Jacobian of foam16 computed with EIDORS; see tests/physics/test_reference.py."""
+    """Voltages and Jacobian of foam16 computed with EIDORS."""
     folder = Path(os.environ.get("EITBENCH_REFERENCE") or SHARED / "reference")
     path = folder / "foam16_eidors.npz"
     if not path.is_file():

@@ -12,13 +12,13 @@ from threadpoolctl import threadpool_limits
 
 from eitbench.hardware.board import Frame
 from eitbench.hardware.live.newest import Newest
-from eitbench.hardware.live.picture import Contact, Picture
+from eitbench.hardware.live.picture import Contact, LiveImage
 from eitbench.hardware.live.reference import NO_DATA, Reference, no_data
 from eitbench.methods import Method, Problem, create, methods
-from eitbench.scenarios.contacts import contacts
 from eitbench.scenarios.errors import EitbenchError, InputError, unknown_name
+from eitbench.scenarios.phantoms.contacts import contacts
 from eitbench.scenarios.physics.forward import forward_model
-from eitbench.scenarios.sensors import Sensor
+from eitbench.scenarios.sensors.sensor import Sensor
 
 Array = NDArray[np.float64]
 
@@ -70,7 +70,7 @@ class Imaging:
         failed: why the last method that was chosen cannot be used; "" if it can.
     """
 
-    def __init__(self, sensor: Sensor, show: Callable[[Picture], None]) -> None:
+    def __init__(self, sensor: Sensor, show: Callable[[LiveImage], None]) -> None:
         self.sensor = sensor
         self.reference: Reference | None = None
         self.failed = ""
@@ -149,7 +149,7 @@ class Imaging:
             if frame is not None:
                 self._show(self._picture(frame))
 
-    def _picture(self, frame: Frame) -> Picture:
+    def _picture(self, frame: Frame) -> LiveImage:
         began = time.perf_counter()
         fitted, reference = self._fitted, self.reference
         image: Array | None = None
@@ -161,7 +161,7 @@ class Imaging:
                 found = self._contacts(image, reference, frame)
             except Exception as error:  # costs this picture's image only
                 failed = f"{fitted.name} failed on this frame: {_sentence(error)}"
-        return Picture(
+        return LiveImage(
             frame=frame,
             method=fitted.name if fitted else "",
             image=image,

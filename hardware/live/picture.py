@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eitbench.hardware.board import Frame
-from eitbench.scenarios.sensors import Sensor
+from eitbench.scenarios.sensors.sensor import Sensor
 
 Array = NDArray[np.float64]
 
@@ -36,7 +36,7 @@ class Contact:
 
 
 @dataclass(frozen=True, eq=False)
-class Picture:
+class LiveImage:
     """What became of one frame.
 
     Attributes:
@@ -59,7 +59,7 @@ class Picture:
     image_ms: float
 
 
-def to_message(picture: Picture, number: int, sensor: Sensor) -> bytes:
+def to_message(picture: LiveImage, number: int, sensor: Sensor) -> bytes:
     """The message that shows `picture`, the `number`-th one."""
     header = {
         "picture": number,

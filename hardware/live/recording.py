@@ -1,4 +1,4 @@
-"""Recording beside the view: what goes wrong with the file ends the recording, and nothing else."""
+"""Recording beside the live view: an error of the file ends the recording, and nothing else."""
 
 import math
 import threading
@@ -7,8 +7,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from eitbench.hardware.board import Frame
-from eitbench.hardware.guided import Timing
-from eitbench.hardware.recorder import Recorder
+from eitbench.hardware.recording.guided import Timing
+from eitbench.hardware.recording.recorder import Recorder
 from eitbench.scenarios.errors import EitbenchError
 
 SAME_PLACE_M = 1e-3
@@ -26,7 +26,7 @@ class _Touch:
     last: int = 0
 
 
-class Recording:
+class LiveRecording:
     """A file that is being written.
 
     Attributes:

@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eitbench.methods import Problem
-from eitbench.scenarios.datasets import Dataset
+from eitbench.scenarios.data.datasets import Dataset
 from eitbench.scenarios.errors import InputError
-from eitbench.scenarios.sensors import Sensor
+from eitbench.scenarios.sensors.sensor import Sensor
 
 Array = NDArray[np.float64]
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from eitbench.hardware.live.imaging import usable_methods
 from eitbench.hardware.live.session import Session
-from eitbench.scenarios.sensors import Sensor
+from eitbench.scenarios.sensors.sensor import Sensor
 
 # A range that reaches far above the background would leave a touch a sliver of the scale.
 MOST_ABOVE = 2.0

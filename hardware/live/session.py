@@ -14,15 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eitbench.hardware.board import Board, BoardError, Frame
-from eitbench.hardware.guided import ENOUGH, suite_path, write_suite
 from eitbench.hardware.live.imaging import Imaging
-from eitbench.hardware.live.picture import Picture
-from eitbench.hardware.live.recording import Recording
+from eitbench.hardware.live.picture import LiveImage
+from eitbench.hardware.live.recording import LiveRecording
 from eitbench.hardware.live.reference import FRAMES, reference_of
-from eitbench.hardware.recorder import Recorder
-from eitbench.hardware.recording import Continuity
-from eitbench.hardware.serial_board import SerialBoard
-from eitbench.hardware.status import Monitor
+from eitbench.hardware.recording.guided import ENOUGH, suite_path, write_suite
+from eitbench.hardware.recording.record import Continuity
+from eitbench.hardware.recording.recorder import Recorder
+from eitbench.hardware.recording.status import Monitor
+from eitbench.hardware.serial.serial_board import SerialBoard
 from eitbench.scenarios.errors import EitbenchError, InputError
 
 Array = NDArray[np.float64]
@@ -50,7 +50,7 @@ class Session:
         *,
         emulated: bool,
         out: Path,
-        show: Callable[[Picture], None],
+        show: Callable[[LiveImage], None],
     ) -> None:
         """`show` is called with every picture, by the thread that makes them; it must not wait."""
         self.board = board
@@ -61,7 +61,7 @@ class Session:
         self._monitor, self._follow = Monitor(board.sensor), Continuity()
         self._status, self._status_s = self._monitor.status(0), -STATUS_S
         self._damaged_before = 0
-        self._recording: Recording | None = None
+        self._recording: LiveRecording | None = None
         self._recording_lock = threading.Lock()
         self._lost = ""
         self._reference_frames: list[Array] | None = []
@@ -111,7 +111,7 @@ class Session:
                 raise InputError(f"A recording is under way: {self._recording.path.name}.")
             path = self._out / f"live-{time.strftime('%Y%m%d-%H%M%S')}.h5"
             self._close_recording()  # one that failed
-            self._recording = Recording(
+            self._recording = LiveRecording(
                 Recorder(
                     path,
                     self.board.sensor,

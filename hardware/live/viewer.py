@@ -9,8 +9,8 @@ from contextlib import asynccontextmanager
 from statistics import median
 from typing import NamedTuple
 
-from eitbench.hardware.live.picture import Picture, to_message
-from eitbench.scenarios.sensors import Sensor
+from eitbench.hardware.live.picture import LiveImage, to_message
+from eitbench.scenarios.sensors.sensor import Sensor
 
 # Pictures that were sent and are not painted yet. Two, so that one is on its way while another is
 # painted; no more, so that a slow page skips pictures and never shows old ones.
@@ -42,7 +42,7 @@ class Viewer:
         self._check()
 
     def painted(self, number: int) -> None:
-        """Picture `number` is on the canvas; those sent before it are too, or never will be."""
+        """LiveImage `number` is on the canvas; those sent before it are too, or never will be."""
         if number in self._unpainted:
             self._shown_s = self._unpainted[number]
             self._latencies.append(time.monotonic() - self._shown_s)
@@ -97,7 +97,7 @@ class Gallery:
         yield
         self._loop = None
 
-    def show(self, picture: Picture) -> None:
+    def show(self, picture: LiveImage) -> None:
         """Offer `picture` to every viewer; called by any thread, and never waits."""
         loop = self._loop
         if loop is None or not self.viewers:

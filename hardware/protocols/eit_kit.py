@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from eitbench.hardware.protocols.lines import NUMBERS, LineProtocol, numbers
 from eitbench.hardware.protocols.protocol import Array, Device
 from eitbench.scenarios.errors import InputError
-from eitbench.scenarios.sensors import Sensor
+from eitbench.scenarios.sensors.sensor import Sensor
 
 ORIGIN, FRAME = b"ORIGIN_DATA,", b"FRAME_DATA,"
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from eitbench.hardware.board import Frame
 from eitbench.hardware.protocols.protocol import Array, Protocol
 from eitbench.scenarios.compiling import compiled
-from eitbench.scenarios.sensors import Sensor
+from eitbench.scenarios.sensors.sensor import Sensor
 
 LONGEST = 1 << 16  # more than any line with a frame; of a longer one its end is looked at
 NUMBERS = b"0123456789+-., \t"

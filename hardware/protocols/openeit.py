@@ -8,8 +8,8 @@ import numpy as np
 from eitbench.hardware.protocols.lines import LineProtocol, numbers
 from eitbench.hardware.protocols.protocol import Array, Commands, Device
 from eitbench.scenarios.errors import InputError
-from eitbench.scenarios.recordings.hydrogel import opposition_pattern
-from eitbench.scenarios.sensors import Sensor
+from eitbench.scenarios.sensors.patterns import opposition_pattern
+from eitbench.scenarios.sensors.sensor import Sensor
 
 MARK = b"magnitudes: "
 MODES = {8: b"c", 16: b"d", 32: b"e"}

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eitbench.hardware.board import Frame, Health
-from eitbench.scenarios.sensors import Sensor
+from eitbench.scenarios.sensors.sensor import Sensor
 
 Array = NDArray[np.float64]
 

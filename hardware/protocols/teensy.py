@@ -11,8 +11,8 @@ from eitbench.hardware.board import Frame
 from eitbench.hardware.protocols.framing import Scanner
 from eitbench.hardware.protocols.protocol import Array, Commands, Device, Protocol
 from eitbench.scenarios.errors import InputError
-from eitbench.scenarios.patterns import DrivePattern
-from eitbench.scenarios.sensors import Sensor
+from eitbench.scenarios.sensors.patterns import DrivePattern
+from eitbench.scenarios.sensors.sensor import Sensor
 
 SYNC = b"\xa5EIT"
 VERSION = 1

@@ -9,12 +9,12 @@ from torch import Tensor, nn
 
 from eitbench.methods.networks.mlp import Mlp
 from eitbench.methods.networks.unet import SmallUNet, UNet
-from eitbench.methods.reciprocity import averaging
 from eitbench.scenarios.errors import unknown_name
+from eitbench.scenarios.sensors.reciprocity import averaging
 
 if TYPE_CHECKING:
     from eitbench.methods.networks.backbone import Backbone
-    from eitbench.scenarios.sensors import Sensor
+    from eitbench.scenarios.sensors.sensor import Sensor
 
 BACKBONES: dict[str, type[Backbone]] = {
     "unet": UNet,

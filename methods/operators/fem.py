@@ -7,11 +7,11 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from eitbench.methods.operators.operator import Operator
+from eitbench.methods.operator import Operator
 from eitbench.methods.registry import register_operator
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.physics.forward import ForwardModel, forward_model
-from eitbench.scenarios.sensors import Sensor
+from eitbench.scenarios.sensors.sensor import Sensor
 
 Array = NDArray[np.float64]
 

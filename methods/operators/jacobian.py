@@ -5,10 +5,10 @@ from typing import ClassVar
 import torch
 from torch import Tensor
 
-from eitbench.methods.operators.operator import Operator
+from eitbench.methods.operator import Operator
 from eitbench.methods.registry import register_operator
 from eitbench.scenarios.physics.forward import forward_model
-from eitbench.scenarios.sensors import Sensor
+from eitbench.scenarios.sensors.sensor import Sensor
 
 
 @register_operator("jacobian")

@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING, ClassVar
 import torch
 from torch import Tensor, nn
 
-from eitbench.methods.operators.operator import Operator
-from eitbench.methods.reciprocity import independent
+from eitbench.methods.operator import Operator
 from eitbench.methods.registry import register_operator
-from eitbench.methods.weight_files import WeightFiles
+from eitbench.methods.weights.weight_files import WeightFiles
 from eitbench.scenarios.errors import DataCorruptError
+from eitbench.scenarios.sensors.reciprocity import independent
 
 if TYPE_CHECKING:
-    from eitbench.scenarios.sensors import Sensor
+    from eitbench.scenarios.sensors.sensor import Sensor
 
 WEIGHTS = WeightFiles("surrogate", version="1")
 

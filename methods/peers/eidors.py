@@ -16,7 +16,7 @@ from eitbench.scenarios.physics.mesh import Mesh, triangle_mesh
 
 if TYPE_CHECKING:
     from eitbench.methods.problem import Problem
-    from eitbench.scenarios.sensors import Sensor
+    from eitbench.scenarios.sensors.sensor import Sensor
 
 Array = NDArray[np.float64]
 

@@ -11,8 +11,8 @@ from scipy.spatial import Delaunay, cKDTree
 from eitbench.methods.method import Method
 from eitbench.methods.problem import Problem
 from eitbench.scenarios.errors import InputError
-from eitbench.scenarios.patterns import DrivePattern
 from eitbench.scenarios.physics.forward import forward_model
+from eitbench.scenarios.sensors.patterns import DrivePattern
 
 Array = NDArray[np.float64]
 

@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 from eitbench.methods.peers.peer import Peer, interpolation, pixels_inside
 from eitbench.methods.peers.pyeit_model import pyeit_mesh, pyeit_protocol, scaled
 from eitbench.methods.registry import register
-from eitbench.methods.symmetry import asymmetry
+from eitbench.scenarios.sensors.symmetry import asymmetry
 
 if TYPE_CHECKING:
     from pyeit.mesh import PyEITMesh
 
     from eitbench.methods.problem import Problem
-    from eitbench.scenarios.sensors import Sensor
+    from eitbench.scenarios.sensors.sensor import Sensor
 
 Array = NDArray[np.float64]
 

@@ -14,14 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eitbench.scenarios.errors import InputError
-from eitbench.scenarios.outlines import Disc, Outline, Polygon
+from eitbench.scenarios.sensors.outlines import Disc, Outline, Polygon
 
 if TYPE_CHECKING:
     from pyeit.eit.protocol import PyEITProtocol
     from pyeit.mesh import PyEITMesh
 
-    from eitbench.scenarios.patterns import DrivePattern
-    from eitbench.scenarios.sensors import Sensor
+    from eitbench.scenarios.sensors.patterns import DrivePattern
+    from eitbench.scenarios.sensors.sensor import Sensor
 
 Array = NDArray[np.float64]
 

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 import torch
 from torch import Tensor
 
-from eitbench.scenarios.noise import MIXTURE_SHARE, MIXTURE_SNR_DB
+from eitbench.scenarios.imperfections.noise import MIXTURE_SHARE, MIXTURE_SNR_DB
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from eitbench.methods.training.symmetry import Symmetry
-    from eitbench.scenarios.noise import Noise
+    from eitbench.scenarios.imperfections.noise import Noise
 
 UNTOUCHED = 1 / 64
 """Share of the training frames that are untouched: most frames of a skin in use are."""

@@ -6,8 +6,8 @@ import json
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING
 
-from eitbench.methods.tensor_file import read_tensors, write_tensors
 from eitbench.methods.training.curve import Epoch
+from eitbench.methods.weights.tensor_file import read_tensors, write_tensors
 from eitbench.scenarios.errors import DataCorruptError, InputError
 
 if TYPE_CHECKING:

@@ -11,14 +11,14 @@ import torch
 from torch import Tensor
 
 from eitbench import __version__
-from eitbench.methods.weight_files import sensor_key, user_weights
+from eitbench.methods.weights.weight_files import sensor_key, user_weights
+from eitbench.scenarios.atomic_write import atomic_write
 from eitbench.scenarios.cache_dir import cache_dir
+from eitbench.scenarios.data.simulation import clean_voltages, phantom
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.phantoms.phantom import rasterise
-from eitbench.scenarios.scenario import SimulatedScenario
-from eitbench.scenarios.simulation import clean_voltages, phantom
-from eitbench.scenarios.suites import Suite
-from eitbench.scenarios.whole_file import write_whole
+from eitbench.scenarios.suites.scenario import SimulatedScenario
+from eitbench.scenarios.suites.suite import Suite
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -26,10 +26,10 @@ if TYPE_CHECKING:
 
     from eitbench.methods.training.curve import Epoch
     from eitbench.methods.training.request import Request
-    from eitbench.methods.weight_files import WeightFiles
-    from eitbench.scenarios.datasets import Dataset
-    from eitbench.scenarios.scenario import Split
-    from eitbench.scenarios.sensors import Sensor
+    from eitbench.methods.weights.weight_files import WeightFiles
+    from eitbench.scenarios.data.datasets import Dataset
+    from eitbench.scenarios.sensors.sensor import Sensor
+    from eitbench.scenarios.suites.scenario import Split
 
 
 @dataclass(frozen=True)
@@ -185,5 +185,5 @@ def _put_in_use(weights: Path) -> Path:
         (weights.with_suffix(".json"), used.with_suffix(".json")),
         (weights, used),
     ):
-        write_whole(target, source.read_bytes())
+        atomic_write(target, source.read_bytes())
     return used

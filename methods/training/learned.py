@@ -9,11 +9,11 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from eitbench.methods.learned import Dnn, PhyDnn
+from eitbench.methods.learned.image_networks import Dnn, PhyDnn
+from eitbench.methods.learned.ridge import Ridge, ridge
 from eitbench.methods.networks.image_network import ImageNetwork
 from eitbench.methods.problem import Problem
 from eitbench.methods.registry import operator
-from eitbench.methods.ridge import Ridge, ridge
 from eitbench.methods.training.augmentation import Augmentation
 from eitbench.methods.training.job import (
     Training,
@@ -32,14 +32,14 @@ from eitbench.methods.training.precision import working_precision
 from eitbench.methods.training.recipe import Recipe
 from eitbench.methods.training.symmetry import symmetries
 from eitbench.methods.training.trainee import Data, Trainee
-from eitbench.scenarios.datasets import load
+from eitbench.scenarios.data.datasets import load
 from eitbench.scenarios.errors import InputError
-from eitbench.scenarios.suites import load_suite
+from eitbench.scenarios.suites.suite import load_suite
 
 if TYPE_CHECKING:
-    from eitbench.methods.learned import Learned
+    from eitbench.methods.learned.image_networks import Learned
     from eitbench.methods.training.request import Request
-    from eitbench.scenarios.scenario import SimulatedScenario
+    from eitbench.scenarios.suites.scenario import SimulatedScenario
 
 EPOCHS = 100
 BATCH = 64

@@ -8,7 +8,7 @@ import torch
 from torch import Tensor, nn
 
 if TYPE_CHECKING:
-    from eitbench.methods.operators.operator import Operator
+    from eitbench.methods.operator import Operator
     from eitbench.methods.training.symmetry import Symmetry
 
 

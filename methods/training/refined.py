@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 from torch import Tensor
 
+from eitbench.methods.learned.refined import CoarseToFine, LearnedGaussNewton
 from eitbench.methods.problem import Problem
-from eitbench.methods.refined import CoarseToFine, LearnedGaussNewton
 from eitbench.methods.training.job import (
     Training,
     data_settings,
@@ -29,19 +29,19 @@ from eitbench.methods.training.precision import working_precision
 from eitbench.methods.training.recipe import Recipe
 from eitbench.methods.training.symmetry import symmetries
 from eitbench.methods.training.trainee import Data, OneLoss
-from eitbench.scenarios.datasets import load
-from eitbench.scenarios.simulation import clean_reference
-from eitbench.scenarios.suites import load_suite
+from eitbench.scenarios.data.datasets import load
+from eitbench.scenarios.data.simulation import clean_reference
+from eitbench.scenarios.suites.suite import load_suite
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from eitbench.methods.learned.refined import Refined
     from eitbench.methods.networks.refiner import Refiner
-    from eitbench.methods.refined import Refined
     from eitbench.methods.training.curve import Epoch
     from eitbench.methods.training.request import Request
     from eitbench.methods.training.symmetry import Symmetry
-    from eitbench.scenarios.scenario import SimulatedScenario
+    from eitbench.scenarios.suites.scenario import SimulatedScenario
 
 Array = NDArray[np.float64]
 Images = NDArray[np.float32]

@@ -22,7 +22,7 @@ from eitbench.methods.training.recipe import Recipe
 from eitbench.methods.training.request import CHOICES, Request
 from eitbench.methods.training.symmetry import symmetries
 from eitbench.methods.training.trainee import Data, OneLoss
-from eitbench.scenarios.suites import load_suite
+from eitbench.scenarios.suites.suite import load_suite
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""The symmetries of a sensor (see `eitbench.methods.symmetry`) for tensors, to learn from more."""
+"""Symmetries of a sensor for tensors (see `eitbench.scenarios.sensors.symmetry`)."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 import torch
 from torch import Tensor
 
-from eitbench.methods.symmetry import motions
+from eitbench.scenarios.sensors.symmetry import motions
 
 if TYPE_CHECKING:
-    from eitbench.scenarios.sensors import Sensor
+    from eitbench.scenarios.sensors.sensor import Sensor
 
 
 @dataclass(frozen=True)

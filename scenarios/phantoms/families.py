@@ -21,7 +21,7 @@ background (foam16: 1 S/m, so they read as S/m). Every value is uniform in its r
 
 `conductive` mirrors the contrasts of the published families, so the span stays 1 S/m, the data
 range of the metrics. `soft-press` turns pressure into conductivity by the law in
-`eitbench.scenarios.press`.
+`eitbench.scenarios.phantoms.press`.
 """
 
 from collections.abc import Callable, Mapping

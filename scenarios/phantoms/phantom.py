@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eitbench.scenarios.errors import InputError
-from eitbench.scenarios.outlines import Outline
 from eitbench.scenarios.phantoms.families import Family, Shape
+from eitbench.scenarios.phantoms.press import FOAM
 from eitbench.scenarios.phantoms.regions import Indenter, Pose, Region
-from eitbench.scenarios.press import FOAM
-from eitbench.scenarios.sensors import Sensor
+from eitbench.scenarios.sensors.outlines import Outline
+from eitbench.scenarios.sensors.sensor import Sensor
 
 Array = NDArray[np.float64]
 

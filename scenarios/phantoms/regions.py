@@ -7,7 +7,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from eitbench.scenarios.outlines import Polygon
+from eitbench.scenarios.sensors.outlines import Polygon
 
 Array = NDArray[np.float64]
 

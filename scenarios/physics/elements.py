@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from eitbench.scenarios.physics.mesh import Mesh
-from eitbench.scenarios.sensors import Electrode
+from eitbench.scenarios.sensors.sensor import Electrode
 
 Array = NDArray[np.float64]
 

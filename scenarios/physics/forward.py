@@ -34,7 +34,7 @@ from eitbench.scenarios.physics.dissection import dissect
 from eitbench.scenarios.physics.elements import couplings, electrode_terms
 from eitbench.scenarios.physics.elimination import element_gradients, sensitivities, solve
 from eitbench.scenarios.physics.mesh import Mesh, build_mesh
-from eitbench.scenarios.sensors import Sensor
+from eitbench.scenarios.sensors.sensor import Sensor
 
 Array = NDArray[np.float64]
 

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage, sparse
 
-from eitbench.scenarios.outlines import is_rectangle
-from eitbench.scenarios.sensors import Sensor
+from eitbench.scenarios.sensors.outlines import is_rectangle
+from eitbench.scenarios.sensors.sensor import Sensor
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

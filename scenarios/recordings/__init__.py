@@ -3,14 +3,14 @@
 from pathlib import Path
 
 from eitbench.scenarios.errors import unknown_name
-from eitbench.scenarios.recordings.descriptors import RecordedSet, Recording
-from eitbench.scenarios.recordings.hydrogel import MULTITOUCH, OHMC8, OHMC16
-from eitbench.scenarios.recordings.hydrogel_rectangle import FIXED_PRESS, RECTANGLE, REPEATS
-from eitbench.scenarios.recordings.jku_tank import JKU_TANKS
-from eitbench.scenarios.recordings.kuopio import KTC2023
-from eitbench.scenarios.recordings.own import is_recording, own_set
-from eitbench.scenarios.recordings.pyeidors_tank import PYEIDORS_TANK
-from eitbench.scenarios.recordings.sciospec_tank import SCIOSPEC_TANK
+from eitbench.scenarios.recordings.descriptors import RecordedFrames, RecordedSet
+from eitbench.scenarios.recordings.files.own import is_recording, own_set
+from eitbench.scenarios.recordings.public.hydrogel import MULTITOUCH, OHMC8, OHMC16
+from eitbench.scenarios.recordings.public.hydrogel_rectangle import FIXED_PRESS, RECTANGLE, REPEATS
+from eitbench.scenarios.recordings.public.jku_tank import JKU_TANKS
+from eitbench.scenarios.recordings.public.kuopio import KTC2023
+from eitbench.scenarios.recordings.public.pyeidors_tank import PYEIDORS_TANK
+from eitbench.scenarios.recordings.public.sciospec_tank import SCIOSPEC_TANK
 
 RECORDED_SETS: dict[str, RecordedSet] = {
     recorded.name: recorded
@@ -44,4 +44,4 @@ def recorded_set(name: str) -> RecordedSet:
     return RECORDED_SETS[name]
 
 
-__all__ = ["RECORDED_SETS", "RecordedSet", "Recording", "is_recording", "recorded_set"]
+__all__ = ["RECORDED_SETS", "RecordedFrames", "RecordedSet", "is_recording", "recorded_set"]

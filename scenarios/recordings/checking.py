@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 
 from eitbench.scenarios.errors import DataCorruptError
-from eitbench.scenarios.recordings.own import damage, outside
+from eitbench.scenarios.recordings.files.own import damage, outside
+from eitbench.scenarios.recordings.files.recording_file import Condition, Content, read_file
 from eitbench.scenarios.recordings.quality import reciprocity_error, suspect_electrodes
-from eitbench.scenarios.recordings.recording_file import Condition, Content, read_file
 
 MAX_RECIPROCITY = 0.1
 """Relative reciprocity error of the untouched sensor above which a recording is not trusted."""

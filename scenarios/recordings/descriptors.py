@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 
 from eitbench.scenarios.errors import DataCorruptError
 from eitbench.scenarios.recordings.sources import RecordedFile, Source
-from eitbench.scenarios.sensors import Sensor, SensorBuilder
+from eitbench.scenarios.sensors.sensor import Sensor, SensorBuilder
 
 Truth = Literal["position", "classes", "none"]
 
 
 @dataclass(frozen=True, eq=False)
-class Recording:
+class RecordedFrames:
     """The frames of a recorded set.
 
     Voltages are V/A where the source states its drive current, else the board's own units; a
@@ -39,10 +39,10 @@ class Recording:
     samples: pd.DataFrame
     classes: NDArray[np.int8] | None = None
 
-    def without_test(self) -> "Recording":
+    def without_test(self) -> "RecordedFrames":
         """The same without the frames of the test split."""
         kept = (self.samples["split"] != "test").to_numpy()
-        return Recording(
+        return RecordedFrames(
             self.voltages[kept],
             self.reference,
             self.samples[kept].reset_index(drop=True),
@@ -61,7 +61,7 @@ class RecordedSet:
         truth: what is known of each frame.
         source: the public repository at a fixed commit, its licence and the files of this set.
         citation: what to cite.
-        reader: from the folder that holds the repository's files to a `Recording`.
+        reader: from the folder that holds the repository's files to a `RecordedFrames`.
         own: the file of a recording of one's own, which has no public source.
         emulated: no real sensor was measured.
     """
@@ -73,7 +73,7 @@ class RecordedSet:
     truth: Truth
     source: Source
     citation: str
-    reader: Callable[[Path, Sensor], Recording]
+    reader: Callable[[Path, Sensor], RecordedFrames]
     own: Path | None = None
     emulated: bool = False
 
@@ -97,7 +97,7 @@ class RecordedSet:
         """The licence stated upstream."""
         return self.source.licence
 
-    def read(self, folder: Path) -> Recording:
+    def read(self, folder: Path) -> RecordedFrames:
         """The frames in `folder`, which holds the repository's files at their upstream paths.
 
         Raises:
@@ -108,7 +108,7 @@ class RecordedSet:
         self._check(recording, nominal)
         return recording
 
-    def _check(self, recording: Recording, nominal: Sensor) -> None:
+    def _check(self, recording: RecordedFrames, nominal: Sensor) -> None:
         n, m = len(recording.samples), nominal.n_measurements
         wanted = {"voltages": (n, m), "reference": (m,)}
         for label, shape in wanted.items():

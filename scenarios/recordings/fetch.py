@@ -16,14 +16,16 @@ from typing import Any
 from eitbench.scenarios.cache_dir import cache_dir
 from eitbench.scenarios.errors import DataCorruptError, DataUnavailableError
 from eitbench.scenarios.guard import is_closed
-from eitbench.scenarios.recordings import RecordedSet, Recording, recorded_set
+from eitbench.scenarios.recordings import RecordedFrames, RecordedSet, recorded_set
 from eitbench.scenarios.recordings.sources import RecordedFile
 
 _CHUNK = 1 << 14
 _SILENCE_S = 30.0  # a server that says nothing for so long is given up
 
 
-def read_recording(name: str, *, limit_s: float | None = None, progress: bool = False) -> Recording:
+def read_recording(
+    name: str, *, limit_s: float | None = None, progress: bool = False
+) -> RecordedFrames:
     """The frames of the set called `name`: found or downloaded, verified, read and checked.
 
     Where the test split is closed (see `guard`), those of its frames are left out.

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from eitbench.scenarios.errors import InputError
-from eitbench.scenarios.patterns import DrivePattern
-from eitbench.scenarios.recordings.descriptors import Recording
+from eitbench.scenarios.recordings.descriptors import RecordedFrames
+from eitbench.scenarios.sensors.patterns import DrivePattern
 
 
 def reciprocity_error(frames: ArrayLike, pattern: DrivePattern) -> NDArray[np.float64]:
@@ -51,7 +51,7 @@ class Quality:
     reciprocity: float
 
 
-def quality(recording: Recording, pattern: DrivePattern) -> Quality:
+def quality(recording: RecordedFrames, pattern: DrivePattern) -> Quality:
     """The figures of `recording`, measured with `pattern`."""
     reference, samples = recording.reference, recording.samples
     touched = samples["touched"].to_numpy(dtype=bool)

@@ -12,14 +12,12 @@ from typing import Annotated, Any, NoReturn
 
 import typer
 
-from eitbench import (
-    hardware_commands,
-    method_commands,
-    recording_commands,
-    result_commands,
-    run_commands,
-)
-from eitbench.console import Json, fail, print_json, print_renderable
+from eitbench.commands import hardware as hardware_commands
+from eitbench.commands import methods as method_commands
+from eitbench.commands import recordings as recording_commands
+from eitbench.commands import results as result_commands
+from eitbench.commands import runs as run_commands
+from eitbench.commands.console import Json, fail, print_json, print_renderable
 
 app = typer.Typer(
     help="The benchmark for electrical impedance tomography (EIT) tactile sensing.",
@@ -70,14 +68,14 @@ def list_command(
     as_json: Json = False,
 ) -> None:
     """List methods, operators, scenarios, sensors, suites, recordings or boards."""
-    from eitbench.benchmark.listing import LISTINGS
+    from eitbench.commands.names import LISTINGS
     from eitbench.hardware.boards import board_rows
 
     rows = board_rows() if what is Listing.boards else LISTINGS[what.value]()
     if as_json:
         print_json(rows)
     else:
-        from eitbench.reports.listing import names_table
+        from eitbench.reports.tables.names import names_table
 
         print_renderable(names_table(rows))
 

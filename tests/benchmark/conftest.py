@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from eitbench.scenarios.suites import Suite, load_suite
+from eitbench.scenarios.suites.suite import Suite, load_suite
 
 DATA = Path(__file__).parent / "data"
 MEASURED = [

@@ -38,15 +38,15 @@ from markdown_it import MarkdownIt
 from typer.main import get_command
 
 from eitbench import cli
-from eitbench.benchmark.runner import make_plan
-from eitbench.hardware import guided
-from eitbench.hardware.guided import Timing
-from eitbench.hardware.touch_script import read_script
-from eitbench.methods.registry import METHODS, OPERATORS, Registry
+from eitbench.benchmark.run.runner import make_plan
+from eitbench.hardware.emulation.touch_script import read_script
+from eitbench.hardware.recording import guided
+from eitbench.hardware.recording.guided import Timing
+from eitbench.methods.registry import METHOD_REGISTRY, OPERATOR_REGISTRY, Registry
 from eitbench.scenarios import load_suite, sensor
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.recordings import RECORDED_SETS
-from eitbench.scenarios.suites import suites
+from eitbench.scenarios.suites.suite import suites
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = [
@@ -56,7 +56,7 @@ SHELL = ("", "sh", "bash")
 LISTINGS = ("text", "yaml", "matlab")
 DIRECTIVE = re.compile(r"<!-- test: (.+?) -->")
 SERVES = ("live", "emulate")
-REGISTRIES: tuple[Registry[Any], ...] = (METHODS, OPERATORS)
+REGISTRIES: tuple[Registry[Any], ...] = (METHOD_REGISTRY, OPERATOR_REGISTRY)
 STORED = {"--resume", "--runs"}
 """Options that name what was run before, with which nothing is made smaller."""
 # Typer raises these of click's, or of its own copy of click, which has no public name.

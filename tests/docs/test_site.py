@@ -11,7 +11,7 @@ from urllib.parse import urlparse
 
 import pytest
 
-from eitbench.benchmark.cards import METRICS
+from eitbench.benchmark.metrics.specs import METRICS
 
 ROOT = Path(__file__).resolve().parents[2]
 CHROMIUM = shutil.which("chromium")

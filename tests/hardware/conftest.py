@@ -1,15 +1,22 @@
-"""What the tests of hardware share: a small sensor and frames of it."""
+"""What the tests of hardware share: a small sensor and its frames, and byte streams of boards."""
 
+import os
+import pty
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from eitbench.hardware.board import Board, BoardError, BoardLostError, Frame
-from eitbench.scenarios.outlines import rectangle
-from eitbench.scenarios.patterns import offset_pattern
-from eitbench.scenarios.sensors import Sensor, even_electrodes
+from eitbench.hardware.emulation.board_server import BoardServer
+from eitbench.hardware.protocols import PROTOCOLS, Protocol
+from eitbench.scenarios.recordings.catalogue import sensor
+from eitbench.scenarios.sensors.outlines import rectangle
+from eitbench.scenarios.sensors.patterns import offset_pattern
+from eitbench.scenarios.sensors.sensor import Sensor, even_electrodes
 
 Frames = Callable[[int], list[Frame]]
 
@@ -76,3 +83,85 @@ class FakeBoard(Board):
 def board(skin: Sensor) -> Callable[[Sequence[Frame]], FakeBoard]:
     """A fake board with the given frames."""
     return lambda frames: FakeBoard(skin, frames)
+
+
+# V/A of one unit of a board's values, and what it rounds to [V/A], where it sends text.
+UNITS = {"openeit": 1e-3}
+STEPS = {"openeit": 1e-7, "eit-kit": 1e-4}
+
+
+@dataclass
+class Stream:
+    """What a board sends: `messages[k]` holds the frame `values[k]` (M,) [V/A]."""
+
+    sensor: Sensor
+    protocol: type[Protocol]
+    values: NDArray[np.float64]
+    messages: list[bytes]
+
+    def parser(self) -> Protocol:
+        return self.protocol(self.sensor)
+
+    def holds(self, k: int, received: NDArray[np.float64]) -> bool:
+        """Whether `received` is frame `k`, to what the protocol rounds to."""
+        name = self.protocol.name
+        error = np.abs(received * UNITS.get(name, 1.0) - self.values[k]).max()
+        return bool(error <= STEPS.get(name, 1e-5))
+
+
+def make_stream(name: str, count: int, nominal: Sensor | None = None) -> Stream:
+    protocol = PROTOCOLS[name]
+    nominal = nominal or sensor(protocol.default_sensor)
+    # Differences of potentials, so that a board that sends potentials can send them, too.
+    shape = (count, nominal.n_electrodes, nominal.n_electrodes)
+    potentials = np.random.default_rng(1).normal(size=shape)
+    src, _, a, b = nominal.pattern.table.T
+    values = potentials[:, src, a] - potentials[:, src, b]
+    if nominal.pattern.magnitudes:
+        values = np.abs(values)
+    device = protocol.device(nominal)
+    for command in protocol(nominal).starting():
+        device.obey(command)
+    assert device.running
+    messages = [device.encode(k, 0.1 * k, frame) for k, frame in enumerate(values)]
+    return Stream(nominal, protocol, values, messages)
+
+
+@pytest.fixture
+def stream() -> Callable[..., Stream]:
+    """Make a stream: name of the protocol, number of frames, sensor (default: the board's)."""
+    return make_stream
+
+
+@pytest.fixture(params=sorted(PROTOCOLS))
+def name(request: pytest.FixtureRequest) -> str:
+    """The name of each protocol."""
+    return str(request.param)
+
+
+@pytest.fixture
+def serve() -> Iterator[Callable[..., BoardServer]]:
+    """Switch on a board whose frames are all the same; it is switched off after the test."""
+    servers = []
+
+    def switch_on(name: str, rate_hz: float = 10.0, nominal: Sensor | None = None) -> BoardServer:
+        chosen = nominal or sensor(PROTOCOLS[name].default_sensor)
+        values = make_stream(name, 1, chosen).values[0]
+        server = BoardServer(PROTOCOLS[name], chosen, lambda time_s: values, rate_hz)
+        server.start()
+        servers.append(server)
+        return server
+
+    yield switch_on
+    for server in servers:
+        server.stop()
+
+
+@pytest.fixture
+def terminal() -> Iterator[tuple[int, str]]:
+    """A bare pseudo-terminal: the end of the board, and the port."""
+    board_end, host_end = pty.openpty()
+    port = os.ttyname(host_end)
+    os.close(host_end)
+    yield board_end, port
+    os.close(board_end)

@@ -12,11 +12,11 @@ import pandas as pd
 import pytest
 from numpy.typing import NDArray
 
-from eitbench.benchmark.judge import fit_registration, judge
-from eitbench.scenarios.catalogue import foam16
-from eitbench.scenarios.datasets import Dataset
-from eitbench.scenarios.outlines import Disc
-from eitbench.scenarios.sensors import Sensor, even_electrodes
+from eitbench.benchmark.metrics.evaluation import evaluate, fit_registration
+from eitbench.scenarios.data.datasets import Dataset
+from eitbench.scenarios.recordings.catalogue import foam16
+from eitbench.scenarios.sensors.outlines import Disc
+from eitbench.scenarios.sensors.sensor import Sensor, even_electrodes
 
 Array = NDArray[np.float64]
 FOAM = replace(foam16(), image_shape=(40, 40))
@@ -152,7 +152,7 @@ class RunBuilder:
             kept[-lost:] = np.nan
         registration = fit_registration(dataset, kept) if dataset.truth == "position" else None
         status = ["ok"] * (len(kept) - lost) + ["timeout"] * lost
-        rows = judge(dataset, kept, registration).drop(columns="sample")
+        rows = evaluate(dataset, kept, registration).drop(columns="sample")
         self.samples.append(
             pd.concat(
                 [

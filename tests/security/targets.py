@@ -14,29 +14,30 @@ import scipy.io
 from tests.security import mutations
 from tests.security.mutations import Mutation
 
-from eitbench.benchmark import choices as recorded
-from eitbench.benchmark import comparison, manifest, submission
-from eitbench.benchmark.kind import METHODS
-from eitbench.benchmark.ladder import read_ladder
-from eitbench.benchmark.plan import Plan, make_plan
-from eitbench.benchmark.rescore import rescored
-from eitbench.benchmark.results import NOTES_FILE, read_run
-from eitbench.benchmark.runner import start_run
-from eitbench.benchmark.store import SAMPLES, Batch, Cell, RunStore
+from eitbench.benchmark.analysis import comparison, submission
+from eitbench.benchmark.analysis.ladder import read_ladder
+from eitbench.benchmark.analysis.rescore import rescored
+from eitbench.benchmark.analysis.results import NOTES_FILE, read_run
+from eitbench.benchmark.run.runner import start_run
+from eitbench.benchmark.rundir import manifest
+from eitbench.benchmark.rundir.kinds import METHOD_RUNS
+from eitbench.benchmark.rundir.plan import Plan, make_plan
+from eitbench.benchmark.rundir.store import SAMPLES, Batch, Cell, RunStore
+from eitbench.benchmark.tuning import selection as recorded
 from eitbench.hardware.board import Frame
-from eitbench.hardware.recorder import Recorder
-from eitbench.methods.tensor_file import read_tensors
-from eitbench.reports.gathered import gather
-from eitbench.reports.leaderboard import FORMATS, leaderboard, write_leaderboard
-from eitbench.scenarios.cache_file import CacheFile
+from eitbench.hardware.recording.recorder import Recorder
+from eitbench.methods.weights.tensor_file import read_tensors
+from eitbench.reports.page.gathered import gather
+from eitbench.reports.tables.leaderboard import FORMATS, leaderboard, write_leaderboard
+from eitbench.scenarios.data.cache_file import CacheFile
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.recordings.checking import check
-from eitbench.scenarios.recordings.csv_file import read_csv, write_csv
-from eitbench.scenarios.recordings.mat_recording import read_mat_recording, write_mat
-from eitbench.scenarios.recordings.own import own_set
-from eitbench.scenarios.recordings.recording_file import read_file
-from eitbench.scenarios.sensor_file import read_sensor
-from eitbench.scenarios.suites import load_suite, read_suite, suites
+from eitbench.scenarios.recordings.files.csv_file import read_csv, write_csv
+from eitbench.scenarios.recordings.files.mat_recording import read_mat_recording, write_mat
+from eitbench.scenarios.recordings.files.own import own_set
+from eitbench.scenarios.recordings.files.recording_file import read_file
+from eitbench.scenarios.sensors.sensor_file import read_sensor
+from eitbench.scenarios.suites.suite import load_suite, read_suite, suites
 
 
 @dataclass(frozen=True)
@@ -233,9 +234,9 @@ def _runs(folder: Path, run: Path) -> dict[str, Target]:
     notes = json.dumps({"tiny": {"guess_mm": 3.0, "repeat_noise": None}}).encode()
     kinds: dict[str, tuple[str, str, Mutation, Callable[[Path], object], int]] = {
         "samples": ("Parquet", SAMPLES, mutations.parquet, scored, 5),
-        "cells": ("Parquet", METHODS.table, mutations.parquet, shown, 4),
+        "cells": ("Parquet", METHOD_RUNS.table, mutations.parquet, shown, 4),
         "baseline": ("Parquet", SAMPLES, mutations.parquet, baseline, 3),
-        "arrays": ("HDF5", METHODS.arrays, mutations.hdf5, images, 3),
+        "arrays": ("HDF5", METHOD_RUNS.arrays, mutations.hdf5, images, 3),
         "manifest": ("JSON", manifest.FILE_NAME, mutations.json_text, described, 2),
         "reported": ("JSON", manifest.FILE_NAME, mutations.json_text, reported, 1),
         "notes": ("JSON", NOTES_FILE, mutations.json_text, shown, 2),
@@ -258,7 +259,7 @@ def _others(folder: Path, run: Path) -> dict[str, Target]:
     import torch
 
     rng = np.random.default_rng(2)
-    store, cell = RunStore(folder / "parts-run", METHODS), Cell("tiny", "noser")
+    store, cell = RunStore(folder / "parts-run", METHOD_RUNS), Cell("tiny", "noser")
     images = rng.normal(size=(2, 4, 4)).astype(np.float32)
     store.save_batch(
         cell, "test", Batch(0, ["ok", "error"], ["", "no"], {"conductivity": images}, "{}")
@@ -273,7 +274,7 @@ def _others(folder: Path, run: Path) -> dict[str, Target]:
     checkpoint = folder / "training" / "checkpoint.safetensors"
     scenario = load_suite(folder / "suite.toml").scenarios[0]
     trials = (recorded.Trial({"a": 1.0}, 1.0),)
-    choice = recorded.Choice({"a": 1.0}, 1.0, trials, recorded.Budget(), "trials")
+    choice = recorded.Selection({"a": 1.0}, 1.0, trials, recorded.TuningBudget(), "trials")
     choices = recorded.record(scenario, {"tikhonov": choice}, recorded.user_choices())
 
     def weights(path: Path) -> None:

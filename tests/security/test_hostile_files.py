@@ -12,24 +12,24 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from eitbench.benchmark.kind import METHODS
-from eitbench.benchmark.manifest import read as read_manifest
-from eitbench.benchmark.results import Run, read_table
-from eitbench.benchmark.store import Batch, Cell, RunStore
+from eitbench.benchmark.analysis.results import Run, read_table
+from eitbench.benchmark.rundir.kinds import METHOD_RUNS
+from eitbench.benchmark.rundir.manifest import read as read_manifest
+from eitbench.benchmark.rundir.store import Batch, Cell, RunStore
 from eitbench.hardware.board import Frame
-from eitbench.hardware.recorder import Recorder
+from eitbench.hardware.recording.recorder import Recorder
 from eitbench.scenarios import sensor
 from eitbench.scenarios.errors import DataCorruptError, InputError
-from eitbench.scenarios.recordings.csv_file import read_csv
-from eitbench.scenarios.recordings.recording_file import read_file
-from eitbench.scenarios.sensor_file import read_sensor
+from eitbench.scenarios.recordings.files.csv_file import read_csv
+from eitbench.scenarios.recordings.files.recording_file import read_file
+from eitbench.scenarios.sensors.sensor_file import read_sensor
 
 CELL = Cell("s", "m")
 
 
 @pytest.fixture
 def store(tmp_path: Path) -> RunStore:
-    store = RunStore(tmp_path / "run", METHODS)
+    store = RunStore(tmp_path / "run", METHOD_RUNS)
     values = {"conductivity": np.ones((1, 4, 4))}
     store.save_batch(CELL, "test", Batch(0, ["ok"], [""], values, "{}"))
     return store
@@ -130,11 +130,11 @@ def test_a_recording_does_not_read_other_files(
 
 def images(path: Path, size: int) -> Run:
     """A run whose file of arrays claims `size` images of which none was ever written."""
-    with h5py.File(path / METHODS.arrays, "w") as file:
+    with h5py.File(path / METHOD_RUNS.arrays, "w") as file:
         group = file.create_group("s/m")
         group["sample"] = np.arange(3)
         group.create_dataset("conductivity", (3, size, size), "<f4", chunks=(1, 64, 64))
-    return Run(path, METHODS, {}, pd.DataFrame(), pd.DataFrame(), {})
+    return Run(path, METHOD_RUNS, {}, pd.DataFrame(), pd.DataFrame(), {})
 
 
 def test_images_that_were_never_written_take_no_memory(tmp_path: Path) -> None:
@@ -179,7 +179,7 @@ def test_nesting_without_end_is_told(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("told", "says"),
+    ("prior_knowledge", "says"),
     [
         ({"data": {"s": 3}}, "data.s: "),
         ({"calibration_ms": "fast"}, "calibration_ms: "),

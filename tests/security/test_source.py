@@ -28,9 +28,9 @@ FORBIDDEN_CALLS = {
 FORBIDDEN_METHODS = {"extractall", "extract", "to_pickle", "unpack_archive"}
 
 BETWEEN_OUR_PROCESSES = {
-    "benchmark/execution.py", "benchmark/process.py", "benchmark/real_trained.py",
-    "benchmark/study.py", "benchmark/worker.py", "methods/training/refined.py",
-    "scenarios/simulation.py",
+    "benchmark/run/executors.py", "benchmark/workers/process.py", "benchmark/workers/worker.py",
+    "benchmark/studies/real_trained.py", "benchmark/studies/training_study.py",
+    "methods/training/refined.py", "scenarios/data/simulation.py",
 }  # fmt: skip
 
 

@@ -32,7 +32,7 @@ class Sound(Method):
 
 
 @register("contract-kept")
-class Kept(Sound):
+class StoredBatches(Sound):
     """Keeps every promise."""
 
 

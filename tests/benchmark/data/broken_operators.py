@@ -30,7 +30,7 @@ class Linear(Operator):
 
 
 @register_operator("operator-kept")
-class Kept(Linear):
+class StoredBatches(Linear):
     """Keeps every promise."""
 
 

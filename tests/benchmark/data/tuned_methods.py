@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from eitbench.methods import Method, Problem, register
 from eitbench.scenarios import load
-from eitbench.scenarios.scenario import SimulatedScenario
-from eitbench.scenarios.simulation import clean_voltages, phantom
-from eitbench.scenarios.suites import scenario_by_name
+from eitbench.scenarios.data.simulation import clean_voltages, phantom
+from eitbench.scenarios.suites.scenario import SimulatedScenario
+from eitbench.scenarios.suites.suite import scenario_by_name
 
 Array = NDArray[np.float64]
 

@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 
 from eitbench.hardware.board import Board, BoardLostError, Frame
 from eitbench.hardware.live.access import Access
-from eitbench.hardware.live.picture import Picture
+from eitbench.hardware.live.picture import LiveImage
 from eitbench.hardware.live.run import LiveView, live_view
 from eitbench.hardware.live.session import Session
-from eitbench.scenarios.catalogue import foam16
+from eitbench.scenarios.phantoms.press import FOAM
 from eitbench.scenarios.physics.forward import forward_model
-from eitbench.scenarios.press import FOAM
-from eitbench.scenarios.recordings.recording_file import Content, read_file
+from eitbench.scenarios.recordings.catalogue import foam16
+from eitbench.scenarios.recordings.files.recording_file import Content, read_file
 
 Array = NDArray[np.float64]
 
@@ -95,8 +95,8 @@ class Watched:
     """A session with the pictures it has shown."""
 
     def __init__(self, board: Any, out: Path) -> None:
-        self.pictures: list[Picture] = []
-        self.show: Callable[[Picture], None] = self.pictures.append
+        self.pictures: list[LiveImage] = []
+        self.show: Callable[[LiveImage], None] = self.pictures.append
         self.session = Session(
             board, "emulator", emulated=True, out=out, show=lambda picture: self.show(picture)
         )
@@ -115,7 +115,7 @@ class Watched:
         return content
 
     @property
-    def newest(self) -> Picture:
+    def newest(self) -> LiveImage:
         return self.pictures[-1]
 
 

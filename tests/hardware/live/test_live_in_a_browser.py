@@ -14,7 +14,7 @@ from eitbench.hardware.board import Board
 from eitbench.hardware.boards import make_emulator
 from eitbench.methods import Method, register
 from eitbench.scenarios.recordings.checking import check
-from eitbench.scenarios.recordings.recording_file import read_file
+from eitbench.scenarios.recordings.files.recording_file import read_file
 
 playwright = pytest.importorskip("playwright.sync_api", reason="needs Playwright")
 CHROMIUM = shutil.which("chromium")

@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from eitbench.hardware.guided import Timing
-from eitbench.hardware.live.picture import Picture
-from eitbench.hardware.recorder import Recorder, RecorderError
+from eitbench.hardware.live.picture import LiveImage
+from eitbench.hardware.recording.guided import Timing
+from eitbench.hardware.recording.recorder import Recorder, RecorderError
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.recordings.checking import check
-from eitbench.scenarios.scenario import RecordedScenario
-from eitbench.scenarios.suites import load_suite
+from eitbench.scenarios.suites.scenario import RecordedScenario
+from eitbench.scenarios.suites.suite import load_suite
 
 PLACES = [(0.03, 0.04), (0.07, 0.06)]
 PLACE = (0.03, 0.06)
@@ -24,7 +24,7 @@ def test_a_slow_viewer_never_delays_the_recording(running: Any, board: Any, wait
     """Frames go on at the board's rate while one picture takes forever."""
     stuck = threading.Event()
 
-    def show(picture: Picture) -> None:
+    def show(picture: LiveImage) -> None:
         stuck.wait()
         running.pictures.append(picture)
 

@@ -18,7 +18,7 @@ from eitbench.hardware.live.commands import MAX_BYTES
 from eitbench.hardware.live.server import MOST_VIEWERS, listen
 from eitbench.hardware.live.viewer import MOST_UNPAINTED
 from eitbench.scenarios.errors import EitbenchError, InputError
-from eitbench.scenarios.recordings.recording_file import read_file
+from eitbench.scenarios.recordings.files.recording_file import read_file
 
 TOKEN = "correct-horse-battery"
 

@@ -15,9 +15,9 @@ from eitbench.hardware.live.newest import Newest
 from eitbench.hardware.live.reference import NO_DATA, no_data
 from eitbench.hardware.live.session import RETRY_S
 from eitbench.methods import Method, Problem, create, register
-from eitbench.scenarios.catalogue import foam16
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.physics.forward import forward_model
+from eitbench.scenarios.recordings.catalogue import foam16
 
 PLACE = (0.03, 0.06)
 

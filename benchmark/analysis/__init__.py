@@ -1,0 +1,1 @@
+"""What stored runs show: results, standings, comparisons, submissions."""

@@ -1,0 +1,311 @@
+"""What changed between two runs on the same frames, and whether it matters."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from scipy import special
+
+from eitbench.benchmark.analysis.results import checked_table, read_json
+from eitbench.benchmark.analysis.standings import SIGNIFICANT
+from eitbench.benchmark.metrics.aggregation import aggregate
+from eitbench.benchmark.metrics.specs import METRICS, MetricCard
+from eitbench.benchmark.metrics.statistics import MIN_PHANTOMS, draw, holm, intervals, once
+from eitbench.benchmark.rundir import manifest
+from eitbench.benchmark.rundir.kinds import METHOD_RUNS
+from eitbench.benchmark.rundir.store import SAMPLES
+from eitbench.scenarios.errors import InputError, unknown_name
+
+Array = NDArray[np.float64]
+Verdict = Literal["better", "worse", "no difference found", "negligible", "equal"]
+
+_NEEDED = ("scenario", "method", "sample", "phantom", "input_hash", "status")
+_NEEDED_OF_CELL = ("scenario", "method", "frame_ms_p50", "calibration_ms")
+_EQUAL = 1e-9
+
+NEGLIGIBLE = 1e-3
+"""Share of the standard deviation between phantoms: what the rounding of another machine's
+arithmetic may change, however surely, and what nobody would notice."""
+
+
+@dataclass(frozen=True)
+class Change:
+    """One figure of one method on one scenario, before and after.
+
+    Attributes:
+        n, phantoms: samples that both runs hold, and of how many phantoms.
+        difference, low, high: after minus before with its 95 % interval.
+        p: of a change (`compare`), or of a loss beyond the margin (`losses`), adjusted for all
+            that were tested together (Holm).
+        verdict: "equal" to the last digit; "negligible", see `NEGLIGIBLE`; "better" or "worse"
+            beyond chance; or none of these.
+        time_ratio: warm frame after over before, each over its machine's calibration solve; None
+            where one of them is not known.
+    """
+
+    scenario: str
+    method: str
+    figure: str
+    n: int
+    phantoms: int
+    before: float
+    after: float
+    difference: float
+    low: float
+    high: float
+    p: float
+    verdict: Verdict
+    time_ratio: float | None
+
+
+@dataclass(frozen=True)
+class RunComparison:
+    """Two runs beside each other.
+
+    Attributes:
+        changes: in the order of the earlier run.
+        missing: a sentence for each scenario and method of the earlier run that the later one
+            does not hold, or not on all of its frames.
+        added: a sentence for each that only the later one holds.
+    """
+
+    changes: list[Change]
+    missing: list[str]
+    added: list[str]
+
+
+@dataclass(frozen=True, eq=False)
+class Results:
+    """What a comparison needs of a run.
+
+    Attributes:
+        path: a run directory, or its `samples.parquet` alone.
+        samples: one row per scenario, method and sample.
+        frame_units: warm frame over the calibration solve, by scenario and method, where known.
+    """
+
+    path: Path
+    samples: pd.DataFrame
+    frame_units: Mapping[tuple[str, str], float]
+
+
+def read_results(path: Path) -> Results:
+    """Read a run directory, or the `samples.parquet` of one.
+
+    Raises:
+        InputError: it is neither, or a run of operators.
+        DataCorruptError: its tables cannot be read.
+    """
+    table = path / SAMPLES if path.is_dir() else path
+    if not table.is_file():
+        raise InputError(f"{path} is neither a run directory nor the {SAMPLES} of one.")
+    if (about := path / manifest.FILE_NAME).is_file():
+        read_json(about)  # nothing is scored by a run of which a part is damaged
+    samples = checked_table(table, METHOD_RUNS)
+    missing = [name for name in _NEEDED if name not in samples]
+    if missing:
+        raise InputError(
+            f"{table} has no column {missing[0]!r}, which a comparison of methods needs: run the "
+            "suite again."
+        )
+    if samples.duplicated(["scenario", "method", "sample"]).any():
+        raise InputError(f"{table} has several rows for one sample of a method: run again.")
+    cells, units = table.with_name(METHOD_RUNS.table), {}
+    if cells.is_file():
+        for row in checked_table(cells, METHOD_RUNS, _NEEDED_OF_CELL).to_dict("records"):
+            solve, frame = row["calibration_ms"], row["frame_ms_p50"]
+            if solve and frame and np.isfinite(frame / solve):
+                units[str(row["scenario"]), str(row["method"])] = frame / solve
+    return Results(path, samples, units)
+
+
+def compare(before: Results, after: Results, figures: Sequence[str] = ()) -> RunComparison:
+    """What changed from `before` to `after`, by `figures` or by what each scenario ranks by.
+
+    Raises:
+        InputError: an unknown figure, or nothing that can be compared.
+    """
+    found, missing, added = _paired(before, after, dict.fromkeys(figures, 0.0))
+    p = holm([test.change_p for test in found])
+    changes = [
+        replace(test.change, p=float(p_of), verdict=_verdict(test, p_of < SIGNIFICANT))
+        for test, p_of in zip(found, p, strict=True)
+    ]
+    return RunComparison(changes, missing, added)
+
+
+def losses(before: Results, after: Results, margins: Mapping[str, float]) -> RunComparison:
+    """The changes by the figures of `margins`, "worse" where surely by more than their margin.
+
+    Without margins: by what each scenario ranks by, and any loss counts.
+
+    Raises:
+        InputError: an unknown figure, or nothing that can be compared.
+    """
+    found, missing, added = _paired(before, after, margins)
+    p = holm([test.loss_p for test in found])
+    changes = [
+        replace(
+            test.change,
+            p=float(p_of),
+            verdict="worse" if p_of < SIGNIFICANT else _verdict(test, significant=False),
+        )
+        for test, p_of in zip(found, p, strict=True)
+    ]
+    return RunComparison(changes, missing, added)
+
+
+@dataclass(frozen=True)
+class _Test:
+    """A change whose p-values are not adjusted yet; `sign` is -1 where less is better."""
+
+    change: Change
+    sign: float
+    negligible: float
+    change_p: float
+    loss_p: float
+
+
+def _verdict(test: _Test, significant: bool) -> Verdict:
+    if abs(test.change.difference) < _EQUAL and test.change.low == test.change.high:
+        return "equal"
+    if abs(test.change.difference) <= test.negligible:
+        return "negligible"
+    if not significant:
+        return "no difference found"
+    return "better" if test.sign * test.change.difference > 0 else "worse"
+
+
+def _paired(
+    before: Results, after: Results, margins: Mapping[str, float]
+) -> tuple[list[_Test], list[str], list[str]]:
+    for name in margins:
+        if name not in METRICS:
+            raise unknown_name("figure", name, METRICS)
+    old, new = _cells(before), _cells(after)
+    tests, missing = [], []
+    for (scenario, method), cell in old.items():
+        who = f"{method!r} on {scenario!r}"
+        if (scenario, method) not in new:
+            missing.append(f"{who} is only in {before.path}.")
+            continue
+        cells = _common(cell, new[scenario, method])
+        phantoms = cells[0]["phantom"].nunique()
+        if phantoms == 0:
+            missing.append(f"{who} was given other frames in {after.path}.")
+            continue
+        if phantoms < MIN_PHANTOMS:
+            missing.append(
+                f"{who} was given the same frames of {phantoms} phantoms only; a comparison needs "
+                f"{MIN_PHANTOMS}."
+            )
+            continue
+        if len(cells[0]) < len(cell):
+            missing.append(
+                f"{who} lacks {len(cell) - len(cells[0])} of the {len(cell)} frames of "
+                f"{before.path} in {after.path}: the others are compared."
+            )
+        units = [of.frame_units.get((scenario, method)) for of in (before, after)]
+        ratio = units[1] / units[0] if units[0] and units[1] else None
+        for card in [METRICS[name] for name in margins] or _ranking(cells):
+            if not np.isfinite(once(_figure(cells[0], card), len(cells[0]))):
+                continue  # this scenario does not know it
+            test = _test(cells, card, margins.get(card.name, 0.0))
+            if test is None:
+                missing.append(f"{who} has no {card.title} in {after.path}.")
+            else:
+                change = replace(test.change, scenario=scenario, method=method, time_ratio=ratio)
+                tests.append(replace(test, change=change))
+    added = [
+        f"{method!r} on {scenario!r} is only in {after.path}."
+        for scenario, method in new
+        if (scenario, method) not in old
+    ]
+    if not tests:
+        asked = ", ".join(METRICS[name].title for name in margins)
+        none = f"no scenario of theirs has {asked}." if asked else "one of them is empty."
+        why = (*missing, *added, none)[0]
+        raise InputError(f"{before.path} and {after.path} cannot be compared: {why}")
+    return tests, missing, added
+
+
+def _cells(results: Results) -> dict[tuple[str, str], pd.DataFrame]:
+    found = results.samples.groupby(["scenario", "method"], sort=False)
+    return {(str(scenario), str(method)): cell for (scenario, method), cell in found}
+
+
+def _common(*cells: pd.DataFrame) -> list[pd.DataFrame]:
+    """The rows of the frames that all cells were given, in one order."""
+    frame = ["sample", "input_hash"]
+    both = cells[0][frame]
+    for cell in cells[1:]:
+        both = both.merge(cell[frame])
+    return [both.merge(cell) for cell in cells]
+
+
+def _ranking(cells: Sequence[pd.DataFrame]) -> list[MetricCard]:
+    """What ranks these cells; none where that is not known."""
+    for name in METHOD_RUNS.ranked_by:
+        if all(np.isfinite(once(_figure(cell, METRICS[name]), len(cell))) for cell in cells):
+            return [METRICS[name]]
+    return []
+
+
+def _figure(cell: pd.DataFrame, card: MetricCard) -> Callable[[Array], Array]:
+    return lambda counts: aggregate(cell, [card], counts)[:, 0]
+
+
+def _test(cells: Sequence[pd.DataFrame], card: MetricCard, margin: float) -> _Test | None:
+    """The test of one figure of a cell before and after; None where it is not defined."""
+    n, phantom = len(cells[0]), cells[0]["phantom"]
+    phantoms = phantom.nunique()
+    before, after = (float(once(_figure(cell, card), n)) for cell in cells)
+    if not np.isfinite([before, after]).all():
+        return None
+    # The same clusters and seed give both the same draws.
+    drawn = [draw(_figure(cell, card), phantom) for cell in cells]
+    difference, differences = after - before, drawn[1] - drawn[0]
+    low, high = map(float, intervals(np.asarray(difference), differences, phantoms))
+    sign = 1.0 if card.best == "max" else -1.0
+    negligible = NEGLIGIBLE * float(drawn[0].std()) * np.sqrt(phantoms)
+    change = Change(
+        scenario="",
+        method="",
+        figure=card.name,
+        n=n,
+        phantoms=phantoms,
+        before=before,
+        after=after,
+        difference=difference,
+        low=low,
+        high=high,
+        p=1.0,
+        verdict="equal",
+        time_ratio=None,
+    )
+    return _Test(
+        change,
+        sign,
+        negligible,
+        change_p=_p(difference, differences, phantoms, two_sided=True),
+        loss_p=_p(
+            -sign * difference - max(margin, negligible), differences, phantoms, two_sided=False
+        ),
+    )
+
+
+def _p(value: float, drawn: Array, phantoms: int, *, two_sided: bool) -> float:
+    """Of 0 against `value`, or against any that is positive, with the spread of `drawn`."""
+    error = float(drawn.std() * np.sqrt(phantoms / (phantoms - 1)))
+    if error < _EQUAL:
+        t = 0.0 if abs(value) < _EQUAL else float(np.copysign(np.inf, value))
+    else:
+        t = value / error
+    tail = float(special.stdtr(phantoms - 1, -abs(t) if two_sided else -t))
+    return 2 * tail if two_sided else tail

@@ -1,0 +1,241 @@
+"""How methods degrade on the way from an ideal simulation to real sensors.
+
+The rungs of a ladder are the scenarios of a run that declare `imperfections`: the same touches,
+measured by sensors that differ from the nominal one in this or that. On them methods are compared
+by B, the mean of SSIM, CC, 1 - RIE and PSNR between fixed ends, from 0 to 1 (S is nearly PSNR
+alone). Rungs that differ in `severity` alone form a curve, and the area under it, over the span of
+its severities, sums a method up: 1 would be a perfect image whatever the sensor. Recorded
+scenarios, of which no true conductivity is known, are the last rungs, by the figure that ranks
+them, and without intervals. The differences of simulated rungs are paired touch by touch, and their
+intervals drawn over touches; fewer than `MIN_PHANTOMS` touches give none.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eitbench.benchmark.analysis.results import Run, leaderboard_rows
+from eitbench.benchmark.metrics.aggregation import numbers
+from eitbench.benchmark.metrics.statistics import MIN_PHANTOMS, Interval, bootstrap_means
+from eitbench.benchmark.rundir.manifest import suite_of
+from eitbench.scenarios.imperfections.imperfections import Imperfections
+from eitbench.scenarios.suites.scenario import RecordedScenario, Scenario, SimulatedScenario
+
+Array = NDArray[np.float64]
+
+FIGURE = "bounded"
+_LEAST_POINTS = 3
+
+
+@dataclass(frozen=True)
+class Step:
+    """One method on one rung.
+
+    Attributes:
+        value: mean B.
+        loss: B lost against the ideal sensor; None where the run has no ideal rung.
+        gain: B won by calibration; None where the run has no such rung.
+    """
+
+    value: Interval
+    loss: Interval | None
+    gain: Interval | None
+
+
+@dataclass(frozen=True)
+class Real:
+    """One method on one recorded set: the figure that ranks it there, nominal and calibrated."""
+
+    figure: str
+    value: float | None
+    calibrated: float | None
+
+
+@dataclass(frozen=True)
+class Ladder:
+    """What a run says of its ladder.
+
+    Attributes:
+        rungs: scenarios of the simulated rungs, without twins, in the order of the suite but for
+            those of the curve, which follow each other.
+        methods: by falling area, or by B on the last rung where there is no curve.
+        steps: by rung and method, of methods that ran there.
+        severities: of the rungs of the curve; empty where there is none.
+        curves: mean B (points,) of every method, nominal and, where it ran, calibrated.
+        areas: under the curve, with its interval; the same for the calibrated one.
+        real: by recorded set and method.
+    """
+
+    rungs: tuple[str, ...]
+    methods: tuple[str, ...]
+    steps: dict[tuple[str, str], Step]
+    severities: dict[str, float]
+    curves: dict[tuple[str, bool], Array]
+    areas: dict[tuple[str, bool], Interval]
+    real: dict[tuple[str, str], Real]
+
+
+def read_ladder(run: Run) -> Ladder | None:
+    """The ladder of a run of methods; None if it has fewer than two rungs."""
+    declared = run.manifest.get("plan", {}).get("suite", {}).get("scenarios", ())
+    if run.kind.name != "method" or not any(s.get("imperfections") for s in declared):
+        return None
+    suite = suite_of(run.manifest)
+    present = set(run.scenarios())
+    scenarios = [s for s in suite.scenarios if s.name in present]
+    rungs = [s for s in scenarios if isinstance(s, SimulatedScenario) and s.imperfections]
+    nominal = [s for s in rungs if not s.calibrated]
+    curve = _curve(nominal)
+    nominal = _together(nominal, curve)
+    if len(nominal) < 2:
+        return None
+    twins = {s.name: twin.name for s in scenarios if (twin := _twin(s, scenarios))}
+    ideal = next((s.name for s in nominal if _is_ideal(s)), None)
+    table = _Table(run)
+    steps = {
+        (rung.name, method): Step(
+            value=table.mean(rung.name, method),
+            loss=table.difference((ideal, method), (rung.name, method)),
+            gain=table.difference((twins.get(rung.name), method), (rung.name, method)),
+        )
+        for rung in nominal
+        for method in table.methods
+        if table.has(rung.name, method)
+    }
+    severities = {s.name: s.imperfections.severity for s in curve if s.imperfections}
+    curves, areas = {}, {}
+    for method in table.methods:
+        for calibrated in (False, True):
+            names = [twins.get(s.name) if calibrated else s.name for s in curve]
+            values = table.together([(name, method) for name in names]) if curve else None
+            if values is not None:
+                curves[method, calibrated] = values.mean(axis=0)
+                areas[method, calibrated] = _area(values, list(severities.values()))
+
+    def merit(method: str) -> float:
+        if (method, False) in areas:
+            return -areas[method, False].value
+        step = steps.get((nominal[-1].name, method))
+        return -step.value.value if step else np.inf
+
+    return Ladder(
+        rungs=tuple(s.name for s in nominal),
+        methods=tuple(sorted(table.methods, key=merit)),
+        steps=steps,
+        severities=severities,
+        curves=curves,
+        areas=areas,
+        real=_real(run, [s for s in scenarios if isinstance(s, RecordedScenario)], twins),
+    )
+
+
+class _Table:
+    """B of every touch, by scenario and method."""
+
+    def __init__(self, run: Run) -> None:
+        samples = run.samples[run.samples[FIGURE].notna()]
+        self._cells = {
+            (str(scenario), str(method)): cell.sort_values("sample")
+            for (scenario, method), cell in samples.groupby(["scenario", "method"], sort=False)
+        }
+        self.methods = tuple(dict.fromkeys(method for _, method in self._cells))
+
+    def has(self, scenario: str | None, method: str) -> bool:
+        return (scenario, method) in self._cells
+
+    def values(self, scenario: str, method: str) -> Array:
+        return numbers(self._cells[scenario, method], FIGURE)
+
+    def mean(self, scenario: str, method: str) -> Interval:
+        return _mean(self.values(scenario, method))
+
+    def together(self, cells: Sequence[tuple[str | None, str]]) -> Array | None:
+        """B (touches, cells) of several cells; None where one is missing or lacks other touches."""
+        if not all(self.has(*cell) for cell in cells):
+            return None
+        found = [self._cells[str(scenario), method] for scenario, method in cells]
+        if any(not np.array_equal(of["sample"], found[0]["sample"]) for of in found):
+            return None
+        return np.stack([numbers(of, FIGURE) for of in found], axis=1)
+
+    def difference(
+        self, first: tuple[str | None, str], second: tuple[str | None, str]
+    ) -> Interval | None:
+        """First minus second, touch by touch; None where they lack different touches."""
+        values = self.together([first, second])
+        return None if values is None else _mean(values[:, 0] - values[:, 1])
+
+
+def _mean(values: Array) -> Interval:
+    if len(values) < MIN_PHANTOMS:
+        return Interval(float(values.mean()), np.nan, np.nan)
+    return bootstrap_means(values[:, None])[0]
+
+
+def _area(values: Array, severities: Sequence[float]) -> Interval:
+    """Area under B (n, points) over the span of the severities, by the trapezoidal rule."""
+    span = severities[-1] - severities[0]
+    return _mean(np.asarray(np.trapezoid(values, severities, axis=1)) / span)
+
+
+def _is_ideal(scenario: SimulatedScenario) -> bool:
+    return scenario.imperfections == Imperfections() and scenario.noise.test == "clean"
+
+
+def _twin(scenario: Scenario, scenarios: Sequence[Scenario]) -> Scenario | None:
+    """The scenario that is calibrated and else the same."""
+    if scenario.calibrated:
+        return None
+    wanted = scenario.model_copy(update={"calibrated": True})
+    return next(
+        (s for s in scenarios if s.model_copy(update={"name": wanted.name}) == wanted), None
+    )
+
+
+def _curve(rungs: Sequence[SimulatedScenario]) -> list[SimulatedScenario]:
+    """The most rungs that differ in severity (and name) alone, by severity."""
+
+    def apart_from_severity(rung: SimulatedScenario) -> SimulatedScenario:
+        assert rung.imperfections is not None
+        imperfections = rung.imperfections.model_copy(update={"severity": 1.0})
+        return rung.model_copy(update={"name": "rung", "imperfections": imperfections})
+
+    groups: dict[str, list[SimulatedScenario]] = {}
+    for rung in rungs:
+        groups.setdefault(apart_from_severity(rung).model_dump_json(), []).append(rung)
+    largest = max(groups.values(), key=len)
+    by_severity = {s.imperfections.severity: s for s in largest if s.imperfections}
+    if len(by_severity) < _LEAST_POINTS:
+        return []
+    return [by_severity[severity] for severity in sorted(by_severity)]
+
+
+def _together(
+    rungs: Sequence[SimulatedScenario], curve: Sequence[SimulatedScenario]
+) -> list[SimulatedScenario]:
+    """The rungs with those of the `curve`, by severity, where the first of them stands."""
+    if not curve:
+        return list(rungs)
+    first = min(rungs.index(rung) for rung in curve)
+    before, after = ([r for r in part if r not in curve] for part in (rungs[:first], rungs[first:]))
+    return [*before, *curve, *after]
+
+
+def _real(
+    run: Run, scenarios: Sequence[RecordedScenario], twins: dict[str, str]
+) -> dict[tuple[str, str], Real]:
+    if not scenarios:
+        return {}
+    rows = {(row["scenario"], row["method"]): row for row in leaderboard_rows([run])}
+    found = {}
+    for scenario in scenarios:
+        for (name, method), row in rows.items():
+            if name != scenario.name or scenario.calibrated:
+                continue
+            figure = next((f for f in run.kind.ranked_by if row.get(f) is not None), None)
+            if figure is not None:
+                twin = rows.get((twins.get(name), method), {})
+                found[name, method] = Real(figure, row[figure], twin.get(figure))
+    return found

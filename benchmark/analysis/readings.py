@@ -1,0 +1,194 @@
+"""Two readings of one reconstruction: as an absolute map, and as a difference image.
+
+The published NOSER and TV rows (RIE above 1, PSNR below 0 dB) are worse than the constant image 0.
+A difference image whose background was left out scores like that against an absolute map. Here the
+stored reconstructions are scored in both ways; what comes of it can be consistent with the
+published rows, and proves nothing.
+"""
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import brentq
+
+from eitbench.benchmark.analysis.results import Run, Scene
+from eitbench.benchmark.metrics import image_metrics as metrics
+from eitbench.scenarios.errors import DataCorruptError
+
+Array = NDArray[np.float64]
+Way = Callable[[Array, float], Array]
+"""What is scored in place of images (k, H, W) over a background [S/m]."""
+FIGURES = ("ssim", "cc", "rie", "psnr")
+_BLOCK = 500
+
+
+@dataclass(frozen=True)
+class Reading:
+    """One way to score images.
+
+    Attributes:
+        name: what was scored.
+        figures: means by a name of `FIGURES`.
+    """
+
+    name: str
+    figures: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Readings:
+    """The same images of one method, read in several ways.
+
+    Attributes:
+        absolute: the images as they are.
+        difference: without their background.
+        reversed: the difference with its sign reversed.
+        scaled: the difference times `factor`; None where no factor gives the RIE asked for.
+        factor: how many times the difference has to be taken to have that RIE.
+    """
+
+    absolute: Reading
+    difference: Reading
+    reversed: Reading
+    scaled: Reading | None
+    factor: float | None
+
+    @property
+    def all(self) -> tuple[Reading, ...]:
+        """Every reading there is."""
+        known = (self.absolute, self.difference, self.reversed, self.scaled)
+        return tuple(reading for reading in known if reading is not None)
+
+
+@dataclass(frozen=True, eq=False)
+class Images:
+    """The reconstructions of one method on a scenario of known conductivity, as a run keeps them.
+
+    Attributes:
+        run, scenario, method: where they are; every sample must be valid.
+    """
+
+    run: Run
+    scenario: str
+    method: str
+
+    def blocks(self) -> Iterator[tuple[Scene, Array, Array]]:
+        """Scene, truth and estimates (k, H, W) [S/m] of a few samples at a time.
+
+        Raises:
+            DataCorruptError: the run does not hold them.
+        """
+        numbers = np.sort(self.run.cell(self.scenario, self.method)["sample"].to_numpy())
+        for start in range(0, len(numbers), _BLOCK):
+            block = numbers[start : start + _BLOCK].tolist()
+            scene = self.run.scene(self.scenario, block)
+            images = self.run.estimates(self.scenario, self.method, block)
+            if scene.truth is None or images is None:
+                raise DataCorruptError(
+                    f"{self.run.path} does not hold the images of {self.method!r} on "
+                    f"{self.scenario!r} with their truth: run again."
+                )
+            yield scene, scene.truth, images.astype(np.float64)
+
+
+def read_both_ways(images: Images, published_rie: float) -> Readings:
+    """Score what a method reconstructed as absolute maps and as difference images.
+
+    Raises:
+        DataCorruptError: the run does not hold the images.
+    """
+    absolute, difference, reverse = _read(
+        images,
+        {
+            "absolute map": lambda image, _: image,
+            "difference image": lambda image, background: image - background,
+            "difference, sign reversed": lambda image, background: background - image,
+        },
+    )
+    factor = matching_factor(*_products(images), published_rie)
+    scaled = None
+    if factor is not None:
+        name = f"difference, {factor:.2g} times as strong"
+        (scaled,) = _read(images, {name: lambda image, background: factor * (image - background)})
+    return Readings(absolute, difference, reverse, scaled, factor)
+
+
+def read_constants(images: Images) -> tuple[Reading, ...]:
+    """Scores of constant images on the same truths, which say what the figures are worth.
+
+    Raises:
+        DataCorruptError: the run does not hold the images.
+    """
+    return _read(
+        images,
+        {
+            "the constant image 0": lambda image, _: np.zeros_like(image),
+            "the constant background": np.full_like,
+        },
+    )
+
+
+def matching_factor(tt: Array, td: Array, dd: Array, rie: float) -> float | None:
+    """The c > 0 for which the mean of ||t - c d|| / ||t|| is `rie`, given products <., .> (n,).
+
+    The mean is convex in c and 1 at c = 0, so that there is one such c where `rie` is above 1.
+    None where that is not so or every d is zero.
+    """
+    if rie <= 1 or not (dd > 0).any():
+        return None
+
+    def excess(c: float) -> float:
+        squares = np.maximum(tt - 2 * c * td + c**2 * dd, 0)
+        return float(np.mean(np.sqrt(squares / tt))) - rie
+
+    high = 1.0
+    while excess(high) < 0:
+        high *= 2
+    return float(brentq(excess, 0.0, high))
+
+
+def implied_rms(rie: float, psnr: float) -> float:
+    """Root mean square of the truth over the data range, from a method's mean RIE and mean PSNR.
+
+    For one image, PSNR = -20 log10(RIE rms(t) / L). For means it is exact where all images have
+    the same RIE, and else too small, since the mean of logarithms is below the logarithm of the
+    mean.
+    """
+    return float(10 ** (-psnr / 20) / rie)
+
+
+def _read(images: Images, ways: Mapping[str, Way]) -> tuple[Reading, ...]:
+    figures: dict[str, list[Array]] = {name: [] for name in ways}
+    for scene, truth, estimate in images.blocks():
+        for name, way in ways.items():
+            figures[name].append(_score(truth, way(estimate, scene.background), scene))
+    means = {name: np.concatenate(parts, axis=1).mean(axis=1) for name, parts in figures.items()}
+    return tuple(
+        Reading(name, dict(zip(FIGURES, mean.tolist(), strict=True)))
+        for name, mean in means.items()
+    )
+
+
+def _score(truth: Array, estimate: Array, scene: Scene) -> Array:
+    """The `FIGURES` (4, k) of k images."""
+    mask, data_range = scene.mask, scene.data_range
+    return np.stack(
+        [
+            metrics.ssim(truth, estimate, data_range, mask),
+            metrics.cc(truth, estimate, mask),
+            metrics.rie(truth, estimate, mask),
+            metrics.psnr(truth, estimate, data_range, mask),
+        ]
+    )
+
+
+def _products(images: Images) -> tuple[Array, Array, Array]:
+    """<t, t>, <t, d> and <d, d> (n,) over the sensor, of truth t and difference image d."""
+    parts = []
+    for scene, truth, estimate in images.blocks():
+        t, d = truth[:, scene.mask], estimate[:, scene.mask] - scene.background
+        parts.append([np.einsum("ij,ij->i", a, b) for a, b in ((t, t), (t, d), (d, d))])
+    tt, td, dd = np.concatenate(parts, axis=1)
+    return tt, td, dd

@@ -1,0 +1,61 @@
+"""What a reader should know of the recorded data of a run, kept beside its results."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+
+from eitbench.benchmark.analysis.results import NOTES, NOTES_FILE
+from eitbench.benchmark.rundir import manifest as manifests
+from eitbench.scenarios.data.datasets import load
+from eitbench.scenarios.errors import DataCorruptError, DataUnavailableError
+from eitbench.scenarios.recordings.fetch import read_recording
+from eitbench.scenarios.recordings.quality import quality
+from eitbench.scenarios.suites.scenario import RecordedScenario
+
+Figures = dict[str, float | None]
+
+
+def write_notes(run: Path) -> None:
+    """Write `recordings.json`: the figures of every recorded scenario of the run directory `run`.
+
+    Scenarios whose data are no longer here are left out, and without any there is no file.
+
+    Raises:
+        InputError: `run` has no readable manifest.
+    """
+    manifest = manifests.read(run)
+    suite = manifests.suite_of(manifest)
+    noted: dict[str, Figures] = {}
+    for scenario in suite.scenarios:
+        if isinstance(scenario, RecordedScenario) and scenario.name in manifest["data"]:
+            try:
+                noted[scenario.name] = figures(scenario, manifest["data"][scenario.name]["n"])
+            except (DataUnavailableError, DataCorruptError):
+                continue
+    if noted:
+        text = json.dumps(noted, indent=2, allow_nan=False) + "\n"
+        (run / NOTES_FILE).write_text(text, encoding="utf-8")
+
+
+def figures(scenario: RecordedScenario, n: int) -> Figures:
+    """Quality of a recording, and the error of a blind guess on its first `n` test samples.
+
+    `reciprocity_error` and `repeat_noise` are relative, see `quality`; `guess_mm` is the median
+    distance from a press to the mean press of the validation split. None where not defined.
+    """
+    found = quality(read_recording(scenario.recording), scenario.nominal_sensor.pattern)
+    guess = _guess_mm(scenario, n) if scenario.recorded_set.truth == "position" else None
+    values = (found.reciprocity, found.noise, guess)
+    return {
+        name: value if value is not None and np.isfinite(value) else None
+        for name, value in zip(NOTES, values, strict=True)
+    }
+
+
+def _guess_mm(scenario: RecordedScenario, n: int) -> float:
+    places = ["x_m", "y_m"]
+    known = load(scenario, "validation").samples[places].to_numpy(dtype=np.float64)
+    presses = load(scenario, "test", n).samples[places].to_numpy(dtype=np.float64)
+    away = np.linalg.norm(presses - np.nanmean(known, axis=0), axis=1)
+    return float(1e3 * np.nanmedian(away))

@@ -1,0 +1,146 @@
+"""Metrics computed again from the reconstructions that a run has stored; no method runs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from eitbench.benchmark.analysis.results import Run, read_run
+from eitbench.benchmark.metrics.evaluation import METRIC_COLUMNS, evaluate
+from eitbench.benchmark.metrics.tactile import Similarity
+from eitbench.benchmark.rundir import manifest as manifests
+from eitbench.benchmark.rundir.kinds import METHOD_RUNS
+from eitbench.benchmark.rundir.store import RunStore
+from eitbench.scenarios.errors import DataCorruptError, InputError
+from eitbench.scenarios.sensors.sensor import Sensor
+from eitbench.scenarios.suites.scenario import RecordedScenario, Scenario
+
+FIGURES = (*METRIC_COLUMNS, "cc_undefined")
+
+ROUNDING = 1e-9
+"""What another processor's arithmetic may change in a figure, relative and absolute."""
+
+
+@dataclass(frozen=True, eq=False)
+class Stored:
+    """What a run has kept of a scenario's truth: as much of a `Dataset` as `evaluate` looks at."""
+
+    scenario: str
+    sensor: Sensor
+    samples: pd.DataFrame
+    truth: Literal["conductivity", "position", "classes", "none"]
+    conductivity: NDArray[np.float64] | None = None
+    classes: NDArray[np.int8] | None = None
+
+
+@dataclass(frozen=True)
+class Rescored:
+    """A cell that was scored again.
+
+    Attributes:
+        n: its samples.
+        changed: those of which a figure changed by more than `ROUNDING`.
+        figures: names of the figures that changed.
+    """
+
+    scenario: str
+    method: str
+    n: int
+    changed: int
+    figures: tuple[str, ...]
+
+
+def rescored(run: Run) -> Iterator[tuple[Rescored, pd.DataFrame]]:
+    """Every cell of the run with its rows as they are scored now, from its stored images.
+
+    Raises:
+        InputError: a run of operators, or one whose manifest or images lack something.
+        DataCorruptError: its images cannot be read.
+    """
+    if run.kind != METHOD_RUNS:
+        raise InputError(f"{run.path} ranks operators, which have no images to score.")
+    scenarios = {scenario.name: scenario for scenario in manifests.suite_of(run.manifest).scenarios}
+    for (name, method), cell in run.samples.groupby(["scenario", "method"], sort=False):
+        rows = cell.sort_values("sample")
+        if name not in scenarios:
+            raise InputError(f"The suite of {run.path} has no scenario {name!r}.")
+        known = _stored(run, scenarios[str(name)], rows)
+        numbers = rows["sample"].tolist()
+        images = run.estimates(str(name), str(method), numbers)
+        if images is None:
+            raise InputError(f"{run.path} holds no images of {method!r} on {name!r}.")
+        images[(rows["status"] != "ok").to_numpy()] = np.nan
+        figures = evaluate(known, images, _registration(run, known, str(method)))
+        new = rows.copy()
+        for column in FIGURES:
+            new[column] = figures[column].to_numpy()
+        yield _difference(str(name), str(method), rows, new), new
+
+
+def rescore(path: Path) -> list[Rescored]:
+    """Score the run directory `path` again, in place: its `samples.parquet` is replaced.
+
+    Raises:
+        InputError, DataCorruptError: as for `rescored`.
+        EitbenchError: it cannot be written.
+    """
+    run = read_run(path)
+    found, tables = zip(*rescored(run), strict=True) if len(run.samples) else ((), ())
+    if found:
+        samples = pd.concat(tables).reindex(run.samples.index)
+        store = RunStore(path, METHOD_RUNS)
+        store.write_samples(samples)
+        noted: list[Any] = run.manifest.get("rescored", [])
+        again = {"time": manifests.now(), **manifests.environment()}
+        store.write_manifest({**run.manifest, "rescored": [*noted, again]})
+    return list(found)
+
+
+def _stored(run: Run, scenario: Scenario, rows: pd.DataFrame) -> Stored:
+    recorded = isinstance(scenario, RecordedScenario)
+    truth = (
+        scenario.recorded_set.truth if isinstance(scenario, RecordedScenario) else "conductivity"
+    )
+    scene = run.scene(scenario.name, rows["sample"].tolist())
+    images = scene.truth
+    if truth in ("conductivity", "classes") and (images is None or len(images) != len(rows)):
+        raise InputError(f"{run.path} does not hold the truth of {scenario.name!r}.")
+    return Stored(
+        scenario.name,
+        scenario.nominal_sensor,
+        rows.reset_index(drop=True),
+        truth,
+        None if recorded else images,
+        images.astype(np.int8) if truth == "classes" and images is not None else None,
+    )
+
+
+def _registration(run: Run, known: Stored, method: str) -> Similarity | None:
+    if known.truth != "position":
+        return None
+    of = (run.cells["scenario"] == known.scenario) & (run.cells["method"] == method)
+    kept = run.cells[of].get("registration", pd.Series(dtype=str)).tolist()
+    if len(kept) != 1 or not kept[0]:
+        raise InputError(f"{run.path} does not hold the registration of {method!r}.")
+    try:
+        return Similarity.from_json(kept[0])
+    except (ValueError, TypeError, RecursionError) as error:
+        raise DataCorruptError(
+            f"The registration of {method!r} in {run.path} is damaged."
+        ) from error
+
+
+def _difference(scenario: str, method: str, old: pd.DataFrame, new: pd.DataFrame) -> Rescored:
+    before, after = (
+        table.reindex(columns=list(FIGURES)).to_numpy(np.float64, na_value=np.nan)
+        for table in (old, new)
+    )
+    changed = ~np.isclose(before, after, rtol=ROUNDING, atol=ROUNDING, equal_nan=True)
+    names = tuple(name for name, any_of in zip(FIGURES, changed.any(axis=0), strict=True) if any_of)
+    return Rescored(scenario, method, len(new), int(changed.any(axis=1).sum()), names)

@@ -1,0 +1,292 @@
+"""Which differences between the methods of a leaderboard are real.
+
+All methods of a board share their bootstrap draws of phantoms, so that every difference is paired.
+Operators get no intervals: what is measured of them does not depend on noise.
+
+Two limits: intervals of means of few and very skewed values are too short (of 10 lognormal values,
+83 % held the mean; of 24, 91 %; of 60, 93 %), and differences of medians are tested cautiously: the
+chance of a false one is below what is promised.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from scipy import special
+
+from eitbench.benchmark.analysis.gaps import COLUMNS, gaps
+from eitbench.benchmark.analysis.results import (
+    Entry,
+    Row,
+    Run,
+    is_whole,
+    ranked_boards,
+    ranking_figure,
+)
+from eitbench.benchmark.metrics.aggregation import aggregate, numbers
+from eitbench.benchmark.metrics.image_metrics import ANCHORS, anchored
+from eitbench.benchmark.metrics.specs import MetricCard
+from eitbench.benchmark.metrics.statistics import LEVEL, MIN_PHANTOMS, draw, holm, intervals, once
+from eitbench.benchmark.rundir.kinds import METHOD_RUNS
+
+Array = NDArray[np.float64]
+
+WEIGHTINGS = 20_000
+SIGNIFICANT = 1 - LEVEL
+_DIGITS = 9  # that count in a draw: sums of equal numbers may differ in their last ones
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Two methods of a board on the same samples, by the figure that ranks them.
+
+    Attributes:
+        first, second: their positions on the board; the first ranks no lower.
+        difference, low, high: first minus second, with its 95 % interval.
+        p: of no difference, adjusted for all pairs of the board (Holm).
+        effect: the difference over the standard deviation of the difference of one phantom.
+        wins: share of the samples on which the first is better, equals counting half; None where
+            single samples have no such figure.
+    """
+
+    first: int
+    second: int
+    difference: float
+    low: float
+    high: float
+    p: float
+    effect: float
+    wins: float | None
+
+
+@dataclass(frozen=True, eq=False)
+class Standing:
+    """A board with what can be told of it.
+
+    Attributes:
+        rows: by rank, with more columns than those of `leaderboard_rows`, None where there is no
+            such thing: `ranked_by`; `group`, letters, of which methods that cannot be told apart
+            share one; `rank_low` and `rank_high`; `first`, the share of draws in which it is the
+            best; `rank_valid`, the rank if failed samples were left out; `weights_won`, the share
+            of all weightings of SSIM, CC, RIE and PSNR under which it is the best; and the ends
+            `NAME_low`, `NAME_high` of every figure; and what `gaps` says of other tracks.
+        pairs: every two methods that have all samples.
+        phantoms: number of those that were drawn; 0 where none were.
+        why_not: why there are no intervals, as a sentence; "" where there are.
+    """
+
+    rows: list[Row]
+    pairs: list[Pair]
+    phantoms: int
+    why_not: str
+
+
+def standings(runs: Sequence[Run]) -> list[Standing]:
+    """What can be told of every board of the runs.
+
+    Raises:
+        InputError: some of the runs rank methods and others operators.
+    """
+    return [_standing(board) for board in ranked_boards(runs)]
+
+
+def _standing(board: Sequence[Entry]) -> Standing:
+    rows = [dict(entry.row) for entry in board]
+    if any(entry.run.kind != METHOD_RUNS for entry in board):
+        return Standing(rows, [], 0, "Operators are deterministic: nothing is drawn.")
+    cards = [
+        c for c in METHOD_RUNS.metrics.values() if any(row[c.name] is not None for row in rows)
+    ]
+    by = ranking_figure(rows, METHOD_RUNS)
+    for row, rank in zip(rows, _ranks_of_valid(board, by), strict=True):
+        row |= {"ranked_by": by, "group": None, "rank_low": None, "rank_high": None}
+        row |= {"first": None, "rank_valid": rank, "weights_won": None}
+        row |= {f"{name}_{end}": None for name in METHOD_RUNS.metrics for end in ("low", "high")}
+        row |= dict.fromkeys(COLUMNS)
+    if by is None:
+        return Standing(rows, [], 0, "Nothing that methods are ranked by is known here.")
+    for row, entry in zip(rows, board, strict=True):
+        row |= _gaps(entry, by)
+    places = _whole(board)
+    cells = [board[place].cell.sort_values("sample") for place in places]
+    if any("phantom" not in cell for cell in cells):
+        why = "Intervals need to know phantoms, and a run lacks that column: run the suite again."
+        return Standing(rows, [], 0, why)
+    phantoms = cells[0]["phantom"].nunique() if cells else 0
+    if phantoms < MIN_PHANTOMS:
+        why = f"Intervals need at least {MIN_PHANTOMS} phantoms, and here are {phantoms}."
+        return Standing(rows, [], 0, why)
+
+    def figures(counts: Array) -> Array:
+        return np.stack([aggregate(cell, cards, counts) for cell in cells], axis=1)
+
+    value = once(figures, len(cells[0]))
+    drawn = draw(figures, cells[0]["phantom"])
+    ends = intervals(value, drawn, phantoms)
+    main = next(k for k, card in enumerate(cards) if card.name == by)
+    oriented = np.round(drawn[:, :, main], _DIGITS) * _sign(cards[main])
+    ranks = 1 + (oriented[:, None, :] > oriented[:, :, None]).sum(axis=2)
+    rank_ends = np.quantile(
+        ranks, [SIGNIFICANT / 2, 1 - SIGNIFICANT / 2], axis=0, method="inverted_cdf"
+    )
+    pairs = _pairs(cells, cards[main], value[:, main], drawn[:, :, main], phantoms)
+    letters, won = groups(len(cells), pairs), weights_won(cells)
+    for k, row in enumerate(rows[place] for place in places):
+        row |= {"group": letters[k], "first": float((ranks[:, k] == 1).mean())}
+        row |= {"rank_low": int(rank_ends[0, k]), "rank_high": int(rank_ends[1, k])}
+        row["weights_won"] = None if won is None else float(won[k])
+        for j, card in enumerate(cards):
+            if np.isfinite(ends[:, k, j]).all():
+                row[f"{card.name}_low"], row[f"{card.name}_high"] = map(float, ends[:, k, j])
+    placed = [replace(p, first=places[p.first], second=places[p.second]) for p in pairs]
+    return Standing(rows, placed, phantoms, "")
+
+
+def _gaps(entry: Entry, by: str) -> dict[str, float]:
+    """What is known of the other tracks of a row."""
+    others = entry.run.tracks
+    if others.empty:
+        return {}
+    row = entry.row
+    of = (others["scenario"] == row["scenario"]) & (others["method"] == row["method"])
+    tuned = row["track"] != "default"
+    return gaps(others[of], entry.cell, tuned=tuned, by=by) if of.any() else {}
+
+
+def _whole(board: Sequence[Entry]) -> list[int]:
+    """Places of the rows that hold all samples of the board, of which some did not fail."""
+    most = max(len(entry.cell) for entry in board)
+    return [
+        place
+        for place, entry in enumerate(board)
+        if is_whole(entry.row) and len(entry.cell) == most and entry.row["coverage"] > 0
+    ]
+
+
+def _ranks_of_valid(board: Sequence[Entry], by: str | None) -> list[int | None]:
+    """The rank of every row if failed samples were left out; None where none is left."""
+    if by is None:
+        return [None] * len(board)
+    card = METHOD_RUNS.metrics[by]
+    keys: list[tuple[bool, float] | None] = []
+    for entry in board:
+        valid = entry.cell[entry.cell["status"] == "ok"]
+        value = float(once(lambda counts: aggregate(valid, [card], counts), len(valid))[0])  # noqa: B023
+        known = np.isfinite(value)
+        keys.append((not is_whole(entry.row), -_sign(card) * value) if known else None)
+    ranked = [key for key in keys if key is not None]
+    return [None if key is None else 1 + sum(other < key for other in ranked) for key in keys]
+
+
+def _pairs(
+    cells: Sequence[pd.DataFrame], card: MetricCard, value: Array, drawn: Array, phantoms: int
+) -> list[Pair]:
+    """All pairs of cells by the figure of `card`: its `value` (k,) and what was `drawn` of it."""
+    found = list(combinations(range(len(cells)), 2))
+    if not found:
+        return []
+    one, other = np.array(found).T
+    difference, differences = value[one] - value[other], drawn[:, one] - drawn[:, other]
+    low, high = intervals(difference, differences, phantoms)
+    single, effect = paired_test(difference, differences, phantoms)
+    p = holm(single)
+    return [
+        Pair(
+            first=a,
+            second=b,
+            difference=float(difference[k]),
+            low=float(low[k]),
+            high=float(high[k]),
+            p=float(p[k]),
+            effect=float(effect[k]),
+            wins=_wins(cells[a], cells[b], card) if card.name in cells[a] else None,
+        )
+        for k, (a, b) in enumerate(found)
+    ]
+
+
+def paired_test(difference: Array, drawn: Array, phantoms: int) -> tuple[Array, Array]:
+    """P-values (k,) of no difference, and effect sizes, from what was `drawn` (draws, k) of it.
+
+    Student's test with the bootstrap's standard error; the effect is the difference over the
+    standard deviation of one phantom's, Cohen's d of paired values.
+
+    Source: Efron and Tibshirani, An Introduction to the Bootstrap (1993), ch. 12.
+    """
+    error = drawn.std(axis=0) * np.sqrt(phantoms / (phantoms - 1))
+    error[error < 10.0**-_DIGITS] = 0.0
+    zero = np.where(np.abs(difference) < 10.0**-_DIGITS, 0.0, np.copysign(np.inf, difference))
+    t = np.divide(difference, error, out=zero, where=error > 0)
+    return 2 * special.stdtr(phantoms - 1, -np.abs(t)), t / np.sqrt(phantoms)
+
+
+def _wins(cell: pd.DataFrame, other: pd.DataFrame, card: MetricCard) -> float | None:
+    difference = _sign(card) * (numbers(cell, card.name) - numbers(other, card.name))
+    known = difference[~np.isnan(difference)]
+    return float(((known > 0) + 0.5 * (known == 0)).mean()) if len(known) else None
+
+
+def groups(count: int, pairs: Sequence[Pair]) -> list[str]:
+    """Letters of `count` methods, the best first: two share one if they cannot be told apart.
+
+    Source: Piepho, An Algorithm for a Letter-Based Representation of All-Pairwise Comparisons,
+    Journal of Computational and Graphical Statistics 13(2), 2004 (insert and absorb).
+    """
+    together = [frozenset(range(count))]
+    for pair in pairs:
+        if pair.p >= SIGNIFICANT:
+            continue
+        both = {pair.first, pair.second}
+        split = [of - {one} for of in together if both <= of for one in both]
+        kept = [of for of in together if not both <= of]
+        # What lies within another says nothing more.
+        for of in sorted(split, key=len, reverse=True):
+            if not any(of <= other for other in kept):
+                kept.append(of)
+        together = kept
+    letters = [""] * count
+    for number, members in enumerate(sorted(map(sorted, together))):
+        for k in members:
+            letters[k] += _letter(number)
+    return letters
+
+
+def _letter(number: int) -> str:
+    """a to z, then a2 to z2, and so on."""
+    turn, place = divmod(number, 26)
+    return chr(ord("a") + place) + (str(turn + 1) if turn else "")
+
+
+def weights_won(cells: Sequence[pd.DataFrame]) -> Array | None:
+    """Share (k,) of the weightings of SSIM, CC, RIE and PSNR under which each cell is the best.
+
+    Weights are spread evenly over all that are not negative and sum up to 1; the figures lie
+    between their anchors, so that a weight means the same for each. None where there is no truth
+    to compute them with. S as published is one of these weightings: see `score_weights`.
+    """
+    if any(name not in cell or cell[name].isna().any() for cell in cells for name in ANCHORS):
+        return None
+    parts = np.array([anchored({n: numbers(c, n) for n in ANCHORS}).mean(axis=0) for c in cells])
+    weights = np.random.default_rng(0).dirichlet(np.ones(len(ANCHORS)), size=WEIGHTINGS)
+    totals = np.round(weights @ parts.T, _DIGITS)
+    best = totals == totals.max(axis=1, keepdims=True)
+    share: Array = (best / best.sum(axis=1, keepdims=True)).mean(axis=0)
+    return share
+
+
+def score_weights() -> dict[str, float]:
+    """The weights of S as published among the weightings of `weights_won`.
+
+    S adds a quarter of each figure in its own unit, so that each weighs as its anchors are apart.
+    """
+    spans = {name: abs(high - low) for name, (low, high) in ANCHORS.items()}
+    return {name: span / sum(spans.values()) for name, span in spans.items()}
+
+
+def _sign(card: MetricCard) -> float:
+    return 1.0 if card.best == "max" else -1.0

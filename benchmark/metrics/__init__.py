@@ -1,0 +1,1 @@
+"""Metrics of images, contacts and forward operators; their statistics and aggregation."""

@@ -1,0 +1,260 @@
+"""Scores the estimates of one method on one data set, by what is known of the truth."""
+
+from collections.abc import Callable
+from typing import Literal, Protocol
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike, NDArray
+
+from eitbench.benchmark.metrics import image_metrics as metrics
+from eitbench.benchmark.metrics import tactile
+from eitbench.benchmark.metrics.tactile import Similarity
+from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.phantoms.contacts import Contacts, contacts, is_constant, locate
+from eitbench.scenarios.sensors.sensor import Sensor
+
+Array = NDArray[np.float64]
+Columns = dict[str, NDArray[np.float64] | NDArray[np.bool_]]
+
+METRIC_COLUMNS = (
+    "ssim",
+    "cc",
+    "rie",
+    "psnr",
+    "score",
+    "bounded",
+    "localisation_mm",
+    "contact_count_error",
+    "area_error",
+    "iou",
+    "iou_resistive",
+    "iou_conductive",
+    "strength",
+    "response",
+    "found_x_m",
+    "found_y_m",
+    "expected_x_m",
+    "expected_y_m",
+)
+"""Per sample, NaN where not defined; `found` and `expected` places are in the image's frame."""
+
+# What a press is known by; the first column that holds a number counts.
+LOAD_COLUMNS = ("pressure_pa", "depth_mm")
+_BLOCK = 256
+REGISTRATION_FRAMES = 100
+"""Validation presses, the first ones, that register a method's images with the robot."""
+LEAST_PRESSES = 3
+"""Fewer validation presses determine no registration."""
+
+
+class GroundTruth(Protocol):
+    """What is known of the frames of a scenario, as a `Dataset` has it."""
+
+    @property
+    def scenario(self) -> str:
+        """Its name."""
+
+    @property
+    def sensor(self) -> Sensor:
+        """The nominal sensor."""
+
+    @property
+    def samples(self) -> pd.DataFrame:
+        """One row per frame."""
+
+    @property
+    def truth(self) -> Literal["conductivity", "position", "classes", "none"]:
+        """What is known of each frame."""
+
+    @property
+    def conductivity(self) -> Array | None:
+        """(n, H, W) [S/m], where it is known."""
+
+    @property
+    def classes(self) -> NDArray[np.int8] | None:
+        """(n, H, W), where they are known."""
+
+
+def evaluate(
+    dataset: GroundTruth, estimates: ArrayLike, registration: Similarity | None = None
+) -> pd.DataFrame:
+    """One row per sample with `sample`, `METRIC_COLUMNS` and `cc_undefined`.
+
+    Estimates are scored as float32, the precision they are kept in. A frame with a value that is
+    not finite inside the sensor is charged what an image of the untouched sensor gets: such an
+    image says no more than none.
+
+    Args:
+        dataset: frames with what is known of them.
+        estimates: (n, H, W) absolute conductivity [S/m].
+        registration: maps the image's frame onto the robot's; needed where only positions are
+            known, see `fit_registration`.
+
+    Raises:
+        InputError: estimates of the wrong shape, or no registration where it is needed.
+    """
+    images = _imputed(dataset, estimates)
+    if dataset.truth == "position" and registration is None:
+        raise InputError(
+            f"Scenario {dataset.scenario!r} knows positions in the robot's frame only: fit a "
+            "registration on its validation split first."
+        )
+    n = len(images)
+    table = pd.DataFrame({"sample": dataset.samples["sample"].to_numpy()})
+    for name in METRIC_COLUMNS:
+        table[name] = np.nan
+    table["cc_undefined"] = False
+    for start in range(0, n, _BLOCK):
+        rows = np.arange(start, min(start + _BLOCK, n))
+        figures = _EVALUATIONS[dataset.truth](dataset, rows, images[rows], registration)
+        for name, values in figures.items():
+            table.loc[rows, name] = values
+    return table
+
+
+def fit_registration(validation: GroundTruth, estimates: ArrayLike) -> Similarity:
+    """The similarity from a method's images onto the robot's frame, from validation presses.
+
+    Where the images do not determine one (nothing found, or always the same place), the sensor's
+    centre is put on the mean press position, unturned: such a method gains nothing by it.
+
+    Raises:
+        InputError: estimates of the wrong shape.
+    """
+    sensor = validation.sensor
+    images = _imputed(validation, estimates).astype(np.float64)
+    found = locate(images - sensor.background, sensor)
+    presses = _presses(validation)
+    similarity = tactile.fit_similarity(found, presses)
+    if similarity is not None:
+        return similarity
+    x0, y0, x1, y1 = sensor.outline.bounds
+    centre = np.array([x0 + x1, y0 + y1]) / 2
+    return Similarity(1.0, np.eye(2), presses.mean(axis=0) - centre)
+
+
+def _imputed(dataset: GroundTruth, estimates: ArrayLike) -> NDArray[np.float32]:
+    """Estimates as float32, those that are not finite replaced by the untouched sensor."""
+    images = np.array(estimates, dtype=np.float32)
+    expected = (len(dataset.samples), *dataset.sensor.image_shape)
+    if images.shape != expected:
+        raise InputError(
+            f"Scenario {dataset.scenario!r} needs estimates of shape {expected}, got "
+            f"{images.shape}."
+        )
+    mask = dataset.sensor.mask
+    images[~np.isfinite(images[:, mask]).all(axis=1)] = dataset.sensor.background
+    return images
+
+
+def _presses(dataset: GroundTruth) -> Array:
+    return dataset.samples[["x_m", "y_m"]].to_numpy(dtype=np.float64)
+
+
+def _evaluate_conductivity(
+    dataset: GroundTruth, rows: NDArray[np.intp], images: NDArray[np.float32], _: Similarity | None
+) -> Columns:
+    if dataset.conductivity is None:
+        raise InputError(f"Scenario {dataset.scenario!r} holds no true conductivity.")
+    truth, sensor = dataset.conductivity[rows], dataset.sensor
+    mask, data_range = sensor.mask, sensor.data_range
+    similarity = metrics.ssim(truth, images, data_range, mask)
+    correlation = metrics.cc(truth, images, mask)
+    error = metrics.rie(truth, images, mask)
+    ratio = metrics.psnr(truth, images, data_range, mask)
+    contrast = images.astype(np.float64) - sensor.background
+    figures: Columns = {
+        "ssim": similarity,
+        "cc": correlation,
+        "rie": error,
+        "psnr": ratio,
+        "score": metrics.score(similarity, correlation, error, ratio),
+        "bounded": metrics.bounded_score(
+            {"ssim": similarity, "cc": correlation, "rie": error, "psnr": ratio}
+        ),
+        "cc_undefined": is_constant(truth, mask) | is_constant(images, mask),
+    }
+    true = contacts(truth - sensor.background, sensor)
+    return figures | _tactile(true, contacts(contrast, sensor), sensor)
+
+
+def _evaluate_classes(
+    dataset: GroundTruth, rows: NDArray[np.intp], images: NDArray[np.float32], _: Similarity | None
+) -> Columns:
+    if dataset.classes is None:
+        raise InputError(f"Scenario {dataset.scenario!r} holds no true classes.")
+    truth, sensor = dataset.classes[rows].astype(np.float64), dataset.sensor
+    contrast = images.astype(np.float64) - sensor.background
+    mask = sensor.mask
+    true, found = contacts(truth, sensor), contacts(contrast, sensor)
+    figures: Columns = {
+        "cc": metrics.cc(truth, contrast, mask),
+        "cc_undefined": is_constant(truth, mask) | is_constant(images, mask),
+        "iou_resistive": tactile.overlap(true.region, found.region, (-1,)),
+        "iou_conductive": tactile.overlap(true.region, found.region, (1,)),
+    }
+    return figures | _tactile(true, found, sensor)
+
+
+def _tactile(true: Contacts, found: Contacts, sensor: Sensor) -> Columns:
+    area = true.total_area
+    area_error = np.full(len(area), np.nan)
+    np.divide(np.abs(found.total_area - area), area, out=area_error, where=area > 0)
+    place = found.strongest(found.position, np.nan)
+    return {
+        "localisation_mm": 1e3 * tactile.localisation(true, found, sensor),
+        "contact_count_error": np.abs(found.count - true.count).astype(np.float64),
+        "area_error": area_error,
+        "iou": tactile.overlap(true.region, found.region),
+        "strength": found.strongest(found.strength, 0.0),
+        "found_x_m": place[:, 0],
+        "found_y_m": place[:, 1],
+    }
+
+
+def _evaluate_position(
+    dataset: GroundTruth,
+    rows: NDArray[np.intp],
+    images: NDArray[np.float32],
+    registration: Similarity | None,
+) -> Columns:
+    if registration is None:
+        raise InputError(f"Scenario {dataset.scenario!r} needs a registration.")
+    sensor = dataset.sensor
+    contrast = images.astype(np.float64) - sensor.background
+    place = locate(contrast, sensor)
+    presses = _presses(dataset)[rows]
+    error = np.hypot(*(registration(place) - presses).T)
+    # Finding nothing costs what the farthest wrong place in the sensor would.
+    error[np.isnan(place[:, 0])] = registration.scale * tactile.diameter(sensor)
+    expected = registration.inverse(presses)
+    return {
+        "localisation_mm": 1e3 * error,
+        "strength": contacts(contrast, sensor).total_strength,
+        "found_x_m": place[:, 0],
+        "found_y_m": place[:, 1],
+        "expected_x_m": expected[:, 0],
+        "expected_y_m": expected[:, 1],
+    }
+
+
+def _evaluate_response(
+    dataset: GroundTruth, rows: NDArray[np.intp], images: NDArray[np.float32], _: Similarity | None
+) -> Columns:
+    contrast = images[:, dataset.sensor.mask].astype(np.float64) - dataset.sensor.background
+    return {"response": np.sqrt(np.mean(contrast**2, axis=1))}
+
+
+_EVALUATIONS: dict[
+    str,
+    Callable[
+        [GroundTruth, NDArray[np.intp], NDArray[np.float32], Similarity | None],
+        Columns,
+    ],
+] = {
+    "conductivity": _evaluate_conductivity,
+    "classes": _evaluate_classes,
+    "position": _evaluate_position,
+    "none": _evaluate_response,
+}

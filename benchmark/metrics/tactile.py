@@ -1,0 +1,136 @@
+"""How far the contacts that a method shows lie from the true ones, and how well they overlap.
+
+`eitbench.scenarios.phantoms.contacts` finds the contacts.
+"""
+
+import json
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import linear_sum_assignment
+from scipy.spatial.distance import cdist, pdist
+
+from eitbench.scenarios.phantoms.contacts import Contacts
+from eitbench.scenarios.sensors.sensor import Sensor
+
+Array = NDArray[np.float64]
+
+_WEISZFELD_STEPS = 30
+
+
+def diameter(sensor: Sensor) -> float:
+    """Largest distance between two points of the sensor [m]: the error of finding nothing."""
+    outline = sensor.outline
+    around = np.linspace(0.0, outline.perimeter, 256, endpoint=False)
+    return float(pdist(outline.point(np.concatenate([around, outline.corners]))).max())
+
+
+def localisation(truth: Contacts, estimate: Contacts, sensor: Sensor) -> Array:
+    """Mean distance of the true contacts from the contacts found for them (n,) [m].
+
+    Of an image with k true contacts the k strongest found ones are assigned so that the distances
+    add up to the least. A true contact left over is charged the distance to the nearest found
+    contact, and the sensor's diameter where none was found. NaN where there is no true contact.
+    """
+    error = np.full(len(truth.region), np.nan)
+    for n in np.unique(truth.image):
+        true = truth.position[truth.of(n)]
+        found = estimate.position[estimate.of(n)][: len(true)]
+        if not len(found):
+            error[n] = diameter(sensor)
+            continue
+        distance = cdist(true, found)
+        charged = distance.min(axis=1)
+        rows, columns = linear_sum_assignment(distance)
+        charged[rows] = distance[rows, columns]
+        error[n] = charged.mean()
+    return error
+
+
+def overlap(
+    truth: NDArray[np.int8], estimate: NDArray[np.int8], signs: tuple[int, ...] = (-1, 1)
+) -> Array:
+    """Intersection over union (n,) of signed regions (n, H, W), for the given `signs`.
+
+    A pixel counts as shared only if both signs agree. NaN where neither image has such a pixel.
+    """
+    t, p = np.isin(truth, signs), np.isin(estimate, signs)
+    shared = np.count_nonzero(t & p & (truth == estimate), axis=(1, 2))
+    union = np.count_nonzero(t | p, axis=(1, 2))
+    result = np.full(len(truth), np.nan)
+    np.divide(shared, union, out=result, where=union > 0)
+    return result
+
+
+@dataclass(frozen=True, eq=False)
+class Similarity:
+    """x -> scale * turn @ x + shift in the plane.
+
+    Attributes:
+        scale: > 0.
+        turn: (2, 2) rotation, or rotation with reflection.
+        shift: (2,) [m].
+    """
+
+    scale: float
+    turn: Array
+    shift: Array
+
+    def __call__(self, points: ArrayLike) -> Array:
+        """Map `points` (n, 2) [m]."""
+        return np.asarray(self.scale * np.asarray(points, float) @ self.turn.T + self.shift)
+
+    def inverse(self, points: ArrayLike) -> Array:
+        """Map `points` (n, 2) [m] back."""
+        return np.asarray((np.asarray(points, float) - self.shift) @ self.turn / self.scale)
+
+    def to_json(self) -> str:
+        """As JSON that `from_json` reads, without loss."""
+        return json.dumps([self.scale, self.turn.tolist(), self.shift.tolist()])
+
+    @classmethod
+    def from_json(cls, text: str) -> "Similarity":
+        """What `to_json` wrote."""
+        scale, turn, shift = json.loads(text)
+        return cls(scale, np.array(turn), np.array(shift))
+
+
+def fit_similarity(source: ArrayLike, target: ArrayLike) -> Similarity | None:
+    """The similarity, with or without reflection, that maps `source` best onto `target`.
+
+    It makes the sum of distances least over points (n, 2) [m], not that of their squares: a method
+    that loses some contacts altogether keeps the registration of those it finds. Rows with NaN are
+    left out. None where fewer than three points are left, or where they determine no similarity.
+
+    Source: Umeyama, IEEE Trans. Pattern Anal. 13 (1991) 376, eqs. 40-43, without the constraint on
+    the determinant, so that reflections are allowed; repeated with the points weighted by their
+    inverse distances (Weiszfeld's iteration).
+    """
+    x, y = np.asarray(source, float), np.asarray(target, float)
+    known = np.isfinite(x).all(axis=1) & np.isfinite(y).all(axis=1)
+    x, y = x[known], y[known]
+    if len(x) < 3:
+        return None
+    weights = np.ones(len(x))
+    # Points that lie this close count alike: a distance of zero must not weigh infinitely.
+    close = 0.01 * float(np.sqrt(np.mean((y - y.mean(axis=0)) ** 2)))
+    fitted = _weighted_similarity(x, y, weights)
+    for _ in range(_WEISZFELD_STEPS):
+        if fitted is None or close == 0:
+            break
+        weights = 1 / np.maximum(np.hypot(*(fitted(x) - y).T), close)
+        fitted = _weighted_similarity(x, y, weights)
+    return fitted
+
+
+def _weighted_similarity(x: Array, y: Array, weights: Array) -> Similarity | None:
+    w = (weights / weights.sum())[:, None]
+    x_mean, y_mean = (w * x).sum(axis=0), (w * y).sum(axis=0)
+    u, singular, vt = np.linalg.svd((w * (y - y_mean)).T @ (x - x_mean))
+    # A second singular value of zero leaves open whether to reflect.
+    if singular[1] <= 1e-12 * singular[0] or singular[0] == 0:
+        return None
+    turn = u @ vt
+    scale = float(singular.sum() / (w * (x - x_mean) ** 2).sum())
+    return Similarity(scale, turn, y_mean - scale * turn @ x_mean)

@@ -1,0 +1,1 @@
+"""From a plan to a finished run: cells, executors, timing, prior knowledge."""

@@ -1,0 +1,354 @@
+"""Where cells are worked on: on this machine, or on those of a Dask cluster, by the same code.
+
+On a cluster a cell is worked on in pieces of some minutes. A task gets what is kept of its cell,
+goes on as a resumed run does, and sends back what is kept then: rows are here, and safe, after each
+task. A task whose machine is lost is done again on another one by the scheduler.
+"""
+
+import logging
+import multiprocessing
+import re
+import tempfile
+import threading
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, Protocol
+
+from eitbench.benchmark.run.cell import prepare, run_cell
+from eitbench.benchmark.run.cell_task import CellData, CellPlan, CellTask, ScoredTask
+from eitbench.benchmark.run.progress import Bar
+from eitbench.benchmark.rundir import manifest
+from eitbench.benchmark.rundir.kinds import RunKind
+from eitbench.benchmark.rundir.store import Files, RunStore
+from eitbench.benchmark.workers.worker import StoppedError
+from eitbench.scenarios.errors import EitbenchError, InputError
+
+if TYPE_CHECKING:
+    from distributed import Client, Future
+
+REMOTE_TASK_SECONDS = 600.0
+CONNECT_SECONDS = 10.0
+POLL_SECONDS = 0.5
+ATTEMPTS = 3
+# Cells that are asked of a cluster at a time: each is a thread here, which waits.
+ASKED = 256
+
+Role = Literal["cell", "preparation"]
+
+
+@dataclass(frozen=True, eq=False)
+class Work:
+    """A cell, or what the cells of its scenario wait for.
+
+    Attributes:
+        plan: the cell; of a preparation, one of those that wait for it.
+    """
+
+    role: Role
+    data: CellData
+    plan: CellPlan
+
+    def task(self, store: RunStore) -> CellTask:
+        """What runs."""
+        if self.role == "cell":
+            return self.data.task(self.plan, store)
+        task = self.data.preparation(self.plan, store)
+        assert task is not None
+        return task
+
+    def do(self, store: RunStore, progress: Bar, stop: threading.Event) -> None:
+        """Run what is not kept yet.
+
+        Raises:
+            StoppedError: stopped; what is finished is kept.
+            EitbenchError: it cannot be written, read or had.
+        """
+        task = self.task(store)
+        if isinstance(task, ScoredTask):
+            run_cell(task, progress, stop)
+        else:
+            prepare(task, progress, stop)
+
+
+class Executor(Protocol):
+    """Does work, in the thread that asks for it."""
+
+    @property
+    def slots(self) -> int:
+        """How much work may be asked for at a time."""
+
+    def do(self, work: Work, store: RunStore, progress: Bar, stop: threading.Event) -> None:
+        """See `Work.do`."""
+
+
+@dataclass(frozen=True)
+class LocalExecutor:
+    """This machine."""
+
+    slots: int
+
+    def do(self, work: Work, store: RunStore, progress: Bar, stop: threading.Event) -> None:
+        """See `Work.do`."""
+        work.do(store, progress, stop)
+
+
+@dataclass(frozen=True, eq=False)
+class RemoteTask:
+    """What a machine of the cluster is asked for, apart from the data.
+
+    Attributes:
+        kept: what is kept of the cell.
+        needed: what is kept of its preparation.
+        plugin: name and content of the file that registers it, if there is one.
+        weights: SHA-256 of the weights that it loads here.
+        versions: what results rest on, as it is here.
+        seconds: after so long it is stopped where it stands.
+    """
+
+    role: Role
+    plan: CellPlan
+    kind: RunKind
+    kept: Files
+    needed: Files
+    plugin: tuple[str, bytes] | None
+    weights: str
+    versions: Mapping[str, str | None]
+    seconds: float
+
+
+@dataclass(frozen=True, eq=False)
+class RemoteResult:
+    """What is kept after a task, what was printed, and whether nothing is left to do."""
+
+    kept: Files
+    log: bytes
+    finished: bool
+
+
+class DaskExecutor:
+    """The machines of the Dask scheduler that `client` is connected to."""
+
+    slots = ASKED
+
+    def __init__(self, client: "Client") -> None:
+        self._client = client
+        self._lock = threading.Lock()
+        self._there: dict[str, Future] = {}
+
+    def do(self, work: Work, store: RunStore, progress: Bar, stop: threading.Event) -> None:
+        """See `Work.do`."""
+        task = work.task(store)
+        cell, done = task.plan.cell, 0
+        while True:
+            remote = self._remote_task(work, task, store)
+            answer = self._answer(work.data, remote, stop)
+            with store.log(cell).open("ab") as log:
+                log.write(answer.log)
+            store.unpack(cell, answer.kept)
+            kept = sum(
+                store.batch_length(cell, split, start)
+                for split, size in task.sizes.items()
+                for start in range(0, size, work.plan.batch)
+            )
+            progress.advance(max(0, kept - done))
+            done = kept
+            if answer.finished:
+                return
+
+    def _remote_task(self, work: Work, task: CellTask, store: RunStore) -> RemoteTask:
+        plan = work.plan
+        plugin = None if plan.plugin is None else (plan.plugin.name, plan.plugin.read_bytes())
+        waits_for = work.data.preparation(plan, store) if work.role == "cell" else None
+        return RemoteTask(
+            work.role,
+            plan,
+            store.kind,
+            store.pack(task.plan.cell),
+            {} if waits_for is None else store.pack(waits_for.plan.cell),
+            plugin,
+            work.data.weights(plan.cell.name),
+            manifest.versions(),
+            REMOTE_TASK_SECONDS,
+        )
+
+    def _answer(self, data: CellData, task: RemoteTask, stop: threading.Event) -> RemoteResult:
+        """What the cluster answers to a task.
+
+        Raises:
+            StoppedError: stopped meanwhile.
+            EitbenchError: the cluster cannot do it.
+        """
+        from distributed import CancelledError, KilledWorker
+
+        name = str(task.plan.cell)
+        for _ in range(ATTEMPTS):
+            try:
+                self._await_machines(stop)
+                return self._result(data, task, stop)
+            except KilledWorker as error:
+                raise EitbenchError(
+                    f"{name} was lost with each of the machines that worked on it."
+                ) from error
+            except CancelledError:  # the data went with the last machine that had them
+                self._forget(data)
+            except StoppedError:
+                raise
+            except Exception as error:
+                # Without its scheduler the client raises whatever comes, AttributeError included.
+                if self._client.status == "running" and not isinstance(error, OSError):
+                    raise
+                raise EitbenchError("The Dask scheduler no longer answers.") from error
+        raise EitbenchError(f"The cluster lost the data of {name} {ATTEMPTS} times.")
+
+    def _result(self, data: CellData, task: RemoteTask, stop: threading.Event) -> RemoteResult:
+        future = self._client.submit(_run_remote_task, self._data(data), task, pure=False)
+        ended = threading.Event()
+        future.add_done_callback(lambda _: ended.set())
+        while not ended.wait(POLL_SECONDS):
+            if stop.is_set():
+                future.cancel()
+                raise StoppedError
+        answer: RemoteResult = future.result()
+        return answer
+
+    def _await_machines(self, stop: threading.Event) -> None:
+        """Wait for the first machine: they may stand in a queue for hours.
+
+        Raises:
+            StoppedError: stopped meanwhile.
+        """
+        while not self._client.scheduler_info(n_workers=1)["workers"]:
+            if stop.wait(POLL_SECONDS):
+                raise StoppedError
+
+    def _data(self, data: CellData) -> "Future":
+        """The data of a scenario on the cluster, sent to each machine once."""
+        with self._lock:
+            name = data.scenario.name
+            if name not in self._there:
+                (self._there[name],) = self._client.scatter([data], broadcast=True, hash=False)
+            return self._there[name]
+
+    def _forget(self, data: CellData) -> None:
+        with self._lock:
+            self._there.pop(data.scenario.name, None)
+
+
+@contextmanager
+def executor(jobs: int, scheduler: str | None) -> Iterator[Executor]:
+    """This machine with `jobs` cells at a time, or the cluster of `scheduler`, an address.
+
+    Raises:
+        InputError: `distributed` is not installed, or no scheduler answers there.
+    """
+    if scheduler is None:
+        yield LocalExecutor(jobs)
+        return
+    if not re.search(r":\d+$", scheduler):
+        raise InputError(
+            f"A Dask scheduler has an address such as tcp://10.0.0.1:8786, got {scheduler!r}."
+        )
+    try:
+        from distributed import Client
+    except ImportError as error:
+        raise InputError(
+            "A cluster needs Dask: pip install -c constraints.txt -e '.[cluster]'."
+        ) from error
+    # What goes wrong is said in our own sentences.
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)
+    try:
+        client = Client(scheduler, timeout=CONNECT_SECONDS, set_as_default=False)
+    except (OSError, ValueError) as error:
+        raise InputError(
+            f"No Dask scheduler answers at {scheduler!r}: start one with `dask scheduler`, and "
+            "give the address that it prints."
+        ) from error
+    with client:
+        yield DaskExecutor(client)
+
+
+def _run_remote_task(data: CellData, task: RemoteTask) -> RemoteResult:
+    """Do a task on this machine of a cluster.
+
+    Raises:
+        EitbenchError: this machine is not like the one that asks, or the work cannot be done.
+    """
+    if manifest.versions() != task.versions:
+        changed = [n for n, v in manifest.versions().items() if v != task.versions.get(n)]
+        raise EitbenchError(
+            f"A machine of the cluster has another version of {', '.join(changed)} than this one: "
+            "install the same on all."
+        )
+    name = task.plan.cell.name
+    if data.weights(name) != task.weights:
+        raise EitbenchError(
+            f"A machine of the cluster has other weights of {name!r} than this one: copy them "
+            "into its cache (EITBENCH_CACHE)."
+        )
+    # Dask starts its processes as daemons, which Python would not let start others.
+    multiprocessing.current_process().daemon = False
+    with tempfile.TemporaryDirectory(prefix="eitbench-") as folder:
+        store, plan = RunStore.create(Path(folder) / "run", task.kind), task.plan
+        if task.plugin is not None:
+            file, content = task.plugin
+            plan = replace(plan, plugin=Path(folder) / Path(file).name)
+            (Path(folder) / Path(file).name).write_bytes(content)
+        work = Work(task.role, data, plan)
+        cell = work.task(store).plan.cell
+        store.unpack(cell, task.kept)
+        waits_for = data.preparation(plan, store) if task.role == "cell" else None
+        if waits_for is not None:
+            store.unpack(waits_for.plan.cell, task.needed)
+        with _cancellation() as stop:
+            try:
+                work.do(store, _Until(time.monotonic() + task.seconds), stop)
+                finished = True
+            except StoppedError:
+                finished = False
+            except OSError as error:
+                raise EitbenchError(f"A machine of the cluster cannot go on: {error}.") from error
+        log = store.log(cell)
+        return RemoteResult(store.pack(cell), log.read_bytes() if log.exists() else b"", finished)
+
+
+class _Until:
+    """Stops work when its time is over, but not before a batch is done."""
+
+    def __init__(self, deadline: float) -> None:
+        self._deadline = deadline
+        self._begun = False
+
+    def advance(self, frames: int) -> None:
+        """So many frames more are kept.
+
+        Raises:
+            StoppedError: that was enough.
+        """
+        if self._begun and time.monotonic() > self._deadline:
+            raise StoppedError
+        self._begun = True  # the first call tells what was kept before
+
+
+@contextmanager
+def _cancellation() -> Iterator[threading.Event]:
+    """An event that is set when nobody waits any more for the task that runs in this thread."""
+    from distributed import get_worker
+
+    worker, stop, over = get_worker(), threading.Event(), threading.Event()
+    key: Any = worker.get_current_task()
+
+    def watch() -> None:
+        while not over.wait(POLL_SECONDS):
+            task = worker.state.tasks.get(key)
+            if task is None or task.state in ("cancelled", "released"):
+                stop.set()
+                return
+
+    threading.Thread(target=watch, daemon=True).start()
+    try:
+        yield stop
+    finally:
+        over.set()

@@ -1,0 +1,218 @@
+"""Methods in the cells of a run: asked for images, scored by what is known of the truth."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar, Self
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from eitbench.benchmark.metrics.evaluation import (
+    LEAST_PRESSES,
+    REGISTRATION_FRAMES,
+    evaluate,
+    fit_registration,
+)
+from eitbench.benchmark.run.cell_task import NAN, Ask, CellData, CellPlan, ScoredTask
+from eitbench.benchmark.run.outcome import StoredBatches
+from eitbench.benchmark.run.prior_knowledge import account
+from eitbench.benchmark.run.timing import WARM_FRAMES, WARM_SECONDS, warm_percentiles
+from eitbench.benchmark.rundir.store import RunStore, Truth, Values
+from eitbench.benchmark.tuning.selection import recorded_selection
+from eitbench.benchmark.workers.method_service import (
+    Frames,
+    MethodService,
+    MethodSpec,
+    scenario_splits,
+)
+from eitbench.benchmark.workers.worker import Reply, WorkerLostError
+from eitbench.methods import Method, methods
+from eitbench.methods.problem import Reads
+from eitbench.scenarios.data.datasets import Dataset, load
+from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.recordings.fetch import locate
+from eitbench.scenarios.suites.scenario import RecordedScenario, Scenario
+from eitbench.scenarios.suites.suite import Suite
+
+
+@dataclass(frozen=True, eq=False)
+class MethodData(CellData):
+    """Frames, and what is known of them.
+
+    Attributes:
+        validation: frames the registration is fitted on; None unless only positions are known.
+    """
+
+    batch: ClassVar[int] = 32
+
+    validation: Dataset | None
+
+    @classmethod
+    def load(
+        cls, scenario: Scenario, suite: Suite, limit: int | None, *, jobs: int, progress: bool
+    ) -> Self:
+        """See `CellData.load`."""
+        if isinstance(scenario, RecordedScenario):
+            locate(scenario.recorded_set, limit_s=suite.download_limit_s, progress=progress)
+        test = load(scenario, split="test", limit=limit, jobs=jobs, progress=progress)
+        if test.truth != "position":
+            return cls(scenario, test, None)
+        validation = load(scenario, split="validation", limit=REGISTRATION_FRAMES)
+        if len(validation) < LEAST_PRESSES:
+            # Every fifth press is for validation, the first one among them.
+            raise InputError(
+                f"Scenario {scenario.name!r} has {len(validation)} validation presses, and at "
+                f"least {LEAST_PRESSES} register images with places: record at least "
+                f"{5 * (LEAST_PRESSES - 1) + 1} touches."
+            )
+        return cls(scenario, test, validation)
+
+    def task(self, plan: CellPlan, store: RunStore) -> "MethodCellTask":
+        """The method of the cell."""
+        return MethodCellTask(plan, store, self)
+
+    def truth(self) -> Truth:
+        """The true images, and what is needed to draw them."""
+        test, sensor = self.test, self.test.sensor
+        attributes = {
+            "bounds": np.asarray(sensor.outline.bounds, dtype=np.float64),
+            "background": sensor.background,
+            "data_range": sensor.data_range,
+        }
+        arrays: dict[str, NDArray[Any]] = {
+            "mask": sensor.mask,
+            "sample": test.samples["sample"].to_numpy(np.int64),
+        }
+        if test.conductivity is not None:
+            arrays["conductivity"] = test.conductivity
+        elif test.classes is not None:
+            arrays["classes"] = test.classes
+        return attributes, arrays
+
+    def weights(self, name: str) -> str:
+        """See `CellData.weights`."""
+        cls = self._class(name)
+        return "" if cls is None else cls.weights_hash(self.test.sensor)
+
+    def unusable(self, name: str) -> str:
+        """See `CellData.unusable`."""
+        cls = self._class(name)
+        return "" if cls is None else cls.unusable(self.test.sensor)
+
+    def _class(self, name: str) -> type[Method] | None:
+        # Those of plugin files are known in their workers alone; a run remembers the file.
+        return methods().get(name)
+
+    def choice(self, name: str) -> dict[str, Any] | None:
+        """See `CellData.choice`."""
+        return recorded_selection(self.scenario, name)
+
+    def voltages(self, split: str) -> Frames:
+        """Frames (n, M) of "test" or "validation"."""
+        dataset = self.test if split == "test" else self.validation
+        return (
+            np.empty((0, self.test.sensor.n_measurements)) if dataset is None else dataset.voltages
+        )
+
+
+class MethodCellTask(ScoredTask):
+    """A method, asked for the images of frames."""
+
+    tells: ClassVar[bool] = True
+
+    unknown: ClassVar[Mapping[str, Any]] = {
+        "parameters": "",
+        "registration": "",
+        "prior_knowledge": "",
+        "overlap": NAN,
+        "differs": "",
+        **dict.fromkeys(
+            ("setup_s", "train_s", "first_frame_ms", "frame_ms_p50", "frame_ms_p99", "batch_fps"),
+            NAN,
+        ),
+    }
+
+    def __init__(self, plan: CellPlan, store: RunStore, data: MethodData) -> None:
+        super().__init__(plan, store, data.test)
+        self.data = data
+        self.labels = {"track": plan.track}
+
+    @property
+    def sizes(self) -> Mapping[str, int]:
+        """The validation frames that a registration needs, then the test frames."""
+        return {split: len(self.data.voltages(split)) for split in ("validation", "test")}
+
+    @property
+    def input_hashes(self) -> list[str]:
+        """Of each frame and the reference frame."""
+        return self.test.frame_hashes
+
+    def service(self) -> MethodService:
+        """The method with its problem."""
+        plan, test = self.plan, self.test
+        splits = scenario_splits(self.data.scenario)
+        return MethodService(
+            MethodSpec(
+                test.sensor, test.reference, splits, plan.cell.name, plan.parameters, plan.plugin
+            )
+        )
+
+    def request(self, split: str, rows: slice) -> tuple[object, ...]:
+        """Reconstruct frames."""
+        return "reconstruct", self.data.voltages(split)[rows]
+
+    def blank(self, n: int) -> dict[str, NDArray[Any]]:
+        """No image and no time."""
+        shape = (n, *self.test.sensor.image_shape)
+        return {
+            "conductivity": np.full(shape, np.nan, dtype=np.float32),
+            "frame_ms": np.full(n, np.nan),
+        }
+
+    def values(self, split: str, rows: slice, reply: Reply) -> tuple[Values, NDArray[np.bool_]]:
+        """Images, and the time of each frame."""
+        mask, images = self.test.sensor.mask, reply.value
+        # What a method says outside the sensor does not count.
+        images[:, ~mask] = self.test.sensor.background
+        good = np.isfinite(images[:, mask]).all(axis=1)
+        images[~good] = np.nan
+        times = np.full(len(images), reply.seconds * 1e3 / len(images))
+        return {"conductivity": images, "frame_ms": times}, good
+
+    def warm(self, ask: Ask) -> dict[str, float]:
+        """Time single good frames, up to a number and a time; the first one comes last."""
+        if self.plan.cell.variant:
+            return {}  # the parameters that are ranked are those that are timed
+        good = self.valid_samples()
+        warm: list[float] = []
+        spent = 0.0
+        while len(good) and len(warm) < WARM_FRAMES and (spent < WARM_SECONDS or not warm):
+            k = int(good[(len(warm) + 1) % len(good)])
+            try:
+                reply = ask("a single frame", slice(k, k + 1))
+            except WorkerLostError:  # every frame is kept by now
+                break
+            if reply.failure is not None:
+                break
+            warm.append(reply.seconds * 1e3)
+            spent += reply.seconds
+        p50, p99 = warm_percentiles(warm)
+        return {"frame_ms_p50": p50, "frame_ms_p99": p99}
+
+    def prior_knowledge(self, value: tuple[Reads, dict[str, str]]) -> dict[str, Any]:
+        """What the method was told, as JSON, and how much of the test split it was taught on."""
+        return account(*value, self.data.scenario, self.test, spent=self.plan.spent)
+
+    def figures(self, kept: StoredBatches) -> tuple[pd.DataFrame, dict[str, Any]]:
+        """What `evaluate` says of every image, and the registration as JSON if there is one."""
+        registration, validation = None, self.data.validation
+        whole = {}
+        if validation is not None:
+            seen = StoredBatches(
+                self.store, self.plan.cell, "validation", len(validation), self.blank
+            )
+            registration = fit_registration(validation, seen.values["conductivity"])
+            whole = {"registration": registration.to_json()}
+        table = evaluate(self.test, kept.values["conductivity"], registration)
+        return table.drop(columns="sample").assign(frame_ms=kept.values["frame_ms"]), whole

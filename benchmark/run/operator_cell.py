@@ -1,0 +1,271 @@
+"""Forward operators in the cells of a run: voltages and gradients beside those of the model."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from hashlib import sha256
+from typing import Any, ClassVar, Self
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from eitbench.benchmark.metrics.operator_metrics import (
+    Standard,
+    correlation,
+    cosine,
+    mse,
+    relative_error,
+)
+from eitbench.benchmark.run.cell_task import NAN, Ask, CellData, CellPlan, CellTask, ScoredTask
+from eitbench.benchmark.run.outcome import StoredBatches
+from eitbench.benchmark.rundir.store import TRUTH, Cell, RunStore, Truth, Values
+from eitbench.benchmark.workers.operator_service import (
+    Evaluation,
+    OperatorService,
+    OperatorSpec,
+    ReferenceModelService,
+)
+from eitbench.benchmark.workers.worker import Reply, WorkerLostError
+from eitbench.methods.registry import operators
+from eitbench.scenarios.data.datasets import load
+from eitbench.scenarios.data.simulation import clean_reference, clean_voltages
+from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.phantoms.phantom import rasterise
+from eitbench.scenarios.suites.scenario import Scenario, SimulatedScenario
+from eitbench.scenarios.suites.suite import Suite
+
+Array = NDArray[np.float64]
+
+# A median of fewer says little; more of a slow operator is not worth the wait.
+WARM_BATCHES, WARM_SECONDS, ENOUGH_BATCHES = 3, 2.0, 20
+MODEL_LIMIT_S = 600.0
+
+
+@dataclass(frozen=True, eq=False)
+class OperatorData(CellData):
+    """True images, and what the model that the data come from makes of them, without noise.
+
+    Attributes:
+        clean: (n, M) voltages [V/A].
+        reference: (M,) voltages of the untouched sensor [V/A].
+        standard: of the clean voltages of the whole validation split.
+    """
+
+    batch: ClassVar[int] = 64
+
+    clean: Array
+    reference: Array
+    standard: Standard
+
+    @classmethod
+    def load(
+        cls, scenario: Scenario, suite: Suite, limit: int | None, *, jobs: int, progress: bool
+    ) -> Self:
+        """See `CellData.load`."""
+        if not isinstance(scenario, SimulatedScenario):
+            raise InputError(
+                f"Scenario {scenario.name!r} is recorded: operators need a known conductivity."
+            )
+        operators()  # loads their libraries here, so that workers are forked with them
+        measured = load(scenario, split="test", limit=limit, jobs=jobs, progress=progress)
+        # Noise is no matter of operators.
+        test = replace(measured, samples=measured.samples.drop(columns="snr_db"))
+        validation = clean_voltages(
+            scenario, "validation", scenario.validation, jobs=jobs, progress=progress
+        )
+        return cls(
+            scenario,
+            test,
+            clean_voltages(scenario, "test", len(test)),
+            clean_reference(scenario, "test"),
+            Standard.of(validation),
+        )
+
+    def weights(self, name: str) -> str:
+        """See `CellData.weights`."""
+        # Those of plugin files are known in their workers alone; a run remembers the file.
+        known = operators()
+        return known[name].weights_hash(self.test.sensor) if name in known else ""
+
+    def task(self, plan: CellPlan, store: RunStore) -> "OperatorCellTask":
+        """The operator of the cell."""
+        return OperatorCellTask(plan, store, self)
+
+    def preparation(self, plan: CellPlan, store: RunStore) -> "ReferenceModelTask":
+        """The model's own gradients, which those of all operators are compared with."""
+        # The suite's limits are for what is ranked.
+        model = replace(
+            plan,
+            cell=Cell(plan.cell.scenario, TRUTH),
+            fit_limit_s=MODEL_LIMIT_S,
+            frame_limit_s=MODEL_LIMIT_S,
+        )
+        return ReferenceModelTask(model, store, self)
+
+    def truth(self) -> Truth:
+        """The true voltages, and what they are standardised with."""
+        arrays = {
+            "sample": self.test.samples["sample"].to_numpy(np.int64),
+            "voltages": self.clean,
+            "reference": self.reference,
+            "mean": self.standard.mean,
+            "std": self.standard.std,
+        }
+        return {}, arrays
+
+    def images(self, rows: slice) -> Array:
+        """True conductivity (k, H, W) [S/m]; drawn when asked for, since all would be large."""
+        return np.array([rasterise(p, self.test.sensor) for p in self.test.phantoms[rows]])
+
+    def cotangents(self, rows: slice) -> Array:
+        """What gradients are taken of (k, M): the response to the touch [V/A]."""
+        return np.asarray(self.clean[rows] - self.reference)
+
+    @cached_property
+    def input_hashes(self) -> list[str]:
+        """SHA-256 (hex) of every image together with its cotangent."""
+        return [
+            sha256(self.images(row).tobytes() + self.cotangents(row).tobytes()).hexdigest()
+            for row in (slice(k, k + 1) for k in range(len(self.clean)))
+        ]
+
+
+class ReferenceModelTask(CellTask):
+    """The model that the data come from, asked for the gradients of one scenario."""
+
+    def __init__(self, plan: CellPlan, store: RunStore, data: OperatorData) -> None:
+        super().__init__(plan, store)
+        self.data = data
+
+    @property
+    def sizes(self) -> Mapping[str, int]:
+        """The test samples."""
+        return {"test": len(self.data.clean)}
+
+    def service(self) -> ReferenceModelService:
+        """The model."""
+        assert isinstance(self.data.scenario, SimulatedScenario)
+        return ReferenceModelService(self.data.scenario)
+
+    def request(self, split: str, rows: slice) -> tuple[object, ...]:
+        """Gradients of some samples."""
+        return "gradients", rows, self.data.cotangents(rows)
+
+    def blank(self, n: int) -> dict[str, NDArray[Any]]:
+        """No gradient."""
+        shape = (n, *self.data.test.sensor.image_shape)
+        return {"gradient": np.full(shape, np.nan, dtype=np.float32)}
+
+    def values(self, split: str, rows: slice, reply: Reply) -> tuple[Values, NDArray[np.bool_]]:
+        """The gradients."""
+        return {"gradient": reply.value}, np.isfinite(reply.value).all(axis=(1, 2))
+
+
+class OperatorCellTask(ScoredTask):
+    """An operator, asked for the voltages and gradients of true images."""
+
+    unknown: ClassVar[Mapping[str, Any]] = {
+        "trained_on": "",
+        **dict.fromkeys(
+            ("setup_s", "train_s", "first_frame_ms", "forward_ms", "grad_ms", "batch_fps"), NAN
+        ),
+    }
+
+    def __init__(self, plan: CellPlan, store: RunStore, data: OperatorData) -> None:
+        super().__init__(plan, store, data.test)
+        self.data = data
+
+    @property
+    def sizes(self) -> Mapping[str, int]:
+        """The test samples."""
+        return {"test": len(self.data.clean)}
+
+    @property
+    def input_hashes(self) -> list[str]:
+        """Of each image and its cotangent."""
+        return self.data.input_hashes
+
+    def service(self) -> OperatorService:
+        """The operator for the nominal sensor."""
+        plan = self.plan
+        return OperatorService(OperatorSpec(self.test.sensor, plan.cell.name, plan.plugin))
+
+    def request(self, split: str, rows: slice) -> tuple[object, ...]:
+        """Voltages and gradients of images."""
+        return "evaluate", self.data.images(rows), self.data.cotangents(rows)
+
+    def blank(self, n: int) -> dict[str, NDArray[Any]]:
+        """No voltages, no gradient, no times."""
+        return {
+            "voltages": np.full((n, self.test.sensor.n_measurements), np.nan),
+            "grad_undefined": np.zeros(n, dtype=bool),
+            **{name: np.full(n, np.nan) for name in ("grad_cosine", "forward_ms", "grad_ms")},
+        }
+
+    def values(self, split: str, rows: slice, reply: Reply) -> tuple[Values, NDArray[np.bool_]]:
+        """Voltages, how the gradients agree with the model's, and the time of each sample."""
+        found: Evaluation = reply.value
+        inside = self.test.sensor.mask
+        gradients = found.gradients[:, inside]
+        good = np.asarray(np.isfinite(np.hstack([found.voltages, gradients])).all(axis=1))
+        cosines, undefined = cosine(
+            np.where(good[:, None], gradients, 0.0), self._model_gradients(rows)[:, inside]
+        )
+        n = len(good)
+        values = {
+            "voltages": np.where(good[:, None], found.voltages, np.nan),
+            "grad_cosine": np.where(good, cosines, np.nan),
+            "grad_undefined": undefined & good,
+            "forward_ms": np.full(n, found.forward_s * 1e3 / n),
+            "grad_ms": np.full(n, found.grad_s * 1e3 / n),
+        }
+        return values, good
+
+    def _model_gradients(self, rows: slice) -> Array:
+        """What the preparation kept of `rows`, which all lie in one batch: (k, H, W)."""
+        start = rows.start - rows.start % self.plan.batch
+        kept = self.store.batch(Cell(self.plan.cell.scenario, TRUTH), "test", start)
+        inside = slice(rows.start - start, rows.stop - start)
+        return kept.values["gradient"][inside].astype(np.float64)
+
+    def warm(self, ask: Ask) -> dict[str, float]:
+        """Time whole batches of valid samples: the median for one sample, in ms."""
+        good = self.valid_samples()
+        size = min(self.plan.batch, len(self.data.clean))
+        starts = [
+            start
+            for start in range(0, len(self.data.clean) - size + 1, size)
+            if np.isin(np.arange(start, start + size), good).all()
+        ]
+        found: list[Evaluation] = []
+        spent = 0.0
+        while starts and (
+            len(found) < WARM_BATCHES or (spent < WARM_SECONDS and len(found) < ENOUGH_BATCHES)
+        ):
+            start = starts[len(found) % len(starts)]
+            try:
+                reply = ask("a warm batch", slice(start, start + size))
+            except WorkerLostError:  # every sample is kept by now
+                break
+            if reply.failure is not None:
+                break
+            found.append(reply.value)
+            spent += reply.seconds
+        if not found:
+            return {}
+        return {
+            "forward_ms": float(np.median([f.forward_s for f in found])) * 1e3 / size,
+            "grad_ms": float(np.median([f.grad_s for f in found])) * 1e3 / size,
+        }
+
+    def figures(self, kept: StoredBatches) -> tuple[pd.DataFrame, dict[str, float]]:
+        """How far the voltages are from the model's, and what was found of the gradients."""
+        data, valid = self.data, kept.status == "ok"
+        truth, estimate = data.clean[valid], kept.values["voltages"][valid]
+        table = pd.DataFrame({"mse": NAN, "rel_error": NAN}, index=np.arange(len(valid)))
+        table.loc[valid, "mse"] = mse(truth, estimate, data.standard)
+        table.loc[valid, "rel_error"] = relative_error(truth, estimate)
+        for name in ("grad_cosine", "grad_undefined", "forward_ms", "grad_ms"):
+            table[name] = kept.values[name]
+        return table, {"r": correlation(truth, estimate, data.standard)}

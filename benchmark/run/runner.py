@@ -1,0 +1,403 @@
+"""Running a suite: everything it ranks on every scenario, into a directory that can be resumed."""
+
+import signal
+import threading
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import FIRST_EXCEPTION, Future, ThreadPoolExecutor, wait
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from types import FrameType
+
+from eitbench.benchmark.run.cell import score_cell
+from eitbench.benchmark.run.cell_task import CellData, CellPlan
+from eitbench.benchmark.run.executors import Executor, Work, executor
+from eitbench.benchmark.run.method_cell import MethodData
+from eitbench.benchmark.run.operator_cell import OperatorData
+from eitbench.benchmark.run.progress import RunProgress
+from eitbench.benchmark.run.timing import calibration
+from eitbench.benchmark.run.tracks import other_cells, write_tracks
+from eitbench.benchmark.rundir import manifest as manifests
+from eitbench.benchmark.rundir.lock import locked
+from eitbench.benchmark.rundir.manifest import Manifest
+from eitbench.benchmark.rundir.plan import Plan, make_plan
+from eitbench.benchmark.rundir.store import Cell, RunStore
+from eitbench.benchmark.workers.process import THREADS
+from eitbench.benchmark.workers.worker import SEED, StoppedError
+from eitbench.scenarios.errors import (
+    DataCorruptError,
+    DataUnavailableError,
+    EitbenchError,
+    InputError,
+)
+from eitbench.scenarios.suites.suite import Suite
+
+__all__ = ["Plan", "RunInterruptedError", "RunResult", "make_plan", "resume_run", "start_run"]
+
+DATA: Mapping[str, type[CellData]] = {"methods": MethodData, "operators": OperatorData}
+
+
+@dataclass(frozen=True)
+class RunResult:
+    """A finished run.
+
+    Attributes:
+        skipped: one sentence for each scenario whose data could not be had, and for each method
+            that lacks something here, such as weights for a scenario's sensor.
+        refused: one sentence for each scenario whose data are not what they should be.
+    """
+
+    path: Path
+    skipped: tuple[str, ...] = ()
+    refused: tuple[str, ...] = ()
+
+
+class RunInterruptedError(EitbenchError):
+    """The run was stopped by the user; what was finished is kept."""
+
+
+def start_run(
+    plan: Plan,
+    out: Path,
+    *,
+    jobs: int = 1,
+    scheduler: str | None = None,
+    progress: RunProgress | None = None,
+) -> RunResult:
+    """Run `plan` into the new directory `out`, `jobs` cells at a time.
+
+    Args:
+        scheduler: address of a Dask scheduler on whose machines the cells are run; `jobs` is then
+            how many processes simulate data here.
+
+    Call it from a script only under `if __name__ == "__main__":`, since it starts processes.
+
+    Raises:
+        InputError: `out` is not empty, another process works in it, or no scheduler answers.
+        DataUnavailableError, DataCorruptError: no scenario's data could be had.
+        RunInterruptedError: Ctrl-C or SIGTERM; `resume_run` continues.
+        EitbenchError: `out` cannot be written.
+    """
+    progress = progress or RunProgress(quiet=True)
+    with executor(jobs, scheduler) as where:
+        return _start(plan, RunStore.create(out, plan.kind), where, jobs, progress)
+
+
+def _start(
+    plan: Plan, store: RunStore, where: Executor, jobs: int, progress: RunProgress
+) -> RunResult:
+    with locked(store.path), _termination_interrupts():
+        try:
+            data, skipped, refused = _load(plan, plan.scenarios, jobs, progress)
+            skipped |= _unusable(plan, data, progress)
+            manifest = _new_manifest(plan, data, skipped, refused, jobs)
+            store.write_manifest(manifest)
+        except BaseException:  # nothing has been run: leave nothing behind, after Ctrl-C too
+            store.discard()
+            raise
+        return _execute(plan, store, manifest, data, where, progress)
+
+
+def resume_run(
+    run: Path,
+    *,
+    suite: Suite | None = None,
+    jobs: int = 1,
+    scheduler: str | None = None,
+    progress: RunProgress | None = None,
+) -> RunResult:
+    """Continue the run in `run`, in place, with the choices it was started with.
+
+    Args:
+        jobs: as for `start_run`; it may be another number than before.
+        scheduler: as for `start_run`; it may be another one, or none.
+
+    Raises:
+        InputError: `run` is no run directory, belongs to another suite, plugin or data, or another
+            process works in it.
+        RunInterruptedError, EitbenchError: as for `start_run`.
+    """
+    manifest = manifests.read_resumable(run)
+    plan = Plan.of(manifest, run)
+    if suite is not None and suite != plan.suite:
+        raise InputError(
+            f"{run} is a run of suite {plan.suite.name!r} as it was then, not of this "
+            f"{suite.name!r}: leave the suite out to continue it, or start a new run."
+        )
+    progress = progress or RunProgress(quiet=True)
+    with locked(run), _termination_interrupts(), executor(jobs, scheduler) as where:
+        manifest = manifests.read_resumable(run)  # another process may just have finished it
+        if manifest["status"] == "finished":
+            RunStore(run, plan.kind).remove_parts()  # it may have been killed just before
+            return _result(run, manifest)
+        data = _load_again(plan, run, manifest, jobs, progress)
+        manifest["resumed"].append(
+            {"time": manifests.now(), "command_line": manifests.command_line(), "jobs": jobs}
+            | manifests.environment()
+        )
+        return _execute(plan, RunStore(run, plan.kind), manifest, data, where, progress)
+
+
+def _result(run: Path, manifest: Manifest) -> RunResult:
+    return RunResult(run, tuple(manifest["skipped"].values()), tuple(manifest["refused"].values()))
+
+
+@contextmanager
+def _termination_interrupts() -> Iterator[None]:
+    """SIGTERM is Ctrl-C: what is finished is kept and no worker stays behind."""
+    if threading.current_thread() is not threading.main_thread():
+        yield  # only the main thread may say what a signal does
+        return
+
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGTERM, interrupt)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+def _load_again(
+    plan: Plan, run: Path, manifest: Manifest, jobs: int, progress: RunProgress
+) -> dict[str, CellData]:
+    """The data of a run that is continued, which must be those it was started with."""
+    names = list(manifest["data"])
+    data, skipped, refused = _load(plan, names, jobs, progress)
+    if skipped or refused:
+        raise _no_data(skipped, refused)
+    for name in names:
+        if name not in data or data[name].test.data_hash != manifest["data"][name]["hash"]:
+            raise InputError(
+                f"{run} cannot be resumed: the data of scenario {name!r} have changed since it "
+                "was started. Start a new run."
+            )
+    for entry in manifest["cells"]:
+        if data[entry["scenario"]].weights(entry["name"]) != entry["weights"]:
+            raise InputError(
+                f"{run} cannot be resumed: the weights of {entry['name']!r} have changed since it "
+                "was started. Start a new run."
+            )
+    return data
+
+
+def _no_data(skipped: Mapping[str, str], refused: Mapping[str, str]) -> EitbenchError:
+    kind = DataCorruptError if refused else DataUnavailableError
+    return kind(" ".join([*refused.values(), *skipped.values()]))
+
+
+def _load(
+    plan: Plan, names: Sequence[str], jobs: int, progress: RunProgress
+) -> tuple[dict[str, CellData], dict[str, str], dict[str, str]]:
+    """Data of the scenarios `names`; a sentence for each that cannot be had, or is corrupt.
+
+    Raises:
+        DataUnavailableError, DataCorruptError: there are no data at all.
+    """
+    data: dict[str, CellData] = {}
+    skipped: dict[str, str] = {}
+    refused: dict[str, str] = {}
+    for scenario in plan.suite.scenarios:
+        if scenario.name not in names:
+            continue
+        try:
+            data[scenario.name] = DATA[plan.suite.ranks].load(
+                scenario, plan.suite, plan.limit, jobs=jobs, progress=not progress.quiet
+            )
+        except DataUnavailableError as error:
+            skipped[scenario.name] = f"Scenario {scenario.name!r} is skipped: {error}"
+        except DataCorruptError as error:
+            refused[scenario.name] = f"Scenario {scenario.name!r} is refused: {error}"
+    if not data:
+        raise _no_data(skipped, refused)
+    for sentence in (*skipped.values(), *refused.values()):
+        progress.say(sentence)
+    return data, skipped, refused
+
+
+def _new_manifest(
+    plan: Plan,
+    data: dict[str, CellData],
+    skipped: dict[str, str],
+    refused: dict[str, str],
+    jobs: int,
+) -> Manifest:
+    return {
+        "format": 1,
+        "status": "running",
+        "command_line": manifests.command_line(),
+        "started": manifests.now(),
+        "finished": None,
+        "resumed": [],
+        **manifests.environment(),
+        "calibration_ms": calibration(),
+        "jobs": jobs,
+        "batch": DATA[plan.suite.ranks].batch,
+        "threads": THREADS,
+        "seeds": {"methods": SEED},
+        "plan": plan.describe(),
+        "data": {
+            name: {
+                "hash": there.test.data_hash,
+                "inverse_crime": there.test.inverse_crime,
+                "n": len(there.test),
+                "truth": there.test.truth,
+                "sensor": there.test.sensor.name,
+            }
+            for name, there in data.items()
+        },
+        "skipped": skipped,
+        "refused": refused,
+        "cells": [
+            entry
+            for there in data.values()
+            for name in plan.names
+            if not there.unusable(name)
+            for entry in (_chosen(there, name), *other_cells(plan, there, name))
+        ],
+    }
+
+
+def _unusable(plan: Plan, data: Mapping[str, CellData], progress: RunProgress) -> dict[str, str]:
+    """A sentence for each cell that lacks something, such as weights or a program.
+
+    Raises:
+        InputError: all cells do.
+    """
+    found = {
+        f"{scenario}/{name}": f"Scenario {scenario!r} is left out for {name!r}: {why}"
+        for scenario, there in data.items()
+        for name in plan.names
+        if (why := there.unusable(name))
+    }
+    if len(found) == len(data) * len(plan.names):
+        raise InputError(" ".join(found.values()))
+    for sentence in found.values():
+        progress.say(sentence)
+    return found
+
+
+def _chosen(data: CellData, name: str) -> Manifest:
+    choice = data.choice(name)
+    track = "default" if choice is None else "tuned"
+    return {
+        "scenario": data.scenario.name,
+        "name": name,
+        "variant": "",
+        "track": "calibrated" if data.scenario.calibrated else track,
+        "parameters": choice["parameters"] if choice else {},
+        "spent": choice["spent"] if choice else {},
+        "weights": data.weights(name),
+    }
+
+
+def _execute(
+    plan: Plan,
+    store: RunStore,
+    manifest: Manifest,
+    data: dict[str, CellData],
+    where: Executor,
+    progress: RunProgress,
+) -> RunResult:
+    cells = [_cell_plan(plan, manifest, entry) for entry in manifest["cells"]]
+    interrupted = not _run_cells(cells, data, store, where, progress)
+    if interrupted:
+        for cell in cells:
+            if not store.finished(cell.cell) and store.has_batches(cell.cell):
+                score_cell(data[cell.cell.scenario].task(cell, store), None)
+    ranked = [c.cell for c in cells if not c.cell.variant]
+    store.assemble(ranked, {name: there.truth() for name, there in data.items()})
+    write_tracks(store, cells)
+    unfinished = sum(not store.finished(cell.cell) for cell in cells)
+    ended = not interrupted and not unfinished
+    manifest |= {
+        "status": "finished" if ended else "interrupted",
+        "finished": manifests.now() if ended else None,
+    }
+    store.write_manifest(manifest)
+    if interrupted:
+        raise RunInterruptedError(
+            f"Interrupted: finished rows are kept in {store.path}. Continue with "
+            f"`eitbench run --resume {store.path}`."
+        )
+    if unfinished:
+        raise EitbenchError(
+            f"{unfinished} of the {len(cells)} cells in {store.path} are not complete: continue "
+            f"with `eitbench run --resume {store.path}`."
+        )
+    store.remove_parts()
+    return _result(store.path, manifest)
+
+
+def _cell_plan(plan: Plan, manifest: Manifest, entry: Manifest) -> CellPlan:
+    return CellPlan(
+        cell=Cell(entry["scenario"], entry["name"], entry["variant"]),
+        track=entry["track"],
+        parameters=entry["parameters"],
+        spent=entry["spent"],
+        suite=plan.suite.name,
+        plugin=plan.origins.get(entry["name"]),
+        fit_limit_s=plan.suite.fit_limit_s,
+        frame_limit_s=plan.suite.frame_limit_s,
+        memory_limit_mb=plan.suite.memory_limit_mb,
+        batch=manifest["batch"],
+    )
+
+
+def _run_cells(
+    cells: list[CellPlan],
+    data: dict[str, CellData],
+    store: RunStore,
+    where: Executor,
+    progress: RunProgress,
+) -> bool:
+    """Run what is not finished; False after Ctrl-C.
+
+    Raises:
+        EitbenchError: rows could not be written; those that were are kept.
+    """
+    stop = threading.Event()
+    unfinished = [plan for plan in cells if not store.finished(plan.cell)]
+    first_of = {plan.cell.scenario: plan for plan in reversed(unfinished)}
+    preparations = {
+        name: Work("preparation", there, first_of[name])
+        for name, there in data.items()
+        if name in first_of and there.preparation(first_of[name], store) is not None
+    }
+    prepared: dict[str, Future[None]] = {}
+
+    def working(work: Work) -> None:
+        task, scenario = work.task(store), work.plan.cell.scenario
+        with progress.cell(str(task.plan.cell), sum(task.sizes.values())) as bar:
+            if work.role == "cell" and scenario in prepared:
+                prepared[scenario].result()
+            if not stop.is_set():
+                where.do(work, store, bar, stop)
+
+    works = [Work("cell", data[plan.cell.scenario], plan) for plan in unfinished]
+    if where.slots > 1:
+        # What took long to tune takes long to run: begun last, it would be worked on alone.
+        works.sort(key=lambda work: work.plan.spent.get("seconds") or 0.0, reverse=True)
+    with progress.cells(len(works) + len(preparations)), ThreadPoolExecutor(where.slots) as pool:
+        # They are begun before any cell that waits for one.
+        for scenario, work in preparations.items():
+            prepared[scenario] = pool.submit(working, work)
+        futures = [*prepared.values(), *(pool.submit(working, work) for work in works)]
+        try:
+            wait(futures, return_when=FIRST_EXCEPTION)
+        except KeyboardInterrupt:
+            return False
+        finally:
+            stop.set()
+            pool.shutdown(cancel_futures=True)
+    errors = [future.exception() for future in futures if not future.cancelled()]
+    for error in errors:
+        if isinstance(error, EitbenchError):
+            raise EitbenchError(
+                f"{error} What was finished is kept: when that is mended, continue with "
+                f"`eitbench run --resume {store.path}`."
+            ) from error
+        if error is not None and not isinstance(error, StoppedError):
+            raise error
+    return True

@@ -1,0 +1,85 @@
+"""The tracks that are run beside the ranked one; `gaps` compares them.
+
+`default` are a method's own parameters, `tuned` those chosen on validation data, and `oracle` the
+best on the test split among all that were tried: what tuning left unused. The oracle has seen the
+test split, so that it is shown as a gap and never ranked.
+"""
+
+import json
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+
+from eitbench.benchmark.metrics.aggregation import aggregate
+from eitbench.benchmark.metrics.statistics import once
+from eitbench.benchmark.run.cell_task import CellData, CellPlan
+from eitbench.benchmark.rundir.kinds import METHOD_RUNS
+from eitbench.benchmark.rundir.manifest import Manifest
+from eitbench.benchmark.rundir.store import RunStore
+
+if TYPE_CHECKING:
+    from eitbench.benchmark.rundir.plan import Plan
+
+
+def other_cells(plan: "Plan", data: CellData, name: str) -> list[Manifest]:
+    """Entries of the manifest for the cells of `name` on the tracks beside the ranked one."""
+    choice = data.choice(name)
+    if choice is None:
+        return []  # its one track is the default
+    wanted: dict[str, dict[str, Any]] = {}
+    if "default" in plan.tracks:
+        wanted["default"] = {}
+    if "oracle" in plan.tracks:
+        # The first trial is that of the defaults.
+        tried = [t["parameters"] for t in choice["trials"] if t["status"] != "failed"]
+        others = [parameters for parameters in tried if parameters != choice["parameters"]]
+        wanted |= {f"trial-{k:02d}": parameters for k, parameters in enumerate(others)}
+    return [
+        {
+            "scenario": data.scenario.name,
+            "name": name,
+            "variant": variant,
+            "track": "default" if variant == "default" else "oracle",
+            "parameters": parameters,
+            "spent": {},
+            "weights": data.weights(name),
+        }
+        for variant, parameters in wanted.items()
+    ]
+
+
+def write_tracks(store: RunStore, cells: Sequence[CellPlan]) -> None:
+    """Write the rows of the tracks `default` and `oracle`, where these were run to the end."""
+    tables = []
+    for main in (plan for plan in cells if not plan.cell.variant):
+        others = [c for c in cells if c.cell.variant and _same(c, main)]
+        if not others or not all(store.finished(c.cell) for c in (main, *others)):
+            continue
+        rows = {c.cell.variant: (c.parameters, store.rows(c.cell)) for c in (main, *others)}
+        if "default" in rows:
+            tables.append(_labelled("default", *rows["default"]))
+        if any(c.track == "oracle" for c in others):
+            best = max(rows.values(), key=lambda pair: _goodness(pair[1]))
+            tables.append(_labelled("oracle", *best))
+    if tables:
+        store.write_tracks(pd.concat(tables, ignore_index=True))
+
+
+def _same(plan: CellPlan, other: CellPlan) -> bool:
+    return (plan.cell.scenario, plan.cell.name) == (other.cell.scenario, other.cell.name)
+
+
+def _labelled(track: str, parameters: dict[str, Any], rows: pd.DataFrame) -> pd.DataFrame:
+    return rows.assign(track=track, parameters=json.dumps(parameters, default=str))
+
+
+def _goodness(rows: pd.DataFrame) -> float:
+    """The figure that ranks, larger better."""
+    for name in METHOD_RUNS.ranked_by:
+        card = METHOD_RUNS.metrics[name]
+        value = float(once(lambda counts: aggregate(rows, [card], counts), len(rows))[0])  # noqa: B023
+        if np.isfinite(value):
+            return value if card.best == "max" else -value
+    return -np.inf

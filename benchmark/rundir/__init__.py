@@ -1,0 +1,1 @@
+"""The run directory: plan, manifest, locked store of rows and arrays."""

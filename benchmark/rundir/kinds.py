@@ -1,0 +1,69 @@
+"""The two kinds of runs: those that rank methods and those that rank forward operators."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from eitbench.benchmark.metrics.operator_specs import OPERATOR_COSTS, OPERATOR_METRICS
+from eitbench.benchmark.metrics.specs import METRICS, MetricCard
+
+
+@dataclass(frozen=True)
+class RunKind:
+    """What a run ranks, and where its directory holds what of it.
+
+    Attributes:
+        name: "method" or "operator": the column of every table that says who is ranked.
+        table: file with one row per scenario and method or operator.
+        arrays: file with what they returned.
+        array: name of that in the file.
+        labels: columns beside the name that tell rows of one scenario apart.
+        metrics: a card for each figure of accuracy.
+        costs: columns of times and memory.
+        facts: columns of text.
+        ranked_by: what decides a rank, by the first of these that any row of the scenario has.
+    """
+
+    name: str
+    table: str
+    arrays: str
+    array: str
+    labels: tuple[str, ...]
+    metrics: Mapping[str, MetricCard]
+    costs: tuple[str, ...]
+    facts: tuple[str, ...]
+    ranked_by: tuple[str, ...]
+
+
+METHOD_RUNS = RunKind(
+    name="method",
+    table="methods.parquet",
+    arrays="reconstructions.h5",
+    array="conductivity",
+    labels=("track",),
+    metrics=METRICS,
+    costs=(
+        "first_frame_ms",
+        "frame_ms_p50",
+        "frame_ms_p99",
+        "batch_fps",
+        "setup_s",
+        "train_s",
+        "memory_mb",
+    ),
+    facts=("differs",),
+    # A true conductivity gives a score, true classes a CC, presses a place, and recordings else a
+    # response.
+    ranked_by=("score", "cc", "localisation_mm", "repeatability_db"),
+)
+OPERATOR_RUNS = RunKind(
+    name="operator",
+    table="operators.parquet",
+    arrays="voltages.h5",
+    array="voltages",
+    labels=(),
+    metrics=OPERATOR_METRICS,
+    costs=tuple(OPERATOR_COSTS),
+    facts=("trained_on",),
+    ranked_by=("mse",),
+)
+RUN_KINDS = {"methods": METHOD_RUNS, "operators": OPERATOR_RUNS}

@@ -1,0 +1,77 @@
+"""Parquet files of run directories: read if they hold what was written, in bounded memory."""
+
+from collections.abc import Iterable
+from pathlib import Path
+
+import pandas as pd
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
+
+from eitbench.benchmark.rundir.parquet_footer import codecs
+from eitbench.scenarios.limits import most_bytes
+
+CODECS = ("SNAPPY", "UNCOMPRESSED")
+"""Those that we write; others can hold thousands of times their size."""
+
+
+def write_parquet(table: pd.DataFrame, path: Path) -> None:
+    """Write `table` to the new file `path`, with a checksum for each of its pages."""
+    table.to_parquet(path, index=False, write_page_checksum=True)
+
+
+def read_parquet(path: Path) -> pd.DataFrame:
+    """The table at `path`.
+
+    Raises:
+        Exception: whatever the damage leads to, with its reason.
+    """
+    most = most_bytes(path)
+    with pq.ParquetFile(path) as file:
+        about, schema = file.metadata, file.schema_arrow
+        for field in schema:
+            if pa.types.is_nested(field.type):
+                raise ValueError(f"column {field.name!r} holds neither numbers nor text")
+        used = codecs(path)
+        if not used <= set(CODECS):
+            raise ValueError(f"it is compressed with {', '.join(sorted(used))}")
+        if about.num_rows * about.num_columns * 8 > most:
+            raise ValueError("it claims to be much larger than the file")
+    texts = [field.name for field in schema if _is_text(field.type)]
+    # As a dictionary a text that is repeated a million times takes its memory once.
+    table = pq.read_table(path, columns=texts, read_dictionary=texts)
+    table.validate(full=True)  # it is UTF-8
+    if sum(map(_length, table.columns)) > most:
+        raise ValueError("its texts are much larger than the file")
+    # Without its checksums a flipped bit would be another figure.
+    return pd.read_parquet(path, page_checksum_verification=True)
+
+
+def _is_text(kind: pa.DataType) -> bool:
+    known = (pa.types.is_string, pa.types.is_large_string, pa.types.is_binary,
+             pa.types.is_large_binary)  # fmt: skip
+    return any(of(kind) for of in known)
+
+
+def _length(column: pa.ChunkedArray) -> int:
+    """How many bytes the texts of a column take when each is written out."""
+    found = 0
+    for chunk in column.chunks:
+        if isinstance(chunk, pa.DictionaryArray):
+            lengths = pc.binary_length(chunk.dictionary).cast(pa.int64())
+            found += pc.sum(lengths.take(chunk.indices)).as_py() or 0
+        else:
+            found += chunk.nbytes
+    return found
+
+
+def wrong_kind(table: pd.DataFrame, texts: Iterable[str], numbers: Iterable[str]) -> str | None:
+    """The first of the columns that is there and holds something else; None if all are right."""
+    for names, right in (
+        (texts, pd.api.types.is_string_dtype),
+        (numbers, pd.api.types.is_numeric_dtype),
+    ):
+        for name in names:
+            if name in table and not (right(table[name]) or table[name].isna().all()):
+                return name
+    return None

@@ -1,0 +1,1 @@
+"""Experiments of many runs or trainings: training studies, published claims, real presses."""

@@ -1,0 +1,44 @@
+"""The learning curves that are kept beside trained weights."""
+
+import json
+
+import pandas as pd
+
+from eitbench.methods.learned.image_networks import Learned
+from eitbench.methods.registry import methods
+from eitbench.scenarios.errors import DataCorruptError, InputError
+from eitbench.scenarios.recordings.catalogue import foam16
+from eitbench.scenarios.sensors.sensor import Sensor
+
+
+def learning_curve(method: str, sensor: Sensor) -> pd.DataFrame:
+    """One row per epoch of the training whose weights the learned `method` uses for `sensor`.
+
+    Columns: `epoch`, `train` and `validation` (data loss), `train_physical` and
+    `validation_physical` where the training logged them, `rate`, `seconds`.
+
+    Raises:
+        InputError: there are no weights, or no curve beside them, or the method learns nothing.
+        DataCorruptError: the weights or the curve are damaged.
+    """
+    cls = methods().get(method)
+    if cls is None or not issubclass(cls, Learned):
+        raise InputError(f"{method!r} is no method that is trained.")
+    path = cls.files.load(sensor).path.with_suffix(".json")
+    if not path.is_file():
+        raise InputError(f"There is no learning curve {path} beside the weights of {method!r}.")
+    try:
+        return pd.DataFrame(json.loads(path.read_text())["curve"])
+    except (ValueError, KeyError, TypeError, RecursionError) as error:
+        raise DataCorruptError(
+            f"{path} holds no learning curve: train {method!r} again."
+        ) from error
+
+
+def paper_curves() -> dict[str, pd.DataFrame]:
+    """The learning curves of "dnn" and "phydnn" on the sensor of the paper.
+
+    Raises:
+        InputError, DataCorruptError: as `learning_curve`.
+    """
+    return {name: learning_curve(name, foam16()) for name in ("dnn", "phydnn")}

@@ -1,0 +1,176 @@
+"""How many real presses a method needs: places straight from voltages, cross-validated.
+
+A second track beside the suites: here methods may learn from real presses of the sensor they are
+scored on. Presses are split into `FOLDS` parts in a random order; each part is scored by what was
+learned from the first 0, 25, ... presses of the other parts.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import joblib
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from eitbench.benchmark.metrics.tactile import fit_similarity
+from eitbench.methods import Problem
+from eitbench.methods.learned.linear_touch import unit_frames
+from eitbench.methods.places.kernel_ridge import Kernel, gaussians, kernel_ridge, linear
+from eitbench.methods.places.place_network import REAL, SIMULATED, PlaceNetwork
+from eitbench.methods.training.job import no_split
+from eitbench.scenarios.data.datasets import load
+from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.phantoms.contacts import locate
+from eitbench.scenarios.recordings import recorded_set
+from eitbench.scenarios.seeds import generator
+from eitbench.scenarios.suites.scenario import RecordedScenario
+from eitbench.scenarios.suites.suite import learned_from
+
+Array = NDArray[np.float64]
+
+COUNTS = (0, 25, 100, 400)
+FOLDS = 5
+SIMULATED_PRESSES = 3000
+SEEDS = (0, 1, 2)
+"""Of the networks whose places are averaged."""
+
+
+@dataclass(frozen=True, eq=False)
+class Presses:
+    """Frames and what is known of them.
+
+    Attributes:
+        frames: (n, M) differences to the untouched frame.
+        places: (n, 2) [m].
+    """
+
+    frames: Array
+    places: Array
+
+    def __len__(self) -> int:
+        """Number of presses n."""
+        return len(self.frames)
+
+    def __getitem__(self, rows: NDArray[np.intp] | slice) -> "Presses":
+        """Some of them."""
+        return Presses(self.frames[rows], self.places[rows])
+
+
+Estimator = Callable[[Array], Array]
+"""From differences (n, M) to places (n, 2) [m]."""
+
+
+class Estimators:
+    """What learns places: from real presses, from simulated ones, or from both."""
+
+    def __init__(self, simulated: Presses, centre: Array, scale: float) -> None:
+        m = simulated.frames.shape[1]
+        self._fresh = [PlaceNetwork(m, centre, scale, seed) for seed in SEEDS]
+        self._taught = [
+            network.trained(simulated.frames, simulated.places, SIMULATED)
+            for network in self._fresh
+        ]
+        self._centre = centre
+
+    def known(self, count: int) -> Mapping[str, Callable[[Presses], Estimator]]:
+        """Those that can learn from `count` real presses, by name."""
+        if count == 0:
+            return {"one place": self._guess, "simulated network": self._simulated}
+        return {
+            "one place": self._guess,
+            "ridge": partial(self._regression, kernels=lambda _: [linear]),
+            "kernel ridge": partial(self._regression, kernels=gaussians),
+            "simulated network": self._simulated,
+            "network": partial(self._networks, self._fresh),
+            "fine-tuned network": partial(self._networks, self._taught),
+        }
+
+    def _guess(self, presses: Presses) -> Estimator:
+        place = presses.places.mean(axis=0) if len(presses) else self._centre
+        return lambda frames: np.tile(place, (len(frames), 1))
+
+    @staticmethod
+    def _regression(presses: Presses, kernels: Callable[[Array], Sequence[Kernel]]) -> Estimator:
+        x = unit_frames(presses.frames)
+        found = kernel_ridge(x, presses.places, kernels(x))
+        return lambda frames: found(unit_frames(frames))
+
+    def _simulated(self, presses: Presses) -> Estimator:
+        """Real presses register the network's frame with the robot's, and teach nothing else."""
+        estimate = partial(_mean_place, self._taught)
+        register = fit_similarity(estimate(presses.frames), presses.places)
+        if register is None:
+            return estimate
+        return lambda frames: register(estimate(frames))
+
+    @staticmethod
+    def _networks(networks: list[PlaceNetwork], presses: Presses) -> Estimator:
+        trained = [network.trained(presses.frames, presses.places, REAL) for network in networks]
+        return partial(_mean_place, trained)
+
+
+def _mean_place(networks: list[PlaceNetwork], frames: Array) -> Array:
+    return np.asarray(np.mean([network(frames) for network in networks], axis=0))
+
+
+def real_trained(recording: str, *, jobs: int = 1) -> pd.DataFrame:
+    """Errors of every estimator, count and press: `estimator`, `presses`, `press`, `error_mm`.
+
+    Raises:
+        InputError: unknown recorded set, or one that knows no places or has too few presses.
+        DataUnavailableError: it is neither here nor within reach.
+    """
+    if recorded_set(recording).truth != "position":
+        raise InputError(
+            f"The recorded set {recording!r} does not know where it was pressed: choose one that "
+            "does (eitbench list recordings)."
+        )
+    scenario = RecordedScenario(name=recording, recording=recording)
+    real = _real(scenario)
+    if len(real) < max(COUNTS) * FOLDS / (FOLDS - 1):
+        raise InputError(f"The recorded set {recording!r} has only {len(real)} presses.")
+    sensor = scenario.nominal_sensor
+    x0, y0, x1, y1 = sensor.outline.bounds
+    centre = np.array([x0 + x1, y0 + y1]) / 2
+    estimators = Estimators(_simulated(scenario), centre, max(x1 - x0, y1 - y0) / 2)
+    order = generator("real-trained", recording).permutation(len(real))
+    folds = np.array_split(order, FOLDS)
+    parts: list[pd.DataFrame] = joblib.Parallel(n_jobs=jobs, inner_max_num_threads=1)(
+        joblib.delayed(_fold)(estimators, real, fold, np.concatenate(folds[:k] + folds[k + 1 :]))
+        for k, fold in enumerate(folds)
+    )
+    return pd.concat(parts, ignore_index=True)
+
+
+def _fold(
+    estimators: Estimators, real: Presses, scored: NDArray[np.intp], others: NDArray[np.intp]
+) -> pd.DataFrame:
+    tables = []
+    for count in COUNTS:
+        for name, learn in estimators.known(count).items():
+            found = learn(real[others[:count]])(real.frames[scored])
+            error = 1e3 * np.hypot(*(found - real.places[scored]).T)
+            row = {"estimator": name, "presses": count, "press": scored, "error_mm": error}
+            tables.append(pd.DataFrame(row))
+    return pd.concat(tables, ignore_index=True)
+
+
+def _real(scenario: RecordedScenario) -> Presses:
+    """All presses of the set, whatever split of the suites they are in."""
+    splits = [load(scenario, split) for split in ("validation", "test")]
+    problem = Problem(splits[0].sensor, splits[0].reference, no_split)
+    return Presses(
+        np.concatenate([problem.difference(data.voltages) for data in splits]),
+        np.concatenate([data.samples[["x_m", "y_m"]].to_numpy(np.float64) for data in splits]),
+    )
+
+
+def _simulated(scenario: RecordedScenario) -> Presses:
+    data = load(learned_from(scenario), "train", SIMULATED_PRESSES)
+    assert data.conductivity is not None  # simulated
+    return Presses(
+        data.voltages - data.reference,
+        locate(data.conductivity - data.sensor.background, data.sensor),
+    )

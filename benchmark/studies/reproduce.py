@@ -1,0 +1,63 @@
+"""Runs what the published claims are about, and nothing else."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from eitbench.benchmark.run.progress import RunProgress
+from eitbench.benchmark.run.runner import RunInterruptedError, resume_run, start_run
+from eitbench.benchmark.rundir import manifest
+from eitbench.benchmark.rundir.plan import Plan, make_plan
+from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.suites.suite import load_suite
+
+CLAIMED_METHODS = ("noser", "tv", "dnn", "phydnn")
+CLAIMED_OPERATORS = ("surrogate", "jacobian")
+SCENARIOS = ("paper",)
+
+
+def run_claims(
+    out: Path, *, limit: int | None = None, jobs: int = 1, progress: RunProgress | None = None
+) -> list[Path]:
+    """Run the methods and operators of the published tables, each suite into its folder in `out`.
+
+    A run that is there already is continued if it was stopped, and taken as it is if it is
+    finished.
+
+    Raises:
+        InputError: `out` holds runs of other choices.
+        RunInterruptedError: Ctrl-C or SIGTERM; the same call continues.
+        EitbenchError: as `start_run`.
+    """
+    folders = []
+    for plan in _plans(limit):
+        folder = out / plan.suite.name
+        try:
+            if (folder / manifest.FILE_NAME).is_file():
+                _check_same(plan, folder)
+                resume_run(folder, jobs=jobs, progress=progress)
+            else:
+                start_run(plan, folder, jobs=jobs, progress=progress)
+        except RunInterruptedError as interrupted:
+            again = "" if limit is None else f" --limit {limit}"
+            raise RunInterruptedError(
+                f"Interrupted: finished rows are kept in {folder}. Continue with "
+                f"`eitbench reproduce --out {out}{again}`."
+            ) from interrupted
+        folders.append(folder)
+    return folders
+
+
+def _plans(limit: int | None) -> Sequence[Plan]:
+    paper, operators = load_suite("paper"), load_suite("operators")
+    return (
+        make_plan(paper, methods=CLAIMED_METHODS, scenarios=SCENARIOS, limit=limit),
+        make_plan(operators, operators=CLAIMED_OPERATORS, scenarios=SCENARIOS, limit=limit),
+    )
+
+
+def _check_same(plan: Plan, folder: Path) -> None:
+    if Plan.of(manifest.read_resumable(folder), folder) != plan:
+        raise InputError(
+            f"{folder} holds a run with another --limit or of another version: give another --out, "
+            f"or judge by what it holds with --runs {folder}."
+        )

@@ -1,0 +1,242 @@
+"""Studies: many trainings that differ in what is asked about, scored alike, and resumable.
+
+A study's folder holds `study.json` (what is asked), a folder for each training, with its learning
+curve and, once it is scored, its `samples.parquet`, and, when all are done, one `samples.parquet`
+of all their rows: one row per training, scenario and sample.
+"""
+
+from __future__ import annotations
+
+import itertools
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import joblib
+import numpy as np
+import pandas as pd
+
+from eitbench.benchmark.analysis.results import read_json, read_table
+from eitbench.benchmark.metrics.evaluation import evaluate
+from eitbench.benchmark.rundir.lock import locked
+from eitbench.methods import Problem, create
+from eitbench.methods.training import Request, train
+from eitbench.methods.training.job import no_split, training_scenario
+from eitbench.methods.training.keeper import DivergedError
+from eitbench.methods.weights.weight_files import sensor_key
+from eitbench.scenarios.atomic_write import atomic_write
+from eitbench.scenarios.data.datasets import load
+from eitbench.scenarios.errors import InputError, unknown_name
+from eitbench.scenarios.suites.scenario import SimulatedScenario
+from eitbench.scenarios.suites.suite import load_suite
+
+if TYPE_CHECKING:
+    from eitbench.scenarios.suites.scenario import Split
+
+Variant = Mapping[str, Any]
+
+SAMPLES = "samples.parquet"
+METRICS = ("ssim", "cc", "rie", "psnr", "score")
+
+BETAS = tuple(float(f"{beta:.3g}") for beta in np.geomspace(1e-4, 0.5, 52))
+"""As many values as published, between the same ends; how those were spaced is not stated."""
+
+OTHER_SUITES = ("noise", "shapes")
+"""Where trainings are scored beside the data they were made for, if the sensor is the same."""
+
+
+@dataclass(frozen=True)
+class TrainingStudy:
+    """A question that trainings answer.
+
+    Attributes:
+        title: the question.
+        grid: the values of what is chosen; every combination is trained.
+        split: that of the training's scenario which the trainings are scored on.
+        elsewhere: whether they are scored on the test splits of `OTHER_SUITES`, too.
+        request: the training of a choice.
+    """
+
+    title: str
+    grid: Mapping[str, Sequence[Any]]
+    split: Split
+    elsewhere: bool
+    request: Callable[[Request, Variant], Request]
+
+
+def _with_beta(request: Request, choice: Variant) -> Request:
+    return replace(request, beta=choice["beta"])
+
+
+def _with_loss(request: Request, choice: Variant) -> Request:
+    request = replace(request, seed=choice["seed"])
+    if choice["physics"] == "none":
+        return replace(request, name="dnn")
+    return replace(request, operator=choice["physics"])
+
+
+def _with_size(request: Request, choice: Variant) -> Request:
+    return replace(request, name="dnn", limit=choice["samples"], backbone=choice["backbone"])
+
+
+STUDIES: dict[str, TrainingStudy] = {
+    "beta": TrainingStudy(
+        "Which weight of the physical loss is best?",
+        {"beta": BETAS},
+        "validation",
+        False,
+        _with_beta,
+    ),
+    "physics": TrainingStudy(
+        "Does a physical loss help, and through which operator?",
+        {"physics": ("none", "surrogate", "fem"), "seed": (0, 1, 2)},
+        "test",
+        True,
+        _with_loss,
+    ),
+    "size": TrainingStudy(
+        "What are more data and a larger network worth?",
+        {"samples": (750, 1500, 3000, 6000), "backbone": ("unet-small", "unet")},
+        "validation",
+        False,
+        _with_size,
+    ),
+}
+
+
+@dataclass(frozen=True)
+class StudyBudget:
+    """What the trainings of a study may cost; the same for all.
+
+    Attributes:
+        suite: with the data.
+        epochs: of each training.
+        limit: training samples; all by default.
+        scored: samples of each scenario that a training is scored on; all by default.
+        operator: forward operator of the physical loss, where the study does not choose it.
+    """
+
+    suite: str
+    epochs: int | None = None
+    limit: int | None = None
+    scored: int | None = None
+    operator: str = "surrogate"
+
+
+def run_study(
+    name: str, budget: StudyBudget, out: Path, *, jobs: int = 1, progress: bool = False
+) -> pd.DataFrame:
+    """Train and judge all of a study, or what is missing in the folder `out`.
+
+    Returns one row per training, scenario and sample: the choice, `scenario`, `sample`, `METRICS`,
+    `train_s`. A training that diverged has one row without figures.
+
+    Raises:
+        InputError: no such study, one that does not fit its suite or its budget, a folder of
+            another, or one that another process works in.
+        EitbenchError: as for `train`.
+    """
+    if name not in STUDIES:
+        raise unknown_name("study", name, STUDIES)
+    scenario = training_scenario(load_suite(budget.suite))
+    if budget.limit is not None and "samples" in STUDIES[name].grid:
+        raise InputError(f"The study {name!r} is about numbers of samples: leave out --limit.")
+    settings = {"study": name, **vars(budget), "data": scenario.data_hash("train")}
+    _begin(out, settings)
+    study = STUDIES[name]
+    choices = [
+        dict(zip(study.grid, values, strict=True))
+        for values in itertools.product(*study.grid.values())
+    ]
+    with locked(out):
+        # One training a task: a process that is free takes the next, and none is begun twice.
+        tables = joblib.Parallel(n_jobs=jobs, batch_size=1)(
+            joblib.delayed(_rows)(study, choice, budget, out, progress and jobs == 1)
+            for choice in choices
+        )
+    table: pd.DataFrame = pd.concat(tables, ignore_index=True)
+    table.to_parquet(out / SAMPLES)
+    return table
+
+
+def _begin(out: Path, settings: Mapping[str, Any]) -> None:
+    """Note what is studied in `out`, or check that it is this.
+
+    Raises:
+        InputError: it is something else.
+    """
+    file = out / "study.json"
+    if file.is_file():
+        begun = read_json(file)
+        for name, value in settings.items():
+            if begun.get(name) != value:
+                raise InputError(
+                    f"{out} holds a study with {name} {begun.get(name)!r}, not {value!r}: choose "
+                    "another folder with --out."
+                )
+        return
+    if out.exists() and any(out.iterdir()):
+        raise InputError(f"{out} is not empty and holds no study: choose another folder.")
+    out.mkdir(parents=True, exist_ok=True)
+    file.write_text(json.dumps(settings, indent=1) + "\n")
+
+
+def _rows(
+    study: TrainingStudy, choice: Variant, budget: StudyBudget, out: Path, progress: bool
+) -> pd.DataFrame:
+    """The rows of a training, which is done unless they are there; one without figures if lost."""
+    folder = out / _label(choice)
+    finished = folder / SAMPLES
+    if not finished.is_file():
+        base = Request(
+            "phydnn",
+            budget.suite,
+            budget.epochs,
+            limit=budget.limit,
+            operator=budget.operator,
+            out=folder,
+            use=False,
+            progress=progress,
+        )
+        try:
+            table = _judged(study, study.request(base, choice), budget.scored)
+        except DivergedError:
+            table = pd.DataFrame([{"scenario": ""}])
+        atomic_write(finished, table.to_parquet())
+    return read_table(finished).assign(**choice)
+
+
+def _label(choice: Variant) -> str:
+    return "-".join(f"{name}-{value}" for name, value in sorted(choice.items()))
+
+
+def _judged(study: TrainingStudy, request: Request, limit: int | None) -> pd.DataFrame:
+    """Train as asked and judge; the curve stays, the weights do not."""
+    training = train(request)
+    about = json.loads(training.weights.with_suffix(".json").read_text())
+    tables = []
+    for scenario, split in _scenarios(study, request.suite):
+        data = load(scenario, split, limit)
+        method = create(request.name, weights=str(training.weights))
+        method.fit(Problem(data.sensor, data.reference, no_split))
+        table = evaluate(data, method.reconstruct(data.voltages))[["sample", *METRICS]]
+        tables.append(table.assign(scenario=scenario.name, train_s=float(about["train_s"])))
+    for weights in training.weights.parent.glob("*.safetensors"):
+        weights.unlink()
+    return pd.concat(tables, ignore_index=True)
+
+
+def _scenarios(study: TrainingStudy, suite: str) -> list[tuple[SimulatedScenario, Split]]:
+    """What the trainings of a study are scored on."""
+    own = training_scenario(load_suite(suite))
+    found: list[tuple[SimulatedScenario, Split]] = [(own, study.split)]
+    for name in OTHER_SUITES if study.elsewhere else ():
+        found += [
+            (scenario, "test")
+            for scenario in load_suite(name).scenarios
+            if isinstance(scenario, SimulatedScenario)
+            and sensor_key(scenario.nominal_sensor) == sensor_key(own.nominal_sensor)
+        ]
+    return found

@@ -1,0 +1,1 @@
+"""Hyper-parameters selected on the validation split, with one budget for all methods."""

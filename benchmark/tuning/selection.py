@@ -1,0 +1,193 @@
+"""Hyper-parameters that were chosen on validation data: their records, and how they are found."""
+
+import json
+import logging
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from eitbench.scenarios.atomic_write import atomic_write
+from eitbench.scenarios.cache_dir import cache_dir
+from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.sensors.sensor import content_hash
+from eitbench.scenarios.suites.scenario import Scenario, SimulatedScenario
+
+_log = logging.getLogger(__name__)
+
+PACKAGED = Path(__file__).parent / "selected"
+RULE = (
+    "Coordinate search over the values that a method declares in `search`, from its defaults, then "
+    "seeded TPE for what is left of the budget of trials and seconds, which is the same for every "
+    "method; each trial scored on the first 18 validation samples (100 of a recorded set) with the "
+    "noise of the test split, by the figure the scenario is ranked by, and given up where the "
+    "samples so far say by Wilcoxon's test (p < 0.02) that it is worse than the best. The test "
+    "split is never loaded."
+)
+
+
+EndedBy = Literal["trials", "seconds", "space"]
+
+
+@dataclass(frozen=True)
+class TuningBudget:
+    """What a study may spend; whichever is reached first ends it.
+
+    Attributes:
+        trials: sets of parameters.
+        seconds: time in the method [s], set-up and failed trials included.
+    """
+
+    trials: int = 16
+    seconds: float = 1200.0
+
+    def __post_init__(self) -> None:
+        """Raise InputError for a time that is not finite: it is the same for every method."""
+        if not math.isfinite(self.seconds):
+            raise InputError(f"A budget is a finite number of seconds, got {self.seconds}.")
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One set of parameters.
+
+    Attributes:
+        figure: on all validation samples, larger better; None where it was pruned or failed.
+        status: "pruned" where it was given up as clearly worse than the best.
+        seconds: what it took [s].
+        message: why it failed; "" where it did not.
+    """
+
+    parameters: dict[str, Any]
+    figure: float | None
+    status: Literal["ok", "pruned", "failed"] = "ok"
+    seconds: float = 0.0
+    message: str = ""
+
+
+@dataclass(frozen=True)
+class Selection:
+    """What was chosen for one method, every trial that led to it, and what they cost.
+
+    Attributes:
+        figure: of the parameters; None where no trial gave one.
+        ended_by: what ended the search: a limit, or that all of the space was tried.
+        once_for: names of the scenarios that one choice was made for; empty for one of its own.
+    """
+
+    parameters: dict[str, Any]
+    figure: float | None
+    trials: tuple[Trial, ...]
+    budget: TuningBudget
+    ended_by: EndedBy
+    once_for: tuple[str, ...] = ()
+
+    def describe(self) -> dict[str, Any]:
+        """Plain values for a record."""
+        statuses = [trial.status for trial in self.trials]
+        spent = {
+            "trials": len(statuses),
+            "pruned": statuses.count("pruned"),
+            "failed": statuses.count("failed"),
+            "seconds": round(sum(trial.seconds for trial in self.trials), 2),
+            "ended_by": self.ended_by,
+        }
+        plain = asdict(self)
+        del plain["ended_by"]
+        plain["trials"] = [
+            {
+                "parameters": trial.parameters,
+                "figure": trial.figure,
+                "status": trial.status,
+                "seconds": round(trial.seconds, 3),
+                **({"message": trial.message} if trial.message else {}),
+            }
+            for trial in self.trials
+        ]
+        return {**plain, "spent": spent}
+
+
+def validation_scenario(scenario: Scenario) -> Scenario:
+    """The scenario whose validation split has the noise of the test split.
+
+    A rung of the ladder from simulation to reality is tuned on what its user can simulate: the
+    nominal sensor with the noise that is declared for the validation split.
+    """
+    if isinstance(scenario, SimulatedScenario) and scenario.imperfections is None:
+        noise = scenario.noise.model_copy(update={"validation": scenario.noise.test})
+        return scenario.model_copy(update={"noise": noise})
+    return scenario
+
+
+def validation_key(scenario: Scenario) -> str:
+    """SHA-256 (hex) of what decides a choice: sensor, validation phantoms, noise; or the set.
+
+    Scenarios that differ in name, in sample numbers or in their test phantoms share their choices,
+    and so do a nominal and a calibrated one: what is compared is the calibration alone.
+    """
+    seen = validation_scenario(scenario)
+    if isinstance(seen, SimulatedScenario):
+        return content_hash(
+            {
+                "sensor": seen.nominal_sensor.describe(),
+                "clean": seen.clean_parameters("validation"),
+                "noise": seen.noise.validation,
+            }
+        )
+    named = {"name": seen.recorded_set.name, "calibrated": False}
+    return seen.model_copy(update=named).data_hash("validation")
+
+
+def record(scenario: Scenario, choices: Mapping[str, Selection], folder: Path) -> Path:
+    """Add `choices` to the file for the data of `scenario` in `folder`."""
+    key = validation_key(scenario)
+    path = folder / f"{key[:16]}.json"
+    added = {name: choice.describe() for name, choice in choices.items()}
+    content = {
+        "made_on": scenario.name,
+        "validation_key": key,
+        "rule": RULE,
+        "choices": dict(sorted((_choices(path) | added).items())),
+    }
+    atomic_write(path, (json.dumps(content, indent=1) + "\n").encode())
+    return path
+
+
+def recorded_selection(scenario: Scenario, method: str) -> dict[str, Any] | None:
+    """The record of the choice for `method` on data like `scenario`'s; None where there is none.
+
+    The user's own choices (in the cache) come before the packaged ones.
+    """
+    key = validation_key(scenario)
+    for folder in (user_choices(), PACKAGED):
+        choice: dict[str, Any] | None = _choices(folder / f"{key[:16]}.json").get(method)
+        if choice is not None:
+            return choice
+    return None
+
+
+def selected_parameters(scenario: Scenario, method: str) -> dict[str, Any] | None:
+    """The parameters of `recorded_selection`; None where there is none."""
+    choice = recorded_selection(scenario, method)
+    return None if choice is None else choice["parameters"]
+
+
+def _choices(path: Path) -> dict[str, Any]:
+    """The choices that a file holds; a damaged file is named and counts as empty."""
+    if not path.is_file():
+        return {}
+    try:
+        choices: dict[str, Any] = json.loads(path.read_text())["choices"]
+        for choice in choices.values():
+            dict(choice["parameters"])
+            [(dict(trial["parameters"]), trial["status"]) for trial in choice["trials"]]
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        _log.warning("%s is damaged and is not used: delete it and tune again.", path)
+        return {}
+    return choices
+
+
+def user_choices() -> Path:
+    """Where the user's own choices are kept."""
+    return cache_dir() / "selected"

@@ -1,0 +1,314 @@
+"""One trial of a study: a method with some parameters, scored on more and more validation frames.
+
+The method runs in a worker that is given no other split than the one to train on, within the limits
+of a run, so that one that hangs or dies costs its own trial only.
+"""
+
+import math
+import threading
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any, Literal, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eitbench.benchmark.metrics.evaluation import REGISTRATION_FRAMES, evaluate, fit_registration
+from eitbench.benchmark.tuning.selection import Trial, validation_scenario
+from eitbench.benchmark.workers.method_service import MethodService, MethodSpec, learning_splits
+from eitbench.benchmark.workers.worker import Reply, Worker, WorkerLostError, serve
+from eitbench.methods.registry import create, methods
+from eitbench.scenarios.data.datasets import Dataset, load
+from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.suites.scenario import RecordedScenario, Scenario
+from eitbench.scenarios.suites.suite import Suite
+
+Array = NDArray[np.float64]
+
+FRAMES = 18
+PARTS = 3
+"""A trial is scored on the first third of its frames, on two thirds, on all."""
+DESCRIBE_LIMIT_S = 60.0
+
+FIGURES = {
+    "conductivity": "mean score S",
+    "position": "minus the median localisation error [mm]",
+    "classes": "mean correlation",
+}
+"""What a scenario is ranked by, for each kind of truth; larger is better here."""
+
+
+class TrialService(MethodService):
+    """The worker's side: one set of parameters after the other, for one problem."""
+
+    def describe(self) -> Reply:
+        """What the method lets be chosen, and its defaults; None where there is nothing."""
+        self.load_plugin()
+        search = methods()[self.task.method].search
+        if not search:
+            return Reply(None, 0.0)
+        made = create(self.task.method)
+        for name in search:
+            if not hasattr(made, name):
+                raise InputError(
+                    f"Method {self.task.method!r} lets {name!r} be chosen, but has no such "
+                    "parameter."
+                )
+        defaults = {name: getattr(made, name) for name in search}
+        return Reply(({name: tuple(values) for name, values in search.items()}, defaults), 0.0)
+
+    def fit(self, parameters: dict[str, Any]) -> Reply:
+        """Fit the method with `parameters`."""
+        return self.fitted(parameters)[1]
+
+
+class Reported(Protocol):
+    """What a trial is reported to; one of Optuna's."""
+
+    def report(self, value: float, step: int) -> None:
+        """Note the figure of one frame."""
+
+    def should_prune(self) -> bool:
+        """Whether it is clearly worse than the best so far."""
+
+
+class TrialFailedError(Exception):
+    """The method gave no images; the message says why."""
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What the method may take: for its set-up and for one frame [s], and of memory [MiB]."""
+
+    fit_s: float
+    frame_s: float
+    memory_mb: float
+
+    @classmethod
+    def of(cls, suite: Suite) -> "Limits":
+        """Those of a run of `suite`."""
+        return cls(suite.fit_limit_s, suite.frame_limit_s, suite.memory_limit_mb)
+
+
+class Clock:
+    """Time in the method, up to a limit.
+
+    Attributes:
+        spent: [s] so far.
+    """
+
+    def __init__(self, limit: float) -> None:
+        self.limit, self.spent = limit, 0.0
+
+    def ask(self, worker: Worker, *request: object, limit: float, what: str) -> Any:
+        """The worker's answer, within `limit` and what is left [s].
+
+        Raises:
+            TrialFailedError: there is none; where the worker was lost, the cause says so.
+        """
+        start = time.perf_counter()
+        left = max(self.limit - self.spent, 0.0)
+        try:
+            reply = worker.ask(*request, limit=min(limit, left), what=what)
+        except WorkerLostError as lost:
+            raise TrialFailedError(lost.failure.message) from lost
+        finally:
+            self.spent += time.perf_counter() - start
+        if reply.failure is not None:
+            raise TrialFailedError(reply.failure.message)
+        return reply.value
+
+
+class Validation:
+    """The validation frames of one scenario and the worker that answers them.
+
+    Attributes:
+        data: the frames, with the noise of the test split.
+        standard: (offset, scale): figures count as (figure - offset) / scale.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        method: str,
+        plugin: Path | None,
+        limits: Limits,
+        stop: threading.Event,
+    ) -> None:
+        # Presses also fit the registration, which takes more of them.
+        limit = REGISTRATION_FRAMES if isinstance(scenario, RecordedScenario) else FRAMES
+        self.scenario, self.limits, self._stop = scenario, limits, stop
+        self.data = load(validation_scenario(scenario), split="validation", limit=limit)
+        self.standard = (0.0, 1.0)
+        splits = partial(_training_split, scenario)
+        self._task = MethodSpec(self.data.sensor, self.data.reference, splits, method, {}, plugin)
+        self._worker: Worker | None = None
+        self._images: NDArray[np.float32] = np.empty(0, np.float32)
+
+    def standardise(self) -> None:
+        """Count figures as steps from that of an image of the untouched sensor.
+
+        A step is the standard deviation of that image's figure between frames: so scenarios whose
+        figures differ in unit and spread weigh alike, by a measure that no method decides. Where
+        it is the same for every frame, as a correlation of 0 is, figures count as they are.
+        """
+        untouched = np.full(
+            (len(self.data), *self.data.sensor.image_shape), self.data.sensor.background, np.float32
+        )
+        values = frame_figures(self.data, untouched)
+        spread = float(np.std(values))
+        centre = np.median(values) if self.data.truth == "position" else np.mean(values)
+        self.standard = (float(centre), spread) if spread > 0 else (0.0, 1.0)
+
+    def close(self) -> None:
+        """End the worker."""
+        if self._worker is not None:
+            self._worker.close()
+            self._worker = None
+
+    def search(self) -> tuple[dict[str, tuple[Any, ...]], dict[str, Any]] | None:
+        """What the method lets be chosen and its defaults, from a new worker; None for nothing.
+
+        Raises:
+            InputError: the method cannot be tuned.
+        """
+        self.close()
+        self._worker = Worker(
+            serve,
+            TrialService(self._task),
+            stop=self._stop,
+            memory_limit_mb=self.limits.memory_mb,
+        )
+        try:
+            reply = self._worker.ask("describe", limit=DESCRIBE_LIMIT_S, what="its description")
+        except WorkerLostError as lost:
+            said = lost.failure.message
+            raise InputError(f"Method {self._task.method!r} cannot be tuned: {said}.") from lost
+        if reply.failure is not None:
+            raise InputError(reply.failure.message.removeprefix("InputError: "))
+        found: tuple[dict[str, tuple[Any, ...]], dict[str, Any]] | None = reply.value
+        return found
+
+    def fit(self, parameters: dict[str, Any], clock: Clock) -> None:
+        """Fit the method.
+
+        Raises:
+            TrialFailedError: it cannot be.
+        """
+        self._images = np.full((len(self.data), *self.data.sensor.image_shape), np.nan, np.float32)
+        self._ask(clock, "fit", parameters, limit=self.limits.fit_s, what="set-up")
+
+    def part(self, k: int, clock: Clock) -> Array:
+        """Figures of the frames of part `k`, larger better; the parts are asked for in order.
+
+        Raises:
+            TrialFailedError: there are no valid images.
+        """
+        n, sensor = len(self.data), self.data.sensor
+        rows = slice(n * k // PARTS, n * (k + 1) // PARTS)
+        if rows.start == rows.stop:
+            return np.empty(0)
+        count = rows.stop - rows.start
+        limit, what = self.limits.frame_s * count, f"{count} frames"
+        found = self._ask(
+            clock, "reconstruct", self.data.voltages[rows].copy(), limit=limit, what=what
+        )
+        if not np.isfinite(found[:, sensor.mask]).all():
+            raise TrialFailedError("returned values that are not finite")
+        self._images[rows] = found
+        # Where images are registered, all that there are say how.
+        seen = slice(0, rows.stop) if self.data.truth == "position" else rows
+        return frame_figures(_part_of(self.data, seen), self._images[seen])[-count:]
+
+    def figure(self, parts: Sequence[Array]) -> float:
+        """The figure of all frames, standardised; `parts` are those of the frames."""
+        if self.data.truth == "position":
+            value = float(np.median(frame_figures(self.data, self._images)))
+        else:
+            value = float(np.mean(np.concatenate(parts)))
+        offset, scale = self.standard
+        return (value - offset) / scale
+
+    def _ask(self, clock: Clock, *request: object, limit: float, what: str) -> Any:
+        if self._worker is None:
+            self.search()  # the last one was lost; a new one's start is not the method's time
+        assert self._worker is not None
+        try:
+            return clock.ask(self._worker, *request, limit=limit, what=what)
+        except TrialFailedError as failed:
+            if failed.__cause__ is not None:
+                self.close()
+            raise
+
+
+def run_trial(
+    trial: Reported,
+    parameters: dict[str, Any],
+    validations: Sequence[Validation],
+    seconds: float,
+) -> Trial:
+    """Score `parameters` on all `validations` by their mean figure; report every frame to `trial`.
+
+    `seconds` is what the method may take in all.
+    """
+    clock = Clock(seconds)
+    parts: list[list[Array]] = [[] for _ in validations]
+
+    def ended(
+        status: Literal["ok", "pruned", "failed"], figure: float | None = None, message: str = ""
+    ) -> Trial:
+        return Trial(parameters, figure, status, clock.spent, message)
+
+    try:
+        for validation in validations:
+            validation.fit(parameters, clock)
+        for k in range(PARTS):
+            step = 0
+            for validation, found in zip(validations, parts, strict=True):
+                values = validation.part(k, clock)
+                offset, scale = validation.standard
+                start = step + sum(map(len, found))
+                for j, value in enumerate((values - offset) / scale):
+                    trial.report(float(value), start + j)
+                found.append(values)
+                step += len(validation.data)
+            if k + 1 < PARTS and trial.should_prune():
+                return ended("pruned")
+        figure = float(
+            np.mean([v.figure(found) for v, found in zip(validations, parts, strict=True)])
+        )
+    except TrialFailedError as failed:
+        return ended("failed", message=str(failed))
+    if not math.isfinite(figure):
+        return ended("failed", message="its figure is not finite")
+    return ended("ok", figure)
+
+
+def frame_figures(data: Dataset, estimates: NDArray[np.float32]) -> Array:
+    """What each frame says of the figure the scenario is ranked by, (n,), larger better."""
+    if data.truth == "position":
+        rows = evaluate(data, estimates, fit_registration(data, estimates))
+        return -rows["localisation_mm"].to_numpy(dtype=np.float64)
+    rows = evaluate(data, estimates)
+    name = "cc" if data.truth == "classes" else "score"
+    return rows[name].to_numpy(dtype=np.float64)
+
+
+def _part_of(data: Dataset, rows: slice) -> Dataset:
+    return replace(
+        data,
+        voltages=data.voltages[rows],
+        samples=data.samples.iloc[rows].reset_index(drop=True),
+        phantoms=data.phantoms[rows],
+        classes=None if data.classes is None else data.classes[rows],
+    )
+
+
+def _training_split(scenario: Scenario, split: str, limit: int | None) -> Dataset:
+    """What methods learn from; the frames they are scored on here are not given to them."""
+    if split != "train":
+        raise InputError(f"Methods are not given the {split} split while they are tuned.")
+    return learning_splits(scenario, split, limit)

@@ -1,0 +1,1 @@
+"""Isolated worker processes, and the services that answer in them."""

@@ -1,0 +1,23 @@
+"""What every worker needs, made ready once in the server of processes that workers are forked from.
+
+Imported there, see `process_context`; without it, each worker would spend half a second on it, and
+a method's set-up would be timed with it.
+"""
+
+import gc
+from contextlib import suppress
+from dataclasses import replace
+
+import eitbench.benchmark.workers.method_service  # noqa: F401
+from eitbench.methods.registry import METHOD_REGISTRY
+from eitbench.scenarios.physics.forward import ForwardModel
+from eitbench.scenarios.recordings.catalogue import foam16
+
+METHOD_REGISTRY.import_built_in()
+# What fails here fails again where it is needed, and is told there.
+with suppress(Exception):
+    model = ForwardModel(replace(foam16(), image_shape=(16, 16)))
+    model.jacobian(model.background)  # loads the compiled loops
+# Workers need not look through all this for garbage, nor copy its pages because they looked.
+gc.collect()
+gc.freeze()

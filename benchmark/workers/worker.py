@@ -1,0 +1,306 @@
+"""A process of its own for code that is judged, so that whatever it does costs its own rows only.
+
+The parent sends the name of one of the service's methods with its arguments, and waits for a
+`Reply`, up to a time limit; it never sends truth.
+"""
+
+import os
+import random
+import signal
+import sys
+import threading
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from multiprocessing.connection import Connection, wait
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import psutil
+from numpy.typing import NDArray
+
+from eitbench.benchmark.workers.process import end_tree, start_process
+from eitbench.methods.registry import Plugin, load_plugin
+from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.guard import close_test_split
+from eitbench.scenarios.suites.suite import MEMORY_LIMIT_MB
+
+Status = Literal["ok", "error", "timeout", "invalid-output", "out-of-memory"]
+
+SEED = 0
+POLL_SECONDS, JOIN_SECONDS = 0.2, 5.0
+PLUGIN_LIMIT_S = 60.0
+MAX_MESSAGE = 500
+LOG_LIMIT, LOG_HEAD = 2**24, 2**20  # bytes: a log that is longer than the first keeps the second
+
+
+@dataclass(frozen=True)
+class Failure:
+    """Why a method or operator gave no result.
+
+    Attributes:
+        message: a sentence for people.
+        kinds: for programs: class names of the exception, or "mutated", "shape", "dtype".
+    """
+
+    status: Status
+    message: str
+    kinds: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Reply:
+    """What a worker answers.
+
+    Attributes:
+        value: what was asked for.
+        seconds: time in the method or operator alone.
+        failure: set where it gave no result.
+        memory_mb: peak resident memory of the worker so far [MiB].
+    """
+
+    value: Any
+    seconds: float
+    failure: Failure | None = None
+    memory_mb: float = float("nan")
+
+
+class WorkerLostError(Exception):
+    """The worker is gone: past its limit, dead, or stopped; nothing more can be asked of it."""
+
+    def __init__(self, failure: Failure) -> None:
+        super().__init__(failure.message)
+        self.failure = failure
+
+
+class StoppedError(Exception):
+    """The run was interrupted while a worker was busy."""
+
+
+class Worker:
+    """The parent's end of one worker process; a context manager that always ends the process."""
+
+    def __init__(
+        self,
+        serve: Callable[..., None],
+        *arguments: object,
+        log: Path | None = None,
+        stop: threading.Event | None = None,
+        memory_limit_mb: float = MEMORY_LIMIT_MB,
+    ) -> None:
+        """Start `serve(connection, *arguments)` with its output going to `log` (None: nowhere).
+
+        Args:
+            memory_limit_mb: resident memory that it and the processes it starts may take [MiB].
+        """
+        self._log = log
+        self._stop = stop or threading.Event()
+        self._memory_limit_mb = memory_limit_mb
+        self._process, self._connection = start_process(serve, arguments, log)
+
+    def __enter__(self) -> "Worker":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def ask(self, *request: object, limit: float, what: str) -> Reply:
+        """Send `request` and wait at most `limit` seconds for the answer.
+
+        Raises:
+            WorkerLostError: no answer in time, too much memory, or the process died or answered
+                nonsense; `what` it was doing is said.
+            StoppedError: the run was interrupted.
+        """
+        deadline = time.monotonic() + limit
+        try:
+            self._connection.send(request)
+            while not self._connection.poll():
+                if self._stop.is_set():
+                    self.close()
+                    raise StoppedError
+                left = deadline - time.monotonic()
+                if left <= 0:
+                    self.close()
+                    raise WorkerLostError(
+                        Failure("timeout", f"{what} took longer than {limit:g} s")
+                    )
+                ready = wait([self._connection, self._process.sentinel], min(left, POLL_SECONDS))
+                if self._process.sentinel in ready and not self._connection.poll():
+                    raise EOFError
+                if not ready:
+                    self._shorten_log()
+                    self._hold_to_memory(tree_memory_mb(self._process.pid), what)
+            reply = self._receive(what)
+        except (EOFError, OSError) as error:
+            raise WorkerLostError(self._death(what)) from error
+        self._shorten_log()
+        self._hold_to_memory(reply.memory_mb, what)
+        return reply
+
+    def _hold_to_memory(self, used_mb: float, what: str) -> None:
+        if used_mb > self._memory_limit_mb:
+            self.close()
+            message = f"{what} took more than {self._memory_limit_mb:g} MB of memory"
+            raise WorkerLostError(Failure("out-of-memory", message))
+
+    def _shorten_log(self) -> None:
+        """Keep the head of a log that has grown too long; what is written next is appended."""
+        with suppress(OSError):  # it is not there yet, or its disk has gone
+            if self._log is not None and self._log.stat().st_size > LOG_LIMIT:
+                os.truncate(self._log, LOG_HEAD)
+
+    def _receive(self, what: str) -> Reply:
+        answer: object
+        try:
+            answer = self._connection.recv()
+        except (EOFError, OSError):
+            raise
+        except Exception as error:  # what is on the pipe is no message of ours
+            answer = error
+        if isinstance(answer, Reply):
+            return answer
+        self.close()
+        message = f"its process sent something that is no answer during {what}"
+        raise WorkerLostError(Failure("error", message))
+
+    def close(self) -> None:
+        """End the process and every process it started."""
+        self._connection.close()
+        if self._process.is_alive():
+            if self._process.pid is not None:
+                end_tree(self._process.pid)
+            self._process.kill()
+        # Not for ever: a process that escaped holds the pipe by which an end is seen.
+        self._process.join(JOIN_SECONDS)
+
+    def _death(self, what: str) -> Failure:
+        self._process.join(JOIN_SECONDS)
+        code = self._process.exitcode
+        if code is None:  # alive, but what it sent cannot be read
+            self.close()
+            return Failure("error", f"its process sent something that is no answer during {what}")
+        if code < 0:
+            if -code == getattr(signal, "SIGKILL", None):
+                message = f"its process was killed (out of memory, or by hand) during {what}"
+                return Failure("out-of-memory", message)
+            name = signal.Signals(-code).name
+            return Failure("error", f"its process died of {name} during {what}")
+        return Failure("error", f"its process ended by itself (exit code {code}) during {what}")
+
+
+def serve(connection: Connection, service: object) -> None:
+    """Answer requests, each a method of `service` that gives a `Reply`, until there are no more."""
+    own = os.getpid()
+    while True:
+        operation, *arguments = connection.recv()
+        seed_everything()
+        start = time.perf_counter()
+        try:
+            reply: Reply = getattr(service, operation)(*arguments)
+        except BaseException as error:  # what is judged may raise anything, SystemExit included
+            reply = Reply(None, time.perf_counter() - start, describe_exception(error))
+        if os.getpid() != own:  # what is judged has forked, and its child came back, too
+            os._exit(0)
+        connection.send(replace(reply, memory_mb=peak_memory_mb()))
+
+
+class _PluginReader:
+    """Tells what the file `plugin` registers."""
+
+    def __init__(self, plugin: Path) -> None:
+        self._plugin = plugin
+
+    def names(self) -> Reply:
+        close_test_split()
+        return Reply(load_plugin(self._plugin), 0.0)
+
+
+def plugin_names(path: Path) -> Plugin:
+    """Names of the methods and operators that the file `path` registers; a worker loads it.
+
+    Raises:
+        InputError: the file does not load, or registers nothing.
+    """
+    with Worker(serve, _PluginReader(path)) as worker:
+        try:
+            reply = worker.ask("names", limit=PLUGIN_LIMIT_S, what=f"loading {path.name}")
+        except WorkerLostError as lost:
+            raise InputError(
+                f"The plugin {path} cannot be loaded: {lost.failure.message}."
+            ) from lost
+    if reply.failure is not None:
+        raise InputError(reply.failure.message.removeprefix("InputError: "))
+    names: Plugin = reply.value
+    return names
+
+
+def as_array(answer: object) -> NDArray[Any] | None:
+    """`answer` as an array, waiting for a device that computes asynchronously; None if it is none.
+
+    A part of the answer's time.
+    """
+    try:
+        return np.asarray(answer)
+    except (TypeError, ValueError):
+        return None
+
+
+def shortcoming(
+    answer: object, array: NDArray[Any] | None, expected: tuple[int, ...]
+) -> Failure | None:
+    """Why `array`, made of `answer`, holds no real numbers in the `expected` shape, if so."""
+    if array is None:
+        message = f"returned a {type(answer).__name__} that is not an array"
+        return Failure("invalid-output", message, ("shape",))
+    if array.shape != expected:
+        message = f"returned an array of shape {array.shape} instead of {expected}"
+        return Failure("invalid-output", message, ("shape",))
+    if array.dtype.kind not in "fiu":
+        message = f"returned values of type {array.dtype} instead of real numbers"
+        return Failure("invalid-output", message, ("dtype",))
+    return None
+
+
+def describe_exception(error: BaseException) -> Failure:
+    """The typed failure of an exception that judged code raised, its message fit for any file."""
+    status: Status = "out-of-memory" if isinstance(error, MemoryError) else "error"
+    kinds = tuple(kind.__name__ for kind in type(error).__mro__)
+    try:
+        said = str(error)
+    except Exception:  # its own __str__ may be wrong too
+        said = "(its message cannot be printed)"
+    message = f"{kinds[0]}: {said}".encode(errors="backslashreplace").decode()
+    if len(message) > MAX_MESSAGE:
+        message = message[: MAX_MESSAGE - 1] + "…"
+    return Failure(status, message, kinds)
+
+
+def seed_everything() -> None:
+    """Seed the global generators before every request, so that resuming changes nothing."""
+    random.seed(SEED)
+    np.random.seed(SEED)  # noqa: NPY002  (plugins may draw from the global generator)
+
+
+def tree_memory_mb(pid: int | None) -> float:
+    """Resident memory of the process `pid` and of all that it started [MiB]; 0 where it is gone."""
+    total = 0
+    with suppress(psutil.Error):
+        parent = psutil.Process(pid)
+        for process in (parent, *parent.children(recursive=True)):
+            with suppress(psutil.Error):
+                total += process.memory_info().rss
+    return total / 2**20
+
+
+def peak_memory_mb() -> float:
+    """Peak resident memory of this process [MiB]."""
+    peak_on_windows = getattr(psutil.Process().memory_info(), "peak_wset", None)
+    if peak_on_windows is not None:
+        return float(peak_on_windows) / 2**20
+    import resource  # not on Windows
+
+    unit = 1 if sys.platform == "darwin" else 1024
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 2**20

@@ -1,0 +1,1 @@
+"""Boards without hardware: an emulated sensor, a replayed recording."""

@@ -1,0 +1,146 @@
+"""The board's end of a pseudo-terminal: sends frames on a fixed grid of time, obeys its host."""
+
+import contextlib
+import os
+import pty
+import select
+import termios
+import threading
+import time
+import tty
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eitbench.hardware.emulation.uart import misread
+from eitbench.hardware.protocols import Protocol
+from eitbench.scenarios.sensors.sensor import Sensor
+
+Measure = Callable[[float], NDArray[np.float64]]
+
+_WAKE_S = 0.05  # a thread that is to end notices it within this time
+_ANSWERS = 4096  # bytes that wait for a host; of one that does not read nothing more is answered
+_BAUDS = {
+    getattr(termios, name): int(name[1:])
+    for name in dir(termios)
+    if name[0] == "B" and name[1:].isdigit()
+}
+
+
+class BoardServer:
+    """A board of `protocol` on a pseudo-terminal, which any program can open as a serial port.
+
+    The k-th frame is measured `k / rate_hz` after the board was switched on, or not at all where
+    the machine is late. While no program has the port open, nothing is measured. A program that
+    has it open and does not read makes the board drop frames, as its numbers show.
+
+    Attributes:
+        port: the device to open, such as "/dev/pts/7".
+        rate_hz: frames per second.
+    """
+
+    def __init__(
+        self, protocol: type[Protocol], sensor: Sensor, measure: Measure, rate_hz: float
+    ) -> None:
+        self._baud = protocol.baud
+        self._device = protocol.device(sensor)
+        self._measure = measure
+        self.rate_hz = rate_hz
+        self._number = 0
+        self._unsent = b""
+        self._off = threading.Event()
+        self._cut = False
+        self._master, slave = pty.openpty()
+        self.port = os.ttyname(slave)
+        # Nothing is echoed, and bytes pass as they are, even before a program opens the port. It is
+        # closed here, so that the last program to close it is noticed.
+        tty.setraw(slave)
+        speeds = termios.tcgetattr(slave)
+        speeds[4] = speeds[5] = getattr(termios, f"B{self._baud}")
+        termios.tcsetattr(slave, termios.TCSANOW, speeds)
+        os.close(slave)
+        os.set_blocking(self._master, False)
+        self._thread = threading.Thread(target=self._serve, name=f"board {self.port}", daemon=True)
+
+    def start(self) -> None:
+        """Switch it on."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Switch it off; the device disappears."""
+        self._off.set()
+        self._thread.join()
+
+    def wait(self) -> None:
+        """Return when it is switched off."""
+        self._thread.join()
+
+    def cut(self) -> None:
+        """Switch it off in the middle of the next frame."""
+        self._cut = True
+        self._thread.join()
+
+    def _serve(self) -> None:
+        begin, tick = time.monotonic(), 0
+        try:
+            while not self._off.is_set():
+                due = begin + tick / self.rate_hz
+                self._attend(due)
+                if time.monotonic() < due:
+                    continue
+                cut = self._cut  # read once: it may be asked for while a frame is sent
+                if self._listened() and self._device.running:
+                    self._send(tick / self.rate_hz, cut)
+                if cut:
+                    time.sleep(_WAKE_S)  # what was sent arrives, or the system would forget it
+                    break
+                # What could not be measured in time is left out; the grid stays.
+                tick = max(tick + 1, int((time.monotonic() - begin) * self.rate_hz))
+        finally:
+            os.close(self._master)
+
+    def _listened(self) -> bool:
+        """Whether a program has the port open."""
+        return not self._poll(0) & select.POLLHUP
+
+    def _poll(self, wait_s: float) -> int:
+        poll = select.poll()
+        poll.register(self._master, select.POLLIN | (select.POLLOUT if self._unsent else 0))
+        events = poll.poll(wait_s * 1e3)
+        return events[0][1] if events else 0
+
+    def _attend(self, until_s: float) -> None:
+        """Obey the host until `until_s` on the monotonic clock, but no longer than a moment."""
+        wait_s = min(max(until_s - time.monotonic(), 0), _WAKE_S)
+        events = self._poll(wait_s)
+        if events & select.POLLHUP:
+            self._unsent = b""
+            self._off.wait(wait_s)
+            return
+        if events & select.POLLIN:
+            with contextlib.suppress(OSError):
+                heard = misread(os.read(self._master, 4096), self._host_baud(), self._baud)
+                answer = self._device.obey(heard)
+                if len(self._unsent) < _ANSWERS:
+                    self._write(answer)
+        elif events & select.POLLOUT:
+            self._write(b"")
+
+    def _send(self, time_s: float, cut: bool) -> None:
+        frame = self._device.encode(self._number, time_s, self._measure(time_s))
+        self._number += 1
+        if cut:
+            self._write(frame[: len(frame) // 2])
+        elif not self._unsent:
+            self._write(frame)
+
+    def _write(self, data: bytes) -> None:
+        """Send what is left of the last frame, and then `data`, as far as there is room."""
+        self._unsent += misread(data, self._baud, self._host_baud())
+        with contextlib.suppress(OSError):
+            self._unsent = self._unsent[os.write(self._master, self._unsent) :]
+
+    def _host_baud(self) -> int:
+        """The rate that the program has set; the board's own where that is a special one."""
+        return _BAUDS.get(termios.tcgetattr(self._master)[5], self._baud)

@@ -1,0 +1,90 @@
+"""The sensor behind an emulated board: its own physics, which no method is told of."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eitbench.scenarios.imperfections.imperfections import TYPICAL
+from eitbench.scenarios.imperfections.noise import add_noise
+from eitbench.scenarios.phantoms.press import FOAM
+from eitbench.scenarios.phantoms.regions import Circle, Pose
+from eitbench.scenarios.physics.forward import ForwardModel
+from eitbench.scenarios.seeds import generator
+from eitbench.scenarios.sensors.sensor import Sensor
+
+Array = NDArray[np.float64]
+
+SNR_DB = 60.0
+RELAXATION_S = 3.0
+"""Time constant with which the material creeps under a touch, and recovers after it [s]."""
+
+
+@dataclass(frozen=True)
+class Touch:
+    """A round indenter on the sensor.
+
+    Attributes:
+        x_m, y_m: its centre in the sensor's frame [m].
+        radius_m: [m].
+        pressure_pa: [Pa].
+    """
+
+    x_m: float
+    y_m: float
+    radius_m: float
+    pressure_pa: float
+
+
+class EmulatedSensor:
+    """One unit of a sensor with all imperfections of `scenarios.imperfections.TYPICAL`, in time.
+
+    Fields are solved on a finer mesh than any method uses, electrodes lie off their places, the
+    material drifts and relaxes, and the board's channels are uneven, noisy and rounded.
+
+    Attributes:
+        imperfections: what makes it differ from the nominal sensor.
+    """
+
+    def __init__(self, sensor: Sensor, unit: int = 0) -> None:
+        self.imperfections = TYPICAL.model_copy(update={"unit": unit})
+        self._pattern = sensor.pattern
+        built = replace(sensor, electrodes=self.imperfections.built(sensor))
+        self._model = ForwardModel(built.refined(self.imperfections.mesh_refinement))
+        self._untouched = self._model.voltages(self._model.background)
+        self._crept = np.zeros(self._model.sensor.image_shape)  # logarithm of conductivity
+        self._time_s: float | None = None
+        self._count = 0
+
+    def frame(self, time_s: float, touches: Sequence[Touch]) -> Array:
+        """The frame (M,) [V/A] that the board measures at `time_s` [s], under these touches.
+
+        Times must not go backwards: the material remembers.
+        """
+        sensor = self._model.sensor
+        logarithm = np.zeros(sensor.image_shape)
+        for touch in touches:
+            region = Circle(touch.radius_m, Pose(touch.x_m, touch.y_m))
+            distance = region.distance(*sensor.pixel_centres)
+            logarithm += np.log(FOAM.pressed(touch.pressure_pa, distance))
+        self._creep(time_s, logarithm)
+        drift = self.imperfections.drifted(sensor, time_s)
+        sigma = self._model.background * drift * np.exp(logarithm + self._crept)
+        return self._measured(time_s, self._model.voltages(sigma))
+
+    def _creep(self, time_s: float, logarithm: Array) -> None:
+        """Let the material follow the touch, a share of which remains for a while."""
+        elapsed = 0.0 if self._time_s is None else max(time_s - self._time_s, 0.0)
+        kept = float(np.exp(-elapsed / RELAXATION_S))
+        self._crept = kept * self._crept + (1 - kept) * self.imperfections.relaxation * logarithm
+        self._time_s = time_s
+
+    def _measured(self, time_s: float, clean: Array) -> Array:
+        board, untouched, pattern = self.imperfections, self._untouched, self._pattern
+        (analogue,) = board.analogue_at(np.array([time_s]), clean[None], untouched, pattern)
+        rng = generator("emulated sensor", board.unit, self._count)
+        self._count += 1
+        noisy = add_noise(analogue, SNR_DB, rng)
+        (sent,) = board.digital(noisy[None], untouched, pattern)
+        return np.asarray(sent)

@@ -1,0 +1,127 @@
+"""A recording played back as if a board measured it now."""
+
+import time
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eitbench.hardware.board import Board, BoardError, Frame, Health
+from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.recordings import is_recording, recorded_set
+from eitbench.scenarios.recordings.fetch import read_recording
+from eitbench.scenarios.recordings.files.own import undamaged
+from eitbench.scenarios.sensors.sensor import Sensor
+
+RATE_HZ = 10.0
+"""Frames per second of a set that does not say when its frames were measured."""
+
+_UNTOUCHED = 10  # times the reference of a set comes before its frames, as from an untouched sensor
+
+
+class Replay(Board):
+    """A recorded set or a recording, played back.
+
+    A recorded set begins with a second of its reference. After its last frame no more come.
+
+    Args:
+        file: name of a recorded set, or the path of a recording (.h5).
+        speed: times its own rate.
+        sensor: the sensor that it must be of; any by default.
+
+    Attributes:
+        emulated: what is played was recorded from an emulated board.
+
+    Raises:
+        InputError: an unknown set, a speed that is not above 0, or another sensor.
+        DataUnavailableError, DataCorruptError: as in `read_recording` and `undamaged`.
+    """
+
+    def __init__(self, file: str | Path, speed: float = 1.0, sensor: Sensor | None = None) -> None:
+        if not (np.isfinite(speed) and speed > 0):
+            raise InputError(f"A recording is played at a speed above 0, got {speed:g}.")
+        if is_recording(str(file)):
+            (nominal, times, values), self.emulated = _recording_file(Path(file))
+        else:
+            (nominal, times, values), self.emulated = _recorded_set(str(file)), False
+        if sensor is not None and sensor != nominal:
+            raise InputError(
+                f"{file} was measured on sensor {nominal.name!r}, not on {sensor.name!r}: name "
+                "that one, or none."
+            )
+        super().__init__(nominal)
+        self._values = values
+        self._times = (times - times[0]) / speed
+        self._position = 0
+        self._open = False
+        self._begin: float | None = None  # when frame 0 was, or would have been, sent
+
+    @property
+    def ended(self) -> bool:
+        """Whether all frames were sent."""
+        return self._position == len(self._values)
+
+    def open(self) -> None:
+        """Go to the beginning."""
+        self._position = 0
+        self.health = Health()
+        self._open = True
+
+    def start(self) -> None:
+        """Play."""
+        if not self._open:
+            raise BoardError("The recording is not open: open it first.")
+        if not self.ended:
+            self._begin = time.monotonic() - float(self._times[self._position])
+
+    def frames(self, wait_s: float) -> list[Frame]:
+        """The frames that were due since the last call."""
+        end = time.monotonic() + wait_s
+        due = self._due()
+        if not due and not self.ended and self._begin is not None:
+            end = min(end, self._begin + float(self._times[self._position]))
+        if not due:
+            time.sleep(max(end - time.monotonic(), 0))
+            due = self._due()
+        return due
+
+    def stop(self) -> None:
+        """Pause."""
+        self._begin = None
+
+    def close(self) -> None:
+        """Stop for good."""
+        self._begin = None
+        self._open = False
+
+    def _due(self) -> list[Frame]:
+        if self._begin is None:
+            return []
+        now = time.monotonic()
+        until = int(np.searchsorted(self._times, now - self._begin, side="right"))
+        due = [
+            Frame(k, float(self._times[k]), now, self._values[k])
+            for k in range(self._position, until)
+        ]
+        self._position = max(self._position, until)
+        self.health.frames = self._position
+        return due
+
+
+Frames = tuple[Sensor, NDArray[np.float64], NDArray[np.float64]]
+"""A sensor, times (n,) [s] and values (n, M)."""
+
+
+def _recorded_set(name: str) -> Frames:
+    recorded = recorded_set(name)
+    recording = read_recording(name)
+    untouched = np.repeat(recording.reference[None], _UNTOUCHED, axis=0)
+    values = np.concatenate([untouched, recording.voltages])
+    return recorded.sensor(), np.arange(len(values)) / RATE_HZ, values
+
+
+def _recording_file(path: Path) -> tuple[Frames, bool]:
+    content, _ = undamaged(path)
+    if not len(content):
+        raise InputError(f"{path} holds no frames: there is nothing to play.")
+    return (content.sensor, content.time_s, content.values), content.emulated

@@ -1,0 +1,1 @@
+"""RecordedFrames frames into files: free, guided, exported, imported."""

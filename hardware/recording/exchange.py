@@ -1,0 +1,131 @@
+"""Recordings to and from other formats: CSV, MATLAB, HDF5 and the public recorded sets."""
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from eitbench.hardware.board import Frame
+from eitbench.hardware.recording.recorder import Recorder, check_new
+from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.recordings import is_recording, recorded_set
+from eitbench.scenarios.recordings.fetch import read_recording
+from eitbench.scenarios.recordings.files import layout
+from eitbench.scenarios.recordings.files.csv_file import read_csv, write_csv
+from eitbench.scenarios.recordings.files.mat_recording import read_mat_recording, write_mat
+from eitbench.scenarios.recordings.files.own import undamaged
+from eitbench.scenarios.recordings.files.plain import NO_TIMES
+from eitbench.scenarios.recordings.files.recording_file import Content
+from eitbench.scenarios.sensors.sensor import Sensor
+
+_READERS = {".csv": read_csv, ".mat": read_mat_recording}
+
+
+def export_recording(path: Path, to: Path) -> str:
+    """Write the recording at `path` to the new file `to`; of one that was cut off, what is intact.
+
+    Args:
+        path: of the recording.
+        to: a name that ends in .csv, .mat or .h5.
+
+    Returns:
+        How many frames were written, and what is missing, in sentences.
+
+    Raises:
+        InputError: another ending, `to` exists already, or there are no frames.
+        UnreadableError, DataCorruptError: the recording cannot be read, or is damaged.
+    """
+    writers = {".csv": write_csv, ".mat": write_mat, ".h5": write_recording}
+    if to.suffix not in writers:
+        raise InputError(f"A recording is exported to .csv, .mat or .h5, not to {to.name!r}.")
+    content, condition = undamaged(path)
+    if to.exists():
+        raise InputError(f"{to} exists already and is never overwritten: name another file.")
+    if not len(content):
+        raise InputError(f"{path} holds no frames: there is nothing to export.")
+    writers[to.suffix](content, to)
+    written = f"{len(content)} frames are in {to}."
+    if condition.complete:
+        return written
+    return f"{written} {path} was not closed: what followed them is lost."
+
+
+def import_recording(source: str, to: Path, sensor: Sensor | None = None) -> int:
+    """Make the new recording `to` of `source`; the number of its frames.
+
+    Args:
+        source: path of a .csv or .mat file, or name of a public recorded set.
+        to: a name that ends in .h5.
+        sensor: that the frames were measured on, for files that do not say.
+
+    Raises:
+        InputError: a sensor where none is needed or none where one is, an unknown source, or `to`
+            exists already.
+        UnreadableError, DataUnavailableError, DataCorruptError: the source cannot be read, or is
+            not what it should be.
+    """
+    check_new(to)
+    if is_recording(source):
+        raise InputError(f"{source} is a recording already: use it as it is.")
+    reader = _READERS.get(Path(source).suffix)
+    content = _public(source, sensor) if reader is None else reader(Path(source), sensor)
+    write_recording(content, to)
+    return len(content)
+
+
+def write_recording(content: Content, to: Path) -> None:
+    """Write `content` to the new recording `to`.
+
+    Raises:
+        InputError: `to` exists already.
+        RecorderError: it cannot be written.
+    """
+    with Recorder(
+        to,
+        content.sensor,
+        content.board,
+        firmware=content.firmware,
+        emulated=content.emulated,
+        started=content.started,
+    ) as recorder:
+        for number, time_s, received_s, values in zip(
+            content.number, content.time_s, content.received_s, content.values, strict=True
+        ):
+            recorder.append(Frame(int(number), float(time_s), float(received_s), values))
+        for row in content.reference.tolist():
+            recorder.untouched(row, row)
+        for label in content.labels.to_dict("records"):
+            recorder.label(**{str(name): value for name, value in label.items()})
+        for event in content.events.to_dict("records"):
+            recorder.event(event["text"], event["time_s"])
+
+
+def _public(name: str, sensor: Sensor | None) -> Content:
+    """A public set: its reference as the first frame, then a frame for each of its samples."""
+    recorded = recorded_set(name)
+    if sensor is not None:
+        raise InputError(f"The recorded set {name!r} has a sensor of its own: leave out --sensor.")
+    recording = read_recording(name)
+    samples = recording.samples
+    n = len(samples)
+    count = np.arange(n + 1)
+    labels = pd.DataFrame({"first": count[1:], "last": count[1:]})
+    for column in ("x_m", "y_m", "depth_mm"):
+        labels[column] = samples[column].to_numpy(float) if column in samples else np.nan
+    labels["state"] = samples["state"].astype(str).to_numpy() if "state" in samples else ""
+    return Content(
+        sensor=recorded.sensor(),
+        board=name,
+        firmware="",
+        emulated=False,
+        started="unknown",
+        number=count,
+        time_s=count.astype(np.float64),
+        received_s=count.astype(np.float64),
+        values=np.concatenate([recording.reference[None], recording.voltages]),
+        reference=count[:1],
+        labels=labels[list(layout.LABEL.names or ())],
+        events=pd.DataFrame(
+            {"time_s": [0.0, 0.0], "text": [NO_TIMES, f"from {recorded.repository}"]}
+        ),
+    )

@@ -1,0 +1,223 @@
+"""A guided session: an untouched reference and touches in known places, ready for a suite."""
+
+import json
+import re
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from threading import Event, Thread
+
+from eitbench.hardware.board import Board
+from eitbench.hardware.emulation.emulator import Emulator
+from eitbench.hardware.recording.record import record
+from eitbench.hardware.recording.recorder import Recorder
+from eitbench.hardware.recording.status import Status
+from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.sensors.sensor import Sensor
+
+ENOUGH = 11
+"""Touches, of which every fifth registers images: fewer of them cannot be judged."""
+CLASSICAL = (
+    "back-projection", "tikhonov", "noser", "laplacian", "greit", "tv",
+    "gauss-newton-noser", "gauss-newton-tv",
+)  # fmt: skip
+_GREATEST = 1000  # repeats, and mm
+# What presses an emulated board: a fingertip, firmly.
+_RADIUS_M, _PRESSURE_PA = 0.005, 30e3
+
+
+@dataclass(frozen=True)
+class Timing:
+    """How long is recorded.
+
+    Attributes:
+        reference_s: the untouched sensor [s].
+        settle_s: from a touch until it counts [s].
+        hold_s: a touch [s].
+    """
+
+    reference_s: float = 5.0
+    settle_s: float = 0.5
+    hold_s: float = 1.0
+
+
+class Guide:
+    """Leads through a session with the open `board`, recorded by `recorder`.
+
+    Args:
+        ask: shows a question and returns what was typed, "" for a mere Enter.
+        say: shows a sentence.
+
+    Attributes:
+        touches: touches so far that are labelled.
+    """
+
+    def __init__(
+        self,
+        board: Board,
+        recorder: Recorder,
+        ask: Callable[[str], str],
+        say: Callable[[str], None],
+        timing: Timing | None = None,
+    ) -> None:
+        self._board, self._recorder = board, recorder
+        self._ask, self._say = ask, say
+        self._timing = timing or Timing()
+        self.touches = 0
+        self._status: Status | None = None
+        self._stop = Event()
+        self._failure: Exception | None = None
+
+    def run(self) -> None:
+        """The whole session.
+
+        Raises:
+            BoardError, RecorderError: as for `record`.
+        """
+        thread = Thread(target=self._record, name="guided recording", daemon=True)
+        thread.start()
+        try:
+            self._session()
+        finally:
+            self._stop.set()
+            thread.join()
+
+    def _record(self) -> None:
+        try:
+            record(self._board, self._recorder, stop=self._stop, show=self._follow, say=self._say)
+        except Exception as error:  # told by whoever waits for frames
+            self._failure = error
+
+    def _follow(self, status: Status) -> None:
+        self._status = status
+
+    def _session(self) -> None:
+        self._ask("Leave the sensor untouched, and press Enter")
+        first, last = self._during(self._timing.reference_s)
+        self._recorder.untouched(first, last)
+        self._say_how_it_goes(f"Reference: {last - first + 1} frames.")
+        repeats = self._number("How often is each place touched? [1]", 1, whole=True)
+        depth_mm = self._number("How deep is a touch [mm]? (Enter if unknown)", float("nan"))
+        while (place := self._place()) is not None:
+            for _ in range(int(repeats)):
+                self._touch(*place, depth_mm)
+            touches = "1 touch" if self.touches == 1 else f"{self.touches} touches"
+            self._say_how_it_goes(f"{touches} so far.")
+        if self.touches < ENOUGH:
+            self._say(
+                f"Too few touches to be judged ({self.touches}): every fifth one registers images "
+                f"with places, so record at least {ENOUGH}."
+            )
+
+    def _say_how_it_goes(self, sentence: str) -> None:
+        if self._status is not None:
+            self._say(self._status.line())
+        self._say(sentence)
+
+    def _touch(self, x_mm: float, y_mm: float, depth_mm: float) -> None:
+        where = f"({x_mm:g}, {y_mm:g}) mm"
+        if isinstance(self._board, Emulator):
+            self._board.touch(x_mm / 1e3, y_mm / 1e3, _RADIUS_M, _PRESSURE_PA)
+        else:
+            self._ask(f"Touch {where}, hold still, and press Enter")
+        self._during(self._timing.settle_s)
+        first, last = self._during(self._timing.hold_s)
+        self._recorder.label(
+            first,
+            last,
+            x_m=x_mm / 1e3,
+            y_m=y_mm / 1e3,
+            depth_mm=depth_mm,
+            state=f"{x_mm:g} {y_mm:g}",
+        )
+        self.touches += 1
+        if isinstance(self._board, Emulator):
+            self._board.release()
+            self._during(self._timing.settle_s)
+        else:
+            self._ask("Let go, and press Enter")
+
+    def _during(self, seconds: float) -> tuple[int, int]:
+        """The first and last row of what arrives in `seconds`, one frame at least."""
+        first, end_s = self._recorder.count, time.monotonic() + seconds
+        while time.monotonic() < end_s or self._recorder.count == first:
+            if self._failure is not None:
+                raise self._failure
+            time.sleep(0.01)
+        return first, self._recorder.count - 1
+
+    def _number(self, question: str, default: float, *, whole: bool = False) -> float:
+        least, kind = (1, "whole number") if whole else (0, "number")
+        while typed := self._ask(question).strip():
+            try:
+                number = int(typed) if whole else float(typed)
+            except ValueError:
+                number = -1
+            if least <= number <= _GREATEST:
+                return number
+            self._say(f"That is a {kind} from {least} to {_GREATEST}, got {typed!r}.")
+        return default
+
+    def _place(self) -> tuple[float, float] | None:
+        """Where is touched next [mm]; None for nowhere."""
+        while typed := self._ask("Place x y [mm]? (Enter ends the session)").strip():
+            numbers = re.split(r"[\s,;]+", typed)
+            try:
+                x, y = map(float, numbers)
+            except ValueError:
+                self._say(f"A place is two numbers such as 30 55, got {typed!r}.")
+                continue
+            if self._board.sensor.outline.contains(x / 1e3, y / 1e3):
+                return x, y
+            x0, y0, x1, y1 = (1e3 * bound for bound in self._board.sensor.outline.bounds)
+            self._say(
+                f"({x:g}, {y:g}) mm is outside the sensor, which reaches from ({x0:.4g}, "
+                f"{y0:.4g}) to ({x1:.4g}, {y1:.4g}) mm."
+            )
+        return None
+
+
+def suite_path(recording: Path) -> Path:
+    """Where the suite of a new `recording` goes: beside it.
+
+    Raises:
+        InputError: such a file exists already.
+    """
+    path = recording.with_suffix(".toml")
+    if path.exists():
+        raise InputError(f"{path} exists already and is never overwritten: name another file.")
+    return path
+
+
+def write_suite(path: Path, recording: Path, sensor: Sensor, board: str, *, emulated: bool) -> None:
+    """Write the suite that judges classical methods on `recording` and, beside it, on `ohmc16`.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    title = f"Touches on {sensor.name}, recorded with {'an emulated board' if emulated else board}"
+    name = re.sub(r"[^a-z0-9]+", "-", recording.stem.lower()).strip("-") or "own"
+    # It must tell an emulated board from a real one, and this recording from the public set.
+    own = f"emulated-{name}" if emulated else f"own-{name}" if name == "ohmc16" else name
+    text = "\n".join(
+        [
+            f"name = {json.dumps(name)}",
+            f"title = {json.dumps(title)}",
+            f"methods = {json.dumps(CLASSICAL)}",
+            "limit = 100",
+            "",
+            "[[scenarios]]",
+            'kind = "recorded"',
+            f"name = {json.dumps(own)}",
+            f"recording = {json.dumps(recording.name)}",
+            "",
+            "[[scenarios]]",
+            'kind = "recorded"',
+            'name = "ohmc16"',
+            'recording = "ohmc16"',
+            "",
+        ]
+    )
+    with path.open("x", encoding="utf-8") as file:
+        file.write(text)

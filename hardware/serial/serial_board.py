@@ -1,0 +1,303 @@
+"""A board on a serial port, whatever protocol it speaks."""
+
+import os
+import time
+from collections.abc import Sequence
+from typing import ClassVar
+
+import serial
+
+from eitbench.hardware.board import Board, BoardError, BoardLostError, Frame
+from eitbench.hardware.protocols import PROTOCOLS, Protocol
+from eitbench.hardware.protocols.eit_kit import EitKit
+from eitbench.hardware.protocols.openeit import OpenEit
+from eitbench.hardware.protocols.sciospec import Sciospec
+from eitbench.hardware.protocols.teensy import Teensy
+from eitbench.hardware.serial import ports
+from eitbench.hardware.serial.diagnosis import diagnose
+from eitbench.scenarios.sensors.sensor import Sensor
+
+_POLL_S = 0.02  # a read waits no longer, so that `frames` keeps to its time
+_CHUNK = 1 << 16  # bytes that are read at once
+_REMEMBERED = 1 << 15  # bytes since the last frame that a diagnosis looks at
+_PATIENCE_S = 3.0  # a board that sends no frame for so long, though bytes, is looked at
+_SILENCE_S = 5.0  # a board that was started sends something within this time
+_LISTEN_S = 0.5  # as long as it is listened to at another rate
+_ANSWER_S = 1.0  # a board answers a command within this time
+
+
+class SerialBoard(Board):
+    """A board that speaks `protocol` on the serial port `port`.
+
+    A wait is up to 20 ms longer than asked for, as this is how long the port is listened to.
+
+    Raises:
+        InputError: boards of this kind cannot measure the sensor's pattern.
+    """
+
+    protocol: ClassVar[type[Protocol]]
+
+    def __init__(self, sensor: Sensor, port: str) -> None:
+        super().__init__(sensor)
+        self.port = port
+        self._parser = self.protocol(sensor)
+        self._serial: serial.Serial | None = None
+        self._started = False
+        self._since: float | None = None  # when the first byte after the last frame came
+        self._silent_since: float | None = None  # when it was started, until a byte comes
+        self._repeated = False  # it was told to start twice
+        self._forget()
+
+    def open(self) -> None:
+        """Take hold of the port."""
+        self.close()
+        ports.check(self.port)
+        self._parser = self.protocol(self.sensor)
+        self.health = self._parser.health
+        self._forget()
+        try:
+            self._serial = serial.Serial(
+                self.port,
+                self.protocol.baud,
+                timeout=_POLL_S,
+                write_timeout=_ANSWER_S,
+                exclusive=True if os.name == "posix" else None,
+            )
+        except OSError as error:  # pyserial's own errors are OSErrors
+            raise ports.refused(self.port, error) from error
+        try:
+            self.firmware = self._said_of_itself()
+        except BoardError:
+            self.close()
+            raise
+
+    def start(self) -> None:
+        """Tell the board to measure, after what it was doing before."""
+        for command in self._parser.stopping():
+            self._send(command)
+            self._answer()
+        try:
+            self._line.reset_input_buffer()
+        except OSError as error:
+            raise self._lost(error) from error
+        self._parser.begin()
+        for command in self._parser.starting():
+            self._send(command)
+            if self._parser.awaits_answers:
+                self._check(command, self._answer())
+        self._started = True
+        self._repeated = False
+        self._silent_since = time.monotonic()
+
+    def frames(self, wait_s: float) -> list[Frame]:
+        """The frames that have arrived since the last call."""
+        end = time.monotonic() + wait_s
+        while True:
+            data = self._read()
+            if self._started:  # some boards send all the time
+                frames = self._parser.feed(data, time.monotonic())
+                if frames:
+                    self._forget()
+                    return frames
+                self._judge(data)
+            if time.monotonic() >= end:
+                return []
+
+    def stop(self) -> None:
+        """Tell the board to pause; what it sends nevertheless is not read."""
+        for command in self._parser.stopping():
+            self._send(command)
+        self._started = False
+
+    def close(self) -> None:
+        """Let go of the port."""
+        self._started = False
+        if self._serial is not None:
+            self._serial.close()
+            self._serial = None
+
+    @property
+    def _line(self) -> serial.Serial:
+        if self._serial is None:
+            raise BoardError(f"The board on {self.port} is not open: open it first.")
+        return self._serial
+
+    def _said_of_itself(self) -> str:
+        """What the board answers when it is asked for its firmware; "" if it does not."""
+        if self.protocol.question is None:
+            return ""
+        command, answer = self.protocol.question
+        self._send(command)
+        heard, end = b"", time.monotonic() + _ANSWER_S
+        while time.monotonic() < end:
+            heard += self._read()
+            if found := answer.search(heard):
+                return found[1].decode()
+        return ""
+
+    def _lost(self, error: OSError) -> BoardLostError:
+        self.close()
+        lost = BoardLostError(
+            f"The board on {self.port} is gone: it was unplugged or lost its power; plug it in "
+            "and start again."
+        )
+        lost.__cause__ = error
+        return lost
+
+    def _read(self) -> bytes:
+        """What has arrived, at most `_CHUNK` bytes; waits a little if there is nothing."""
+        line = self._line
+        try:
+            return bytes(line.read(min(max(line.in_waiting, 1), _CHUNK)))
+        except OSError as error:
+            raise self._lost(error) from error
+
+    def _send(self, command: bytes) -> None:
+        line = self._line
+        self._parser.answers.clear()
+        try:
+            line.write(command)
+        except serial.SerialTimeoutException as error:
+            raise BoardError(
+                f"The board on {self.port} takes no commands: see whether it is the right port, "
+                "and switch the board off and on."
+            ) from error
+        except OSError as error:
+            raise self._lost(error) from error
+
+    def _answer(self) -> bool | None:
+        """Whether the board obeyed the last command; None if it does not say."""
+        end = time.monotonic() + _ANSWER_S
+        while self._parser.awaits_answers and time.monotonic() < end:
+            data = self._read()
+            self._parser.feed(data, time.monotonic())
+            self._judge(data)
+            if self._parser.answers:
+                return self._parser.answers.pop(0)
+        return None
+
+    def _check(self, command: bytes, obeyed: bool | None) -> None:
+        if obeyed is None:
+            raise BoardError(
+                self._diagnosis()
+                or self._awakened()
+                or f"The board on {self.port} does not answer as {self.protocol.name!r} does: see "
+                "whether it is switched on, and whether this is its port."
+            )
+        if not obeyed:
+            raise BoardError(
+                f"The board on {self.port} refuses the command {command.hex(' ')}: see whether its "
+                f"set-up fits sensor {self.sensor.name!r}."
+            )
+
+    def _forget(self) -> None:
+        """A frame has come, or none is awaited: there is nothing to look into."""
+        self._unread = bytearray()
+        self._since = self._silent_since = None
+
+    def _judge(self, data: bytes) -> None:
+        """Look into what has come since the last frame, `data` last, if it takes too long."""
+        now = time.monotonic()
+        silent = (
+            not data and self._silent_since is not None and now - self._silent_since > _SILENCE_S
+        )
+        if (silent or self._parser.refusal) and self._start_again():
+            return
+        if self._parser.refusal:
+            raise BoardError(self._parser.refusal)
+        if silent:
+            raise BoardError(
+                self._awakened()
+                or f"The board on {self.port} sends nothing: see whether it is switched on, is a "
+                f"board {self.protocol.name!r}, and is set to {self.protocol.baud} bit/s."
+            )
+        if not data:
+            return
+        self._silent_since = None
+        self._since = self._since or now
+        self._unread += data
+        del self._unread[:-_REMEMBERED]
+        if now - self._since > _PATIENCE_S:
+            wrong = self._diagnosis()
+            if wrong is not None:
+                raise BoardError(wrong)
+            self._forget()
+
+    def _start_again(self) -> bool:
+        """Tell it once more to start: opening the port resets many boards, which are deaf then."""
+        if self._repeated or self._parser.awaits_answers:
+            return False
+        for command in self._parser.starting():
+            self._send(command)
+        self._repeated = True
+        self._parser.refusal = None
+        self._silent_since = time.monotonic()
+        return True
+
+    def _diagnosis(self) -> str | None:
+        return diagnose(bytes(self._unread), self.protocol, self.port, self._listen)
+
+    def _awakened(self) -> str | None:
+        """Which other board it is, if one is silent until it is told to start; one sentence."""
+        for name, protocol in PROTOCOLS.items():
+            if not protocol.waking or name == self.protocol.name:
+                continue
+            heard = self._listen(protocol.baud, protocol.waking)
+            self._listen(protocol.baud, protocol.waking[:1])  # whatever it is, it stops
+            if protocol.recognises(heard):
+                return (
+                    f"What {self.port} answers looks like board {name!r}, not "
+                    f"{self.protocol.name!r}: give --board {name}."
+                )
+        return None
+
+    def _listen(self, baud: int, commands: Sequence[bytes] = ()) -> bytes:
+        """What is heard at another rate, after `commands`."""
+        line = self._line
+        try:
+            line.baudrate = baud
+            line.reset_input_buffer()
+            for command in commands:
+                self._send(command)
+            heard = bytearray()
+            end = time.monotonic() + _LISTEN_S
+            while time.monotonic() < end:
+                heard += self._read()
+            line.baudrate = self.protocol.baud
+        except OSError as error:
+            raise self._lost(error) from error
+        return bytes(heard)
+
+
+class TeensyBoard(SerialBoard):
+    """A Teensy 4.1 class board that sends binary frames with checksum."""
+
+    protocol = Teensy
+    default_sensor = Teensy.default_sensor
+
+
+class EitKitBoard(SerialBoard):
+    """A board derived from EIT-kit, which sends matrices as text."""
+
+    protocol = EitKit
+    default_sensor = EitKit.default_sensor
+
+
+class OpenEitBoard(SerialBoard):
+    """An OpenEIT board, which sends magnitudes of an opposition pattern as text."""
+
+    protocol = OpenEit
+    default_sensor = OpenEit.default_sensor
+
+
+class SciospecBoard(SerialBoard):
+    """An EIT instrument of Sciospec, which sends complex potentials of 16 channels."""
+
+    protocol = Sciospec
+    default_sensor = Sciospec.default_sensor
+
+
+SERIAL_BOARDS: dict[str, type[SerialBoard]] = {
+    board.protocol.name: board for board in (TeensyBoard, EitKitBoard, OpenEitBoard, SciospecBoard)
+}
+"""Every board on a serial port by name."""

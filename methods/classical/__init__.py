@@ -1,0 +1,1 @@
+"""Classical reconstruction: linear one-step methods, total variation, Gauss-Newton."""

@@ -1,0 +1,58 @@
+"""One-step linear methods: x = R dv with a matrix R that is computed once."""
+
+from abc import abstractmethod
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import linalg
+
+from eitbench.methods.classical.linearisation import Linearisation, Variable, damping
+from eitbench.methods.method import Method
+from eitbench.methods.problem import Problem
+
+Array = NDArray[np.float64]
+
+
+@dataclass
+class OneStep(Method):
+    """Base of the one-step methods; a subclass says which matrix it uses.
+
+    Attributes:
+        weight: regularisation relative to the mean diagonal of the regularised Gram matrix.
+        variable, row_exponent: what is estimated from which weighting, see `Linearisation`.
+    """
+
+    weight: float = 0.03
+    variable: Variable = "conductivity"
+    row_exponent: float = 0.0
+
+    def fit(self, problem: Problem) -> None:
+        """Compute the reconstruction matrix."""
+        self._problem = problem
+        self._linearisation = Linearisation(problem, self.variable, self.row_exponent)
+        matrix = self.matrix(self._linearisation.jacobian, problem)
+        self._matrix = self._linearisation.weighted(np.ascontiguousarray(matrix.T))
+
+    @abstractmethod
+    def matrix(self, jacobian: Array, problem: Problem) -> Array:
+        """R (P, M) from the weighted Jacobian (M, P) on the pixels inside the sensor."""
+
+    def reconstruct(self, voltages: Array) -> Array:
+        """Absolute conductivity (n, H, W) [S/m] from frames (n, M)."""
+        return self.of_difference(self._problem.difference(voltages))
+
+    def of_difference(self, difference: Array) -> Array:
+        """Absolute conductivity (n, H, W) [S/m] from differences to the reference (n, M) [V/A]."""
+        return self._linearisation.images(difference @ self._matrix)
+
+
+def regularised_inverse(jacobian: Array, prior_times_transpose: Array, weight: float) -> Array:
+    """C J^T (J C J^T + weight I)^-1 (P, M), C the prior covariance, given C J^T (P, M).
+
+    The identity (J^T J / w + C^-1)^-1 J^T / w = C J^T (J C J^T + w I)^-1 trades a system in the
+    pixels for one in the measurements.
+    """
+    gram = jacobian @ prior_times_transpose
+    factor = linalg.cho_factor(gram + damping(gram, weight))
+    return np.asarray(linalg.cho_solve(factor, prior_times_transpose.T).T)

@@ -1,0 +1,1 @@
+"""Reconstruction with parameters learned from simulated data."""

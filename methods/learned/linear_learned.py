@@ -1,0 +1,82 @@
+"""The best linear reconstruction that simulated data teach: what every network must beat."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eitbench.methods.learned.ridge import ridge
+from eitbench.methods.method import Method
+from eitbench.methods.problem import Problem
+from eitbench.methods.registry import register
+from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.sensors.reciprocity import averaging
+from eitbench.scenarios.sensors.symmetry import asymmetry
+
+if TYPE_CHECKING:
+    from eitbench.scenarios.data.datasets import Dataset
+
+Array = NDArray[np.float64]
+
+TRAINING, VALIDATION = 4000, 600
+"""Samples that are learned from: a hundred inputs are known well, and simulating them is quick."""
+
+UNMOVED = "it learns from touches at random places, which it does not turn or mirror"
+"""Why what it learns lacks the sensor's symmetry: from the few that `eitbench check` has."""
+
+
+@register("linear-learned")
+@dataclass
+class LinearLearned(Method):
+    """Ridge regression of images on voltages, over the training split; the baseline of learning."""
+
+    source: ClassVar[str] = "Hoerl and Kennard, Technometrics 12(1), 1970"
+    expected_failures: ClassVar = asymmetry(UNMOVED, 0.38, 0.33)
+
+    def fit(self, problem: Problem) -> None:
+        """Solve for the map; the validation split chooses its regularisation."""
+        self._problem = problem
+        self._averaging = averaging(problem.sensor.pattern)
+        train, validation = problem.training(TRAINING), problem.validation(VALIDATION)
+        inputs, seen = self._inputs(train), self._inputs(validation)
+        self._std = np.maximum(inputs.std(axis=0), 1e-6 * inputs.std(axis=0).max())
+        found = ridge(
+            inputs / self._std,
+            contrasts(train, problem),
+            seen / self._std,
+            contrasts(validation, problem),
+        )
+        self._matrix = found.matrix.astype(np.float64)
+
+    def _inputs(self, data: Dataset) -> Array:
+        """Averaged differences [V/A] to the untouched frame of `data`, which may be another one."""
+        own = Problem(data.sensor, data.reference, lambda split, limit: data)
+        return np.asarray(own.difference(data.voltages) @ self._averaging)
+
+    def reconstruct(self, voltages: Array) -> Array:
+        """Absolute conductivity (n, H, W) [S/m] from frames (n, M), within the sensor's range."""
+        inputs = self._problem.difference(voltages) @ self._averaging
+        return absolute(inputs / self._std @ self._matrix, self._problem)
+
+
+def absolute(contrast: Array, problem: Problem) -> Array:
+    """Images (n, H, W) [S/m], within the sensor's range, of relative contrasts (n, P)."""
+    low, high = problem.sensor.conductivity_range
+    images = np.full((len(contrast), *problem.mask.shape), problem.background)
+    images[:, problem.mask] *= np.clip(1 + contrast, low, high)
+    return images
+
+
+def contrasts(data: Dataset, problem: Problem) -> NDArray[np.float32]:
+    """Relative contrasts (n, P) of the pixels inside the sensor.
+
+    Raises:
+        InputError: the conductivity of `data` is not known.
+    """
+    if data.conductivity is None:
+        raise InputError(f"Scenario {data.scenario!r} knows no conductivity to learn from.")
+    inside = data.conductivity[:, problem.mask] / problem.background - 1
+    return inside.astype(np.float32)

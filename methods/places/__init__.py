@@ -1,0 +1,1 @@
+"""Regression of the place of a single contact, without an image."""

@@ -1,0 +1,1 @@
+"""Reconstruction by untrained networks (deep image prior)."""

@@ -1,0 +1,125 @@
+"""Deep image prior: a network that has learnt nothing, fitted to the voltages of a single frame."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eitbench.methods.method import Method
+from eitbench.methods.registry import OPERATOR_REGISTRY, register
+from eitbench.methods.untrained.early_stopping import MovingVariance
+from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.sensors.symmetry import asymmetry
+
+if TYPE_CHECKING:  # torch takes a second to import, and listing methods does not need it
+    from torch import Tensor
+
+    from eitbench.methods.networks.decoder import Decoder
+    from eitbench.methods.problem import Problem
+
+Array = NDArray[np.float64]
+
+LEARNING_RATE = 0.01
+
+WINDOW, PATIENCE = 100, 100
+"""Of the early stopping, in steps."""
+
+NEAREST = 0.05
+"""How near to an end of its range the conductivity begins, as a fraction of the range."""
+
+SMOOTHING = 0.01
+"""The total variation is rounded where the relative conductivity changes by less than this."""
+
+
+@register("dip")
+@dataclass
+class Dip(Method):
+    """An untrained network per frame, fitted to its voltages (deep image prior, DeepEIT).
+
+    Attributes:
+        operator: the forward operator that the network is fitted through.
+        steps: of the optimiser, at most.
+        tv: weight of the total variation of conductivity / background; 0 for none.
+        seed: of the network and its input.
+    """
+
+    source: ClassVar[str] = "Liu et al., IEEE Trans. Pattern Anal. Mach. Intell. 45(8), 2023"
+    expected_failures: ClassVar = asymmetry("its random network has no symmetry", 0.048, 0.053)
+
+    operator: str = "fem"
+    steps: int = 400
+    tv: float = 0.1
+    seed: int = 0
+
+    def fit(self, problem: Problem) -> None:
+        """Prepare the operator and its misfit.
+
+        Raises:
+            InputError: an unknown operator or one that does not serve the sensor; no step, or a
+                negative weight.
+        """
+        from eitbench.methods.untrained.misfit import Misfit
+
+        if not (self.steps >= 1 and 0 <= self.tv < math.inf):
+            raise InputError(
+                f"'dip' needs at least 1 step and a weight of at least 0, got steps={self.steps} "
+                f"and tv={self.tv}."
+            )
+        self._problem = problem
+        self._misfit = Misfit(problem, OPERATOR_REGISTRY.create(self.operator, problem.sensor))
+
+    def reconstruct(self, voltages: Array) -> Array:
+        """Absolute conductivity (n, H, W) [S/m] from frames (n, M), within the sensor's range."""
+        relative = [self._fitted(frame) for frame in self._problem.difference(voltages)]
+        shape = (-1, *self._problem.mask.shape)
+        return np.asarray(relative).reshape(shape) * self._problem.background
+
+    def _fitted(self, difference: Array) -> Array:
+        """Conductivity over background (H, W) for one frame's `difference` (M,) [V/A]."""
+        import torch
+
+        from eitbench.methods.networks.decoder import Decoder
+
+        misfit, background = self._misfit.of(difference), self._problem.background
+        # Every frame has the same network, so that it does not matter which others come with it.
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(self.seed)
+            network = Decoder(self._problem.mask.shape)
+        optimiser = torch.optim.Adam(network.parameters(), LEARNING_RATE, fused=True)
+        stopping = MovingVariance(WINDOW, PATIENCE)
+        for _ in range(self.steps):
+            with torch.enable_grad():
+                relative = self._relative(network)
+                loss = misfit(relative * background)
+                if self.tv > 0:
+                    loss = loss + self.tv * self._variation(relative)
+                optimiser.zero_grad()
+                torch.autograd.backward(loss)
+            if stopping.stops(relative.detach().double().numpy()):
+                break
+            optimiser.step()
+        return stopping.image
+
+    def _relative(self, network: Decoder) -> Tensor:
+        """What the network makes of conductivity over background (H, W); 1 outside the sensor."""
+        import torch
+
+        low, high = self._problem.sensor.conductivity_range
+        share = min(max((1 - low) / (high - low), NEAREST), 1 - NEAREST)
+        inside = torch.sigmoid(network() + math.log(share / (1 - share)))
+        mask = torch.from_numpy(self._problem.mask)
+        return torch.where(mask, low + (high - low) * inside, 1.0)
+
+    def _variation(self, relative: Tensor) -> Tensor:
+        """Total variation () inside the sensor, in sides of it: 1 for a step of 1 across it."""
+        import torch
+
+        mask = torch.from_numpy(self._problem.mask)
+        across = torch.diff(relative, dim=1)[:-1] * (mask[:-1, 1:] & mask[:-1, :-1])
+        along = torch.diff(relative, dim=0)[:, :-1] * (mask[1:, :-1] & mask[:-1, :-1])
+        slope = (across.square() + along.square() + SMOOTHING**2).sqrt() - SMOOTHING
+        return slope.sum() / math.sqrt(self._problem.mask.sum())

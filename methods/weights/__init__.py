@@ -1,0 +1,1 @@
+"""Trained weights: the packaged files, and how weight files are read and written."""

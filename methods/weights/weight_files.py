@@ -1,0 +1,144 @@
+"""Weights of networks: one file for each network and sensor, the user's own or a packaged one."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+from eitbench.methods.weights.tensor_file import read_tensors, write_tensors
+from eitbench.scenarios.cache_dir import cache_dir
+from eitbench.scenarios.errors import DataCorruptError, InputError
+from eitbench.scenarios.sensors.sensor import content_hash
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from torch import Tensor
+
+    from eitbench.scenarios.sensors.sensor import Sensor
+
+
+class Weights(NamedTuple):
+    """Weights that were found, where, and what is known about their training."""
+
+    path: Path
+    tensors: dict[str, Tensor]
+    about: dict[str, str]
+
+
+@dataclass(frozen=True)
+class WeightFiles:
+    """The files with weights of one network, for any sensor.
+
+    Attributes:
+        name: of the method or operator that uses them.
+        version: of the network, raised whenever weights of before no longer fit or mean something
+            else.
+    """
+
+    name: str
+    version: str
+
+    @property
+    def command(self) -> str:
+        """The command that makes such a file."""
+        return f"eitbench train {self.name} --suite SUITE"
+
+    def file_name(self, sensor: Sensor) -> str:
+        """What the file with weights for `sensor` is called."""
+        return f"{self.name}-{sensor.name}-{sensor_key(sensor)[:12]}.safetensors"
+
+    def save(
+        self, path: Path, sensor: Sensor, tensors: Mapping[str, Tensor], about: Mapping[str, str]
+    ) -> None:
+        """Write a file of weights for `sensor`, with what is known `about` their training.
+
+        Raises:
+            EitbenchError: the folder is not writable or full.
+        """
+        fixed = {
+            "network_version": self.version,
+            "sensor": sensor.name,
+            "sensor_key": sensor_key(sensor),
+        }
+        write_tensors(path, tensors, {**about, **fixed})
+
+    def load(self, sensor: Sensor, path: Path | None = None) -> Weights:
+        """The weights for `sensor`: those in the file `path`, or the user's own, or the packaged.
+
+        Raises:
+            InputError: there are none, or they belong to another sensor or version of the network.
+            DataCorruptError: the file is damaged.
+        """
+        name = self.file_name(sensor)
+        for place in (
+            (user_weights() / name, packaged_weights() / name) if path is None else (path,)
+        ):
+            found = self._read(place, sensor)
+            if found is not None:
+                return found
+        if path is not None:
+            raise InputError(f"There is no file of weights {path}: make it with `{self.command}`.")
+        raise InputError(self.missing(sensor))
+
+    def missing(self, sensor: Sensor) -> str:
+        """The sentence that says that there are no weights for `sensor`, and what to do."""
+        height, width = sensor.image_shape
+        return (
+            f"{self.name!r} has no weights for the sensor {sensor.name!r} with "
+            f"{sensor.n_measurements} measurements on {height} x {width} pixels: train them with "
+            f"`{self.command}`, where SUITE simulates this sensor."
+        )
+
+    def content_hash(self, sensor: Sensor) -> str:
+        """SHA-256 (hex) of the file that `load` takes for `sensor`; "" if there is none."""
+        name = self.file_name(sensor)
+        for folder in (user_weights(), packaged_weights()):
+            if (folder / name).is_file():
+                return hashlib.sha256((folder / name).read_bytes()).hexdigest()
+        return ""
+
+    def _read(self, path: Path, sensor: Sensor) -> Weights | None:
+        try:
+            found = read_tensors(path)
+        except DataCorruptError as error:
+            raise DataCorruptError(f"{error} {self._again(path)}") from error
+        if found is None:
+            return None
+        tensors, about = found
+        if about.get("sensor_key") != sensor_key(sensor):
+            raise InputError(
+                f"{path} holds weights for another sensor, {about.get('sensor')!r}, than "
+                f"{sensor.name!r}. {self._again(path)}"
+            )
+        if about.get("network_version") != self.version:
+            raise InputError(
+                f"{path} holds weights for version {about.get('network_version')} of "
+                f"{self.name!r}, and this is version {self.version}. {self._again(path)}"
+            )
+        return Weights(path, tensors, about)
+
+    def _again(self, path: Path) -> str:
+        if path.parent == packaged_weights():
+            return f"Install eitbench again, or train your own weights with `{self.command}`."
+        return f"Delete it, or train again with `{self.command}`."
+
+
+def sensor_key(sensor: Sensor) -> str:
+    """SHA-256 (hex) of what decides voltages; sensors that differ only in priors share it."""
+    physics = sensor.describe()
+    del physics["data_range"], physics["conductivity_range"]
+    return content_hash(physics)
+
+
+def user_weights() -> Path:
+    """Where the weights that the user trained are kept; they come before the packaged ones."""
+    return cache_dir() / "weights"
+
+
+def packaged_weights() -> Path:
+    """Where the weights that come with the package are kept."""
+    return Path(str(files("eitbench.methods"))) / "weights"

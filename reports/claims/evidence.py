@@ -1,0 +1,122 @@
+"""What finished runs say of one method or operator on the paper's scenario."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from eitbench.benchmark import InputError
+from eitbench.benchmark.analysis.results import Row, Run, failures, leaderboard_rows
+from eitbench.benchmark.rundir.kinds import METHOD_RUNS, RunKind
+
+SCENARIO = "paper"
+SUITES = {"method": "paper", "operator": "operators"}  # others may call another scenario so
+
+
+class NotMeasuredError(Exception):
+    """The runs do not hold what a claim needs; the message says why."""
+
+
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """One method or operator, every sample of it valid.
+
+    Attributes:
+        run: where it was measured.
+        row: its row of the leaderboard.
+        samples: one row per sample.
+    """
+
+    run: Run
+    row: Row
+    samples: pd.DataFrame
+
+    @property
+    def conditions(self) -> str:
+        """What the figures rest on, in words."""
+        which = "all" if self.run.manifest["plan"]["limit"] is None else "the first"
+        said = f"{which} {len(self.samples):,} test samples of {SCENARIO!r}"
+        if self.row["inverse_crime"]:
+            said += ", from the mesh that is inverted with (inverse crime)"
+        return said
+
+    @property
+    def machine(self) -> str:
+        """The processor that times were taken on."""
+        return str(self.run.manifest["machine"]["cpu"])
+
+
+class Evidence:
+    """Runs, and summaries of studies by name, to look things up in."""
+
+    def __init__(self, runs: Sequence[Run], studies: Mapping[str, Row] | None = None) -> None:
+        self._runs = runs
+        self._studies = studies or {}
+        self._rows = [
+            (run, row)
+            for run in runs
+            for row in leaderboard_rows([run])
+            if row["scenario"] == SCENARIO and row["suite"] == SUITES[run.kind.name]
+        ]
+
+    def study(self, name: str) -> Row:
+        """The summary of the study called `name`.
+
+        Raises:
+            NotMeasuredError: there is none.
+        """
+        if name not in self._studies:
+            raise NotMeasuredError(f"There is no study {name!r} here.")
+        return self._studies[name]
+
+    def of(self, kind: RunKind, name: str) -> Measured:
+        """What was measured of the method or operator `name`.
+
+        Raises:
+            NotMeasuredError: no run holds it whole, or it failed.
+            InputError: several runs hold it.
+        """
+        found = [(run, row) for run, row in self._rows if row.get(kind.name) == name]
+        if not found:
+            raise NotMeasuredError(self._why_missing(kind, name))
+        if len(found) > 1:
+            raise InputError(
+                f"{found[0][0].path} and {found[1][0].path} both hold the {kind.name} {name!r} on "
+                f"{SCENARIO!r}: give only one of them."
+            )
+        run, row = found[0]
+        here = run.samples
+        samples = here[(here["scenario"] == SCENARIO) & (here[kind.name] == name)]
+        if row["coverage"] < 1:
+            raise NotMeasuredError(f"{failures(replace(run, samples=samples))[0].rstrip('.')}.")
+        if row["data_n"] != len(samples):
+            raise NotMeasuredError(
+                f"{run.path} holds {len(samples)} of {row['data_n']} samples of {name!r}: finish "
+                f"it with `eitbench run --resume {run.path}`."
+            )
+        return Measured(run, row, samples)
+
+    def _why_missing(self, kind: RunKind, name: str) -> str:
+        for run in self._runs:
+            if said := run.manifest.get("skipped", {}).get(f"{SCENARIO}/{name}"):
+                return str(said)
+        return f"No run holds the {kind.name} {name!r} on {SCENARIO!r}."
+
+    def paired(
+        self, first: str, second: str, names: Sequence[str]
+    ) -> tuple[Measured, NDArray[np.float64]]:
+        """Figures `names` (k) of method `first` minus those of `second`, per sample: (n, k).
+
+        Raises:
+            NotMeasuredError: one of them was not measured, or not on the same frames.
+            InputError: as `of`.
+        """
+        one, other = self.of(METHOD_RUNS, first), self.of(METHOD_RUNS, second)
+        keys = ["sample", "input_hash"]
+        both = one.samples.merge(other.samples, on=keys, suffixes=("", "_other"))
+        if not len(one.samples) == len(other.samples) == len(both):
+            raise NotMeasuredError(f"{first!r} and {second!r} were not run on the same frames.")
+        difference = [both[name] - both[f"{name}_other"] for name in names]
+        return one, np.stack(difference, axis=1)

@@ -1,0 +1,363 @@
+"""ImageGrid pictures: the truth beside what each method makes of it, one row a sample."""
+
+import textwrap
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+from urllib.parse import quote
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from eitbench.benchmark import EitbenchError
+from eitbench.benchmark.analysis.results import Run, Scene, leaderboard_rows, read_run
+from eitbench.benchmark.rundir.kinds import METHOD_RUNS
+from eitbench.reports.tables.columns import printable
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+Images = NDArray[np.floating]
+
+# One type scale [pt] and one set of distances [in] for all pictures.
+TITLE, HEADING, NOTE = 11, 8.5, 7
+_LINE = NOTE * 1.3 / 72
+_CELL, _GAP, _MARGIN = 1.3, 0.12, 0.15
+_LABEL, _BAR = 1.0, 0.85
+_HEAD_LINES = 3
+_HEAD_WIDTH = 15
+_MAX_ROWS = 12
+_ROWS_WITHOUT_FAMILIES = 5
+_DPI = 180
+
+# Both perceptually uniform: viridis for conductivity, a diverging map for signed contrast.
+_CONDUCTIVITY_MAP, _CONTRAST_MAP = "viridis", "coolwarm"
+
+
+@dataclass(frozen=True, eq=False)
+class Tile:
+    """One image of the picture.
+
+    Attributes:
+        image: (H, W) [S/m]; None where there is none.
+        note: lines under it.
+        cross: where the press really was, in the image's frame [m], if known.
+    """
+
+    image: Images | None
+    note: tuple[str, ...]
+    cross: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class ImageGrid:
+    """A picture as plain data.
+
+    Attributes:
+        title: of the whole picture.
+        columns: headings.
+        rows: label lines and tiles of each sample.
+        limits: the values [S/m] at the ends of the colour scale.
+        contrast: whether images show contrast, not conductivity.
+        bounds: (x_min, y_min, x_max, y_max) [m] of an image.
+        footnote: what the crosses mean and which methods are left out; "" if there is neither.
+    """
+
+    title: str
+    columns: tuple[str, ...]
+    rows: tuple[tuple[tuple[str, ...], tuple[Tile, ...]], ...]
+    limits: tuple[float, float]
+    contrast: bool
+    bounds: tuple[float, float, float, float]
+    footnote: str
+
+
+Columns = list[tuple[str, list[Tile]]]
+
+
+def write_figures(run: Path) -> list[Path]:
+    """Draw the comparison of every scenario of the run directory `run` as PNG and PDF.
+
+    Returns:
+        The files, all in `run/figures`; none for operators, which make no images.
+
+    Raises:
+        InputError, DataCorruptError: the run cannot be read.
+        EitbenchError: the files cannot be written.
+    """
+    read = read_run(run)
+    if read.kind != METHOD_RUNS:
+        return []
+    written = []
+    try:
+        for scenario in read.scenarios():
+            figure = draw(comparison(read, scenario))
+            (run / "figures").mkdir(exist_ok=True)
+            for suffix, metadata in (("png", {}), ("pdf", {"CreationDate": None})):
+                path = run / "figures" / f"comparison-{quote(scenario, safe='')}.{suffix}"
+                figure.savefig(path, dpi=_DPI, metadata=metadata)
+                written.append(path)
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise EitbenchError(f"Could not write the figures of {run}: {reason}.") from error
+    return written
+
+
+def comparison(run: Run, scenario: str) -> ImageGrid:
+    """What the picture of a scenario shows: methods by rank, the first sample of each family."""
+    rows = [row for row in leaderboard_rows([run]) if row["scenario"] == scenario]
+    methods = list(dict.fromkeys(row["method"] for row in rows))
+    samples = _chosen(run.samples[run.samples["scenario"] == scenario])
+    scene = run.scene(scenario, samples)
+    contrast = scene.truth is None or scene.has_classes
+    shift = scene.background if contrast else 0.0
+    columns: Columns = []
+    for method in methods:
+        images = run.estimates(scenario, method, samples)
+        cell = _by_sample(run.cell(scenario, method))
+        tiles = [
+            _tile(cell, sample, None if images is None else images[k] - shift, scene)
+            for k, sample in enumerate(samples)
+        ]
+        columns.append((printable(method), tiles))
+    columns, without = _with_images(columns, always=scene.truth is None)
+    limits = _limits(scene, shift, [tile.image for _, tiles in columns for tile in tiles])
+    if scene.truth is not None:
+        scale = limits[1] if scene.has_classes else 1.0
+        heading = "truth (classes)" if scene.has_classes else "truth"
+        columns.insert(0, (heading, [_true_tile(scene, sample, scale) for sample in samples]))
+    described = _by_sample(run.samples[run.samples["scenario"] == scenario])
+    labels = [_label(described[sample]) for sample in samples]
+    footnotes = []
+    if any(tile.cross for _, tiles in columns for tile in tiles):
+        footnotes.append(_CROSSES)
+    if without:
+        footnotes.append(f"left out, without any image here: {', '.join(without)}")
+    return ImageGrid(
+        title=printable(f"{rows[0]['suite']} / {scenario}"),
+        columns=tuple(name for name, _ in columns),
+        rows=tuple(
+            (label, tuple(tiles[k] for _, tiles in columns)) for k, label in enumerate(labels)
+        ),
+        limits=limits,
+        contrast=contrast,
+        bounds=scene.bounds,
+        footnote="\n".join(footnotes),
+    )
+
+
+_CROSSES = (
+    "+  where the press was, mapped into each method's image by the similarity fitted on the "
+    "validation split (not drawn where that is outside the image)"
+)
+
+
+def _with_images(columns: Columns, *, always: bool) -> tuple[Columns, list[str]]:
+    """The columns that hold any image, and the others' names with why they hold none.
+
+    Where no column holds one, all are kept if there must `always` be some.
+    """
+    kept = [c for c in columns if any(tile.image is not None for tile in c[1])]
+    if always and not kept:
+        return columns, []
+    reasons = {
+        name: ", ".join(dict.fromkeys(line for tile in tiles for line in tile.note))
+        for name, tiles in columns
+        if all(tile.image is None for tile in tiles)
+    }
+    return kept, [f"{name} ({reason})" for name, reason in reasons.items()]
+
+
+def _by_sample(rows: pd.DataFrame) -> dict[int, dict[str, Any]]:
+    return {int(row["sample"]): row for row in rows.to_dict("records")}  # type: ignore[misc]
+
+
+def _chosen(rows: pd.DataFrame) -> list[int]:
+    """The first sample of each family; without families, samples spread over the touched ones."""
+    first = rows.drop_duplicates("sample").sort_values("sample")
+    if "family" in first and first["family"].notna().any():
+        chosen = first.drop_duplicates("family")["sample"].to_numpy()[:_MAX_ROWS]
+    else:
+        if "touched" in first and (first["touched"] == True).any():  # noqa: E712
+            first = first[first["touched"] == True]  # noqa: E712
+        count = min(_ROWS_WITHOUT_FAMILIES, len(first))
+        chosen = first["sample"].to_numpy()[
+            np.linspace(0, len(first) - 1, count).round().astype(int)
+        ]
+    return sorted(int(sample) for sample in chosen)
+
+
+def _tile(cell: dict[int, dict[str, Any]], sample: int, image: Images | None, scene: Scene) -> Tile:
+    if sample not in cell:
+        return Tile(None, ("not run",))
+    row = cell[sample]
+    if row["status"] != "ok" or image is None:
+        return Tile(None, (printable(str(row["status"])),))
+    known = {name: float(row[name]) for name in _NOTES if pd.notna(row.get(name))}
+    cross = None
+    note = _note(known)
+    if pd.notna(row.get("expected_x_m")):
+        if pd.isna(row["found_x_m"]):
+            note = ("no contact found",)
+        cross = (float(row["expected_x_m"]), float(row["expected_y_m"]))
+    return Tile(np.where(scene.mask, image, np.nan), note, cross)
+
+
+# What stands under an image, by the first metric that is known: a metric and how it is written.
+_NOTES = {
+    "ssim": "SSIM {:.3f}",
+    "cc": "CC {:.3f}",
+    "psnr": "PSNR {:.1f} dB",
+    "rie": "RIE {:.3f}",
+    "iou": "IoU {:.2f}",
+    "localisation_mm": "{:.1f} mm off",
+    "response": "rms {:.2g} S/m",
+}
+
+
+def _note(known: dict[str, float]) -> tuple[str, ...]:
+    lines: tuple[tuple[str, ...], ...]
+    if "ssim" in known:
+        lines = (("ssim", "cc"), ("psnr", "rie"))
+    elif "cc" in known:
+        lines = (("cc",), ("iou",))
+    else:
+        lines = (("localisation_mm",), ("response",))
+    texts = ("  ".join(_NOTES[n].format(known[n]) for n in line if n in known) for line in lines)
+    return tuple(text for text in texts if text)
+
+
+def _true_tile(scene: Scene, sample: int, scale: float) -> Tile:
+    if scene.truth is None or sample not in scene.sample:
+        return Tile(None, ())
+    image = scene.truth[int(np.flatnonzero(scene.sample == sample)[0])] * scale
+    return Tile(np.where(scene.mask, image, np.nan), ())
+
+
+def _limits(scene: Scene, shift: float, images: Sequence[Images | None]) -> tuple[float, float]:
+    """Ends of the colour scale that all images of a scenario share."""
+    if scene.truth is not None and not scene.has_classes:
+        values = scene.truth[:, scene.mask]
+        low = min(float(values.min()), scene.background)
+        high = max(float(values.max()), scene.background)
+        room = 0.1 * ((high - low) or scene.data_range)
+        return max(low - room, 0.0), high + room
+    # Methods differ in scale by orders of magnitude; the middle one sets the scale.
+    peaks = [float(np.nanpercentile(np.abs(i), 99.5)) for i in images if i is not None]
+    peaks = [peak for peak in peaks if peak > 0]
+    reach = float(np.median(peaks)) if peaks else scene.data_range
+    return -reach, reach
+
+
+def _label(row: dict[str, Any]) -> tuple[str, ...]:
+    lines = [f"sample {row['sample']}"]
+    if pd.notna(row.get("family")):
+        lines.insert(0, printable(str(row["family"])))
+    elif pd.notna(row.get("target")):
+        lines.insert(0, printable(str(row["target"])))
+    if pd.notna(row.get("snr_db")):
+        lines.append(f"{row['snr_db']:.0f} dB")
+    if pd.notna(row.get("depth_mm")):
+        lines.append(f"{row['depth_mm']:.3g} mm deep")
+    return tuple(lines)
+
+
+def draw(picture: ImageGrid) -> "Figure":
+    """Lay out and draw a comparison; all places are in inches from the upper left."""
+    from matplotlib import colormaps
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+    from matplotlib.figure import Figure
+
+    x0, y0, x1, y1 = picture.bounds
+    tile_height = _CELL * (y1 - y0) / (x1 - x0)
+    note_lines = max((len(t.note) for _, tiles in picture.rows for t in tiles), default=0)
+    row_height = max(tile_height, 3.5 * _LINE) + note_lines * _LINE + 1.5 * _GAP
+    headings = [_heading(name) for name in picture.columns]
+    head_lines = 1 + max(heading.count("\n") for heading in headings)
+    top = _MARGIN + TITLE * 2 / 72 + head_lines * HEADING * 1.25 / 72
+    width = 2 * _MARGIN + _LABEL + len(picture.columns) * (_CELL + _GAP) + _BAR
+    # A narrow picture still has to hold the words under it.
+    letters = int(width * 72 / (NOTE * 0.6))
+    foot_lines = [
+        line
+        for footnote in picture.footnote.splitlines()
+        for line in textwrap.wrap(footnote, letters)
+    ]
+    foot = (len(foot_lines) + 1) * _LINE if foot_lines else 0.0
+    height = top + len(picture.rows) * row_height + foot + _MARGIN
+
+    figure = Figure(figsize=(width, height), facecolor="white")
+    FigureCanvasAgg(figure)
+
+    def box(left: float, down: float, wide: float, high: float) -> "Axes":
+        return figure.add_axes(
+            (left / width, 1 - (down + high) / height, wide / width, high / height)
+        )
+
+    def write(left: float, down: float, text: str, size: float, **style: Any) -> None:
+        # Names are data: a dollar sign in one is no formula.
+        figure.text(left / width, 1 - down / height, text, fontsize=size, parse_math=False, **style)
+
+    colours = colormaps[_CONTRAST_MAP if picture.contrast else _CONDUCTIVITY_MAP]
+    norm = Normalize(*picture.limits)
+    write(_MARGIN, _MARGIN, picture.title, TITLE, va="top", weight="bold")
+    for k, heading in enumerate(headings):
+        centre = _MARGIN + _LABEL + k * (_CELL + _GAP) + _CELL / 2
+        write(centre, top - 0.05, heading, HEADING, ha="center", va="bottom")
+    for r, (label, tiles) in enumerate(picture.rows):
+        down = top + r * row_height
+        write(
+            _MARGIN + _LABEL - _GAP, down + tile_height / 2,
+            "\n".join(line if len(line) <= 18 else f"{line[:17]}…" for line in label),
+            NOTE, ha="right", va="center", linespacing=1.3,
+        )  # fmt: skip
+        for k, tile in enumerate(tiles):
+            left = _MARGIN + _LABEL + k * (_CELL + _GAP)
+            _draw_tile(box(left, down, _CELL, tile_height), tile, picture.bounds, colours, norm)
+            below = "" if tile.image is None else "\n".join(tile.note)
+            write(
+                left + _CELL / 2, down + tile_height + 0.04, below, NOTE,
+                ha="center", va="top", linespacing=1.3,
+            )  # fmt: skip
+    bar_height = min(2.4, len(picture.rows) * row_height - 1.5 * _GAP - note_lines * _LINE)
+    bar = box(width - _MARGIN - _BAR + 0.1, top, 0.13, max(bar_height, 0.6))
+    scale = figure.colorbar(ScalarMappable(norm, colours), cax=bar, extend="both")
+    scale.ax.tick_params(labelsize=NOTE, length=2)
+    scale.set_label("contrast [S/m]" if picture.contrast else "conductivity [S/m]", fontsize=NOTE)
+    write(_MARGIN, height - _MARGIN, "\n".join(foot_lines), NOTE, va="bottom", linespacing=1.3)
+    return figure
+
+
+def _draw_tile(
+    axes: "Axes", tile: Tile, bounds: tuple[float, ...], colours: Any, norm: Any
+) -> None:
+    from matplotlib.patheffects import Normal, Stroke
+
+    x0, y0, x1, y1 = bounds
+    axes.set(xlim=(x0, x1), ylim=(y0, y1), xticks=[], yticks=[])
+    axes.spines[:].set_visible(False)
+    if tile.image is None:
+        axes.set_facecolor("0.95")
+        axes.text(
+            (x0 + x1) / 2, (y0 + y1) / 2, "\n".join(tile.note), fontsize=NOTE, color="0.35",
+            ha="center", va="center", parse_math=False,
+        )  # fmt: skip
+        return
+    axes.imshow(
+        tile.image, origin="lower", extent=(x0, x1, y0, y1), cmap=colours, norm=norm,
+        interpolation="nearest", aspect="auto",
+    )  # fmt: skip
+    if tile.cross is not None:
+        halo = [Stroke(linewidth=3, foreground="white"), Normal()]
+        axes.plot(*tile.cross, "+", color="black", markersize=9, mew=1.4, path_effects=halo)
+
+
+def _heading(name: str) -> str:
+    """`name` on at most three short lines."""
+    lines = textwrap.wrap(name, _HEAD_WIDTH, max_lines=_HEAD_LINES, placeholder="…")
+    return "\n".join(lines)

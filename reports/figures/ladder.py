@@ -1,0 +1,271 @@
+"""The ladder from simulation to reality as one table and one figure."""
+
+from __future__ import annotations
+
+import base64
+import io
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+
+from eitbench.benchmark.analysis.ladder import Ladder, read_ladder
+from eitbench.benchmark.analysis.results import read_run
+from eitbench.benchmark.rundir.kinds import METHOD_RUNS
+from eitbench.reports.figures.style import COLOURS, DASHES, PAGE, STYLE, marker
+from eitbench.reports.tables.columns import printable
+from eitbench.reports.tables.leaderboard import escape_markdown
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from eitbench.benchmark.metrics.statistics import Interval
+
+_NOT_RUN = "–"
+AREAS = ((False, "area over severity"), (True, "area, calibrated"))
+LEGEND = (
+    "B: mean of SSIM, CC, 1 - RIE and PSNR between fixed ends, 0 to 1; in brackets what "
+    "calibration adds, with ! where the 95 % interval over touches excludes 0. Area: under B "
+    "over severity, divided by its span. Real sensors: what ranks them, in brackets the change by "
+    "calibration (circles in the figure)."
+)
+
+
+def write_ladder(run: Path) -> list[Path]:
+    """Write `ladder.md`, `ladder.csv` and `figures/ladder.{png,pdf,svg}` into a run directory.
+
+    Returns:
+        The files; none where the run has no ladder.
+
+    Raises:
+        InputError, DataCorruptError: the run cannot be read.
+    """
+    ladder = read_ladder(read_run(run))
+    return [] if ladder is None else write_files(ladder, run, run / "figures", "ladder")
+
+
+def write_files(ladder: Ladder, tables: Path, figures: Path, stem: str) -> list[Path]:
+    """Write the tables of a ladder into one folder and its figure into another."""
+    import matplotlib as mpl
+
+    written = [tables / f"{stem}.md", tables / f"{stem}.csv"]
+    written[0].write_text(to_markdown(ladder), encoding="utf-8")
+    to_table(ladder).to_csv(written[1], index=False, float_format="%.6g")
+    figures.mkdir(exist_ok=True)
+    with mpl.rc_context(STYLE):
+        figure = draw(ladder)
+        kinds: list[tuple[str, dict[str, Any]]] = [
+            ("png", {}),
+            ("pdf", {"CreationDate": None}),
+            ("svg", {"Date": None}),
+        ]
+        for suffix, metadata in kinds:
+            written.append(figures / f"{stem}.{suffix}")
+            figure.savefig(written[-1], dpi=200, metadata=metadata)
+    return written
+
+
+def to_png(ladder: Ladder) -> str:
+    """The figure as a `data:` address, for a page."""
+    import matplotlib as mpl
+
+    content = io.BytesIO()
+    with mpl.rc_context(STYLE):
+        draw(ladder).savefig(content, format="png", dpi=170)
+    return f"data:image/png;base64,{base64.b64encode(content.getvalue()).decode()}"
+
+
+def to_table(ladder: Ladder) -> pd.DataFrame:
+    """All figures of a ladder: a row for each rung, the area and each recorded set, by method."""
+    rows: list[dict[str, object]] = []
+    for (rung, method), step in ladder.steps.items():
+        row = {"rung": rung, "method": method, "figure": "B", **_ends("", step.value)}
+        row |= _ends("loss", step.loss) | _ends("gain", step.gain)
+        row |= {"calibrated": None if step.gain is None else step.value.value + step.gain.value}
+        rows.append(row)
+    for (method, calibrated), area in ladder.areas.items():
+        name = "area, calibrated" if calibrated else "area"
+        rows.append({"rung": name, "method": method, "figure": "B", **_ends("", area)})
+    for (rung, method), real in ladder.real.items():
+        row = {"rung": rung, "method": method, "figure": real.figure, "value": real.value}
+        rows.append(row | {"calibrated": real.calibrated})
+    return pd.DataFrame(rows)
+
+
+def _ends(name: str, interval: Interval | None) -> dict[str, float]:
+    if interval is None:
+        return {}
+    prefix = f"{name}_" if name else ""
+    return {
+        name or "value": interval.value,
+        f"{prefix}low": interval.low,
+        f"{prefix}high": interval.high,
+    }
+
+
+def to_markdown(ladder: Ladder) -> str:
+    """Rungs by methods: B, and in brackets what calibration adds."""
+    head, *rows = grid(ladder)
+    lines = [f"| {' | '.join(map(escape_markdown, head))} |"]
+    lines.append("| --- |" + " ---: |" * len(ladder.methods))
+    lines += [f"| {' | '.join(map(escape_markdown, row))} |" for row in rows]
+    return "\n".join([*lines, "", LEGEND, ""])
+
+
+def grid(ladder: Ladder) -> list[list[str]]:
+    """The table of a ladder as texts, its heads first."""
+    rows = [["rung", *map(printable, ladder.methods)]]
+    for rung in ladder.rungs:
+        cells = [_step(ladder, rung, method) for method in ladder.methods]
+        rows.append([label(ladder, rung), *cells])
+    for calibrated, title in AREAS:
+        areas = [ladder.areas.get((method, calibrated)) for method in ladder.methods]
+        if any(areas):
+            shown = [_NOT_RUN if area is None else f"{area.value:.3f}" for area in areas]
+            rows.append([title, *shown])
+    for rung in dict.fromkeys(rung for rung, _ in ladder.real):
+        cells = [_real(ladder, rung, method) for method in ladder.methods]
+        figure = next(r.figure for (name, _), r in ladder.real.items() if name == rung)
+        rows.append([_titled(rung, figure), *cells])
+    return rows
+
+
+def _step(ladder: Ladder, rung: str, method: str) -> str:
+    step = ladder.steps.get((rung, method))
+    if step is None:
+        return _NOT_RUN
+    if step.gain is None:
+        return f"{step.value.value:.3f}"
+    gain = f"{step.gain.value:+.3f}"
+    if float(gain) == 0:  # however sure, it matters to nobody
+        return f"{step.value.value:.3f} (0)"
+    sure = "!" if step.gain.low > 0 or step.gain.high < 0 else ""
+    return f"{step.value.value:.3f} ({gain}{sure})"
+
+
+def _real(ladder: Ladder, rung: str, method: str) -> str:
+    real = ladder.real.get((rung, method))
+    if real is None or real.value is None:
+        return _NOT_RUN
+    if real.calibrated is None:
+        return f"{real.value:.3g}"
+    change = real.calibrated - real.value
+    return f"{real.value:.3g} ({f'{change:+.2g}' if change else '0'})"
+
+
+def _titled(rung: str, figure: str) -> str:
+    """A recorded set with the figure that ranks it and its unit."""
+    card = METHOD_RUNS.metrics[figure]
+    unit = "" if card.unit == "1" else f" [{card.unit}]"
+    return printable(f"{rung}: {card.title}{unit}")
+
+
+def short(rung: str, rungs: Sequence[str]) -> str:
+    """A rung's name without what all names begin with, up to a hyphen."""
+    first = rung.split("-")[0] + "-"
+    common = len(rungs) > 1 and all(name.startswith(first) for name in rungs)
+    return rung.removeprefix(first) if common else rung
+
+
+def label(ladder: Ladder, rung: str) -> str:
+    """A rung as tables call it, with its severity if it is on the curve."""
+    name = printable(short(rung, ladder.rungs))
+    if rung not in ladder.severities or name.startswith("severity"):
+        return name
+    return f"{name} (severity {ladder.severities[rung]:g})"
+
+
+def draw(ladder: Ladder) -> Figure:
+    """B on every rung with the area under it, B against severity, and the real sensors."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(PAGE, 2.4 + 0.19 * len(ladder.rungs)), layout="constrained")
+    figure.set_facecolor("white")
+    FigureCanvasAgg(figure)
+    sets = list(dict.fromkeys(rung for rung, _ in ladder.real))
+    if not ladder.severities and not sets:
+        _draw_losses(figure.subplots(), ladder)
+        return figure
+    left, right = np.ravel(figure.subfigures(1, 2, squeeze=False, width_ratios=(1.5, 1)))
+    _draw_losses(left.subplots(), ladder)
+    heights = [2.6] * bool(ladder.severities) + [1.0] * len(sets)
+    panels = right.subplots(len(heights), 1, squeeze=False, height_ratios=heights)[:, 0]
+    if ladder.severities:
+        _draw_curves(panels[0], ladder)
+    for axes, rung in zip(panels[len(panels) - len(sets) :], sets, strict=True):
+        _draw_real(axes, ladder, rung, named=rung == sets[-1])
+    return figure
+
+
+def _draw_losses(axes: Axes, ladder: Ladder) -> None:
+    """A table in colours: rungs and areas down, methods across, B written into each cell."""
+    rows = [label(ladder, rung) for rung in ladder.rungs]
+    value = np.full((len(rows), len(ladder.methods)), np.nan)
+    loss = value.copy()
+    for i, rung in enumerate(ladder.rungs):
+        for j, method in enumerate(ladder.methods):
+            step = ladder.steps.get((rung, method))
+            if step is not None:
+                value[i, j] = step.value.value
+                loss[i, j] = np.nan if step.loss is None else max(step.loss.value, 0.0)
+    most = float(np.nanmax([0.05, *loss.flat]))
+    for calibrated, title in AREAS:
+        areas = [ladder.areas.get((method, calibrated)) for method in ladder.methods]
+        if any(areas):
+            rows.append(title)
+            value = np.vstack([value, [np.nan if a is None else a.value for a in areas]])
+            loss = np.vstack([loss, np.full(len(areas), np.nan)])
+    shown = axes.imshow(loss, cmap="YlOrRd", aspect="auto", vmin=0, vmax=most)
+    for (i, j), number in np.ndenumerate(value):
+        if not math.isnan(number):
+            axes.text(
+                j, i, f"{number:.2f}".removeprefix("0"), ha="center", va="center", fontsize=6,
+                color="white" if loss[i, j] > 0.6 * most else "black",
+            )  # fmt: skip
+    names = [printable(method) for method in ladder.methods]
+    axes.set_xticks(range(len(names)), names, rotation=60, ha="right", rotation_mode="anchor")
+    axes.set_yticks(range(len(rows)), rows)
+    axes.tick_params(length=0)
+    axes.spines[:].set_visible(False)
+    axes.set_title("B (0 to 1) on each rung; colour: lost against the ideal sensor", loc="left")
+    axes.figure.colorbar(shown, ax=axes, location="bottom", shrink=0.5, aspect=30, label="B lost")
+
+
+def _draw_curves(axes: Axes, ladder: Ladder) -> None:
+    severities = list(ladder.severities.values())
+    for k, method in enumerate(ladder.methods):
+        if (method, False) in ladder.curves:
+            axes.plot(
+                severities, ladder.curves[method, False], marker=marker(k), ms=3, lw=1,
+                color=COLOURS[k % len(COLOURS)], ls=DASHES[k // len(COLOURS) % len(DASHES)],
+                label=printable(method),
+            )  # fmt: skip
+    axes.set_xlabel("severity of all imperfections")
+    axes.set_ylabel("B")
+    axes.grid(alpha=0.3, lw=0.4)
+    axes.legend(
+        fontsize=5.5, frameon=False, ncols=2, loc="lower center", bbox_to_anchor=(0.5, 1.0),
+        handlelength=2.4, labelspacing=0.25, columnspacing=1,
+    )  # fmt: skip
+
+
+def _draw_real(axes: Axes, ladder: Ladder, rung: str, *, named: bool) -> None:
+    """Nominal (filled) and calibrated (open) figures of one recorded set; `named` below it."""
+    for k, method in enumerate(ladder.methods):
+        real = ladder.real.get((rung, method))
+        if real is not None and real.value is not None:
+            axes.plot(k, real.value, "o", ms=3.5, color=COLOURS[0])
+        if real is not None and real.calibrated is not None:
+            axes.plot(k, real.calibrated, "o", ms=6, mfc="none", color=COLOURS[1])
+    figure = next(real.figure for (name, _), real in ladder.real.items() if name == rung)
+    names = [printable(method) if named else "" for method in ladder.methods]
+    axes.set_xticks(range(len(names)), names, rotation=60, ha="right", rotation_mode="anchor")
+    axes.tick_params(axis="x", labelsize=6)
+    axes.set_title(_titled(rung, figure), loc="left")
+    axes.grid(alpha=0.3, lw=0.4)

@@ -1,0 +1,1 @@
+"""HTML pages and files for a paper."""

@@ -1,0 +1,130 @@
+"""Images of a run for a page: few cases, all methods, one byte a pixel, packed into one text."""
+
+from __future__ import annotations
+
+import base64
+import zlib
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from eitbench.benchmark.analysis.results import Run, Scene
+from eitbench.benchmark.metrics.aggregation import numbers
+from eitbench.benchmark.metrics.specs import METRICS
+from eitbench.benchmark.rundir.store import TRUTH
+
+Packed = dict[str, Any] | None
+
+_MOST_FAMILIES = 6
+_OUTSIDE = 255
+_STEPS = 254
+
+
+def packed_images(methods: Mapping[str, tuple[Run, str]], scenario: str, by: str | None) -> Packed:
+    """The best, the median and the worst case of each family, as all methods see it.
+
+    Cases are ordered by the mean, over methods, of the figure `by`. Values between `low` and
+    `high` [S/m] are the bytes 0 to 254; 255 is outside the sensor, or no image. None where nothing
+    ranks the samples.
+
+    Args:
+        methods: the run and the name of each method, by what it is to be called; the runs are of
+            the same data.
+        scenario: its name.
+        by: a figure of samples.
+
+    Raises:
+        DataCorruptError: the images of a run cannot be read.
+    """
+    cells = {label: run.cell(scenario, name) for label, (run, name) in methods.items()}
+    table = pd.concat([cell.assign(label=label) for label, cell in cells.items()])
+    whole = table.groupby("sample")["label"].transform("count") == len(cells)
+    table = table[whole]
+    cases = [] if by is None or by not in table else _cases(table, by)
+    if not cases:
+        return None
+    samples = sorted({case["sample"] for case in cases})
+    scene = next(iter(methods.values()))[0].scene(scenario, samples)
+    stacks: dict[str, NDArray[np.float64]] = {}
+    if scene.truth is not None and not scene.has_classes:
+        stacks[TRUTH] = scene.truth
+    for label, (run, name) in methods.items():
+        found = run.estimates(scenario, name, samples)
+        if found is not None:
+            stacks[label] = found.astype(np.float64)
+    low, high = _limits(stacks, scene)
+    values = np.stack(list(stacks.values()))
+    scaled = np.clip(np.round((values - low) / (high - low) * _STEPS), 0, _STEPS)
+    known = np.isfinite(values) & scene.mask
+    pixels = np.where(known, np.nan_to_num(scaled), _OUTSIDE).astype(np.uint8)
+    return {
+        "names": list(stacks),
+        "has_truth": TRUTH in stacks,
+        "samples": samples,
+        "cases": cases,
+        "shape": list(scene.mask.shape),
+        "bounds": list(scene.bounds),
+        "background": scene.background,
+        "low": low,
+        "high": high,
+        "data": pack(pixels.tobytes()),
+        "figures": _figures(table, samples),
+    }
+
+
+def pack(content: bytes) -> str:
+    """`content` compressed (zlib) and as text (base64)."""
+    return base64.b64encode(zlib.compress(content, 9)).decode()
+
+
+def _limits(stacks: dict[str, NDArray[np.float64]], scene: Scene) -> tuple[float, float]:
+    """Ends of the scale [S/m]: around the truth, or, where there is none, around the background."""
+    if TRUTH in stacks:
+        low, high = float(stacks[TRUTH].min()), float(stacks[TRUTH].max())
+        return max(0.0, low - 0.25 * (high - low)), high + 0.25 * (high - low) + 1e-9
+    contrast = np.stack(list(stacks.values()))[..., scene.mask] - scene.background
+    # One method that overshoots must not leave the others without colour.
+    half = float(np.nanquantile(np.abs(contrast), 0.99)) if np.isfinite(contrast).any() else 0.0
+    half = half or 1e-3 * scene.background
+    return scene.background - half, scene.background + half
+
+
+def _cases(table: pd.DataFrame, by: str) -> list[dict[str, Any]]:
+    """Samples with their family and whether they are the best, the median or the worst of it."""
+    mean = table.groupby("sample")[by].mean().dropna()
+    better = mean if METRICS[by].best == "max" else -mean
+    if "family" in table and table["family"].notna().any():
+        of = table.drop_duplicates("sample").set_index("sample")["family"]
+        families = list(dict.fromkeys(of.dropna()))[:_MOST_FAMILIES]
+        groups = {str(name): better[of[better.index] == name] for name in families}
+    else:
+        groups = {"": better}
+    cases = []
+    for family, values in groups.items():
+        order = values.sort_values(ascending=False, kind="stable").index
+        if not len(order):
+            continue
+        places = {"best": 0, "median": (len(order) - 1) // 2, "worst": len(order) - 1}
+        cases += [
+            {"sample": int(order[place]), "family": family, "kind": kind}
+            for kind, place in places.items()
+        ]
+    return cases
+
+
+def _figures(table: pd.DataFrame, samples: Sequence[int]) -> dict[str, list[dict[str, Any]]]:
+    """What is known of each method's image of each sample, by method."""
+    names = [n for n in ("ssim", "cc", "rie", "psnr", "score", "localisation_mm") if n in table]
+    found = {}
+    for method, cell in table[table["sample"].isin(samples)].groupby("label", sort=False):
+        rows = cell.sort_values("sample")
+        columns = {name: numbers(rows, name) for name in names}
+        found[str(method)] = [
+            {"status": status}
+            | {name: float(f"{v[k]:.4g}") for name, v in columns.items() if np.isfinite(v[k])}
+            for k, status in enumerate(rows["status"])
+        ]
+    return found

@@ -1,0 +1,152 @@
+"""Files for a paper: tables, vector figures in the widths of IEEE's columns, citations."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+from urllib.parse import quote
+
+import numpy as np
+
+from eitbench.reports.figures.style import COLOURS, COLUMN, DASHES, FONT, PAGE, STYLE, marker
+from eitbench.reports.page.citations import bibliography
+from eitbench.reports.tables.columns import layout, printable
+from eitbench.reports.tables.leaderboard import write_leaderboard
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from eitbench.benchmark.analysis.results import Row
+    from eitbench.reports.page.gathered import Gathered
+
+FRAMES_PER_SECOND_MS = 100.0
+
+
+def write_paper(found: Gathered, out: Path) -> list[Path]:
+    """Write `tables/`, `figures/` and `references.bib` of what was gathered into `out`."""
+    import matplotlib as mpl
+
+    boards = [board for board in found["boards"] if board["views"][0]["rows"]]
+    (out / "tables").mkdir(exist_ok=True)
+    written = []
+    for kind, stem in (("method", "leaderboard"), ("operator", "operators")):
+        rows = [_plain(row) for b in boards if b["kind"] == kind for row in b["views"][0]["rows"]]
+        if rows:
+            written += write_leaderboard(rows, out / "tables", ("csv", "md", "latex"), stem)
+    (out / "figures").mkdir(exist_ok=True)
+    with mpl.rc_context(STYLE):
+        for stem, figure in _figures(boards):
+            for suffix, metadata in (("pdf", {"CreationDate": None}), ("svg", {"Date": None})):
+                path = out / "figures" / f"{stem}.{suffix}"
+                figure.savefig(path, metadata=metadata)
+                written.append(path)
+    references = out / "references.bib"
+    methods = [
+        row["method"] for b in boards if b["kind"] == "method" for row in b["views"][0]["rows"]
+    ]
+    references.write_text(bibliography(methods), encoding="utf-8")
+    return [*written, references]
+
+
+def _plain(row: Row) -> Row:
+    """A row without what serves the page alone."""
+    own = ("command", "anchored", "label")
+    return {name: value for name, value in row.items() if name not in own}
+
+
+def _figures(boards: Sequence[Gathered]) -> list[tuple[str, Figure]]:
+    found = []
+    for board in boards:
+        if board["kind"] == "method" and any(
+            row["frame_ms_p50"] for row in board["views"][0]["rows"]
+        ):
+            name = quote(f"frontier-{board['suite']}-{board['scenario']}", safe="")
+            found.append((name, frontier(board)))
+    for suite in dict.fromkeys(board["suite"] for board in boards):
+        levels = [b for b in boards if b["suite"] == suite and b["snr_db"] is not None]
+        if len(levels) > 1:
+            found.append((quote(f"noise-{suite}", safe=""), noise(levels)))
+    return found
+
+
+def _blank(width: float, height: float) -> tuple[Figure, Axes]:
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width, height), layout="constrained", facecolor="white")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots()
+    axes.grid(alpha=0.3, lw=0.4)
+    axes.set_axisbelow(True)
+    return figure, axes
+
+
+def frontier(board: Gathered) -> Figure:
+    """Quality against the time of a frame, in a column's width, a legend beside it."""
+    rows = board["views"][0]["rows"]
+    by = board["ranked_by"]
+    column = next(c for c in layout(rows[0]).columns if c.name == by)
+    shown = [row for row in rows if row[by] is not None and row["frame_ms_p50"]]
+    figure, axes = _blank(COLUMN, 2.3 + 0.08 * len(shown))
+    for k, row in enumerate(shown):
+        ends = [row[f"{by}_{end}"] for end in ("low", "high")]
+        error = None if None in ends else np.abs(np.array(ends) - row[by])[:, None]
+        axes.errorbar(
+            row["frame_ms_p50"], row[by], error, fmt=marker(k), ms=4.5,
+            color=COLOURS[k % len(COLOURS)], lw=0.7, capsize=1.5, mec="black", mew=0.3,
+            label=_name(row["label"]),
+        )  # fmt: skip
+    axes.axvline(FRAMES_PER_SECOND_MS, color="0.4", lw=0.7, ls="--")
+    axes.annotate(
+        "10 frames/s", (FRAMES_PER_SECOND_MS, 1), xycoords=("data", "axes fraction"),
+        xytext=(-2, -2), textcoords="offset points", ha="right", va="top", fontsize=FONT - 1,
+        color="0.3", rotation=90,
+    )  # fmt: skip
+    axes.set_xscale("log")
+    if column.best == "min":
+        axes.invert_yaxis()
+    axes.set_xlabel("time of a frame [ms]")
+    axes.set_ylabel(column.title)
+    figure.legend(
+        loc="outside lower center", ncols=2, frameon=False, handletextpad=0.3, columnspacing=1
+    )
+    return figure
+
+
+def noise(boards: Sequence[Gathered]) -> Figure:
+    """S of every method against SNR with bands, in the width of a page."""
+
+    def level(board: Gathered) -> float:
+        return float("inf") if board["snr_db"] == "clean" else float(board["snr_db"])
+
+    ordered = sorted(boards, key=level)
+    labels = ["clean" if b["snr_db"] == "clean" else f"{b['snr_db']:g}" for b in ordered]
+    names = dict.fromkeys(row["label"] for b in ordered for row in b["views"][0]["rows"])
+    figure, axes = _blank(PAGE, 3.2)
+    for k, name in enumerate(names):
+        rows: list[Row] = [
+            next((r for r in b["views"][0]["rows"] if r["label"] == name), {}) for b in ordered
+        ]
+        value, low, high = (
+            np.array([row.get(f"score{end}") for row in rows], dtype=float)
+            for end in ("", "_low", "_high")
+        )
+        colour = COLOURS[k % len(COLOURS)]
+        axes.plot(
+            labels, value, marker=marker(k), ms=4, lw=1, color=colour,
+            ls=DASHES[k // len(COLOURS) % len(DASHES)], label=_name(name),
+        )  # fmt: skip
+        axes.fill_between(labels, low, high, color=colour, alpha=0.12, lw=0)
+    axes.set_xlabel("SNR [dB]")
+    axes.set_ylabel("S")
+    figure.legend(loc="outside right upper", frameon=False)
+    return figure
+
+
+def _name(text: str) -> str:
+    """A name that Matplotlib shows as it is: no mathematics between dollars, no hidden label."""
+    shown = printable(text).replace("$", r"\$")
+    return f" {shown}" if shown.startswith("_") else shown

@@ -1,0 +1,208 @@
+"""The columns of printed leaderboards, and how their numbers are written."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from eitbench.benchmark.analysis.results import Row
+from eitbench.benchmark.metrics.operator_specs import OPERATOR_COSTS, OPERATOR_METRICS
+from eitbench.benchmark.metrics.specs import METRICS, MetricCard
+
+
+@dataclass(frozen=True)
+class Column:
+    """One column of a printed leaderboard.
+
+    Attributes:
+        name: key in a row.
+        title: heading; units belong to it.
+        form: format specification of its numbers, `TIME` for durations, `SMALL` for numbers that
+            may be of any smallness; "" for text.
+        best: whether the largest or the smallest value is highlighted, if any.
+        always: shown even if no row of the scenario has a value.
+    """
+
+    name: str
+    title: str
+    form: str = ""
+    best: Literal["max", "min"] | None = None
+    always: bool = False
+
+    def text(self, row: Row) -> str:
+        """The value in `row` as printed."""
+        value = row[self.name]
+        if value is None or value == "":
+            return "–"
+        return self.number(value) if self.form else printable(str(value))
+
+    def whole_text(self, row: Row) -> str:
+        """As `text`, with the 95 % interval of a rank and of the figure that ranks."""
+        ends = self.ends(row)
+        return f"{self.text(row)} ({ends})" if ends else self.text(row)
+
+    def ends(self, row: Row) -> str:
+        """The 95 % interval of a rank, or of the figure that ranks, as printed; "" without one."""
+        low, high = (row.get(f"{self.name}_{end}") for end in ("low", "high"))
+        if low is None or high is None or self.name not in ("rank", row["ranked_by"]):
+            return ""
+        # A rank that all draws agree on needs none.
+        if self.name == "rank" and low == high:
+            return ""
+        return f"{self.number(low)}–{self.number(high)}"
+
+    def number(self, value: float) -> str:
+        """A number as printed."""
+        written = {TIME: _time, SMALL: _small}
+        return written[self.form](value) if self.form in written else format(value, self.form)
+
+
+TIME = "time"
+SMALL = "small"
+
+
+def _time(value: float) -> str:
+    """At most 3 significant digits and 3 decimals, and no exponent."""
+    if 0 < value < 0.0005:
+        return "<0.001"
+    rounded = float(f"{value:.3g}")
+    return f"{rounded:.3f}".rstrip("0").rstrip(".")
+
+
+def _small(value: float) -> str:
+    """3 significant digits, with an exponent below 0.1: 1.62e-2."""
+    if value == 0 or abs(value) >= 0.1:
+        return f"{value:.3g}"
+    mantissa, exponent = f"{value:.2e}".split("e")
+    return f"{mantissa}e{int(exponent)}"
+
+
+def printable(text: str) -> str:
+    """`text` on one line, with what is not printable written as an escape."""
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+
+
+def _of(card: MetricCard, form: str) -> Column:
+    title = card.title if card.unit == "1" else f"{card.title} [{card.unit}]"
+    return Column(card.name, title, form, card.best)
+
+
+@dataclass(frozen=True)
+class Layout:
+    """The columns for one kind of run.
+
+    Attributes:
+        columns: in the order of printed tables.
+        paper: names of those in tables for papers.
+        terminal: what a terminal shows, the most important first, under headings of a word a line;
+            what does not fit its width is left out from the end, and is in the files.
+    """
+
+    columns: tuple[Column, ...]
+    paper: frozenset[str]
+    terminal: Mapping[str, str]
+
+    def column(self, name: str) -> Column:
+        """The column called `name`."""
+        return next(column for column in self.columns if column.name == name)
+
+
+METHOD_LAYOUT = Layout(
+    (
+        Column("rank", "#", "d", always=True),
+        Column("method", "Method", always=True),
+        Column("group", "Ties"),
+        _of(METRICS["score"], ".3f"),
+        _of(METRICS["bounded"], ".3f"),
+        _of(METRICS["ssim"], ".3f"),
+        _of(METRICS["cc"], ".3f"),
+        _of(METRICS["rie"], ".4f"),
+        _of(METRICS["psnr"], ".2f"),
+        Column("frame_solves", "Frame [calibration solves]", TIME, "min"),
+        Column("frame_ms_p50", "Frame p50 [ms]", TIME, "min"),
+        Column("frame_ms_p99", "p99 [ms]", TIME, "min"),
+        _of(METRICS["localisation_mm"], ".1f"),
+        _of(METRICS["contact_count_error"], ".2f"),
+        _of(METRICS["area_error"], ".2f"),
+        _of(METRICS["iou"], ".3f"),
+        _of(METRICS["iou_resistive"], ".3f"),
+        _of(METRICS["iou_conductive"], ".3f"),
+        _of(METRICS["strength_spearman"], ".2f"),
+        _of(METRICS["repeatability_db"], ".1f"),
+        Column("setup_s", "Set-up [s]", TIME, "min"),
+        Column("train_s", "Training [s]", TIME, "min"),
+        Column("coverage", "Coverage", ".1%", always=True),
+        Column("n", "n", "d", always=True),
+        Column("track", "Track", always=True),
+        Column("run", "Run"),
+    ),
+    frozenset(
+        {
+            "rank", "method", "run", "group", "score", "ssim", "cc", "rie", "psnr",
+            "localisation_mm", "strength_spearman", "repeatability_db", "frame_ms_p50",
+            "frame_solves", "coverage",
+        }
+    ),
+    {
+        "rank": "#", "method": "Method", "group": "Ties", "score": "S",
+        "localisation_mm": "Loc.\nmm", "coverage": "Done", "track": "Track", "ssim": "SSIM",
+        "psnr": "PSNR\ndB", "cc": "CC", "repeatability_db": "Repeatability\ndB",
+        "frame_ms_p50": "Frame\nms",
+        "frame_solves": "Frame\nsolves", "rie": "RIE", "bounded": "B",
+        "strength_spearman": "Strength", "iou": "IoU", "n": "n",
+        "setup_s": "Set-up\ns", "run": "Run",
+    },
+)  # fmt: skip
+OPERATOR_LAYOUT = Layout(
+    (
+        Column("rank", "#", "d", always=True),
+        Column("operator", "Operator", always=True),
+        Column("run", "Run"),
+        _of(OPERATOR_METRICS["mse"], SMALL),
+        _of(OPERATOR_METRICS["r"], ".5f"),
+        _of(OPERATOR_METRICS["rel_error"], SMALL),
+        _of(OPERATOR_METRICS["grad_cosine"], ".4f"),
+        _of(OPERATOR_COSTS["forward_ms"], TIME),
+        _of(OPERATOR_COSTS["grad_ms"], TIME),
+        _of(OPERATOR_COSTS["setup_s"], TIME),
+        _of(OPERATOR_COSTS["memory_mb"], ".0f"),
+        _of(OPERATOR_COSTS["train_s"], TIME),
+        Column("trained_on", "Trained on"),
+        Column("coverage", "Coverage", ".1%", always=True),
+        Column("n", "n", "d", always=True),
+    ),
+    frozenset(
+        {"rank", "operator", "run", "mse", "r", "grad_cosine", "forward_ms", "grad_ms", "coverage"}
+    ),
+    {
+        "rank": "#", "operator": "Operator", "mse": "MSE", "r": "R", "coverage": "Done",
+        "grad_cosine": "Grad.\ncosine", "forward_ms": "Forward\nms", "grad_ms": "Gradient\nms",
+        "rel_error": "Rel.\nerror", "n": "n", "memory_mb": "Memory\nMiB",
+        "train_s": "Training\ns", "setup_s": "Set-up\ns", "trained_on": "Trained on",
+        "run": "Run",
+    },
+)  # fmt: skip
+
+
+_TIMES = frozenset({"frame_ms_p50", "frame_ms_p99", "setup_s", "train_s", "forward_ms", "grad_ms"})
+
+
+def shown_columns(board: Sequence[Row]) -> list[Column]:
+    """The columns that say something about the rows of one scenario.
+
+    Times of several machines do not compare: there, frames are shown in calibration solves alone.
+    """
+    machines = {row["machine"] for row in board} - {None}
+    hidden = _TIMES if len(machines) > 1 else {"frame_solves"}
+    if len({row["run"] for row in board} - {None}) < 2:
+        hidden = hidden | {"run"}
+    return [
+        column
+        for column in layout(board[0]).columns
+        if column.name not in hidden
+        and (column.always or any(row.get(column.name) not in (None, "") for row in board))
+    ]
+
+
+def layout(row: Row) -> Layout:
+    """The layout of the table that `row` belongs to."""
+    return OPERATOR_LAYOUT if "operator" in row else METHOD_LAYOUT

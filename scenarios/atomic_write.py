@@ -1,0 +1,36 @@
+"""Files that appear whole or not at all, whoever writes them at once and whenever one is killed."""
+
+import os
+import threading
+import time
+from contextlib import suppress
+from pathlib import Path
+
+# A part this old [s] was left by a killed process: writing one takes seconds. Whether that process
+# lives cannot be asked, where the folder is shared by machines.
+ABANDONED_AFTER_S = 3600.0
+
+
+def atomic_write(path: Path, content: bytes) -> None:
+    """Make `content` the file `path`: others read the old file or the new, nothing between.
+
+    Raises:
+        OSError: the folder is not writable or full; nothing is left of this file.
+    """
+    part = path.with_name(f".{path.name}.{os.getpid()}-{threading.get_ident()}.part")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    _sweep(path)
+    try:
+        part.write_bytes(content)
+        part.replace(path)
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def _sweep(path: Path) -> None:
+    """Remove what killed processes left beside `path`."""
+    for left in path.parent.glob(f".{path.name}.*.part"):
+        # Its writer, or another process that sweeps, may be done with it meanwhile.
+        with suppress(FileNotFoundError):
+            if time.time() - left.stat().st_mtime > ABANDONED_AFTER_S:
+                left.unlink()

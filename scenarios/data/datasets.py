@@ -1,0 +1,247 @@
+"""Data sets: what a scenario's split holds, ready for methods and judges."""
+
+import hashlib
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from eitbench.scenarios.data.simulation import clean_reference, clean_voltages, phantom
+from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.guard import check_open
+from eitbench.scenarios.imperfections.noise import measured_frames, measured_reference
+from eitbench.scenarios.phantoms.phantom import Phantom, rasterise
+from eitbench.scenarios.sensors.sensor import Sensor
+from eitbench.scenarios.suites.scenario import (
+    RecordedScenario,
+    SimulatedScenario,
+    Split,
+    checked_split,
+)
+from eitbench.scenarios.suites.suite import scenario_by_name
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Dataset:
+    """The first n samples of one split of one scenario; its arrays are read-only.
+
+    Attributes:
+        scenario, split: where it comes from.
+        sensor: the nominal sensor.
+        voltages: (n, M) frames: [V/A] if simulated, in the board's own units if recorded.
+        reference: (M,) the untouched frame, measured like the others.
+        samples: one row per frame. `sample` is its number in the split, `phantom` names what was
+            measured: frames of the same phantom are not independent. Simulated: `family`,
+            `shape`, `snr_db` (NaN if clean), `inclusions` and what was drawn (NaN where a family
+            has no such value). Recorded: what the set knows, such as `x_m`, `y_m`, `depth_mm`.
+        truth: what is known of each frame.
+        data_hash: SHA-256 of all declared parameters.
+        inverse_crime: whether the mesh of the data is no finer than the one methods invert with;
+            None for recorded data.
+        phantoms: the simulated phantoms.
+        classes: (n, H, W) int8 truth of recorded sets that know it: 0 background, -1 resistive,
+            +1 conductive.
+    """
+
+    scenario: str
+    split: Split
+    sensor: Sensor
+    voltages: Array
+    reference: Array
+    samples: pd.DataFrame
+    truth: Literal["conductivity", "position", "classes", "none"]
+    data_hash: str
+    inverse_crime: bool | None = None
+    phantoms: tuple[Phantom, ...] = ()
+    classes: NDArray[np.int8] | None = None
+
+    def __post_init__(self) -> None:
+        for array in (self.voltages, self.reference, self.classes):
+            if array is not None:
+                array.setflags(write=False)
+
+    def __len__(self) -> int:
+        """Number of samples n."""
+        return len(self.voltages)
+
+    @cached_property
+    def conductivity(self) -> Array | None:
+        """True conductivity (n, H, W) [S/m] on the sensor's image grid; None for recorded data."""
+        if self.truth != "conductivity":
+            return None
+        images = np.empty((len(self), *self.sensor.image_shape))
+        for image, drawn in zip(images, self.phantoms, strict=True):
+            image[:] = rasterise(drawn, self.sensor)
+        images.setflags(write=False)
+        return images
+
+    @cached_property
+    def frame_hashes(self) -> list[str]:
+        """SHA-256 (hex) of every frame together with the reference frame."""
+        reference = self.reference.tobytes()
+        return [hashlib.sha256(frame.tobytes() + reference).hexdigest() for frame in self.voltages]
+
+
+def load(
+    scenario: str | SimulatedScenario | RecordedScenario,
+    split: str = "test",
+    limit: int | None = None,
+    *,
+    jobs: int = 1,
+    progress: bool = False,
+    download_limit_s: float | None = None,
+) -> Dataset:
+    """The first `limit` samples of a scenario's split, simulated or fetched if need be.
+
+    Args:
+        scenario: one of the packaged suites' scenarios by name, or a scenario of your own.
+        split: "train", "validation" or "test"; recorded scenarios have no "train".
+        limit: number of samples; all by default.
+        jobs: number of processes to simulate with.
+        progress: show a progress bar on stderr.
+        download_limit_s: how long a recorded set may take to download [s]; no limit by default.
+
+    Raises:
+        InputError: unknown scenario or split, a limit or number of jobs that is no whole number of
+            at least 1, or the test split where it is closed (see `guard`).
+        DataUnavailableError: recorded data is neither here nor within reach.
+        DataCorruptError: recorded data is not what its checksum promises.
+        EitbenchError: the cache folder is not writable or full.
+    """
+    if limit is not None and not _is_count(limit):
+        raise InputError(f"A limit is a whole number of at least 1 sample, got {limit!r}.")
+    if not _is_count(jobs):
+        raise InputError(f"The number of jobs is a whole number of at least 1, got {jobs!r}.")
+    if isinstance(scenario, str):
+        scenario = scenario_by_name(scenario)
+    part = checked_split(split)
+    check_open(part)
+    if isinstance(scenario, RecordedScenario):
+        return _recorded(scenario, part, limit, download_limit_s, progress)
+    return _simulated(scenario, part, limit, jobs, progress)
+
+
+def _is_count(value: object) -> bool:
+    return isinstance(value, int | np.integer) and not isinstance(value, bool) and int(value) >= 1
+
+
+def _simulated(
+    scenario: SimulatedScenario, split: Split, limit: int | None, jobs: int, progress: bool
+) -> Dataset:
+    size = scenario.size(split)
+    if size == 0:
+        raise InputError(f"Scenario {scenario.name!r} declares no {split} samples.")
+    count = size if limit is None else min(limit, size)
+    clean = clean_voltages(scenario, split, count, jobs=jobs, progress=progress)
+    voltages, snr = _through_board(scenario, split, clean)
+    reference = _reference(scenario, split)
+    if scenario.calibrated and split == "test":  # the others are of the nominal sensor
+        voltages, reference = _calibrated(scenario.nominal_sensor, voltages, reference)
+    phantoms = tuple(phantom(scenario, split, sample) for sample in range(count))
+    declared = {
+        "sample": np.arange(count),
+        "phantom": [f"{scenario.phantom_stream} {split} {sample}" for sample in range(count)],
+        "family": [p.family for p in phantoms],
+        "shape": [p.shape for p in phantoms],
+        "snr_db": snr,
+        "inclusions": [len(p.inclusions) for p in phantoms],
+    }
+    drawn = pd.DataFrame([p.parameters for p in phantoms])
+    return Dataset(
+        scenario=scenario.name,
+        split=split,
+        sensor=scenario.nominal_sensor,
+        voltages=voltages,
+        reference=reference,
+        samples=pd.concat([pd.DataFrame(declared), drawn], axis=1),
+        truth="conductivity",
+        data_hash=scenario.data_hash(split),
+        inverse_crime=scenario.inverse_crime,
+        phantoms=phantoms,
+    )
+
+
+def _through_board(scenario: SimulatedScenario, split: Split, clean: Array) -> tuple[Array, Array]:
+    """Frames (n, M) as the board of `split` sends them, and the SNR (n,) [dB] of each."""
+    board, pattern = scenario.split_imperfections(split), scenario.nominal_sensor.pattern
+    untouched = clean_reference(scenario, split)
+    analogue = board.analogue(clean, untouched, pattern)
+    noisy, snr = measured_frames(
+        analogue, scenario.split_noise(split), scenario=scenario.name, split=split
+    )
+    return board.seen(board.digital(noisy, untouched, pattern)), snr
+
+
+def _reference(scenario: SimulatedScenario, split: Split) -> Array:
+    """The untouched frame (M,) as the board sends it: the same for all splits.
+
+    Unless the sensor of the test split has imperfections: these are unknown to the other splits.
+    """
+    board, pattern = scenario.split_imperfections(split), scenario.nominal_sensor.pattern
+    clean = clean_reference(scenario, split)
+    times = np.array([-board.reference_age_s])
+    (analogue,) = board.analogue_at(times, clean[None], clean, pattern)
+    noise = scenario.split_noise("test" if scenario.imperfections is None else split)
+    noisy = measured_reference(analogue, noise, scenario=scenario.name)
+    (sent,) = board.digital(noisy[None], clean, pattern)
+    return np.asarray(sent)
+
+
+def _calibrated(sensor: Sensor, voltages: Array, reference: Array) -> tuple[Array, Array]:
+    """Frames and reference as the nominal sensor would give them, by what the reference shows."""
+    # Imported here: it is a small inverse problem, which few scenarios pose.
+    from eitbench.scenarios.imperfections.calibration import calibrate
+
+    calibration = calibrate(sensor, reference[None])
+    return calibration.corrected(voltages), calibration.nominal
+
+
+# Columns of recorded sets that say which object a frame shows; without, each frame shows its own.
+_WHAT_WAS_MEASURED = ("state", "target")
+
+
+def _recorded(
+    scenario: RecordedScenario,
+    split: Split,
+    limit: int | None,
+    download_limit_s: float | None,
+    progress: bool,
+) -> Dataset:
+    if split == "train":
+        raise InputError(
+            f"Recorded scenario {scenario.name!r} has no training split: ask for 'validation' or "
+            "'test', or train on a simulated scenario."
+        )
+    # Imported here: simulated data need no download.
+    from eitbench.scenarios.recordings.fetch import read_recording
+
+    recorded = scenario.recorded_set
+    recording = read_recording(scenario.recording, limit_s=download_limit_s, progress=progress)
+    rows = np.flatnonzero(recording.samples["split"] == split)[:limit]
+    if len(rows) == 0:
+        raise InputError(f"Recorded scenario {scenario.name!r} has no {split} samples.")
+    samples = recording.samples.iloc[rows].drop(columns=["split", "sample"], errors="ignore")
+    samples = samples.reset_index(drop=True)
+    samples.insert(0, "sample", np.arange(len(rows)))
+    measured = next((name for name in _WHAT_WAS_MEASURED if name in samples), "sample")
+    samples.insert(1, "phantom", [f"{recorded.name} {what}" for what in samples[measured]])
+    voltages = np.array(recording.voltages[rows], dtype=np.float64)
+    reference = np.array(recording.reference, dtype=np.float64)
+    if scenario.calibrated:
+        voltages, reference = _calibrated(scenario.nominal_sensor, voltages, reference)
+    return Dataset(
+        scenario=scenario.name,
+        split=split,
+        sensor=scenario.nominal_sensor,
+        voltages=voltages,
+        reference=reference,
+        samples=samples,
+        truth=recorded.truth,
+        data_hash=scenario.data_hash(split),
+        classes=None if recording.classes is None else recording.classes[rows],
+    )

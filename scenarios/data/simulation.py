@@ -1,0 +1,175 @@
+"""Simulated voltages before noise: made on demand, in parallel, and cached by content.
+
+The cache holds `simulated/<hash of the parameters>/<split>-<first sample>.h5`, files of up to
+CHUNK samples each. A file that holds fewer samples than are asked for is completed. Phantoms and
+noise are not stored: they are drawn again from their keys.
+"""
+
+import logging
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import joblib
+import numpy as np
+from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
+
+from eitbench.scenarios.cache_dir import cache_dir
+from eitbench.scenarios.data.cache_file import CacheFile
+from eitbench.scenarios.errors import DataCorruptError
+from eitbench.scenarios.guard import check_open
+from eitbench.scenarios.imperfections.imperfections import TOUCH_INTERVAL_S
+from eitbench.scenarios.phantoms.phantom import Phantom, draw, rasterise
+from eitbench.scenarios.seeds import generator
+from eitbench.scenarios.sensors.sensor import content_hash
+from eitbench.scenarios.suites.scenario import SimulatedScenario, Split
+
+Array = NDArray[np.float64]
+
+CHUNK = 32
+
+_log = logging.getLogger(__name__)
+
+
+def phantom(scenario: SimulatedScenario, split: Split, sample: int) -> Phantom:
+    """Phantom number `sample` of `split`; families take turns, so any first n are balanced.
+
+    Raises:
+        InputError: the test split, where it is closed.
+    """
+    check_open(split)
+    families = scenario.split_families(split)
+    rng = generator("phantom", scenario.phantom_stream, split, sample)
+    return draw(families[sample % len(families)], scenario.nominal_sensor, rng)
+
+
+def clean_voltages(
+    scenario: SimulatedScenario, split: Split, count: int, *, jobs: int = 1, progress: bool = False
+) -> Array:
+    """Voltages (count, M) [V/A] of the first `count` phantoms of `split`, without noise.
+
+    Raises:
+        InputError: the test split, where it is closed.
+        EitbenchError: the cache folder is not writable or full.
+    """
+    check_open(split)
+    chunks = _chunks(scenario, split, count)
+    ready: dict[int, Array] = {}
+    for chunk in chunks:
+        stored = _read(chunk.file)
+        if stored is not None and len(stored) >= chunk.count:
+            ready[chunk.first] = stored[: chunk.count]
+    missing = [chunk for chunk in chunks if chunk.first not in ready]
+    steps = _made(scenario, split, missing, jobs)
+    for chunk, voltages in _shown(steps, missing, scenario.name) if progress else steps:
+        ready[chunk.first] = voltages
+    empty = np.empty((0, scenario.nominal_sensor.n_measurements))
+    return np.concatenate([empty, *(ready[chunk.first] for chunk in chunks)])
+
+
+def clean_reference(scenario: SimulatedScenario, split: Split) -> Array:
+    """Voltages (M,) [V/A] of the untouched sensor of `split`, without noise."""
+    with threadpool_limits(1):
+        model, imperfections = scenario.data_model(split), scenario.split_imperfections(split)
+        drift = imperfections.drifted(model.sensor, -imperfections.reference_age_s)
+        return model.voltages(drift * model.background)
+
+
+def conductivity(scenario: SimulatedScenario, split: Split, sample: int) -> Array:
+    """Conductivity [S/m] of one sample on the grid of the data, as the material has it by then."""
+    sensor = scenario.data_model(split).sensor
+    imperfections = scenario.split_imperfections(split)
+    touch = rasterise(phantom(scenario, split, sample), sensor)
+    last = None
+    if imperfections.relaxation and sample:
+        last = rasterise(phantom(scenario, split, sample - 1), sensor) / sensor.background
+    drift = imperfections.drifted(sensor, TOUCH_INTERVAL_S * sample)
+    return drift * imperfections.remaining(touch, last)
+
+
+@dataclass(frozen=True)
+class _Chunk:
+    """Samples first .. first + count - 1 and the file they are kept in."""
+
+    first: int
+    count: int
+    file: CacheFile
+
+
+def _chunks(scenario: SimulatedScenario, split: Split, count: int) -> list[_Chunk]:
+    parameters = scenario.clean_parameters(split)
+    folder = cache_dir() / "simulated" / content_hash(parameters)
+    return [
+        _Chunk(first, min(CHUNK, count - first), _file(folder, parameters, split, first))
+        for first in range(0, count, CHUNK)
+    ]
+
+
+def _file(folder: Path, parameters: dict[str, object], split: Split, first: int) -> CacheFile:
+    return CacheFile(folder / f"{split}-{first:06d}.h5", {**parameters, "first": first})
+
+
+def _read(file: CacheFile) -> Array | None:
+    """What a cache file holds; a corrupt one is named and counts as missing."""
+    try:
+        return file.read()
+    except DataCorruptError as error:
+        _log.warning("%s It is made again.", error)
+        return None
+
+
+def _made(
+    scenario: SimulatedScenario, split: Split, chunks: list[_Chunk], jobs: int
+) -> Iterator[tuple[_Chunk, Array]]:
+    """Simulate and store `chunks`; yields each as soon as it is stored."""
+    if jobs == 1 or len(chunks) < 2:
+        yield from (_complete(scenario, split, chunk) for chunk in chunks)
+        return
+    # One chunk a task: each is stored and shown as soon as it is done.
+    pool = joblib.Parallel(
+        n_jobs=min(jobs, len(chunks)), return_as="generator_unordered", batch_size=1
+    )
+    yield from pool(joblib.delayed(_complete)(scenario, split, chunk) for chunk in chunks)
+
+
+def _complete(scenario: SimulatedScenario, split: Split, chunk: _Chunk) -> tuple[_Chunk, Array]:
+    """Simulate what the chunk's file lacks and store it; runs in a worker process.
+
+    Every sample is solved on its own and on one thread, so that its bits depend neither on the
+    number of processes nor on the samples beside it.
+    """
+    try:
+        # Read again: another process may have been faster.
+        stored = chunk.file.read()
+    except DataCorruptError:
+        stored = None
+    with threadpool_limits(1):
+        model = scenario.data_model(split)
+        frames = [] if stored is None else list(stored)
+        for sample in range(chunk.first + len(frames), chunk.first + chunk.count):
+            frames.append(model.voltages(conductivity(scenario, split, sample)))
+    voltages = np.array(frames)
+    if stored is None or len(stored) < len(voltages):
+        chunk.file.write(voltages)
+    return chunk, voltages[: chunk.count]
+
+
+def _shown(
+    steps: Iterable[tuple[_Chunk, Array]], chunks: list[_Chunk], name: str
+) -> Iterator[tuple[_Chunk, Array]]:
+    """`steps` with a progress bar on stderr, if there is anything to do."""
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+    from rich.progress import TimeRemainingColumn as Remaining
+
+    if not chunks:
+        return
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), Remaining())
+    console = Console(stderr=True)
+    # Without a terminal there is nobody to watch, and a log needs no empty lines.
+    with Progress(*columns, console=console, disable=not console.is_terminal) as bar:
+        task = bar.add_task(f"Simulating {name}", total=sum(chunk.count for chunk in chunks))
+        for chunk, voltages in steps:
+            bar.advance(task, chunk.count)
+            yield chunk, voltages

@@ -1,0 +1,1 @@
+"""Differences between a real sensor and its nominal model: noise, imperfections, calibration."""

@@ -1,0 +1,246 @@
+"""What makes a sensor on the desk differ from its nominal description.
+
+In the order in which they act on a touch:
+
+1. The sensor as built. Electrodes lie off their places along the rim, their widths and contact
+   impedances are uneven. (The finer mesh that data come from belongs here too: no real field is
+   computed on the grid of an image.)
+2. The material. Its conductivity drifts with temperature, evenly and as a gradient across the
+   sensor, and it recovers slowly, so that the last touch is still there in part. Both multiply
+   the conductivity, which therefore stays above 0.
+3. The board. Every channel (pair of measuring electrodes) has a gain and an offset of its own; a
+   value still holds a part of the one measured before it (settling), and mains hum; the converter
+   clips and rounds.
+4. Faults: electrodes without contact, a channel that saturates, lost frames (the last one is seen
+   again), and a reference frame that is old.
+
+What is drawn (standard normal, by the key of a unit and of the quantity) is multiplied with the
+declared magnitude, so that the same unit shows the same deviation alone, among all others, and at
+any severity.
+"""
+
+from typing import Annotated
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, NonNegativeFloat
+
+from eitbench.scenarios.declaration import Declaration
+from eitbench.scenarios.seeds import generator
+from eitbench.scenarios.sensors.patterns import DrivePattern
+from eitbench.scenarios.sensors.sensor import Electrode, Sensor
+
+Array = NDArray[np.float64]
+
+TOUCH_INTERVAL_S = 10.0
+"""Time from one touch of a simulated session to the next [s]."""
+FRAME_S = 0.1
+"""Time in which a board measures one frame [s]: 10 frames/s."""
+MAINS_HZ = 50.0
+HEADROOM = 1.25  # full scale of the converter over the greatest value of the untouched sensor
+SATURATION = 0.6  # what a saturated channel reaches of its greatest untouched value
+_DRIFT_PERIODS_S = (900.0, 3600.0)  # a room's temperature swings within a quarter to a whole hour
+_DRIFT_TERMS = 3
+_GRADIENT = 0.5  # drift at the rim against that of the whole
+_NARROWEST = 0.3  # an electrode keeps so much of its width, and of its distance to the next
+
+
+class Imperfections(Declaration):
+    """Deviations of one sensor and its board; without any, both are ideal.
+
+    Attributes:
+        unit: which of many sensors of the same make: decides what is drawn.
+        severity: factor of all magnitudes; faults and the mesh are as they are.
+        mesh_refinement: the data come from a mesh this many times finer.
+        electrode_shift_m: standard deviation along the rim [m].
+        electrode_width: standard deviation relative to the nominal width.
+        contact_impedance: standard deviation of its natural logarithm.
+        drift: standard deviation over hours of the conductivity, relative.
+        relaxation: share of the last touch (of the logarithm of its conductivity) that is left.
+        gain: standard deviation of a channel's gain, relative.
+        offset: standard deviation of a channel's offset, relative to the rms of a frame.
+        settling: share of the value measured before that is left in a value.
+        mains: amplitude of the hum, relative to the rms of a frame.
+        bits: resolution of the converter; None for one that does not round.
+        dead: electrodes without contact: what they drive or measure reads 0.
+        saturated: a channel, numbered in the order of its first measurement, that clips.
+        lost_every: every so many frames one is lost and the last one seen again.
+        reference_age_s: age of the reference frame at the first touch [s].
+    """
+
+    unit: int = Field(default=0, ge=0)
+    severity: float = Field(default=1.0, ge=0, le=10)
+    mesh_refinement: int = Field(default=1, ge=1, le=8)
+    electrode_shift_m: NonNegativeFloat = 0.0
+    electrode_width: NonNegativeFloat = 0.0
+    contact_impedance: NonNegativeFloat = 0.0
+    drift: NonNegativeFloat = 0.0
+    relaxation: Annotated[float, Field(ge=0, lt=1)] = 0.0
+    gain: NonNegativeFloat = 0.0
+    offset: NonNegativeFloat = 0.0
+    settling: Annotated[float, Field(ge=0, lt=1)] = 0.0
+    mains: NonNegativeFloat = 0.0
+    bits: int | None = Field(default=None, ge=4, le=24)
+    dead: tuple[Annotated[int, Field(ge=0)], ...] = ()
+    saturated: int | None = Field(default=None, ge=0)
+    lost_every: int | None = Field(default=None, ge=2)
+    reference_age_s: NonNegativeFloat = TOUCH_INTERVAL_S
+
+    def built(self, nominal: Sensor) -> tuple[Electrode, ...]:
+        """The electrodes of this unit of the sensor `nominal`, none of which overlap."""
+        if not (self.electrode_shift_m or self.electrode_width or self.contact_impedance):
+            return nominal.electrodes
+        count = nominal.n_electrodes
+        shift = self._drawn("electrode shift", count) * self.electrode_shift_m
+        width = np.exp(self._drawn("electrode width", count) * self.electrode_width)
+        contact = np.exp(self._drawn("contact impedance", count) * self.contact_impedance)
+        perimeter = nominal.outline.perimeter
+        centres = np.array([e.centre % perimeter for e in nominal.electrodes])
+        gaps = (centres[:, None] - centres[None, :]) % perimeter
+        np.fill_diagonal(gaps, perimeter)
+        # Half of the way to the nearest neighbour belongs to each of two electrodes.
+        room = np.minimum(gaps.min(axis=0), gaps.min(axis=1)) / 2
+        electrodes = []
+        for k, nominal_electrode in enumerate(nominal.electrodes):
+            half = nominal_electrode.width / 2
+            free = (1 - _NARROWEST) * (room[k] - half)
+            moved = float(np.clip(shift[k], -free, free))
+            widest = 2 * (room[k] - abs(moved)) * (1 - 1e-6)
+            narrowest = min(_NARROWEST * 2 * half, widest)
+            electrodes.append(
+                Electrode(
+                    nominal_electrode.centre + moved,
+                    float(np.clip(2 * half * width[k], narrowest, widest)),
+                    nominal_electrode.contact_impedance * float(contact[k]),
+                )
+            )
+        return tuple(electrodes)
+
+    def drifted(self, sensor: Sensor, time_s: float) -> Array:
+        """Factor (H, W) of the conductivity at a time [s] after the first touch."""
+        if not self.drift:
+            return np.ones(sensor.image_shape)
+        even, east, north = (self._wander(axis, time_s) for axis in ("even", "x", "y"))
+        x0, y0, x1, y1 = sensor.outline.bounds
+        x, y = sensor.pixel_centres
+        across = 2 * (x - (x0 + x1) / 2) / (x1 - x0) * east
+        along = 2 * (y - (y0 + y1) / 2) / (y1 - y0) * north
+        return np.asarray(np.exp(self._scaled(self.drift) * (even + _GRADIENT * (across + along))))
+
+    def _wander(self, axis: str, time_s: float) -> float:
+        """A smooth random course of standard deviation 1 at a time [s]."""
+        rng = generator("unit", self.unit, "drift", axis)
+        periods = rng.uniform(*_DRIFT_PERIODS_S, size=_DRIFT_TERMS)
+        phases = rng.uniform(0, 2 * np.pi, size=_DRIFT_TERMS)
+        waves = np.sin(2 * np.pi * time_s / periods + phases)
+        return float(np.sqrt(2 / _DRIFT_TERMS) * waves.sum())
+
+    def remaining(self, touch: Array, last: Array | None) -> Array:
+        """Conductivity (H, W) [S/m] of a `touch` (H, W) after the `last`, given as a ratio (H, W).
+
+        The ratio is that of the last touch to the untouched sensor.
+        """
+        share = min(self._scaled(self.relaxation), 1.0)
+        return touch if last is None or not share else touch * last**share
+
+    def analogue(self, frames: Array, untouched: Array, pattern: DrivePattern) -> Array:
+        """What the converter of the board sees of `frames` (n, M) [V/A], without noise.
+
+        Args:
+            frames: ideal frames, measured `TOUCH_INTERVAL_S` apart.
+            untouched: ideal frame (M,) of the untouched sensor, whose rms is the unit of offsets.
+            pattern: what is measured.
+        """
+        times = np.arange(len(frames)) * np.float64(TOUCH_INTERVAL_S)
+        return self.analogue_at(times, frames, untouched, pattern)
+
+    def analogue_at(
+        self, times_s: Array, frames: Array, untouched: Array, pattern: DrivePattern
+    ) -> Array:
+        """`analogue` of frames measured at `times_s` (n,) [s]."""
+        values = frames.copy()
+        values[:, self._without_contact(pattern)] = 0.0
+        channel, count = channels(pattern)
+        rms = float(np.sqrt(np.mean(untouched**2)))
+        values *= 1 + self._drawn("gain", count)[channel] * self.gain
+        values += self._scaled(self.settling) * (np.roll(values, 1, axis=1) - values)
+        if self.mains:
+            measured_at = times_s[:, None] + FRAME_S * np.arange(len(channel)) / len(channel)
+            phase = generator("unit", self.unit, "mains").uniform(0, 2 * np.pi)
+            hum = np.sin(2 * np.pi * MAINS_HZ * measured_at + phase)
+            values += self._scaled(self.mains) * rms * hum
+        values += self._drawn("offset", count)[channel] * self.offset * rms
+        return np.abs(values) if pattern.magnitudes else values
+
+    def digital(self, frames: Array, untouched: Array, pattern: DrivePattern) -> Array:
+        """What the board sends of `frames` (n, M) as the converter sees them."""
+        values = frames.copy()
+        if self.saturated is not None:
+            clipped = channels(pattern)[0] == self.saturated
+            limit = SATURATION * np.abs(untouched[clipped]).max(initial=0.0)
+            values[:, clipped] = values[:, clipped].clip(-limit, limit)
+        if self.bits is not None:
+            full_scale = HEADROOM * float(np.abs(untouched).max())
+            step = self._scaled(2 * full_scale / 2**self.bits)
+            values = values.clip(-full_scale, full_scale)
+            if step > 0:
+                values = step * np.round(values / step)
+        return values
+
+    def seen(self, frames: Array) -> Array:
+        """The frames (n, M) that arrive: instead of a lost one, the last one."""
+        if self.lost_every is None:
+            return frames
+        number = np.arange(len(frames))
+        lost = number % self.lost_every == self.lost_every - 1
+        return frames[np.where(lost, number - 1, number)]
+
+    def _without_contact(self, pattern: DrivePattern) -> NDArray[np.bool_]:
+        return np.asarray(np.isin(pattern.table, self.dead).any(axis=1))
+
+    def _scaled(self, magnitude: float) -> float:
+        return self.severity * magnitude
+
+    def _drawn(self, what: str, count: int) -> Array:
+        """Standard normal values (count,) of this unit times the severity."""
+        drawn = generator("unit", self.unit, what).standard_normal(count)
+        return np.asarray(self.severity * drawn)
+
+
+def channels(pattern: DrivePattern) -> tuple[NDArray[np.int64], int]:
+    """Channel of every measurement (M,), and their number: one for each pair that is measured.
+
+    Channels are numbered in the order in which they first occur.
+    """
+    number = {pair: k for k, pair in enumerate(channel_pairs(pattern))}
+    measured = pattern.table[:, 2:].tolist()
+    return np.array([number[_pair(*pair)] for pair in measured], dtype=np.int64), len(number)
+
+
+def channel_pairs(pattern: DrivePattern) -> list[tuple[int, int]]:
+    """The two electrodes of every channel, the lower one first."""
+    return list(dict.fromkeys(_pair(*pair) for pair in pattern.table[:, 2:].tolist()))
+
+
+def _pair(a: int, b: int) -> tuple[int, int]:
+    return (a, b) if a < b else (b, a)
+
+
+TYPICAL = Imperfections(
+    mesh_refinement=2,
+    electrode_shift_m=0.0005,
+    electrode_width=0.05,
+    contact_impedance=0.3,
+    drift=0.01,
+    relaxation=0.05,
+    gain=0.01,
+    offset=0.002,
+    settling=0.002,
+    mains=0.0005,
+    bits=16,
+)
+"""A carefully made sensor and board: ours to choose, as nobody publishes these figures together.
+
+The drift is that of repeated presses of a hydrogel skin (`hydrogel-repeats`, 0.9 % of a frame),
+electrodes are placed by hand to half a millimetre, and resistors have 1 %.
+"""

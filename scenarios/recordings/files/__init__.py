@@ -1,0 +1,1 @@
+"""RecordedFrames files: the HDF5 layout, CSV and MATLAB forms."""

@@ -1,0 +1,142 @@
+"""Recordings of one's own as recorded sets, beside the public ones."""
+
+import hashlib
+from collections.abc import Callable
+from functools import lru_cache, partial
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from eitbench.scenarios.errors import DataCorruptError, InputError, UnreadableError
+from eitbench.scenarios.recordings.descriptors import (
+    RecordedFrames,
+    RecordedSet,
+    Truth,
+    validation_every_fifth,
+)
+from eitbench.scenarios.recordings.files.recording_file import Condition, Content, read_file
+from eitbench.scenarios.recordings.sources import RecordedFile, Source
+from eitbench.scenarios.sensors.sensor import Sensor
+
+
+def is_recording(name: str) -> bool:
+    """Whether `name` is the path of a recording (.h5), not the name of a public set."""
+    return name.endswith(".h5")
+
+
+def own_set(path: Path) -> RecordedSet:
+    """The recorded set that the file at `path` is.
+
+    Raises:
+        UnreadableError: there is no such file, or it may not be read.
+        DataCorruptError: no recording, or a damaged one.
+        InputError: it has no labels or no reference, so that no method could be judged on it.
+    """
+    try:
+        known = path.resolve(strict=True)
+        stat = known.stat()
+    except OSError as error:
+        raise UnreadableError(f"Cannot read the recording {path}: {error.strerror}.") from error
+    return _own_set(known, stat.st_mtime_ns, stat.st_size)
+
+
+@lru_cache(maxsize=32)
+def _own_set(path: Path, changed_ns: int, size: int) -> RecordedSet:
+    """`own_set`, read again when the file has changed."""
+    content = _usable(path)
+    with path.open("rb") as stream:
+        digest = hashlib.file_digest(stream, "sha256").hexdigest()
+    board = "an emulated board" if content.emulated else f"the board {content.board}"
+    sensor: Callable[[], Sensor] = partial(_same, content.sensor)
+    return RecordedSet(
+        name=path.stem,
+        title=f"own recording with {board}, touches: {len(content.labels)}",
+        sensor_name=str(path),
+        sensor=sensor,
+        truth=_truth(content),
+        source=Source("", "", "", (RecordedFile(path.name, size, digest),)),
+        citation="",
+        reader=partial(_read, path),
+        own=path,
+        emulated=content.emulated,
+    )
+
+
+def _same(sensor: Sensor) -> Sensor:
+    return sensor
+
+
+def _truth(content: Content) -> Truth:
+    places = content.labels[["x_m", "y_m"]].to_numpy(dtype=np.float64)
+    return "position" if np.isfinite(places).all() else "none"
+
+
+def undamaged(path: Path) -> tuple[Content, Condition]:
+    """What `read_file` gives of the recording at `path`, unless it was damaged.
+
+    Frames may be missing at the end of a file that was not closed.
+
+    Raises:
+        UnreadableError: there is no such file, or it may not be read.
+        DataCorruptError: no recording, or a damaged one.
+    """
+    content, condition = read_file(path)
+    problem = damage(condition)
+    if not problem and outside(content):
+        problem = "a label or the reference lies outside it"
+    if problem:
+        raise DataCorruptError(f"{path} is damaged, so that it is not used: {problem}.")
+    return content, condition
+
+
+def _usable(path: Path) -> Content:
+    """The content of the file at `path`, if methods can be judged on it."""
+    content, _ = undamaged(path)
+    if not len(content.labels):
+        raise InputError(f"{path} has no labels, so it is no set: record with --guided.")
+    if not len(content.reference):
+        raise InputError(f"{path} has no untouched frames, so it is no set: record with --guided.")
+    if not np.isfinite(content.values).all():
+        row = int(np.flatnonzero(~np.isfinite(content.values).all(axis=1))[0])
+        raise DataCorruptError(f"Frame {row} of {path} holds a value that is not a number.")
+    return content
+
+
+def damage(condition: Condition) -> str:
+    """What was changed after it was written; "" for nothing."""
+    if condition.damaged:
+        count = len(condition.damaged)
+        more = f" (and {count - 1} more)" if count > 1 else ""
+        return f"the checksum of frame {condition.damaged[0]}{more} is wrong"
+    if condition.complete and not condition.sealed:
+        return "its labels, events or header were changed after it was closed"
+    return ""
+
+
+def outside(content: Content) -> bool:
+    """Whether a label or the reference names frames that are not there."""
+    first, last = content.labels["first"].to_numpy(), content.labels["last"].to_numpy()
+    rows = np.concatenate([first, last, content.reference])
+    return bool((rows < 0).any() or (rows >= len(content)).any() or (last < first).any())
+
+
+def _read(path: Path, folder: Path, sensor: Sensor) -> RecordedFrames:
+    del folder, sensor  # the file knows its own
+    content = _usable(path)
+    labels = content.labels
+    rows = zip(labels["first"], labels["last"], strict=True)
+    samples = pd.DataFrame(
+        {
+            "split": validation_every_fifth(len(labels)),
+            **{name: labels[name] for name in ("x_m", "y_m", "depth_mm")},
+            "touched": True,
+        }
+    )
+    if (labels["state"] != "").all():
+        samples["state"] = labels["state"]
+    return RecordedFrames(
+        np.stack([content.values[first : last + 1].mean(axis=0) for first, last in rows]),
+        content.values[content.reference].mean(axis=0),
+        samples,
+    )

@@ -1,0 +1,260 @@
+"""Reading own recordings, also those that were cut off; see `layout`."""
+
+import hashlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from eitbench.scenarios.errors import DataCorruptError, InputError, UnreadableError
+from eitbench.scenarios.limits import own_dataset
+from eitbench.scenarios.recordings.files import layout
+from eitbench.scenarios.recordings.files.unclosed import readable
+from eitbench.scenarios.sensors.described_sensor import describe_sensor, described_sensor
+from eitbench.scenarios.sensors.sensor import Sensor
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Content:
+    """What a recording holds.
+
+    Attributes:
+        sensor: the nominal sensor; its pattern gives the order of the values.
+        board, firmware: what recorded it.
+        emulated: no real sensor was measured.
+        started: when it began, ISO 8601 in UTC.
+        number: (n,) running number of every frame; a gap is a lost frame.
+        time_s: (n,) when it was measured [s], on the board's clock.
+        received_s: (n,) when it was received [s], on the recording machine's clock.
+        values: (n, M) in V/A, or the board's own units.
+        reference: (r,) rows of frames that show the untouched sensor.
+        labels: one row per touch: `first` and `last` row of its frames, `x_m`, `y_m` [m] and
+            `depth_mm` (NaN where unknown), `state` ("" where unknown).
+        events: `time_s` [s] on the clock of `received_s`, and `text`.
+    """
+
+    sensor: Sensor
+    board: str
+    firmware: str
+    emulated: bool
+    started: str
+    number: NDArray[np.int64]
+    time_s: Array
+    received_s: Array
+    values: Array
+    reference: NDArray[np.int64]
+    labels: pd.DataFrame
+    events: pd.DataFrame
+
+    def __len__(self) -> int:
+        """Number of frames n."""
+        return len(self.values)
+
+
+@dataclass(frozen=True)
+class Condition:
+    """What state a file is in.
+
+    Attributes:
+        complete: it was closed as it should be.
+        trimmed: frames at its end that were not written whole, and are left out.
+        damaged: rows of frames whose checksum is wrong.
+        sealed: a complete file still holds what it held when it was closed.
+    """
+
+    complete: bool
+    trimmed: int
+    damaged: tuple[int, ...]
+    sealed: bool
+
+
+def read_file(path: Path) -> tuple[Content, Condition]:
+    """What the recording at `path` holds, and its condition; it may still be written to.
+
+    Raises:
+        UnreadableError: there is no such file, or it may not be read.
+        DataCorruptError: no recording, or one whose parts do not fit together.
+    """
+    header, parts = _parts(path)
+    sensor = _sensor(path, header, parts)
+    values, crc = parts[layout.VALUES], parts[layout.CRC]
+    number, time_s, received_s = (
+        parts[name] for name in (layout.NUMBER, layout.TIME, layout.RECEIVED)
+    )
+    # What the columns share is whole: a crash may leave some of them longer than others.
+    lengths = [len(column) for column in (number, time_s, received_s, values, crc)]
+    n = min(lengths)
+    frames = layout.packed(number[:n], time_s[:n], received_s[:n], values[:n])
+    wrong = layout.checksums(frames) != crc[:n]
+    complete = bool(parts[layout.COMPLETE])
+    kept = n if complete else n - _trailing(wrong)
+    tables = {name: parts[name] for name in layout.TABLE_TYPES}
+    digest = layout.content_digest(header, hashlib.sha256(frames[:kept].tobytes()).digest(), tables)
+    content = Content(
+        sensor=sensor,
+        board=header["board"],
+        firmware=header["firmware"],
+        emulated=header["emulated"],
+        started=header["started"],
+        number=number[:kept],
+        time_s=time_s[:kept],
+        received_s=received_s[:kept],
+        values=values[:kept],
+        reference=parts[layout.REFERENCE],
+        labels=table_of(parts[layout.LABELS]),
+        events=table_of(parts[layout.EVENTS]),
+    )
+    condition = Condition(
+        complete=complete,
+        trimmed=max(lengths) - kept,
+        damaged=tuple(np.flatnonzero(wrong[:kept]).tolist()),
+        sealed=complete and digest.encode() == bytes(parts[layout.SHA256]),
+    )
+    return content, condition
+
+
+def recorded_sensor(path: Path) -> Sensor:
+    """The sensor of the recording at `path`.
+
+    Raises:
+        UnreadableError, DataCorruptError: as for `read_file`.
+    """
+    return read_file(path)[0].sensor
+
+
+def _trailing(wrong: NDArray[np.bool_]) -> int:
+    """How many rows at the end are wrong."""
+    right = np.flatnonzero(~wrong)
+    return len(wrong) - (int(right[-1]) + 1 if len(right) else 0)
+
+
+def table_of(rows: NDArray[Any]) -> pd.DataFrame:
+    """Rows of the layout as a table of `Content`."""
+    names = rows.dtype.names or ()
+    columns = {
+        name: [bytes(text).decode(errors="replace") for text in rows[name]]
+        if rows.dtype[name].kind == "S"
+        else np.array(rows[name])
+        for name in names
+    }
+    return pd.DataFrame(columns, columns=list(names))
+
+
+def table_rows(table: pd.DataFrame, kind: np.dtype[Any]) -> NDArray[Any]:
+    """A table of `Content` as rows of the layout's `kind`."""
+    rows = np.zeros(len(table), dtype=kind)
+    for name in kind.names or ():
+        text = kind[name].kind == "S"
+        size = kind[name].itemsize
+        rows[name] = [layout.fitted(t, size) for t in table[name]] if text else table[name]
+    return rows
+
+
+def header_of(content: Content) -> dict[str, Any]:
+    """The part of a recording that is written before its first frame."""
+    return {
+        "board": content.board,
+        "firmware": content.firmware,
+        "emulated": content.emulated,
+        "started": content.started,
+        "sensor": describe_sensor(content.sensor),
+    }
+
+
+def _parts(path: Path) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+    """Header and datasets of the file at `path`, of the right types but not yet compared."""
+    with _open(path) as file:
+        try:
+            return _header(file), _datasets(file, path.stat().st_size)
+        # HDF5 fails in whatever way the damage leads to.
+        except Exception as error:
+            reason = str(error) if isinstance(error, _LayoutError) else "a part cannot be read"
+            raise DataCorruptError(f"{path} is damaged: {reason}.") from error
+
+
+class _LayoutError(Exception):
+    """A part of a file is not what the layout says."""
+
+
+def _open(path: Path) -> Any:
+    import h5py
+
+    try:
+        with path.open("rb") as stream:
+            head = stream.read(8)
+        source = readable(path)
+    except OSError as error:
+        raise UnreadableError(f"Cannot read the recording {path}: {error.strerror}.") from error
+    if head != b"\x89HDF\r\n\x1a\n":
+        raise DataCorruptError(f"{path} is not an HDF5 file, so it is no recording of eitbench's.")
+    try:
+        file = h5py.File(source, "r")
+    except Exception as error:
+        cut = "truncated" in str(error)
+        reason = "it was cut short" if cut else "HDF5 cannot open it"
+        raise DataCorruptError(f"{path} is damaged: {reason}.") from error
+    try:
+        known = bytes(file.attrs["format"]) == layout.FORMAT.encode()
+        version = int(file.attrs["version"])
+    except Exception:
+        known, version = False, 0
+    if known and version == layout.VERSION:
+        return file
+    file.close()
+    if known:
+        raise DataCorruptError(
+            f"{path} has layout {version}, and this eitbench reads {layout.VERSION}: use the "
+            "eitbench that recorded it."
+        )
+    raise DataCorruptError(f"{path} is an HDF5 file, but no recording of eitbench's.")
+
+
+def _header(file: Any) -> dict[str, Any]:
+    header: dict[str, Any] = {
+        name: bytes(file.attrs[name]).decode()
+        for name in ("board", "firmware", "started", "sensor")
+    }
+    header["emulated"] = bool(file.attrs["emulated"])
+    return header
+
+
+def _datasets(file: Any, size: int) -> dict[str, NDArray[Any]]:
+    kinds: dict[str, tuple[Any, int]] = {
+        layout.VALUES: ("<f8", 2),
+        layout.PATTERN: ("<i8", 2),
+        layout.COMPLETE: ("u1", 0),
+        layout.SHA256: ("S64", 0),
+        **{name: (kind, 1) for name, kind in layout.ROW_TYPES.items()},
+        **{name: (kind, 1) for name, kind in layout.TABLE_TYPES.items()},
+    }
+    found = {}
+    for name, (kind, dimensions) in kinds.items():
+        # Nothing is compressed, so that a damaged size cannot ask for more memory than there is.
+        try:
+            part = own_dataset(file, name, size + (1 << 20))
+        except ValueError as error:
+            raise _LayoutError(str(error)) from error
+        if part.dtype != np.dtype(kind) or len(part.shape) != dimensions:
+            raise _LayoutError(f"{name!r} is not of the right type")
+        found[name] = np.asarray(part[()])
+    return found
+
+
+def _sensor(path: Path, header: dict[str, Any], parts: dict[str, NDArray[Any]]) -> Sensor:
+    try:
+        sensor = described_sensor(header["sensor"])
+    except InputError as error:
+        raise DataCorruptError(f"{path} is damaged: {error}") from error
+    rows, columns = len(parts[layout.PATTERN]), parts[layout.VALUES].shape[1]
+    if rows != columns:
+        raise DataCorruptError(
+            f"{path} is damaged: its pattern has {rows} rows, and its frames have {columns} values."
+        )
+    if not np.array_equal(parts[layout.PATTERN], sensor.pattern.table):
+        raise DataCorruptError(f"{path} is damaged: its pattern is not that of its sensor.")
+    return sensor

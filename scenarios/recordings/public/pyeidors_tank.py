@@ -1,0 +1,109 @@
+"""Small round water tank of the PyEIDORS project, metal and plastic targets beside electrodes.
+
+From upstream: radius 25 mm, 16 electrodes, adjacent drive, electrode 1 at the top and numbers
+clockwise, values in EIDORS' rotating order: for drive (i, i+1) the pairs (i+2, i+3), (i+3, i+4) and
+so on. A file holds two frames, the empty tank and the targets, each as real and imaginary part; the
+folder names the targets. Ours: electrodes half of their spacing wide, contact impedance 1e-5 Ohm*m,
+and the polarity U[i+3] - U[i+2], which the signs show. The real part is used. Files are divided by
+their drive current, taken from the file name.
+"""
+
+import re
+from pathlib import Path, PurePosixPath
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from eitbench.scenarios.errors import DataCorruptError
+from eitbench.scenarios.recordings.descriptors import (
+    RecordedFrames,
+    RecordedSet,
+    validation_every_fifth,
+)
+from eitbench.scenarios.recordings.public.hydrogel import rebased
+from eitbench.scenarios.recordings.sources import source
+from eitbench.scenarios.sensors.outlines import Disc
+from eitbench.scenarios.sensors.patterns import DrivePattern
+from eitbench.scenarios.sensors.sensor import Sensor, even_electrodes
+
+_ELECTRODES = 16
+_SHAPE = (208, 4)
+# The recording of 2025 was made in another set-up and does not say what stood in the tank.
+_SOURCE = source("CBZ199671/PyEIDORS", lambda path: "/2026-03-14_latest_tank_data/" in path)
+
+
+def _pattern() -> DrivePattern:
+    n = _ELECTRODES
+    return DrivePattern(
+        np.array(
+            [
+                (i, (i + 1) % n, (i + m + 1) % n, (i + m) % n)
+                for i in range(n)
+                for m in range(2, n - 1)
+            ]
+        )
+    )
+
+
+def _tank() -> Sensor:
+    outline = Disc(0.025)
+    electrodes = even_electrodes(
+        outline, _ELECTRODES, outline.perimeter / 32, 1e-5,
+        start=outline.perimeter / 4, clockwise=True,
+    )  # fmt: skip
+    return Sensor("pyeidors-tank", outline, electrodes, _pattern())
+
+
+def read_csv(path: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Real parts (208,) [V/A] of the empty tank and of the targets.
+
+    Raises:
+        DataCorruptError: a file of another form or cut short.
+    """
+    current = re.search(r"_(\d+)uA_", path.name)
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines()
+        values = np.array([line.split(",") for line in lines], dtype=np.float64)
+    except ValueError as error:
+        raise DataCorruptError(f"{path} is not a readable table: fetch it again.") from error
+    if values.shape != _SHAPE or current is None:
+        raise DataCorruptError(
+            f"{path} has shape {values.shape} where {_SHAPE} is expected: fetch it again."
+        )
+    amplitude = float(current[1]) * 1e-6
+    return values[:, 0] / amplitude, values[:, 2] / amplitude
+
+
+def targets(path: str) -> str:
+    """The targets named by the folder of `path`, such as "1 metal, 5 plastic"."""
+    found = re.findall(r"electrode(\d+)_(metal|plastic)", PurePosixPath(path).parent.name)
+    return ", ".join(f"{int(number)} {kind}" for number, kind in found)
+
+
+def _read(folder: Path, sensor: Sensor) -> RecordedFrames:
+    del sensor  # every file has the same fixed shape
+    pairs = [read_csv(folder / file.path) for file in _SOURCE.files]
+    empty, filled = (np.stack(frames) for frames in zip(*pairs, strict=True))
+    named = [targets(file.path) for file in _SOURCE.files]
+    samples = pd.DataFrame(
+        {
+            "split": validation_every_fifth(len(named)),
+            "targets": named,
+            "touched": True,
+            "state": np.unique(named, return_inverse=True)[1],
+        }
+    )
+    return rebased(filled, empty, samples)
+
+
+PYEIDORS_TANK = RecordedSet(
+    name="pyeidors-tank",
+    title="round water tank of radius 25 mm, 16 electrodes, adjacent, metal and plastic targets",
+    sensor_name="pyeidors-tank",
+    sensor=_tank,
+    truth="none",
+    source=_SOURCE,
+    citation="B. Chen. PyEIDORS, 2026, https://github.com/CBZ199671/PyEIDORS",
+    reader=_read,
+)

@@ -1,0 +1,1 @@
+"""Sensors: outline, electrodes, drive pattern, symmetries; sensors declared in files."""

@@ -1,0 +1,103 @@
+"""Drive patterns: which pair of electrodes drives, which pair is measured, as an (M, 4) table."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eitbench.scenarios.errors import InputError
+
+
+@dataclass(frozen=True, eq=False)
+class DrivePattern:
+    """The measurements of one frame, in the order a board sends them.
+
+    Attributes:
+        table: (M, 4) integers `src, sink, a, b` (0-based electrodes): +1 A into `src`, -1 A out
+            of `sink`, V = U[a] - U[b].
+        magnitudes: the board reports |V| only, without its sign.
+
+    Raises:
+        InputError: a table of the wrong shape, or a pair whose two electrodes are the same.
+    """
+
+    table: NDArray[np.int64]
+    magnitudes: bool = False
+
+    def __post_init__(self) -> None:
+        given = np.asarray(self.table)
+        if given.size and not np.issubdtype(given.dtype, np.integer):
+            raise InputError("A drive pattern numbers electrodes with whole numbers.")
+        table = given.astype(np.int64)
+        if table.ndim != 2 or table.shape[1] != 4 or len(table) == 0:
+            raise InputError(
+                f"A drive pattern is an (M, 4) table src, sink, a, b; got {table.shape}."
+            )
+        if (table[:, 0] == table[:, 1]).any() or (table[:, 2] == table[:, 3]).any():
+            raise InputError("A drive pattern drives or measures between an electrode and itself.")
+        table.setflags(write=False)
+        object.__setattr__(self, "table", table)
+
+    @property
+    def n_measurements(self) -> int:
+        """M, the number of values in a frame."""
+        return len(self.table)
+
+    def reciprocal_pairs(self) -> NDArray[np.int64]:
+        """Index pairs (k, 2) of measurements equal, up to sign, by reciprocity.
+
+        Driving (src, sink) and measuring (a, b) equals driving (a, b) and measuring (src, sink).
+        """
+        seen: dict[tuple[frozenset[int], frozenset[int]], int] = {}
+        pairs = []
+        for k, (src, sink, a, b) in enumerate(self.table.tolist()):
+            drive, sense = frozenset((src, sink)), frozenset((a, b))
+            if (sense, drive) in seen:
+                pairs.append((seen[sense, drive], k))
+            seen[drive, sense] = k
+        return np.array(pairs, dtype=np.int64).reshape(-1, 2)
+
+    def reciprocal_signs(self, pairs: NDArray[np.int64]) -> NDArray[np.float64]:
+        """s (k,) with v[pairs[:, 1]] = s v[pairs[:, 0]]: -1 where one of the pairs is reversed."""
+        first, second = self.table[pairs[:, 0]], self.table[pairs[:, 1]]
+        same = (first[:, 0] == second[:, 2]) == (first[:, 2] == second[:, 0])
+        return np.where(same | self.magnitudes, 1.0, -1.0)
+
+    def describe(self) -> dict[str, object]:
+        """What defines the pattern, as plain values for hashing and printing."""
+        return {"table": self.table.tolist(), "magnitudes": self.magnitudes}
+
+
+def offset_pattern(n_electrodes: int, offset: int, *, driven: bool = False) -> DrivePattern:
+    """Drive (i, i+offset), measure (j, j+offset), drive-major, j ascending.
+
+    Pairs that share an electrode with the drive pair are skipped unless `driven`. For 16
+    electrodes `offset=3` and `offset=4` both give 208 values, of which 104 and 62 are independent.
+
+    Raises:
+        InputError: an offset that is not between 1 and n_electrodes - 1.
+    """
+    if not (isinstance(offset, int) and 1 <= offset < n_electrodes):
+        raise InputError(f"An offset is a whole number from 1 to {n_electrodes - 1}, got {offset}.")
+    pairs = [(i, (i + offset) % n_electrodes) for i in range(n_electrodes)]
+    return pair_pattern(pairs, pairs, driven=driven)
+
+
+def pair_pattern(
+    drives: Iterable[tuple[int, int]], senses: Iterable[tuple[int, int]], *, driven: bool = False
+) -> DrivePattern:
+    """Every drive with every sense pair, drive-major; sharing an electrode needs `driven`."""
+    senses = list(senses)
+    rows = [(*d, *s) for d in drives for s in senses if driven or not set(d) & set(s)]
+    return DrivePattern(np.array(rows, dtype=np.int64).reshape(-1, 4))
+
+
+def opposition_pattern(n_electrodes: int) -> DrivePattern:
+    """Drive (i, i + E/2), measure (j + 1, j) for j ascending, magnitudes only."""
+    half = n_electrodes // 2
+    pattern = pair_pattern(
+        [(i, (i + half) % n_electrodes) for i in range(n_electrodes)],
+        [((j + 1) % n_electrodes, j) for j in range(n_electrodes)],
+    )
+    return DrivePattern(pattern.table, magnitudes=True)

@@ -1,0 +1,195 @@
+"""Sensors of one's own, declared in TOML files."""
+
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from pydantic import BeforeValidator, Field, model_validator
+
+from eitbench.scenarios.declaration import Declaration, Name, read_declaration
+from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.sensors.described_sensor import Index, Number, Side
+from eitbench.scenarios.sensors.outlines import Disc, Outline, Polygon, rectangle
+from eitbench.scenarios.sensors.patterns import DrivePattern, offset_pattern, opposition_pattern
+from eitbench.scenarios.sensors.sensor import Electrode, Sensor, even_electrodes
+
+_MM = 1e-3
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+
+
+def _several(value: object) -> object:
+    return tuple(value) if isinstance(value, list) else (value,)
+
+
+OneOrEach = Annotated[tuple[Positive, ...], BeforeValidator(_several)]
+
+
+class OutlineDeclaration(Declaration):
+    """The rim: one of the three.
+
+    Attributes:
+        rectangle_mm: width and height [mm]; the lower-left corner is the origin.
+        disc_radius_mm: radius [mm]; the centre is the origin.
+        polygon_mm: vertices (x, y) [mm], counter-clockwise.
+    """
+
+    rectangle_mm: tuple[Positive, Positive] | None = None
+    disc_radius_mm: Positive | None = None
+    polygon_mm: tuple[tuple[Number, Number], ...] | None = None
+
+    @model_validator(mode="after")
+    def _one(self) -> "OutlineDeclaration":
+        if len(self.model_fields_set) != 1:
+            raise ValueError("it has one of `rectangle_mm`, `disc_radius_mm` and `polygon_mm`")
+        return self
+
+    def build(self) -> Outline:
+        """The outline [m]."""
+        if self.rectangle_mm is not None:
+            width, height = self.rectangle_mm
+            return rectangle(width * _MM, height * _MM)
+        if self.disc_radius_mm is not None:
+            return Disc(self.disc_radius_mm * _MM)
+        return Polygon(tuple((x * _MM, y * _MM) for x, y in self.polygon_mm or ()))
+
+
+class ElectrodesDeclaration(Declaration):
+    """The electrodes on the rim: `count` of them evenly, or one at each of `centres_mm`.
+
+    Arc lengths start at the first corner of a rectangle or polygon, and at the positive x axis of
+    a disc, and run counter-clockwise.
+
+    Attributes:
+        count: number of electrodes, which are evenly spaced.
+        start_mm: arc length of the first one's centre [mm].
+        clockwise: they are numbered clockwise.
+        centres_mm: arc length of every centre [mm].
+        width_mm: width along the rim [mm], one for all or one for each.
+        contact_impedance: 2-D contact impedance [Ohm*m], one for all or one for each.
+    """
+
+    count: Annotated[int, Field(ge=2, le=1024)] | None = None
+    start_mm: Number = 0.0
+    clockwise: bool = False
+    centres_mm: tuple[Number, ...] | None = Field(default=None, min_length=2)
+    width_mm: OneOrEach
+    contact_impedance: OneOrEach = (1e-3,)
+
+    @model_validator(mode="after")
+    def _either(self) -> "ElectrodesDeclaration":
+        if (self.count is None) == (self.centres_mm is None):
+            raise ValueError("it has either `count` or `centres_mm`")
+        if self.centres_mm is not None and self.model_fields_set & {"start_mm", "clockwise"}:
+            raise ValueError("`start_mm` and `clockwise` go with `count`")
+        for name in ("width_mm", "contact_impedance"):
+            given = len(getattr(self, name))
+            if given not in (1, self.n):
+                raise ValueError(f"`{name}` has {given} values for {self.n} electrodes")
+        return self
+
+    @property
+    def n(self) -> int:
+        """Their number."""
+        return self.count or len(self.centres_mm or ())
+
+    def build(self, outline: Outline) -> tuple[Electrode, ...]:
+        """The electrodes [m]."""
+        if self.count is not None:
+            even = even_electrodes(
+                outline, self.count, 1.0, 1.0, start=self.start_mm * _MM, clockwise=self.clockwise
+            )
+            centres = [electrode.centre for electrode in even]
+        else:
+            centres = [centre * _MM for centre in self.centres_mm or ()]
+        widths = np.broadcast_to(np.multiply(self.width_mm, _MM), self.n).tolist()
+        impedances = np.broadcast_to(self.contact_impedance, self.n).tolist()
+        return tuple(map(Electrode, centres, widths, impedances))
+
+
+class PatternDeclaration(Declaration):
+    """What a frame measures: `offset`, `opposition` or `table`.
+
+    Attributes:
+        offset: drive (i, i + offset), measure (j, j + offset).
+        driven: pairs that share an electrode with the drive are measured, too (`offset` only).
+        opposition: drive (i, i + E/2), measure (j + 1, j), magnitudes only.
+        table: one row src, sink, a, b for each value.
+        magnitudes: the board reports values without their sign (`opposition` always does).
+    """
+
+    offset: int | None = None
+    driven: bool = False
+    opposition: bool = False
+    table: tuple[tuple[Index, Index, Index, Index], ...] | None = Field(default=None, min_length=1)
+    magnitudes: bool = False
+
+    @model_validator(mode="after")
+    def _one(self) -> "PatternDeclaration":
+        if (self.offset is not None) + self.opposition + (self.table is not None) != 1:
+            raise ValueError("it has one of `offset`, `opposition = true` and `table`")
+        if self.driven and self.offset is None:
+            raise ValueError("`driven` goes with `offset`")
+        return self
+
+    def build(self, n_electrodes: int) -> DrivePattern:
+        """The pattern of `n_electrodes`."""
+        if self.opposition:
+            if n_electrodes % 2:
+                raise InputError(f"Opposition needs an even number, not {n_electrodes} electrodes.")
+            return opposition_pattern(n_electrodes)
+        if self.offset is not None:
+            table = offset_pattern(n_electrodes, self.offset, driven=self.driven).table
+        else:
+            table = np.array(self.table, dtype=np.int64)
+            if table.max() >= n_electrodes:
+                raise InputError(
+                    f"The table uses electrode {table.max()}, and there are electrodes 0 to "
+                    f"{n_electrodes - 1}."
+                )
+        return DrivePattern(table, magnitudes=self.magnitudes)
+
+
+class SensorDeclaration(Declaration):
+    """A sensor file; see `Sensor` for what its fields mean."""
+
+    name: Name
+    outline: OutlineDeclaration
+    electrodes: ElectrodesDeclaration
+    pattern: PatternDeclaration
+    background: Positive = 1.0
+    image_shape: tuple[Side, Side] = (48, 48)
+    data_range: Positive = 1.0
+    conductivity_range: tuple[
+        Annotated[float, Field(gt=0, lt=1)], Annotated[float, Field(ge=1, le=1000)]
+    ] = (0.05, 20.0)
+
+
+_MODELS = (SensorDeclaration, OutlineDeclaration, ElectrodesDeclaration, PatternDeclaration)
+
+
+def read_sensor(path: Path) -> Sensor:
+    """The sensor declared in the TOML file at `path`.
+
+    Raises:
+        InputError: the file cannot be read or declares something wrong; line and field are named.
+    """
+    declared, place = read_declaration("Sensor", path, SensorDeclaration, _MODELS)
+    field = "outline"
+    try:
+        outline = declared.outline.build()
+        field = "pattern"
+        pattern = declared.pattern.build(declared.electrodes.n)
+        # All else being checked, what a sensor may still refuse is where its electrodes are.
+        field = "electrodes"
+        return Sensor(
+            declared.name,
+            outline,
+            declared.electrodes.build(outline),
+            pattern,
+            declared.background,
+            declared.image_shape,
+            declared.data_range,
+            declared.conductivity_range,
+        )
+    except InputError as error:
+        raise InputError(f"{place(field)}: {error}") from error

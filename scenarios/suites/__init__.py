@@ -1,0 +1,1 @@
+"""Scenarios and suites: declared parameters of what is simulated or read."""

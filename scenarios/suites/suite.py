@@ -1,0 +1,199 @@
+"""Suites: which scenarios are run with which methods or operators, read from TOML files."""
+
+from collections.abc import Mapping
+from functools import cache
+from importlib.resources import files
+from pathlib import Path
+from typing import Literal
+
+from numpy.lib.stride_tricks import sliding_window_view
+from pydantic import Field, ValidationInfo, field_validator
+
+from eitbench.scenarios.declaration import Declaration, Name, Places, read_declaration
+from eitbench.scenarios.errors import InputError, unknown_name
+from eitbench.scenarios.imperfections.imperfections import Imperfections
+from eitbench.scenarios.suites.scenario import (
+    RecordedScenario,
+    Scenario,
+    SimulatedScenario,
+    SplitNoise,
+)
+
+_KIND = "Suite"
+MEMORY_LIMIT_MB = 8192.0
+"""Memory that a method or operator may take where nothing else is declared [MiB]."""
+WINDOW = 7
+"""Side [pixels] of the windows that images are judged in; one must fit into the sensor."""
+STANDARDISING = 2
+"""Least number of validation samples that give every voltage a mean and a spread."""
+
+
+class Suite(Declaration):
+    """A suite, of either methods or operators.
+
+    Attributes:
+        name: registry name.
+        title: one line for listings.
+        description: what it is for, in a few sentences.
+        methods: methods run when the user names none.
+        operators: forward operators run when the user names none.
+        scenarios: what they are run on.
+        limit: number of test samples of each scenario when the user names none; all by default.
+        fit_limit_s: a method or operator may take this long to set itself up on a scenario [s].
+        frame_limit_s: it may take this long for one sample [s].
+        memory_limit_mb: it may take this much memory, with the processes it starts [MiB].
+        download_limit_s: a recorded set may take this long to download [s]; no limit by default.
+    """
+
+    name: Name
+    title: str
+    description: str = ""
+    methods: tuple[str, ...] | None = Field(default=None, min_length=1)
+    operators: tuple[str, ...] | None = Field(default=None, min_length=1, validate_default=True)
+    scenarios: tuple[Scenario, ...] = Field(min_length=1)
+    limit: int | None = Field(default=None, ge=1)
+    fit_limit_s: float = Field(default=600.0, gt=0, allow_inf_nan=False)
+    frame_limit_s: float = Field(default=10.0, gt=0, allow_inf_nan=False)
+    memory_limit_mb: float = Field(default=MEMORY_LIMIT_MB, gt=0, allow_inf_nan=False)
+    download_limit_s: float | None = Field(default=None, gt=0, allow_inf_nan=False)
+
+    @field_validator("operators")
+    @classmethod
+    def _either(cls, value: tuple[str, ...] | None, info: ValidationInfo) -> tuple[str, ...] | None:
+        # Methods that are wrong in themselves are missing here, and named already.
+        if "methods" in info.data and (value is None) == (info.data["methods"] is None):
+            raise ValueError("a suite lists either `methods` or `operators`")
+        return value
+
+    @field_validator("scenarios")
+    @classmethod
+    def _distinct(cls, value: tuple[Scenario, ...]) -> tuple[Scenario, ...]:
+        names = [scenario.name for scenario in value]
+        twice = sorted({name for name in names if names.count(name) > 1})
+        if twice:
+            raise ValueError(f"scenario {twice[0]!r} is declared twice")
+        return value
+
+    @property
+    def ranks(self) -> Literal["methods", "operators"]:
+        """What it ranks."""
+        return "methods" if self.operators is None else "operators"
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The methods or operators run when the user names none."""
+        return self.methods or self.operators or ()
+
+
+def suites() -> dict[str, Path]:
+    """The packaged suites: name to TOML file."""
+    folder = Path(str(files("eitbench.scenarios.suites"))) / "suite_files"
+    return {path.stem: path for path in sorted(folder.glob("*.toml"))}
+
+
+def load_suite(name: str | Path) -> Suite:
+    """A packaged suite by name, or any suite by the path of its `.toml` file.
+
+    Raises:
+        InputError: unknown name (the nearest one is suggested), or a file that cannot be read or
+            declares something wrong (the line and the field are named).
+    """
+    known = suites()
+    if str(name) in known:
+        return read_suite(known[str(name)])
+    if Path(name).suffix == ".toml":
+        return read_suite(Path(name))
+    if Path(name).parent != Path():
+        raise InputError(f"A suite file ends in .toml, got {str(name)!r}.")
+    raise unknown_name("suite", str(name), known)
+
+
+@cache
+def scenarios() -> Mapping[str, SimulatedScenario | RecordedScenario]:
+    """Every scenario of the packaged suites by name."""
+    return {s.name: s for path in suites().values() for s in read_suite(path).scenarios}
+
+
+def scenario_by_name(name: str) -> SimulatedScenario | RecordedScenario:
+    """The packaged scenario called `name`.
+
+    Raises:
+        InputError: unknown name (the nearest one is suggested).
+    """
+    known = scenarios()
+    if name not in known:
+        raise unknown_name("scenario", name, known)
+    return known[name]
+
+
+def learned_from(scenario: Scenario) -> Scenario:
+    """The scenario whose training split teaches methods for `scenario`.
+
+    That is the scenario itself, but for recorded presses: these are learned from the simulated ones
+    of the suite `presses`, on the nominal sensor of the set.
+    """
+    if isinstance(scenario, RecordedScenario) and scenario.recorded_set.truth == "position":
+        presses = scenario_by_name("presses")
+        return presses.model_copy(update={"sensor": scenario.recorded_set.sensor_name})
+    return scenario
+
+
+def read_suite(path: Path) -> Suite:
+    """The suite declared in the TOML file at `path`.
+
+    Raises:
+        InputError: the file cannot be read or declares something wrong.
+    """
+    models = (Suite, SimulatedScenario, RecordedScenario, SplitNoise, Imperfections)
+    suite, place = read_declaration(_KIND, path, Suite, models)
+    for k, scenario in enumerate(suite.scenarios):
+        unusable = _for_methods if suite.ranks == "methods" else _for_operators
+        if wrong := unusable(scenario):
+            name, problem = wrong
+            raise InputError(f"{place('scenarios', k, name)}: {problem}.")
+    return suite
+
+
+def _for_operators(scenario: Scenario) -> tuple[str, str] | None:
+    """The field and the reason why no operator could be judged on `scenario`, if so."""
+    if isinstance(scenario, RecordedScenario):
+        return "kind", "operators need a known conductivity, which only simulated scenarios have"
+    if scenario.test < 1:
+        return "test", "a suite judges operators on at least 1 test sample"
+    if scenario.validation < STANDARDISING:
+        return "validation", (
+            f"voltages are standardised with at least {STANDARDISING} validation samples"
+        )
+    return None
+
+
+def _for_methods(scenario: Scenario) -> tuple[str, str] | None:
+    """The field and the reason why no method could be judged on `scenario`, if so."""
+    if isinstance(scenario, RecordedScenario):
+        # Tables show this name alone, and no table may pass an emulated board for a real one.
+        if scenario.recorded_set.emulated and "emulated" not in scenario.name:
+            return "name", (
+                f"{scenario.recording} was recorded from an emulated board, so its name must say "
+                f"so: 'emulated-{scenario.name}'"
+            )
+        return None
+    if scenario.test < 1:
+        return "test", "a suite judges methods on at least 1 test sample"
+    # Every sensor holds a window of a fine grid, whose mask may be too large to look.
+    if scenario.image_shape is None or min(scenario.image_shape) > 10 * WINDOW:
+        return None
+    mask = scenario.nominal_sensor.mask
+    if (
+        min(mask.shape) < WINDOW
+        or not sliding_window_view(mask, (WINDOW, WINDOW)).all((2, 3)).any()
+    ):
+        return "image_shape", (
+            f"no place of {WINDOW} x {WINDOW} pixels, as SSIM needs, lies inside the sensor: "
+            "choose a finer grid"
+        )
+    return None
+
+
+def declared_at(path: Path, field: str) -> str:
+    """Where the suite file at `path` declares its `field`: the beginning of a sentence."""
+    return Places(_KIND, path, path.read_text(encoding="utf-8"))(field)

@@ -1,0 +1,1 @@
+"""The commands of `eitbench`, by subject."""

@@ -1,0 +1,223 @@
+"""Commands that work with a board: a real one, an emulated one, or a recording."""
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from eitbench.commands.console import Json, print_json, print_renderable
+
+if TYPE_CHECKING:
+    from eitbench.hardware.board import Board
+    from eitbench.hardware.recording.recorder import Recorder
+
+app = typer.Typer()
+
+Script = Annotated[
+    Path | None, typer.Option(metavar="FILE.toml", help="Touches of `emulator`: when, where, how.")
+]
+Protocol = Annotated[
+    str | None, typer.Option(metavar="BOARD", help="What `emulator` speaks (default: teensy).")
+]
+Speed = Annotated[
+    float | None, typer.Option(help="Of `replay` and `emulator`: times their own rate.")
+]
+
+
+@app.command(epilog="Example: eitbench calibrate sciospec-tank")
+def calibrate(
+    recording: Annotated[
+        str, typer.Argument(metavar="NAME|FILE.h5", help="A recorded set, or a recording.")
+    ],
+    as_json: Json = False,
+) -> None:
+    """Say what the untouched frames of a recording tell of its sensor and board."""
+    from eitbench.reports.tables.calibration import table
+    from eitbench.scenarios.imperfections.calibration import calibrate as found_in
+    from eitbench.scenarios.recordings.reference_frames import reference_frames
+
+    found = found_in(*reference_frames(recording)).describe()
+    if as_json:
+        print_json(found)
+    else:
+        print_renderable(table(found))
+
+
+@app.command(epilog="Example: eitbench emulate --protocol openeit --script touches.toml")
+def emulate(
+    protocol: Annotated[
+        str, typer.Option(metavar="BOARD", help="Speak as this board (eitbench list boards).")
+    ] = "teensy",
+    sensor: Annotated[
+        str | None, typer.Option(help="The sensor on it (default: the board's).")
+    ] = None,
+    script: Annotated[
+        Path | None, typer.Option(metavar="FILE.toml", help="Touches: when, where, how hard.")
+    ] = None,
+    speed: Annotated[float, typer.Option(help="Times 10 frames/s.")] = 1.0,
+) -> None:
+    """Emulate a board on a serial port of its own, for another program to open, until Ctrl-C."""
+    from eitbench.hardware.boards import make_emulator
+    from eitbench.scenarios.recordings.catalogue import sensor as sensor_by_name
+
+    nominal = None if sensor is None else sensor_by_name(sensor)
+    board = make_emulator(nominal, protocol, script, speed)
+    typer.echo("Getting ready, which takes some seconds.", err=True)
+    board.switch_on()
+    try:
+        typer.echo(f"{board.title}: no real sensor. Ctrl-C ends it.")
+        board.serve()
+    finally:
+        board.switch_off()
+
+
+def _board(name: str, sensor: str | None, **chosen: Any) -> tuple["Board", bool]:
+    """The board `name` with what was chosen on the command line, and whether it is emulated."""
+    from eitbench.hardware.boards import make_board
+    from eitbench.hardware.recording.record import is_emulated
+    from eitbench.scenarios.recordings.catalogue import sensor as sensor_by_name
+
+    nominal = None if sensor is None else sensor_by_name(sensor)
+    board = make_board(name, sensor=nominal, **chosen)
+    return board, is_emulated(board)
+
+
+@app.command(epilog="Example: eitbench record --board emulator --guided --out touch.h5")
+def record(
+    board: Annotated[str, typer.Option(metavar="NAME", help="A board (eitbench list boards).")],
+    out: Annotated[Path, typer.Option(metavar="FILE.h5", help="The new recording.")],
+    port: Annotated[str | None, typer.Option(help="The serial port of a real board.")] = None,
+    sensor: Annotated[
+        str | None,
+        typer.Option(help="The sensor on it, or a sensor file, .toml (default: the board's)."),
+    ] = None,
+    seconds: Annotated[float | None, typer.Option(min=0, help="Time (default: to Ctrl-C).")] = None,
+    file: Annotated[
+        str | None, typer.Option(metavar="SET|FILE.h5", help="What `replay` plays.")
+    ] = None,
+    script: Script = None,
+    protocol: Protocol = None,
+    speed: Speed = None,
+    guided: Annotated[
+        bool, typer.Option("--guided", help="Be led to a set that is ready for a suite.")
+    ] = False,
+) -> None:
+    """Record a board into a file, free-running or guided."""
+    import signal
+
+    from eitbench.hardware.recording.guided import Guide, suite_path, write_suite
+    from eitbench.hardware.recording.recorder import Recorder, check_new
+
+    if guided and seconds is not None:
+        raise typer.BadParameter("a guided session ends when you say so: leave out --seconds")
+    check_new(out)  # before a board is waited for
+    suite = suite_path(out) if guided else None
+    made, emulated = _board(
+        board, sensor, port=port, file=file, script=script, protocol=protocol, speed=speed
+    )
+    # Whoever ends it politely gets what Ctrl-C gives: a file that was closed.
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    with made:
+        recorder = Recorder(out, made.sensor, board, firmware=made.firmware, emulated=emulated)
+        guide = Guide(made, recorder, _ask, typer.echo)
+        try:
+            with recorder:
+                if guided:
+                    guide.run()
+                else:
+                    _record(made, recorder, seconds)
+        finally:  # what there is by now is kept, however it ended
+            if count := recorder.written:
+                typer.echo(f"{count} frames are in {out}: eitbench recordings check {out}")
+            if suite is not None and guide.touches:
+                write_suite(suite, out, made.sensor, board, emulated=emulated)
+                typer.echo(f"Judge methods on them: eitbench run {suite}")
+
+
+def _ask(question: str) -> str:
+    answer: str = typer.prompt(question, default="", show_default=False, prompt_suffix=" ")
+    return answer
+
+
+def _record(board: "Board", recorder: "Recorder", seconds: float | None) -> None:
+    """Record, with a status line that moves."""
+    from rich.console import Console
+    from rich.live import Live
+    from rich.text import Text
+
+    from eitbench.hardware.recording.record import record as record_frames
+
+    console = Console(stderr=True)
+    # Without a terminal a line that moves would leave but fragments.
+    with Live(console=console, transient=True, auto_refresh=False) as live:
+        try:
+            record_frames(
+                board,
+                recorder,
+                seconds=seconds,
+                show=lambda status: live.update(Text(status.line()), refresh=console.is_terminal),
+                say=lambda sentence: console.print(sentence, highlight=False, markup=False),
+            )
+        except KeyboardInterrupt:
+            console.print("Interrupted: the recording ends here.")
+
+
+@app.command(epilog="Example: eitbench live --board emulator --method noser")
+def live(
+    board: Annotated[str, typer.Option(metavar="NAME", help="A board (eitbench list boards).")],
+    port: Annotated[str | None, typer.Option(help="The serial port of a real board.")] = None,
+    file: Annotated[
+        str | None, typer.Option(metavar="SET|FILE.h5", help="What `replay` plays.")
+    ] = None,
+    sensor: Annotated[
+        str | None,
+        typer.Option(help="The sensor on it, or a sensor file, .toml (default: the board's)."),
+    ] = None,
+    script: Script = None,
+    protocol: Protocol = None,
+    speed: Speed = None,
+    method: Annotated[str, typer.Option(help="Makes the images at first.")] = "noser",
+    out: Annotated[
+        Path, typer.Option(metavar="DIR", file_okay=False, help="Where recordings go.")
+    ] = Path(),
+    http_port: Annotated[
+        int, typer.Option(min=0, max=65535, help="Port of the page; 0 takes any.")
+    ] = 8765,
+    host: Annotated[
+        str | None,
+        typer.Option(metavar="ADDRESS", help="Let other machines look; needs a token."),
+    ] = None,
+    token: Annotated[
+        str | None, typer.Option(help="What they have to know: 16 characters or more.")
+    ] = None,
+    browser: Annotated[
+        bool, typer.Option("--browser/--no-browser", help="Open the page in a browser.")
+    ] = True,
+) -> None:
+    """Watch a board on a page in the browser: images, contacts, voltages; record what it sends."""
+    from eitbench.hardware.live.access import access_to
+    from eitbench.hardware.live.run import live_view, watch
+
+    access = access_to(host, token)
+    made, emulated = _board(
+        board, sensor, port=port, file=file, script=script, protocol=protocol, speed=speed
+    )
+
+    def ready(address: str) -> None:
+        typer.echo(f"{board}{' (emulated)' if emulated else ''}: {address}  (Ctrl-C ends it)")
+        if browser and sys.stdout.isatty():
+            import webbrowser
+
+            webbrowser.open(address)
+
+    with live_view(
+        made,
+        board,
+        method,
+        emulated=emulated,
+        access=access,
+        port=http_port,
+        out=out,
+    ) as view:
+        watch(view, ready)

@@ -1,0 +1,225 @@
+"""Commands that make, train, tune and check methods."""
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from eitbench.commands.console import Json, fail, print_json
+from eitbench.commands.runs import plan_of
+
+if TYPE_CHECKING:
+    from eitbench.benchmark.checks.checking import CheckReport
+
+app = typer.Typer()
+
+
+@app.command(epilog="Example: eitbench tune quick --methods noser,tv --jobs 2")
+def tune(
+    suite: Annotated[str, typer.Argument(help="A suite's name, or the path of a suite file.")],
+    methods: Annotated[
+        str | None, typer.Option(metavar="A,B", help="Tune these methods only.")
+    ] = None,
+    scenarios: Annotated[
+        str | None, typer.Option(metavar="X,Y", help="On these scenarios only.")
+    ] = None,
+    plugin: Annotated[
+        list[Path] | None, typer.Option(metavar="FILE.py", help="A file with more methods.")
+    ] = None,
+    trials: Annotated[
+        int, typer.Option(min=1, help="Sets of parameters that each method may try.")
+    ] = 16,
+    seconds: Annotated[
+        float, typer.Option(min=1, help="Seconds that each method may take in all.")
+    ] = 1200.0,
+    once: Annotated[
+        bool, typer.Option("--once", help="One choice for all scenarios ranked by one figure.")
+    ] = False,
+    jobs: Annotated[int, typer.Option(min=1, help="Methods at a time.")] = 1,
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Where choices go (default: your cache).")
+    ] = None,
+) -> None:
+    """Choose hyper-parameters on the validation split; later runs use them (track `tuned`).
+
+    Every method has the same budget. A tuning that was stopped goes on where it stood.
+    """
+    from eitbench.benchmark.tuning.selection import TuningBudget, user_choices
+    from eitbench.benchmark.tuning.tune import tune as choose_all
+
+    plan = plan_of(suite, methods, scenarios, None, plugin)
+    folder = out or user_choices()
+    chosen = choose_all(plan, folder, budget=TuningBudget(trials, seconds), once=once, jobs=jobs)
+    tuned: set[str] = set()
+    for scenario, name, choice in chosen:
+        tuned.add(name)
+        spent = choice.describe()["spent"]
+        if choice.figure is None:
+            why = next((f": {t.message}" for t in choice.trials if t.message), "")
+            typer.echo(f"{scenario}  {name}  nothing chosen, as no trial gave a figure{why}")
+            continue
+        typer.echo(
+            f"{scenario}  {name}  {json.dumps(choice.parameters)}  {spent['trials']} trials"
+            f" ({spent['pruned']} pruned, {spent['failed']} failed), {spent['seconds']:.0f} s"
+        )
+    if left := [name for name in plan.names if name not in tuned]:
+        typer.echo(f"Nothing to choose for {', '.join(left)}: see `search` in docs/tuning.md.")
+    typer.echo(f"Choices: {folder}")
+
+
+@app.command(epilog="Example: eitbench train dnn --suite paper --jobs 2")
+def train(
+    name: Annotated[
+        str,
+        typer.Argument(help="What to train: dnn, phydnn, coarse-to-fine, learned-gn or surrogate."),
+    ],
+    suite: Annotated[
+        str, typer.Option(help="The suite with the data: its name, or the path of its file.")
+    ],
+    epochs: Annotated[
+        int | None, typer.Option(min=1, help="Passes over the training data (default: its own).")
+    ] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Decides all that is random.")] = 0,
+    limit: Annotated[
+        int | None, typer.Option(min=1, help="Use so many training samples (default: all).")
+    ] = None,
+    operator: Annotated[
+        str, typer.Option(help="Forward operator of the physical loss.")
+    ] = "surrogate",
+    beta: Annotated[
+        float | None, typer.Option(help="Weight of the physical loss (default: as published).")
+    ] = None,
+    backbone: Annotated[
+        str, typer.Option(help="Kind of network: unet, unet-small or mlp.")
+    ] = "unet",
+    device: Annotated[str, typer.Option(help="auto, cpu or cuda.")] = "auto",
+    devices: Annotated[
+        int, typer.Option(min=1, help="Devices of that kind, which share each batch.")
+    ] = 1,
+    jobs: Annotated[int, typer.Option(min=1, help="Processes to simulate with.")] = 1,
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Where it is kept (default: your cache).")
+    ] = None,
+) -> None:
+    """Train on a suite's data, or continue a training that was stopped."""
+    from eitbench.methods.training import Devices, Request, TrainingInterruptedError
+    from eitbench.methods.training import train as train_named
+
+    try:
+        result = train_named(
+            Request(
+                name,
+                suite,
+                epochs=epochs,
+                seed=seed,
+                limit=limit,
+                operator=operator,
+                beta=beta,
+                backbone=backbone,
+                devices=Devices(device, devices),
+                jobs=jobs,
+                out=out,
+                progress=True,
+            )
+        )
+    except TrainingInterruptedError as interrupted:
+        fail(str(interrupted), 130)
+    for sentence in result.sentences():
+        typer.echo(sentence)
+
+
+@app.command(
+    epilog="Example: eitbench study beta --epochs 12 --limit 1500 --jobs 2 --out runs/beta"
+)
+def study(
+    name: Annotated[str, typer.Argument(help="beta, physics or size.")],
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Where it is kept, and continued.")],
+    suite: Annotated[str, typer.Option(help="The suite with the data.")] = "paper",
+    epochs: Annotated[int | None, typer.Option(min=1, help="Of each training.")] = None,
+    limit: Annotated[
+        int | None, typer.Option(min=1, help="Training samples of each (default: all).")
+    ] = None,
+    scored: Annotated[
+        int | None, typer.Option(min=2, help="Samples it is judged on (default: all).")
+    ] = None,
+    operator: Annotated[
+        str, typer.Option(help="Forward operator of the physical loss.")
+    ] = "surrogate",
+    jobs: Annotated[int, typer.Option(min=1, help="Trainings at a time.")] = 1,
+) -> None:
+    """Train many networks that differ in one thing, or continue, and say what it is worth."""
+    from eitbench.benchmark.studies.training_study import StudyBudget, run_study
+    from eitbench.reports.studies.training_study import write_study
+
+    budget = StudyBudget(suite, epochs, limit, scored, operator)
+    run_study(name, budget, out, jobs=jobs, progress=True)
+    for path in write_study(out):
+        typer.echo(str(path))
+
+
+@app.command("real-trained", epilog="Example: eitbench real-trained --jobs 2 --out runs/presses")
+def real_trained_command(
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Where the errors and figure go.")],
+    recording: Annotated[
+        str, typer.Argument(help="A recorded set that knows where it was pressed.")
+    ] = "ohmc16",
+    jobs: Annotated[int, typer.Option(min=1, help="Folds at a time.")] = 1,
+) -> None:
+    """Measure how far presses are placed wrong after learning from 0 to 400 real ones."""
+    from eitbench.benchmark.studies.real_trained import real_trained
+    from eitbench.reports.studies.real_trained import summary, to_markdown, write_real_trained
+
+    errors = real_trained(recording, jobs=jobs)
+    typer.echo(f"Median error [mm] on {recording}, cross-validated:\n")
+    typer.echo(to_markdown(summary(errors)))
+    for path in write_real_trained(errors, recording, out):
+        typer.echo(str(path))
+
+
+@app.command(epilog="Example: eitbench check noser, or: eitbench check my_operator.py")
+def check(
+    target: Annotated[
+        str, typer.Argument(metavar="METHOD|OPERATOR|FILE.py", help="What to check.")
+    ],
+    as_json: Json = False,
+) -> None:
+    """Check that a method or operator keeps the contract; exits 1 if any check fails.
+
+    What a method declares in `expected_failures` is shown as xfail, with its reason.
+    """
+    from eitbench.benchmark.checks.targets import check_target
+
+    reports = check_target(target)
+    if as_json:
+        print_json([report.describe() for report in reports])
+    else:
+        for report in reports:
+            _print_check(report)
+    if not all(report.passed for report in reports):
+        raise typer.Exit(1)
+
+
+def _print_check(report: "CheckReport") -> None:
+    for result in report.results:
+        status = "FAILED" if result.status == "failed" else result.status
+        typer.echo(f"{status:7s}  {result.name}")
+        if result.message:
+            typer.echo(f"         {result.message}")
+    typer.echo(report.summary())
+
+
+@app.command("new-method", epilog="Example: eitbench new-method my-method")
+def new_method_command(
+    name: Annotated[str, typer.Argument(help="Small letters, digits and hyphens.")],
+    folder: Annotated[
+        Path | None, typer.Argument(metavar="[DIR]", help="New folder (default: eitbench-NAME).")
+    ] = None,
+) -> None:
+    """Write an installable package around a method that works, to put yours in its place."""
+    from eitbench.commands.scaffold import new_method
+
+    written = new_method(name, folder)
+    for path in written:
+        typer.echo(str(path))
+    typer.echo(f"Next: pip install -e {written[0].parent} && eitbench check {name}")

@@ -1,0 +1,93 @@
+"""What `eitbench list` shows: one row of plain values for each thing that has a name."""
+
+import inspect
+from collections.abc import Callable, Mapping
+
+from eitbench.methods.method import Method
+from eitbench.methods.operator import Operator
+from eitbench.methods.registry import methods, operators
+from eitbench.scenarios.recordings import RECORDED_SETS
+from eitbench.scenarios.recordings.catalogue import sensors
+from eitbench.scenarios.suites.scenario import SimulatedScenario
+from eitbench.scenarios.suites.suite import load_suite, suites
+
+Row = dict[str, str | int | None]
+
+
+def _described(known: Mapping[str, type[Method] | type[Operator]]) -> list[Row]:
+    return [
+        {"name": name, "description": first_line(cls), "source": cls.source}
+        for name, cls in known.items()
+    ]
+
+
+def _methods() -> list[Row]:
+    known = methods()
+    return [{**row, "differs": known[str(row["name"])].differs} for row in _described(known)]
+
+
+def first_line(cls: type) -> str:
+    """The first line of the description of a class; "" without one."""
+    return (inspect.getdoc(cls) or "").partition("\n")[0]
+
+
+def _suites() -> list[Row]:
+    loaded = [load_suite(name) for name in suites()]
+    return [
+        {"name": s.name, "ranks": s.ranks, "title": s.title, "scenarios": len(s.scenarios)}
+        for s in loaded
+    ]
+
+
+def _scenarios() -> list[Row]:
+    return [
+        {
+            "name": scenario.name,
+            "suite": name,
+            "kind": scenario.kind,
+            "sensor": scenario.nominal_sensor.name,
+            "test": scenario.test if isinstance(scenario, SimulatedScenario) else None,
+        }
+        for name in suites()
+        for scenario in load_suite(name).scenarios
+    ]
+
+
+def _sensors() -> list[Row]:
+    rows: list[Row] = []
+    for name, build in sensors().items():
+        sensor = build()
+        height, width = sensor.image_shape
+        rows.append(
+            {
+                "name": name,
+                "electrodes": sensor.n_electrodes,
+                "measurements": sensor.n_measurements,
+                "image": f"{height} x {width}",
+            }
+        )
+    return rows
+
+
+def _recordings() -> list[Row]:
+    return [
+        {
+            "name": name,
+            "title": recorded.title,
+            "truth": recorded.truth,
+            "licence": recorded.licence,
+            "source": recorded.repository,
+            "citation": recorded.citation,
+        }
+        for name, recorded in RECORDED_SETS.items()
+    ]
+
+
+LISTINGS: dict[str, Callable[[], list[Row]]] = {
+    "methods": _methods,
+    "operators": lambda: _described(operators()),
+    "scenarios": _scenarios,
+    "sensors": _sensors,
+    "suites": _suites,
+    "recordings": _recordings,
+}

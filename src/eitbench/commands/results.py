@@ -1,0 +1,145 @@
+"""Commands that show and compare stored results."""
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from eitbench.commands.console import Json, names_in, print_json, print_renderable, warn, width
+
+app = typer.Typer()
+
+
+class Format(StrEnum):
+    """How a leaderboard can be printed."""
+
+    md = "md"
+    csv = "csv"
+    json = "json"
+    latex = "latex"
+    html = "html"
+
+
+@app.command(epilog="Example: eitbench leaderboard runs/first --format latex > table.tex")
+def leaderboard(
+    runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="Run directories.")],
+    form: Annotated[
+        Format | None, typer.Option("--format", help="Print for a file, not for a terminal.")
+    ] = None,
+) -> None:
+    """Print the leaderboard of one or several runs."""
+    from eitbench.reports.tables import leaderboard as reports
+
+    rows = reports.leaderboard(runs)
+    if not rows:
+        warn(f"There are no rows in {', '.join(map(str, runs))}: nothing was finished there.")
+    if form is None:
+        print_renderable(reports.table(rows, width()))
+    else:
+        typer.echo(reports.FORMATS[form.value](rows), nl=False)
+
+
+@app.command(epilog="Example: eitbench report runs/first runs/second --out report")
+def report(
+    runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="Run directories.")],
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Its folder (default: RUN/report).")
+    ] = None,
+) -> None:
+    """Write a report of runs: one HTML page that works offline, tables and figures for a paper."""
+    from eitbench.reports.page.report import write_report
+
+    for path in write_report(runs, out or runs[0] / "report"):
+        typer.echo(str(path))
+
+
+@app.command(epilog="Example: eitbench site runs --out site")
+def site(
+    runs: Annotated[Path, typer.Argument(metavar="RUNS_DIR", help="A folder of run directories.")],
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Its folder.")],
+) -> None:
+    """Build a static leaderboard from many runs: one page a suite, one a method, all versions."""
+    from eitbench.reports.page.site import write_site
+
+    written = write_site(runs, out)
+    typer.echo(f"Site: {written[0]} and {len(written) - 1} more pages")
+
+
+@app.command(epilog="Example: eitbench compare runs/before runs/after --figures ssim,psnr")
+def compare(
+    before: Annotated[Path, typer.Argument(metavar="RUN_A", help="A run, or its samples.parquet.")],
+    after: Annotated[Path, typer.Argument(metavar="RUN_B", help="A later run on the same frames.")],
+    figures: Annotated[
+        str | None,
+        typer.Option(metavar="A,B", help="Compare these (default: what each scenario ranks by)."),
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Say what changed between two runs, and whether it matters."""
+    from eitbench.benchmark.analysis.comparison import compare as compared
+    from eitbench.benchmark.analysis.comparison import read_results
+    from eitbench.reports.tables.changes import describe, table
+
+    found = compared(read_results(before), read_results(after), names_in("--figures", figures))
+    if as_json:
+        print_json(describe(found))
+        return
+    print_renderable(table(found))
+    for sentence in (*found.missing, *found.added):
+        typer.echo(sentence)
+
+
+@app.command(epilog="Example: eitbench gate runs/new --baseline main.parquet --margin score=0.05")
+def gate(
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="The run to judge.")],
+    baseline: Annotated[
+        Path, typer.Option(metavar="FILE", help="A run directory, or the samples.parquet of one.")
+    ],
+    margin: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="FIGURE=LOSS",
+            help="A loss that is allowed (repeatable; default: none of what each scenario ranks "
+            "by).",
+        ),
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Exit with 1 if a method of the baseline is missing or surely worse by more than a margin."""
+    from eitbench.benchmark.analysis.comparison import losses, read_results
+    from eitbench.reports.tables.changes import describe, table
+
+    margins: dict[str, float] = {}
+    for name, allowed in map(_margin, margin or ()):
+        if name in margins:
+            raise typer.BadParameter(f"--margin names {name!r} twice")
+        margins[name] = allowed
+    found = losses(read_results(baseline), read_results(run), margins)
+    lost = [change for change in found.changes if change.verdict == "worse"]
+    passed = not lost and not found.missing
+    if as_json:
+        print_json({"passed": passed, **describe(found)})
+    else:
+        print_renderable(table(found))
+        for sentence in (*found.missing, *found.added):
+            typer.echo(sentence)
+        typer.echo(
+            f"Gate {'passed' if passed else 'failed'}: {len(lost)} of {len(found.changes)} figures "
+            f"are surely worse by more than is allowed; {len(found.missing)} things missing."
+        )
+    if not passed:
+        raise typer.Exit(1)
+
+
+def _margin(text: str) -> tuple[str, float]:
+    name, _, loss = text.partition("=")
+    try:
+        allowed = float(loss)
+    except ValueError:
+        allowed = -1.0
+    if not allowed >= 0:
+        raise typer.BadParameter(
+            f"--margin {text!r} is not FIGURE=LOSS with a loss of at least 0, such as score=0.05"
+        )
+    return name, allowed

@@ -1,0 +1,250 @@
+"""Commands that run suites, or score what was run."""
+
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from eitbench.commands.console import (
+    Json,
+    fail,
+    names_in,
+    print_json,
+    print_renderable,
+    warn,
+    width,
+)
+
+if TYPE_CHECKING:
+    from eitbench.benchmark.run.runner import Plan, RunResult
+
+app = typer.Typer()
+submission_app = typer.Typer(
+    help="Runs for a public leaderboard.",
+    epilog="Example: eitbench submission check runs/mine",
+    no_args_is_help=True,
+)
+app.add_typer(submission_app, name="submission")
+
+
+@app.command(epilog="Example: eitbench run quick --methods noser,tv --limit 12 --out runs/first")
+def run(
+    suite: Annotated[
+        str | None, typer.Argument(help="A suite's name, or the path of a suite file (.toml).")
+    ] = None,
+    methods: Annotated[
+        str | None, typer.Option(metavar="A,B", help="Run these methods only.")
+    ] = None,
+    operators: Annotated[
+        str | None,
+        typer.Option(metavar="A,B", help="Run these forward operators only (suite `operators`)."),
+    ] = None,
+    scenarios: Annotated[
+        str | None, typer.Option(metavar="X,Y", help="Run these scenarios only.")
+    ] = None,
+    limit: Annotated[int | None, typer.Option(min=1, help="Test samples of each scenario.")] = None,
+    plugin: Annotated[
+        list[Path] | None,
+        typer.Option(metavar="FILE.py", help="A file with more methods or operators."),
+    ] = None,
+    tracks: Annotated[
+        str | None,
+        typer.Option(
+            metavar="A,B", help="Run these tracks beside the ranked one: default, tuned, oracle."
+        ),
+    ] = None,
+    jobs: Annotated[int, typer.Option(min=1, help="Cells (scenario x method) at a time.")] = 1,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(metavar="ADDRESS", help="Run the cells on the cluster of a Dask scheduler."),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="New folder (default: runs/SUITE-TIME).")
+    ] = None,
+    resume: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Continue the run in DIR, in place.")
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Run a suite and print its leaderboard."""
+    from eitbench.benchmark.run.progress import RunProgress
+    from eitbench.benchmark.run.runner import RunInterruptedError, resume_run, start_run
+    from eitbench.scenarios.suites.suite import load_suite
+
+    choices = (methods, operators, scenarios, limit, plugin or None, tracks, out)
+    if resume is not None and any(choice is not None for choice in choices):
+        raise typer.BadParameter(
+            "a resumed run keeps its choices: only --jobs and --scheduler may be others"
+        )
+    if resume is None and suite is None:
+        raise typer.BadParameter("name a suite (eitbench list suites), or give --resume DIR")
+    progress = RunProgress()
+    try:
+        if resume is not None:
+            chosen = None if suite is None else load_suite(suite)
+            result = resume_run(
+                resume, suite=chosen, jobs=jobs, scheduler=scheduler, progress=progress
+            )
+        elif suite is not None:
+            plan = plan_of(suite, methods, scenarios, limit, plugin, operators, tracks)
+            folder = out or Path("runs") / f"{plan.suite.name}-{time.strftime('%Y%m%d-%H%M%S')}"
+            result = start_run(plan, folder, jobs=jobs, scheduler=scheduler, progress=progress)
+    except RunInterruptedError as interrupted:
+        fail(str(interrupted), 130)
+    _show_run(result, as_json, limit)
+    if result.refused:
+        raise typer.Exit(1)
+
+
+def plan_of(
+    suite: str,
+    methods: str | None,
+    scenarios: str | None,
+    limit: int | None,
+    plugins: Sequence[Path] | None,
+    operators: str | None = None,
+    tracks: str | None = None,
+) -> "Plan":
+    """What a command is to run; names are still lists with commas."""
+    from eitbench.benchmark.run.runner import make_plan
+    from eitbench.scenarios.errors import InputError
+    from eitbench.scenarios.suites.suite import declared_at, load_suite, suites
+
+    chosen = load_suite(suite)
+    try:
+        return make_plan(
+            chosen,
+            methods=names_in("--methods", methods),
+            operators=names_in("--operators", operators),
+            scenarios=names_in("--scenarios", scenarios),
+            limit=limit,
+            plugins=plugins or (),
+            tracks=names_in("--tracks", tracks),
+        )
+    except InputError as error:
+        # What it ranks is unknown to scenarios, so that only here a suite's own can be wrong.
+        own = methods is None and operators is None and suite not in suites()
+        if own and str(error).startswith(("Unknown method ", "Unknown operator ")):
+            raise InputError(f"{declared_at(Path(suite), chosen.ranks)}: {error}") from error
+        raise
+
+
+def _show_run(result: "RunResult", as_json: bool, limit: int | None) -> None:
+    from eitbench.benchmark.analysis.results import failures, read_run
+    from eitbench.benchmark.rundir import manifest
+    from eitbench.reports.tables.leaderboard import table
+
+    for name, data in manifest.read(result.path)["data"].items():
+        if limit is not None and data["n"] < limit:
+            warn(f"Scenario {name!r} has only {data['n']} test samples: --limit {limit} is above.")
+    rows, figures = _complete(result.path)
+    if as_json:
+        print_json(
+            {
+                "run": str(result.path),
+                "leaderboard": rows,
+                "figures": [str(path) for path in figures],
+                "skipped": list(result.skipped),
+                "refused": list(result.refused),
+            }
+        )
+        return
+    print_renderable(table(rows, width()))
+    for sentence in (*result.skipped, *result.refused, *failures(read_run(result.path))):
+        typer.echo(sentence)
+    typer.echo(f"Run: {result.path}")
+    for path in figures:
+        if path.suffix in (".png", ".md"):
+            typer.echo(f"{'Picture' if path.suffix == '.png' else 'Ladder'}: {path}")
+
+
+def _complete(run: Path) -> tuple[list[dict[str, Any]], list[Path]]:
+    """Write notes, leaderboard and figures into a run directory; its rows and the pictures."""
+    from eitbench.benchmark.analysis.recording_notes import write_notes
+    from eitbench.reports.figures.image_grid import write_figures
+    from eitbench.reports.figures.ladder import write_ladder
+    from eitbench.reports.tables.leaderboard import leaderboard, write_leaderboard
+
+    write_notes(run)
+    rows = leaderboard([run])
+    write_leaderboard(rows, run)
+    return rows, [*write_ladder(run), *write_figures(run)]
+
+
+@app.command(epilog="Example: eitbench reproduce --limit 200 --out runs/claims")
+def reproduce(
+    runs: Annotated[
+        list[Path] | None,
+        typer.Option(metavar="DIR", help="Run nothing: judge by this run directory (repeatable)."),
+    ] = None,
+    study: Annotated[
+        list[Path] | None,
+        typer.Option(metavar="DIR", help="Judge by this study, too (repeatable)."),
+    ] = None,
+    limit: Annotated[int | None, typer.Option(min=1, help="Test samples of each scenario.")] = None,
+    jobs: Annotated[int, typer.Option(min=1, help="Cells (scenario x method) at a time.")] = 1,
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="Where all goes; what is run there is not run again."),
+    ] = None,
+) -> None:
+    """Judge the published claims by what is measured here, and write the claim ledger."""
+    from eitbench.benchmark.run.progress import RunProgress
+    from eitbench.benchmark.run.runner import RunInterruptedError
+    from eitbench.benchmark.studies.reproduce import run_claims
+    from eitbench.reports.claims.ledger import ledger, table, write_ledger
+
+    if runs and limit is not None:
+        raise typer.BadParameter("--runs are judged as they are: leave out --limit")
+    folder = out or Path("runs") / f"reproduce-{time.strftime('%Y%m%d-%H%M%S')}"
+    if not runs:
+        try:
+            runs = run_claims(folder, limit=limit, jobs=jobs, progress=RunProgress())
+        except RunInterruptedError as interrupted:
+            fail(str(interrupted), 130)
+        for path in runs:
+            _complete(path)
+    found = ledger(runs, study or ())
+    written = write_ledger(found, runs, folder)
+    print_renderable(table(found))
+    for path in written:
+        typer.echo(f"Ledger: {path}")
+
+
+@app.command(epilog="Example: eitbench rescore runs/first")
+def rescore(
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="A run directory; changed in place.")],
+) -> None:
+    """Compute all metrics again from the stored reconstructions, without running a method."""
+    from eitbench.benchmark.analysis.rescore import rescore as score_again
+
+    cells = score_again(run)
+    for cell in cells:
+        if cell.changed:
+            figures = ", ".join(cell.figures)
+            typer.echo(
+                f"{cell.scenario}  {cell.method}  {cell.changed} of {cell.n} changed: {figures}"
+            )
+    _complete(run)
+    changed, total = sum(cell.changed for cell in cells), sum(cell.n for cell in cells)
+    typer.echo(f"Scored again: {total} samples, of which {changed} changed.")
+
+
+@submission_app.command("check", epilog="Example: eitbench submission check runs/mine --jobs 2")
+def submission_check(
+    run: Annotated[Path, typer.Argument(metavar="DIR", help="A run directory.")],
+    jobs: Annotated[int, typer.Option(min=1, help="Processes to simulate with.")] = 1,
+) -> None:
+    """Check that a run is complete, on our data, and has the figures of its images."""
+    from eitbench.benchmark.analysis.submission import check_submission
+
+    checks = check_submission(run, jobs=jobs)
+    for check_of in checks:
+        typer.echo(f"{'FAILED' if check_of.problem else 'passed':7s}  {check_of.name}")
+        if check_of.problem:
+            typer.echo(f"         {check_of.problem}")
+    if any(check_of.problem for check_of in checks):
+        fail(f"{run} cannot be accepted as a submission.", 1)
+    typer.echo(f"{run} can be submitted.")

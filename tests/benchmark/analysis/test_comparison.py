@@ -1,0 +1,187 @@
+"""Comparisons of runs whose changes are known, because they were made."""
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from numpy.typing import NDArray
+
+from eitbench.benchmark.analysis.comparison import Change, Results, compare, losses, read_results
+from eitbench.scenarios.errors import DataCorruptError, InputError
+
+Array = NDArray[np.float64]
+N = 60
+
+
+def results(
+    scores: Mapping[str, Array], name: str = "run", frames: str = "", phantoms: int = N
+) -> Results:
+    cells = [
+        pd.DataFrame(
+            {
+                "scenario": "one", "method": method, "sample": np.arange(len(values)),
+                "phantom": [f"p{k % phantoms}" for k in range(len(values))], "status": "ok",
+                "input_hash": [f"{frames}{k}" for k in range(len(values))],
+                "score": values, "rie": 1 - 0.1 * values,
+            }
+        )
+        for method, values in scores.items()
+    ]  # fmt: skip
+    return Results(Path(name), pd.concat(cells, ignore_index=True), {})
+
+
+def before_and_after(n: int = N) -> tuple[Results, Results]:
+    rng = np.random.default_rng(0)
+    old = {name: rng.normal(5, 1, size=n) for name in ("same", "noisy", "better", "worse")}
+    new = {
+        "same": old["same"],
+        "noisy": old["noisy"] + 0.1 * rng.normal(size=n),
+        "better": old["better"] + 0.1 + 0.1 * rng.normal(size=n),
+        "worse": old["worse"] - 0.1 + 0.1 * rng.normal(size=n),
+    }
+    return results(old, "old"), results(new, "new")
+
+
+def by_method(changes: list[Change]) -> dict[str, Change]:
+    return {change.method: change for change in changes}
+
+
+def test_what_changed_is_told_from_chance() -> None:
+    found = compare(*before_and_after())
+    changes = by_method(found.changes)
+    assert {name: change.verdict for name, change in changes.items()} == {
+        "same": "equal", "noisy": "no difference found", "better": "better", "worse": "worse",
+    }  # fmt: skip
+    # The spread of phantoms, 1, is ten times the change: only paired differences can tell.
+    worse = changes["worse"]
+    assert worse.low < worse.difference < worse.high < 0
+    assert worse.after - worse.before == pytest.approx(worse.difference)
+    assert (worse.figure, worse.n, worse.phantoms) == ("score", N, N)
+    assert found.missing == found.added == []
+
+
+def test_less_is_better_where_the_card_says_so() -> None:
+    changes = by_method(compare(*before_and_after(), ["rie"]).changes)
+    assert changes["better"].difference < 0
+    assert changes["better"].verdict == "better"
+    assert changes["worse"].verdict == "worse"
+
+
+def test_a_gate_lets_through_what_the_margin_allows() -> None:
+    old, new = before_and_after()
+    verdicts = [
+        by_method(losses(old, new, margins).changes)["worse"].verdict
+        for margins in ({}, {"score": 0.02}, {"score": 0.1}, {"score": 0.3})
+    ]
+    assert verdicts == ["worse", "worse", "no difference found", "no difference found"]
+    changes = by_method(losses(old, new, {}).changes)
+    assert changes["noisy"].verdict == changes["better"].verdict == "no difference found"
+    assert changes["same"].verdict == "equal"
+
+
+def test_what_rounding_changes_is_negligible_however_sure() -> None:
+    values = np.random.default_rng(4).normal(5, 1, size=N)
+    old, new = results({"m": values}), results({"m": values - 1e-6})
+    assert compare(old, new).changes[0].p < 1e-6
+    assert compare(old, new).changes[0].verdict == "negligible"
+    assert losses(old, new, {}).changes[0].verdict == "negligible"
+
+
+def test_a_gate_is_seldom_shut_by_chance() -> None:
+    rng = np.random.default_rng(1)
+    shut = 0
+    for _ in range(40):
+        old = {f"m{k}": rng.normal(size=30) for k in range(4)}
+        new = {name: values + rng.normal(size=30) for name, values in old.items()}
+        found = losses(results(old), results(new), {})
+        shut += any(change.verdict == "worse" for change in found.changes)
+    assert shut <= 6  # 2 are expected; more than 6 happen in 4 of 1000 such tests
+
+
+def test_repeats_of_a_phantom_do_not_count_as_many() -> None:
+    rng = np.random.default_rng(2)
+    old = {"m": rng.normal(size=600)}
+    new = {"m": old["m"] + np.tile(rng.normal(0.3, 1, size=12), 50)}
+    many = compare(results(old, phantoms=600), results(new, phantoms=600)).changes[0]
+    few = compare(results(old, phantoms=12), results(new, phantoms=12)).changes[0]
+    assert many.difference == pytest.approx(few.difference)
+    assert many.p < 1e-6 < 0.05 < few.p
+
+
+def test_what_cannot_be_compared_is_said() -> None:
+    rng = np.random.default_rng(3)
+    one = {name: rng.normal(size=N) for name in ("a", "b")}
+    found = compare(results(one, "old"), results({"b": one["b"], "c": one["a"]}, "new"))
+    assert found.missing == ["'a' on 'one' is only in old."]
+    assert found.added == ["'c' on 'one' is only in new."]
+    with pytest.raises(InputError, match="'a' on 'one' was given other frames in new"):
+        compare(results(one, "old"), results(one, "new", frames="other-"))
+    with pytest.raises(InputError, match="same frames of 9 phantoms only"):
+        compare(*before_and_after(9))
+    with pytest.raises(InputError, match="did you mean 'score'"):
+        losses(results(one), results(one), {"scroe": 0.1})
+    unknown = of_ssim(results(one))
+    with pytest.raises(InputError, match="no scenario of theirs has SSIM"):
+        compare(unknown, unknown, ["ssim"])
+    # A figure that the baseline has not is nothing that could be lost.
+    assert [c.figure for c in losses(unknown, unknown, {"ssim": 0.1, "rie": 0.1}).changes] == [
+        "rie", "rie",
+    ]  # fmt: skip
+
+
+def test_frames_that_are_gone_are_missed() -> None:
+    old, new = before_and_after()
+    rows = new.samples[(new.samples["method"] != "same") | (new.samples["sample"] >= 20)]
+    found = losses(old, Results(new.path, rows, {}), {"score": 9.0})
+    assert found.missing == [
+        "'same' on 'one' lacks 20 of the 60 frames of old in new: the others are compared."
+    ]
+    assert by_method(found.changes)["same"].n == 40
+
+
+def of_ssim(found: Results) -> Results:
+    return Results(found.path, found.samples.assign(ssim=np.nan), {})
+
+
+def written(folder: Path, calibration_ms: float) -> Path:
+    folder.mkdir()
+    before_and_after()[0].samples.to_parquet(folder / "samples.parquet")
+    times = {"frame_ms_p50": [6.0], "calibration_ms": [calibration_ms]}
+    cells = pd.DataFrame({"scenario": ["one"], "method": ["same"], **times})
+    cells.to_parquet(folder / "methods.parquet")
+    return folder
+
+
+def test_times_are_compared_in_units_of_the_calibration_solve(tmp_path: Path) -> None:
+    slow, fast = written(tmp_path / "slow", 60.0), written(tmp_path / "fast", 20.0)
+    found = by_method(compare(read_results(slow), read_results(fast)).changes)
+    # The same 6 ms cost three times as much of a machine that is three times as fast.
+    assert found["same"].time_ratio == pytest.approx(3)
+    assert found["noisy"].time_ratio is None
+    alone = read_results(slow / "samples.parquet")
+    assert len(alone.samples) == len(read_results(slow).samples)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "error", "words"),
+    [
+        (lambda p: (p / "samples.parquet").unlink(), InputError, "neither a run directory nor"),
+        (lambda p: (p / "samples.parquet").write_bytes(b"x"), DataCorruptError, "not a readable"),
+        (
+            lambda p: pd.DataFrame({"scenario": ["one"], "operator": ["fem"]}).to_parquet(
+                p / "samples.parquet"
+            ),
+            InputError,
+            "has no column 'method'",
+        ),
+    ],
+)
+def test_bad_runs_are_refused(
+    tmp_path: Path, spoil: Callable[[Path], object], error: type[Exception], words: str
+) -> None:
+    folder = written(tmp_path / "run", 1.0)
+    spoil(folder)
+    with pytest.raises(error, match=words):
+        read_results(folder)

@@ -1,0 +1,65 @@
+"""Figures of real recordings that reports print; they need the recordings."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from eitbench.benchmark.analysis.recording_notes import figures, write_notes
+from eitbench.benchmark.analysis.results import NOTES
+from eitbench.scenarios import load
+from eitbench.scenarios.errors import DataUnavailableError
+from eitbench.scenarios.suites.scenario import RecordedScenario
+from eitbench.scenarios.suites.suite import load_suite
+
+pytestmark = pytest.mark.usefixtures("recorded_data")
+
+
+def scenario(name: str) -> RecordedScenario:
+    return RecordedScenario(name=name, recording=name)
+
+
+def test_guessing_one_place_is_the_baseline_of_positions() -> None:
+    found = figures(scenario("hydrogel-rectangle"), 50)
+    assert set(found) == set(NOTES)
+    places = load("hydrogel-rectangle", "validation").samples
+    presses = load("hydrogel-rectangle", limit=50).samples
+    away = [
+        np.hypot(x - places["x_m"].mean(), y - places["y_m"].mean())
+        for x, y in zip(presses["x_m"], presses["y_m"], strict=True)
+    ]
+    assert found["guess_mm"] == pytest.approx(1e3 * np.median(away))
+    assert found["reciprocity_error"] is None
+
+
+def test_a_tank_has_reciprocity_and_repeats_but_no_place() -> None:
+    found = figures(scenario("sciospec-tank"), 50)
+    assert found["guess_mm"] is None
+    assert found["reciprocity_error"] == pytest.approx(0.026, abs=0.002)
+    assert found["repeat_noise"] == pytest.approx(3.2e-4, rel=0.1)
+
+
+def test_notes_are_kept_for_the_recorded_scenarios_that_were_run(tmp_path: Path) -> None:
+    suite = load_suite("recorded").model_dump(mode="json")
+    manifest = {"plan": {"suite": suite}, "data": {"ohmc16": {"n": 36}}}
+    (tmp_path / "manifest.json").write_text(json.dumps(manifest))
+    write_notes(tmp_path)
+    assert json.loads((tmp_path / "recordings.json").read_text()) == {
+        "ohmc16": figures(scenario("ohmc16"), 36)
+    }
+
+
+def test_without_data_there_are_no_notes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("EITBENCH_DATA", str(tmp_path / "nothing"))
+    monkeypatch.setenv("EITBENCH_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setattr("eitbench.scenarios.recordings.fetch.fetch", _no_network)
+    suite = load_suite("recorded").model_dump(mode="json")
+    manifest = {"plan": {"suite": suite}, "data": {"ohmc16": {"n": 36}}}
+    (tmp_path / "manifest.json").write_text(json.dumps(manifest))
+    write_notes(tmp_path)
+    assert not (tmp_path / "recordings.json").exists()
+
+
+def _no_network(*_: object, **__: object) -> Path:
+    raise DataUnavailableError("no network")

@@ -1,0 +1,100 @@
+"""Scoring stored images again: the same bits, whatever was done to the table of figures."""
+
+import json
+from pathlib import Path
+
+import h5py
+import pandas as pd
+import pytest
+
+from eitbench.benchmark.analysis.rescore import FIGURES, rescore
+from eitbench.benchmark.run.runner import make_plan, start_run
+from eitbench.scenarios.errors import DataCorruptError, InputError
+from eitbench.scenarios.suites.suite import Suite, load_suite
+
+RECORDED = """
+name = "skin"
+title = "Presses and classes"
+methods = ["noser"]
+
+[[scenarios]]
+kind = "recorded"
+name = "ohmc16"
+recording = "ohmc16"
+
+[[scenarios]]
+kind = "recorded"
+name = "ktc2023"
+recording = "ktc2023"
+"""
+
+
+def run_of(suite: Suite, out: Path, plugin: Path | None = None) -> Path:
+    plugins = [] if plugin is None else [plugin]
+    methods = ["noser"] if plugin is None else ["noser", "toy-one-bad"]
+    return start_run(make_plan(suite, methods=methods, plugins=plugins, limit=12), out).path
+
+
+@pytest.fixture(scope="module")
+def toy_run(tmp_path_factory: pytest.TempPathFactory, tiny: Suite, toys: Path) -> Path:
+    return run_of(tiny, tmp_path_factory.mktemp("runs") / "toys", toys)
+
+
+def spoil(run: Path, **columns: float) -> pd.DataFrame:
+    """Write wrong figures; the right table."""
+    table = pd.read_parquet(run / "samples.parquet")
+    table.assign(**columns).to_parquet(run / "samples.parquet")
+    return table
+
+
+def test_nothing_changes_where_nothing_was_changed(toy_run: Path) -> None:
+    table = pd.read_parquet(toy_run / "samples.parquet")
+    cells = rescore(toy_run)
+    assert [(cell.method, cell.n, cell.changed) for cell in cells] == [
+        ("noser", 5, 0), ("toy-one-bad", 5, 0),
+    ]  # fmt: skip
+    again = pd.read_parquet(toy_run / "samples.parquet")
+    pd.testing.assert_frame_equal(again, table, check_exact=True)
+
+
+def test_edited_figures_are_put_right(toy_run: Path) -> None:
+    right = spoil(toy_run, psnr=99.0, cc_undefined=False)
+    assert right["cc_undefined"].sum() == 5  # the toy returns constant images, or none
+    cells = rescore(toy_run)
+    assert [cell.figures for cell in cells] == [("psnr",), ("psnr", "cc_undefined")]
+    assert [cell.changed for cell in cells] == [5, 5]
+    again = pd.read_parquet(toy_run / "samples.parquet")
+    pd.testing.assert_frame_equal(again, right, check_exact=True)
+    noted = json.loads((toy_run / "manifest.json").read_text())["rescored"]
+    assert set(noted[-1]) == {"time", "versions", "machine", "git_commit"}
+
+
+def test_recorded_sets_are_scored_with_the_registration_of_the_run(
+    tmp_path: Path, recorded_data: Path
+) -> None:
+    (tmp_path / "skin.toml").write_text(RECORDED)
+    run = run_of(load_suite(str(tmp_path / "skin.toml")), tmp_path / "run")
+    right = spoil(run, **dict.fromkeys(FIGURES, 0.5))
+    assert sum(cell.changed for cell in rescore(run)) == 12 + 3
+    again = pd.read_parquet(run / "samples.parquet")
+    pd.testing.assert_frame_equal(again, right, check_exact=True)
+
+
+def test_without_images_nothing_is_touched(tmp_path: Path, tiny: Suite) -> None:
+    run = run_of(tiny, tmp_path / "run")
+    with h5py.File(run / "reconstructions.h5", "a") as file:
+        del file["tiny/noser"]
+    before = (run / "samples.parquet").read_bytes()
+    with pytest.raises(DataCorruptError, match="holds no images of 'noser'"):
+        rescore(run)
+    (run / "reconstructions.h5").unlink()
+    with pytest.raises(DataCorruptError, match="cannot be read"):
+        rescore(run)
+    assert (run / "samples.parquet").read_bytes() == before
+
+
+def test_operators_have_no_images(tmp_path: Path) -> None:
+    suite = load_suite(str(Path(__file__).parents[1] / "data" / "tiny-operators.toml"))
+    run = start_run(make_plan(suite, scenarios=["tiny-same"], limit=2), tmp_path / "run").path
+    with pytest.raises(InputError, match="ranks operators"):
+        rescore(run)

@@ -1,0 +1,169 @@
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pandas as pd
+import pytest
+
+from eitbench.benchmark.analysis.results import leaderboard_rows, read_run
+from eitbench.scenarios.errors import DataCorruptError, InputError
+
+
+def board(run: Path, scenario: str) -> dict[str, dict[str, Any]]:
+    rows = leaderboard_rows([read_run(run)])
+    return {row["method"]: row for row in rows if row["scenario"] == scenario}
+
+
+def test_figures_are_means_over_all_samples_and_localisation_the_median(full_run: Path) -> None:
+    rows = board(full_run, "conductivity-set")
+    table = pd.read_parquet(full_run / "samples.parquet")
+    of = table[(table["scenario"] == "conductivity-set") & (table["method"] == "sharp")]
+    assert rows["sharp"]["n"] == 8
+    assert rows["sharp"]["coverage"] == 0.75
+    assert rows["sharp"]["ssim"] == pytest.approx(of["ssim"].mean())
+    assert rows["sharp"]["localisation_mm"] == pytest.approx(of["localisation_mm"].median())
+    assert rows["sharp"]["setup_s"] == 0.25
+    assert rows["sharp"]["train_s"] is None
+
+
+def test_what_failed_is_charged_what_the_untouched_sensor_gets(full_run: Path) -> None:
+    table = pd.read_parquet(full_run / "samples.parquet")
+    of = table[table["scenario"] == "conductivity-set"]
+    sharp, constant = (
+        of[of["method"] == name].set_index("sample") for name in ("sharp", "constant")
+    )
+    figures = ["ssim", "cc", "rie", "psnr", "score", "localisation_mm", "iou"]
+    lost = sharp.index[sharp["status"] != "ok"]
+    assert len(lost) == 2
+    pd.testing.assert_frame_equal(sharp.loc[lost, figures], constant.loc[lost, figures])
+    rows = board(full_run, "conductivity-set")
+    valid = sharp.drop(index=lost)["score"].mean()
+    assert rows["constant"]["score"] < rows["sharp"]["score"] < valid
+
+
+@pytest.mark.parametrize(
+    ("scenario", "figure"),
+    [
+        ("position-set", "localisation_mm"),
+        ("classes-set", "cc"),
+        ("none-set", "repeatability_db"),
+    ],
+)
+def test_rank_follows_what_is_known(full_run: Path, scenario: str, figure: str) -> None:
+    rows = board(full_run, scenario)
+    assert rows["sharp"][figure] is not None
+    ranks = sorted(rows.values(), key=lambda row: int(row["rank"]))
+    assert ranks[0]["method"] in ("sharp", "blurred")
+    assert ranks[-1]["method"] == "constant"
+    assert all(row["score"] is None for row in ranks)
+
+
+def test_strength_and_response_are_figures_of_the_whole_cell(full_run: Path) -> None:
+    assert board(full_run, "position-set")["sharp"]["strength_spearman"] == pytest.approx(1)
+    assert board(full_run, "position-set")["constant"]["strength_spearman"] == 0
+    assert board(full_run, "none-set")["constant"]["repeatability_db"] is None
+
+
+def test_equals_share_a_rank_and_lost_methods_come_last(build: Any, dataset_of: Any) -> None:
+    dataset = dataset_of("conductivity", 4)
+    images = 0.9 * (dataset.conductivity - 1) + 1
+    for name, lost in (("a", 0), ("b", 0), ("c", 4), ("d", 1)):
+        build.add(dataset, name, images, lost)
+    rows = board(build.write(), "conductivity-set")
+    assert {name: row["rank"] for name, row in rows.items()} == {"a": 1, "b": 1, "d": 3, "c": 4}
+    assert rows["c"]["coverage"] == 0
+    assert rows["c"]["score"] is None
+
+
+def test_several_runs_are_ranked_together(full_run: Path, tmp_path: Path) -> None:
+    other = shutil.copytree(full_run, tmp_path / "other")
+    rows = leaderboard_rows([read_run(full_run), read_run(other)])
+    simulated = [row for row in rows if row["scenario"] == "conductivity-set"]
+    assert [row["rank"] for row in simulated] == [1, 1, 3, 3, 5, 5]
+    assert {row["run"] for row in simulated} == {"full", "other"}
+
+
+def test_images_of_chosen_samples(full_run: Path) -> None:
+    run = read_run(full_run)
+    images = run.estimates("conductivity-set", "sharp", [1, 4, 7])
+    assert images is not None
+    with h5py.File(full_run / "reconstructions.h5") as file:
+        stored = file["conductivity-set/sharp/conductivity"][:]
+    np.testing.assert_array_equal(images, stored[[1, 4, 7]])
+    assert np.isnan(images[2]).all()
+    assert run.estimates("conductivity-set", "sharp", [99]) is None
+    scene = run.scene("classes-set", [2, 3])
+    assert scene.has_classes
+    assert scene.truth is not None
+    assert set(np.unique(scene.truth)) == {-1.0, 0.0}
+    assert run.scene("position-set", [0]).truth is None
+
+
+Spoil = Callable[[Path], object]
+
+
+@pytest.mark.parametrize(
+    ("spoil", "error", "words"),
+    [
+        (lambda p: (p / "manifest.json").unlink(), InputError, "is not a run directory"),
+        (lambda p: (p / "samples.parquet").unlink(), InputError, "--resume"),
+        (lambda p: (p / "manifest.json").write_text("{"), DataCorruptError, "not valid JSON"),
+        (lambda p: (p / "manifest.json").write_text("[]"), DataCorruptError, "manifest"),
+        (
+            lambda p: (p / "methods.parquet").write_bytes(b"PAR1"),
+            DataCorruptError,
+            "not a readable Parquet",
+        ),
+    ],
+)
+def test_a_damaged_run_is_refused(
+    full_run: Path, tmp_path: Path, spoil: Spoil, error: type[Exception], words: str
+) -> None:
+    path = shutil.copytree(full_run, tmp_path / "spoilt")
+    spoil(path)
+    with pytest.raises(error, match=words):
+        read_run(path)
+
+
+def test_damaged_or_missing_images_are_named(full_run: Path, tmp_path: Path) -> None:
+    run = read_run(shutil.copytree(full_run, tmp_path / "spoilt"))
+    with pytest.raises(DataCorruptError, match="no images of 'nobody'"):
+        run.estimates("none-set", "nobody", [0])
+    images = run.path / "reconstructions.h5"
+    images.write_bytes(images.read_bytes()[:500])
+    with pytest.raises(DataCorruptError, match=r"reconstructions\.h5 cannot be read"):
+        run.scene("none-set", [0])
+
+
+def with_data(run: Path, copy: Path, **data: object) -> Path:
+    """A copy of `run` whose simulated data are described otherwise."""
+    path = shutil.copytree(run, copy)
+    content = json.loads((path / "manifest.json").read_text())
+    content["data"]["conductivity-set"] |= data
+    (path / "manifest.json").write_text(json.dumps(content))
+    return path
+
+
+@pytest.mark.parametrize("data", [{"hash": "77c0ffee"}, {"n": 9}])
+def test_unlike_data_are_not_ranked_together(
+    full_run: Path, tmp_path: Path, data: dict[str, object]
+) -> None:
+    other = with_data(full_run, tmp_path / "other", **data)
+    rows = leaderboard_rows([read_run(full_run), read_run(other)])
+    simulated = [row for row in rows if row["scenario"] == "conductivity-set"]
+    assert [row["rank"] for row in simulated] == [1, 2, 3, 1, 2, 3]
+    assert [row["run"] for row in simulated] == ["full"] * 3 + ["other"] * 3
+    assert [row["rank"] for row in rows if row["scenario"] == "classes-set"][-1] >= 5
+
+
+def test_what_is_known_of_recorded_data_is_in_their_rows(full_run: Path, tmp_path: Path) -> None:
+    path = shutil.copytree(full_run, tmp_path / "noted")
+    notes = {"position-set": {"guess_mm": 35.5, "reciprocity_error": None, "repeat_noise": 1e-3}}
+    (path / "recordings.json").write_text(json.dumps(notes))
+    for row in leaderboard_rows([read_run(path)]):
+        known = (row["guess_mm"], row["reciprocity_error"], row["repeat_noise"])
+        assert known == ((35.5, None, 1e-3) if row["scenario"] == "position-set" else (None,) * 3)

@@ -1,0 +1,48 @@
+"""Choices inside the metrics: what they change is what their definitions say."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from eitbench.benchmark.analysis.results import read_run
+from eitbench.benchmark.analysis.sensitivity import METRIC_VARIANTS, sensitivity
+from eitbench.benchmark.metrics import image_metrics as metrics
+from eitbench.benchmark.run.runner import make_plan, start_run
+from eitbench.scenarios.suites.suite import Suite
+
+
+def test_every_choice_is_computed_as_it_says(tmp_path: Path, tiny: Suite) -> None:
+    plan = make_plan(tiny, methods=["noser", "back-projection"])
+    run = read_run(start_run(plan, tmp_path / "run").path)
+    found = dict(
+        zip(
+            (c.says for c in METRIC_VARIANTS),
+            sensitivity({m: (run, m) for m in plan.names}, "tiny"),
+            strict=True,
+        )
+    )
+    own = found["as in this benchmark"]
+    for method, score in own.score.items():
+        assert score == pytest.approx(run.cell("tiny", method)["score"].mean())
+    assert (own.score_tau, own.ssim_tau) == (1, 1)
+    # Twice the range adds 20 log10(2) dB to every PSNR, so that S orders methods as before.
+    wide = found["data range doubled"]
+    for method in own.score:
+        gain = 0.25 * 20 * np.log10(2) + 0.25 * (wide.ssim[method] - own.ssim[method])
+        assert wide.score[method] - own.score[method] == pytest.approx(gain)
+    assert len({round(choice.ssim["noser"], 6) for choice in found.values()}) == len(
+        METRIC_VARIANTS
+    )
+
+
+@pytest.mark.parametrize("window", [3, 5, 11])
+def test_other_windows_are_those_of_scikit_image(window: int) -> None:
+    skimage = pytest.importorskip("skimage.metrics")
+    rng = np.random.default_rng(0)
+    truth, estimate = rng.random((2, 3, 20, 24))
+    expected = [
+        skimage.structural_similarity(t, p, win_size=window, data_range=0.7)
+        for t, p in zip(truth, estimate, strict=True)
+    ]
+    np.testing.assert_allclose(metrics.ssim(truth, estimate, 0.7, window=window), expected)

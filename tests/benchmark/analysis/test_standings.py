@@ -1,0 +1,238 @@
+"""Standings of methods whose differences are known, because they were made."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from numpy.typing import NDArray
+
+from eitbench.benchmark.analysis.results import Run
+from eitbench.benchmark.analysis.standings import (
+    Pair,
+    Standing,
+    groups,
+    score_weights,
+    standings,
+    weights_won,
+)
+from eitbench.benchmark.metrics.image_metrics import bounded_score, score
+from eitbench.benchmark.metrics.statistics import MIN_PHANTOMS
+from eitbench.benchmark.rundir.kinds import METHOD_RUNS, OPERATOR_RUNS
+
+Array = NDArray[np.float64]
+
+
+def run_of(psnr: Mapping[str, Array], phantom: Array | None = None, **more: Any) -> Run:
+    """A run on one scenario whose methods have these values; SSIM, CC and RIE are all alike."""
+    cells = []
+    for name, values in psnr.items():
+        n = len(values)
+        of = np.arange(n) if phantom is None else phantom
+        cell = pd.DataFrame(
+            {
+                "suite": "bench", "scenario": "one", "method": name, "track": "tuned",
+                "sample": np.arange(n), "phantom": [f"p{k}" for k in of], "status": "ok",
+                "ssim": 0.9, "cc": 0.8, "rie": 0.1, "psnr": values,
+            }
+        )  # fmt: skip
+        for column, of_methods in more.items():
+            cell[column] = of_methods[name]
+        four = {metric: cell[metric] for metric in ("ssim", "cc", "rie", "psnr")}
+        cells.append(cell.assign(score=score(**four), bounded=bounded_score(four)))
+    table = pd.concat(cells, ignore_index=True)
+    whole = pd.DataFrame({"scenario": "one", "method": list(psnr), "track": "tuned"})
+    data = {"one": {"hash": "c0ffee", "n": n, "inverse_crime": False}}
+    return Run(Path("bench"), METHOD_RUNS, {"data": data}, table, whole, {})
+
+
+def standing(*args: Any, **more: Any) -> Standing:
+    (found,) = standings([run_of(*args, **more)])
+    return found
+
+
+def four_methods(n: int = 80) -> dict[str, Array]:
+    """Two that differ by chance alone, one surely worse by little, one by far."""
+    rng = np.random.default_rng(0)
+    shared = rng.normal(25, 5, size=n)
+    return {
+        "best": shared + 0.2 * rng.normal(size=n),
+        "as-good": shared + 0.2 * rng.normal(size=n),
+        "worse": shared - 0.5 + 0.2 * rng.normal(size=n),
+        "worst": shared - 8 + 3 * rng.normal(size=n),
+    }
+
+
+def test_paired_differences_are_found_that_intervals_of_means_hide() -> None:
+    found = standing(four_methods())
+    rows = {row["method"]: row for row in found.rows}
+    # Phantoms differ by 5 dB, so that the interval of each mean is wider than the difference.
+    assert rows["best"]["psnr_low"] < rows["worse"]["psnr"] < rows["best"]["psnr_high"]
+    assert [rows[m]["group"] for m in ("best", "as-good", "worse", "worst")] == ["a", "a", "b", "c"]
+    assert {rows[m]["rank_low"] for m in ("best", "as-good")} == {1}
+    assert {rows[m]["rank_high"] for m in ("best", "as-good")} == {2}
+    for name, rank in (("worse", 3), ("worst", 4)):
+        assert rows[name]["rank_low"] == rows[name]["rank_high"] == rows[name]["rank"] == rank
+    assert rows["best"]["first"] + rows["as-good"]["first"] == pytest.approx(1, abs=0.01)
+    assert found.phantoms == 80
+
+
+def test_pairs_tell_how_much_and_how_surely() -> None:
+    methods = four_methods()
+    found = standing(methods)
+    names = [row["method"] for row in found.rows]
+    assert len(found.pairs) == 6
+    pair = next(p for p in found.pairs if (names[p.first], names[p.second]) == ("worse", "worst"))
+    difference = 0.25 * (methods["worse"] - methods["worst"])
+    assert pair.difference == pytest.approx(difference.mean())
+    assert pair.effect == pytest.approx(difference.mean() / difference.std(ddof=1), rel=0.05)
+    assert pair.wins == pytest.approx((difference > 0).mean())
+    assert pair.low < difference.mean() < pair.high
+    assert pair.p < 1e-6
+    tied = next(p for p in found.pairs if {names[p.first], names[p.second]} == {"best", "as-good"})
+    assert tied.p > 0.05
+    assert tied.low < 0 < tied.high
+
+
+def test_frames_of_the_same_phantom_do_not_count_as_many() -> None:
+    rng = np.random.default_rng(1)
+    difference = np.repeat(rng.normal(0.2, 1, size=15), 40)
+    shared = rng.normal(25, 3, size=len(difference))
+    methods = {"one": shared + difference, "other": shared}
+    alone = standing(methods)
+    together = standing(methods, np.repeat(np.arange(15), 40))
+    assert alone.pairs[0].p < 1e-6 < 0.02 < together.pairs[0].p
+    assert together.phantoms == 15
+
+
+def test_false_findings_are_as_rare_as_promised() -> None:
+    """Five methods without a true difference, 60 times: one pair in any is found in about 5 %."""
+    rng = np.random.default_rng(2)
+    found = 0
+    for _ in range(60):
+        shared = rng.normal(25, 5, size=40)
+        result = standing({f"m{k}": shared + rng.normal(size=40) for k in range(5)})
+        found += min(pair.p for pair in result.pairs) < 0.05
+    assert found <= 8  # 3 are expected; more than 8 happen in 3 of 1000 such tests
+
+
+def test_equal_methods_share_rank_group_and_weights() -> None:
+    values = np.random.default_rng(3).normal(25, 5, size=30)
+    first, second = standing({"one": values, "same": values.copy()}).rows
+    for row in (first, second):
+        assert (row["rank"], row["rank_low"], row["rank_high"], row["group"]) == (1, 1, 1, "a")
+        assert row["weights_won"] == 0.5
+
+
+def test_failed_samples_cost_and_the_rank_without_them_is_told() -> None:
+    rng = np.random.default_rng(4)
+    good, fair = rng.normal(30, 1, size=40), rng.normal(28, 1, size=40)
+    good[:10] = 12.0  # what the untouched sensor gets
+    status = {"good": np.repeat(["error", "ok"], [10, 30]), "fair": np.repeat("ok", 40)}
+    rows = {
+        row["method"]: row for row in standing({"good": good, "fair": fair}, status=status).rows
+    }
+    assert rows["good"]["psnr"] == pytest.approx(good.mean())
+    assert (rows["good"]["rank"], rows["good"]["rank_valid"]) == (2, 1)
+    assert (rows["fair"]["rank"], rows["fair"]["rank_valid"]) == (1, 2)
+
+
+def test_too_few_phantoms_say_so() -> None:
+    found = standing({"one": np.arange(MIN_PHANTOMS - 1.0), "other": np.arange(MIN_PHANTOMS - 1.0)})
+    assert found.why_not == "Intervals need at least 10 phantoms, and here are 9."
+    assert found.pairs == []
+    assert all(row["score_low"] is row["group"] is row["rank_low"] is None for row in found.rows)
+
+
+def test_a_method_that_lacks_samples_or_failed_on_all_has_no_interval() -> None:
+    methods = four_methods(40)
+    run = run_of(methods)
+    table = run.samples
+    lost = (table["method"] == "worst") & (table["sample"] >= 20)
+    failed = table["method"] == "worse"
+    table.loc[failed, "status"] = "error"
+    run = Run(run.path, run.kind, run.manifest, table[~lost], run.cells, {})
+    (found,) = standings([run])
+    rows = {row["method"]: row for row in found.rows}
+    assert rows["worst"]["group"] is rows["worse"]["group"] is None
+    assert rows["worse"]["score"] is None
+    assert {rows["best"]["group"], rows["as-good"]["group"]} == {"a"}
+    assert len(found.pairs) == 1
+
+
+def test_operators_get_no_intervals() -> None:
+    samples = pd.DataFrame(
+        {
+            "suite": "s",
+            "scenario": "one",
+            "operator": "o",
+            "sample": [0],
+            "status": "ok",
+            "mse": 1.0,
+        }
+    )
+    run = Run(
+        Path("run"), OPERATOR_RUNS, {}, samples, pd.DataFrame(columns=["scenario", "operator"]), {}
+    )
+    (found,) = standings([run])
+    assert found.why_not.startswith("Operators are deterministic")
+
+
+def pairs_apart(count: int, apart: set[tuple[int, int]]) -> list[Pair]:
+    return [
+        Pair(a, b, 0.0, 0.0, 0.0, 0.01 if (a, b) in apart else 0.5, 0.0, None)
+        for a in range(count)
+        for b in range(a + 1, count)
+    ]
+
+
+@pytest.mark.parametrize(
+    ("apart", "letters"),
+    [
+        (set(), ["a", "a", "a", "a"]),
+        ({(0, 3)}, ["a", "ab", "ab", "b"]),
+        ({(0, 1), (0, 2), (0, 3)}, ["a", "b", "b", "b"]),
+        ({(0, 2), (0, 3), (1, 3)}, ["a", "ab", "bc", "c"]),
+        # The second differs from the first, and the third, which is noisy, from none of them.
+        ({(0, 1)}, ["a", "b", "ab", "ab"]),
+        ({(0, 1), (0, 3), (1, 3)}, ["a", "b", "abc", "c"]),
+        ({(a, b) for a in range(4) for b in range(a + 1, 4)}, ["a", "b", "c", "d"]),
+    ],
+)
+def test_letters_of_groups(apart: set[tuple[int, int]], letters: list[str]) -> None:
+    assert groups(4, pairs_apart(4, apart)) == letters
+
+
+def test_methods_share_a_letter_if_and_only_if_they_cannot_be_told_apart() -> None:
+    rng = np.random.default_rng(0)
+    every = [(a, b) for a in range(9) for b in range(a + 1, 9)]
+    for _ in range(50):
+        apart = {pair for pair in every if rng.random() < 0.5}
+        letters = groups(9, pairs_apart(9, apart))
+        for a, b in every:
+            assert bool(set(letters[a]) & set(letters[b])) == ((a, b) not in apart)
+
+
+def test_there_are_letters_enough() -> None:
+    everything = {(a, b) for a in range(30) for b in range(a + 1, 30)}
+    found = groups(30, pairs_apart(30, everything))
+    assert found[25:28] == ["z", "a2", "b2"]
+    assert len(set(found)) == 30
+
+
+def test_weights_are_won_as_geometry_says() -> None:
+    """One is best by SSIM alone, the other by the rest alike: w1 against w2 + w3 + w4."""
+    low, high = {"ssim": 0.4, "cc": 0.5, "rie": 0.5, "psnr": 20.0}, {"ssim": 0.5}
+    rows = [pd.DataFrame([low | high]), pd.DataFrame([low | {"cc": 0.6, "rie": 0.4, "psnr": 24.0}])]
+    won = weights_won(rows)
+    assert won is not None
+    # The first wins where w1 > 1/2: of a simplex in four weights, (1/2)^3.
+    np.testing.assert_allclose(won, [1 / 8, 7 / 8], atol=0.01)
+
+
+def test_the_published_score_is_a_weighting_of_anchored_figures() -> None:
+    weights = score_weights()
+    assert sum(weights.values()) == pytest.approx(1)
+    assert weights["psnr"] == pytest.approx(40 / 43)

@@ -1,0 +1,30 @@
+"""Every built-in method keeps the contract, or says which check it fails by its nature."""
+
+import pytest
+
+from eitbench.benchmark.checks.method_checks import check_method
+from eitbench.benchmark.checks.method_under_test import OWN_GRID
+from eitbench.methods.registry import METHOD_REGISTRY, methods
+
+# A network is fitted to every frame: minutes on one core.
+LONG = {"dip"}
+
+BUILT_IN = [name for name, cls in methods().items() if cls.__module__.startswith("eitbench.")]
+
+
+def test_every_built_in_method_is_listed() -> None:
+    assert len(BUILT_IN) >= len(METHOD_REGISTRY.built_in)
+    assert set(BUILT_IN) >= LONG
+
+
+SLOW = [pytest.mark.slow, pytest.mark.timeout(1800)]
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=SLOW) if n in LONG else n for n in BUILT_IN]
+)
+def test_a_built_in_method_keeps_the_contract(name: str) -> None:
+    if why := methods()[name].unusable(OWN_GRID.nominal_sensor):
+        pytest.skip(why)
+    report = check_method(name, limit_s=300 if name in LONG else 60)
+    assert report.passed, [f"{result.name}: {result.message}" for result in report.failed]

@@ -1,0 +1,181 @@
+from dataclasses import replace
+from typing import Any, Literal
+
+import numpy as np
+import pandas as pd
+import pytest
+from numpy.typing import NDArray
+
+from eitbench.benchmark.metrics import image_metrics as metrics
+from eitbench.benchmark.metrics import tactile
+from eitbench.benchmark.metrics.evaluation import METRIC_COLUMNS, evaluate, fit_registration
+from eitbench.benchmark.metrics.specs import METRICS
+from eitbench.scenarios.data.datasets import Dataset
+from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.recordings.catalogue import foam16
+from eitbench.scenarios.sensors.outlines import Disc
+from eitbench.scenarios.sensors.sensor import even_electrodes
+
+Array = NDArray[np.float64]
+# Not exactly a float32, as real backgrounds are.
+SKIN = replace(
+    foam16(), outline=Disc(0.07), electrodes=even_electrodes(Disc(0.07), 16, 0.01, 1e-3),
+    background=0.3, image_shape=(40, 40),
+)  # fmt: skip
+
+
+def dataset(
+    truth: Literal["conductivity", "position", "classes", "none"], n: int, **columns: Any
+) -> Dataset:
+    classes = columns.pop("classes", None)
+    conductivity = columns.pop("conductivity", None)
+    made = Dataset(
+        scenario="bench",
+        split="test",
+        sensor=SKIN,
+        voltages=np.zeros((n, SKIN.n_measurements)),
+        reference=np.zeros(SKIN.n_measurements),
+        samples=pd.DataFrame({"sample": np.arange(n), **columns}),
+        truth=truth,
+        data_hash="0",
+        classes=classes,
+    )
+    if conductivity is not None:
+        # A cached property lives in the instance; rasterising phantoms is not what is tested here.
+        made.__dict__["conductivity"] = conductivity
+    return made
+
+
+def presses(places: Array, level: float = -0.1) -> Array:
+    """Conductivity (n, H, W) with a disc at each of `places` (n, 2) [m]."""
+    x, y = SKIN.pixel_centres
+    near = np.hypot(x - places[:, 0, None, None], y - places[:, 1, None, None]) < 0.012
+    return np.where(near, SKIN.background + level, SKIN.background)
+
+
+def places(n: int, seed: int = 0) -> Array:
+    rng = np.random.default_rng(seed)
+    radius, angle = 0.05 * np.sqrt(rng.random(n)), 2 * np.pi * rng.random(n)
+    return np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1)
+
+
+def test_every_metric_of_the_leaderboard_has_a_card_that_says_all() -> None:
+    per_sample = set(METRIC_COLUMNS) - {"strength", "response"}
+    described = {n for n in per_sample if not n.startswith(("found", "expected"))}
+    assert set(METRICS) == described | {"strength_spearman", "repeatability_db"}
+    for card in METRICS.values():
+        assert all(str(value).strip() for value in vars(card).values())
+
+
+def test_conductivity_is_scored_with_all_metrics() -> None:
+    truth = presses(places(5))
+    rng = np.random.default_rng(0)
+    estimates = truth + 0.01 * rng.standard_normal(truth.shape)
+    estimates[:, ~SKIN.mask] = np.nan
+    rows = evaluate(dataset("conductivity", 5, conductivity=truth), estimates)
+    kept = estimates.astype(np.float32)
+    expected = metrics.ssim(truth, kept, 1.0, SKIN.mask)
+    np.testing.assert_array_equal(rows["ssim"], expected)
+    np.testing.assert_array_equal(rows["psnr"], metrics.psnr(truth, kept, 1.0, SKIN.mask))
+    np.testing.assert_allclose(
+        rows["score"], 0.25 * (rows["ssim"] + rows["cc"] + rows["psnr"] - rows["rie"])
+    )
+    assert (rows["localisation_mm"] < 2).all()
+    assert (rows["contact_count_error"] == 0).all()
+    assert (rows["iou"] > 0.9).all()
+    assert not rows["cc_undefined"].any()
+
+
+def test_the_truth_itself_is_perfect() -> None:
+    truth = presses(places(4))
+    rows = evaluate(dataset("conductivity", 4, conductivity=truth), truth)
+    np.testing.assert_allclose(rows["localisation_mm"], 0, atol=1e-4)
+    assert (rows[["contact_count_error", "area_error"]] == 0).all(axis=None)
+    assert (rows["iou"] == 1).all()
+    assert (rows["psnr"] == metrics.PSNR_CEILING_DB).all()
+
+
+def test_doing_nothing_is_flagged_and_charged_the_diameter() -> None:
+    truth = presses(places(3))
+    rows = evaluate(
+        dataset("conductivity", 3, conductivity=truth), np.full_like(truth, SKIN.background)
+    )
+    assert rows["cc_undefined"].all()
+    assert (rows["cc"] == 0).all()
+    np.testing.assert_allclose(rows["localisation_mm"], 140.0)
+    assert (rows["contact_count_error"] == 1).all()
+    assert (rows["strength"] == 0).all()
+
+
+def test_a_failed_frame_is_charged_what_the_untouched_sensor_gets() -> None:
+    truth = presses(places(3))
+    data = dataset("conductivity", 3, conductivity=truth)
+    estimates = truth.copy()
+    estimates[1, 20, 20] = np.nan
+    untouched = evaluate(data, np.full_like(truth, SKIN.background))
+    pd.testing.assert_frame_equal(evaluate(data, estimates).loc[[1]], untouched.loc[[1]])
+
+
+def test_rescoring_stored_images_gives_the_same_bits() -> None:
+    truth = presses(places(3))
+    estimates = truth + 0.01 * np.random.default_rng(0).standard_normal(truth.shape)
+    data = dataset("conductivity", 3, conductivity=truth)
+    pd.testing.assert_frame_equal(
+        evaluate(data, estimates), evaluate(data, estimates.astype(np.float32)), check_exact=True
+    )
+
+
+def test_classes_are_compared_with_the_contrast() -> None:
+    low, high = places(3), places(3, seed=5)
+    classes = (np.sign(presses(low) - 0.3) - np.sign(presses(high) - 0.3)).astype(np.int8)
+    data = dataset("classes", 3, classes=classes)
+    rows = evaluate(data, SKIN.background + 0.02 * classes)
+    np.testing.assert_allclose(rows["cc"], 1, atol=1e-6)
+    assert (rows[["iou_resistive", "iou_conductive"]] == 1).all(axis=None)
+    wrong = evaluate(data, SKIN.background - 0.02 * classes)
+    np.testing.assert_allclose(wrong["cc"], -1, atol=1e-6)
+    assert (wrong["iou_resistive"] < 0.2).all()
+    assert rows[["ssim", "psnr", "score"]].isna().all(axis=None)
+
+
+def robot(points: Array) -> Array:
+    return np.asarray(1.2 * points[:, ::-1] + np.array([0.3, -0.1]))
+
+
+def position_data(n: int, seed: int) -> tuple[Dataset, Array]:
+    image = places(n, seed)
+    x, y = robot(image).T
+    return dataset("position", n, x_m=x, y_m=y, depth_mm=np.linspace(10, 20, n)), image
+
+
+def test_positions_are_judged_in_the_robot_s_frame() -> None:
+    validation, image = position_data(30, 1)
+    registration = fit_registration(validation, presses(image))
+    test, image = position_data(20, 2)
+    rows = evaluate(test, presses(image), registration)
+    assert rows["localisation_mm"].median() < 2
+    np.testing.assert_allclose(rows[["expected_x_m", "expected_y_m"]], image, atol=2e-3)
+    np.testing.assert_allclose(rows[["found_x_m", "found_y_m"]], image, atol=2e-3)
+    shifted = evaluate(test, presses(image + np.array([0.01, 0.0])), registration)
+    assert shifted["localisation_mm"].median() == pytest.approx(12, abs=2)
+    nothing = evaluate(test, np.full((20, 40, 40), SKIN.background), registration)
+    np.testing.assert_allclose(nothing["localisation_mm"], 140 * registration.scale, rtol=1e-9)
+
+
+def test_a_method_that_cannot_be_registered_gains_nothing() -> None:
+    validation, _ = position_data(30, 1)
+    blank = np.full((30, 40, 40), np.nan)
+    registration = fit_registration(validation, blank)
+    assert registration.scale == 1
+    np.testing.assert_allclose(registration.turn, np.eye(2))
+    always = presses(np.zeros((30, 2)))
+    error = evaluate(validation, always, fit_registration(validation, always))["localisation_mm"]
+    assert error.median() > 30
+
+
+def test_positions_need_a_registration_and_estimates_their_shape() -> None:
+    data, image = position_data(4, 0)
+    with pytest.raises(InputError, match="fit a registration on its validation split"):
+        evaluate(data, presses(image))
+    with pytest.raises(InputError, match=r"shape \(4, 40, 40\), got \(3, 40, 40\)"):
+        evaluate(data, presses(image)[:3], tactile.Similarity(1.0, np.eye(2), np.zeros(2)))

@@ -1,0 +1,229 @@
+"""A cluster of separate processes gives the bits of one machine, also when one of them is lost."""
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import psutil
+import pytest
+
+pytest.importorskip("distributed")
+
+from distributed import Client
+
+from eitbench.benchmark.run import executors as execution
+from eitbench.benchmark.run.runner import (
+    Plan,
+    RunInterruptedError,
+    make_plan,
+    resume_run,
+    start_run,
+)
+from eitbench.benchmark.rundir import manifest
+from eitbench.scenarios.errors import EitbenchError, InputError
+from eitbench.scenarios.suites.suite import Suite, load_suite
+
+SameResults = Callable[[Path, Path], None]
+START_SECONDS = 60
+
+
+class Machines:
+    """A scheduler and two machines with one thread each, all processes of their own."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        scheduler = folder / "scheduler.json"
+        self._scheduler = self._start("scheduler", "--port", "0", "--no-dashboard")
+        self.workers = [self._start("worker", "--nthreads", "1", "--no-nanny") for _ in range(2)]
+        self._await(scheduler)
+        self.client = Client(scheduler_file=str(scheduler), set_as_default=False)
+        self.client.wait_for_workers(2, timeout=START_SECONDS)
+        self.address: str = self.client.scheduler.address
+
+    def _start(self, role: str, *options: str) -> subprocess.Popen[bytes]:
+        file = ["--scheduler-file", str(self._folder / "scheduler.json")]
+        place = ["--local-directory", str(self._folder)] if role == "worker" else []
+        command = [sys.executable, "-m", "distributed.cli.dask_" + role, *file, *place, *options]
+        with (self._folder / f"{role}.log").open("ab") as log:
+            return subprocess.Popen(command, stdout=log, stderr=log, cwd=self._folder)
+
+    @staticmethod
+    def _await(path: Path) -> None:
+        deadline = time.monotonic() + START_SECONDS
+        while not path.is_file():
+            assert time.monotonic() < deadline, "the scheduler does not start"
+            time.sleep(0.1)
+
+    def kill_the_busy_one(self) -> None:
+        """Kill a machine that works on something, once it has for a while."""
+        pids = self.client.run(os.getpid)
+        while not any(self.client.processing().values()):
+            time.sleep(0.05)
+        time.sleep(1.0)
+        busy = next(address for address, tasks in self.client.processing().items() if tasks)
+        os.kill(pids[busy], signal.SIGKILL)
+
+    def processes(self) -> int:
+        """How many methods run: the processes that a machine's server of processes has started."""
+        living = [psutil.Process(worker.pid) for worker in self.workers if worker.poll() is None]
+        return sum(len(w.children(recursive=True)) - len(w.children()) for w in living)
+
+    def end_scheduler(self) -> None:
+        """Leave the machines without one."""
+        self._scheduler.kill()
+
+    def end(self) -> None:
+        self.client.close()
+        for process in (*self.workers, self._scheduler):
+            process.kill()
+            process.wait()
+
+
+@pytest.fixture(scope="module")
+def machines(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Machines]:
+    found = Machines(tmp_path_factory.mktemp("cluster"))
+    yield found
+    found.end()
+
+
+def longer(suite: Suite) -> Suite:
+    """Some seconds of work for a method that takes its time."""
+    (scenario,) = suite.scenarios
+    return suite.model_copy(update={"scenarios": (scenario.model_copy(update={"test": 60}),)})
+
+
+@pytest.fixture(scope="module")
+def plan(tiny: Suite, toys: Path) -> Plan:
+    return make_plan(longer(tiny), methods=["noser", "toy-nan", "toy-slow"], plugins=[toys])
+
+
+@pytest.fixture(scope="module")
+def here(plan: Plan, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return start_run(plan, tmp_path_factory.mktemp("runs") / "here").path
+
+
+@pytest.fixture
+def by_batch(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A piece for each batch."""
+    monkeypatch.setattr(execution, "REMOTE_TASK_SECONDS", 0.0)
+
+
+@pytest.mark.usefixtures("by_batch")
+def test_a_cluster_gives_the_same_bits_piece_by_piece(
+    machines: Machines,
+    plan: Plan,
+    here: Path,
+    same_results: SameResults,
+    tmp_path: Path,
+) -> None:
+    there = start_run(plan, tmp_path / "there", scheduler=machines.address).path
+    same_results(here, there)
+    assert (there / "logs" / "tiny--toy-nan.log").is_file()
+
+
+def test_a_cluster_has_what_operators_are_compared_with(
+    machines: Machines, same_results: SameResults, tmp_path: Path
+) -> None:
+    suite = load_suite(Path(__file__).parents[1] / "data" / "tiny-operators.toml")
+    one = start_run(make_plan(suite), tmp_path / "here").path
+    same_results(
+        one, start_run(make_plan(suite), tmp_path / "there", scheduler=machines.address).path
+    )
+
+
+@pytest.mark.usefixtures("by_batch")
+def test_what_a_cluster_finished_is_kept_and_the_run_goes_on_here(
+    machines: Machines,
+    plan: Plan,
+    here: Path,
+    same_results: SameResults,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    answer = execution.DaskExecutor._answer
+    answered: list[execution.RemoteResult] = []
+
+    def fails_in_the_end(*given: object) -> object:
+        if len(answered) == 3:
+            raise EitbenchError("The cluster is gone.")
+        answered.append(answer(*given))  # type: ignore[arg-type]
+        return answered[-1]
+
+    with monkeypatch.context() as patch:
+        patch.setattr(execution.DaskExecutor, "_answer", fails_in_the_end)
+        with pytest.raises(EitbenchError, match="The cluster is gone"):
+            start_run(plan, tmp_path / "run", scheduler=machines.address)
+    assert list((tmp_path / "run" / "parts").rglob("test-*.npz"))
+    resume_run(tmp_path / "run")
+    same_results(here, tmp_path / "run")
+
+
+def test_another_version_on_the_cluster_is_refused(
+    machines: Machines, plan: Plan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ours = manifest.versions()
+    monkeypatch.setattr(manifest, "versions", lambda: ours | {"numpy": "1.0"})
+    with pytest.raises(EitbenchError, match="has another version of numpy than this one"):
+        start_run(plan, tmp_path / "run", scheduler=machines.address)
+
+
+def test_a_scheduler_that_does_not_answer_is_one_sentence(
+    plan: Plan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(execution, "CONNECT_SECONDS", 0.5)
+    with pytest.raises(InputError, match=r"No Dask scheduler answers at 'tcp://127\.0\.0\.1:9'"):
+        start_run(plan, tmp_path / "run", scheduler="tcp://127.0.0.1:9")
+    with pytest.raises(InputError, match=r"an address such as tcp://10\.0\.0\.1:8786, got 'near'"):
+        start_run(plan, tmp_path / "run", scheduler="near")
+    assert not (tmp_path / "run").exists()
+
+
+def test_what_is_stopped_here_stops_there(
+    machines: Machines, tiny: Suite, toys: Path, tmp_path: Path
+) -> None:
+    hanging = make_plan(
+        tiny.model_copy(update={"frame_limit_s": 600.0}), methods=["toy-hangs"], plugins=[toys]
+    )
+    out = tmp_path / "run"
+    threading.Timer(4.0, os.kill, [os.getpid(), signal.SIGINT]).start()
+    with pytest.raises(RunInterruptedError):
+        start_run(hanging, out, scheduler=machines.address)
+    deadline = time.monotonic() + 20
+    while machines.processes():
+        assert time.monotonic() < deadline, "the method goes on"
+        time.sleep(0.2)
+
+
+def test_a_machine_that_is_lost_costs_nothing(
+    machines: Machines, plan: Plan, here: Path, same_results: SameResults, tmp_path: Path
+) -> None:
+    """The last test but one: the cluster has one machine less afterwards."""
+    killer = threading.Thread(target=machines.kill_the_busy_one)
+    killer.start()
+    there = start_run(plan, tmp_path / "there", scheduler=machines.address).path
+    killer.join()
+    assert sum(process.poll() is not None for process in machines.workers) == 1
+    same_results(here, there)
+
+
+def test_a_scheduler_that_ends_is_one_sentence_and_loses_nothing(
+    machines: Machines, plan: Plan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The last test: there is no cluster afterwards."""
+    answer, begun = execution.DaskExecutor._answer, threading.Event()
+
+    def telling(*given: Any) -> execution.RemoteResult:
+        if not begun.is_set():
+            begun.set()
+            threading.Timer(1.0, machines.end_scheduler).start()
+        return answer(*given)
+
+    monkeypatch.setattr(execution.DaskExecutor, "_answer", telling)
+    with pytest.raises(EitbenchError, match=r"no longer answers\. .*eitbench run --resume"):
+        start_run(plan, tmp_path / "run", scheduler=machines.address)

@@ -1,0 +1,113 @@
+"""Whatever a plugin does to its process costs its own rows only."""
+
+import os
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import psutil
+import pytest
+
+from eitbench.benchmark.run.runner import make_plan, start_run
+from eitbench.benchmark.workers.process import start_process
+from eitbench.benchmark.workers.worker import LOG_LIMIT, _PluginReader, serve
+from eitbench.scenarios.suites.suite import Suite
+
+pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
+HOSTILE = Path(__file__).parents[1] / "data" / "hostile_methods.py"
+
+
+@pytest.fixture(scope="module")
+def run(tiny: Suite, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run of every hostile method but one that hangs, two at a time, beside one that behaves."""
+    folder = tmp_path_factory.mktemp("hostile")
+    limits = {"frame_limit_s": 30.0, "memory_limit_mb": 1000.0, "limit": 3}
+    plan = make_plan(tiny.model_copy(update=limits), plugins=[HOSTILE])
+    plan = replace(plan, names=tuple(name for name in plan.names if name != "deadlocks"))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("HOSTILE_PID", str(folder / "daemon"))
+        return start_run(plan, folder / "run", jobs=2).path
+
+
+@pytest.mark.parametrize(
+    ("method", "status", "message"),
+    [
+        ("noser", "ok", ""),
+        ("behaves", "ok", ""),
+        ("segfaults", "error", "died of SIGSEGV"),
+        ("is-killed", "out-of-memory", "its process was killed (out of memory, or by hand)"),
+        ("takes-memory", "out-of-memory", "took more than 1000 MB of memory"),
+        ("forks", "ok", ""),
+        ("leaves-a-daemon", "ok", ""),
+        ("prints-a-gigabyte", "ok", ""),
+    ],
+)
+def test_it_costs_its_rows_only(method: str, status: str, message: str, run: Path) -> None:
+    rows = pd.read_parquet(run / "samples.parquet").set_index("method").loc[[method]]
+    assert rows["status"].tolist() == 3 * [status]
+    assert all(message in text for text in rows["message"])
+    assert np.isfinite(rows["score"]).all()
+
+
+def test_a_deadlock_costs_its_time(tiny: Suite, tmp_path: Path) -> None:
+    suite = tiny.model_copy(update={"frame_limit_s": 0.2, "limit": 2})
+    plan = make_plan(suite, methods=["deadlocks"], plugins=[HOSTILE])
+    rows = pd.read_parquet(start_run(plan, tmp_path / "run").path / "samples.parquet")
+    assert rows["status"].tolist() == ["timeout", "timeout"]
+
+
+def test_what_it_prints_does_not_fill_the_disk(run: Path) -> None:
+    (log,) = (run / "logs").glob("*prints-a-gigabyte.log")
+    assert log.stat().st_size <= LOG_LIMIT
+    assert log.read_bytes()[:4] == b"xxxx"
+
+
+def test_what_it_leaves_behind_is_ended(run: Path) -> None:
+    assert ends(int((run.parent / "daemon").read_text()))
+
+
+# As it is loaded: a process out of the worker's group.
+STARTS_SOMETHING = """
+import subprocess
+from pathlib import Path
+process = subprocess.Popen(["sleep", "1000"], start_new_session=True)
+Path(__file__).with_suffix(".pid").write_text(str(process.pid))
+"""
+# And one whose parent has ended, as daemons are made.
+STARTS_A_DAEMON = """
+import os, time
+from pathlib import Path
+if (child := os.fork()) == 0:
+    os.setsid()
+    if (daemon := os.fork()) == 0:
+        time.sleep(1000)
+    Path(__file__).with_suffix(".pid").write_text(str(daemon))
+    os._exit(0)
+os.waitpid(child, 0)
+"""
+
+
+@pytest.mark.parametrize("text", [STARTS_SOMETHING, STARTS_A_DAEMON])
+def test_a_worker_that_nobody_asks_any_more_ends_what_it_started(text: str, tmp_path: Path) -> None:
+    plugin = tmp_path / "starts_something.py"
+    plugin.write_text(text)
+    process, connection = start_process(serve, (_PluginReader(plugin),), None)
+    connection.send(("names",))
+    assert connection.poll(60)
+    started = int(plugin.with_suffix(".pid").read_text())
+    assert psutil.pid_exists(started)
+    connection.close()
+    process.join(60)
+    assert ends(started)
+
+
+def ends(pid: int) -> bool:
+    """Whether the process `pid` is gone within ten seconds."""
+    deadline = time.monotonic() + 10
+    while time.monotonic() < deadline:
+        if not psutil.pid_exists(pid) or psutil.Process(pid).status() == psutil.STATUS_ZOMBIE:
+            return True
+        time.sleep(0.1)
+    return False

@@ -1,0 +1,239 @@
+"""What a method reads is noted, and what it was taught on is held against the test split."""
+
+import copy
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from eitbench.benchmark.analysis.prior_knowledge_text import in_words
+from eitbench.benchmark.run.prior_knowledge import account, training_contents
+from eitbench.benchmark.tuning.selection import Selection, Trial, TuningBudget
+from eitbench.benchmark.workers.method_service import MethodService, MethodSpec
+from eitbench.methods import Problem, create
+from eitbench.methods.learned.image_networks import Dnn
+from eitbench.reports.tables.leaderboard import overlaps
+from eitbench.scenarios.data.datasets import Dataset, load
+from eitbench.scenarios.phantoms.contents import contents
+from eitbench.scenarios.physics.forward import forward_model
+from eitbench.scenarios.suites.scenario import SimulatedScenario, SplitNoise
+from eitbench.scenarios.suites.suite import scenarios
+
+SMALL = SimulatedScenario(
+    name="small",
+    image_shape=(16, 16),
+    families=("circle", "rectangle"),
+    noise=SplitNoise(train="mixture", validation="clean", test=40),
+    train=6,
+    validation=8,
+    test=4,
+)
+
+
+def own(split: str, limit: int | None) -> Dataset:
+    return load(SMALL, split=split, limit=limit)
+
+
+def leaking(split: str, limit: int | None) -> Dataset:
+    """A training stream that is the test stream, in another order and noise."""
+    data = own("test", limit)
+    noise = 1e-3 * np.random.default_rng(0).normal(size=data.voltages.shape)
+    return replace(
+        data,
+        split="train",
+        voltages=data.voltages[::-1] + noise,
+        phantoms=data.phantoms[::-1],
+        samples=data.samples.iloc[::-1],
+    )
+
+
+def a_problem(splits: Callable[[str, int | None], Dataset] = own) -> Problem:
+    data = own("validation", 1)
+    return Problem(data.sensor, data.reference, splits)
+
+
+@pytest.mark.parametrize(
+    ("read", "noted"),
+    [
+        (lambda p: p.mask.sum() + p.background + p.sensor.n_measurements, set()),
+        (lambda p: p.sensor.n_electrodes + p.sensor.outline.perimeter, set()),
+        (lambda p: p.difference(p.reference[None]), {"gain"}),
+        (lambda p: p.jacobian, {"model"}),
+        (lambda p: p.background_voltages, {"model"}),
+        (lambda p: p.sensor.electrodes[0].contact_impedance, {"model"}),
+        (lambda p: p.sensor.conductivity_range, {"conductivity_range"}),
+    ],
+)
+def test_what_is_read_is_noted_and_nothing_else(
+    read: Callable[[Problem], object], noted: set[str]
+) -> None:
+    problem = a_problem()
+    read(problem)
+    reads = problem.reads()
+    assert {n for n in ("model", "gain", "conductivity_range") if getattr(reads, n)} == noted
+    assert reads.given == ()
+
+
+def test_a_model_that_is_cached_already_is_noted_all_the_same() -> None:
+    problem = a_problem()
+    assert problem.gain > 0
+    assert not problem.reads().model
+    assert forward_model(problem.sensor) is forward_model(own("validation", 1).sensor)
+    assert problem.reads().model
+
+
+def test_the_sensor_is_as_good_as_the_one_it_stands_for() -> None:
+    plain, problem = own("validation", 1).sensor, a_problem()
+    assert problem.sensor == plain
+    assert plain == problem.sensor
+    assert problem.sensor.describe() == plain.describe()
+    assert not problem.reads().conductivity_range
+    assert replace(problem.sensor, image_shape=(8, 8)) == replace(plain, image_shape=(8, 8))
+    assert copy.deepcopy(problem.sensor) == plain
+    assert problem.reads().conductivity_range
+
+
+def test_the_most_samples_that_were_given_count() -> None:
+    problem = a_problem()
+    problem.training(2)
+    problem.training(5)
+    problem.training(1)
+    problem.validation()
+    given = {g.split: (g.samples, g.scenario, g.data_hash) for g in problem.reads().given}
+    assert given == {
+        "train": (5, "small", SMALL.data_hash("train")),
+        "validation": (8, "small", SMALL.data_hash("validation")),
+    }
+
+
+def test_content_is_what_lies_on_the_sensor() -> None:
+    data = own("test", None)
+    other = load(SMALL.model_copy(update={"noise": SplitNoise(test="clean")}), split="test")
+    assert not np.array_equal(data.voltages, other.voltages)
+    shown = contents(data.phantoms, None)
+    np.testing.assert_array_equal(shown, contents(other.phantoms, None))
+    assert len(set(shown)) == len(data)
+    frames = contents((), np.array([[1.0, 2.0], [1.0, 2.0], [1.0, 3.0]]))
+    assert frames[0] == frames[1] != frames[2]
+
+
+def test_training_on_the_test_stream_is_counted() -> None:
+    """Whatever the noise and the order, and however few of them."""
+    problem = a_problem(leaking)
+    test = own("test", None)
+    problem.training()
+    assert account(problem.reads(), {}, SMALL, test, spent={})["overlap"] == 4
+    few = own("test", 3)
+    assert account(problem.reads(), {}, SMALL, few, spent={})["overlap"] == 3
+
+
+def test_a_method_that_learns_from_the_test_stream_is_counted() -> None:
+    """As in a worker: what the method asks for itself is what is compared."""
+    data = own("test", None)
+    service = MethodService(MethodSpec(data.sensor, data.reference, leaking, "linear-learned", {}))
+    service.fitted({})
+    reads, trained_on = service.prior_knowledge().value
+    assert [given.split for given in reads.given] == ["train"]
+    found = account(reads, trained_on, SMALL, data, spent={})
+    assert found["overlap"] == len(data)
+    row = {"method": "linear-learned", "n": 4, "data_n": 4, "prior_knowledge": "", "overlap": 4.0}
+    said = overlaps([row])
+    assert said == ["4 of 4 test samples were in the training set of linear-learned"]
+
+
+def test_an_honest_training_split_overlaps_nowhere() -> None:
+    problem = a_problem()
+    problem.training()
+    problem.validation()
+    told = account(problem.reads(), {}, SMALL, own("test", None), spent={})
+    assert told["overlap"] == 0
+    assert in_words(told["prior_knowledge"]) == "6 training samples; 8 validation samples"
+
+
+def test_what_tuning_told_is_told() -> None:
+    trials = tuple(Trial({"weight": float(k)}, 1.0) for k in range(12))
+    choice = Selection({"weight": 0.0}, 1.0, trials, TuningBudget(), "seconds")
+    problem, test = a_problem(), own("test", None)
+    create("noser").fit(problem)
+    told = account(problem.reads(), {}, SMALL, test, spent=choice.describe()["spent"])
+    assert in_words(told["prior_knowledge"]) == (
+        "nominal contact impedance; conductivity range; noise level through tuning; "
+        "12 trials of tuning"
+    )
+    assert "tuning" not in in_words(
+        account(problem.reads(), {}, SMALL, test, spent={})["prior_knowledge"]
+    )
+
+
+def test_noise_is_known_from_data_that_have_it() -> None:
+    same = SMALL.model_copy(update={"noise": SplitNoise(train=40, validation=30, test=40)})
+    problem = a_problem(lambda split, limit: load(same, split=split, limit=limit))
+    problem.training()
+    problem.validation()
+    told = account(problem.reads(), {}, same, load(same, split="test"), spent={})
+    assert json.loads(told["prior_knowledge"])["noise"] == ["train"]
+
+
+def test_weights_are_held_against_the_data_they_come_from(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("EITBENCH_CACHE", str(tmp_path))
+    notes = {
+        "scenario": "small",
+        "train_data": SMALL.data_hash("train"),
+        "train_samples": "6",
+    }
+    problem, test = a_problem(), own("test", None)
+    train = load(SMALL, split="train")
+    found = account(problem.reads(), notes, SMALL, test, spent={})
+    assert found["overlap"] == 0
+    assert in_words(found["prior_knowledge"]) == "weights of 6 training samples"
+    # What is tested on what it was trained on.
+    assert account(problem.reads(), notes, SMALL, train, spent={})["overlap"] == 6
+    # Nothing is known of data that are not here.
+    elsewhere = {**notes, "train_data": "0" * 64}
+    assert np.isnan(account(problem.reads(), elsewhere, SMALL, test, spent={})["overlap"])
+
+
+def test_contents_of_a_training_set_are_found_out_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("EITBENCH_CACHE", str(tmp_path))
+    first = training_contents(SMALL, 6)
+    assert set(first) == set(contents(load(SMALL, split="train").phantoms, None))
+    (kept,) = (tmp_path / "contents").iterdir()
+    monkeypatch.setattr("eitbench.benchmark.run.prior_knowledge.phantom", None)  # not drawn again
+    np.testing.assert_array_equal(training_contents(SMALL, 6), first)
+    kept.write_bytes(b"damaged")
+    monkeypatch.undo()
+    monkeypatch.setenv("EITBENCH_CACHE", str(tmp_path))
+    np.testing.assert_array_equal(training_contents(SMALL, 6), first)
+
+
+def test_packaged_weights_come_with_the_contents_of_their_training_data(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """So that a run need not draw 24,000 phantoms to compare them."""
+    monkeypatch.setenv("EITBENCH_CACHE", str(tmp_path))
+    paper = scenarios()["paper"]
+    assert isinstance(paper, SimulatedScenario)
+    data = load("paper", split="validation", limit=2)
+    method = Dnn()
+    method.fit(Problem(data.sensor, data.reference, own))
+    assert method.trained_on["train_data"] == paper.data_hash("train")
+    packaged = training_contents(paper, int(method.trained_on["train_samples"]))
+    assert not (tmp_path / "contents").exists()
+    first = load(paper.model_copy(update={"train": 2}), split="train").phantoms
+    assert np.isin(contents(first, None), packaged).all()
+
+
+@pytest.mark.parametrize(
+    "damaged",
+    ["{", "[]", "1.5", "null", '"x"', "{}", '{"model": 1}', '\ufeff{"model": true}'],
+)
+def test_a_damaged_account_is_refused(damaged: str) -> None:
+    with pytest.raises(ValueError, match="validation error"):
+        in_words(damaged)

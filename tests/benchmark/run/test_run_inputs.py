@@ -1,0 +1,267 @@
+"""What enters a run and what may go wrong around it: names, plugins, recorded sets, signals."""
+
+import json
+import signal
+import subprocess
+import sys
+import time
+from collections import Counter
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import psutil
+import pytest
+
+from eitbench.benchmark.run import cell_run, method_cell
+from eitbench.benchmark.run.runner import Plan, RunResult, make_plan, resume_run, start_run
+from eitbench.benchmark.workers.worker import Worker
+from eitbench.scenarios.data.datasets import Dataset, load
+from eitbench.scenarios.errors import (
+    DataCorruptError,
+    DataUnavailableError,
+    InputError,
+)
+from eitbench.scenarios.suites.scenario import RecordedScenario, Split
+from eitbench.scenarios.suites.suite import Suite
+
+N = 5
+
+
+@pytest.fixture(scope="module")
+def data(tiny: Suite) -> Dataset:
+    return load(tiny.scenarios[0])
+
+
+@pytest.mark.parametrize(
+    ("choice", "sentence"),
+    [
+        ({"methods": ["nosr"]}, "Unknown method 'nosr': did you mean 'noser'"),
+        ({"scenarios": ["tinny"]}, "in suite 'tiny': 'tinny': did you mean 'tiny'"),
+        ({"plugins": [Path("no-such.py")]}, "a Python file that exists"),
+    ],
+)
+def test_unknown_names_suggest_the_nearest(
+    choice: dict[str, Any], sentence: str, tiny: Suite
+) -> None:
+    with pytest.raises(InputError, match=sentence):
+        make_plan(tiny, **choice)
+
+
+@pytest.mark.parametrize("name", ["truth", ".."])
+def test_names_that_result_files_use_are_refused(name: str, tiny: Suite, tmp_path: Path) -> None:
+    plugin = tmp_path / "plugin.py"
+    plugin.write_text(
+        "from eitbench.methods import Method, register\n"
+        f"@register({name!r})\n"
+        "class Odd(Method):\n"
+        "    def fit(self, problem): ...\n"
+        "    def reconstruct(self, voltages): ...\n"
+    )
+    with pytest.raises(InputError, match="cannot name a method"):
+        make_plan(tiny, plugins=[plugin])
+
+
+def test_methods_of_a_plugin_join_the_suite(tiny: Suite, toys: Path) -> None:
+    plan = make_plan(tiny, plugins=[toys, toys])
+    assert plan.names[0] == "noser"
+    assert "toy-good" in plan.names
+    assert len(plan.plugins) == 1
+    assert make_plan(tiny, methods=["toy-nan"], plugins=[toys]).names == ("toy-nan",)
+
+
+@pytest.fixture
+def with_skin(tiny: Suite) -> Suite:
+    skin = RecordedScenario(name="skin", recording="ohmc16")
+    return tiny.model_copy(update={"scenarios": (*tiny.scenarios, skin), "limit": 3})
+
+
+def test_data_out_of_reach_is_skipped(
+    with_skin: Suite, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def locate(*args: object, **kwargs: object) -> Path:
+        raise DataUnavailableError("It is not here: fetch it.")
+
+    monkeypatch.setattr(method_cell, "locate", locate)
+    result = start_run(make_plan(with_skin), tmp_path / "run")
+    assert result.skipped == ("Scenario 'skin' is skipped: It is not here: fetch it.",)
+    samples = pd.read_parquet(result.path / "samples.parquet")
+    assert set(samples["scenario"]) == {"tiny"}
+    with pytest.raises(DataUnavailableError, match="fetch it"):
+        start_run(make_plan(with_skin, scenarios=["skin"]), tmp_path / "nothing")
+    assert not (tmp_path / "nothing").exists()
+
+
+def test_positions_are_judged_after_registration(
+    with_skin: Suite, tmp_path: Path, data: Dataset, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A made-up press data set: where conductivity falls most is where it was pressed, shifted."""
+
+    def presses(scenario: object, split: Split = "test", **kwargs: object) -> Dataset:
+        frames = data.samples[["sample", "x_m", "y_m"]].copy()
+        frames["x_m"] += 0.5
+        return replace(
+            data, scenario="skin", split=split, samples=frames, truth="position", phantoms=()
+        )
+
+    monkeypatch.setattr(method_cell, "load", presses)
+    monkeypatch.setattr(method_cell, "locate", lambda *args, **kwargs: tmp_path)
+    result = start_run(make_plan(with_skin, scenarios=["skin"]), tmp_path / "run")
+    samples = pd.read_parquet(result.path / "samples.parquet")
+    assert len(samples) == N
+    assert samples["localisation_mm"].median() < 15
+    assert samples["score"].isna().all()
+
+
+def test_corrupt_data_cost_their_scenario_only(
+    with_skin: Suite, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def locate(*args: object, **kwargs: object) -> Path:
+        raise DataCorruptError("The file has another checksum.")
+
+    monkeypatch.setattr(method_cell, "locate", locate)
+    result = start_run(make_plan(with_skin), tmp_path / "run")
+    sentence = "Scenario 'skin' is refused: The file has another checksum."
+    assert result == RunResult(tmp_path / "run", (), (sentence,))
+    assert resume_run(tmp_path / "run") == result
+    assert set(pd.read_parquet(result.path / "samples.parquet")["scenario"]) == {"tiny"}
+    with pytest.raises(DataCorruptError, match="another checksum"):
+        start_run(make_plan(with_skin, scenarios=["skin"]), tmp_path / "nothing")
+    assert not (tmp_path / "nothing").exists()
+
+
+VANDAL = """
+from eitbench.methods import Method, methods, register
+
+def broken(self, voltages):
+    raise RuntimeError("vandalised")
+
+methods()["noser"].reconstruct = broken
+
+@register("vandal")
+class Vandal(Method):
+    def fit(self, problem): ...
+    reconstruct = broken
+"""
+
+
+def test_a_plugin_does_not_change_the_rows_of_others(
+    tiny: Suite, toys: Path, tmp_path: Path
+) -> None:
+    vandal = tmp_path / "vandal.py"
+    vandal.write_text(VANDAL)
+    plan = make_plan(tiny, methods=["noser", "toy-good", "vandal"], plugins=[vandal, toys])
+    run = start_run(plan, tmp_path / "run").path
+    samples = pd.read_parquet(run / "samples.parquet")
+    assert samples.groupby("method")["status"].agg(set).to_dict() == {
+        "noser": {"ok"},
+        "toy-good": {"ok"},
+        "vandal": {"error"},
+    }
+    manifest = json.loads((run / "manifest.json").read_text())
+    assert manifest["plan"]["plugins"][0]["names"] == ["vandal"]
+    assert Plan.of(manifest, run) == plan
+
+
+def test_two_plugins_may_not_share_a_name(tiny: Suite, toys: Path, tmp_path: Path) -> None:
+    copy = tmp_path / "copy.py"
+    copy.write_text(toys.read_text())
+    with pytest.raises(InputError, match=r"'toy-good' is registered by .*toy_methods.* and by"):
+        make_plan(tiny, plugins=[toys, copy])
+
+
+def test_an_unexpected_error_costs_its_cell_only(
+    tiny: Suite, toys: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def worker(*args: Any, **kwargs: Any) -> Any:
+        if args[1].task.method == "toy-good":
+            raise RuntimeError("no more processes")
+        return Worker(*args, **kwargs)
+
+    monkeypatch.setattr(cell_run, "Worker", worker)
+    run = start_run(
+        make_plan(tiny, methods=["toy-good", "noser"], plugins=[toys]), tmp_path / "run"
+    ).path
+    samples = pd.read_parquet(run / "samples.parquet")
+    assert Counter(samples["message"]) == {"RuntimeError: no more processes": N, "": N}
+
+
+def test_a_hanging_frame_is_lost_alone(
+    tiny: Suite, tmp_path: Path, data: Dataset, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plugin = tmp_path / "plugin.py"
+    plugin.write_text(
+        "import os, time\n"
+        "import numpy as np\n"
+        "from eitbench.methods import Method, register\n"
+        "@register('hangs-on-one')\n"
+        "class HangsOnOne(Method):\n"
+        "    def fit(self, problem):\n"
+        "        self.shape = problem.mask.shape\n"
+        "    def reconstruct(self, voltages):\n"
+        "        if (voltages.max(axis=1) == float(os.environ['HANGS'])).any():\n"
+        "            time.sleep(1000)\n"
+        "        return np.ones((len(voltages), *self.shape))\n"
+    )
+    monkeypatch.setenv("HANGS", repr(float(data.voltages[2].max())))
+    suite = tiny.model_copy(update={"frame_limit_s": 0.5})
+    run = start_run(
+        make_plan(suite, methods=["hangs-on-one"], plugins=[plugin]), tmp_path / "run"
+    ).path
+    samples = pd.read_parquet(run / "samples.parquet")
+    assert samples["status"].tolist() == ["ok", "ok", "timeout", "ok", "ok"]
+
+
+SCRIPT = """
+import sys
+from pathlib import Path
+from eitbench.benchmark.run.runner import RunInterruptedError, make_plan, start_run
+from eitbench.scenarios.suites.suite import load_suite
+
+if __name__ == "__main__":
+    suite, plugin, out = map(Path, sys.argv[1:])
+    suite = load_suite(suite).model_copy(update={"frame_limit_s": 600.0})
+    try:
+        start_run(make_plan(suite, methods=["sleeper"], plugins=[plugin]), out)
+    except RunInterruptedError:
+        sys.exit(130)
+"""
+SLEEPER = """
+import os, time
+from eitbench.methods import Method, register
+
+@register("sleeper")
+class Sleeper(Method):
+    def fit(self, problem): ...
+    def reconstruct(self, voltages):
+        print(os.getpid(), flush=True)
+        time.sleep(600)
+"""
+
+
+def wait_for(condition: Any, seconds: float = 60) -> Any:
+    deadline = time.monotonic() + seconds
+    while not (found := condition()):
+        assert time.monotonic() < deadline, "it never happened"
+        time.sleep(0.05)
+    return found
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals")
+@pytest.mark.parametrize("name", ["SIGTERM", "SIGKILL"])
+def test_a_run_that_is_ended_leaves_no_process(name: str, toys: Path, tmp_path: Path) -> None:
+    script, plugin, run = tmp_path / "script.py", tmp_path / "plugin.py", tmp_path / "run"
+    script.write_text(SCRIPT)
+    plugin.write_text(SLEEPER)
+    process = subprocess.Popen(
+        [sys.executable, str(script), str(toys.with_name("tiny.toml")), str(plugin), str(run)]
+    )
+    log = run / "logs" / "tiny--sleeper.log"
+    worker = psutil.Process(int(wait_for(lambda: log.is_file() and log.read_text().strip())))
+    processes = [worker, *psutil.Process(process.pid).children(recursive=True)]
+    process.send_signal(signal.Signals[name])
+    assert process.wait(60) == (130 if name == "SIGTERM" else -signal.SIGKILL)
+    _, alive = psutil.wait_procs(processes, timeout=60)
+    assert not [p for p in alive if p.status() != psutil.STATUS_ZOMBIE]
+    assert (run / ".lock").exists() == (name == "SIGKILL")

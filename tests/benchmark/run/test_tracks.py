@@ -1,0 +1,135 @@
+"""The tracks beside the ranked one: what is run, what is kept, and the gaps between them."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from eitbench.benchmark.analysis.gaps import gaps
+from eitbench.benchmark.analysis.results import read_run
+from eitbench.benchmark.metrics.evaluation import evaluate
+from eitbench.benchmark.run.runner import start_run
+from eitbench.benchmark.rundir.plan import make_plan
+from eitbench.benchmark.tuning.selection import Selection, Trial, TuningBudget, record
+from eitbench.reports.tables.leaderboard import FORMATS, leaderboard, tracks_table
+from eitbench.scenarios.data.datasets import load
+from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.suites.scenario import SimulatedScenario
+from eitbench.scenarios.suites.suite import Suite, load_suite
+
+PLUGIN = Path(__file__).parents[1] / "data" / "tuned_methods.py"
+(SMALL,) = load_suite(Path(__file__).parents[1] / "data" / "small.toml").scenarios
+assert isinstance(SMALL, SimulatedScenario)
+SUITE = Suite(name="mine", title="Mine", methods=("noser",), scenarios=(SMALL,))
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A choice that is not the best on the test split: 0.9, where 1.0 was tried as well."""
+    folder = tmp_path_factory.mktemp("tracks")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("EITBENCH_CACHE", str(folder / "cache"))
+        trials = (
+            Trial({"factor": 1.4}, 1.0),
+            Trial({"factor": 0.9}, 3.0),
+            Trial({"factor": 1.0}, None, "pruned"),
+            Trial({"factor": 0.5}, None, "failed"),
+        )
+        choice = Selection({"factor": 0.9}, 3.0, trials, TuningBudget(), "space")
+        record(SMALL, {"constant": choice}, folder / "cache" / "selected")
+        tracks = ("default", "tuned", "oracle")
+        plan = make_plan(SUITE, methods=["constant"], plugins=[PLUGIN], tracks=tracks)
+        return start_run(plan, folder / "run").path
+
+
+def score(factor: float) -> float:
+    data = load(SMALL, split="test")
+    return float(evaluate(data, np.full((4, 16, 16), factor))["score"].mean())
+
+
+def test_the_ranked_track_is_as_without_the_others(run: Path) -> None:
+    found = read_run(run)
+    assert set(found.samples["track"]) == {"tuned"}
+    assert len(found.samples) == 4
+    assert len(found.cells) == 1
+    assert found.samples["score"].mean() == pytest.approx(score(0.9))
+
+
+def test_the_oracle_is_the_best_on_test_of_what_was_tried(run: Path) -> None:
+    """Pruned trials are tried again; those that failed are not."""
+    tracks = read_run(run).tracks
+    parameters = {t: json.loads(r["parameters"].iloc[0]) for t, r in tracks.groupby("track")}
+    assert parameters == {"default": {}, "oracle": {"factor": 1.0}}
+    means = tracks.groupby("track")["score"].mean()
+    assert means["default"] == pytest.approx(score(1.4))
+    assert means["oracle"] == pytest.approx(score(1.0))
+    cells = json.loads((run / "manifest.json").read_text())["cells"]
+    assert [c["variant"] for c in cells] == ["", "default", "trial-00", "trial-01"]
+
+
+def test_the_gaps_stand_on_every_leaderboard(run: Path) -> None:
+    (row,) = leaderboard([run])
+    assert row["tuning_gain"] == pytest.approx(score(0.9) - score(1.4))
+    assert row["oracle_gap"] == pytest.approx(score(1.0) - score(0.9))
+    assert row["oracle_gap_low"] is row["oracle_gap_high"] is None  # of four phantoms
+    assert row["overlap"] == 0
+    assert row["prior_knowledge"] == "noise level through tuning; 4 trials of tuning"
+    heads, cells = tracks_table([row])
+    assert heads[1:4] == ["default", "tuned", "oracle"]
+    assert cells[2] == f"{score(0.9):.3f}"
+    assert cells[-1] == f"{score(1.0) - score(0.9):.3f}"
+    for form in ("md", "html"):
+        text = FORMATS[form]([row])
+        assert "left to the oracle" in text
+        assert "noise level through tuning" in text
+
+
+def test_no_images_of_other_tracks_are_kept(run: Path) -> None:
+    found = read_run(run)
+    assert not (run / "parts").exists()
+    images = found.estimates("small", "constant", [0])
+    assert images is not None
+    np.testing.assert_allclose(images, 0.9, rtol=1e-6)
+
+
+def test_gaps_are_paired_and_larger_is_better() -> None:
+    rng = np.random.default_rng(1)
+    frames = 40
+    shared = rng.normal(50, 20, size=frames)
+
+    def cell(track: str, shift: float) -> pd.DataFrame:
+        values = shared + shift + rng.normal(0, 0.01, frames)
+        phantoms = [f"p{k}" for k in range(frames)]
+        return pd.DataFrame(
+            {
+                "track": track,
+                "sample": range(frames),
+                "phantom": phantoms,
+                "localisation_mm": values,
+            }
+        )
+
+    others = pd.concat([cell("default", 3.0), cell("oracle", -1.0)])
+    found = gaps(others, cell("tuned", 0.0), tuned=True, by="localisation_mm")
+    # Errors: what is smaller is gained. Medians of paired values differ as these do.
+    assert found["tuning_gain"] == pytest.approx(3.0, abs=0.05)
+    assert found["oracle_gap"] == pytest.approx(1.0, abs=0.05)
+    assert 2.9 < found["tuning_gain_low"] < found["tuning_gain_high"] < 3.1
+
+
+def test_a_method_without_a_choice_has_one_track() -> None:
+    found = gaps(pd.DataFrame({"track": []}), _scores(), tuned=False, by="score")
+    assert found == {"default_figure": 2.0}
+
+
+def _scores() -> pd.DataFrame:
+    return pd.DataFrame({"sample": [0, 1], "phantom": ["a", "b"], "score": [1.0, 3.0]})
+
+
+def test_an_unknown_track_is_refused_and_operators_have_none() -> None:
+    with pytest.raises(InputError, match="Unknown track 'orcale': did you mean 'oracle'"):
+        make_plan(SUITE, tracks=["orcale"])
+    with pytest.raises(InputError, match="operators, which have no tracks"):
+        make_plan(load_suite("operators"), tracks=["oracle"])

@@ -1,0 +1,42 @@
+"""The manifest tells what a reader needs and nothing about who ran it."""
+
+import getpass
+import json
+import platform
+from pathlib import Path
+
+import pytest
+
+from eitbench.benchmark.rundir import manifest
+from eitbench.scenarios.errors import InputError
+
+
+def test_environment_names_versions_and_machine() -> None:
+    found = manifest.environment()
+    assert found["versions"]["python"] == platform.python_version()
+    assert found["versions"]["eitbench"]
+    assert found["versions"]["numpy"]
+    assert found["machine"]["cores"] >= 1
+    assert found["machine"]["memory_mb"] > 100
+    json.dumps(found, allow_nan=False)
+
+
+def test_no_host_and_no_user_name() -> None:
+    machine = manifest.machine()
+    assert set(machine) == {"cpu", "cores", "memory_mb", "os"}
+    values = [str(value) for value in machine.values()]
+    assert platform.node() not in values
+    assert getpass.getuser() not in values
+
+
+@pytest.mark.parametrize(
+    ("content", "sentence"),
+    [(None, "holds no manifest"), ("{", "cannot be read"), ("[]", "not a JSON object")],
+)
+def test_a_folder_without_a_good_manifest(
+    content: str | None, sentence: str, tmp_path: Path
+) -> None:
+    if content is not None:
+        (tmp_path / manifest.FILE_NAME).write_text(content)
+    with pytest.raises(InputError, match=sentence):
+        manifest.read(tmp_path)

@@ -1,0 +1,91 @@
+"""Footers of Parquet files as Arrow writes them, and damaged ones."""
+
+import random
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from eitbench.benchmark.rundir.parquet_footer import codecs
+from eitbench.benchmark.rundir.tables import read_parquet
+
+
+@pytest.fixture
+def table() -> pa.Table:
+    rows = 40
+    return pa.table(
+        {
+            "number": np.arange(rows),
+            "figure": np.linspace(0, 1, rows),
+            "text": [f"row {k}" for k in range(rows)],
+            "flag": np.arange(rows) % 2 == 0,
+        }
+    )
+
+
+@pytest.mark.parametrize("rows", [40, 3])
+@pytest.mark.parametrize(
+    "codec", ["none", "snappy", "gzip", "brotli", "lz4", {"number": "zstd", "text": "snappy"}]
+)
+def test_codecs_are_those_that_arrow_sees(
+    codec: str | dict[str, str], rows: int, table: pa.Table, tmp_path: Path
+) -> None:
+    pq.write_table(table, tmp_path / "a.parquet", compression=codec, row_group_size=rows)
+    about = pq.read_metadata(tmp_path / "a.parquet")
+    seen = {
+        about.row_group(k).column(c).compression
+        for k in range(about.num_row_groups)
+        for c in range(about.num_columns)
+    }
+    assert {name.removesuffix("_RAW") for name in codecs(tmp_path / "a.parquet")} == seen
+
+
+def test_what_is_no_footer_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "a.parquet"
+    deep = b"\x1c" * 40
+    loop = b"\x19\xfc\xff\xff\xff\xff\x0f"  # a list of four thousand million structures
+    for footer in (b"", b"\x00", b"\xff" * 30, deep, loop, b"\x15" + b"\x80" * 30):
+        path.write_bytes(b"PAR1" + footer + len(footer).to_bytes(4, "little") + b"PAR1")
+        with pytest.raises(ValueError, match="footer is damaged"):
+            codecs(path)
+    for content in (b"", b"PAR1", b"PAR1" + b"\xff\xff\xff\xffPAR1", b"\0" * 100):
+        path.write_bytes(content)
+        with pytest.raises(ValueError, match=r"does not end as a Parquet|longer than the file"):
+            codecs(path)
+
+
+SPOIL = """
+import random, sys
+from pathlib import Path
+from eitbench.benchmark.rundir.tables import read_parquet
+path = Path(sys.argv[1])
+good, chance = path.read_bytes(), random.Random(0)
+footer = int.from_bytes(good[-8:-4], "little")
+for place in range(len(good) - 8 - footer, len(good) - 8):
+    path.write_bytes(good[:place] + bytes([chance.randrange(256)]) + good[place + 1 :])
+    try:
+        read_parquet(path)
+    except Exception:
+        pass
+"""
+
+
+def test_no_damaged_footer_ends_the_process(table: pa.Table, tmp_path: Path) -> None:
+    path = tmp_path / "a.parquet"
+    pq.write_table(table, path)
+    assert read_parquet(path).shape == (40, 4)
+    done = subprocess.run([sys.executable, "-c", SPOIL, str(path)], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr[-500:]
+
+
+def test_random_footers_are_read_or_refused(tmp_path: Path) -> None:
+    chance, path = random.Random(1), tmp_path / "a.parquet"
+    for _ in range(300):
+        footer = chance.randbytes(chance.randrange(200))
+        path.write_bytes(b"PAR1" + footer + len(footer).to_bytes(4, "little") + b"PAR1")
+        with pytest.raises(ValueError, match="damaged"):
+            codecs(path)

@@ -1,0 +1,129 @@
+"""The run directory keeps whole rows or none."""
+
+import errno
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from eitbench.benchmark.rundir.kinds import METHOD_RUNS
+from eitbench.benchmark.rundir.store import Batch, Cell, RunStore
+from eitbench.scenarios.errors import DataCorruptError, EitbenchError, InputError
+
+CELL = Cell("some-scenario", "some-method")
+
+
+def batch(start: int) -> Batch:
+    images = np.full((2, 3, 4), float(start), dtype=np.float32)
+    images[1] = np.nan
+    values = {"conductivity": images, "frame_ms": np.array([1.5, np.nan])}
+    return Batch(start, ["ok", "error"], ["", "ValueError: ü"], values, "{}")
+
+
+def test_batches_come_back_in_order(tmp_path: Path) -> None:
+    store = RunStore.create(tmp_path / "run", METHOD_RUNS)
+    for start in (2, 0, 4):
+        store.save_batch(CELL, "test", batch(start))
+    store.save_batch(CELL, "validation", batch(0))
+    found = list(store.batches(CELL, "test"))
+    assert [b.start for b in found] == [0, 2, 4]
+    assert [b.stop for b in found] == [2, 4, 6]
+    assert found[1].status == ["ok", "error"]
+    assert found[1].message == ["", "ValueError: ü"]
+    assert found[1].values.keys() == {"conductivity", "frame_ms"}
+    for name, array in batch(2).values.items():
+        np.testing.assert_array_equal(found[1].values[name], array)
+    assert store.batch_length(CELL, "test", 2) == 2
+    assert not store.batch_length(CELL, "test", 6)
+
+
+def test_a_full_disk_is_one_sentence_and_leaves_no_piece(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    store = RunStore.create(tmp_path / "run", METHOD_RUNS)
+
+    def full(path: Path, **arrays: object) -> None:
+        Path(path).write_bytes(b"half of it")
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(np, "savez", full)
+    with pytest.raises(EitbenchError, match=r"Could not write .*No space left on device"):
+        store.save_batch(CELL, "test", batch(0))
+    assert not store.batch_length(CELL, "test", 0)
+    assert not [path for path in (tmp_path / "run" / "parts").rglob("*") if path.is_file()]
+
+
+@pytest.mark.parametrize("size", [0, 100])
+def test_a_truncated_batch_is_named(size: int, tmp_path: Path) -> None:
+    store = RunStore.create(tmp_path / "run", METHOD_RUNS)
+    store.save_batch(CELL, "test", batch(0))
+    (path,) = (tmp_path / "run").rglob("*.npz")
+    path.write_bytes(path.read_bytes()[:size])
+    with pytest.raises(DataCorruptError, match=path.name):
+        list(store.batches(CELL, "test"))
+
+
+def test_an_output_in_use_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "notes.txt").write_text("mine")
+    with pytest.raises(InputError, match="not empty: choose another with --out"):
+        RunStore.create(tmp_path, METHOD_RUNS)
+    with pytest.raises(InputError, match="is a file"):
+        RunStore.create(tmp_path / "notes.txt", METHOD_RUNS)
+    assert [path.name for path in tmp_path.iterdir()] == ["notes.txt"]
+
+
+def test_a_run_killed_before_it_began_may_be_started_again(tmp_path: Path) -> None:
+    (tmp_path / "logs").mkdir()
+    (tmp_path / ".lock").write_text("")
+    RunStore.create(tmp_path, METHOD_RUNS)
+    (tmp_path / "logs" / "a.log").write_text("")
+    with pytest.raises(InputError, match="not empty"):
+        RunStore.create(tmp_path, METHOD_RUNS)
+
+
+@pytest.mark.parametrize("content", [b"", b"PAR1", b"half of it"])
+def test_truncated_rows_are_named(content: bytes, tmp_path: Path) -> None:
+    store = RunStore.create(tmp_path / "run", METHOD_RUNS)
+    store.save_batch(CELL, "test", batch(0))
+    store.save_cell(CELL, pd.DataFrame({"sample": [0, 1]}), {"complete": True})
+    assert store.finished(CELL)
+    (path,) = (tmp_path / "run" / "parts").rglob("methods.parquet")
+    path.write_bytes(content)
+    with pytest.raises(DataCorruptError, match=r"methods\.parquet cannot be read .*resume the run"):
+        store.finished(CELL)
+    path.unlink()
+    assert not store.finished(CELL)
+
+
+def test_an_output_that_cannot_be_made_is_one_sentence(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(EitbenchError, match=r"Could not write .*Not a directory"):
+        RunStore.create(tmp_path / "file" / "run", METHOD_RUNS)
+
+
+def test_a_read_only_output_is_one_sentence(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(self: Path, *args: object, **kwargs: object) -> None:
+        raise PermissionError(errno.EACCES, "Permission denied", str(self))
+
+    # The owner of a machine may write anywhere, so permissions alone would not stop such a test.
+    monkeypatch.setattr(Path, "mkdir", refuse)
+    with pytest.raises(EitbenchError, match=r"Could not write .*Permission denied"):
+        RunStore.create(tmp_path / "run", METHOD_RUNS)
+
+
+@pytest.mark.parametrize("name", ["..", ".", "a method", "ünï:cø*de?", "x" * 80, "ü" * 40])
+def test_method_names_stay_inside_the_run(name: str, tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    store = RunStore.create(run, METHOD_RUNS)
+    cell = Cell("some-scenario", name)
+    store.log(cell).write_text("")
+    store.save_batch(cell, "test", batch(0))
+    assert store.batch_length(cell, "test", 0) == 2
+    assert store.log(cell).parent == run / "logs"
+    assert [path.name for path in tmp_path.iterdir()] == ["run"]
+    (part,) = run.rglob("*.npz")
+    assert part.relative_to(run).parts[:2] == ("parts", "some-scenario")
+    assert len(part.relative_to(run).parts) == 4

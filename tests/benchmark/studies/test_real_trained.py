@@ -1,0 +1,95 @@
+"""The track that learns from real presses: every press judged once, by what never saw it."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from eitbench.benchmark import InputError
+from eitbench.benchmark.studies import real_trained as track
+from eitbench.benchmark.studies.real_trained import Presses, real_trained
+from eitbench.methods.places.place_network import REAL, SIMULATED
+from eitbench.reports.studies.real_trained import summary, to_markdown, write_real_trained
+from eitbench.scenarios import RecordedScenario
+
+
+def presses(n: int, seed: int, gain: float) -> Presses:
+    """Frames of 40 values that fall off with the distance from 40 points, on one board."""
+    rng = np.random.default_rng(seed)
+    places = rng.uniform(-0.06, 0.06, (n, 2))
+    points = np.random.default_rng(0).uniform(-0.08, 0.08, (40, 2))
+    channels = np.exp(gain * np.random.default_rng(1).standard_normal(40))
+    distance = np.linalg.norm(places[:, None] - points, axis=2)
+    return Presses(channels * np.exp(-((distance / 0.04) ** 2)), places)
+
+
+@pytest.fixture
+def quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One network, few steps, and a board of uneven channels that the simulation knows not of."""
+    monkeypatch.setattr(track, "SEEDS", (0,))
+    monkeypatch.setattr(track, "COUNTS", (0, 25, 100))
+    phase = replace(SIMULATED, steps=300, gain=0.3, noise=0.1)
+    monkeypatch.setattr(track, "SIMULATED", phase)
+    monkeypatch.setattr(track, "REAL", replace(REAL, steps=150, noise=0.05))
+    monkeypatch.setattr(track, "_real", lambda scenario: presses(150, 2, 0.5))
+    monkeypatch.setattr(track, "_simulated", lambda scenario: presses(600, 3, 0.0))
+
+
+@pytest.mark.usefixtures("quick")
+def test_errors_fall_with_the_presses_that_are_learned_from(tmp_path: Path) -> None:
+    errors = real_trained("ohmc16")
+    for _, group in errors.groupby(["estimator", "presses"]):
+        assert sorted(group["press"]) == list(range(150))
+    rows = {(row["estimator"], row["presses"]): row["median_mm"] for row in summary(errors)}
+    for name in ("ridge", "kernel ridge", "network", "fine-tuned network"):
+        assert rows[name, 100] < rows[name, 25] < rows["one place", 25]
+        assert (name, 0) not in rows
+    assert rows["fine-tuned network", 25] < rows["network", 25]
+    assert rows["fine-tuned network", 25] < rows["simulated network", 0]
+    written = write_real_trained(errors, "ohmc16", tmp_path / "new")
+    assert all(path.stat().st_size > 0 for path in written)
+    assert "| ridge | – |" in to_markdown(summary(errors))
+
+
+def test_no_press_is_judged_by_what_learned_from_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Frames without information: only a press that was seen could be placed right."""
+    rng = np.random.default_rng(0)
+    blind = Presses(rng.standard_normal((150, 40)), rng.uniform(-0.06, 0.06, (150, 2)))
+    monkeypatch.setattr(track, "COUNTS", (100,))
+    monkeypatch.setattr(track, "SEEDS", ())
+    monkeypatch.setattr(track, "_real", lambda scenario: blind)
+    monkeypatch.setattr(track, "_simulated", lambda scenario: blind)
+    monkeypatch.setattr(
+        track.Estimators,
+        "known",
+        lambda self, count: {"memory": lambda seen: lambda frames: _nearest(seen, frames)},
+    )
+    assert real_trained("ohmc16")["error_mm"].min() > 0
+
+
+def _nearest(seen: Presses, frames: track.Array) -> track.Array:
+    distance = np.linalg.norm(frames[:, None] - seen.frames, axis=2)
+    return np.asarray(seen.places[distance.argmin(axis=1)])
+
+
+@pytest.mark.parametrize(
+    ("recording", "sentence"),
+    [("ktc2023", "does not know where it was pressed"), ("ohm16", "did you mean 'ohmc16'")],
+)
+def test_sets_without_places_are_refused(recording: str, sentence: str) -> None:
+    with pytest.raises(InputError, match=sentence):
+        real_trained(recording)
+
+
+def test_too_few_presses(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(track, "_real", lambda scenario: presses(499, 0, 0.0))
+    with pytest.raises(InputError, match="only 499 presses"):
+        real_trained("ohmc16")
+
+
+@pytest.mark.usefixtures("recorded_data")
+def test_the_real_presses_are_all_there() -> None:
+    real = track._real(RecordedScenario(name="ohmc16", recording="ohmc16"))
+    assert real.frames.shape == (500, 192)
+    assert np.ptp(real.places, axis=0).min() > 0.1

@@ -1,0 +1,123 @@
+"""Records of choices, those that come with the package among them."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from eitbench.benchmark.tuning.selection import (
+    PACKAGED,
+    Selection,
+    Trial,
+    TuningBudget,
+    record,
+    selected_parameters,
+    validation_key,
+)
+from eitbench.methods import methods
+from eitbench.scenarios.suites.scenario import SimulatedScenario, SplitNoise
+from eitbench.scenarios.suites.suite import load_suite, suites
+
+(SMALL,) = load_suite(Path(__file__).parents[1] / "data" / "small.toml").scenarios
+assert isinstance(SMALL, SimulatedScenario)
+
+
+def choice(**parameters: object) -> Selection:
+    trials = (Trial(parameters, 1.0), Trial({"weight": 9}, None, "failed", 2.0, "it said no"))
+    return Selection(parameters, 1.0, trials, TuningBudget(), "space")
+
+
+def test_choices_are_found_by_the_data_they_were_made_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("EITBENCH_CACHE", str(tmp_path))
+    assert selected_parameters(SMALL, "noser") is None
+    record(SMALL, {"noser": choice(weight=0.5)}, tmp_path / "selected")
+    record(SMALL, {"tv": choice(weight=0.7)}, tmp_path / "selected")
+    assert selected_parameters(SMALL, "noser") == {"weight": 0.5}
+    same = SMALL.model_copy(update={"name": "renamed", "phantoms": "small", "test": 3})
+    assert selected_parameters(same, "tv") == {"weight": 0.7}
+    for change in (
+        {"noise": SplitNoise(test=50)},
+        {"mesh_refinement": 2},
+        {"families": ("circle",)},
+        {"image_shape": (18, 18)},
+    ):
+        other = SMALL.model_copy(update=change)
+        assert validation_key(other) != validation_key(SMALL)
+        assert selected_parameters(other, "noser") is None
+
+
+def test_a_record_says_what_was_spent_and_why_a_trial_failed(tmp_path: Path) -> None:
+    path = record(SMALL, {"noser": choice(weight=0.5)}, tmp_path)
+    kept = json.loads(path.read_text())["choices"]["noser"]
+    assert kept["budget"] == {"trials": 16, "seconds": 1200.0}
+    spent = {"trials": 2, "pruned": 0, "failed": 1, "seconds": 2.0, "ended_by": "space"}
+    assert kept["spent"] == spent
+    assert kept["trials"][1]["message"] == "it said no"
+
+
+def test_every_packaged_simulated_scenario_has_choices_from_the_search_space() -> None:
+    chosen = 0
+    known = methods()
+    loaded = [load_suite(name) for name in suites()]
+    listed = [
+        (scenario, name)
+        for suite in loaded
+        if suite.ranks == "methods"
+        for scenario in suite.scenarios
+        if scenario.kind == "simulated"
+        for name in (*suite.names, "pyeit-jac", "pyeit-greit", "pyeit-bp")
+    ]
+    for scenario, name in listed:
+        if (cls := known[name]).search:
+            parameters = selected_parameters(scenario, name)
+            assert parameters is not None, f"{scenario.name}: eitbench tune has not seen {name}"
+            assert set(parameters) == set(cls.search)
+            for key, value in parameters.items():
+                assert value in cls.search[key]
+            chosen += 1
+    assert chosen >= 8 * 12
+
+
+def test_packaged_choices_record_their_rule_what_they_cost_and_every_trial() -> None:
+    files = sorted(PACKAGED.glob("*.json"))
+    assert files
+    for file in files:
+        content = json.loads(file.read_text())
+        assert file.stem == content["validation_key"][:16]
+        assert "validation" in content["rule"]
+        for kept in content["choices"].values():
+            trials, spent = kept["trials"], kept["spent"]
+            assert kept["figure"] == max(t["figure"] for t in trials if t["figure"] is not None)
+            assert all((t["figure"] is None) == (t["status"] != "ok") for t in trials)
+            assert (
+                spent["trials"] == len(trials) <= kept["budget"]["trials"] == TuningBudget().trials
+            )
+
+
+def test_default_methods_of_all_suites_exist() -> None:
+    for name in suites():
+        assert set(load_suite(name).methods or ()) <= set(methods())
+
+
+def test_a_damaged_file_of_choices_is_named_and_not_used(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setenv("EITBENCH_CACHE", str(tmp_path))
+    path = record(SMALL, {"noser": choice(weight=0.5)}, tmp_path / "selected")
+    path.write_text(path.read_text()[:40])
+    assert selected_parameters(SMALL, "noser") is None
+    assert str(path) in caplog.text
+
+
+def test_a_calibrated_scenario_shares_the_choices_of_the_nominal_one() -> None:
+    """Else a ladder would compare tuned with default parameters and call it calibration."""
+    declared = {s.name: s for s in load_suite("sim2real").scenarios}
+    for name in ("ohmc16", "ktc2023", "hydrogel-rectangle", "sim2real-emulated"):
+        assert validation_key(declared[name]) == validation_key(declared[f"{name}-calibrated"])
+    assert selected_parameters(declared["ohmc16-calibrated"], "noser") is not None
+    # The whole ladder is tuned alike, as a user would: on the nominal sensor, with noise.
+    rungs = [s for s in declared.values() if isinstance(s, SimulatedScenario)]
+    assert len({validation_key(rung) for rung in rungs}) == 1
+    assert selected_parameters(rungs[0], "noser") is not None

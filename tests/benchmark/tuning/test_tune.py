@@ -1,0 +1,365 @@
+"""Tuning: its budget, its workers, its interruptions, and what no tuning code can reach."""
+
+import json
+import os
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import optuna
+import pytest
+
+from eitbench.benchmark.rundir.plan import make_plan
+from eitbench.benchmark.tuning import tune as tuning
+from eitbench.benchmark.tuning.selection import Selection, Trial, TuningBudget
+from eitbench.benchmark.tuning.sweep import SearchSpace
+from eitbench.benchmark.tuning.trials import Limits, Validation, frame_figures
+from eitbench.benchmark.tuning.tune import TuningTask, choose, tune
+from eitbench.scenarios.data.datasets import load
+from eitbench.scenarios.data.simulation import clean_voltages, phantom
+from eitbench.scenarios.errors import DataUnavailableError, InputError
+from eitbench.scenarios.guard import closed_test_split
+from eitbench.scenarios.recordings.fetch import read_recording
+from eitbench.scenarios.suites.scenario import Scenario, SimulatedScenario, SplitNoise
+from eitbench.scenarios.suites.suite import Suite, load_suite
+
+PLUGIN = Path(__file__).parents[1] / "data" / "tuned_methods.py"
+(SMALL,) = load_suite(Path(__file__).parents[1] / "data" / "small.toml").scenarios
+assert isinstance(SMALL, SimulatedScenario)
+
+
+def suite(*scenarios: Scenario, fit_limit_s: float = 60.0) -> Suite:
+    return Suite(
+        name="mine", title="Mine", methods=("noser",), scenarios=scenarios, fit_limit_s=fit_limit_s
+    )
+
+
+def choices_in(folder: Path) -> dict[str, Any]:
+    (file,) = folder.glob("*.json")
+    choices: dict[str, Any] = json.loads(file.read_text())["choices"]
+    return choices
+
+
+def test_a_trial_that_hangs_dies_or_reaches_for_the_test_split_costs_itself_only(
+    tmp_path: Path,
+) -> None:
+    limited = suite(SMALL, fit_limit_s=3.0).model_copy(update={"memory_limit_mb": 800.0})
+    plan = make_plan(limited, methods=["hostile"], plugins=[PLUGIN])
+    ((scenario, method, choice),) = tune(plan, tmp_path)
+    assert (scenario, method, choice.ended_by) == ("small", "hostile", "space")
+    assert choice.parameters == {"way": "fine"}
+    told = {trial.parameters["way"]: trial for trial in choice.trials}
+    assert {way for way, trial in told.items() if trial.status == "ok"} == {"fine"}
+    for way in ("load", "phantom", "voltages", "late"):
+        assert "The test split is closed" in told[way].message
+    assert "longer than 3 s" in told["hang"].message
+    assert 3 <= told["hang"].seconds < 15
+    assert "exit code 3" in told["die"].message
+    assert "took more than 800 MB of memory" in told["grow"].message
+    spent = choices_in(tmp_path)["hostile"]["spent"]
+    assert (spent["trials"], spent["failed"]) == (8, 7)
+    assert not (tmp_path / "journals").exists()
+
+
+FAILS = """
+from dataclasses import dataclass
+from typing import ClassVar
+from eitbench.methods import Method, register
+@register("fails")
+@dataclass
+class Fails(Method):
+    search: ClassVar = {"weight": (1.0, 2.0)}
+    weight: float = 1.0
+    def fit(self, problem):
+        raise RuntimeError("it cannot work")
+    def reconstruct(self, voltages):
+        raise AssertionError
+"""
+
+
+def test_nothing_is_chosen_where_no_trial_gave_a_figure(
+    tmp_path: Path, eitbench: Callable[..., tuple[int, str, str]]
+) -> None:
+    (tmp_path / "fails.py").write_text(FAILS)
+    (tmp_path / "own.toml").write_text(OWN_SUITE)
+    words = ("tune", tmp_path / "own.toml", "--plugin", tmp_path / "fails.py")
+    out = tmp_path / "out"
+    code, said, _ = eitbench(*words, "--methods", "fails", "--trials", "2", "--out", out)
+    assert code == 0
+    assert "fails  nothing chosen, as no trial gave a figure: " in said
+    assert "it cannot work" in said
+    assert not list(out.glob("*.json"))
+    code, _, err = eitbench(*words, "--seconds", "inf", "--out", out)
+    assert code == 2
+    assert "A budget is a finite number of seconds, got inf." in err
+
+
+def test_the_choice_is_the_best_of_what_is_known(tmp_path: Path) -> None:
+    """A constant image of the untouched sensor is the best constant; its figure is judged here."""
+    plan = make_plan(suite(SMALL), methods=["constant"], plugins=[PLUGIN])
+    ((_, _, choice),) = tune(plan, tmp_path)
+    assert choice.parameters == {"factor": 1.0}
+    seen = SMALL.model_copy(update={"noise": SplitNoise(validation=40, test=40)})
+    data = load(seen, split="validation", limit=18)
+    best = frame_figures(data, np.ones((8, 16, 16), np.float32))
+    assert choice.figure == pytest.approx(best.mean(), abs=1e-12)
+    assert choice.trials[0].parameters == {"factor": 1.4}
+    assert all(t.seconds > 0 for t in choice.trials)
+
+
+class OneScenario:
+    """A scenario whose worker is not needed."""
+
+    def __init__(self, *_: object) -> None:
+        self.data = ()
+
+    def close(self) -> None:
+        """Nothing was started."""
+
+    def standardise(self) -> None:
+        """There is nothing to standardise."""
+
+
+SPACE = SearchSpace.of({"a": range(6), "b": range(6)}, {"a": 0, "b": 0})
+
+
+@pytest.fixture
+def asked(monkeypatch: pytest.MonkeyPatch) -> list[dict[str, Any]]:
+    """The trials of studies of a known landscape, as they are evaluated."""
+    done: list[dict[str, Any]] = []
+
+    def run_trial(
+        trial: optuna.Trial, parameters: dict[str, Any], _: Sequence[object], left: float
+    ) -> Trial:
+        if {"a": -1} in done:
+            done.remove({"a": -1})
+            raise KeyboardInterrupt
+        done.append(parameters)
+        figure = -float((parameters["a"] - 3) ** 2 + (parameters["b"] - 4) ** 2)
+        for frame in range(18):
+            trial.report(figure + 0.01 * frame, frame)
+        if trial.should_prune():
+            return Trial(parameters, None, "pruned", 2.0)
+        return Trial(parameters, figure, "ok", 2.0)
+
+    monkeypatch.setattr(tuning, "Validation", OneScenario)
+    monkeypatch.setattr(tuning, "_space", lambda *_: SPACE)
+    monkeypatch.setattr(tuning, "run_trial", run_trial)
+    return done
+
+
+def study(budget: TuningBudget) -> TuningTask:
+    return TuningTask((SMALL,), "noser", None, Limits(60.0, 10.0, 8192.0), budget)
+
+
+def the_choice(budget: TuningBudget, journals: Path) -> Selection:
+    choice = choose(study(budget), journals)
+    assert choice is not None
+    return choice
+
+
+def test_the_budget_of_trials_is_spent_and_no_more(
+    asked: list[dict[str, Any]], tmp_path: Path
+) -> None:
+    choice = the_choice(TuningBudget(), tmp_path)
+    assert choice.ended_by == "trials"
+    assert len(asked) == len(choice.trials) == 16
+    assert choice.parameters == {"a": 3, "b": 4}
+
+
+def test_the_budget_of_seconds_ends_a_study_and_is_recorded(
+    asked: list[dict[str, Any]], tmp_path: Path
+) -> None:
+    choice = the_choice(TuningBudget(seconds=9.0), tmp_path)
+    assert choice.ended_by == "seconds"
+    assert len(asked) == 5
+    assert choice.describe()["spent"]["seconds"] == 10.0
+
+
+def test_what_is_clearly_worse_is_pruned_and_cannot_win(
+    asked: list[dict[str, Any]], tmp_path: Path
+) -> None:
+    choice = the_choice(TuningBudget(), tmp_path)
+    pruned = [trial for trial in choice.trials if trial.status == "pruned"]
+    assert pruned
+    assert all(trial.figure is None for trial in pruned)
+    assert choice.figure == max(t.figure for t in choice.trials if t.figure is not None)
+
+
+@pytest.mark.parametrize("after", [0, 1, 7, 15])
+def test_a_study_that_was_stopped_goes_on_where_it_stood(
+    after: int, asked: list[dict[str, Any]], tmp_path: Path
+) -> None:
+    expected = the_choice(TuningBudget(), tmp_path / "whole")
+    asked.clear()
+    if after:
+        the_choice(TuningBudget(trials=after), tmp_path / "cut")
+    asked.append({"a": -1})
+    with pytest.raises(KeyboardInterrupt):
+        choose(study(TuningBudget()), tmp_path / "cut")
+    (journal,) = (tmp_path / "cut").glob("*.log")
+    with journal.open("a") as file:  # as a killed process leaves it: half a line, and its lock
+        file.write('{"op_code": 4, "wor')
+    journal.with_name(journal.name + ".lock").symlink_to(journal)
+    assert the_choice(TuningBudget(), tmp_path / "cut") == expected
+    assert len(asked) == 16
+
+
+def test_one_choice_for_several_scenarios(tmp_path: Path) -> None:
+    other = SMALL.model_copy(update={"name": "other", "image_shape": (18, 18)})
+    plan = make_plan(suite(SMALL, other), methods=["constant"], plugins=[PLUGIN])
+    ((names, _, choice),) = tune(plan, tmp_path, once=True)
+    assert names == "small, other"
+    assert choice.once_for == ("small", "other")
+    files = [json.loads(file.read_text()) for file in tmp_path.glob("*.json")]
+    assert {content["made_on"] for content in files} == {"small", "other"}
+    assert files[0]["choices"] == files[1]["choices"]
+    # The untouched sensor is the standard: its figure is 0 on each scenario.
+    assert choice.parameters == {"factor": 1.0}
+    assert choice.figure == pytest.approx(0.0, abs=1e-6)
+
+
+def test_scenarios_of_unlike_spread_weigh_alike() -> None:
+    validation = Validation(SMALL, "noser", None, Limits(60.0, 10.0, 8192.0), threading.Event())
+    validation.standardise()
+    offset, scale = validation.standard
+    untouched = frame_figures(validation.data, np.ones((8, 16, 16), np.float32))
+    assert (offset, scale) == pytest.approx((untouched.mean(), untouched.std()))
+
+
+def test_a_search_over_a_parameter_that_does_not_exist_is_refused(tmp_path: Path) -> None:
+    plugin = tmp_path / "odd.py"
+    plugin.write_text(
+        "from eitbench.methods import Method, register\n"
+        "@register('odd-search')\n"
+        "class Odd(Method):\n"
+        "    search = {'strength': (1, 2)}\n"
+        "    def fit(self, problem): ...\n"
+        "    def reconstruct(self, voltages): ...\n"
+    )
+    plan = make_plan(suite(SMALL), methods=["odd-search"], plugins=[plugin])
+    with pytest.raises(InputError, match="'odd-search' lets 'strength' be chosen"):
+        list(tune(plan, tmp_path / "out"))
+
+
+def test_tuning_leaves_out_data_that_cannot_be_had(
+    tmp_path: Path,
+    asked: list[dict[str, Any]],
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    away = SMALL.model_copy(update={"name": "away", "image_shape": (18, 18)})
+
+    def spy(scenario: Scenario, split: str, limit: int | None = None) -> Any:
+        if scenario.name == "away":
+            raise DataUnavailableError("It is not on this machine.")
+        return load(scenario, split=split, limit=limit)
+
+    monkeypatch.setattr("eitbench.benchmark.tuning.tune.load", spy)
+    plan = make_plan(suite(away, SMALL), methods=["noser"])
+    assert [scenario for scenario, _, _ in tune(plan, tmp_path)] == ["small"]
+    assert "'away' is left out" in caplog.text
+    with pytest.raises(DataUnavailableError, match="nothing to tune on"):
+        list(tune(make_plan(suite(away), methods=["noser"]), tmp_path))
+
+
+def test_where_the_test_split_is_closed_nothing_gives_it() -> None:
+    assert isinstance(SMALL, SimulatedScenario)
+    with closed_test_split():
+        for reach in (
+            lambda: load(SMALL, split="test"),
+            lambda: phantom(SMALL, "test", 0),
+            lambda: clean_voltages(SMALL, "test", 1),
+        ):
+            with pytest.raises(InputError, match="The test split is closed"):
+                reach()
+        assert len(load(SMALL, split="validation", limit=2)) == 2
+    assert len(load(SMALL, split="test", limit=2)) == 2
+
+
+def test_recordings_have_no_test_frames_where_these_are_closed(tmp_path: Path) -> None:
+    if "EITBENCH_DATA" not in os.environ:
+        pytest.skip("Recorded sets are found through EITBENCH_DATA.")
+    whole = read_recording("ohmc16")
+    with closed_test_split():
+        kept = read_recording("ohmc16")
+    assert set(whole.samples["split"]) == {"validation", "test"}
+    assert set(kept.samples["split"]) == {"validation"}
+    rows = (whole.samples["split"] == "validation").to_numpy()
+    np.testing.assert_array_equal(kept.voltages, whole.voltages[rows])
+
+
+# Runs in every Python process that the command starts, workers included.
+AUDIT = """
+import os, sys
+def hook(event, arguments):
+    if event == "open" and isinstance(arguments[0], (str, bytes)):
+        name = os.path.basename(os.fsdecode(arguments[0]))
+        if name.endswith((".h5", ".part")) and "-0" in name:
+            with_fd = os.open(os.environ["AUDIT_LOG"], os.O_WRONLY | os.O_APPEND | os.O_CREAT)
+            os.write(with_fd, (name + "\\n").encode())
+            os.close(with_fd)
+sys.addaudithook(hook)
+"""
+OWN_SUITE = """
+name = "own"
+title = "Own"
+methods = ["back-projection"]
+[[scenarios]]
+kind = "simulated"
+name = "own"
+image_shape = [16, 16]
+families = ["circle"]
+noise = { train = "clean", validation = 50, test = 50 }
+train = 4
+validation = 6
+test = 4
+"""
+
+
+def test_a_whole_tuning_opens_no_file_of_the_test_split(tmp_path: Path) -> None:
+    """The cache starts empty, so that test samples would have to be simulated and stored."""
+    (tmp_path / "own.toml").write_text(OWN_SUITE)
+    (tmp_path / "site").mkdir()
+    (tmp_path / "site" / "sitecustomize.py").write_text(AUDIT)
+    log = tmp_path / "audit.log"
+
+    def opened_by(code: str, *arguments: str) -> list[str]:
+        log.unlink(missing_ok=True)
+        path = os.pathsep.join([str(tmp_path / "site"), os.environ.get("PYTHONPATH", "")])
+        environment = {
+            **os.environ,
+            "PYTHONPATH": path,
+            "AUDIT_LOG": str(log),
+            "EITBENCH_CACHE": str(tmp_path / "cache"),
+        }
+        subprocess.run(
+            [sys.executable, "-c", code, *arguments],
+            env=environment,
+            cwd=tmp_path,
+            check=True,
+            capture_output=True,
+            timeout=250,
+        )
+        return log.read_text().splitlines()
+
+    def stored(split: str) -> list[Path]:
+        return list((tmp_path / "cache").rglob(f"{split}-*.h5"))
+
+    tune_it = ("tune", "own.toml", "--trials", "3", "--out", "choices")
+    opened = opened_by("from eitbench.cli import main; main()", *tune_it)
+    assert any("validation-" in name for name in opened)
+    assert not any("test-" in name for name in opened)
+    assert stored("validation")
+    assert not stored("test")
+    # Where it is loaded this shows: the test can fail.
+    opened = opened_by(
+        "from eitbench.scenarios import load, load_suite\n"
+        "load(load_suite('own.toml').scenarios[0], split='test')"
+    )
+    assert any("test-" in name for name in opened)
+    assert stored("test")

@@ -1,0 +1,232 @@
+"""A method in its own process: limits, deaths, isolation."""
+
+import operator
+import os
+import signal
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import psutil
+import pytest
+
+from eitbench.benchmark.workers.method_service import (
+    MethodService,
+    MethodSpec,
+    learning_splits,
+    scenario_splits,
+)
+from eitbench.benchmark.workers.worker import (
+    Failure,
+    StoppedError,
+    Worker,
+    WorkerLostError,
+    describe_exception,
+    plugin_names,
+    serve,
+)
+from eitbench.scenarios.data.datasets import Dataset, load
+from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.suites.suite import Suite
+
+SPY = """
+import os, subprocess, sys
+import numpy as np
+from threadpoolctl import threadpool_info
+from eitbench.methods import Method, register
+
+@register("spy")
+class Spy(Method):
+    def fit(self, problem):
+        self.problem = problem
+
+    def reconstruct(self, voltages):
+        threads = max([pool["num_threads"] for pool in threadpool_info()], default=1)
+        child = subprocess.Popen(["sleep", "600"]).pid
+        images = np.ones((len(voltages), *self.problem.mask.shape))
+        images[0, 0, :4] = threads, float(os.environ["SPY"]), child, hasattr(self.problem, "test")
+        return images
+"""
+
+
+@pytest.fixture(scope="module")
+def data(tiny: Suite) -> Dataset:
+    return load(tiny.scenarios[0])
+
+
+def service(suite: Suite, data: Dataset, method: str, plugin: Path) -> MethodService:
+    splits = scenario_splits(suite.scenarios[0])
+    return MethodService(MethodSpec(data.sensor, data.reference, splits, method, {}, plugin))
+
+
+def fitted(
+    suite: Suite, data: Dataset, method: str, plugin: Path, stop: threading.Event | None = None
+) -> Worker:
+    worker = Worker(serve, service(suite, data, method, plugin), stop=stop)
+    reply = worker.ask("set_up", limit=60, what="set-up")
+    assert reply.failure is None
+    return worker
+
+
+def test_images_come_back_as_float32(tiny: Suite, data: Dataset, toys: Path) -> None:
+    with fitted(tiny, data, "toy-good", toys) as worker:
+        reply = worker.ask("reconstruct", data.voltages, limit=60, what="it")
+    assert reply.failure is None
+    assert reply.value.shape == (5, 40, 40)
+    assert reply.value.dtype == np.float32
+    assert reply.seconds > 0
+    assert reply.memory_mb > 10
+
+
+def test_a_hanging_method_is_given_up(tiny: Suite, data: Dataset, toys: Path) -> None:
+    with fitted(tiny, data, "toy-hangs", toys) as worker:
+        with pytest.raises(WorkerLostError, match=r"a frame took longer than 0\.2 s") as lost:
+            worker.ask("reconstruct", data.voltages[:1], limit=0.2, what="a frame")
+        assert lost.value.failure.status == "timeout"
+
+
+def test_a_killed_process_ran_out_of_memory(tiny: Suite, data: Dataset, toys: Path) -> None:
+    with (
+        fitted(tiny, data, "toy-killed", toys) as worker,
+        pytest.raises(WorkerLostError) as lost,
+    ):
+        worker.ask("reconstruct", data.voltages, limit=60, what="a batch")
+    assert lost.value.failure == Failure(
+        "out-of-memory", "its process was killed (out of memory, or by hand) during a batch"
+    )
+
+
+def test_a_stopped_run_does_not_wait_for_a_method(tiny: Suite, data: Dataset, toys: Path) -> None:
+    stop = threading.Event()
+    with fitted(tiny, data, "toy-hangs", toys, stop=stop) as worker:
+        threading.Timer(0.1, stop.set).start()
+        with pytest.raises(StoppedError):
+            worker.ask("reconstruct", data.voltages[:1], limit=600, what="a frame")
+
+
+def test_one_thread_own_environment_no_orphans_no_test_split(
+    tiny: Suite, data: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plugin = tmp_path / "spy.py"
+    plugin.write_text(SPY)
+    # Set after worker processes have been started before: the server of processes is older.
+    monkeypatch.setenv("SPY", "42")
+    with fitted(tiny, data, "spy", plugin) as worker:
+        seen = worker.ask("reconstruct", data.voltages[:1], limit=60, what="it").value[0, 0, :4]
+    threads, environment, child, knows_test = seen
+    assert threads == 1
+    assert environment == 42
+    assert not knows_test
+    for _ in range(100):
+        if not psutil.pid_exists(int(child)) or _is_zombie(int(child)):
+            break
+        time.sleep(0.05)
+    else:
+        pytest.fail("a process that the method started survives it")
+
+
+def _is_zombie(pid: int) -> bool:
+    try:
+        return psutil.Process(pid).status() == psutil.STATUS_ZOMBIE
+    except psutil.NoSuchProcess:
+        return True
+
+
+def test_a_method_is_never_given_the_test_split(tiny: Suite) -> None:
+    assert len(learning_splits(tiny.scenarios[0], "validation", 2)) == 2
+    with pytest.raises(InputError, match="not for 'test'"):
+        learning_splits(tiny.scenarios[0], "test", 2)
+
+
+@pytest.mark.parametrize(
+    ("source", "sentence"),
+    [
+        ("import no_such_module", "No module named 'no_such_module'"),
+        ("x = (", "SyntaxError"),
+        ("x = 1", "registers no method and no operator"),
+        ("raise SystemExit(5)", "does not run: SystemExit: 5"),
+        ("import sys; sys.exit(3)", "SystemExit: 3"),
+        ("import os; os._exit(3)", "exit code 3"),
+    ],
+)
+def test_a_bad_plugin_is_said_in_a_sentence(source: str, sentence: str, tmp_path: Path) -> None:
+    plugin = tmp_path / "bad.py"
+    plugin.write_text(source)
+    with pytest.raises(InputError, match=sentence):
+        plugin_names(plugin)
+
+
+def test_plugins_are_loaded_elsewhere(toys: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    before = dict(os.environ)
+    assert "toy-good" in plugin_names(toys).methods
+    assert capfd.readouterr().out == ""
+    assert dict(os.environ) == before
+    from eitbench.methods import methods
+
+    assert "toy-good" not in methods()
+
+
+def test_an_answer_that_is_none_loses_the_worker() -> None:
+    with (
+        Worker(operator.methodcaller("send", "nonsense")) as worker,
+        pytest.raises(WorkerLostError, match="sent something that is no answer during it") as lost,
+    ):
+        worker.ask("fit", limit=60, what="it")
+    assert lost.value.failure.status == "error"
+
+
+class MuteError(Exception):
+    def __str__(self) -> str:
+        raise RuntimeError
+
+
+@pytest.mark.parametrize(
+    ("error", "message"),
+    [
+        (ValueError("\ud800"), "ValueError: \\ud800"),
+        (ValueError("x" * 1000), "ValueError: " + "x" * 487 + "…"),
+        (MuteError(), "MuteError: (its message cannot be printed)"),
+    ],
+)
+def test_any_message_can_be_written(error: Exception, message: str) -> None:
+    assert describe_exception(error).message == message
+    assert len(message.encode()) <= 510
+
+
+REGISTERS = """
+from eitbench.methods import Method, register
+
+@register({!r})
+class Mine(Method):
+    def fit(self, problem): ...
+    def reconstruct(self, voltages): ...
+"""
+
+
+@pytest.mark.parametrize(
+    ("name", "sentence"),
+    [
+        ("noser", r"'noser' is taken by eitbench\.methods\.noser"),
+        ("ü" * 41, "cannot name a method: use 1 to 80 bytes"),
+    ],
+)
+def test_a_plugin_cannot_have_any_name(name: str, sentence: str, tmp_path: Path) -> None:
+    plugin = tmp_path / "plugin.py"
+    plugin.write_text(REGISTERS.format("ü" * 40), encoding="utf-8")
+    assert plugin_names(plugin).methods == ["ü" * 40]
+    plugin.write_text(REGISTERS.format(name), encoding="utf-8")
+    with pytest.raises(InputError, match=sentence):
+        plugin_names(plugin)
+
+
+@pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="reads /proc")
+def test_ctrl_c_does_not_reach_what_a_run_starts(toys: Path) -> None:
+    plugin_names(toys)
+    with Worker(operator.methodcaller("recv")) as worker:
+        process = psutil.Process(worker._process.pid)
+        for pid in (process.pid, process.ppid()):
+            status = Path(f"/proc/{pid}/status").read_text()
+            masks = dict(line.split(":", 1) for line in status.splitlines())
+            assert int(masks["SigBlk"], 16) & 1 << (signal.SIGINT - 1)
+    assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, ())

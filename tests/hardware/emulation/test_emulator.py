@@ -1,0 +1,215 @@
+"""The emulated board: touched by script and by hand, unplugged, opened by another program."""
+
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from eitbench.hardware.board import BoardError, BoardLostError, Frame
+from eitbench.hardware.boards import make_board
+from eitbench.hardware.emulation import emulator
+from eitbench.hardware.emulation.emulated_sensor import EmulatedSensor, Touch
+from eitbench.hardware.emulation.emulator import Emulator
+from eitbench.hardware.emulation.touch_script import read_script
+from eitbench.hardware.serial.serial_board import TeensyBoard
+from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.recordings.catalogue import foam16, sensor
+from eitbench.scenarios.sensors.sensor import Sensor
+
+SCRIPT = """
+[[touches]]
+start_s = 0.5
+end_s = 1.0
+x_mm = 30.0
+y_mm = 60.0
+radius_mm = 6.0
+pressure_kpa = 20.0
+"""
+
+
+class Sensed(EmulatedSensor):
+    """Stands for the emulated sensor: its frames count touches."""
+
+    def __init__(self, sensor: Sensor, unit: int = 0) -> None:
+        self.touched: list[tuple[float, list[Touch]]] = []
+
+    def frame(self, time_s: float, touches: Sequence[Touch]) -> np.ndarray:
+        self.touched.append((time_s, list(touches)))
+        return np.full(208, 1.0 + len(touches))
+
+
+@pytest.fixture
+def sensed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(emulator, "EmulatedSensor", Sensed)
+
+
+@pytest.fixture
+def fast() -> Iterator[Emulator]:
+    board = Emulator(foam16(), rate_hz=50.0)
+    yield board
+    board.close()
+
+
+def collect(board: Emulator, seconds: float) -> list[Frame]:
+    frames: list[Frame] = []
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        frames += board.frames(0.05)
+    return frames
+
+
+def test_a_script_presses_at_its_time(sensed: None, tmp_path: Path) -> None:
+    path = tmp_path / "touches.toml"
+    path.write_text(SCRIPT)
+    with Emulator(foam16(), script=path, rate_hz=50.0) as board:
+        board.start()
+        frames = collect(board, 1.4)
+        assert isinstance(board._emulated, Sensed)
+        touched = {t: touches for t, touches in board._emulated.touched if touches}
+    assert 0.5 <= min(touched) <= max(touched) < 1.0
+    assert touched[min(touched)] == [Touch(0.03, 0.06, 0.006, 20e3)]
+    assert {frame.values[0] for frame in frames} == {1.0, 2.0}
+
+
+def test_a_hand_presses_until_it_is_taken_off(sensed: None, fast: Emulator) -> None:
+    fast.open()
+    fast.start()
+    assert {f.values[0] for f in collect(fast, 0.2)} == {1.0}
+    fast.touch(0.05, 0.05, 0.01, 10e3)
+    collect(fast, 0.2)  # what was measured before
+    assert {f.values[0] for f in collect(fast, 0.2)} == {2.0}
+    fast.release()
+    collect(fast, 0.2)
+    assert {f.values[0] for f in collect(fast, 0.2)} == {1.0}
+
+
+def test_a_touch_changes_the_voltages_of_the_emulated_sensor() -> None:
+    with Emulator(foam16()) as board:
+        board.start()
+        before = board.frames(2.0)[-1].values
+        board.touch(0.05, 0.05, 0.01, 30e3)
+        collect(board, 0.3)
+        after = board.frames(2.0)[-1].values
+    assert np.linalg.norm(after - before) > 0.02 * np.linalg.norm(before)
+
+
+def test_unplugged_and_plugged_again_it_is_the_same_sensor(sensed: None, fast: Emulator) -> None:
+    fast.open()
+    fast.start()
+    assert fast.frames(2.0)
+    before = fast._emulated
+    assert isinstance(before, Sensed)
+    fast.unplug()
+    with pytest.raises(BoardLostError, match="it was unplugged"):
+        collect(fast, 2.0)
+    fast.close()
+    with pytest.raises(BoardError, match="is unplugged: plug it in"):
+        fast.open()
+    fast.plug()
+    fast.open()
+    fast.start()
+    assert fast.frames(2.0)[0].number == 0
+    assert fast._emulated is before
+    times = [t for t, _ in before.touched]
+    assert times == sorted(times)  # the sensor has aged meanwhile
+
+
+def test_it_says_that_it_is_emulated(sensed: None, fast: Emulator) -> None:
+    assert fast.title == "emulated board (speaks 'teensy')"
+    fast.open()
+    assert fast.title == f"emulated board on {fast.port} (speaks 'teensy')"
+    fast.close()
+    with pytest.raises(BoardError, match="is switched off"):
+        _ = fast.port
+
+
+def test_it_does_not_measure_while_nobody_listens(sensed: None) -> None:
+    board = Emulator(sensor("ohmc16"), "openeit", rate_hz=50.0)  # sends without being told
+    board.switch_on()
+    time.sleep(0.2)
+    board.switch_off()
+    assert isinstance(board._emulated, Sensed)
+    assert len(board._emulated.touched) == 1  # when it was made
+
+
+def test_closing_it_leaves_no_thread_and_no_file(sensed: None) -> None:
+    def held() -> tuple[int, int]:
+        return threading.active_count(), len(list(Path("/proc/self/fd").iterdir()))
+
+    before = held()
+    for _ in range(3):
+        with Emulator(foam16(), rate_hz=50.0) as board:
+            board.start()
+            board.frames(0.5)
+            board.open()  # once more
+            board.start()
+            assert board.frames(2.0)
+    assert held() == before
+
+
+def test_another_program_opens_it(tmp_path: Path) -> None:
+    path = tmp_path / "touches.toml"
+    path.write_text(SCRIPT)
+    command = [sys.executable, "-m", "eitbench.cli", "emulate", "--script", str(path)]
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout is not None
+        assert process.stderr is not None
+        line = process.stdout.readline()
+        assert line.startswith("emulated board on /dev/pts/")
+        with TeensyBoard(foam16(), line.split()[3]) as board:
+            board.start()
+            assert board.frames(3.0)
+        process.send_signal(signal.SIGINT)
+        assert process.wait(10) == 130
+        assert process.stderr.read() == (
+            "Getting ready, which takes some seconds.\neitbench: Interrupted.\n"
+        )
+
+
+# Scripts
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (("x_mm = 30.0", "x_mm = 'left'"), "line 5, field 'touches[0].x_mm': Input should be a"),
+        (("end_s = 1.0", "end_s = 0.5"), "line 4, field 'touches[0].end_s': a touch ends later"),
+        (("radius_mm = 6.0", "radius_mm = 0"), "line 7, field 'touches[0].radius_mm'"),
+        (("radius_mm = 6.0", ""), "line 2, field 'touches[0].radius_mm': it is missing"),
+        (("radius_mm", "raduis_mm"), "field 'touches[0].r"),
+        (("pressure_kpa = 20.0", "pressure_kpa = inf"), "pressure_kpa'"),
+        (("[[touches]]", "[[touch]]"), "field 'touch"),
+        (("start_s = 0.5", "start_s ="), "not valid TOML"),
+    ],
+)
+def test_what_a_script_has_wrong_is_named_by_line_and_field(
+    change: tuple[str, str], says: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "bad.toml"
+    path.write_text(SCRIPT.replace(*change))
+    with pytest.raises(InputError) as caught:
+        read_script(path)
+    assert says in str(caught.value)
+    assert str(path) in str(caught.value)
+
+
+def test_the_documented_script_is_read(tmp_path: Path) -> None:
+    text = (Path(__file__).parents[3] / "docs/boards.md").read_text()
+    path = tmp_path / "touches.toml"
+    path.write_text(text.split("```toml\n")[1].split("```")[0])
+    script = read_script(path)
+    assert script.at(4.9) == script.at(8.0) == []
+    assert script.at(5.0) == [Touch(0.03, 0.06, 0.006, 20e3)]
+
+
+def test_a_script_that_is_missing_is_named(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="Cannot read the touch script"):
+        make_board("emulator", script=tmp_path / "no.toml", sensor=sensor("foam16"))

@@ -1,0 +1,106 @@
+"""A recorded set played back."""
+
+import time
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from eitbench.hardware.board import BoardError, Frame
+from eitbench.hardware.emulation import replay
+from eitbench.hardware.emulation.replay import Replay
+from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.recordings import RecordedFrames
+from eitbench.scenarios.recordings.catalogue import foam16, sensor
+from eitbench.scenarios.recordings.fetch import read_recording
+
+N = 20
+
+
+@pytest.fixture
+def recorded(monkeypatch: pytest.MonkeyPatch) -> RecordedFrames:
+    values = np.arange(N * 192.0).reshape(N, 192)
+    recording = RecordedFrames(values, np.full(192, -1.0), pd.DataFrame({"split": ["test"] * N}))
+    monkeypatch.setattr(replay, "read_recording", lambda name: recording)
+    return recording
+
+
+def collect(board: Replay, seconds: float) -> list[Frame]:
+    frames: list[Frame] = []
+    end = time.monotonic() + seconds
+    while time.monotonic() < end and not board.ended:
+        frames += board.frames(0.05)
+    return frames
+
+
+def test_frames_come_in_order_after_a_second_of_the_reference(recorded: RecordedFrames) -> None:
+    with Replay("ohmc16", speed=20) as board:
+        board.start()
+        frames = collect(board, 5.0)
+    assert [frame.number for frame in frames] == list(range(10 + N))
+    assert all((frame.values == recorded.reference).all() for frame in frames[:10])
+    np.testing.assert_array_equal([f.values for f in frames[10:]], recorded.voltages)
+    np.testing.assert_allclose(np.diff([f.time_s for f in frames]), 0.1 / 20)
+    assert board.health.frames == 10 + N
+    assert board.ended
+
+
+def test_frames_come_at_their_times(recorded: RecordedFrames) -> None:
+    with Replay("ohmc16", speed=4) as board:
+        begin = time.monotonic()
+        board.start()
+        frames = collect(board, 5.0)
+    for frame in frames:
+        assert frame.received_s - begin >= frame.time_s - 1e-6
+
+
+def test_it_pauses_and_goes_on_where_it_was(recorded: RecordedFrames) -> None:
+    with Replay("ohmc16", speed=20) as board:
+        board.start()
+        frames = collect(board, 0.05)
+        board.stop()
+        assert board.frames(0.1) == []
+        board.start()
+        frames += collect(board, 5.0)
+    assert [frame.number for frame in frames] == list(range(10 + N))
+
+
+def test_it_must_be_open(recorded: RecordedFrames) -> None:
+    with pytest.raises(BoardError, match="open it first"):
+        Replay("ohmc16").start()
+
+
+def test_after_the_last_frame_no_more_come(recorded: RecordedFrames) -> None:
+    with Replay("ohmc16", speed=1000) as board:
+        board.start()
+        collect(board, 5.0)
+        assert board.frames(0.05) == []
+        board.stop()
+        board.start()
+        assert board.frames(0.05) == []
+
+
+@pytest.mark.parametrize("speed", [0.0, -1.0, np.nan, np.inf])
+def test_a_speed_is_above_0(speed: float) -> None:
+    with pytest.raises(InputError, match="speed above 0"):
+        Replay("ohmc16", speed)
+
+
+def test_another_sensor_is_refused(recorded: RecordedFrames) -> None:
+    with pytest.raises(InputError, match="on sensor 'ohmc16', not on 'foam16'"):
+        Replay("ohmc16", sensor=foam16())
+    assert Replay("ohmc16", sensor=sensor("ohmc16")).sensor == sensor("ohmc16")
+
+
+def test_an_unknown_set_is_named() -> None:
+    with pytest.raises(InputError, match="Unknown recorded set 'ohmc61'"):
+        Replay("ohmc61")
+
+
+def test_a_real_set_is_played(recorded_data: Path) -> None:
+    recording = read_recording("sciospec-tank")
+    with Replay("sciospec-tank", speed=1000) as board:
+        board.start()
+        frames = collect(board, 10.0)
+    np.testing.assert_array_equal([f.values for f in frames[10:]], recording.voltages)

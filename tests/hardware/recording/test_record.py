@@ -1,0 +1,333 @@
+"""Recording a board: status, unplugging, guided sessions."""
+
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from eitbench.hardware.board import BoardError, Frame
+from eitbench.hardware.emulation.emulator import Emulator
+from eitbench.hardware.emulation.replay import Replay
+from eitbench.hardware.recording import record as loop
+from eitbench.hardware.recording.guided import CLASSICAL, Guide, Timing, suite_path, write_suite
+from eitbench.hardware.recording.record import is_emulated, record
+from eitbench.hardware.recording.recorder import Recorder, RecorderError
+from eitbench.hardware.recording.status import Monitor, Status
+from eitbench.methods.registry import methods
+from eitbench.scenarios import forward_model, load_suite, sensor
+from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.recordings import recorded_set
+from eitbench.scenarios.recordings.checking import check
+from eitbench.scenarios.recordings.files.recording_file import read_file
+from eitbench.scenarios.sensors.sensor import Sensor
+from eitbench.scenarios.suites.scenario import RecordedScenario
+
+Frames = Callable[[int], list[Frame]]
+Make = Callable[[Sequence[Frame]], Any]
+
+
+def of_foam(n: int, snr_db: float, *, first: int = 0, noisy: int | None = None) -> list[Frame]:
+    """Frames of the untouched default sensor, ten a second."""
+    foam = sensor("foam16")
+    clean = forward_model(foam).voltages(np.ones(foam.image_shape))
+    src, _, a, b = foam.pattern.table.T
+    draws = np.random.default_rng(first)
+    size = np.sqrt(np.mean(clean**2)) * 10 ** (-snr_db / 20)
+    values = clean + size * draws.normal(size=(n, len(clean)))
+    if noisy is not None:
+        extra = 10 * size * draws.normal(size=(n, 16))
+        values += extra[:, src] * ((a == noisy).astype(float) - (b == noisy))
+    return [Frame(first + k, k / 10, 100 + k / 10, v) for k, v in enumerate(values)]
+
+
+def test_status_says_what_is_seen() -> None:
+    monitor = Monitor(sensor("foam16"))
+    assert monitor.status(0).line() == (
+        "0 frames -/s  SNR - dB  0 lost  0 bad  recip. -%  suspect -"
+    )
+    monitor.add(of_foam(40, 60))
+    monitor.add([Frame(43, 4.3, 104.3, of_foam(1, 60)[0].values)])
+    status = monitor.status(damaged=2)
+    assert (status.frames, status.dropped, status.damaged, status.suspects) == (41, 3, 2, ())
+    assert status.rate_hz == pytest.approx(40 / 4.3)
+    assert status.snr_db == pytest.approx(60, abs=0.5)
+    assert status.reciprocity < 1e-3
+    assert "SNR 60 dB  3 lost  2 bad  recip. 0.0%" in status.line()
+
+
+def test_status_names_a_noisy_electrode() -> None:
+    monitor = Monitor(sensor("foam16"))
+    monitor.add(of_foam(50, 60, noisy=7))
+    assert monitor.status(0).suspects == (7,)
+    assert monitor.status(0).line().endswith("suspect 7")
+
+
+def test_a_long_status_fits_in_a_terminal() -> None:
+    status = Status(99_999, 100.0, 60.2, 999, 9, 0.123, tuple(range(15, -1, -1)))
+    assert len(status.line()) <= 80
+    assert status.line().endswith("recip. 12.3%  suspect 15,14+14")
+
+
+def test_frames_without_numbers_do_not_stop_the_status(skin: Sensor) -> None:
+    monitor = Monitor(skin)
+    monitor.add([Frame(k, k, k, np.full(40, np.nan)) for k in range(5)])
+    assert monitor.status(0).frames == 5
+    assert np.isnan(monitor.status(0).snr_db)
+
+
+def test_everything_a_board_sends_is_recorded(
+    tmp_path: Path, skin: Sensor, frames: Frames, board: Make
+) -> None:
+    made, shown = board(frames(60)), list[Status]()
+    made.wait_s = 0.025
+    with Recorder(tmp_path / "a.h5", skin, "fake") as recorder:
+        last = record(made, recorder, seconds=1.2, show=shown.append)
+    content, _ = read_file(tmp_path / "a.h5")
+    assert np.array_equal(content.values, [f.values for f in frames(60)])
+    assert last.frames == 60
+    assert 1 <= len(shown) <= 3
+    assert made.calls == ["start", "stop"]
+
+
+def test_a_board_that_goes_away_is_waited_for(
+    tmp_path: Path, skin: Sensor, frames: Frames, board: Make, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(loop, "AGAIN_S", 0.01)
+    before = frames(4)
+    # It counts from zero again, seven seconds later.
+    after = [Frame(k, k / 10, 12.5 + k / 10, f.values) for k, f in enumerate(frames(3))]
+    made, said = board([*before, *after]), list[str]()
+    made.lost_after, made.refusals = 2, 3
+    with Recorder(tmp_path / "a.h5", skin, "fake") as recorder:
+        record(made, recorder, seconds=0.5, say=said.append)
+    content, _ = read_file(tmp_path / "a.h5")
+    assert said == ["The board is gone. Waiting for it to return.", "The board is back."]
+    assert content.events["text"].tolist() == said
+    assert made.calls.count("open") == 4
+    assert content.number.tolist() == list(range(7))
+    # The clock goes on as that of this machine did: 5.3 s was the last, 12.5 s the next.
+    assert content.time_s.tolist() == pytest.approx([0, 0.1, 0.2, 0.3, 7.5, 7.6, 7.7])
+    assert not any("goes back" in problem for problem in check(tmp_path / "a.h5")[0])
+
+
+def test_an_emulated_board_is_unplugged_and_plugged_in_again(tmp_path: Path) -> None:
+    emulator, stop = Emulator(sensor("foam16"), rate_hz=50.0), threading.Event()
+    said = list[str]()
+    with emulator, Recorder(tmp_path / "a.h5", emulator.sensor, "emulator") as recorder:
+
+        def at_least(n: int) -> None:
+            while recorder.count < n:
+                time.sleep(0.02)
+
+        def by_hand() -> None:
+            at_least(20)
+            emulator.unplug()
+            while not said:
+                time.sleep(0.02)
+            before = recorder.count
+            emulator.plug()
+            at_least(before + 20)
+            stop.set()
+
+        hand = threading.Thread(target=by_hand)
+        hand.start()
+        record(emulator, recorder, stop=stop, say=said.append)
+        hand.join()
+    content, _ = read_file(tmp_path / "a.h5")
+    assert content.events["text"].tolist() == said
+    assert said[-1] == "The board is back."
+    assert len(content) >= 40
+    assert (np.diff(content.number) > 0).all()
+    assert (np.diff(content.time_s) > 0).all()
+
+
+def test_a_board_that_stays_away_does_not_outlast_the_time(
+    tmp_path: Path, skin: Sensor, board: Make, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(loop, "AGAIN_S", 0.01)
+    made = board([])
+    made.lost_after, made.refusals = 0, 10**6
+    with (
+        pytest.raises(RecorderError, match="Not one frame arrived"),
+        Recorder(tmp_path / "a.h5", skin, "fake") as recorder,
+    ):
+        assert record(made, recorder, seconds=0.3).frames == 0
+    assert made.calls.count("open") > 3
+
+
+def test_a_board_of_another_kind_ends_the_recording(
+    tmp_path: Path, skin: Sensor, frames: Frames, board: Make
+) -> None:
+    made = board(frames(2))
+
+    def wrong(wait_s: float) -> list[Frame]:
+        raise BoardError("It speaks another protocol.")
+
+    made.frames = wrong
+    with (
+        pytest.raises(BoardError, match="another protocol"),
+        Recorder(tmp_path / "a.h5", skin, "fake") as recorder,
+    ):
+        record(made, recorder)
+    assert made.calls == ["start", "stop"]
+
+
+def endless() -> Iterator[Frame]:
+    made = of_foam(50, 60)
+    k = 0
+    while True:
+        yield Frame(k, k / 100, time.monotonic(), made[k % 50].values)
+        k += 1
+
+
+def guided(
+    path: Path, board: Make, answers: Sequence[str], *, n: int = 4000
+) -> tuple[int, list[str], list[str]]:
+    """Touches, what was asked and what was said in a session with these answers."""
+    stream = endless()
+    made = board([next(stream) for _ in range(n)])
+    made.sensor, made.wait_s = sensor("foam16"), 0.01
+    asked, said, left = list[str](), list[str](), list(answers)
+
+    def ask(question: str) -> str:
+        asked.append(question)
+        return left.pop(0)
+
+    timing = Timing(reference_s=0.1, settle_s=0.03, hold_s=0.06)
+    with Recorder(path, made.sensor, "fake") as recorder:
+        guide = Guide(made, recorder, ask, said.append, timing)
+        guide.run()
+    assert not left
+    return guide.touches, asked, [sentence for sentence in said if "SNR" not in sentence]
+
+
+def test_a_guided_session_ends_in_a_set(tmp_path: Path, board: Make) -> None:
+    path = tmp_path / "touch.h5"
+    places = [(20, 30), (50.5, 30), (80, 30), (20, 70), (50, 70), (80, 70)]
+    answers = ["", "2", "4"]
+    for x, y in places:
+        answers += [f"{x}, {y}", "", "", "", ""]
+    touches, asked, said = guided(path, board, [*answers, ""])
+    assert touches == 12
+    assert asked[0] == "Leave the sensor untouched, and press Enter"
+    assert asked[4] == "Touch (20, 30) mm, hold still, and press Enter"
+    assert said[-1] == "12 touches so far."
+    content, condition = read_file(path)
+    assert condition.complete
+    assert len(content.reference) >= 5
+    labels = content.labels
+    assert labels["x_m"].tolist() == pytest.approx(np.repeat([p[0] / 1e3 for p in places], 2))
+    assert labels["state"].tolist()[2:4] == ["50.5 30", "50.5 30"]
+    assert set(labels["depth_mm"]) == {4.0}
+    assert (labels["last"] >= labels["first"]).all()
+    assert (labels["first"].to_numpy()[1:] > labels["last"].to_numpy()[:-1]).all()
+    assert check(path)[0] == []
+
+    write_suite(suite_path(path), path, sensor("foam16"), "fake", emulated=False)
+    suite = load_suite(tmp_path / "touch.toml")
+    own, public = suite.scenarios
+    assert isinstance(own, RecordedScenario)
+    assert (own.name, own.recording, public.name) == ("touch", str(path.resolve()), "ohmc16")
+    assert own.recorded_set.truth == "position"
+    assert set(CLASSICAL) <= set(methods())
+    with pytest.raises(InputError, match="exists already"):
+        suite_path(path)
+
+
+def test_an_emulated_board_is_pressed_by_the_session(tmp_path: Path) -> None:
+    emulator = Emulator(sensor("foam16"), rate_hz=50.0)
+    left = ["", "", "", "30 30", "70 60", ""]
+    timing = Timing(reference_s=0.4, settle_s=0.3, hold_s=0.3)
+    with emulator, Recorder(tmp_path / "a.h5", emulator.sensor, "emulator") as recorder:
+        guide = Guide(emulator, recorder, lambda _: left.pop(0), lambda _: None, timing)
+        guide.run()
+        assert guide.touches == 2
+    content, _ = read_file(tmp_path / "a.h5")
+    untouched = content.values[content.reference]
+    noise = np.linalg.norm(untouched - untouched.mean(axis=0), axis=1).max()
+    for first, last in zip(content.labels["first"], content.labels["last"], strict=True):
+        pressed = content.values[first : last + 1] - untouched.mean(axis=0)
+        assert (np.linalg.norm(pressed, axis=1) > 5 * noise).all()
+
+
+def test_typing_errors_are_asked_again(tmp_path: Path, board: Make) -> None:
+    answers = ["", "many", "2.5", "0", "1", "-3", "", "30", "30 x", "500 20", "30 20", "", "", ""]
+    touches, _, said = guided(tmp_path / "a.h5", board, answers)
+    assert touches == 1
+    assert said[1:-2] == [
+        "That is a whole number from 1 to 1000, got 'many'.",
+        "That is a whole number from 1 to 1000, got '2.5'.",
+        "That is a whole number from 1 to 1000, got '0'.",
+        "That is a number from 0 to 1000, got '-3'.",
+        "A place is two numbers such as 30 55, got '30'.",
+        "A place is two numbers such as 30 55, got '30 x'.",
+        "(500, 20) mm is outside the sensor, which reaches from (0, 0) to (100, 100) mm.",
+    ]
+    assert said[-2] == "1 touch so far."
+    assert said[-1].startswith("Too few touches to be judged (1)")
+
+
+def test_a_session_says_how_it_goes(tmp_path: Path, board: Make) -> None:
+    made, left, said = board(of_foam(400, 60)), ["", "", "", "30 20", "", "", ""], list[str]()
+    made.sensor, made.wait_s = sensor("foam16"), 0.01
+    timing = Timing(reference_s=0.8, settle_s=0.0, hold_s=0.1)
+    with Recorder(tmp_path / "a.h5", made.sensor, "fake") as recorder:
+        Guide(made, recorder, lambda _: left.pop(0), said.append, timing).run()
+    assert "SNR 60 dB" in said[0]
+    assert said[1].startswith("Reference: ")
+    assert "SNR 60 dB" in said[2]
+    assert said[3] == "1 touch so far."
+
+
+def test_a_board_that_fails_ends_the_session(tmp_path: Path, board: Make) -> None:
+    made = board([])
+    made.sensor = sensor("foam16")
+
+    def wrong(wait_s: float) -> list[Frame]:
+        raise BoardError("It speaks another protocol.")
+
+    made.frames = wrong
+    with (
+        pytest.raises(BoardError, match="another protocol"),
+        Recorder(tmp_path / "a.h5", made.sensor, "fake") as recorder,
+    ):
+        Guide(made, recorder, lambda question: "", lambda sentence: None).run()
+    assert not any(thread.name == "guided recording" for thread in threading.enumerate())
+
+
+def test_an_emulated_recording_never_counts_as_real(tmp_path: Path, frames: Frames) -> None:
+    assert is_emulated(Emulator(sensor("foam16")))
+    path = tmp_path / "touch.h5"
+    with Recorder(path, sensor("foam16"), "emulator", emulated=True) as recorder:
+        for frame in of_foam(6, 60):
+            recorder.append(frame)
+        recorder.untouched(0, 2)
+        recorder.label(3, 5, x_m=0.05, y_m=0.05)
+    replay = Replay(path)
+    assert is_emulated(replay)
+    assert recorded_set(str(path)).title == "own recording with an emulated board, touches: 1"
+    write_suite(suite_path(path), path, sensor("foam16"), "emulator", emulated=True)
+    suite = load_suite(tmp_path / "touch.toml")
+    assert suite.scenarios[0].name == "emulated-touch"
+    assert suite.title == "Touches on foam16, recorded with an emulated board"
+    written = tmp_path / "touch.toml"
+    written.write_text(written.read_text().replace('"emulated-touch"', '"touch"'))
+    with pytest.raises(InputError, match=r"scenarios\[0\].name': .*must say so: 'emulated-touch'"):
+        load_suite(written)
+
+
+def test_a_recording_is_played_and_recorded_again(tmp_path: Path) -> None:
+    made = of_foam(12, 60)
+    with Recorder(tmp_path / "a.h5", sensor("foam16"), "fake") as recorder:
+        for frame in made:
+            recorder.append(frame)
+    replay = Replay(tmp_path / "a.h5", speed=20)
+    with replay, Recorder(tmp_path / "b.h5", replay.sensor, "replay") as recorder:
+        record(replay, recorder)
+    content, _ = read_file(tmp_path / "b.h5")
+    assert np.array_equal(content.values, [frame.values for frame in made])
+    assert not is_emulated(replay)

@@ -1,0 +1,232 @@
+"""Recording: what is written can be read, whatever stops it."""
+
+import random
+import resource
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from eitbench.hardware.board import Frame
+from eitbench.hardware.recording.recorder import Recorder, RecorderError
+from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.recordings.files.recording_file import Condition, read_file
+from eitbench.scenarios.sensors.sensor import Sensor
+
+Frames = Callable[[int], list[Frame]]
+WHOLE = Condition(complete=True, trimmed=0, damaged=(), sealed=True)
+
+
+def record(path: Path, skin: Sensor, frames: list[Frame]) -> None:
+    with Recorder(path, skin, "fake", firmware="1.2", emulated=True, started="2026") as recorder:
+        for frame in frames:
+            recorder.append(frame)
+        recorder.untouched(0, 2)
+        recorder.label(3, 4, x_m=0.01, y_m=0.02, depth_mm=3.0, state="a")
+        recorder.label(5, 5)
+        recorder.event("x" + "ü" * 200, 5.3)
+
+
+def test_what_is_recorded_is_read_bit_by_bit(tmp_path: Path, skin: Sensor, frames: Frames) -> None:
+    made = frames(500)
+    record(tmp_path / "a.h5", skin, made)
+    content, condition = read_file(tmp_path / "a.h5")
+    assert condition == WHOLE
+    assert (content.sensor, content.sensor.name) == (skin, "skin")
+    assert (content.board, content.firmware, content.emulated) == ("fake", "1.2", True)
+    assert content.started == "2026"
+    assert np.array_equal(content.values, [frame.values for frame in made])
+    assert np.array_equal(content.number, [frame.number for frame in made])
+    assert np.array_equal(content.time_s, [frame.time_s for frame in made])
+    assert np.array_equal(content.received_s, [frame.received_s for frame in made])
+    assert content.reference.tolist() == [0, 1, 2]
+    first, second = content.labels.to_dict("records")
+    assert first == {
+        "first": 3, "last": 4, "x_m": 0.01, "y_m": 0.02, "depth_mm": 3.0, "state": "a",
+    }  # fmt: skip
+    assert np.isnan(second["x_m"])
+    (event,) = content.events.to_dict("records")
+    assert event["time_s"] == 5.3
+    assert event["text"] == "x" + "ü" * 127  # 255 bytes: whole characters only
+
+
+def test_any_program_can_read_a_closed_file(tmp_path: Path, skin: Sensor, frames: Frames) -> None:
+    record(tmp_path / "a.h5", skin, frames(7))
+    with h5py.File(tmp_path / "a.h5", "r") as file:
+        assert file["frames/values"].shape == (7, 40)
+        assert bytes(file["frames/time_s"].attrs["units"]) == b"s"
+        assert np.array_equal(file["pattern"], skin.pattern.table)
+    assert (tmp_path / "a.h5").stat().st_size < 200_000  # the room that was taken is given back
+
+
+def test_a_file_can_be_read_while_it_is_written(
+    tmp_path: Path, skin: Sensor, frames: Frames
+) -> None:
+    path = tmp_path / "a.h5"
+    with Recorder(path, skin, "fake") as recorder:
+        for frame in frames(30):
+            recorder.append(frame)
+        while len(read_file(path)[0]) < 30:
+            time.sleep(0.05)
+        assert not read_file(path)[1].complete
+    assert read_file(path)[1] == WHOLE
+
+
+def test_nothing_is_overwritten(tmp_path: Path, skin: Sensor, frames: Frames) -> None:
+    record(tmp_path / "a.h5", skin, frames(7))
+    before = (tmp_path / "a.h5").read_bytes()
+    with pytest.raises(InputError, match="exists already and is never overwritten"):
+        Recorder(tmp_path / "a.h5", skin, "fake")
+    assert (tmp_path / "a.h5").read_bytes() == before
+    with pytest.raises(InputError, match=r"ends in \.h5"):
+        Recorder(tmp_path / "a.csv", skin, "fake")
+    with pytest.raises(RecorderError, match="Cannot write the recording"):
+        Recorder(tmp_path / "none" / "a.h5", skin, "fake")
+
+
+def test_frames_of_another_sensor_are_refused(tmp_path: Path, skin: Sensor) -> None:
+    with (
+        pytest.raises(InputError, match=r"'skin' has 40 values, and a frame has 208"),
+        Recorder(tmp_path / "a.h5", skin, "fake") as recorder,
+    ):
+        recorder.append(Frame(0, 0.0, 0.0, np.zeros(208)))
+    assert list(tmp_path.iterdir()) == []  # another attempt may take the name
+
+
+def test_without_a_frame_there_is_no_recording(tmp_path: Path, skin: Sensor) -> None:
+    def empty() -> None:
+        with Recorder(tmp_path / "a.h5", skin, "fake") as recorder:
+            recorder.event("nothing came", 0.0)
+
+    with pytest.raises(RecorderError, match="Not one frame arrived, so that there is no recording"):
+        empty()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_fails_later_is_kept(tmp_path: Path, skin: Sensor, frames: Frames) -> None:
+    def interrupted() -> None:
+        with Recorder(tmp_path / "a.h5", skin, "fake") as recorder:
+            recorder.append(frames(1)[0])
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
+    content, condition = read_file(tmp_path / "a.h5")
+    assert (len(content), condition) == (1, WHOLE)
+
+
+WRITER = """
+import sys, time
+from pathlib import Path
+import numpy as np
+from eitbench.hardware.board import Frame
+from eitbench.hardware.recording.recorder import Recorder
+from eitbench.scenarios import sensor
+
+recorder = Recorder(Path(sys.argv[1]), sensor("foam16"), "fake")
+k = 0
+while True:
+    # Now and then nothing arrives for longer than a second: what came before must be there.
+    time.sleep(1.5 if k % 400 == 399 else 0.004)
+    recorder.append(Frame(k, k / 200, time.monotonic(), np.full(208, float(k))))
+    k += 1
+    print(k, time.monotonic(), flush=True)
+"""
+
+
+@contextmanager
+def written_to(path: Path) -> Iterator[subprocess.Popen[str]]:
+    command = [sys.executable, "-c", WRITER, str(path)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
+def lost_in_a_kill(path: Path, after_s: float) -> None:
+    """Kill a recorder, and show that no frame older than a second is lost."""
+    with written_to(path) as process:
+        assert process.stdout is not None
+        process.stdout.readline()
+        time.sleep(after_s)
+        killed = time.monotonic()
+        process.kill()
+        told = [line.split() for line in process.stdout.read().splitlines() if line.count(" ") == 1]
+    content, condition = read_file(path)
+    old = [int(count) for count, at in told if float(at) < killed - 1]
+    assert len(content) >= max(old, default=0)
+    assert not condition.complete
+    assert not condition.damaged
+    assert np.array_equal(content.number, np.arange(len(content)))
+    assert np.array_equal(content.values, np.repeat(content.number[:, None], 208, axis=1))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_kill_loses_at_most_the_last_second(tmp_path: Path, seed: int) -> None:
+    lost_in_a_kill(tmp_path / "a.h5", random.Random(seed).uniform(0.1, 3.0))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(100, 200))
+def test_no_kill_of_many_loses_more_than_the_last_second(tmp_path: Path, seed: int) -> None:
+    lost_in_a_kill(tmp_path / "a.h5", random.Random(seed).uniform(0.1, 4.0))
+
+
+FULL = """
+import resource, sys, time
+from pathlib import Path
+import numpy as np
+from eitbench.hardware.board import Frame
+from eitbench.hardware.recording.recorder import Recorder, RecorderError
+from eitbench.scenarios import sensor
+
+resource.setrlimit(resource.RLIMIT_FSIZE, (4 << 20, 4 << 20))
+recorder = Recorder(Path(sys.argv[1]), sensor("foam16"), "fake")
+try:
+    for k in range(1_000_000):
+        recorder.append(Frame(k, k / 200, k / 200, np.full(208, float(k))))
+        time.sleep(0.001)
+except RecorderError as error:
+    print(error)
+try:
+    recorder.close()
+except RecorderError as error:
+    print(error)
+"""
+
+
+def test_a_full_disk_is_one_sentence_and_leaves_a_readable_file(tmp_path: Path) -> None:
+    path = tmp_path / "a.h5"
+    done = subprocess.run(
+        [sys.executable, "-c", FULL, str(path)], capture_output=True, text=True, check=True
+    )
+    content, condition = read_file(path)
+    sentence = (
+        f"The recording {path} was stopped, since the disk is full: the {len(content)} frames "
+        "until then are in it."
+    )
+    assert done.stdout.splitlines() == [sentence, sentence]
+    assert done.stderr == ""
+    assert len(content) > 500
+    assert (condition.complete, condition.trimmed, condition.damaged) == (False, 0, ())
+
+
+@pytest.mark.parametrize("room", [100, 100_000])
+def test_a_disk_that_is_full_from_the_start_leaves_nothing(
+    tmp_path: Path, skin: Sensor, room: int
+) -> None:
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (room, before[1]))
+    try:
+        with pytest.raises(RecorderError, match="the disk is full: nothing is kept; make room"):
+            Recorder(tmp_path / "a.h5", skin, "fake")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert list(tmp_path.iterdir()) == []

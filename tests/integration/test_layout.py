@@ -1,0 +1,82 @@
+"""The layout: folders, links and wheel agree, and subpackages import only what lies below them."""
+
+import runpy
+import tomllib
+import zipfile
+from graphlib import TopologicalSorter
+from pathlib import Path
+
+import pytest
+from hatchling.builders.wheel import WheelBuilder
+
+ROOT = Path(__file__).resolve().parents[2]
+FOLDERS = {
+    "scenarios": set(),
+    "methods": {"scenarios"},
+    "benchmark": {"scenarios", "methods"},
+    "hardware": {"scenarios", "methods"},
+    "reports": {"benchmark"},
+}
+
+
+@pytest.fixture(scope="module")
+def graph() -> dict[str, set[str]]:
+    """For each subpackage those that it imports."""
+    found: dict[str, set[str]] = runpy.run_path(str(Path(__file__).with_name("import_graph.py")))[
+        "import_graph"
+    ]()
+    return found
+
+
+def test_links_lead_to_the_folders() -> None:
+    links = {p.name: p for p in (ROOT / "src/eitbench").iterdir() if p.is_symlink()}
+    assert set(links) == set(FOLDERS)
+    for name, link in links.items():
+        assert link.readlink() == Path(f"../../{name}")
+
+
+def test_a_wheel_holds_every_module_once(tmp_path: Path) -> None:
+    (wheel,) = WheelBuilder(str(ROOT)).build(directory=str(tmp_path), versions=["standard"])
+    packed = [name for name in zipfile.ZipFile(wheel).namelist() if name.endswith(".py")]
+    modules = [
+        p.relative_to(ROOT).as_posix() for name in FOLDERS for p in (ROOT / name).rglob("*.py")
+    ]
+    front = ROOT / "src/eitbench"
+    modules += [
+        p.relative_to(front).as_posix()
+        for p in front.rglob("*.py")
+        if p.relative_to(front).parts[0] not in FOLDERS
+    ]
+    assert sorted(packed) == sorted(f"eitbench/{module}" for module in modules)
+
+
+def test_the_source_distribution_packs_the_same_folders() -> None:
+    targets = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["hatch"]["build"][
+        "targets"
+    ]
+    assert targets["sdist"]["only-include"] == [
+        *targets["wheel"]["only-include"],
+        "examples",
+        "tests",
+    ]
+
+
+def test_folders_import_only_what_they_may(graph: dict[str, set[str]]) -> None:
+    for node, imported in graph.items():
+        folder = node.split("/")[0]
+        for other in imported:
+            assert other.split("/")[0] in FOLDERS[folder] | {folder}, f"{node} imports {other}"
+
+
+def test_no_subpackages_import_each_other_in_a_cycle(graph: dict[str, set[str]]) -> None:
+    assert len(list(TopologicalSorter(graph).static_order())) == len(graph)
+    assert "benchmark/run" in graph["benchmark/studies"]  # the graph is not empty by mistake
+
+
+def test_no_reader_can_run_what_it_reads() -> None:
+    """Files we read are data: no pickle, no eval, no shell."""
+    for folder in FOLDERS:
+        for file in (ROOT / folder).rglob("*.py"):
+            text = file.read_text()
+            assert "pickle" not in text.replace("allow_pickle=False", ""), file
+            assert "shell=True" not in text, file

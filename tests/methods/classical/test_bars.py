@@ -1,0 +1,118 @@
+"""What methods must reach with the packaged choices and weights, on 60 samples (10 a family)."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from eitbench.benchmark.metrics import image_metrics as metrics
+from eitbench.benchmark.metrics.evaluation import REGISTRATION_FRAMES, evaluate, fit_registration
+from eitbench.benchmark.tuning.selection import selected_parameters
+from eitbench.benchmark.workers.method_service import scenario_splits
+from eitbench.methods import Problem, create
+from eitbench.scenarios.data.datasets import load
+from eitbench.scenarios.suites.suite import scenarios
+
+SAMPLES = 60
+ENDS = ("paper", "paper-30db")
+LEVELS = ["paper", "paper-60db", "paper-50db", "paper-40db", "paper-30db"]
+
+
+@cache
+def figures(scenario: str, name: str) -> dict[str, float]:
+    """Mean SSIM, CC, RIE and PSNR of `name` on the first test samples of `scenario`."""
+    data = load(scenario, limit=SAMPLES)
+    method = create(name, **(selected_parameters(scenarios()[scenario], name) or {}))
+    method.fit(Problem(data.sensor, data.reference, lambda split, n: load(scenario, split, n)))
+    estimates = method.reconstruct(data.voltages)
+    truth, span = data.conductivity, data.sensor.data_range
+    assert truth is not None
+    return {
+        "ssim": float(metrics.ssim(truth, estimates, span).mean()),
+        "cc": float(metrics.cc(truth, estimates).mean()),
+        "rie": float(metrics.rie(truth, estimates).mean()),
+        "psnr": float(metrics.psnr(truth, estimates, span).mean()),
+    }
+
+
+def test_noser() -> None:
+    assert figures("paper", "noser")["cc"] >= 0.79
+    assert figures("paper", "noser")["psnr"] >= 18.5
+    assert figures("paper-50db", "noser")["cc"] >= 0.72
+
+
+def test_total_variation() -> None:
+    assert figures("paper", "tv")["ssim"] >= 0.82
+    assert figures("paper", "tv")["psnr"] >= 20.5
+    assert figures("paper-50db", "tv")["ssim"] >= 0.80
+
+
+@pytest.mark.parametrize(
+    "scenario",
+    [pytest.param(name, marks=() if name in ENDS else pytest.mark.slow) for name in LEVELS],
+)
+def test_total_variation_beats_noser_at_every_noise_level(scenario: str) -> None:
+    tv, noser = figures(scenario, "tv"), figures(scenario, "noser")
+    assert tv["ssim"] > noser["ssim"]
+    assert tv["psnr"] > noser["psnr"]
+
+
+@pytest.mark.parametrize("scenario", ["paper", "paper-50db", "paper-30db"])
+def test_the_packaged_network_beats_total_variation(scenario: str) -> None:
+    dnn, tv = figures(scenario, "dnn"), figures(scenario, "tv")
+    assert all(dnn[name] > tv[name] for name in ("ssim", "cc", "psnr"))
+    assert dnn["rie"] < tv["rie"]
+
+
+def test_the_packaged_network_on_clean_frames() -> None:
+    """On all 6,000 they are 0.949, 0.962, 0.0366 and 30.2 dB."""
+    found = figures("paper", "dnn")
+    assert found["ssim"] >= 0.945
+    assert found["cc"] >= 0.955
+    assert found["rie"] <= 0.042
+    assert found["psnr"] >= 29.5
+
+
+def test_gauss_newton_steps_improve_the_network_they_continue() -> None:
+    """On all 6,000 they are 0.955, 0.970, 0.0318 and 31.3 dB."""
+    network, refined = figures("paper", "dnn"), figures("paper", "learned-gn")
+    assert all(refined[name] > network[name] for name in ("ssim", "cc", "psnr"))
+    assert refined["rie"] < network["rie"]
+    assert refined["psnr"] >= 31
+
+
+@pytest.mark.slow
+def test_nonlinear_total_variation() -> None:
+    assert figures("paper", "gauss-newton-tv")["ssim"] >= 0.86
+    assert figures("paper", "gauss-newton-tv")["psnr"] >= 26
+    assert figures("paper-50db", "gauss-newton-tv")["psnr"] >= 23
+
+
+@pytest.mark.usefixtures("recorded_data")
+def test_noser_finds_presses_on_a_real_skin() -> None:
+    """The median error on the 400 test presses is at most 13 mm; guessing the centre gives 50."""
+    validation = load("ohmc16", split="validation", limit=REGISTRATION_FRAMES)
+    test = load("ohmc16", split="test")
+    assert len(test.voltages) == 400
+    method = create("noser", **(selected_parameters(scenarios()["ohmc16"], "noser") or {}))
+    method.fit(Problem(test.sensor, test.reference, lambda split, n: load("ohmc16", split, n)))
+    registration = fit_registration(validation, method.reconstruct(validation.voltages))
+    errors = evaluate(test, method.reconstruct(test.voltages), registration)["localisation_mm"]
+    assert np.median(errors) <= 13
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("recorded_data")
+def test_what_simulated_presses_teach_beats_greit_on_a_real_skin() -> None:
+    """Medians on the 400 test presses: 8.3 mm against 9.4 mm of the best classical method."""
+    errors = {}
+    for name in ("linear-touch", "greit"):
+        method = create(name, **(selected_parameters(scenarios()["ohmc16"], name) or {}))
+        validation = load("ohmc16", split="validation", limit=REGISTRATION_FRAMES)
+        test = load("ohmc16", split="test")
+        splits = scenario_splits(scenarios()["ohmc16"])
+        method.fit(Problem(test.sensor, test.reference, splits))
+        registration = fit_registration(validation, method.reconstruct(validation.voltages))
+        judged = evaluate(test, method.reconstruct(test.voltages), registration)
+        errors[name] = np.median(judged["localisation_mm"])
+    assert errors["linear-touch"] < 0.95 * errors["greit"]

@@ -1,0 +1,444 @@
+"""The learned methods: they learn, train reproducibly, and load what belongs to the sensor."""
+
+import csv
+import json
+import math
+import os
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from eitbench.cli import main
+from eitbench.methods import Problem, create
+from eitbench.methods.learned.image_networks import Dnn
+from eitbench.methods.training import Devices, Request, TrainingInterruptedError, learned, train
+from eitbench.methods.training.checkpoint import FILE
+from eitbench.methods.training.job import Training
+from eitbench.methods.training.keeper import DivergedError
+from eitbench.methods.training.learned import LearnedTrainee
+from eitbench.methods.training.recipe import Recipe
+from eitbench.methods.training.trainee import Data
+from eitbench.methods.weights import weight_files
+from eitbench.methods.weights.tensor_file import read_tensors, write_tensors
+from eitbench.scenarios.data.datasets import Dataset, load
+from eitbench.scenarios.errors import DataCorruptError, InputError
+from eitbench.scenarios.sensors.sensor import Sensor
+from eitbench.scenarios.suites.scenario import SimulatedScenario
+
+SCENARIO = SimulatedScenario(
+    name="tiny",
+    image_shape=(16, 16),
+    families=("circle",),
+    train=240,
+    validation=60,
+    test=60,
+)
+NOISY = """
+[[scenarios]]
+kind = "simulated"
+name = "noisy"
+sensor = "foam16"
+image_shape = [12, 12]
+families = ["circle"]
+noise = { train = "mixture", validation = "mixture" }
+train = 130
+validation = 8
+test = 1
+"""
+SENSOR = SCENARIO.nominal_sensor
+QUICK: dict[str, Any] = {"operator": "jacobian"}
+
+
+def suite(folder: Path, scenario: str) -> str:
+    path = folder / "tiny.toml"
+    path.write_text(f'name = "tiny"\ntitle = "tiny"\nmethods = ["noser"]\n{scenario}')
+    return str(path)
+
+
+def declared(scenario: SimulatedScenario) -> str:
+    fields = scenario.model_dump(mode="json", exclude_defaults=True) | {"kind": "simulated"}
+    return "\n".join(["[[scenarios]]", *(f"{k} = {json.dumps(v)}" for k, v in fields.items())])
+
+
+def problem(gain: float = 1.0, s: Sensor = SENSOR) -> Problem:
+    def splits(split: str, limit: int | None) -> Dataset:
+        data = load(SCENARIO, split, limit)
+        return replace(data, voltages=gain * data.voltages, reference=gain * data.reference)
+
+    return Problem(s, gain * load(SCENARIO, "test", 1).reference, splits)
+
+
+def mse(method: Any) -> float:
+    method.fit(problem())
+    test = load(SCENARIO)
+    return float(np.mean((method.reconstruct(test.voltages) - test.conductivity) ** 2))
+
+
+def state(folder: Path) -> dict[str, torch.Tensor]:
+    found = read_tensors(folder / FILE)
+    assert found is not None
+    return found[0]
+
+
+def rows(folder: Path) -> list[dict[str, float]]:
+    with (folder / "curve.csv").open() as file:
+        return [{k: float(v) for k, v in row.items()} for row in csv.DictReader(file)]
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory: pytest.TempPathFactory) -> Training:
+    folder = tmp_path_factory.mktemp("trained")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(learned, "BATCH", 32)
+        tiny = suite(folder, declared(SCENARIO))
+        request = Request("dnn", tiny, epochs=30, out=folder / "out", use=False, **QUICK)
+        return train(request)
+
+
+@pytest.fixture(autouse=True)
+def _own_weights(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(weight_files, "user_weights", lambda: tmp_path / "weights")
+    monkeypatch.setattr(weight_files, "packaged_weights", lambda: tmp_path / "packaged")
+    monkeypatch.setattr("eitbench.methods.training.job.user_weights", weight_files.user_weights)
+
+
+def install(result: Training) -> Path:
+    path = weight_files.user_weights() / result.weights.name
+    path.parent.mkdir(exist_ok=True)
+    path.write_bytes(result.weights.read_bytes())
+    return path
+
+
+def test_a_network_learns_what_no_linear_map_can(trained: Training) -> None:
+    linear, network = mse(create("linear-learned")), mse(Dnn(str(trained.weights)))
+    assert network < 0.8 * linear
+    assert trained.baseline_mse == pytest.approx(linear, rel=0.3)
+    assert trained.validation_mse == pytest.approx(network, rel=0.3)
+    assert linear < mse(create("noser"))
+    about = json.loads(trained.weights.with_suffix(".json").read_text())
+    assert about["command"].endswith(" --epochs 30 --seed 0 --operator jacobian")
+    table = rows(trained.weights.parent)
+    assert table == about["curve"]
+    assert len(table) == 30
+    assert min(row["validation"] for row in table) == float(about["validation_mse"])
+    # Images that resemble the truth explain the voltages better, though none asked them to.
+    assert table[-1]["validation_physical"] < 0.95 * table[0]["validation_physical"]
+    assert {"train", "train_physical", "rate", "seconds"} < set(table[0])
+
+
+@pytest.mark.parametrize("name", ["dnn", "linear-learned"])
+def test_the_gain_of_a_board_does_not_matter(name: str, trained: Training) -> None:
+    install(trained)
+    frames = load(SCENARIO, limit=3).voltages
+    images = []
+    for gain in (1.0, 3e4):
+        method = create(name)
+        method.fit(problem(gain))
+        images.append(method.reconstruct(gain * frames))
+    assert images[0].shape == (3, 16, 16)
+    assert images[0].dtype == np.float64
+    assert images[0].min() >= 0.05
+    assert images[0].max() <= 1.0
+    np.testing.assert_allclose(images[1], images[0], atol=1e-5)
+
+
+def test_an_untouched_frame_gives_the_background(trained: Training) -> None:
+    install(trained)
+    p = problem()
+    for name, allowed in (("linear-learned", 1e-12), ("dnn", 0.05)):
+        method = create(name)
+        method.fit(p)
+        assert np.abs(method.reconstruct(p.reference[None]) - 1).max() <= allowed
+
+
+def test_the_users_own_weights_are_used_unless_a_file_is_named(trained: Training) -> None:
+    path = install(trained)
+    content = read_tensors(path)
+    assert content is not None
+    other = {name: 0.9 * tensor for name, tensor in content[0].items()}
+    Dnn.files.save(path, SENSOR, other, content[1])
+    frames = load(SCENARIO, limit=2).voltages
+    images = []
+    for method in (Dnn(), Dnn(str(trained.weights))):
+        method.fit(problem())
+        images.append(method.reconstruct(frames))
+    assert np.abs(images[0] - images[1]).max() > 0.01
+    with pytest.raises(InputError, match=r"no file of weights .*nowhere.*eitbench train dnn"):
+        Dnn("nowhere").fit(problem())
+
+
+def test_weights_that_do_not_belong_are_refused(
+    trained: Training, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with pytest.raises(InputError, match=r"'dnn' has no weights .*`eitbench train dnn --suite"):
+        create("dnn").fit(problem())
+    other = replace(SENSOR, background=1.5)
+    path = install(trained)
+    path.rename(path.with_name(Dnn.files.file_name(other)))
+    with pytest.raises(InputError, match="weights for another sensor"):
+        create("dnn").fit(problem(s=other))
+    path = install(trained)
+    whole = path.read_bytes()
+    path.write_bytes(whole[:-9])
+    with pytest.raises(DataCorruptError, match=r"is damaged.*train again with `eitbench train dnn"):
+        create("dnn").fit(problem())
+    for tensors, about in (({"x": torch.zeros(2)}, {"backbone": "unet"}), ({}, {})):
+        Dnn.files.save(path, SENSOR, tensors, about)
+        with pytest.raises(DataCorruptError, match="does not hold the weights of 'dnn'"):
+            create("dnn").fit(problem())
+    path.write_bytes(whole)
+    monkeypatch.setattr(Dnn, "files", replace(Dnn.files, version="9"))
+    with pytest.raises(InputError, match="version 1 of 'dnn', and this is version 9"):
+        create("dnn").fit(problem())
+    write_tensors(path, {}, {})
+    with pytest.raises(InputError, match="weights for another sensor, None"):
+        create("dnn").fit(problem())
+
+
+def test_an_interrupted_training_continues_as_if_it_had_not_been(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of `phydnn`, whose loss changes on the way, with noise and symmetries that are drawn."""
+    noisy = suite(tmp_path, NOISY)
+    step, calls = LearnedTrainee.training_step, []
+
+    def stopping(self: LearnedTrainee, batch: Data, index: int) -> torch.Tensor:
+        calls.append(index)
+        if len(calls) == 8:  # in the third of five epochs, and after the loss changed
+            os.kill(os.getpid(), signal.SIGINT)
+            time.sleep(0.01)
+        return step(self, batch, index)
+
+    def run(name: str, seed: int = 4) -> Training:
+        out = tmp_path / name
+        return train(Request("phydnn", noisy, epochs=5, seed=seed, out=out, **QUICK))
+
+    monkeypatch.setattr(LearnedTrainee, "training_step", stopping)
+    with pytest.raises(TrainingInterruptedError):
+        run("stopped")
+    assert len(rows(tmp_path / "stopped")) == 2
+    result = run("stopped")
+    run("whole")
+    run("other", seed=5)
+    one, two, other = (state(tmp_path / name) for name in ("stopped", "whole", "other"))
+    assert all(torch.equal(one[name], two[name]) for name in two)
+    assert any(not torch.equal(one[name], other[name]) for name in two)
+    timeless = [
+        [{k: v for k, v in row.items() if k != "seconds"} for row in rows(tmp_path / name)]
+        for name in ("stopped", "whole")
+    ]
+    assert timeless[0] == timeless[1]
+    assert result.in_use
+    assert result.weights.parent == weight_files.user_weights()
+    assert "'phydnn' uses them from now on" in " ".join(result.sentences())
+    method = create("phydnn")
+    method.fit(Problem(*sensor_and_reference(noisy), splits=no_split))
+    assert method.reconstruct(load_noisy(noisy).voltages).shape == (1, 12, 12)
+
+
+def scenario_of(path: str) -> SimulatedScenario:
+    from eitbench.scenarios.suites.suite import load_suite
+
+    scenario = load_suite(path).scenarios[0]
+    assert isinstance(scenario, SimulatedScenario)
+    return scenario
+
+
+def load_noisy(path: str) -> Dataset:
+    return load(scenario_of(path), "test")
+
+
+def sensor_and_reference(path: str) -> tuple[Sensor, Any]:
+    return scenario_of(path).nominal_sensor, load_noisy(path).reference
+
+
+def no_split(split: str, limit: int | None) -> Dataset:
+    raise AssertionError(f"a trained method asked for the {split} split")
+
+
+@pytest.mark.slow
+def test_the_physical_loss_is_minimised_after_a_third_of_the_epochs_and_not_before(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    more = NOISY.replace("validation = 8", "validation = 100").replace("130", "512")
+    clean = suite(tmp_path, more.replace('"mixture"', '"clean"'))
+    monkeypatch.setattr(learned, "RATE", 1e-4)
+
+    def run(name: str, beta: float | None = None) -> list[dict[str, float]]:
+        method = "dnn" if name == "dnn" else "phydnn"
+        out = tmp_path / name
+        train(Request(method, clean, epochs=12, out=out, operator="fem", beta=beta))
+        return rows(tmp_path / name)
+
+    dnn, weak, strong = run("dnn"), run("weak"), run("strong", beta=0.3)
+    losses = ("train", "validation", "train_physical", "validation_physical")
+    for row in range(12):
+        same = [[table[row][key] for key in losses] for table in (dnn, weak, strong)]
+        before = row < 4  # 30 % of 12 epochs
+        assert (same[0] == same[1] == same[2]) is before
+        assert (same[0] != same[1]) is not before
+    assert strong[-1]["train_physical"] < 0.8 * dnn[-1]["train_physical"]
+
+
+def test_the_gradient_is_that_of_both_losses(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A step's loss is data + beta * physical, of the images and frames of that very step.
+
+    The physical loss is that of a quarter of them.
+    """
+    seen: list[tuple[float, float, float]] = []
+    step = LearnedTrainee.training_step
+
+    def watched(self: LearnedTrainee, batch: Data, index: int) -> torch.Tensor:
+        random = torch.get_rng_state()
+        objective = step(self, batch, index)
+        torch.set_rng_state(random)
+        difference, truth, motion = self._augmentation(*batch)
+        relative = self._images(difference)
+        data = (relative - truth).square().mean()
+        part = slice(math.ceil(len(truth) / 4))
+        physical = self._physical(relative[part], difference[part], motion)
+        seen.append((objective.item(), data.item(), physical.item()))
+        return objective
+
+    monkeypatch.setattr(LearnedTrainee, "training_step", watched)
+    noisy = suite(tmp_path, NOISY)
+    train(Request("phydnn", noisy, epochs=3, out=tmp_path / "o", beta=0.5, **QUICK))
+    assert len(seen) == 9
+    for number, (objective, data, physical) in enumerate(seen):
+        expected = data if number < 3 else data + 0.5 * physical
+        assert objective == pytest.approx(expected, rel=1e-5)
+        assert physical > 0
+
+
+def test_a_training_that_diverges_says_so_and_keeps_what_was_good(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    rate_at = Recipe.rate_at
+    monkeypatch.setattr(
+        Recipe, "rate_at", lambda self, share: 1e30 if share > 0.45 else rate_at(self, share)
+    )
+    noisy, out = suite(tmp_path, NOISY), tmp_path / "out"
+    command = ["eitbench", "train", "phydnn", "--suite", noisy, "--operator", "fem"]
+    monkeypatch.setattr(sys, "argv", [*command, "--epochs", "6", "--out", str(out)])
+    with pytest.raises(SystemExit) as stop:
+        main()
+    assert stop.value.code == 1
+    lines = capfd.readouterr().err.splitlines()
+    assert lines[-1].startswith(f"eitbench: The training in {out} diverged: a loss in epoch ")
+    kept = len(rows(out))
+    assert kept >= 2
+    assert lines[-1].endswith(
+        f"epoch {kept + 1} is not finite; its state after epoch {kept} is kept."
+    )
+    assert "Traceback" not in "".join(lines)
+    assert all(torch.isfinite(tensor).all() for tensor in state(out).values())
+    with pytest.raises(DivergedError):
+        train(Request("phydnn", noisy, epochs=6, out=out, operator="fem"))
+    assert len(rows(out)) == kept
+
+
+def test_it_ends_early_when_nothing_improves(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(learned, "PATIENCE", 3)
+    monkeypatch.setattr(learned, "RATE", 0.0)
+    noisy = suite(tmp_path, NOISY)
+    for _ in range(2):  # and is not taken up again
+        result = train(Request("dnn", noisy, epochs=50, out=tmp_path / "o", **QUICK))
+        assert len(rows(tmp_path / "o")) == 4
+    # Without a step the network is the best linear map.
+    assert result.validation_mse == pytest.approx(result.baseline_mse, rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "sentence"),
+    [
+        ("dnn", {"limit": 127}, "127 training samples are too few"),
+        ("dnn", {"beta": 0.1}, "'dnn' has no physical loss: train 'phydnn'"),
+        ("phydnn", {"beta": -1.0}, "beta of the physical loss is at least 0"),
+        ("dnn", {"operator": "fe"}, "Unknown operator 'fe': did you mean 'fem'"),
+        ("dnn", {"backbone": "mpl", **QUICK}, "Unknown backbone 'mpl': did you mean 'mlp'"),
+        ("dnn", {}, "'surrogate' has no weights for the sensor 'foam16'"),
+        ("surrogate", {"beta": 0.1}, "'surrogate' takes no --beta 0.1"),
+        ("learned-gn", QUICK, "'learned-gn' takes no --operator jacobian"),
+        ("learned-gn", {}, "'dnn' has no weights for the sensor 'foam16'"),
+        ("coarse-to-fine", {"limit": 127}, "127 training samples are too few"),
+        ("dn", {}, "Unknown name to train 'dn': did you mean 'dnn'"),
+    ],
+)
+def test_what_cannot_be_trained_is_said_before_anything_is_simulated(
+    name: str,
+    options: dict[str, Any],
+    sentence: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv("EITBENCH_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+    with pytest.raises(InputError, match=sentence):
+        train(Request(name, suite(tmp_path, NOISY), epochs=1, **options))
+    assert not (tmp_path / "cache" / "simulated").exists()
+
+
+def test_devices_that_are_not_there_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+    with pytest.raises(InputError, match="torch finds no GPU to train on: use --device cpu"):
+        Devices("cuda")
+    with pytest.raises(InputError, match="Unknown device 'gpu'"):
+        Devices("gpu")
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+    monkeypatch.setattr(torch.cuda, "device_count", lambda: 2)
+    assert Devices("cuda", 2).count == 2
+    with pytest.raises(InputError, match="on 3 devices was asked for; 2 are here"):
+        Devices("auto", 3)
+
+
+@pytest.mark.slow
+def test_two_processes_train_one_network(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "eitbench.cli", "train", "dnn", "--operator", "jacobian"]
+    noisy = suite(tmp_path, NOISY)
+    many = ["--device", "cpu", "--devices", "2", "--epochs", "3", "--out", str(tmp_path / "o")]
+    done = subprocess.run(
+        [*command, "--suite", noisy, *many],
+        cwd=tmp_path,
+        env=os.environ | {"EITBENCH_CACHE": str(tmp_path / "cache")},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert done.stdout.count("Weights: ") == 1  # said by one of them
+    assert len(done.stderr.splitlines()) == 3
+    table = rows(tmp_path / "o")
+    assert len(table) == 3
+    optimizer = {name: t for name, t in state(tmp_path / "o").items() if name.endswith(".step")}
+    # 130 samples are two whole batches and one of two samples, one for each process.
+    assert {float(step) for step in optimizer.values()} == {9.0}
+
+
+def test_another_choice_needs_another_folder(tmp_path: Path) -> None:
+    noisy = suite(tmp_path, NOISY)
+    one = Request("dnn", noisy, epochs=1, out=tmp_path / "o", **QUICK)
+    train(one)
+    with pytest.raises(InputError, match="begun with limit 130, not 128"):
+        train(replace(one, limit=128))
+    with pytest.raises(InputError, match="begun with name 'dnn', not 'phydnn'"):
+        train(replace(one, name="phydnn"))
+
+
+def test_a_recorded_set_has_nothing_to_fit_a_linear_map_on() -> None:
+    def splits(split: str, limit: int | None) -> Dataset:
+        return replace(load(SCENARIO, split, limit), truth="position")
+
+    p = Problem(SENSOR, load(SCENARIO, "test", 1).reference, splits)
+    with pytest.raises(InputError, match="knows no conductivity to learn from"):
+        create("linear-learned").fit(p)

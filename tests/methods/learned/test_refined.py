@@ -1,0 +1,201 @@
+"""Methods that refine an image: what physics says of it, and what is learned from that."""
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from numpy.typing import NDArray
+
+from eitbench.methods import Problem, create
+from eitbench.methods.learned.gauss_newton_update import SNR_DB, GaussNewtonUpdate, expected_error
+from eitbench.methods.learned.refined import LearnedGaussNewton
+from eitbench.methods.networks.refiner import Refiner
+from eitbench.methods.training import Request, TrainingInterruptedError, learned, refined, train
+from eitbench.methods.training.refined import RefinerTrainee
+from eitbench.methods.training.trainee import Data
+from eitbench.scenarios.data.datasets import Dataset, load
+from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.physics.forward import forward_model
+from eitbench.scenarios.recordings.catalogue import sensor
+from eitbench.scenarios.sensors.outlines import Disc
+from eitbench.scenarios.sensors.patterns import pair_pattern
+from eitbench.scenarios.sensors.sensor import Sensor, even_electrodes
+from eitbench.scenarios.suites.scenario import SimulatedScenario
+
+Array = NDArray[np.float64]
+SCENARIO = SimulatedScenario(
+    name="tiny", image_shape=(16, 16), families=("circle",), train=240, validation=60, test=60
+)
+
+
+def foam() -> Sensor:
+    return replace(sensor("foam16"), image_shape=(12, 14))
+
+
+def disc() -> Sensor:
+    pairs = [(i, (i + 1) % 8) for i in range(8)]
+    electrodes = even_electrodes(Disc(0.07), 8, 0.01, 1e-3)
+    pattern = replace(pair_pattern(pairs[:5], pairs), magnitudes=True)
+    return Sensor("round", Disc(0.07), electrodes, pattern, background=0.4, image_shape=(13, 11))
+
+
+def problem_of(s: Sensor) -> Problem:
+    def no_split(split: str, limit: int | None) -> Dataset:
+        raise AssertionError(f"asked for the {split} split")
+
+    model = forward_model(s)
+    return Problem(s, model.voltages(model.background), no_split)
+
+
+def touched(s: Sensor, depth: float = 0.4) -> Array:
+    """Conductivity over background with a touched spot."""
+    image = np.ones(s.image_shape)
+    image[3:7, 4:8] -= depth
+    return image
+
+
+def difference(problem: Problem, relative: Array) -> Array:
+    sigma = relative * problem.background
+    return np.asarray(problem.model.voltages(sigma) - problem.background_voltages)
+
+
+@pytest.mark.parametrize("make", [foam, disc])
+def test_an_update_is_the_textbook_step(make: Callable[[], Sensor]) -> None:
+    """Over all measurements, in the pixels: (J^T J / s^2 + D^-1)^-1 J^T (dv - (F(x) - F(1)))."""
+    s = make()
+    problem = problem_of(s)
+    guess = touched(s, 0.2).astype(np.float32)
+    frame = difference(problem, touched(s))
+    update = GaussNewtonUpdate(problem)(frame[None], guess[None])[0]
+
+    sigma = guess * problem.background
+    rows = problem.model.jacobian(sigma)[:, s.mask] * problem.background
+    missing = frame - difference(problem, guess.astype(np.float64))
+    inverse_prior = np.diag(expected_error(guess)[s.mask].astype(float) ** -2)
+    rms = np.sqrt(np.mean(problem.background_voltages**2))
+    for level, snr in enumerate(SNR_DB):
+        noise = (rms * 10 ** (-snr / 20)) ** 2
+        normal = rows.T @ rows / noise + inverse_prior
+        expected = np.zeros(s.image_shape)
+        expected[s.mask] = np.linalg.solve(normal, rows.T @ missing / noise)
+        scale = np.abs(expected).max()
+        assert scale > 1e-3
+        np.testing.assert_allclose(update[level], expected, atol=2e-3 * scale)
+
+
+@pytest.mark.parametrize("make", [foam, disc])
+def test_an_update_explains_more_of_the_frame(make: Callable[[], Sensor]) -> None:
+    s = make()
+    problem = problem_of(s)
+    guess, truth = touched(s, 0.3), touched(s)
+    frame = difference(problem, truth)
+    update = GaussNewtonUpdate(problem)
+    small = guess.astype(np.float32)
+    changed = small + update(frame[None], small[None])[0, 0]
+
+    def misfit(image: Array) -> float:
+        return float(np.linalg.norm(difference(problem, image) - frame))
+
+    assert misfit(changed.astype(float)) < 0.2 * misfit(guess)
+    assert np.linalg.norm(changed - truth) < np.linalg.norm(guess - truth)
+    # And nothing is to be changed where all is explained.
+    right = truth.astype(np.float32)
+    assert np.abs(update(frame[None], right[None])).max() < 1e-3
+
+
+def test_a_refiner_begins_as_the_identity_and_sees_all_its_images() -> None:
+    mask = torch.ones(13, 11, dtype=torch.bool)
+    mask[:2] = False
+    network = Refiner(mask, 4)
+    images = torch.randn(5, 4, 13, 11)
+    torch.testing.assert_close(network(images), images[:, 0])
+    torch.manual_seed(0)
+    with torch.no_grad():
+        for parameter in network.parameters():
+            parameter.add_(0.1 * torch.randn_like(parameter))
+    images.requires_grad_()
+    changed = network(images)
+    assert torch.equal(changed[:, ~mask], images[:, 0][:, ~mask])
+    changed.square().sum().backward()
+    assert images.grad is not None
+    assert (images.grad.abs().amax((0, 2, 3)) > 0).all()
+    assert all(p.grad is not None and p.grad.abs().max() > 0 for p in network.parameters())
+
+
+def suite(folder: Path) -> str:
+    path = folder / "tiny.toml"
+    fields = SCENARIO.model_dump(mode="json", exclude_defaults=True) | {"kind": "simulated"}
+    lines = [f"{name} = {json.dumps(value)}" for name, value in fields.items()]
+    header = ['name = "tiny"', 'title = "tiny"', 'methods = ["noser"]', "[[scenarios]]"]
+    path.write_text("\n".join([*header, *lines]))
+    return str(path)
+
+
+@pytest.fixture
+def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("EITBENCH_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setattr(learned, "BATCH", 32)
+    monkeypatch.setattr(refined, "BATCH", 32)
+    return tmp_path
+
+
+def mse(name: str, **parameters: object) -> float:
+    test = load(SCENARIO)
+
+    def splits(split: str, limit: int | None) -> Dataset:
+        return load(SCENARIO, split, limit)
+
+    method = create(name, **parameters)
+    method.fit(Problem(SCENARIO.nominal_sensor, test.reference, splits))
+    assert test.conductivity is not None
+    return float(np.mean((method.reconstruct(test.voltages) - test.conductivity) ** 2))
+
+
+def test_steps_through_the_model_improve_the_image_of_a_network(
+    cache: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tiny = suite(cache)
+    monkeypatch.setattr(LearnedGaussNewton, "steps", 2)  # more than the packaged weights have
+    train(Request("dnn", tiny, epochs=6, operator="jacobian"))
+    request = Request("learned-gn", tiny, epochs=5, out=cache / "out")
+    calls = []
+    loss = RefinerTrainee.loss
+
+    def stopping(self: RefinerTrainee, batch: Data) -> torch.Tensor:
+        calls.append(1)
+        if len(calls) == 65:  # in the second step's training
+            raise KeyboardInterrupt
+        return loss(self, batch)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(RefinerTrainee, "loss", stopping)
+        with pytest.raises(TrainingInterruptedError):
+            train(request)
+    assert (cache / "out/step-2/curve.csv").is_file()
+    result = train(request)
+    again = train(replace(request, out=cache / "again", use=False))
+    assert again.weights.with_suffix(".json") != result.weights.with_suffix(".json")
+    assert again.validation_mse == result.validation_mse
+    begun, found = mse("dnn"), mse("learned-gn")
+    assert found < 0.5 * begun
+    assert found == mse("learned-gn", weights=str(again.weights))
+    assert result.baseline_mse == pytest.approx(begun, rel=0.3)
+    assert result.validation_mse == pytest.approx(found, rel=0.3)
+
+    train(Request("dnn", tiny, epochs=1, operator="jacobian", out=cache / "other"))
+    with pytest.raises(InputError, match="continue another network than the present one of 'dnn'"):
+        mse("learned-gn")
+    with pytest.raises(InputError, match="begun with begun_from"):
+        train(request)
+
+
+def test_a_network_improves_a_coarse_image(cache: Path) -> None:
+    result = train(Request("coarse-to-fine", suite(cache), epochs=16))
+    assert result.in_use
+    coarse = mse("noser", variable="clausius-mossotti", weight=0.01)
+    assert mse("coarse-to-fine") < 0.7 * coarse
+    assert result.baseline_mse == pytest.approx(coarse, rel=0.3)

@@ -1,0 +1,121 @@
+"""Places straight from voltages: kernel ridge, networks, and the linear map of touches."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from eitbench.methods import Problem, create
+from eitbench.methods.learned.linear_touch import unit_frames
+from eitbench.methods.places.kernel_ridge import WEIGHTS, gaussians, kernel_ridge, linear
+from eitbench.methods.places.place_network import SIMULATED, PlaceNetwork
+from eitbench.scenarios import InputError, RecordedScenario, load
+from eitbench.scenarios.data.datasets import Dataset
+from eitbench.scenarios.phantoms.contacts import locate
+from eitbench.scenarios.suites.suite import learned_from, scenario_by_name
+
+Array = NDArray[np.float64]
+
+RNG = np.random.default_rng(0)
+
+
+def test_the_leave_one_out_error_is_that_of_leaving_out_one() -> None:
+    x, y = RNG.standard_normal((12, 3)), RNG.standard_normal((12, 2))
+    kernel = gaussians(x)[2]
+    found = kernel_ridge(x, y, [kernel])
+    # The same ridge, chosen by brute force, with the mean of all outputs as the closed form has it.
+    errors = []
+    gram, mean = kernel(x, x), y.mean(axis=0)
+    for weight in WEIGHTS:
+        left = []
+        for k in range(len(x)):
+            rest = np.delete(np.arange(len(x)), k)
+            ridge = weight * np.trace(gram) / len(x) * np.eye(len(rest))
+            fitted = np.linalg.solve(gram[np.ix_(rest, rest)] + ridge, y[rest] - mean)
+            left.append(mean + gram[k, rest] @ fitted - y[k])
+        errors.append(np.sqrt(np.mean(np.square(left))))
+    assert found.error == pytest.approx(min(errors), rel=1e-6)
+
+
+def test_a_linear_function_is_learned_by_the_linear_kernel_and_a_bend_by_the_gaussian() -> None:
+    x, seen = RNG.uniform(-1, 1, (60, 2)), RNG.uniform(-1, 1, (200, 2))
+
+    def straight(a: Array) -> Array:
+        return np.asarray(a @ np.array([[1.0, 2.0], [0.5, -1.0]]) + 3)
+
+    def bent(a: Array) -> Array:
+        return np.stack([np.sin(3 * a[:, 0]), a[:, 0] * a[:, 1]], axis=1)
+
+    assert np.allclose(kernel_ridge(x, straight(x), [linear])(seen), straight(seen), atol=1e-4)
+    found = kernel_ridge(x, bent(x), gaussians(x))
+    assert np.sqrt(np.mean((found(seen) - bent(seen)) ** 2)) < 0.05
+    with pytest.raises(InputError, match="at least 3 samples"):
+        kernel_ridge(x[:2], straight(x[:2]), [linear])
+
+
+def disc_frames(n: int) -> tuple[Array, Array]:
+    """Frames of 40 values that fall off with the distance from 40 points, and their places."""
+    places = RNG.uniform(-0.05, 0.05, (n, 2))
+    points = RNG.uniform(-0.08, 0.08, (40, 2))
+    distance = np.linalg.norm(places[:, None] - points, axis=2)
+    return RNG.uniform(0.1, 2, (n, 1)) * np.exp(-((distance / 0.04) ** 2)), places
+
+
+def test_a_network_learns_places_and_a_lesson_leaves_its_teacher_as_it_was() -> None:
+    frames, places = disc_frames(600)
+    phase = replace(SIMULATED, steps=400, gain=0.1, noise=0.05)
+    fresh = PlaceNetwork(40, (0, 0), 0.05, seed=1)
+    before = fresh(frames[:5])
+    trained = fresh.trained(frames[:500], places[:500], phase)
+    error = np.hypot(*(trained(frames[500:]) - places[500:]).T)
+    assert np.median(error) < 0.005  # presses lie 38 mm from the middle in the median
+    assert np.array_equal(fresh(frames[:5]), before)
+    again = fresh.trained(frames[:500], places[:500], phase)
+    assert np.array_equal(again(frames), trained(frames))
+    with pytest.raises(InputError, match="for each frame"):
+        fresh.trained(frames, places[:3], phase)
+
+
+@given(st.floats(1e-6, 1e6))
+def test_places_do_not_depend_on_the_strength_of_a_frame(factor: float) -> None:
+    frames, _ = disc_frames(3)
+    network = PlaceNetwork(40, (0.01, 0.02), 0.05, seed=0)
+    np.testing.assert_allclose(network(factor * frames), network(frames), atol=1e-6)
+    assert np.array_equal(unit_frames(np.zeros((2, 4))), np.zeros((2, 4)))
+
+
+def few_presses(split: str, limit: int | None) -> Dataset:
+    """300 simulated presses of the disc sensor, from the mesh that is inverted with."""
+    presses = scenario_by_name("presses").model_copy(update={"mesh_refinement": 1})
+    return load(presses, split, min(limit or 300, 300))
+
+
+def test_a_linear_map_learned_from_presses_finds_others_whatever_the_gain() -> None:
+    test = few_presses("test", 40)
+    method = create("linear-touch")
+    method.fit(Problem(test.sensor, 1e3 * test.reference, few_presses))
+    assert test.conductivity is not None
+    background = test.sensor.background
+    true = locate(test.conductivity - background, test.sensor)
+    images = method.reconstruct(1e3 * test.voltages)
+    found = locate(images - background, test.sensor)
+    assert np.median(np.hypot(*(found - true).T)) < 0.008  # on a disc 171 mm across
+    assert images.max() <= background  # a press lowers conductivity
+    # Twice the difference is twice the contrast, up to the sensor's range.
+    weak = 1e3 * (test.reference + 0.01 * (test.voltages - test.reference))
+    weaker = 1e3 * (test.reference + 0.005 * (test.voltages - test.reference))
+    contrast = method.reconstruct(weak) - background
+    np.testing.assert_allclose(2 * (method.reconstruct(weaker) - background), contrast, atol=1e-12)
+
+
+def test_recorded_presses_are_learned_from_simulated_ones_of_their_sensor() -> None:
+    source = learned_from(RecordedScenario(name="ohmc8", recording="ohmc8"))
+    assert source.nominal_sensor.name == "ohmc8"
+    assert source.kind == "simulated"
+    paper = scenario_by_name("paper")
+    assert learned_from(paper) is paper
+    tank = scenario_by_name("sciospec-tank")
+    assert learned_from(tank) is tank

@@ -1,0 +1,379 @@
+"""Training: it learns, survives being killed, and refuses what it cannot continue."""
+
+import json
+import logging
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+import warnings
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from torch import nn
+
+from eitbench.cli import main
+from eitbench.methods import operator
+from eitbench.methods.operators.surrogate import WEIGHTS as SURROGATE
+from eitbench.methods.operators.surrogate import SurrogateNetwork
+from eitbench.methods.training import Request, TrainingInterruptedError, train
+from eitbench.methods.training.checkpoint import FILE
+from eitbench.methods.training.curve import Trained
+from eitbench.methods.training.loop import fit
+from eitbench.methods.training.recipe import Recipe
+from eitbench.methods.training.surrogate import SurrogateTrainee
+from eitbench.methods.training.symmetry import symmetries
+from eitbench.methods.training.trainee import Data, OneLoss
+from eitbench.methods.weights.tensor_file import read_tensors, write_tensors
+from eitbench.methods.weights.weight_files import user_weights
+from eitbench.scenarios.errors import DataCorruptError, EitbenchError, InputError
+from eitbench.scenarios.physics.forward import forward_model
+from eitbench.scenarios.recordings.catalogue import sensor
+from eitbench.scenarios.sensors.patterns import offset_pattern
+from eitbench.scenarios.sensors.sensor import Sensor, even_electrodes
+from eitbench.scenarios.suites.suite import load_suite
+
+SCENARIO = """
+[[scenarios]]
+kind = "simulated"
+name = "{name}"
+sensor = "foam16"
+image_shape = [{pixels}, {pixels}]
+families = ["circle", "two-circles", "l-shape", "triangle", "rectangle", "ring"]
+train = {train}
+validation = 60
+test = 6
+"""
+WEIGHTS = "weights/"
+
+
+def suite(folder: Path, *scenarios: str) -> str:
+    path = folder / "tiny.toml"
+    path.write_text('name = "tiny"\ntitle = "tiny"\nmethods = ["noser"]\n' + "".join(scenarios))
+    return str(path)
+
+
+def tiny(pixels: int = 16, train: int = 60, name: str = "tiny") -> str:
+    return SCENARIO.format(pixels=pixels, train=train, name=name)
+
+
+@pytest.fixture(autouse=True)
+def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("EITBENCH_CACHE", str(tmp_path / "cache"))
+    return tmp_path / "cache"
+
+
+def stored(folder: Path, group: str = WEIGHTS) -> dict[str, torch.Tensor]:
+    found = read_tensors(folder / FILE)
+    assert found is not None
+    return {name: tensor for name, tensor in found[0].items() if name.startswith(group)}
+
+
+def epochs_done(folder: Path) -> int:
+    found = read_tensors(folder / FILE)
+    return 0 if found is None else len(json.loads(found[1]["curve"]))
+
+
+def equal(a: dict[str, torch.Tensor], b: dict[str, torch.Tensor]) -> bool:
+    return a.keys() == b.keys() and all(torch.equal(a[name], b[name]) for name in a)
+
+
+class Toy(OneLoss):
+    """A line with dropout; `at` calls a function on entering a training step of that number."""
+
+    def __init__(self, at: dict[int, Callable[[], None]] | None = None) -> None:
+        torch.manual_seed(0)
+        super().__init__(nn.Sequential(nn.Dropout(0.3), nn.Linear(5, 2)))
+        self.at = at or {}
+        self.steps = 0
+
+    def loss(self, batch: Data) -> torch.Tensor:
+        if self.training:
+            self.at.get(self.steps, lambda: None)()
+            self.steps += 1
+        x, y = batch
+        error: torch.Tensor = self.network(x) - y
+        return error.square().mean()
+
+
+def toy_data(count: int = 23) -> Data:
+    generator = torch.Generator().manual_seed(1)
+    x = torch.randn(count, 5, generator=generator)
+    return x, x[:, :2] - x[:, 2:4] + 0.1 * torch.randn(count, 2, generator=generator)
+
+
+def toy_fit(
+    folder: Path, trainee: Toy, epochs: int = 6, rate: float = 0.1, progress: bool = False
+) -> Trained:
+    recipe = Recipe(epochs=epochs, seed=3, batch=10, rate=rate)
+    return fit(trainee, recipe, toy_data(), toy_data(7), folder, {"kind": "toy"}, progress=progress)
+
+
+def interrupt() -> None:
+    os.kill(os.getpid(), signal.SIGINT)
+    time.sleep(0.01)  # Python delivers it between two instructions
+
+
+def test_the_surrogate_learns_what_a_linear_branch_cannot(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tiny_suite = suite(tmp_path, tiny(train=600))
+    result = train(Request("surrogate", tiny_suite, epochs=8))
+    assert result.validation_mse < 0.6 * result.baseline_mse
+    sentences = " ".join(result.sentences())
+    assert str(result.weights) in sentences
+    assert f"{result.baseline_mse / result.validation_mse:.3g} times below" in sentences
+
+    s = load_suite(tiny_suite).scenarios[0].nominal_sensor
+    assert result.weights == user_weights() / SURROGATE.file_name(s)
+    f = operator("surrogate", s)
+    assert f.trained_on == "cpu"
+    assert f.train_s > 0
+    about = json.loads(result.weights.with_suffix(".json").read_text())
+    assert about["command"] == f"eitbench train surrogate --suite {tiny_suite} --epochs 8 --seed 0"
+    assert [epoch["epoch"] for epoch in about["curve"]] == list(range(1, 9))
+    assert min(epoch["validation"] for epoch in about["curve"]) == result.validation_mse
+
+    # The same training of the physics branch alone: the correction stays at zero.
+    def frozen(self: SurrogateNetwork, sigma: torch.Tensor) -> torch.Tensor:
+        values: torch.Tensor = self.physics((sigma - 1).flatten(1) / 16)
+        return values
+
+    monkeypatch.setattr(SurrogateNetwork, "forward", frozen)
+    alone = train(Request("surrogate", tiny_suite, epochs=8, out=tmp_path / "alone"))
+    assert result.validation_mse < 0.7 * alone.validation_mse
+
+
+@pytest.mark.slow
+def test_a_killed_training_continues_as_if_it_had_never_stopped(tmp_path: Path) -> None:
+    tiny_suite, killed, whole = suite(tmp_path, tiny()), tmp_path / "killed", tmp_path / "whole"
+    command = [sys.executable, "-m", "eitbench.cli", "train", "surrogate", "--suite", tiny_suite]
+    with subprocess.Popen(
+        [*command, "--epochs", "15", "--seed", "7", "--out", str(killed)],
+        cwd=tmp_path,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as process:
+        while not (killed / FILE).exists() and process.poll() is None:
+            time.sleep(0.005)
+        process.kill()
+        out, log = process.communicate()
+    done = epochs_done(killed)
+    assert 1 <= done < 15, log
+    # In a log there is one line for an epoch, and nothing else.
+    assert out == ""
+    assert [line.split("  ")[0] for line in log.splitlines()][:done] == [
+        f"epoch {k + 1}/15" for k in range(len(log.splitlines()))
+    ][:done]
+    train(Request("surrogate", tiny_suite, epochs=15, seed=7, out=killed))
+    train(Request("surrogate", tiny_suite, epochs=15, seed=7, out=whole))
+    assert epochs_done(killed) == 15
+    for group in (WEIGHTS, "best/", "optimizer/"):
+        assert equal(stored(killed, group), stored(whole, group))
+    train(Request("surrogate", tiny_suite, epochs=15, seed=8, out=tmp_path / "other"))
+    assert not equal(stored(whole), stored(tmp_path / "other"))
+    # Nothing is written but into the folder and the cache.
+    assert {p.name for p in tmp_path.iterdir()} == {
+        "tiny.toml",
+        "killed",
+        "whole",
+        "other",
+        "cache",
+    }
+    assert not list(tmp_path.rglob(".*"))
+
+
+def test_ctrl_c_keeps_finished_epochs_and_the_same_call_continues(tmp_path: Path) -> None:
+    handler = signal.getsignal(signal.SIGINT)
+    with pytest.raises(TrainingInterruptedError, match=r"finished epochs are kept in .*continues"):
+        toy_fit(tmp_path / "stopped", Toy({7: interrupt}))
+    assert signal.getsignal(signal.SIGINT) is handler
+    assert epochs_done(tmp_path / "stopped") == 2
+    continued = toy_fit(tmp_path / "stopped", Toy())
+    whole = toy_fit(tmp_path / "whole", Toy())
+    assert equal(continued.weights, whole.weights)
+    assert equal(stored(tmp_path / "stopped", ""), stored(tmp_path / "whole", ""))
+    losses = [
+        [(e.epoch, e.train, e.validation, e.rate) for e in t.curve] for t in (continued, whole)
+    ]
+    assert losses[0] == losses[1]
+
+
+def test_the_command_ends_with_130_on_ctrl_c(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    loss = SurrogateTrainee.loss
+
+    def stopping(self: SurrogateTrainee, batch: Data) -> torch.Tensor:
+        if self.current_epoch == 1:
+            interrupt()
+        return loss(self, batch)
+
+    monkeypatch.setattr(SurrogateTrainee, "loss", stopping)
+    arguments = ["train", "surrogate", "--suite", suite(tmp_path, tiny()), "--epochs", "3"]
+    monkeypatch.setattr(sys, "argv", ["eitbench", *arguments, "--out", str(tmp_path / "out")])
+    with pytest.raises(SystemExit) as stop:
+        main()
+    assert stop.value.code == 130
+    last = capfd.readouterr().err.splitlines()[-1]
+    kept = f"finished epochs are kept in {tmp_path / 'out'}"
+    assert last == f"eitbench: Interrupted: {kept}; the same command continues."
+    monkeypatch.setattr(SurrogateTrainee, "loss", loss)
+    with pytest.raises(SystemExit) as done:
+        main()
+    assert done.value.code == 0
+    assert "of the Jacobian." in capfd.readouterr().out
+    assert epochs_done(tmp_path / "out") == 3
+
+
+def test_a_finished_training_is_not_repeated(tmp_path: Path) -> None:
+    first = toy_fit(tmp_path, Toy())
+    unused = Toy({0: lambda: pytest.fail("trained again")})
+    second = toy_fit(tmp_path, unused)
+    assert equal(first.weights, second.weights)
+    assert first.curve == second.curve
+
+
+def test_the_weights_are_those_of_the_best_epoch(tmp_path: Path) -> None:
+    def spoil() -> None:
+        with torch.no_grad():
+            toy.network[1].weight.add_(10.0)  # type: ignore[index]
+
+    toy = Toy({11: spoil})  # in the fourth of six epochs
+    trained = toy_fit(tmp_path, toy, rate=0.03)
+    assert trained.best.epoch < 4
+    assert trained.best.validation < min(e.validation for e in trained.curve[3:])
+    toy.network.load_state_dict(trained.weights)
+    loss = toy.eval().loss(toy_data(7))
+    assert loss.item() == pytest.approx(trained.best.validation, rel=1e-5)
+
+
+def test_the_rate_rises_then_falls() -> None:
+    recipe = Recipe(epochs=10, seed=0, batch=1, rate=2.0)
+    rates = [recipe.rate_at(p) for p in (0.0, 0.025, 0.05, 0.5, 0.9, 1.0)]
+    assert rates[:3] == [0.0, 1.0, 2.0]
+    assert rates[2] > rates[3] > rates[4] > rates[5] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_a_loss_that_is_not_finite_is_an_error(tmp_path: Path) -> None:
+    def spoil() -> None:
+        with torch.no_grad():
+            toy.network[1].weight.fill_(float("inf"))  # type: ignore[index]
+
+    toy = Toy({4: spoil})
+    with pytest.raises(EitbenchError, match=r"loss in epoch 2 is not .* epoch 1 is kept"):
+        toy_fit(tmp_path, toy)
+    assert epochs_done(tmp_path) == 1
+
+
+def test_a_folder_begun_with_other_settings_is_refused(tmp_path: Path) -> None:
+    toy_fit(tmp_path, Toy())
+    with pytest.raises(InputError, match=r"begun with epochs 6, not 7: choose .* --out"):
+        toy_fit(tmp_path, Toy(), epochs=7)
+    with pytest.raises(InputError, match=r"begun with rate 0\.1, not 0\.2"):
+        toy_fit(tmp_path, Toy(), rate=0.2)
+    tiny_suite = suite(tmp_path, tiny())
+    train(Request("surrogate", tiny_suite, epochs=1, out=tmp_path / "out"))
+    shutil.rmtree(tmp_path / "cache" / "simulated")
+    with pytest.raises(InputError, match="begun with seed 0, not 1"):
+        train(Request("surrogate", tiny_suite, epochs=1, seed=1, out=tmp_path / "out"))
+    assert not (tmp_path / "cache" / "simulated").exists()  # said before anything is simulated
+    with pytest.raises(InputError, match="at least 1 epoch, got 0"):
+        toy_fit(tmp_path / "new", Toy(), epochs=0)
+
+
+def test_a_damaged_or_foreign_checkpoint_is_named(tmp_path: Path) -> None:
+    toy_fit(tmp_path, Toy())
+    content = (tmp_path / FILE).read_bytes()
+    (tmp_path / FILE).write_bytes(content[:-3])
+    with pytest.raises(DataCorruptError, match=rf"{FILE} is damaged.*delete .* to begin again"):
+        toy_fit(tmp_path, Toy())
+    write_tensors(tmp_path / FILE, {"x": torch.zeros(1)}, {"settings": "{}", "curve": "[]"})
+    with pytest.raises(DataCorruptError, match=f"{FILE} is no checkpoint"):
+        toy_fit(tmp_path, Toy())
+
+
+def test_a_log_has_one_line_for_an_epoch(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], caplog: pytest.LogCaptureFixture
+) -> None:
+    with warnings.catch_warnings(), caplog.at_level(logging.INFO):
+        warnings.simplefilter("error")
+        toy_fit(tmp_path, Toy(), epochs=2, progress=True)
+    out, err = capfd.readouterr()
+    assert out == ""
+    assert [line.split("  ")[0] for line in err.splitlines()] == ["epoch 1/2", "epoch 2/2"]
+    assert "validation" in err
+    assert not caplog.records
+    toy_fit(tmp_path / "quiet", Toy(), epochs=2)
+    assert capfd.readouterr() == ("", "")
+
+
+def test_what_cannot_be_trained_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="did you mean 'surrogate'"):
+        train(Request("surogate", "paper"))
+    with pytest.raises(InputError, match="no simulated scenario with training"):
+        train(Request("surrogate", suite(tmp_path, tiny(train=0))))
+    two = suite(tmp_path, tiny(), tiny(pixels=12, name="coarse"))
+    with pytest.raises(InputError, match="simulates 2 sensors"):
+        train(Request("surrogate", two))
+
+
+def shifted() -> Sensor:
+    s = sensor("foam16")
+    return replace(s, electrodes=even_electrodes(s.outline, 16, 0.01, 1e-3, start=0.014))
+
+
+def both_ways() -> Sensor:
+    """Every pair of opposite electrodes drives in both directions."""
+    return replace(sensor("foam16"), pattern=sensor("ohmc16").pattern)
+
+
+@pytest.mark.parametrize(
+    ("make", "count"),
+    [
+        (lambda: replace(sensor("foam16"), image_shape=(12, 12)), 8),
+        (lambda: replace(sensor("foam16", offset=4), image_shape=(12, 12)), 8),
+        (lambda: replace(sensor("foam16"), image_shape=(12, 16)), 4),
+        (lambda: replace(shifted(), image_shape=(12, 12)), 4),  # the turns are left
+        (lambda: replace(sensor("ohmc16"), image_shape=(24, 24)), 1),  # its mesh has no other
+        (lambda: replace(both_ways(), image_shape=(12, 12)), 8),
+        (
+            lambda: replace(
+                sensor("foam16"),
+                image_shape=(12, 12),
+                pattern=replace(offset_pattern(16, 3), magnitudes=True),
+            ),
+            8,
+        ),
+    ],
+)
+def test_moved_images_have_moved_voltages(make: Callable[[], Sensor], count: int) -> None:
+    s = make()
+    model = forward_model(s)
+    found = symmetries(s, torch.from_numpy(model.jacobian(model.background)))
+    assert len(found) == count
+    sigma = torch.from_numpy(np.random.default_rng(0).uniform(0.2, 1.0, s.image_shape))
+    frames = []
+    for symmetry in found:
+        moved = model.voltages(np.ascontiguousarray(symmetry.images(sigma).numpy()))
+        expected = symmetry.voltages(torch.from_numpy(model.voltages(sigma.numpy())))
+        np.testing.assert_allclose(moved, expected, rtol=1e-8)
+        frames.append(moved)
+    assert np.array_equal(found[0].images(sigma), sigma)
+    assert len(np.unique(np.round(frames, 9), axis=0)) == count
+
+
+def test_a_sensor_with_one_odd_electrode_has_its_identity_only() -> None:
+    s = replace(sensor("foam16"), image_shape=(12, 12))
+    odd = replace(s.electrodes[5], contact_impedance=2e-3)
+    s = replace(s, electrodes=(*s.electrodes[:5], odd, *s.electrodes[6:]))
+    model = forward_model(s)
+    found = symmetries(s, torch.from_numpy(model.jacobian(model.background)))
+    assert [(symmetry.turns, symmetry.mirrored) for symmetry in found] == [(0, False)]

@@ -1,0 +1,286 @@
+"""Verdicts on the published claims, from runs that were made to deserve them."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from eitbench.benchmark import InputError
+from eitbench.benchmark.analysis.results import read_run
+from eitbench.reports.claims.claim import Finding
+from eitbench.reports.claims.claims import CLAIMS, IMAGE_METRICS
+from eitbench.reports.claims.evidence import Evidence
+from eitbench.reports.claims.verdicts import Verdict
+from eitbench.reports.tables.published import TABLE_II
+from eitbench.scenarios.data.datasets import Dataset
+
+NAMES = [claim.name for claim in CLAIMS]
+
+
+def findings(*runs: Path) -> dict[str, Finding]:
+    evidence = Evidence([read_run(run) for run in runs])
+    return {claim.name: claim.finding(evidence) for claim in CLAIMS}
+
+
+@pytest.fixture
+def add(build: Any, paper: Dataset) -> Callable[..., None]:
+    """Add a method with so much noise on the truth, and these times."""
+    build.suite = "paper"
+
+    def adding(method: str, noise: float, p99_ms: float | None = 20.0, seed: int = 0) -> None:
+        truth = np.array(paper.conductivity)
+        rng = np.random.default_rng(seed)
+        build.add(paper, method, truth + noise * rng.standard_normal(truth.shape))
+        build.methods[-1]["frame_ms_p99"] = p99_ms
+
+    return adding
+
+
+def study(name: str, rows: list[dict[str, Any]]) -> dict[str, Any]:
+    asked = {"suite": "paper", "epochs": 12, "limit": 4000, "judged": 500, "training_hours": 1.5}
+    return {"study": name, **asked, "rows": rows}
+
+
+@pytest.mark.parametrize(
+    ("best", "lead", "verdict"),
+    [(0.003, 0.2, Verdict.in_part), (0.003, 0.001, Verdict.holds), (0.3, 0.001, Verdict.in_part),
+     (0.3, 0.2, Verdict.fails)],
+)  # fmt: skip
+def test_the_best_beta(best: float, lead: float, verdict: Verdict) -> None:
+    """Scores of neighbours differ by 0.01; the best leads the rest by `lead`."""
+    betas = [1e-4, 1e-3, 0.0029, 0.003, 0.03, 0.3]
+    rows = [
+        {"beta": beta, "score": 7 + 0.01 * (k % 2) + (lead if beta == best else 0), "n": 500}
+        for k, beta in enumerate(betas)
+    ]
+    rows[2]["score"] = 7.01  # at the published beta
+    rows[betas.index(best)]["score"] = 7.01 + lead
+    lost = {"beta": 0.5}  # a training that diverged
+    evidence = Evidence([], {"beta": study("beta", [*rows, lost])})
+    claim = CLAIMS[NAMES.index("best-beta")]
+    found = claim.finding(evidence)
+    assert (found.verdict, found.figures[0].ours) == (verdict, best)
+    assert "4,000 samples of 'paper' for 12 epochs" in found.conditions
+
+
+@pytest.mark.parametrize(
+    ("sides", "verdict"),
+    [((1, 1, 1, 1), Verdict.holds), ((1, 0, 0, 0), Verdict.in_part),
+     ((-1, 0, -1, 0), Verdict.fails)],
+)  # fmt: skip
+def test_phydnn_over_dnn_with_seeds(sides: tuple[int, ...], verdict: Verdict) -> None:
+    """+1: surely better, 0: the interval holds 0, -1: surely worse; RIE is better when smaller."""
+    rows = []
+    for metric, side in zip(IMAGE_METRICS, sides, strict=True):
+        middle = 0.1 * side * (-1 if metric == "rie" else 1)
+        for scenario, physics, value in (
+            ("paper", "surrogate", middle),
+            ("paper", "fem", -middle),
+            ("shapes", "surrogate", -middle),
+        ):
+            rows.append(
+                {"scenario": scenario, "physics": physics, "metric": metric, "difference": value,
+                 "low": value - 0.05, "high": value + 0.05, "each_seed": [value] * 3, "n": 500}
+            )  # fmt: skip
+    evidence = Evidence([], {"physics": study("physics", rows)})
+    found = CLAIMS[NAMES.index("phydnn-over-dnn-seeds")].finding(evidence)
+    assert (found.verdict, found.n) == (verdict, 500)
+    assert "3 trainings" in found.why
+
+
+def test_every_claim_says_what_it_is() -> None:
+    assert len(set(NAMES)) == len(NAMES)
+    for claim in CLAIMS:
+        assert claim.says.endswith(".")
+        assert claim.published
+        assert claim.tolerance
+        assert claim.command.startswith("eitbench ")
+
+
+def test_without_runs_nothing_is_testable_and_the_published_figures_stand() -> None:
+    for claim in CLAIMS:
+        found = claim.finding(Evidence([]))
+        assert found.verdict is Verdict.untestable
+        assert found.figures == claim.published
+        assert all(figure.ours is None and figure.kept is None for figure in found.figures)
+        assert found.why.endswith(".")
+    assert "'phydnn'" in findings()["table2-phydnn"].why
+
+
+@pytest.mark.parametrize(
+    ("noise", "verdict", "kept"),
+    [
+        (0.001, Verdict.holds, [True, True, True, True]),
+        (0.024, Verdict.in_part, [False, False, True, True]),
+        (0.3, Verdict.fails, [False, False, False, False]),
+    ],
+)
+def test_the_row_of_phydnn(
+    noise: float, verdict: Verdict, kept: list[bool], add: Callable[..., None], build: Any
+) -> None:
+    add("phydnn", noise)
+    found = findings(build.write())["table2-phydnn"]
+    figures = dict(zip(IMAGE_METRICS, found.figures, strict=True))
+    assert {n: f.published for n, f in figures.items()} == TABLE_II["phydnn"]
+    assert figures["psnr"].ours == pytest.approx(-20 * np.log10(noise), abs=0.2)
+    assert (found.verdict, found.n) == (verdict, 8)
+    assert [figure.kept for figure in found.figures] == kept
+    assert found.conditions.startswith("all 8 test samples of 'paper', from the mesh")
+
+
+def test_a_limited_run_says_so(add: Callable[..., None], build: Any) -> None:
+    add("phydnn", 0.01)
+    build.limit = 8
+    assert findings(build.write())["table2-phydnn"].conditions.startswith("the first 8 test")
+
+
+def test_a_classical_row_is_not_kept_by_being_better(add: Callable[..., None], build: Any) -> None:
+    add("noser", 0.1)
+    found = findings(build.write())["table2-noser"]
+    assert found.verdict is Verdict.fails
+    assert [figure.published for figure in found.figures] == ["near or below 0", 1.21, -1.08]
+    assert "under Two readings" in found.why
+
+
+def test_a_classical_row_holds_where_figures_are_as_published(build: Any, paper: Dataset) -> None:
+    """-0.22 everywhere: an error of about 1.2 on a background of 1."""
+    build.suite = "paper"
+    build.add(paper, "noser", np.full_like(np.array(paper.conductivity), -0.22))
+    found = findings(build.write())["table2-noser"]
+    assert found.verdict is Verdict.holds
+    assert [figure.kept for figure in found.figures] == [True, True, True]
+
+
+@pytest.mark.parametrize(
+    ("phydnn", "dnn", "verdict"),
+    [(0.02, 0.04, Verdict.holds), (0.04, 0.02, Verdict.fails), (0.02, 0.02, Verdict.fails)],
+)
+def test_phydnn_against_dnn(
+    phydnn: float, dnn: float, verdict: Verdict, add: Callable[..., None], build: Any
+) -> None:
+    add("phydnn", phydnn)
+    add("dnn", dnn)
+    found = findings(build.write())["phydnn-over-dnn"]
+    assert found.verdict is verdict
+    assert found.n == 8
+    psnr = found.figures[3]
+    assert psnr.interval is not None
+    assert psnr.ours is not None
+    assert psnr.ours == pytest.approx(20 * np.log10(dnn / phydnn), abs=0.05)
+    assert psnr.interval[0] <= psnr.ours <= psnr.interval[1]
+    assert "One training of each" in found.why
+
+
+def test_pairs_are_of_the_same_frames_whatever_the_order_and_the_run(
+    add: Callable[..., None], build: Any
+) -> None:
+    add("phydnn", 0.02)
+    one = build.write()
+    build.path, build.samples, build.methods, build.images = one.parent / "other", [], [], {}
+    add("dnn", 0.04)
+    build.samples[0] = build.samples[0].iloc[::-1]
+    assert findings(one, build.write())["phydnn-over-dnn"].verdict is Verdict.holds
+    build.samples[0] = build.samples[0].assign(input_hash="another")
+    other = findings(one, build.write())["phydnn-over-dnn"]
+    assert other.verdict is Verdict.untestable
+    assert other.why == "'phydnn' and 'dnn' were not run on the same frames."
+
+
+@pytest.mark.parametrize(
+    ("p99", "verdict"),
+    [((20.0, 100.0), Verdict.holds), ((20.0, 101.0), Verdict.in_part), ((200.0, 101.0), "fails")],
+)
+def test_the_frame_rate(
+    p99: tuple[float, float], verdict: Verdict | str, add: Callable[..., None], build: Any
+) -> None:
+    add("dnn", 0.02, p99[0])
+    add("phydnn", 0.02, p99[1])
+    found = findings(build.write())["frame-rate"]
+    assert found.verdict is (Verdict.fails if verdict == "fails" else verdict)
+    assert [figure.ours for figure in found.figures] == pytest.approx([1e3 / ms for ms in p99])
+    assert f"{p99[0]:.3g} ms (DNN)" in found.why
+    assert found.conditions == "one thread of A processor"
+
+
+def test_a_frame_rate_that_was_not_timed(add: Callable[..., None], build: Any) -> None:
+    add("dnn", 0.02, None)
+    add("phydnn", 0.02)
+    assert findings(build.write())["frame-rate"].verdict is Verdict.untestable
+
+
+@pytest.mark.parametrize(
+    ("ratio", "verdict"),
+    [(252.0, Verdict.holds), (5.7, Verdict.holds), (5.6, Verdict.in_part), (0.9, Verdict.fails)],
+)
+def test_only_the_ratio_of_table_i_is_judged(
+    ratio: float, verdict: Verdict, build_operators: Callable[..., Path]
+) -> None:
+    run = build_operators({"surrogate": 1e-3, "jacobian": ratio * 1e-3})
+    found = findings(run)
+    assert found["table1-ratio"].verdict is verdict
+    (figure,) = found["table1-ratio"].figures
+    assert figure.published == 6.3
+    assert figure.ours == pytest.approx(ratio)
+    row = found["table1-surrogate"]
+    assert row.verdict is Verdict.untestable
+    assert [figure.published for figure in row.figures] == [2.57e-3, 0.99498]
+    assert [figure.ours for figure in row.figures] == pytest.approx([1e-3, 0.999])
+
+
+def test_a_failed_method_is_not_testable_and_its_own_sentence_says_why(
+    build: Any, paper: Dataset
+) -> None:
+    build.suite = "paper"
+    build.add(paper, "phydnn", np.array(paper.conductivity), lost=8)
+    build.samples[0]["message"] = "InputError: 'phydnn' has no weights: train them"
+    found = findings(build.write())["table2-phydnn"]
+    assert found.verdict is Verdict.untestable
+    assert "8 samples failed" in found.why
+    assert found.why.endswith("InputError: 'phydnn' has no weights: train them.")
+
+
+def test_a_method_that_was_left_out_is_not_testable_and_the_run_says_why(
+    add: Callable[..., None], build: Any
+) -> None:
+    add("dnn", 0.01)
+    why = "Scenario 'paper' is left out for 'phydnn': it has no weights."
+    build.skipped = {"paper/phydnn": why}
+    found = findings(build.write())
+    for name in ("table2-phydnn", "phydnn-over-dnn", "frame-rate"):
+        assert (found[name].verdict, found[name].why) == (Verdict.untestable, why)
+
+
+def test_figures_over_the_easier_part_are_no_figures(build: Any, paper: Dataset) -> None:
+    build.suite = "paper"
+    build.add(paper, "phydnn", np.array(paper.conductivity), lost=1)
+    found = findings(build.write())["table2-phydnn"]
+    assert found.verdict is Verdict.untestable
+    assert "1 samples failed, the first (timeout)" in found.why
+
+
+def test_an_unfinished_run_is_no_evidence(add: Callable[..., None], build: Any) -> None:
+    add("phydnn", 0.01)
+    build.samples[0] = build.samples[0].iloc[:5]
+    found = findings(build.write())["table2-phydnn"]
+    assert found.verdict is Verdict.untestable
+    assert "holds 5 of 8 samples of 'phydnn'" in found.why
+
+
+def test_another_suite_s_scenario_of_that_name_is_no_evidence(
+    add: Callable[..., None], build: Any, build_operators: Callable[..., Path]
+) -> None:
+    add("phydnn", 0.01)
+    build.samples[0]["suite"] = "mine"
+    operators = build_operators({"surrogate": 1e-3, "jacobian": 1e-2}, suite="mine")
+    for found in findings(build.write(), operators).values():
+        assert (found.verdict, found.n) == (Verdict.untestable, None)
+
+
+def test_two_runs_of_one_method_are_refused(add: Callable[..., None], build: Any) -> None:
+    add("phydnn", 0.01)
+    one = build.write()
+    build.path = one.parent / "other"
+    with pytest.raises(InputError, match=r"run and .*other both hold the method 'phydnn'"):
+        findings(one, build.write())

@@ -1,0 +1,127 @@
+from itertools import combinations
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.text import Text
+
+from eitbench.benchmark.analysis.results import read_run
+from eitbench.reports.figures.image_grid import comparison, draw, write_figures
+from eitbench.scenarios.errors import EitbenchError
+
+
+def text_boxes(figure: Figure) -> list[tuple[str, Any]]:
+    canvas: Any = FigureCanvasAgg(figure)
+    canvas.draw()
+    texts: list[Any] = figure.findobj(Text)
+    shown = [t for t in texts if t.get_text().strip() and t.get_visible()]
+    return [(t.get_text(), t.get_window_extent(canvas.get_renderer())) for t in shown]
+
+
+def assert_no_text_overlaps_or_is_cut(figure: Figure) -> None:
+    boxes = text_boxes(figure)
+    for text, box in boxes:
+        assert figure.bbox.x0 <= box.x0, text
+        assert box.x1 <= figure.bbox.x1, text
+        assert figure.bbox.y0 <= box.y0, text
+        assert box.y1 <= figure.bbox.y1, text
+    for (first, a), (second, b) in combinations(boxes, 2):
+        assert not a.overlaps(b), f"{first!r} overlaps {second!r}"
+
+
+def test_every_scenario_is_drawn_as_png_and_pdf(full_run: Path) -> None:
+    written = write_figures(full_run)
+    assert len(written) == 8
+    assert all(path.parent == full_run / "figures" for path in written)
+    for path in written:
+        start = path.read_bytes()[:4]
+        assert start == (b"\x89PNG" if path.suffix == ".png" else b"%PDF")
+
+
+@pytest.mark.parametrize(
+    "scenario", ["conductivity-set", "position-set", "classes-set", "none-set"]
+)
+def test_no_text_overlaps_with_few_methods(full_run: Path, scenario: str) -> None:
+    assert_no_text_overlaps_or_is_cut(draw(comparison(read_run(full_run), scenario)))
+
+
+def test_no_text_overlaps_with_many_methods_and_long_names(build: Any, dataset_of: Any) -> None:
+    dataset = dataset_of("conductivity", 4)
+    for k in range(13):
+        name = f"a-method-with-quite-a-long-name-number-{k}-and-more-of-it"
+        build.add(dataset, name, (0.9 - k / 50) * (dataset.conductivity - 1) + 1, lost=k % 3)
+    picture = comparison(read_run(build.write()), "conductivity-set")
+    assert len(picture.columns) == 14
+    assert_no_text_overlaps_or_is_cut(draw(picture))
+
+
+def test_truth_first_then_methods_by_rank_one_row_per_family(full_run: Path) -> None:
+    picture = comparison(read_run(full_run), "conductivity-set")
+    assert picture.columns == ("truth", "sharp", "blurred", "constant")
+    assert [label[0] for label, _ in picture.rows] == ["circle", "two-circles", "ring"]
+    truth, _, blurred, _ = picture.rows[0][1]
+    assert truth.image is not None
+    assert truth.image.min() == pytest.approx(0.3)
+    assert picture.limits[0] < 0.3 < 1.0 < picture.limits[1]
+    assert blurred.note[0].startswith("SSIM 0.")
+    assert "PSNR" in blurred.note[1]
+
+
+def test_presses_are_marked_in_the_image_s_frame(full_run: Path) -> None:
+    picture = comparison(read_run(full_run), "position-set")
+    assert "truth" not in picture.columns
+    assert picture.contrast
+    x0, y0, x1, y1 = picture.bounds
+    for _, tiles in picture.rows:
+        sharp = tiles[picture.columns.index("sharp")]
+        assert sharp.image is not None
+        assert sharp.cross is not None
+        row, column = np.unravel_index(np.nanargmin(sharp.image), sharp.image.shape)
+        found = x0 + (column + 0.5) / 40 * (x1 - x0), y0 + (row + 0.5) / 40 * (y1 - y0)
+        assert np.hypot(*np.subtract(found, sharp.cross)) < 0.02
+        assert np.isnan(sharp.image[0, 0])
+
+
+def test_a_lost_frame_says_why(build: Any, dataset_of: Any) -> None:
+    dataset = dataset_of("conductivity", 3)
+    build.add(dataset, "some", dataset.conductivity, lost=1)
+    picture = comparison(read_run(build.write()), "conductivity-set")
+    notes = [tiles[1].note for _, tiles in picture.rows if tiles[1].image is None]
+    assert notes == [("timeout",)]
+    assert_no_text_overlaps_or_is_cut(draw(picture))
+
+
+@pytest.mark.parametrize("truth", ["conductivity", "position"])
+def test_methods_without_any_image_are_named_below(build: Any, dataset_of: Any, truth: str) -> None:
+    dataset = dataset_of(truth, 3)
+    images = dataset.__dict__["conductivity"]
+    build.add(dataset, "lost", images, lost=3).add(dataset, "kept", images)
+    picture = comparison(read_run(build.write()), f"{truth}-set")
+    assert "kept" in picture.columns
+    assert "lost" not in picture.columns
+    assert picture.footnote.splitlines()[-1].endswith("lost (timeout)")
+    assert_no_text_overlaps_or_is_cut(draw(picture))
+
+
+def test_names_cannot_leave_the_folder_or_be_formulas(build: Any, dataset_of: Any) -> None:
+    dataset = dataset_of("conductivity", 3)
+    build.add(dataset, "$x_{y$\x1b", dataset.conductivity)
+    path = build.write()
+    assert [p.name for p in write_figures(path)] == [
+        "comparison-conductivity-set.png",
+        "comparison-conductivity-set.pdf",
+    ]
+    picture = comparison(read_run(path), "conductivity-set")
+    assert picture.columns == ("truth", "$x_{y$\\x1b")
+
+
+def test_figures_that_cannot_be_written_are_one_sentence(build: Any, dataset_of: Any) -> None:
+    dataset = dataset_of("conductivity", 3)
+    build.add(dataset, "some", dataset.conductivity)
+    path = build.write()
+    (path / "figures").write_text("in the way")
+    with pytest.raises(EitbenchError, match="Could not write the figures"):
+        write_figures(path)

@@ -1,0 +1,76 @@
+"""Names that would lead out of a folder, or mean something to what shows them."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import pytest
+
+from eitbench.reports.page.report import write_report
+from eitbench.reports.page.site import write_site
+from eitbench.scenarios.data.datasets import Dataset
+from eitbench.scenarios.errors import EitbenchError
+
+MATHS = r"a$\frac{$b^{_"
+
+
+@pytest.fixture
+def hostile(build: Any, dataset_of: Callable[..., Dataset]) -> Callable[..., Path]:
+    """A run whose suite, scenario, method and version have these names."""
+
+    def made(suite: str, scenario: str, method: str, version: str) -> Path:
+        dataset = dataset_of("conductivity", 12)
+        truth = dataset.conductivity
+        assert truth is not None
+        for name, share in ((method, 0.9), ("plain", 0.5)):
+            build.add(dataset, name, share * (truth - 1) + 1)
+        run: Path = build.write()
+        for file in ("samples.parquet", "methods.parquet"):
+            table = pd.read_parquet(run / file)
+            table["scenario"] = scenario
+            table.assign(suite=suite).to_parquet(run / file)
+        manifest = json.loads((run / "manifest.json").read_text())
+        manifest["plan"]["suite"]["name"] = suite
+        manifest["versions"] = {"eitbench": version}
+        manifest["data"] = {scenario: manifest["data"].popitem()[1]}
+        (run / "manifest.json").write_text(json.dumps(manifest))
+        return run
+
+    return made
+
+
+@pytest.mark.parametrize(
+    ("suite", "name", "version"),
+    [
+        ("index", "m", ".."),
+        ("..", "..", "../.."),
+        ("/etc/up", "../../up", "/"),
+        ("s", "x" * 300, ""),
+    ],
+)
+def test_a_site_stays_in_its_folder(
+    hostile: Callable[..., Path], tmp_path: Path, suite: str, name: str, version: str
+) -> None:
+    run, out = hostile(suite, name, name, version), tmp_path / "deep" / "site"
+    if len(name) > 255:  # more than a file's name can have
+        with pytest.raises(EitbenchError, match=r"File name too long\.$"):
+            write_site(run.parent, out)
+    else:
+        written = write_site(run.parent, out)
+        assert all(path.resolve().is_relative_to(out.resolve()) for path in written)
+        assert len({path.resolve() for path in written}) == len(written)
+    assert {path.name for path in tmp_path.iterdir()} == {"deep", "run"}
+    assert {path.name for path in out.parent.iterdir()} <= {"site"}
+
+
+@pytest.mark.parametrize("name", ["../../up", MATHS])
+def test_a_report_stays_in_its_folder(
+    hostile: Callable[..., Path], tmp_path: Path, name: str
+) -> None:
+    out = tmp_path / "deep" / "report"
+    written = write_report([hostile(name, name, name, "1")], out)
+    assert all(path.resolve().is_relative_to(out.resolve()) for path in written)
+    assert {path.name for path in tmp_path.iterdir()} == {"deep", "run"}
+    assert {path.name for path in out.parent.iterdir()} == {"report"}

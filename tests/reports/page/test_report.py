@@ -1,0 +1,309 @@
+"""The report as data, page and files for a paper; `test_report_in_a_browser.py` opens it."""
+
+import json
+import re
+import shutil
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+import pandas as pd
+import pytest
+
+from eitbench.methods import methods
+from eitbench.reports.figures.style import STYLE
+from eitbench.reports.page.citations import KEYS, bibliography, entries
+from eitbench.reports.page.gathered import gather
+from eitbench.reports.page.paper import frontier, noise
+from eitbench.reports.page.report import answer, to_page, write_report
+from eitbench.scenarios.errors import DataCorruptError, InputError
+
+NASTY = "<img src=x onerror=alert(1)>"
+
+
+@pytest.fixture
+def many(build: Any, dataset_of: Any) -> Path:
+    """Enough samples for intervals: two methods that tie, one that is worse, a nasty name."""
+    rng = np.random.default_rng(0)
+    dataset = dataset_of("conductivity", 24)
+    for name, share in (("good", 0.9), ("as-good", 0.9), ("poor", 0.5), (NASTY, 0.2)):
+        noise = 0.02 * rng.standard_normal(dataset.conductivity.shape)
+        build.add(dataset, name, share * (dataset.conductivity - 1) + 1 + noise)
+    folder: Path = build.write()
+    return folder
+
+
+def test_what_is_gathered_is_what_the_leaderboard_says(many: Path, full_run: Path) -> None:
+    found = gather([many])
+    (board,) = found["boards"]
+    rows = {row["method"]: row for row in board["views"][0]["rows"]}
+    assert [view["label"] for view in board["views"]] == [
+        "all samples", "circle", "ring", "two-circles",
+    ]  # fmt: skip
+    assert rows["poor"]["group"] not in (rows["good"]["group"], rows["as-good"]["group"])
+    assert rows["good"]["command"] == (
+        "eitbench run bench --scenarios conductivity-set --methods good"
+    )
+    assert shlex_safe(rows[NASTY]["command"])
+    assert board["phantoms"] == 24
+    assert len(board["sensitivity"]) == 6
+    assert found["missing"] == []
+    json.dumps(found, allow_nan=False)
+    assert len(gather([full_run])["boards"]) == 4
+
+
+def shlex_safe(command: str) -> bool:
+    return f"'{NASTY}'" in command
+
+
+def test_the_answer_names_ties_and_the_fastest(many: Path) -> None:
+    (board,) = gather([many])["boards"]
+    said = answer(board)
+    first, second = (row["method"] for row in board["views"][0]["rows"][:2])
+    assert said.startswith("On bench / conductivity-set (24 samples), ")
+    assert f"{first} is first with S " in said
+    assert f"but cannot be told apart from {second}; the fastest of them is good (0.5 ms" in said
+
+
+def test_the_answer_says_how_far_ahead_the_best_is(build: Any, dataset_of: Any) -> None:
+    dataset = dataset_of("conductivity", 12)
+    for name, share in (("good", 0.9), ("poor", 0.5)):
+        build.add(dataset, name, share * (dataset.conductivity - 1) + 1)
+    said = answer(gather([build.write()])["boards"][0])
+    assert re.search(r"good is the best: S [\d.]+ \(95 %: [\d.]+ to [\d.]+\)\.", said)
+    assert re.search(r"ahead of poor by [\d.]+ \([\d.]+ to [\d.]+; p < 0.001\)\.", said)
+
+
+def test_names_are_data_in_the_page(many: Path) -> None:
+    page = to_page(gather([many]))
+    assert "<img" not in page
+    data = re.search(r'<script type="application/json" id="data">(.*?)</script>', page, re.DOTALL)
+    assert data is not None
+    assert not set("<>&") & set(data[1])
+    names = {row["method"] for row in json.loads(data[1])["boards"][0]["views"][0]["rows"]}
+    assert NASTY in names
+
+
+def test_the_page_needs_nothing_else(many: Path) -> None:
+    page = to_page(gather([many]))
+    head = page[: page.index('id="plotly"')]
+    assert not re.search(r"(?:src|href)\s*=\s*[\"'](?!#)", head)
+    assert "default-src 'none'" in head
+    assert len(page) < 5e6
+
+
+def test_files_for_a_paper(many: Path, tmp_path: Path) -> None:
+    written = {str(path.relative_to(tmp_path)) for path in write_report([many], tmp_path)}
+    frontier = "figures/frontier-bench-conductivity-set"
+    assert written == {
+        "index.html", "report.json", f"{frontier}.pdf", f"{frontier}.svg", "references.bib",
+        "tables/leaderboard.csv", "tables/leaderboard.md", "tables/leaderboard.tex",
+    }  # fmt: skip
+    pdf = (tmp_path / f"{frontier}.pdf").read_bytes()
+    assert b"/FontFile2" in pdf  # embedded TrueType
+    assert b"/Type3" not in pdf
+    # 3.5 in, the width of IEEE's column.
+    box = re.search(rb"/MediaBox \[ ?0 0 ([\d.]+)", pdf)
+    assert box is not None
+    assert float(box[1]) == pytest.approx(3.5 * 72)
+    table = pd.read_csv(tmp_path / "tables" / "leaderboard.csv")
+    assert set(table["method"]) == {"good", "as-good", "poor", NASTY}
+    assert "command" not in table
+    again = tmp_path / "again"
+    write_report([many], again)
+    for name in (f"{frontier}.pdf", f"{frontier}.svg", "tables/leaderboard.tex"):
+        assert (again / name).read_bytes() == (tmp_path / name).read_bytes()
+
+
+def test_no_text_of_a_figure_is_cut(many: Path) -> None:
+    (board,) = gather([many])["boards"]
+    rows = board["views"][0]["rows"]
+    rows += [rows[0] | {"method": f"a-rather-long-name-{k}"} for k in range(12)]
+    levels = [board | {"snr_db": level} for level in (30.0, 50.0, "clean")]
+    with mpl.rc_context(STYLE):
+        figures = (frontier(board), noise(levels))
+        for figure in figures:
+            figure.draw_without_rendering()
+    for figure in figures:
+        (axes,), (legend,) = figure.axes, figure.legends
+        for text in (*legend.get_texts(), axes.xaxis.label, axes.yaxis.label):
+            box = text.get_window_extent()
+            assert figure.bbox.x0 <= box.x0, text.get_text()
+            assert box.x1 <= figure.bbox.x1, text.get_text()
+
+
+DOCUMENT = r"""\documentclass[twocolumn]{article}
+\usepackage[textwidth=7.16in]{geometry}
+\usepackage{booktabs}
+\begin{document}
+\input{tables/leaderboard}
+\nocite{*}
+\bibliographystyle{plain}
+\bibliography{references}
+\end{document}
+"""
+
+
+@pytest.mark.skipif(shutil.which("pdflatex") is None, reason="needs LaTeX")
+def test_the_tables_compile_and_fit_the_page(many: Path, full_run: Path, tmp_path: Path) -> None:
+    write_report([many, full_run], tmp_path)
+    (tmp_path / "paper.tex").write_text(DOCUMENT)
+    for program in (["pdflatex", "-interaction=nonstopmode", "-halt-on-error"], ["bibtex"]):
+        done = subprocess.run(
+            [*program, "paper"], cwd=tmp_path, capture_output=True, text=True, check=False
+        )
+        assert done.returncode == 0, done.stdout
+        assert "Overfull" not in done.stdout
+
+
+def test_every_method_has_its_citation() -> None:
+    known = entries()
+    ours = {name for name, cls in methods().items() if cls.__module__.startswith("eitbench.")}
+    assert ours <= set(KEYS)
+    assert set(KEYS.values()) <= set(known)
+    text = bibliography(["noser", "tv", "gauss-newton-tv", "mine\n@misc"])
+    assert text.count("@article") == 2
+    assert text.startswith("% mine\\n@misc: no reference is known here.")
+    for name, cls in methods().items():
+        if name in KEYS:
+            author = re.search(r"author = \{(\w+)", known[KEYS[name]])
+            assert author is None or author[1] in cls.source
+
+
+def test_published_claims_stand_in_the_report_of_the_paper_s_suite(build: Any, paper: Any) -> None:
+    build.suite = "paper"
+    for name in ("dnn", "phydnn"):
+        build.add(paper, name, paper.conductivity)
+    found = gather([build.write()])
+    verdicts = {claim["claim"]: claim["verdict"] for claim in found["claims"]}
+    assert verdicts["The networks reconstruct 10 frames per second."] == "holds"
+    assert "The networks reconstruct 10 frames per second." in to_page(found)
+
+
+# ---- bad input ---------------------------------------------------------------------------------
+
+
+def test_without_images_the_rest_is_shown(many: Path, tmp_path: Path) -> None:
+    (many / "reconstructions.h5").unlink()
+    found = gather([many])
+    assert found["boards"][0]["images"] is None
+    assert found["boards"][0]["sensitivity"] == []
+    assert found["missing"] == ["run holds no reconstructions.h5: its images are not shown."]
+    assert "holds no reconstructions.h5" in to_page(found)
+    assert len(write_report([many], tmp_path / "report")) == 8
+
+
+def test_an_unfinished_run_says_so(many: Path) -> None:
+    content = json.loads((many / "manifest.json").read_text())
+    (many / "manifest.json").write_text(json.dumps(content | {"status": "interrupted"}))
+    table = pd.read_parquet(many / "samples.parquet")
+    table[(table["method"] != "poor") | (table["sample"] < 5)].to_parquet(many / "samples.parquet")
+    found = gather([many])
+    assert found["missing"] == ["The run run is interrupted: it has some of its samples only."]
+    rows = {row["method"]: row for row in found["boards"][0]["views"][0]["rows"]}
+    assert rows["poor"]["group"] is None
+    assert rows["good"]["group"] is not None
+    assert rows["poor"]["rank"] == 4  # below those that have all samples, however good its few
+    to_page(found)
+
+
+def test_several_runs_are_shown_alike(many: Path, tmp_path: Path) -> None:
+    """The same methods in two runs, on unlike machines: each with its images, figures and name."""
+    other = shutil.copytree(many, tmp_path / "other")
+    table = pd.read_parquet(other / "samples.parquet")
+    table.assign(rie=table["rie"] / 2).to_parquet(other / "samples.parquet")
+    for run, machine, solve in ((other, "Another", 10.0), (many, "One", 20.0)):
+        cells = pd.read_parquet(run / "methods.parquet")
+        cells = cells.assign(machine=machine, calibration_ms=solve)
+        cells.to_parquet(run / "methods.parquet")
+    (board,) = gather([many, other])["boards"]
+    rows = {row["label"]: row for row in board["views"][0]["rows"]}
+    assert {"good (run)", "good (other)", "poor (run)", "poor (other)"} <= set(rows)
+    assert set(board["images"]["names"]) == {"truth", *rows}
+    assert set(board["sensitivity"][0]["score"]) == set(rows)
+    assert rows["poor (other)"]["anchored"][2] > rows["poor (run)"]["anchored"][2]
+    assert rows["poor (other)"]["anchored"][0] == rows["poor (run)"]["anchored"][0]
+    said = answer(board)
+    assert "calibration solves a frame)" in said
+    assert " ms " not in said
+
+
+def test_the_first_is_tied_with_all_that_differ_by_chance(many: Path) -> None:
+    """A noisy method may be further down than one that is surely worse."""
+    (board,) = gather([many])["boards"]
+    names = [row["label"] for row in board["views"][0]["rows"]]
+    for pair in board["pairs"]:
+        if pair["first"] == 0:
+            pair["p"] = 1.0 if pair["second"] == 2 else 1e-4
+    assert f"cannot be told apart from {names[2]};" in answer(board)
+
+
+def test_other_data_under_the_same_name_get_a_board_of_their_own(
+    many: Path, tmp_path: Path
+) -> None:
+    other = shutil.copytree(many, tmp_path / "other")
+    content = json.loads((other / "manifest.json").read_text())
+    content["data"]["conductivity-set"]["hash"] = "other"
+    (other / "manifest.json").write_text(json.dumps(content))
+    boards = gather([many, other])["boards"]
+    assert [board["data_hash"] for board in boards] == ["3f2a1b9c", "other"]
+    assert [len(board["views"][0]["rows"]) for board in boards] == [4, 4]
+
+
+@pytest.mark.parametrize(
+    "column",
+    ["psnr", "score", "localisation_mm", "strength", "found_x_m", "response", "phantom",
+     "frame_ms", "family", "status"],
+)  # fmt: skip
+def test_a_column_that_is_missing_costs_what_it_held(many: Path, column: str) -> None:
+    table = pd.read_parquet(many / "samples.parquet")
+    table.drop(columns=column, errors="ignore").to_parquet(many / "samples.parquet")
+    if column == "status":
+        with pytest.raises(DataCorruptError, match="has no column 'status'"):
+            gather([many])
+        return
+    found = gather([many])
+    to_page(found)
+    said = [sentence for sentence in found["missing"] if f"no column {column!r}" in sentence]
+    assert len(said) == (column not in ("phantom", "frame_ms", "family"))
+    if column == "phantom":
+        why = found["boards"][0]["why_not"]
+        assert why.startswith("Intervals need to know phantoms")
+
+
+def test_a_damaged_table_is_refused_with_one_sentence(many: Path, tmp_path: Path) -> None:
+    (many / "samples.parquet").write_bytes(b"PAR1 and nothing else")
+    with pytest.raises(DataCorruptError, match="not a readable Parquet file"):
+        write_report([many], tmp_path / "report")
+    assert not (tmp_path / "report").exists()
+    with pytest.raises(InputError, match="is not a run directory"):
+        gather([tmp_path])
+
+
+def test_operators_get_a_board_beside_methods(many: Path, build_operators: Any) -> None:
+    found = gather([many, build_operators({"surrogate": 0.1, "jacobian": 0.4})])
+    assert [board["kind"] for board in found["boards"]] == ["method", "operator"]
+    assert answer(found["boards"][1]).endswith("surrogate is first: MSE 0.1.")
+    to_page(found)
+
+
+def test_tables_of_operators_stand_beside_those_of_methods(
+    many: Path, build_operators: Any, tmp_path: Path
+) -> None:
+    write_report([many, build_operators({"surrogate": 0.1})], tmp_path / "report")
+    tables = {path.name for path in (tmp_path / "report" / "tables").iterdir()}
+    assert {"leaderboard.csv", "operators.csv", "operators.tex"} <= tables
+
+
+def test_a_run_without_rows_is_refused(many: Path) -> None:
+    pd.read_parquet(many / "samples.parquet")[:0].to_parquet(many / "samples.parquet")
+    with pytest.raises(InputError, match="There are no results in"):
+        gather([many])
+
+
+def test_runs_of_the_same_name_are_refused(many: Path, tmp_path: Path) -> None:
+    other = shutil.copytree(many, tmp_path / "elsewhere" / many.name)
+    with pytest.raises(InputError, match="2 of the runs are called 'run'"):
+        gather([many, other])

@@ -1,0 +1,170 @@
+"""The page of a report in headless Chromium: what it shows, and that it works without a network."""
+
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from eitbench.reports.page.report import write_report
+
+playwright = pytest.importorskip("playwright.sync_api", reason="needs Playwright")
+CHROMIUM = shutil.which("chromium")
+pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium")
+
+NASTY = "<img src=x onerror=alert(1)>"
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    with playwright.sync_playwright() as started:
+        browser = started.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        yield browser
+        browser.close()
+
+
+@pytest.fixture
+def run(build: Any, dataset_of: Any) -> Path:
+    rng = np.random.default_rng(0)
+    simulated, presses = dataset_of("conductivity", 24), dataset_of("position", 24)
+    for name, share in (("fair", 0.8), (NASTY, 0.2), ("good", 0.9)):
+        noise = 0.02 * rng.standard_normal(simulated.conductivity.shape)
+        build.add(simulated, name, share * (simulated.conductivity - 1) + 1 + noise)
+    build.add(presses, "good", presses.conductivity)
+    folder: Path = build.write()
+    return folder
+
+
+class Page:
+    """An open report, with what went wrong in it and what it asked for."""
+
+    def __init__(self, browser: Any, folder: Path, **options: Any) -> None:
+        self.errors: list[str] = []
+        self.requests: list[str] = []
+        self.page = browser.new_page(**options)
+        self.page.on("console", lambda m: self.errors.append(m.text) if m.type == "error" else None)
+        self.page.on("pageerror", lambda error: self.errors.append(str(error)))
+        self.page.on("dialog", lambda dialog: self.errors.append("a dialog"))
+        self.page.on("request", lambda request: self.requests.append(request.url))
+        self.page.goto((folder / "index.html").as_uri())
+        self.page.wait_for_selector("html[data-ready=true]", timeout=30_000)
+
+    def column(self, table: str, number: int) -> list[str]:
+        cells = self.page.locator(f"{table} tbody tr td:nth-child({number})").all()
+        return [cell.inner_text().split("\n")[0] for cell in cells]
+
+
+@pytest.fixture
+def opened(browser: Any, run: Path, tmp_path: Path) -> Iterator[Any]:
+    write_report([run], tmp_path / "report")
+    pages: list[Page] = []
+
+    def open_page(**options: Any) -> Page:
+        pages.append(Page(browser, tmp_path / "report", **options))
+        return pages[-1]
+
+    yield open_page
+    for page in pages:
+        page.page.close()
+        assert page.errors == []
+        assert all(url.startswith(("file:", "blob:", "data:")) for url in page.requests)
+
+
+def test_names_are_shown_as_text(opened: Any) -> None:
+    found = opened()
+    assert set(found.column("#leaderboard", 2)) == {"good", "fair", NASTY}
+    assert found.page.locator("img").count() == 0
+
+
+def test_columns_sort_and_rows_filter(opened: Any) -> None:
+    found = opened()
+    names = found.column("#leaderboard", 2)
+    found.page.get_by_role("button", name="RIE").click()
+    assert found.column("#leaderboard", 2) == names  # less is better: the best first
+    assert found.page.locator("th[aria-sort=ascending]").inner_text().startswith("RIE")
+    found.page.get_by_role("button", name="RIE").click()
+    assert found.column("#leaderboard", 2) == names[::-1]
+    found.page.fill("#search", "goo")
+    assert found.column("#leaderboard", 2) == ["good"]
+    found.page.fill("#search", "zzz")
+    assert found.column("#leaderboard", 1) == ["Nothing matches."]
+    found.page.fill("#search", "")
+    found.page.select_option("#part", label="ring")
+    assert "ring" in found.page.locator("#leaderboard caption").inner_text()
+    assert found.column("#leaderboard", 3) == ["–", "–", "–"] or len(names) == 3
+
+
+def test_weights_rank_again(opened: Any) -> None:
+    found = opened()
+    order = found.column("#weighted", 2)
+    for name in ("ssim", "cc", "psnr"):
+        found.page.locator(f"input[data-weight={name}]").fill("0")
+    found.page.locator("input[data-weight=rie]").fill("1")
+    figures = [float(text) for text in found.column("#weighted", 3)]
+    assert figures == sorted(figures, reverse=True)
+    assert all(-1 < figure < 0 for figure in figures)  # minus RIE
+    found.page.get_by_role("button", name="Reset").click()
+    assert found.column("#weighted", 2) == order
+
+
+def test_images_are_linked_and_can_be_read(opened: Any) -> None:
+    found = opened()
+    page = found.page
+    page.locator("#leaderboard tbody button", has_text="fair").click()
+    assert page.locator("#images .head.chosen").inner_text() == "fair"
+    assert page.locator("#leaderboard tr.chosen").count() == 1
+    # Three cases: the truth, and three methods with their errors.
+    assert page.locator("#images canvas").count() == 3 * (1 + 2 * 3)
+    page.select_option("#family", "ring")
+    page.get_by_role("button", name="truth, ring best case").click()
+    canvas = page.locator("#zoom-canvas")
+    box = canvas.bounding_box()
+    page.mouse.move(box["x"] + 3, box["y"] + 3)
+    assert page.locator("#zoom-value").inner_text() == "pixel 0, 39: 1.00 S/m"
+    page.keyboard.press("Escape")
+    page.select_option("#shown", "error")
+    page.get_by_role("button", name="good, ring best case, sample").click()
+    page.locator("#zoom-canvas").press("ArrowUp")
+    assert "pixel 20, 21: error" in page.locator("#zoom-value").inner_text()
+    page.mouse.move(box["x"] + 3, box["y"] + 3)
+    assert "error" in page.locator("#zoom-value").inner_text()
+
+
+def test_presses_are_drawn(opened: Any) -> None:
+    found = opened()
+    assert found.page.locator("#presses-section").is_hidden()
+    found.page.select_option("#board", label="bench / position-set")
+    found.page.wait_for_selector("#presses svg")
+    assert found.page.locator("#families-section").is_hidden()
+    assert "24 presses" in found.page.locator("#presses").get_attribute("aria-label")
+
+
+@pytest.mark.parametrize(("scheme", "width"), [("light", 375), ("dark", 1280)])
+def test_no_serious_violation_of_accessibility(opened: Any, scheme: str, width: int) -> None:
+    axe = pytest.importorskip("axe_playwright_python.sync_playwright")
+    found = opened(color_scheme=scheme, viewport={"width": width, "height": 800})
+    assert found.page.evaluate("document.documentElement.scrollWidth") == width
+    violations = axe.Axe().run(found.page).response["violations"]
+    serious = [v for v in violations if v["impact"] in ("serious", "critical")]
+    assert [(v["id"], [n["html"] for n in v["nodes"][:3]]) for v in serious] == []
+
+
+def test_paper_is_light_and_holds_the_whole_table(opened: Any) -> None:
+    found = opened(color_scheme="dark")
+    found.page.emulate_media(media="print")
+    colour = "getComputedStyle(document.body).color"
+    assert found.page.evaluate(colour) == "rgb(0, 0, 0)"
+    found.page.set_viewport_size({"width": 1047, "height": 718})  # A4 landscape less its margins
+    right = "document.querySelector('#leaderboard').getBoundingClientRect().right"
+    assert found.page.evaluate(right) <= 1047
+
+
+def test_the_theme_can_be_changed(opened: Any) -> None:
+    found = opened(color_scheme="light")
+    ground = "getComputedStyle(document.body).backgroundColor"
+    light = found.page.evaluate(ground)
+    found.page.locator("#theme").click()
+    assert found.page.evaluate(ground) != light
+    assert found.page.locator("#theme").inner_text() == "Light"

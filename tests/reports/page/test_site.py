@@ -1,0 +1,94 @@
+"""The site: pages for suites, methods and versions, whose links lead somewhere."""
+
+import json
+import re
+import shutil
+from pathlib import Path
+from typing import Any
+from urllib.parse import unquote
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from eitbench.reports.page.site import write_site
+from eitbench.reports.tables.leaderboard import FORMATS, leaderboard
+from eitbench.scenarios.errors import InputError
+
+NASTY = "<img src=x>/..%2F"
+
+
+def change(run: Path, **more: Any) -> None:
+    content = json.loads((run / "manifest.json").read_text())
+    (run / "manifest.json").write_text(json.dumps(content | more))
+
+
+def measured_on(run: Path, machine: str, calibration_ms: float) -> None:
+    table = pd.read_parquet(run / "methods.parquet")
+    table = table.assign(machine=machine, calibration_ms=calibration_ms)
+    table.to_parquet(run / "methods.parquet")
+
+
+@pytest.fixture
+def runs(build: Any, dataset_of: Any, tmp_path: Path) -> Path:
+    """Two runs with version 0.2.0, on unlike machines, one with 0.1.0, and one that is damaged."""
+    rng = np.random.default_rng(0)
+    dataset = dataset_of("conductivity", 12)
+    for name, share in (("good", 0.9), (NASTY, 0.2)):
+        noise = 0.02 * rng.standard_normal(dataset.conductivity.shape)
+        build.add(dataset, name, share * (dataset.conductivity - 1) + 1 + noise)
+    folder = tmp_path / "runs"
+    first = shutil.copytree(build.write(), folder / "first")
+    change(first, versions={"eitbench": "0.2.0"})
+    measured_on(first, "One", 20.0)
+    second = shutil.copytree(first, folder / "second")
+    measured_on(second, "Another", 40.0)
+    old = shutil.copytree(first, folder / "old")
+    change(old, versions={"eitbench": "0.1.0"})
+    damaged = shutil.copytree(first, folder / "damaged")
+    (damaged / "samples.parquet").write_bytes(b"x")
+    return folder
+
+
+def test_every_link_leads_to_a_page(runs: Path, tmp_path: Path) -> None:
+    out = tmp_path / "site"
+    written = write_site(runs, out)
+    assert {str(path.relative_to(out)) for path in written} == {
+        "index.html", "guide.html", "archive/0.2.0/bench.html", "archive/0.1.0/bench.html",
+        "methods/good.html", "methods/%3Cimg%20src%3Dx%3E%2F..%252F.html",
+    }  # fmt: skip
+    for path in written:
+        page = path.read_text()
+        assert "<img" not in page
+        for link in re.findall(r'href="([^"#]+)"', page):
+            assert (path.parent / unquote(link)).is_file(), link
+    front = written[0].read_text()
+    assert front.index("archive/0.2.0/bench.html") < front.index("archive/0.1.0/bench.html")
+    assert "damaged is left out" in front
+
+
+def test_a_method_has_its_history(runs: Path, tmp_path: Path) -> None:
+    write_site(runs, tmp_path / "site")
+    page = (tmp_path / "site" / "methods" / "good.html").read_text()
+    versions = re.findall(r"<td class=\"text\">(0\.\d\.0)</td>", page)
+    assert versions == ["0.2.0", "0.2.0", "0.1.0"]
+    assert "eitbench run bench --scenarios conductivity-set --methods good" in page
+
+
+def test_times_of_several_machines_are_shown_in_calibration_solves(runs: Path) -> None:
+    one = leaderboard([runs / "first", runs / "old"])
+    assert "Frame p50" in FORMATS["md"](one)
+    assert "calibration solves" not in FORMATS["md"](one)
+    several = leaderboard([runs / "first", runs / "second"])
+    text = FORMATS["md"](several)
+    assert "calibration solves" in text
+    assert "Frame p50" not in text
+    assert "p99" not in text
+    solves = {row["run"]: row["frame_solves"] for row in several if row["method"] == "good"}
+    assert solves["first"] == pytest.approx(2 * solves["second"])
+
+
+def test_a_folder_without_runs_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="There is no run directory in"):
+        write_site(tmp_path, tmp_path / "site")
+    assert not (tmp_path / "site").exists()

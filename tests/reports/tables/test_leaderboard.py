@@ -1,0 +1,242 @@
+import csv
+import io
+import json
+import re
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from eitbench.benchmark.metrics.specs import METRICS
+from eitbench.reports.tables.columns import METHOD_LAYOUT as LAYOUT
+from eitbench.reports.tables.leaderboard import (
+    FORMATS,
+    leaderboard,
+    note,
+    table,
+    write_leaderboard,
+)
+
+NASTY = "a|b_<img src=x>$\\%&`\x1b[31m\nend"
+CONTRACT = {
+    "suite", "scenario", "method", "track", "n", "coverage", "ssim", "cc", "rie", "psnr", "score",
+    "rank", "localisation_mm", "frame_ms_p50", "frame_ms_p99", "setup_s", "train_s",
+}  # fmt: skip
+
+
+@pytest.fixture
+def nasty(build: Any, dataset_of: Any) -> list[dict[str, Any]]:
+    dataset = dataset_of("conductivity", 4)
+    build.add(dataset, NASTY, dataset.conductivity)
+    build.add(dataset, "plain", 0.5 * (dataset.conductivity - 1) + 1)
+    return leaderboard([build.write()])
+
+
+def test_rows_hold_the_contract_and_full_precision(full_run: Path) -> None:
+    rows = leaderboard([full_run])
+    assert len(rows) == 12
+    assert all(set(row) >= CONTRACT for row in rows)
+    assert json.loads(FORMATS["json"](rows)) == rows
+    read = list(csv.DictReader(io.StringIO(FORMATS["csv"](rows))))
+    for row, line in zip(rows, read, strict=True):
+        for name in ("score", "localisation_mm", "frame_ms_p50"):
+            assert (line[name] == "") if row[name] is None else (float(line[name]) == row[name])
+
+
+def test_files_are_written_beside_the_run(full_run: Path, tmp_path: Path) -> None:
+    rows = leaderboard([full_run])
+    written = write_leaderboard(rows, tmp_path)
+    assert {path.name for path in written} == {f"leaderboard.{f}" for f in ("json", "csv", "md")}
+    assert json.loads((tmp_path / "leaderboard.json").read_text()) == rows
+
+
+def test_an_empty_leaderboard_prints_in_every_format() -> None:
+    assert json.loads(FORMATS["json"]([])) == []
+    assert all(FORMATS[form]([]) == "" for form in ("csv", "md", "latex", "html"))
+
+
+def test_markdown_shows_one_table_per_scenario_with_the_best_in_bold(full_run: Path) -> None:
+    text = FORMATS["md"](leaderboard([full_run]))
+    assert text.count("### ") == 4
+    tables = dict(part.split("\n", 1) for part in text.split("### ")[1:])
+    assert "SSIM" in tables["bench / conductivity-set"]
+    assert "SSIM" not in tables["bench / position-set"]
+    assert "Training" not in text
+    assert "Run" not in text
+    best = min(
+        (r for r in leaderboard([full_run]) if r["scenario"] == "position-set"),
+        key=lambda row: float(row["localisation_mm"]),
+    )
+    line = next(x for x in tables["bench / position-set"].splitlines() if best["method"] in x)
+    assert f"**{best['localisation_mm']:.1f}**" in line
+
+
+def test_an_undefined_figure_is_a_dash(full_run: Path) -> None:
+    text = FORMATS["md"](leaderboard([full_run])).split("none-set")[1]
+    line = next(x for x in text.splitlines() if "constant" in x)
+    assert "–" in line
+
+
+def test_names_are_data_in_markdown(nasty: list[dict[str, Any]]) -> None:
+    text = FORMATS["md"](nasty)
+    assert "<img" not in text
+    assert "&lt;img" in text
+    assert "\x1b" not in text
+    rows = [line for line in text.splitlines() if line.startswith("|")]
+    cells = {line.replace("\\|", "").count("|") for line in rows}
+    assert len(rows) == 4
+    assert len(cells) == 1
+
+
+def test_names_are_data_in_latex(nasty: list[dict[str, Any]]) -> None:
+    text = FORMATS["latex"](nasty)
+    line = next(x for x in text.splitlines() if "img" in x)
+    name = line.split(" & ")[1]
+    assert name.startswith(r"a\textbar{}b\_\textless{}img")
+    assert r"\$\textbackslash{}\%\&" in name
+    for rule in ("\\toprule", "\\midrule", "\\bottomrule", "\\usepackage{booktabs}"):
+        assert rule in text
+
+
+def test_names_are_data_in_html_csv_and_json(nasty: list[dict[str, Any]]) -> None:
+    assert "<img" not in FORMATS["html"](nasty)
+    assert "&lt;img" in FORMATS["html"](nasty)
+    read = list(csv.DictReader(io.StringIO(FORMATS["csv"](nasty), newline="")))
+    assert read[0]["method"] == NASTY
+    assert json.loads(FORMATS["json"](nasty))[0]["method"] == NASTY
+
+
+def test_the_terminal_shows_names_as_they_are_and_no_markup(nasty: list[dict[str, Any]]) -> None:
+    console = Console(record=True, width=200, file=io.StringIO())
+    nasty[1]["method"] = "[bold]odd[/bold]"
+    console.print(table(nasty, 200))
+    text = console.export_text()
+    assert "[bold]odd[/bold]" in text
+    assert "\x1b" not in text
+    assert "bench / conductivity-set" in text
+    assert "SSIM" in text
+
+
+@pytest.mark.parametrize("width", [60, 80, 100, 150])
+def test_a_narrow_terminal_shows_fewer_columns_but_whole_ones(
+    nasty: list[dict[str, Any]], width: int
+) -> None:
+    nasty[0]["method"] = "gauss-newton-noser"
+    console = Console(record=True, width=width, file=io.StringIO())
+    console.print(table(nasty, width))
+    text = console.export_text()
+    assert max(map(len, text.splitlines())) <= width
+    assert "gauss-newton-noser" in text
+    assert format(nasty[0]["score"], ".3f") in text
+
+
+def test_nothing_is_highlighted_where_all_are_equal(nasty: list[dict[str, Any]]) -> None:
+    for row in nasty:
+        row["iou"] = 0.5
+        row["cc"] = 0.25 if row["method"] == "plain" else 0.75
+    line = next(x for x in FORMATS["md"](nasty).splitlines() if "plain" in x)
+    assert "**0.500**" not in line
+    assert "0.250" in line
+    assert "**0.750**" in FORMATS["md"](nasty)
+
+
+def test_unlike_data_get_tables_of_their_own(full_run: Path, tmp_path: Path) -> None:
+    other = shutil.copytree(full_run, tmp_path / "other")
+    content = json.loads((other / "manifest.json").read_text())
+    content["data"]["conductivity-set"] = {"hash": "77c0ffee", "n": 8}
+    (other / "manifest.json").write_text(json.dumps(content))
+    text = FORMATS["html"](leaderboard([full_run, other]))
+    assert re.findall("<caption>(.*)</caption>", text) == [
+        "bench / conductivity-set (n = 8, data 3f2a1b)",
+        "bench / position-set",
+        "bench / classes-set",
+        "bench / none-set",
+        "bench / conductivity-set (n = 8, data 77c0ff)",
+    ]
+
+
+def test_the_best_and_what_is_told_of_it(build: Any, dataset_of: Any) -> None:
+    dataset = dataset_of("conductivity", 24)
+    rng = np.random.default_rng(0)
+    for name, share in (("good", 0.9), ("as-good", 0.9), ("poor", 0.5), ("broken", 0.9)):
+        noise = 0.02 * rng.standard_normal(dataset.conductivity.shape)
+        images = share * (dataset.conductivity - 1) + 1 + noise
+        build.add(dataset, name, images, lost=24 if name == "broken" else 0)
+    rows = {row["method"]: row for row in leaderboard([build.write()])}
+    text = FORMATS["md"](list(rows.values()))
+    lines = {name: next(x for x in text.splitlines() if f" {name} " in x) for name in rows}
+    assert rows["poor"]["group"] == "b"
+    assert {rows["good"]["group"], rows["as-good"]["group"]} == {"a"}
+    assert lines["good"].startswith(f"| {rows['good']['rank']} (1–2) | good | a | ")
+    assert lines["poor"].startswith("| 3 | poor | b | ")
+    score, low, high = (rows["poor"][f"score{end}"] for end in ("", "_low", "_high"))
+    assert f" {score:.3f} ({low:.3f}–{high:.3f}) " in lines["poor"]
+    assert "**" not in lines["poor"] + lines["broken"].replace("**0.25**", "")
+    assert "**" in lines["good"] + lines["as-good"]
+    assert r"1 {\scriptsize(1--2)} & " in FORMATS["latex"](list(rows.values()))
+
+
+NOTES = {"guess_mm": 35.52, "reciprocity_error": 0.026, "repeat_noise": 0.000316}
+NOTE = "guessing one place: 35.5 mm; reciprocity error of the reference frame: 2.60%; "
+
+
+@pytest.mark.parametrize("form", ["md", "html", "latex", "terminal"])
+def test_what_is_known_of_recorded_data_stands_below_their_table(full_run: Path, form: str) -> None:
+    rows = leaderboard([full_run])
+    noted = [row | (NOTES if row["scenario"] == "position-set" else {}) for row in rows]
+
+    def shown(board: list[dict[str, Any]]) -> str:
+        if form != "terminal":
+            return FORMATS[form](board).replace("\\", "")
+        console = Console(record=True, width=200, file=io.StringIO())
+        console.print(table(board, 200))
+        return console.export_text()
+
+    assert "guessing" not in shown(rows)
+    text = shown(noted)
+    assert text.count(f"{NOTE}noise between repeats: 0.032%.") == 1
+    after = text.index("guessing")
+    assert text.index("position-set") < after < text.index("classes-set")
+    assert note([row for row in noted if row["scenario"] == "none-set"]) == ""
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (8.71e-7, "<0.001"),
+        (0.0, "0"),
+        (0.00123, "0.001"),
+        (0.01267, "0.013"),
+        (0.5, "0.5"),
+        (12.345, "12.3"),
+        (100, "100"),
+        (123456.0, "123000"),
+    ],
+)
+def test_times_have_no_exponent(value: float, text: str, nasty: list[dict[str, Any]]) -> None:
+    times = [
+        column for column in LAYOUT.columns if column.name.endswith(("_s", "_ms_p50", "_ms_p99"))
+    ]
+    assert len(times) == 4
+    for column in times:
+        assert column.text(nasty[0] | {column.name: value}) == text
+
+
+def test_a_metric_has_one_name(full_run: Path) -> None:
+    title = METRICS["repeatability_db"].title
+    assert title in FORMATS["md"](leaderboard([full_run]))
+    assert LAYOUT.terminal["repeatability_db"].startswith(title)
+    assert LAYOUT.terminal["coverage"] == "Done"
+
+
+def test_what_failures_cost_is_said(build: Any, dataset_of: Any) -> None:
+    dataset = dataset_of("conductivity", 12)
+    for name, share, lost in (("good", 0.9, 6), ("fair", 0.8, 0)):
+        build.add(dataset, name, share * (dataset.conductivity - 1) + 1, lost=lost)
+    rows = leaderboard([build.write()])
+    assert [(row["method"], row["rank_valid"]) for row in rows] == [("fair", 2), ("good", 1)]
+    assert "good would rank 1 if what failed were left out" in FORMATS["md"](rows)
+    assert "fair would" not in FORMATS["md"](rows)

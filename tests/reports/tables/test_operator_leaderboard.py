@@ -1,0 +1,156 @@
+"""Leaderboards of operators: ranks, small numbers, the published table beside ours."""
+
+import csv
+import io
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from rich.console import Console
+
+from eitbench.reports.figures.image_grid import write_figures
+from eitbench.reports.tables.columns import OPERATOR_LAYOUT as LAYOUT
+from eitbench.reports.tables.leaderboard import FORMATS, leaderboard, table, write_leaderboard
+from eitbench.reports.tables.published import RATIO, TABLE_I
+from eitbench.scenarios.errors import InputError
+
+N = 4
+MSE = {"surrogate": 8e-4, "fem": 3e-24, "jacobian": 1.62e-2, "halved": 5e-4}
+CONTRACT = {
+    "scenario", "operator", "n", "coverage", "mse", "r", "rel_error", "grad_cosine", "forward_ms",
+    "grad_ms", "setup_s", "memory_mb", "train_s", "rank",
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def operator_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What a finished run of operators leaves, of which "halved" lost half of its samples."""
+    path = tmp_path_factory.mktemp("runs") / "operators"
+    path.mkdir()
+    samples, cells = [], []
+    for name, mse in MSE.items():
+        good = np.arange(N) < (N // 2 if name == "halved" else N)
+        samples.append(
+            pd.DataFrame(
+                {
+                    "suite": "operators",
+                    "scenario": "paper",
+                    "operator": name,
+                    "sample": np.arange(N),
+                    "status": np.where(good, "ok", "error"),
+                    "mse": np.where(good, mse * np.array([0.5, 1.5, 0.5, 1.5]), np.nan),
+                    "rel_error": np.where(good, 1e-3, np.nan),
+                    "grad_cosine": np.where(good, 0.98765, np.nan),
+                }
+            )
+        )
+        cells.append(
+            {
+                "scenario": "paper", "operator": name, "r": 1 - 31 * mse, "forward_ms": 0.123456,
+                "grad_ms": 2.5, "setup_s": 1e-5, "memory_mb": 312.7,
+                "train_s": 7200.0 if name == "surrogate" else 0.0,
+                "trained_on": "one GPU" if name == "surrogate" else "",
+            }
+        )  # fmt: skip
+    data = {"paper": {"hash": "c0ffee", "n": N, "inverse_crime": True}}
+    (path / "manifest.json").write_text(json.dumps({"data": data}))
+    pd.concat(samples).to_parquet(path / "samples.parquet")
+    pd.DataFrame(cells).to_parquet(path / "operators.parquet")
+    return path
+
+
+def shown(rows: list[dict[str, Any]], form: str, width: int = 200) -> str:
+    if form != "terminal":
+        return FORMATS[form](rows)
+    console = Console(record=True, width=width, file=io.StringIO())
+    console.print(table(rows, width))
+    return console.export_text()
+
+
+def test_rows_hold_the_contract_ranked_by_mse(operator_run: Path) -> None:
+    rows = leaderboard([operator_run])
+    assert all(set(row) >= CONTRACT for row in rows)
+    assert [row["operator"] for row in rows] == ["fem", "surrogate", "jacobian", "halved"]
+    assert [row["rank"] for row in rows] == [1, 2, 3, 4]
+    assert rows[3]["coverage"] == 0.5  # and so after those that lost nothing
+    assert rows[1]["mse"] == pytest.approx(MSE["surrogate"])
+    assert rows[1]["r"] == pytest.approx(1 - 31 * MSE["surrogate"])
+    assert (rows[1]["train_s"], rows[1]["trained_on"]) == (7200.0, "one GPU")
+    assert json.loads(FORMATS["json"](rows)) == rows
+    read = list(csv.DictReader(io.StringIO(FORMATS["csv"](rows))))
+    assert [float(line["mse"]) for line in read] == [row["mse"] for row in rows]
+
+
+@pytest.mark.parametrize("form", ["md", "latex", "html", "terminal"])
+def test_the_published_table_stands_beside_ours(form: str, operator_run: Path) -> None:
+    text = shown(leaderboard([operator_run]), form)
+    for figure in ("1.62e-2", "8.00e-4", "3.00e-24", "2.57e-3", "0.99498", "0.97123", "0.97520"):
+        assert figure in text
+    plain = re.sub(r"\\", "", text)
+    assert plain.count("surrogate (published)") == plain.count("jacobian (published)") == 1
+    said = " ".join(plain.replace("&#x27;", "'").split())
+    assert "standardised over the clean voltages of the validation split" in said
+    assert "the surrogate's MSE is 20.2 times lower than the Jacobian's (published: 6.3)" in said
+    assert "inverse crime" in said
+    assert "PhyDNN" in said
+
+
+def test_published_figures_are_not_results(operator_run: Path) -> None:
+    rows = leaderboard([operator_run])
+    for form in ("json", "csv"):
+        assert "published" not in FORMATS[form](rows)
+    assert pytest.approx(6.3, abs=0.01) == RATIO
+    assert TABLE_I["surrogate"] == {"mse": 2.57e-3, "r": 0.99498}
+    line = next(x for x in FORMATS["md"](rows).splitlines() if "surrogate (published)" in x)
+    assert "**" not in line
+
+
+def test_without_both_there_is_no_ratio(operator_run: Path) -> None:
+    rows = [row for row in leaderboard([operator_run]) if row["operator"] != "jacobian"]
+    text = shown(rows, "md")
+    assert "times lower" not in text
+    assert "(published)" in text
+
+
+@pytest.mark.parametrize("width", [60, 80, 120])
+def test_a_narrow_terminal_shows_the_ranking(width: int, operator_run: Path) -> None:
+    text = shown(leaderboard([operator_run]), "terminal", width)
+    assert max(map(len, text.splitlines())) <= width
+    assert "8.00e-4" in text
+    assert "surrogate (published)" in text
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (0.0, "0"),
+        (1e-24, "1.00e-24"),
+        (1.62e-2, "1.62e-2"),
+        (0.0999, "9.99e-2"),
+        (0.425, "0.425"),
+        (12.345, "12.3"),
+        (None, "–"),
+    ],
+)
+def test_small_numbers_are_legible(value: float | None, text: str) -> None:
+    (column,) = (column for column in LAYOUT.columns if column.name == "mse")
+    assert column.text({"mse": value}) == text
+
+
+def test_files_are_written_and_no_pictures(operator_run: Path, tmp_path: Path) -> None:
+    written = write_leaderboard(leaderboard([operator_run]), tmp_path)
+    assert {path.name for path in written} == {f"leaderboard.{f}" for f in ("json", "csv", "md")}
+    assert "(published)" in (tmp_path / "leaderboard.md").read_text()
+    assert write_figures(operator_run) == []
+    assert not (operator_run / "figures").exists()
+
+
+def test_methods_and_operators_are_not_ranked_together(operator_run: Path, full_run: Path) -> None:
+    with pytest.raises(InputError, match=r"operators ranks operators and .*full methods: ask for"):
+        leaderboard([operator_run, full_run])
+    with pytest.raises(InputError, match="2 of the runs are called 'operators'"):
+        leaderboard([operator_run, operator_run])

@@ -1,0 +1,287 @@
+"""Data sets: what `load` gives, its hashes, its flags and its errors."""
+
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from eitbench.scenarios import load
+from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.imperfections.imperfections import Imperfections
+from eitbench.scenarios.phantoms.families import FAMILIES, PUBLISHED_FAMILIES
+from eitbench.scenarios.physics.forward import forward_model
+from eitbench.scenarios.recordings import RECORDED_SETS, RecordedFrames, RecordedSet, fetch
+from eitbench.scenarios.recordings.catalogue import foam16
+from eitbench.scenarios.recordings.sources import RecordedFile, Source
+from eitbench.scenarios.suites.scenario import RecordedScenario, SimulatedScenario, SplitNoise
+
+SMALL: dict[str, Any] = {
+    "name": "small",
+    "image_shape": (12, 12),
+    "families": PUBLISHED_FAMILIES,
+    "noise": SplitNoise(train="mixture", validation=30, test=40),
+    "mesh_refinement": 2,
+    "train": 30,
+    "validation": 10,
+    "test": 20,
+}
+SCENARIO = SimulatedScenario(**SMALL)
+
+
+def test_dataset_holds_what_the_contract_says() -> None:
+    data = load(SCENARIO, "test")
+    assert len(data) == 20
+    assert data.voltages.shape == (20, 208)
+    assert data.reference.shape == (208,)
+    assert data.conductivity is not None
+    assert data.conductivity.shape == (20, 12, 12)
+    assert {data.voltages.dtype, data.reference.dtype, data.conductivity.dtype} == {np.dtype("f8")}
+    assert data.truth == "conductivity"
+    assert data.sensor.image_shape == (12, 12)
+    assert list(data.samples["sample"]) == list(range(20))
+    assert list(data.samples["family"][:6]) == list(PUBLISHED_FAMILIES)
+    assert (data.samples["snr_db"] == 40).all()
+    assert data.samples["radius_m"].notna().sum() == 4
+    assert data.samples.index.equals(pd.RangeIndex(20))
+
+
+def test_default_split_is_test_and_a_limit_gives_the_first() -> None:
+    every, few = load(SCENARIO), load(SCENARIO, limit=7)
+    assert every.split == few.split == "test"
+    assert np.array_equal(few.voltages, every.voltages[:7])
+    assert np.array_equal(few.reference, every.reference)
+    assert few.frame_hashes == every.frame_hashes[:7]
+    assert len(load(SCENARIO, limit=1000)) == 20
+
+
+def test_packaged_scenario_by_name() -> None:
+    data = load("paper", split="test", limit=2)
+    assert data.voltages.shape == (2, 208)
+    assert data.conductivity is not None
+    assert data.conductivity.shape == (2, 80, 80)
+    assert data.samples["snr_db"].isna().all()
+    assert data.inverse_crime is True
+    nominal = forward_model(data.sensor)
+    assert np.allclose(data.voltages, nominal.voltages(data.conductivity), rtol=1e-12)
+    assert np.allclose(data.reference, nominal.voltages(nominal.background), rtol=1e-12)
+
+
+def test_conductivity_is_the_truth_on_the_nominal_grid_not_the_finer_one() -> None:
+    data = load(SCENARIO, limit=6)
+    nominal = forward_model(data.sensor)
+    assert data.conductivity is not None
+    modelled = nominal.voltages(data.conductivity) - nominal.voltages(nominal.background)
+    clean = load(SCENARIO.model_copy(update={"noise": SplitNoise()}), limit=6)
+    measured = clean.voltages - clean.reference
+    # The same contacts on another mesh: alike, not equal.
+    for one, other in zip(modelled, measured, strict=True):
+        assert np.corrcoef(one, other)[0, 1] > 0.98
+    assert not np.allclose(modelled, measured, rtol=1e-3)
+
+
+def test_reference_is_measured_once_for_all_splits_with_the_noise_of_the_test_split() -> None:
+    references = [load(SCENARIO, split).reference for split in ("train", "validation", "test")]
+    assert np.array_equal(references[0], references[1])
+    assert np.array_equal(references[0], references[2])
+    clean = load(SCENARIO.model_copy(update={"noise": SplitNoise()})).reference
+    noise = references[0] - clean
+    assert np.std(noise) == pytest.approx(np.sqrt(np.mean(clean**2)) * 10**-2, rel=0.2)
+
+
+def test_splits_have_their_own_noise_and_samples() -> None:
+    train, validation = load(SCENARIO, "train"), load(SCENARIO, "validation")
+    assert 0 < train.samples["snr_db"].isna().sum() < 30
+    assert (validation.samples["snr_db"] == 30).all()
+    assert not set(train.frame_hashes) & set(validation.frame_hashes)
+
+
+def test_frame_hashes_tell_frames_and_references_apart() -> None:
+    data = load(SCENARIO)
+    assert len(set(data.frame_hashes)) == 20
+    other = load(SCENARIO.model_copy(update={"noise": SplitNoise(test=41)}))
+    assert not set(data.frame_hashes) & set(other.frame_hashes)
+
+
+def test_arrays_cannot_be_changed_by_a_method() -> None:
+    data = load(SCENARIO)
+    for array in (data.voltages, data.reference, data.conductivity):
+        assert array is not None
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 0
+
+
+def changed(scenario: SimulatedScenario, field: str) -> SimulatedScenario:
+    """`scenario` with another valid value of `field`; fails for a field it does not know."""
+    other = {
+        "name": "other",
+        "sensor": "foam16-adjacent",
+        "image_shape": (14, 12),
+        "conductivity_range": (0.05, 3.0),
+        "families": ("circle", "star"),
+        "training_families": ("circle",),
+        "noise": SplitNoise(train="mixture", validation=30, test=41),
+        "mesh_refinement": 3,
+        "train": 31,
+        "validation": 11,
+        "test": 21,
+        "phantoms": "others",
+        "imperfections": Imperfections(gain=0.01),
+        "calibrated": True,
+    }
+    return SimulatedScenario(**{**SMALL, field: other[field]})
+
+
+@pytest.mark.parametrize("field", sorted(set(SimulatedScenario.model_fields) - {"kind"}))
+def test_changing_any_declared_parameter_changes_the_data_hash(
+    field: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from dataclasses import replace
+
+    from eitbench.scenarios.recordings import catalogue
+    from eitbench.scenarios.sensors.patterns import offset_pattern
+
+    adjacent = replace(foam16(), pattern=offset_pattern(16, 1))
+    builders = {**catalogue.sensors(), "foam16-adjacent": lambda: adjacent}
+    monkeypatch.setattr(catalogue, "sensors", lambda: builders)
+    for split in ("train", "validation", "test"):
+        assert changed(SCENARIO, field).data_hash(split) != SCENARIO.data_hash(split)
+
+
+@pytest.mark.parametrize("split", SplitNoise.model_fields)
+def test_changing_the_noise_of_any_split_changes_the_data_hash(split: str) -> None:
+    noise = SCENARIO.noise.model_copy(update={split: 33.0})
+    other = SCENARIO.model_copy(update={"noise": noise})
+    assert other.data_hash("test") != SCENARIO.data_hash("test")
+
+
+def test_changing_the_ranges_of_a_family_changes_the_data_hash(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    from dataclasses import replace
+
+    before = SCENARIO.data_hash("test")
+    monkeypatch.setitem(FAMILIES, "ring", replace(FAMILIES["ring"], conductivity=(0.2, 0.9)))
+    assert SCENARIO.data_hash("test") != before
+
+
+def test_data_hash_is_the_same_in_another_process_and_differs_between_splits() -> None:
+    code = (
+        "import sys; from eitbench.scenarios import SimulatedScenario as S;"
+        "print(S.model_validate_json(sys.argv[1]).data_hash('test'))"
+    )
+    command = [sys.executable, "-c", code, SCENARIO.model_dump_json()]
+    there = subprocess.run(command, check=True, capture_output=True, text=True).stdout.strip()
+    assert there == SCENARIO.data_hash("test") == load(SCENARIO, limit=1).data_hash
+    assert len({SCENARIO.data_hash(s) for s in ("train", "validation", "test")}) == 3
+
+
+def test_inverse_crime_is_computed_from_the_two_meshes() -> None:
+    assert SCENARIO.inverse_crime is False
+    assert SCENARIO.model_copy(update={"mesh_refinement": 1}).inverse_crime is True
+    assert "inverse_crime" not in SimulatedScenario.model_fields
+
+
+@pytest.mark.parametrize(
+    ("call", "says"),
+    [
+        ({"scenario": "papper"}, "did you mean 'paper'"),
+        ({"split": "tset"}, "did you mean 'test'"),
+        ({"limit": 0}, "at least 1 sample, got 0"),
+        ({"limit": -2}, "at least 1 sample, got -2"),
+        ({"jobs": 0}, "at least 1, got 0"),
+    ],
+)
+def test_bad_calls_are_one_sentence(call: dict[str, Any], says: str) -> None:
+    with pytest.raises(InputError, match=says):
+        load(**({"scenario": SCENARIO} | call))
+
+
+def test_split_without_samples_is_refused() -> None:
+    with pytest.raises(InputError, match="declares no train samples"):
+        load(SCENARIO.model_copy(update={"train": 0}), "train")
+
+
+SOURCE = Source("a/b", "0" * 40, "MIT", (RecordedFile("f", 1, "0" * 64),))
+
+
+@pytest.fixture
+def recorded(monkeypatch: pytest.MonkeyPatch) -> RecordedScenario:
+    """A recorded set of five frames, the third and the fifth for test."""
+    frames = np.arange(5 * 208, dtype=float).reshape(5, 208)
+    samples = pd.DataFrame(
+        {
+            "split": ["validation", "validation", "test", "validation", "test"],
+            "x_m": [0.1, 0.2, 0.3, 0.4, 0.5],
+        }
+    )
+    classes = np.arange(5, dtype=np.int8)[:, None, None] * np.ones((80, 80), dtype=np.int8)
+    recording = RecordedFrames(frames, np.ones(208), samples, classes)
+    descriptor = RecordedSet(
+        name="bench", title="", sensor_name="foam16", sensor=foam16, truth="classes",
+        source=SOURCE, citation="", reader=lambda folder, sensor: recording,
+    )  # fmt: skip
+    monkeypatch.setitem(RECORDED_SETS, "bench", descriptor)
+    monkeypatch.setattr(fetch, "read_recording", lambda name, **options: recording)
+    return RecordedScenario(name="bench", recording="bench")
+
+
+def test_recorded_scenario_gives_its_split(recorded: RecordedScenario) -> None:
+    data = load(recorded, "test")
+    assert np.array_equal(data.voltages[:, 0], [2 * 208, 4 * 208])
+    assert list(data.samples["sample"]) == [0, 1]
+    assert list(data.samples["x_m"]) == [0.3, 0.5]
+    assert "split" not in data.samples
+    assert data.classes is not None
+    assert list(data.classes[:, 0, 0]) == [2, 4]
+    assert (data.truth, data.inverse_crime, data.conductivity) == ("classes", None, None)
+    assert len(load(recorded, "validation", limit=2)) == 2
+
+
+def test_recorded_scenario_has_no_training_split(recorded: RecordedScenario) -> None:
+    with pytest.raises(InputError, match="'bench' has no training split"):
+        load(recorded, "train")
+
+
+def test_recorded_data_hash_follows_the_files(
+    recorded: RecordedScenario, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from dataclasses import replace
+
+    before = recorded.data_hash("test")
+    assert recorded.data_hash("validation") != before
+    altered = replace(SOURCE, files=(RecordedFile("f", 1, "1" * 64),))
+    other = replace(RECORDED_SETS["bench"], source=altered)
+    monkeypatch.setitem(RECORDED_SETS, "bench", other)
+    assert recorded.data_hash("test") != before
+
+
+def test_importing_the_package_is_light() -> None:
+    code = "import sys, eitbench.scenarios as s; print('numpy' in sys.modules, dir(s) != [])"
+    done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
+    assert done.stdout.split() == ["False", "True"]
+
+
+def test_public_names_can_be_imported() -> None:
+    import eitbench.scenarios as package
+
+    for name in package.__all__:
+        assert getattr(package, name) is not None
+    with pytest.raises(AttributeError, match="nothing"):
+        _ = package.nothing
+    assert Path(package.__file__ or "").name == "__init__.py"
+
+
+@pytest.mark.parametrize("bad", [2.5, "3", True, 0, float("nan")])
+def test_counts_that_are_no_counts_are_one_sentence(bad: Any) -> None:
+    with pytest.raises(InputError, match="A limit is a whole number of at least 1 sample"):
+        load(SimulatedScenario(**SMALL), limit=bad)
+    with pytest.raises(InputError, match="The number of jobs is a whole number of at least 1"):
+        load(SimulatedScenario(**SMALL), jobs=bad)
+
+
+def test_a_count_of_numpy_is_a_count() -> None:
+    assert len(load(SimulatedScenario(**SMALL), limit=np.int64(2))) == 2  # type: ignore[arg-type]

@@ -1,0 +1,292 @@
+"""Simulated voltages: the same bits however they are made, and a cache that cannot go wrong."""
+
+import errno
+import hashlib
+import logging
+import os
+import signal
+import subprocess
+import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import h5py
+import joblib
+import numpy as np
+import pytest
+
+from eitbench.scenarios.data.cache_file import DIGEST
+from eitbench.scenarios.data.datasets import load
+from eitbench.scenarios.data.simulation import CHUNK, clean_voltages, phantom
+from eitbench.scenarios.errors import EitbenchError
+from eitbench.scenarios.phantoms.families import PUBLISHED_FAMILIES
+from eitbench.scenarios.phantoms.phantom import rasterise
+from eitbench.scenarios.physics.forward import ForwardModel
+from eitbench.scenarios.suites.scenario import SimulatedScenario, SplitNoise
+
+SCENARIO = SimulatedScenario(
+    name="small",
+    image_shape=(12, 12),
+    families=PUBLISHED_FAMILIES,
+    noise=SplitNoise(train="mixture", test=40),
+    mesh_refinement=2,
+    train=70,
+    validation=10,
+    test=70,
+)
+
+
+@pytest.fixture(autouse=True)
+def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("EITBENCH_CACHE", str(tmp_path / "cache"))
+    return tmp_path / "cache"
+
+
+def files(cache: Path) -> list[Path]:
+    return sorted(path for path in cache.rglob("*") if path.is_file())
+
+
+@pytest.fixture
+def solves(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """Counts the images solved in this process."""
+    counted: list[int] = []
+    solve = ForwardModel.voltages
+
+    def counting(self: ForwardModel, sigma: np.ndarray) -> np.ndarray:
+        counted.append(1)
+        return solve(self, sigma)
+
+    monkeypatch.setattr(ForwardModel, "voltages", counting)
+    return counted
+
+
+def test_voltages_are_those_of_the_phantoms_on_the_finer_mesh() -> None:
+    made = clean_voltages(SCENARIO, "test", 3)
+    model = SCENARIO.data_model("test")
+    assert model.sensor.image_shape == (24, 24)
+    for k in range(3):
+        sigma = rasterise(phantom(SCENARIO, "test", k), model.sensor)
+        assert np.array_equal(made[k], model.voltages(sigma))
+
+
+def test_sample_is_the_same_whatever_the_count_the_order_and_the_number_of_processes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def made(folder: str, *limits: int, jobs: int = 1) -> np.ndarray:
+        monkeypatch.setenv("EITBENCH_CACHE", str(tmp_path / folder))
+        return [load(SCENARIO, "test", limit, jobs=jobs) for limit in limits][-1].voltages
+
+    at_once = made("at-once", 70)
+    assert np.array_equal(made("parallel", 70, jobs=2), at_once)
+    assert np.array_equal(made("grown", 1, 5, 33, 40, 70), at_once)
+    assert np.array_equal(made("shrunk", 70, 7), at_once[:7])
+    assert np.array_equal(made("few", 41), at_once[:41])
+
+
+def test_second_time_nothing_is_solved(cache: Path, solves: list[int]) -> None:
+    first = clean_voltages(SCENARIO, "test", 40)
+    assert len(solves) == 40
+    before = {path: path.stat().st_mtime_ns for path in files(cache)}
+    again = clean_voltages(SCENARIO, "test", 40)
+    assert len(solves) == 40
+    assert np.array_equal(first, again)
+    assert {path: path.stat().st_mtime_ns for path in files(cache)} == before
+
+
+def test_a_file_with_fewer_samples_is_completed_and_one_with_more_is_kept(
+    cache: Path, solves: list[int]
+) -> None:
+    clean_voltages(SCENARIO, "test", 5)
+    clean_voltages(SCENARIO, "test", 8)
+    assert len(solves) == 8
+    clean_voltages(SCENARIO, "test", 3)
+    clean_voltages(SCENARIO, "test", 8)
+    assert len(solves) == 8
+    assert len(files(cache)) == 1
+
+
+def test_cache_has_one_file_per_chunk_and_split(cache: Path) -> None:
+    clean_voltages(SCENARIO, "test", CHUNK + 1)
+    clean_voltages(SCENARIO, "train", 2)
+    names = [path.name for path in files(cache)]
+    assert sorted(names) == ["test-000000.h5", "test-000032.h5", "train-000000.h5"]
+
+
+def test_scenarios_that_differ_in_noise_only_share_the_cache(solves: list[int]) -> None:
+    shared = {"phantoms": "common"}
+    first = SCENARIO.model_copy(update=shared)
+    second = SCENARIO.model_copy(update={**shared, "name": "other", "noise": SplitNoise(test=30)})
+    clean = clean_voltages(first, "test", 4)
+    assert np.array_equal(clean_voltages(second, "test", 4), clean)
+    assert len(solves) == 4
+    assert not np.array_equal(load(first, "test", 4).voltages, load(second, "test", 4).voltages)
+
+
+def flip_a_bit_of_the_voltages(path: Path) -> None:
+    content = bytearray(path.read_bytes())
+    with h5py.File(path) as file:
+        content[file["voltages"].id.get_offset()] ^= 1
+    path.write_bytes(content)
+
+
+def cut(path: Path) -> None:
+    path.write_bytes(path.read_bytes()[:-200])
+
+
+def empty(path: Path) -> None:
+    path.write_bytes(b"")
+
+
+def signed(path: Path, content: bytes) -> None:
+    path.write_bytes(content + hashlib.sha256(content).digest())
+
+
+def no_longer_hdf5(path: Path) -> None:
+    signed(path, b"\0" * 4000)
+
+
+def other_parameters(path: Path) -> None:
+    with h5py.File(path, "r+") as file:
+        file.attrs["parameters"] = "{}"
+    signed(path, path.read_bytes())
+
+
+def no_checksum(path: Path) -> None:
+    path.write_bytes(path.read_bytes()[:-DIGEST])
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [flip_a_bit_of_the_voltages, cut, empty, no_longer_hdf5, other_parameters, no_checksum],
+)
+def test_corrupt_cache_file_is_noticed_named_and_made_again(
+    damage: object, cache: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    good = clean_voltages(SCENARIO, "test", 2)
+    (path,) = files(cache)
+    damage(path)  # type: ignore[operator]
+    with caplog.at_level(logging.WARNING):
+        assert np.array_equal(clean_voltages(SCENARIO, "test", 2), good)
+    assert len(caplog.records) == 1
+    assert str(path) in caplog.text
+    assert "made again" in caplog.text
+    caplog.clear()
+    assert np.array_equal(clean_voltages(SCENARIO, "test", 2), good)
+    assert not caplog.records
+
+
+GENERATE = """
+import sys
+from eitbench.scenarios.suites.scenario import SimulatedScenario
+from eitbench.scenarios.data.simulation import clean_voltages
+scenario = SimulatedScenario.model_validate_json(sys.argv[1])
+print("started", flush=True)
+clean_voltages(scenario, "test", int(sys.argv[2]))
+"""
+
+
+def generating(scenario: SimulatedScenario, count: int) -> subprocess.Popen[bytes]:
+    command = [sys.executable, "-c", GENERATE, scenario.model_dump_json(), str(count)]
+    return subprocess.Popen(command, stdout=subprocess.PIPE)
+
+
+def test_killed_generation_leaves_whole_files_that_are_used(
+    cache: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    slow = SCENARIO.model_copy(update={"test": 100_000})
+    process = generating(slow, 100_000)
+    deadline = time.monotonic() + 60
+    while len(list(cache.rglob("*.h5"))) < 3 and time.monotonic() < deadline:
+        time.sleep(0.01)
+    process.send_signal(signal.SIGKILL)
+    process.communicate()
+    whole = [path for path in files(cache) if path.suffix == ".h5"]
+    assert len(whole) >= 3
+    made = clean_voltages(slow, "test", 3 * CHUNK)
+    assert not caplog.records
+    assert made.shape == (3 * CHUNK, 208)
+    assert np.array_equal(made[:2], clean_voltages(slow, "test", 2))
+
+
+def test_processes_that_generate_the_same_at_once_leave_one_good_copy(cache: Path) -> None:
+    processes = [generating(SCENARIO, 70) for _ in range(2)]
+    assert [process.wait(timeout=120) for process in processes] == [0, 0]
+    for process in processes:
+        process.communicate()
+    names = [path.name for path in files(cache)]
+    assert names == ["test-000000.h5", "test-000032.h5", "test-000064.h5"]
+    shared = clean_voltages(SCENARIO, "test", 70)
+    for path in files(cache):
+        path.unlink()
+    assert np.array_equal(clean_voltages(SCENARIO, "test", 70), shared)
+
+
+def test_threads_that_generate_the_same_at_once_agree(cache: Path) -> None:
+    with ThreadPoolExecutor(4) as pool:
+        made = list(pool.map(lambda n: clean_voltages(SCENARIO, "test", n), (3, 20, 7, 20)))
+    for frames in made:
+        assert np.array_equal(frames, made[1][: len(frames)])
+    assert [path.name for path in files(cache)] == ["test-000000.h5"]
+
+
+def test_unwritable_cache_folder_is_one_clear_sentence(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # A file where the folder should be stops root too, whom permissions do not.
+    (tmp_path / "taken").write_text("")
+    monkeypatch.setenv("EITBENCH_CACHE", str(tmp_path / "taken"))
+    with pytest.raises(EitbenchError, match=r"cache.*set EITBENCH_CACHE to another folder\.$"):
+        clean_voltages(SCENARIO, "test", 1)
+
+
+class ThreadedParallel(joblib.Parallel):  # type: ignore[misc]
+    def __init__(self, **options: object) -> None:
+        super().__init__(**{**options, "backend": "threading"})
+
+
+def test_progress_is_shown_on_stderr_and_only_when_there_is_something_to_do(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    load(SCENARIO, "test", 2, progress=True)
+    assert capsys.readouterr().err == ""
+    # Rich takes this as a terminal.
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    load(SCENARIO, "test", 3, progress=True)
+    shown = capsys.readouterr()
+    assert shown.out == ""
+    assert "Simulating small" in shown.err
+    load(SCENARIO, "test", 3, progress=True)
+    assert capsys.readouterr().err == ""
+
+
+def test_any_first_samples_are_balanced_and_resemble_no_other_split() -> None:
+    families = [phantom(SCENARIO, "test", k).family for k in range(60)]
+    assert {families.count(name) for name in PUBLISHED_FAMILIES} == {10}
+    assert families[:6] == list(PUBLISHED_FAMILIES)
+    drawn = {
+        tuple(phantom(SCENARIO, split, k).parameters.values())
+        for split in ("train", "validation", "test")
+        for k in range(20)
+    }
+    assert len(drawn) == 60
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_full_disk_is_one_clear_sentence_and_leaves_nothing(
+    jobs: int, cache: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(self: Path, target: Path) -> Path:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(Path, "replace", full)
+    if jobs == 2:
+        # Worker processes do not share the patch, so it is run on threads.
+        monkeypatch.setattr(joblib, "Parallel", ThreadedParallel)
+    with pytest.raises(EitbenchError, match="No space left on device"):
+        clean_voltages(SCENARIO, "test", 40, jobs=jobs)
+    # The other job may have been about to clean up, too.
+    deadline = time.monotonic() + 10
+    while files(cache) and time.monotonic() < deadline:
+        time.sleep(0.01)
+    assert files(cache) == []

@@ -1,0 +1,128 @@
+"""Calibration finds what is wrong with a sensor, and corrects frames of touches it never saw."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from eitbench.scenarios import InputError, load, sensor
+from eitbench.scenarios.imperfections.calibration import Calibration, calibrate
+from eitbench.scenarios.imperfections.imperfections import Imperfections, channels
+from eitbench.scenarios.imperfections.noise import add_noise
+from eitbench.scenarios.physics.forward import forward_model
+from eitbench.scenarios.suites.scenario import SimulatedScenario
+
+FOAM = replace(sensor("foam16"), image_shape=(40, 40))  # a coarser grid is quicker
+BOARD = Imperfections(electrode_shift_m=5e-4, contact_impedance=0.5, gain=0.01)
+
+
+def untouched(board: Imperfections, units: float = 1.0) -> np.ndarray:
+    """A frame (1, M) of an uneven sensor at 60 dB, from a finer mesh."""
+    model = forward_model(replace(FOAM, electrodes=board.built(FOAM)).refined(2))
+    clean = model.voltages(model.background)
+    analogue = board.analogue(clean[None], clean, FOAM.pattern)
+    sent = board.digital(analogue, clean, FOAM.pattern)
+    return units * np.array([add_noise(frame, 60, np.random.default_rng(0)) for frame in sent])
+
+
+@pytest.fixture(scope="module")
+def found() -> Calibration:
+    return calibrate(FOAM, untouched(BOARD, units=250.0))
+
+
+def test_gains_shifts_and_contacts_are_found(found: Calibration) -> None:
+    built = BOARD.built(FOAM)
+    pairs = list(zip(built, FOAM.electrodes, strict=True))
+    shifts = np.array([b.centre - n.centre for b, n in pairs])
+    contacts = np.array([b.contact_impedance / n.contact_impedance for b, n in pairs])
+    ones = np.ones((1, FOAM.n_measurements))
+    factors = BOARD.analogue(ones, ones[0], FOAM.pattern)[0]
+    channel, count = channels(FOAM.pattern)
+    gains = np.array([factors[channel == k].mean() for k in range(count)])
+    gains /= gains.mean()  # a common factor is told apart from nothing
+
+    assert np.std(found.gains / found.gains.mean() - gains) < 0.15 * np.std(gains)
+    assert np.std(found.shifts - shifts) < 0.6 * np.std(shifts)
+    assert np.corrcoef(np.log(found.contacts), np.log(contacts))[0, 1] > 0.8
+    assert found.credible
+    assert found.misfit_after < 0.1 * found.misfit_before
+    assert found.factor == pytest.approx(250, rel=0.01)
+
+
+def test_the_frame_it_was_made_from_becomes_the_nominal_one(found: Calibration) -> None:
+    model = forward_model(FOAM)
+    assert np.allclose(found.nominal, found.factor * model.voltages(model.background))
+    assert np.allclose(found.corrected(found.untouched[None])[0], found.nominal)
+
+
+def _changes(board: Imperfections, *, calibrated: bool) -> np.ndarray:
+    scenario = SimulatedScenario(
+        name="calibration-test",
+        image_shape=(40, 40),
+        families=("circle", "l-shape"),
+        train=0,
+        validation=0,
+        test=6,
+        imperfections=board,
+        calibrated=calibrated,
+    )
+    data = load(scenario)
+    return data.voltages - data.reference
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "left"),
+    [("electrode_shift_m", 5e-4, 0.6), ("gain", 0.01, 0.3), ("contact_impedance", 0.5, 0.85)],
+)
+def test_touches_are_seen_as_by_the_nominal_sensor(name: str, value: float, left: float) -> None:
+    """Of the error in what a touch changes, calibration leaves no more than a share."""
+    board = Imperfections.model_validate({name: value})
+    truth = _changes(Imperfections(), calibrated=False)
+    before = np.linalg.norm(_changes(board, calibrated=False) - truth)
+    after = np.linalg.norm(_changes(board, calibrated=True) - truth)
+    assert after < left * before
+
+
+def test_a_nominal_sensor_is_left_as_it_is() -> None:
+    model = forward_model(FOAM)
+    frames = np.array([add_noise(model.voltages(model.background), 60, np.random.default_rng(1))])
+    found = calibrate(FOAM, frames)
+    assert not found.credible
+    assert np.array_equal(found.nominal, frames[0])
+    assert np.array_equal(found.corrected(2 * frames), 2 * frames)
+
+
+def test_faults_do_not_spoil_the_rest() -> None:
+    for fault in ({"dead": (5,)}, {"saturated": 3}):
+        faulty = calibrate(FOAM, untouched(BOARD.model_copy(update=fault)))
+        pairs = zip(BOARD.built(FOAM), FOAM.electrodes, strict=True)
+        shifts = np.array([b.centre - n.centre for b, n in pairs])
+        assert np.std(faulty.shifts - shifts) < 0.7 * np.std(shifts), fault
+
+
+@pytest.mark.parametrize(
+    ("frames", "said"),
+    [
+        (np.ones((1, 5)), "need shape"),
+        (np.ones(208), "need shape"),
+        (np.full((1, 208), np.nan), "not a finite number"),
+        (np.zeros((1, 208)), "does not resemble"),
+    ],
+)
+def test_bad_frames_are_refused(frames: np.ndarray, said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        calibrate(FOAM, frames)
+
+
+def test_frames_of_another_length_are_not_corrected(found: Calibration) -> None:
+    with pytest.raises(InputError, match="need shape"):
+        found.corrected(np.ones((2, 7)))
+
+
+def test_a_real_tank_that_differs_otherwise_is_left_alone(recorded_data: object) -> None:
+    from eitbench.scenarios.recordings.fetch import read_recording
+
+    recording = read_recording("sciospec-tank")
+    tank = calibrate(sensor("sciospec-tank"), recording.reference[None])
+    assert tank.misfit_after <= tank.misfit_before
+    assert not tank.credible

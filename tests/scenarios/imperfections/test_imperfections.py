@@ -1,0 +1,233 @@
+"""Imperfections: each does what its law says, alone, and nothing that is not declared."""
+
+import tomllib
+
+import numpy as np
+import pytest
+from pydantic import ValidationError
+
+from eitbench.scenarios import load, sensor
+from eitbench.scenarios.imperfections.imperfections import TYPICAL, Imperfections, channels
+from eitbench.scenarios.physics.forward import forward_model
+from eitbench.scenarios.sensors.patterns import offset_pattern
+from eitbench.scenarios.suites.scenario import SimulatedScenario
+from eitbench.scenarios.suites.suite import load_suite, suites
+
+FOAM = sensor("foam16")
+IDEAL = Imperfections()
+SMALL: dict[str, object] = {
+    "name": "ladder-test",
+    "image_shape": (20, 20),
+    "families": ("circle",),
+    "noise": {"train": "clean", "validation": 50, "test": "clean"},
+    "train": 4,
+    "validation": 4,
+    "test": 6,
+}
+
+
+def scenario(imperfections: Imperfections | None = None, **changes: object) -> SimulatedScenario:
+    return SimulatedScenario.model_validate(
+        {**SMALL, "imperfections": imperfections or IDEAL, **changes}
+    )
+
+
+@pytest.fixture(scope="module")
+def untouched() -> np.ndarray:
+    model = forward_model(FOAM)
+    return model.voltages(model.background)
+
+
+@pytest.fixture(scope="module")
+def frames(untouched: np.ndarray) -> np.ndarray:
+    return untouched * np.linspace(1, 1.1, 5)[:, None]
+
+
+def through(board: Imperfections, frames: np.ndarray, untouched: np.ndarray) -> np.ndarray:
+    analogue = board.analogue(frames, untouched, FOAM.pattern)
+    return board.seen(board.digital(analogue, untouched, FOAM.pattern))
+
+
+def test_an_ideal_sensor_is_nominal_to_the_last_bit(
+    frames: np.ndarray, untouched: np.ndarray
+) -> None:
+    assert IDEAL.built(FOAM) == FOAM.electrodes
+    assert np.array_equal(through(IDEAL, frames, untouched), frames)
+    plain = load(scenario().model_copy(update={"imperfections": None}))
+    declared = load(scenario())
+    assert np.array_equal(plain.voltages, declared.voltages)
+    assert np.array_equal(plain.reference, declared.reference)
+
+
+def test_severity_scales_what_the_same_unit_shows() -> None:
+    def shifts(board: Imperfections) -> np.ndarray:
+        pairs = zip(board.built(FOAM), FOAM.electrodes, strict=True)
+        return np.array([built.centre - nominal.centre for built, nominal in pairs])
+
+    once = shifts(Imperfections(electrode_shift_m=5e-4))
+    assert 2e-4 < once.std() < 8e-4
+    twice = shifts(Imperfections(electrode_shift_m=5e-4, severity=2))
+    assert np.allclose(twice, 2 * once)
+    # Alone and among all others, too.
+    assert np.allclose(shifts(TYPICAL), once)
+    assert not np.allclose(shifts(Imperfections(electrode_shift_m=5e-4, unit=1)), once)
+
+
+def test_electrodes_never_overlap_however_bad_the_sensor() -> None:
+    for unit in range(20):
+        bad = Imperfections(
+            unit=unit, electrode_shift_m=0.05, electrode_width=1.0, contact_impedance=1.0
+        )
+        scenario(bad).data_model("test")  # a Sensor refuses electrodes that overlap
+
+
+def test_gain_and_offset_belong_to_channels(frames: np.ndarray, untouched: np.ndarray) -> None:
+    channel, count = channels(FOAM.pattern)
+    assert count == 16
+    factor = through(Imperfections(gain=0.01), frames, untouched) / frames
+    added = through(Imperfections(offset=0.01), frames, untouched) - frames
+    for found in (factor, added):
+        for k in range(count):
+            assert np.ptp(found[:, channel == k]) < 1e-9 * np.abs(frames).max()
+    assert 0.003 < np.std(factor[0]) < 0.02
+    # The change that a touch makes does not depend on the offset.
+    assert np.allclose(np.diff(added, axis=0), 0, atol=1e-12 * np.abs(frames).max())
+
+
+def test_channels_of_reversed_pairs_are_the_same() -> None:
+    channel, count = channels(offset_pattern(16, 8))
+    assert count == 8
+    assert set(channel) == set(range(8))
+
+
+def test_settling_leaves_a_part_of_the_value_before(
+    frames: np.ndarray, untouched: np.ndarray
+) -> None:
+    found = through(Imperfections(settling=0.1), frames, untouched)
+    assert np.allclose(found[:, 1:], 0.9 * frames[:, 1:] + 0.1 * frames[:, :-1])
+
+
+def test_mains_hum_with_their_frequency(untouched: np.ndarray) -> None:
+    rms = float(np.sqrt(np.mean(untouched**2)))
+    hum = through(Imperfections(mains=0.01), untouched[None], untouched)[0] - untouched
+    spectrum = np.abs(np.fft.rfft(hum)) / len(hum) * 2
+    assert np.argmax(spectrum) == 5  # 50 Hz in a frame of 0.1 s
+    assert spectrum[5] == pytest.approx(0.01 * rms, rel=1e-6)
+
+
+def test_the_converter_rounds_to_its_bits(frames: np.ndarray, untouched: np.ndarray) -> None:
+    found = through(Imperfections(bits=8), frames, untouched)
+    step = 2 * 1.25 * np.abs(untouched).max() / 2**8
+    assert np.abs(found - frames).max() <= step / 2 * (1 + 1e-9)
+    assert len(np.unique(np.round(found / step, 6))) < 257
+    assert np.allclose(found / step, np.round(found / step))
+
+
+def test_faults(frames: np.ndarray, untouched: np.ndarray) -> None:
+    dead = through(Imperfections(dead=(5,)), frames, untouched)
+    touching = (FOAM.pattern.table == 5).any(axis=1)
+    assert not dead[:, touching].any()
+    assert np.array_equal(dead[:, ~touching], frames[:, ~touching])
+
+    clipped = through(Imperfections(saturated=3), frames, untouched)
+    of = channels(FOAM.pattern)[0] == 3
+    assert np.abs(clipped[:, of]).max() == pytest.approx(0.6 * np.abs(untouched[of]).max())
+    assert np.array_equal(clipped[:, ~of], frames[:, ~of])
+
+    lost = through(Imperfections(lost_every=2), frames, untouched)
+    assert np.array_equal(lost, frames[[0, 0, 2, 2, 4]])
+
+
+def test_drift_is_slow_and_as_large_as_declared() -> None:
+    board = Imperfections(drift=0.01)
+    times = np.arange(0, 400_000, 600.0)
+    even = np.log([board.drifted(FOAM, t)[40, 40] for t in times])
+    assert 0.007 < even.std() < 0.013
+    seconds = np.log([board.drifted(FOAM, t)[40, 40] for t in np.arange(0, 60, 10.0)])
+    assert 0 < np.ptp(seconds) < 0.004
+    side = np.log(board.drifted(FOAM, 5000.0))
+    assert np.ptp(side) > 1e-4  # a gradient
+    assert np.allclose(Imperfections(drift=0.01, severity=0).drifted(FOAM, 5000.0), 1)
+
+
+def test_the_last_touch_remains_in_part() -> None:
+    touch, last = np.full((2, 2), 0.5), np.array([[0.25, 1.0], [1.0, 1.0]])
+    found = Imperfections(relaxation=0.5).remaining(touch, last)
+    assert np.allclose(found, [[0.25, 0.5], [0.5, 0.5]])
+    assert np.array_equal(IDEAL.remaining(touch, last), touch)
+
+
+def test_a_stale_reference_differs_more() -> None:
+    fresh = load(scenario(Imperfections(drift=0.01)))
+    stale = load(scenario(Imperfections(drift=0.01, reference_age_s=28_800)))
+    assert np.array_equal(fresh.voltages, stale.voltages)
+    ideal = load(scenario())
+    away = [np.linalg.norm(d.reference - fresh.voltages[0]) for d in (fresh, stale)]
+    assert away[1] != away[0]
+    assert np.linalg.norm(stale.reference - ideal.reference) > 1e-3 * np.linalg.norm(
+        ideal.reference
+    )
+
+
+def test_only_the_test_split_is_imperfect() -> None:
+    """What methods learn from and are tuned on is the nominal sensor, with its own reference."""
+    real, ideal = scenario(TYPICAL), scenario()
+    for split in ("train", "validation"):
+        first, second = load(real, split), load(ideal, split)
+        assert np.array_equal(first.voltages, second.voltages)
+        assert np.array_equal(first.reference, second.reference)
+    assert not np.allclose(load(real).reference, load(ideal).reference, rtol=1e-4)
+    assert np.array_equal(load(real).conductivity, load(ideal).conductivity)  # type: ignore[arg-type]
+
+
+def test_every_declared_parameter_changes_the_data_hash() -> None:
+    changed = {
+        **TYPICAL.model_dump(),
+        "unit": 3, "severity": 2.0, "dead": (1,), "saturated": 2, "lost_every": 3,
+        "reference_age_s": 7.0,
+    }  # fmt: skip
+    assert set(changed) == set(Imperfections.model_fields)
+    alone = [Imperfections.model_validate({name: value}) for name, value in changed.items()]
+    hashes = [scenario(one).data_hash("test") for one in (IDEAL, *alone)]
+    hashes.append(scenario(calibrated=True).data_hash("test"))
+    assert len(set(hashes)) == len(hashes)
+
+
+def test_scenarios_without_imperfections_are_what_they_were() -> None:
+    """The declarations that came later do not change the hashes of data that lack them."""
+    plain = scenario().model_copy(update={"imperfections": None})
+    assert plain.data_hash("test") == PLAIN_HASH
+
+
+PLAIN_HASH = "fafa025d4e9ce2b4f2649595df3cbdcb30b1bf845b631f60ca320e1a977ce463"
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [({"dead": (16,)}, "electrodes 0 to 15"), ({"saturated": 16}, "channels 0 to 15")],
+)
+def test_faults_of_what_is_not_there_are_refused(wrong: dict[str, object], said: str) -> None:
+    with pytest.raises(ValidationError, match=said):
+        scenario(Imperfections.model_validate(wrong))
+
+
+def test_the_suite_declares_the_typical_board_and_each_of_its_imperfections_alone() -> None:
+    declared = {s.name: s for s in load_suite("sim2real").scenarios}
+    emulated = declared["sim2real-emulated"]
+    assert isinstance(emulated, SimulatedScenario)
+    assert emulated.imperfections == TYPICAL
+    magnitudes = TYPICAL.model_dump(exclude_defaults=True)
+    alone = [
+        s.imperfections.model_dump(exclude_defaults=True)
+        for s in declared.values()
+        if isinstance(s, SimulatedScenario) and s.imperfections and not s.calibrated
+    ]
+    for name, value in magnitudes.items():
+        assert {name: value} in alone
+    text = tomllib.loads(suites()["sim2real"].read_text())
+    for one in text["scenarios"]:
+        if not one.get("calibrated"):
+            assert any(
+                {**other, "name": one["name"]} == {**one, "calibrated": True}
+                for other in text["scenarios"]
+            ), one["name"]

@@ -1,0 +1,43 @@
+"""The law of the foam: monotone, bounded, and falling off beside the indenter as stated."""
+
+import numpy as np
+import pytest
+
+from eitbench.scenarios.phantoms.families import FAMILIES
+from eitbench.scenarios.phantoms.press import FOAM
+
+
+def test_strain_solves_the_stated_law() -> None:
+    pressure = np.linspace(0, 200e3, 50)
+    strain = FOAM.strain(pressure)
+    assert np.allclose(FOAM.modulus * strain / (1 - strain / FOAM.densification), pressure)
+
+
+def test_conductivity_falls_strictly_with_pressure_and_stays_positive() -> None:
+    ratio = FOAM.conductivity_ratio(FOAM.strain(np.linspace(0, 10e6, 1000)))
+    assert ratio[0] == 1.0
+    assert (np.diff(ratio) < 0).all()
+    assert (ratio > 0).all()
+
+
+def test_range_of_the_family_is_the_documented_one() -> None:
+    pressure = FAMILIES["soft-press"].pressure
+    assert pressure is not None
+    low, high = FOAM.conductivity_ratio(FOAM.strain(pressure))
+    assert (round(float(low), 2), round(float(high), 2)) == (0.91, 0.28)
+
+
+def test_conductivity_ratio_is_thickness_times_archie() -> None:
+    # At a strain of 1/2 the solid's share doubles from 3 % to 6 % and half of the layer is left.
+    assert FOAM.conductivity_ratio(0.5) == pytest.approx(0.5 * (0.94 / 0.97) ** 1.5)
+
+
+def test_edge_decays_over_the_stated_length() -> None:
+    assert pytest.approx(0.01 / np.sqrt(6)) == FOAM.falloff
+    distance = np.linspace(0, 10 * FOAM.falloff, 30)
+    ratio = FOAM.pressed(30e3, distance)
+    assert ratio[0] == pytest.approx(float(FOAM.conductivity_ratio(FOAM.strain(30e3))))
+    assert (np.diff(ratio) > 0).all()
+    assert ratio[-1] == pytest.approx(1.0, abs=1e-4)
+    one_length = FOAM.conductivity_ratio(FOAM.strain(30e3) / np.e)
+    assert FOAM.pressed(30e3, FOAM.falloff) == pytest.approx(float(one_length))

@@ -1,0 +1,356 @@
+"""Finding, downloading and verifying recorded sets, against a server of our own."""
+
+import functools
+import hashlib
+import http.server
+import os
+import socket
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from eitbench.scenarios.errors import DataCorruptError, DataUnavailableError, InputError
+from eitbench.scenarios.recordings import RECORDED_SETS
+from eitbench.scenarios.recordings.descriptors import RecordedFrames, RecordedSet
+from eitbench.scenarios.recordings.fetch import (
+    cached_folder,
+    fetch,
+    find,
+    intact,
+    locate,
+    read_recording,
+    verify,
+)
+from eitbench.scenarios.recordings.sources import RecordedFile, Source
+from eitbench.scenarios.sensors.sensor import Sensor
+
+REPOSITORY = "owner/skin"
+CONTENT = {"a b.txt": b"1" * 50_000, "sub/c(1).txt": b"2" * 10}
+
+
+def read_ones(folder: Path, sensor: Sensor) -> RecordedFrames:
+    n = len((folder / "sub/c(1).txt").read_bytes())
+    values = np.full((n, sensor.n_measurements), 3.0)
+    samples = pd.DataFrame({"split": ["test"] * n, "touched": True})
+    return RecordedFrames(values, values[0], samples)
+
+
+def make_set(content: dict[str, bytes]) -> RecordedSet:
+    files = tuple(
+        RecordedFile(path, len(data), hashlib.sha256(data).hexdigest())
+        for path, data in content.items()
+    )
+    real = RECORDED_SETS["ohmc8"]
+    source = Source(REPOSITORY, "0" * 40, "none", files)
+    return RecordedSet("skin", "t", "ohmc8", real.sensor, "none", source, "c", read_ones)
+
+
+def lay_out(folder: Path, content: dict[str, bytes]) -> Path:
+    for path, data in content.items():
+        (folder / path).parent.mkdir(parents=True, exist_ok=True)
+        (folder / path).write_bytes(data)
+    return folder
+
+
+@pytest.fixture
+def skin(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> RecordedSet:
+    """A recorded set of two small files, of which nothing is on this machine yet."""
+    monkeypatch.setenv("EITBENCH_CACHE", str(tmp_path / "cache"))
+    monkeypatch.delenv("EITBENCH_DATA", raising=False)
+    recorded = make_set(CONTENT)
+    monkeypatch.setitem(RECORDED_SETS, "skin", recorded)
+    return recorded
+
+
+@pytest.fixture
+def served(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """The folder that a local server publishes in place of the public source."""
+    root = lay_out(tmp_path / "served" / REPOSITORY / ("0" * 40), CONTENT)
+    handler = functools.partial(QuietHandler, directory=str(tmp_path / "served"))
+    server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), handler)
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    redirect(monkeypatch, server.server_address[1])
+    yield root
+    server.shutdown()
+    server.server_close()
+
+
+class QuietHandler(http.server.SimpleHTTPRequestHandler):
+    def log_message(self, *_: object) -> None:
+        pass
+
+
+def redirect(monkeypatch: pytest.MonkeyPatch, port: int) -> None:
+    """Make every source answer at a local port, at the path it has in public."""
+    public = Source.url
+    monkeypatch.setattr(
+        Source,
+        "url",
+        lambda self, file: public(self, file).replace(
+            "https://raw.githubusercontent.com", f"http://127.0.0.1:{port}"
+        ),
+    )
+
+
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+def left_in_cache(recorded: RecordedSet) -> set[str]:
+    folder = cached_folder(recorded)
+    return {str(p.relative_to(folder)) for p in folder.rglob("*") if p.is_file()}
+
+
+def test_paths_are_quoted_in_the_address(skin: RecordedSet) -> None:
+    assert skin.source.url(skin.files[0]) == (
+        f"https://raw.githubusercontent.com/owner/skin/{'0' * 40}/a%20b.txt"
+    )
+
+
+@pytest.mark.usefixtures("served")
+def test_a_missing_set_is_downloaded_verified_and_read(skin: RecordedSet) -> None:
+    assert find(skin) is None
+    recording = read_recording("skin", limit_s=60, progress=True)
+    assert recording.voltages.shape == (10, 32)
+    assert left_in_cache(skin) == set(CONTENT)
+
+
+def test_the_second_time_needs_no_network(
+    skin: RecordedSet, served: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fetch(skin)
+    redirect(monkeypatch, free_port())
+    assert locate(skin) == fetch(skin) == cached_folder(skin)
+    assert served.is_dir()
+
+
+def test_the_named_folder_comes_first(
+    skin: RecordedSet, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lay_out(cached_folder(skin), CONTENT)
+    mine = lay_out(tmp_path / "mine" / REPOSITORY, CONTENT)
+    monkeypatch.setenv("EITBENCH_DATA", str(tmp_path / "mine"))
+    assert locate(skin) == mine
+    (mine / "a b.txt").unlink()
+    assert locate(skin) == cached_folder(skin)
+
+
+def test_altered_data_is_refused_and_named(
+    skin: RecordedSet, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    altered = CONTENT | {"sub/c(1).txt": b"2" * 9 + b"3"}
+    folder = lay_out(tmp_path / "mine" / REPOSITORY, altered)
+    monkeypatch.setenv("EITBENCH_DATA", str(tmp_path / "mine"))
+    with pytest.raises(DataCorruptError, match=r"c\(1\)\.txt.*recordings fetch skin"):
+        read_recording("skin")
+    lay_out(folder, CONTENT)
+    assert len(read_recording("skin").samples) == 10
+
+
+@pytest.mark.usefixtures("served")
+def test_fetch_repairs_the_cache(skin: RecordedSet) -> None:
+    lay_out(cached_folder(skin), CONTENT | {"a b.txt": b"truncated"})
+    with pytest.raises(DataCorruptError, match=r"a b\.txt"):
+        read_recording("skin")
+    verify(skin, fetch(skin))
+
+
+def test_a_source_that_offers_other_bytes_is_refused(skin: RecordedSet, served: Path) -> None:
+    (served / "a b.txt").write_bytes(b"0" * 50_000)
+    with pytest.raises(DataCorruptError, match=r"a b\.txt"):
+        fetch(skin)
+    assert left_in_cache(skin) == set()
+
+
+def test_without_a_network_the_sentence_says_how_to_get_it(
+    skin: RecordedSet, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    redirect(monkeypatch, free_port())
+    with pytest.raises(DataUnavailableError) as refused:
+        read_recording("skin", limit_s=60)
+    sentence = str(refused.value)
+    assert "eitbench recordings fetch skin" in sentence
+    assert "EITBENCH_DATA" in sentence
+    assert "\n" not in sentence
+    assert left_in_cache(skin) == set()
+
+
+def test_a_file_that_is_gone_says_so(skin: RecordedSet, served: Path) -> None:
+    (served / "a b.txt").unlink()
+    with pytest.raises(DataUnavailableError, match="404"):
+        fetch(skin)
+
+
+def test_a_hanging_server_is_cut_off(skin: RecordedSet, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A server that accepts and then says nothing; without the cut the test would never end."""
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        redirect(monkeypatch, silent.getsockname()[1])
+        with pytest.raises(DataUnavailableError, match=r"longer than 0\.2 s"):
+            locate(skin, limit_s=0.2)
+
+
+def test_a_trickling_server_is_stopped(skin: RecordedSet, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What arrives after the limit ends the download instead of filling the cache."""
+    proceed, stopped = threading.Event(), threading.Event()
+
+    class Trickle(QuietHandler):
+        def do_GET(self) -> None:
+            self.send_response(200)
+            self.send_header("Content-Length", "50000")
+            self.end_headers()
+            proceed.wait(60)
+            try:
+                for _ in range(50_000):
+                    self.wfile.write(b"1")
+            except OSError:
+                stopped.set()
+
+    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), Trickle) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        redirect(monkeypatch, server.server_address[1])
+        with pytest.raises(DataUnavailableError, match="longer"):
+            fetch(skin, limit_s=0.2)
+        worker = next(t for t in threading.enumerate() if t.name == "fetch skin")
+        proceed.set()
+        worker.join(60)
+        assert not worker.is_alive()
+        assert left_in_cache(skin) == set()
+        server.shutdown()
+
+
+@pytest.mark.skipif(os.name != "posix" or os.geteuid() == 0, reason="needs an ordinary user")
+@pytest.mark.usefixtures("served")
+def test_a_read_only_cache_says_so(skin: RecordedSet, tmp_path: Path) -> None:
+    (tmp_path / "cache").mkdir(mode=0o500)
+    with pytest.raises(DataUnavailableError, match="could not be stored"):
+        fetch(skin)
+
+
+@pytest.mark.usefixtures("served")
+def test_a_cache_that_is_a_file_says_so(skin: RecordedSet, tmp_path: Path) -> None:
+    (tmp_path / "cache").write_text("in the way")
+    with pytest.raises(DataUnavailableError, match="could not be stored"):
+        fetch(skin)
+
+
+@pytest.mark.parametrize("path", ["../outside.txt", "/etc/hostname"])
+def test_paths_are_confined_to_the_folder(path: str, tmp_path: Path) -> None:
+    with pytest.raises(DataCorruptError, match="leads out"):
+        verify(make_set({path: b"x"}), tmp_path)
+
+
+def test_links_out_of_the_folder_are_refused(skin: RecordedSet, tmp_path: Path) -> None:
+    folder = lay_out(tmp_path / "data", CONTENT)
+    secret = tmp_path / "secret"
+    secret.write_bytes(CONTENT["a b.txt"])
+    (folder / "a b.txt").unlink()
+    (folder / "a b.txt").symlink_to(secret)
+    with pytest.raises(DataCorruptError, match="leads out"):
+        verify(skin, folder)
+
+
+def test_unknown_name() -> None:
+    with pytest.raises(InputError, match="ktc2023"):
+        read_recording("ktc2024")
+
+
+CHILD = """
+import sys
+from pathlib import Path
+from eitbench.scenarios.recordings.sources import Source
+sys.path.insert(0, sys.argv[1])
+import test_recordings_fetch as shared
+public = Source.url
+Source.url = lambda self, file: public(self, file).replace(
+    "https://raw.githubusercontent.com", "http://127.0.0.1:" + sys.argv[2])
+recorded = shared.make_set(shared.CONTENT)
+shared.verify(recorded, shared.fetch(recorded))
+"""
+
+
+def test_several_processes_at_once_leave_no_broken_file(
+    skin: RecordedSet, served: Path, tmp_path: Path
+) -> None:
+    """Three processes meet at a server that answers none before all have asked."""
+    together = threading.Barrier(3, timeout=60)
+
+    class Gathering(QuietHandler):
+        def do_GET(self) -> None:
+            if "a%20b" in self.path:
+                together.wait()
+            super().do_GET()
+
+    handler = functools.partial(Gathering, directory=str(tmp_path / "served"))
+    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        command = [sys.executable, "-c", CHILD, str(Path(__file__).parent)]
+        children = [subprocess.Popen([*command, str(server.server_address[1])]) for _ in range(3)]
+        assert [child.wait(120) for child in children] == [0, 0, 0]
+        server.shutdown()
+    verify(skin, cached_folder(skin))
+    assert left_in_cache(skin) == set(CONTENT)
+    assert served.is_dir()
+
+
+def test_a_set_in_the_named_folder_is_verified_and_not_downloaded(
+    skin: RecordedSet, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = lay_out(tmp_path / "mine" / REPOSITORY, CONTENT)
+    monkeypatch.setenv("EITBENCH_DATA", str(tmp_path / "mine"))
+    assert intact(skin) == folder
+    assert not cached_folder(skin).exists()
+    (folder / "a b.txt").write_bytes(b"0" * 50_000)
+    with pytest.raises(DataCorruptError, match=r"a b\.txt is not the file that was published"):
+        intact(skin)
+
+
+@pytest.mark.usefixtures("served")
+def test_without_the_named_folder_the_cache_is_filled_and_repaired(skin: RecordedSet) -> None:
+    folder = intact(skin)
+    assert folder == cached_folder(skin)
+    (folder / "a b.txt").write_bytes(b"broken")
+    verify(skin, intact(skin))
+
+
+@pytest.mark.usefixtures("served")
+def test_no_bar_leaves_an_empty_line_where_there_is_no_terminal(
+    skin: RecordedSet, capsys: pytest.CaptureFixture[str]
+) -> None:
+    fetch(skin, progress=True)
+    assert capsys.readouterr().err == ""
+
+
+def test_a_download_without_end_is_stopped(
+    skin: RecordedSet, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A server that sends more than was published is not listened to until the disk is full."""
+    sent = []
+
+    class Endless(QuietHandler):
+        def do_GET(self) -> None:
+            self.send_response(200)
+            self.end_headers()
+            try:
+                for _ in range(4000):
+                    self.wfile.write(bytes(2**16))
+                    sent.append(2**16)
+            except OSError:
+                pass
+
+    server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), Endless)
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    redirect(monkeypatch, server.server_address[1])
+    with pytest.raises(DataCorruptError, match=r"published \(it is longer\)"):
+        fetch(skin)
+    server.shutdown()
+    server.server_close()
+    assert sum(sent) < 50_000_000  # what the connection holds, not the 260 MB that were offered
+    assert left_in_cache(skin) == set()

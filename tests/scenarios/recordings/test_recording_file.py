@@ -1,0 +1,295 @@
+"""Own recordings: what is read of damaged ones, and what is said of them."""
+
+import random
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+
+from eitbench.hardware.board import Frame
+from eitbench.hardware.recording.recorder import Recorder
+from eitbench.scenarios import forward_model, sensor
+from eitbench.scenarios.errors import DataCorruptError, DataUnavailableError, EitbenchError
+from eitbench.scenarios.recordings.checking import check
+from eitbench.scenarios.recordings.files.recording_file import read_file
+from eitbench.scenarios.recordings.quality import suspect_electrodes
+from eitbench.scenarios.sensors.sensor import Sensor
+
+Array = np.ndarray[Any, np.dtype[np.float64]]
+N = 30
+
+
+def untouched(n: int = N, noise: float = 1e-4) -> Array:
+    """Frames (n, 208) of the untouched default sensor, with channels 1 % uneven."""
+    foam = sensor("foam16")
+    clean = forward_model(foam).voltages(np.ones(foam.image_shape))
+    draws = np.random.default_rng(5)
+    uneven = clean * (1 + 0.01 * draws.normal(size=len(clean)))
+    return np.asarray(uneven + noise * draws.normal(size=(n, len(clean))) * np.std(clean))
+
+
+def record(
+    path: Path, values: Array, *, number: Array | None = None, time_s: Array | None = None
+) -> Path:
+    with Recorder(path, sensor("foam16"), "fake", firmware="1") as recorder:
+        for k, frame in enumerate(values):
+            recorder.append(
+                Frame(
+                    k if number is None else int(number[k]),
+                    k / 10 if time_s is None else float(time_s[k]),
+                    k / 10,
+                    frame,
+                )
+            )
+        if len(values):
+            recorder.untouched(0, 9)
+            recorder.label(10, 14, x_m=0.03, y_m=0.04, state="a")
+            recorder.event("started", 0.0)
+    return path
+
+
+@pytest.fixture(scope="module")
+def sound(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return record(tmp_path_factory.mktemp("recordings") / "sound.h5", untouched())
+
+
+def altered(sound: Path, folder: Path, change: Callable[[h5py.File], None]) -> Path:
+    path = folder / "altered.h5"
+    path.write_bytes(sound.read_bytes())
+    with h5py.File(path, "r+") as file:
+        change(file)
+    return path
+
+
+def test_a_sound_recording_has_no_problems(sound: Path) -> None:
+    problems, (summary, reciprocity) = check(sound)
+    assert problems == []
+    assert summary.startswith("30 frames of 208 values from the board fake, sensor foam16, 2.9 s,")
+    assert "1 touch, started" in summary
+    assert "Reciprocity error of the untouched sensor: 1." in reciprocity
+
+
+def set_item(name: str, key: Any, value: Any) -> Callable[[h5py.File], None]:
+    def change(file: h5py.File) -> None:
+        file[name][key] = value
+
+    return change
+
+
+def delete(name: str) -> Callable[[h5py.File], None]:
+    def change(file: h5py.File) -> None:
+        del file[name]
+
+    return change
+
+
+def attribute(name: str, value: Any) -> Callable[[h5py.File], None]:
+    def change(file: h5py.File) -> None:
+        file.attrs[name] = value
+
+    return change
+
+
+def shorter_pattern(file: h5py.File) -> None:
+    table = file["pattern"][:-1]
+    del file["pattern"]
+    file["pattern"] = table
+
+
+def other_pattern(file: h5py.File) -> None:
+    file["pattern"][:] = file["pattern"][()][::-1]
+
+
+def greater(file: h5py.File) -> None:
+    file["frames/values"].resize(10**12, axis=0)
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (set_item("frames/values", (7, 3), 0.5), "The checksum of frame 7 is wrong"),
+        (set_item("frames/values", slice(3, 5), 0.5), "of frame 3 (and 1 more) is wrong"),
+        (set_item("frames/number", 29, 3), "The checksum of frame 29 is wrong"),
+        (set_item("labels", 0, (99, 99, 0, 0, 0, b"")), "labels, events or header were changed"),
+        (attribute("board", np.bytes_("teensy")), "labels, events or header were changed"),
+        (attribute("version", 9), "has layout 9, and this eitbench reads 1"),
+        (attribute("format", np.bytes_("x")), "is an HDF5 file, but no recording of eitbench's"),
+        (attribute("sensor", np.bytes_('{"name": "x"}')), "described wrongly: outline: Field"),
+        (delete("frames/time_s"), "is damaged: it has no 'frames/time_s'"),
+        (delete("frames"), "is damaged: it has no 'frames/values'"),
+        (shorter_pattern, "its pattern has 207 rows, and its frames have 208 values"),
+        (other_pattern, "its pattern is not that of its sensor"),
+        (greater, "'frames/values' claims to be larger than the file"),
+    ],
+)
+def test_alterations_are_told(
+    sound: Path, tmp_path: Path, change: Callable[[h5py.File], None], says: str
+) -> None:
+    problems, _ = check(altered(sound, tmp_path, change))
+    assert any(says in problem for problem in problems), problems
+
+
+def with_nan() -> Array:
+    values = untouched()
+    values[12, 3] = np.nan
+    return values
+
+
+COUNT = np.arange(float(N))
+
+
+@pytest.mark.parametrize(
+    ("recorded", "says"),
+    [
+        ({"values": with_nan()}, "1 frame with values that are not numbers, the first is frame 12"),
+        ({"time_s": np.where(COUNT > 20, COUNT - 9, COUNT)}, "time_s goes back at frame 21"),
+        ({"time_s": np.full(N, np.nan)}, "time_s holds values that are not numbers"),
+        ({"number": COUNT + 3 * (COUNT > 7)}, "3 frames of the board's were dropped (9.1%)"),
+        ({"number": np.minimum(COUNT, 8)}, "running number does not grow at frame 9"),
+        ({"values": untouched(12)}, "Label 0 names frames 10 to 14, and there are frames 0 to 11"),
+        ({"values": untouched(5)}, "The reference names frames that are not there"),
+        ({"values": np.random.default_rng(1).normal(size=(N, 208))}, "The reciprocity error is 1"),
+    ],
+)
+def test_what_was_recorded_wrongly_is_told(
+    tmp_path: Path, recorded: dict[str, Array], says: str
+) -> None:
+    problems, _ = check(record(tmp_path / "a.h5", **({"values": untouched()} | recorded)))
+    assert any(says in problem for problem in problems), problems
+
+
+def test_a_recording_that_is_no_set_is_sound_and_says_what_it_needs(tmp_path: Path) -> None:
+    with Recorder(tmp_path / "a.h5", sensor("foam16"), "fake") as recorder:
+        for k, values in enumerate(untouched(5)):
+            recorder.append(Frame(k, k, k, values))
+    problems, facts = check(tmp_path / "a.h5")
+    assert problems == []
+    assert facts[1] == (
+        "To be a set for suites it needs frames that are marked as untouched and touches that are "
+        "labelled: record with --guided."
+    )
+    assert facts[2].startswith("Reciprocity error of all frames: 1.")
+
+
+def test_a_recording_without_frames_is_told(tmp_path: Path) -> None:
+    Recorder(tmp_path / "a.h5", sensor("foam16"), "fake").close()
+    assert check(tmp_path / "a.h5")[0] == ["It holds no frames."]
+
+
+def test_labels_off_the_sensor_are_told(tmp_path: Path) -> None:
+    with Recorder(tmp_path / "a.h5", sensor("foam16"), "fake") as recorder:
+        recorder.append(Frame(0, 0.0, 0.0, untouched(1)[0]))
+        recorder.untouched(0, 0)
+        recorder.label(0, 0, x_m=0.05, y_m=0.2)
+    problems, _ = check(tmp_path / "a.h5")
+    assert problems == ["1 label outside the sensor, the first at (50, 200) mm."]
+
+
+def test_files_of_other_kinds_are_told(tmp_path: Path, sound: Path) -> None:
+    text = tmp_path / "text.h5"
+    text.write_text("time,v0\n")
+    assert check(text)[0] == [f"{text} is not an HDF5 file, so it is no recording of eitbench's."]
+    (tmp_path / "empty.h5").write_bytes(b"")
+    assert "is not an HDF5 file" in check(tmp_path / "empty.h5")[0][0]
+    with pytest.raises(DataUnavailableError, match=r"Cannot read the recording .*No such file"):
+        check(tmp_path / "none.h5")
+    with pytest.raises(DataUnavailableError, match="Is a directory"):
+        check(tmp_path)
+    cut = tmp_path / "cut.h5"
+    cut.write_bytes(sound.read_bytes()[:-5000])
+    assert check(cut)[0] == [f"{cut} is damaged: it was cut short."]
+
+
+def killed(sound: Path, folder: Path) -> Path:
+    """The same recording, as a killed recorder leaves it."""
+    content, _ = read_file(sound)
+    with Recorder(folder / "running.h5", sensor("foam16"), "fake") as recorder:
+        for k, frame in enumerate(content.values):
+            recorder.append(Frame(k, k / 10, k / 10, frame))
+        while len(read_file(folder / "running.h5")[0]) < N:
+            time.sleep(0.05)
+        (folder / "killed.h5").write_bytes((folder / "running.h5").read_bytes())
+    return folder / "killed.h5"
+
+
+@pytest.mark.parametrize("closed", [True, False])
+def test_mutated_files_are_read_or_refused(sound: Path, tmp_path: Path, closed: bool) -> None:
+    """Whatever is changed: no crash or hang, and never a value that was not recorded."""
+    original = (sound if closed else killed(sound, tmp_path)).read_bytes()
+    path, used = tmp_path / "mutated.h5", len(original.rstrip(b"\0"))
+    values = read_file(sound)[0].values
+    draws = random.Random(7)
+    refused = 0
+    for _ in range(200):
+        mutated = bytearray(original)
+        # Most of the file is voltages; what steers the reader lies at its ends.
+        reach = draws.choice([200, 4000, used])
+        for _ in range(draws.choice([1, 1, 3, 30])):
+            place = draws.randrange(reach)
+            mutated[place if draws.random() < 0.7 else used - 1 - place] = draws.randrange(256)
+        if draws.random() < 0.2:
+            del mutated[draws.randrange(used) :]
+        path.write_bytes(mutated)
+        try:
+            content, condition = read_file(path)
+        except EitbenchError:
+            refused += 1
+            continue
+        if not condition.damaged:
+            assert np.array_equal(content.values, values[: len(content)])
+            assert len(content) == N or not closed
+    assert 20 < refused < 200
+
+
+def spoilt(electrode: int, kind: str) -> tuple[Array, Sensor]:
+    """Frames of a sensor whose `electrode` has ten times the noise, or no contact."""
+    foam = sensor("foam16")
+    src, sink, a, b = foam.pattern.table.T
+    values = untouched(50, noise=1e-3)
+    draws = np.random.default_rng(electrode)
+    if kind == "noisy":
+        noise = 1e-3 * np.std(values[0]) * draws.normal(size=(50, 16, 16))
+        noise[:, :, electrode] *= 10  # of the potential, in every drive anew
+        return values + noise[:, src, a] - noise[:, src, b], foam
+    # No current flows, and its potential is another channel's crosstalk.
+    values[:, (src == electrode) | (sink == electrode)] *= 1e-3
+    sensed = (a == electrode) | (b == electrode)
+    values[:, sensed] *= draws.uniform(-1, 0.3, size=int(sensed.sum()))
+    return values, foam
+
+
+@pytest.mark.parametrize("kind", ["noisy", "dead"])
+@pytest.mark.parametrize("electrode", [0, 3, 10])
+def test_a_bad_electrode_is_the_only_suspect(electrode: int, kind: str) -> None:
+    frames, foam = spoilt(electrode, kind)
+    assert suspect_electrodes(frames, foam.pattern) == (electrode,)
+
+
+def test_two_bad_electrodes_are_both_named() -> None:
+    noisy, foam = spoilt(4, "noisy")
+    dead, _ = spoilt(9, "dead")
+    of_dead = (foam.pattern.table == 9).any(axis=1)
+    frames = np.where(of_dead, dead, noisy)
+    assert set(suspect_electrodes(frames, foam.pattern)) == {4, 9}
+
+
+def test_sound_electrodes_are_not_suspect() -> None:
+    assert suspect_electrodes(untouched(50), sensor("foam16").pattern) == ()
+    assert suspect_electrodes(untouched(1), sensor("foam16").pattern) == ()
+    exact = np.repeat(untouched(1, noise=0), 9, axis=0)
+    assert suspect_electrodes(exact, sensor("foam16").pattern) == ()
+
+
+def test_suspects_are_named_by_the_check(tmp_path: Path) -> None:
+    frames, _ = spoilt(6, "dead")
+    problems, _ = check(record(tmp_path / "a.h5", frames))
+    assert "Suspect electrodes: 6 (noisy, or without contact)." in problems
+
+
+def test_damaged_recordings_raise_where_they_are_read(sound: Path, tmp_path: Path) -> None:
+    with pytest.raises(DataCorruptError, match="it has no 'pattern'"):
+        read_file(altered(sound, tmp_path, delete("pattern")))

@@ -1,0 +1,260 @@
+"""The recorded sets as read from the real files."""
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.io import loadmat
+
+from eitbench.scenarios.physics.forward import forward_model
+from eitbench.scenarios.recordings import RECORDED_SETS, RecordedFrames
+from eitbench.scenarios.recordings.descriptors import is_validation
+from eitbench.scenarios.recordings.fetch import read_recording
+from eitbench.scenarios.recordings.public.pyeidors_tank import read_csv
+from eitbench.scenarios.recordings.quality import quality, reciprocity_error
+from eitbench.scenarios.sensors.patterns import DrivePattern
+from eitbench.scenarios.sensors.sensor import Sensor
+
+Array = NDArray[np.float64]
+
+pytestmark = pytest.mark.usefixtures("recorded_data")
+
+read = cache(read_recording)
+
+
+@cache
+def nominal(name: str) -> Sensor:
+    return RECORDED_SETS[name].sensor()
+
+
+@cache
+def background(name: str) -> tuple[Array, Array]:
+    """Voltages (M,) and Jacobian (M, H, W) of the nominal, homogeneous sensor."""
+    model = forward_model(nominal(name))
+    return model.voltages(model.background), model.jacobian(model.background)
+
+
+def one_step(name: str, change: Array) -> Array:
+    """One-step images (..., H, W) of changes (..., M), diagonal prior, 0 outside the sensor."""
+    voltages, jacobian = background(name)
+    reference = read(name).reference
+    gain = (voltages @ reference) / (voltages @ voltages)
+    mask = nominal(name).mask
+    weight = 1 / (np.abs(voltages) + 0.02 * np.abs(voltages).max())
+    weighted = jacobian[:, mask] * weight[:, None]
+    prior = np.maximum(np.sum(weighted**2, axis=0), 1e-12)
+    system = weighted @ (weighted / prior).T
+    system += 0.03 * np.trace(system) / len(system) * np.eye(len(system))
+    images = np.zeros((*change.shape[:-1], *mask.shape))
+    images[..., mask] = np.linalg.solve(system, (weight * change / gain).T).T @ (weighted / prior)
+    return images
+
+
+@pytest.mark.parametrize("name", RECORDED_SETS)
+def test_every_set_is_read_and_split(name: str) -> None:
+    recording = read(name)
+    n, m = len(recording.samples), nominal(name).n_measurements
+    assert recording.voltages.shape == (n, m)
+    assert recording.reference.shape == (m,)
+    assert np.isfinite(recording.voltages).all()
+    assert set(recording.samples["split"]) == {"validation", "test"}
+    assert recording.samples["touched"].dtype == bool
+    if RECORDED_SETS[name].truth == "position":
+        assert {"x_m", "y_m"} <= set(recording.samples)
+
+
+def test_the_split_of_ohmc16_is_fixed() -> None:
+    validation = np.flatnonzero(is_validation(read("ohmc16").samples))
+    np.testing.assert_array_equal(validation, np.arange(0, 500, 5))
+
+
+@pytest.mark.parametrize(
+    ("name", "least"),
+    [
+        ("ktc2023", 0.99),
+        ("sciospec-tank", 0.99),
+        ("pyeidors-tank", 0.99),
+        ("jku-tank-diagonal", 0.99),
+        ("jku-tank-hybrid", 0.99),
+        ("jku-tank-opposite", 0.99),
+        # Half of this signal is out of phase: see the module's docstring.
+        ("jku-tank-adjacent", 0.85),
+    ],
+)
+def test_simulated_reference_agrees_in_order_and_sign(name: str, least: float) -> None:
+    voltages, _ = background(name)
+    assert np.corrcoef(voltages, read(name).reference)[0, 1] > least
+
+
+def agreement(name: str, positions: Array, change: Array) -> float:
+    """Mean correlation, over values, of the change with a drop of conductivity at `positions`."""
+    sensor = nominal(name)
+    _, jacobian = background(name)
+    x0, y0, _, _ = sensor.outline.bounds
+    column, row = np.floor((positions - [x0, y0]) / sensor.pixel_size).astype(int).T
+    predicted = -jacobian[:, row, column].T
+    change = change - np.median(change, axis=0)
+    change = np.clip(change / np.median(np.abs(change), axis=0), -5, 5)
+    values = [np.corrcoef(p, c)[0, 1] for p, c in zip(predicted.T, change.T, strict=True)]
+    return float(np.mean(values))
+
+
+@pytest.mark.parametrize("name", ["ohmc16", "ohmc8"])
+def test_disc_skins_answer_where_the_robot_presses(name: str) -> None:
+    """The boards' uneven channels hide the homogeneous field, so the changes prove the order."""
+    recording = read(name)
+    positions = recording.samples[["x_m", "y_m"]].to_numpy()
+    change = recording.voltages - recording.reference
+    nominal_frame = agreement(name, positions, change)
+    mirrored = agreement(name, positions * [1, -1], change)
+    opposite = agreement(name, -positions, change)
+    assert nominal_frame > 0.2
+    assert abs(mirrored) < nominal_frame / 2
+    assert opposite < nominal_frame / 2
+
+
+@pytest.mark.parametrize("name", ["ohmc16", "ohmc8"])
+def test_common_mode_explains_the_uneven_channels(name: str) -> None:
+    """The one factor of the module's docstring holds for both boards."""
+    sensor, reference = nominal(name), read(name).reference
+    src, sink, a, b = sensor.pattern.table.T
+
+    def above_sink(electrode: NDArray[np.int64]) -> Array:
+        table = DrivePattern(np.column_stack([src, sink, electrode, sink]))
+        model = forward_model(replace(sensor, pattern=table))
+        return model.voltages(model.background)
+
+    difference = above_sink(a) - above_sink(b)
+    common = (above_sink(a) + above_sink(b)) / 2
+    assert np.corrcoef(np.abs(difference), reference)[0, 1] < 0.25
+    assert np.corrcoef(np.abs(difference - 0.46 * common), reference)[0, 1] > 0.7
+
+
+def test_rectangle_answers_where_the_robot_presses() -> None:
+    """Presses beside the electrodes that drive change the frame most, where ours are placed."""
+    recording = read("hydrogel-rectangle")
+    sensor = nominal("hydrogel-rectangle")
+    places = sensor.outline.point([e.centre for e in sensor.electrodes])
+    positions = recording.samples[["x_m", "y_m"]].to_numpy()
+    change = np.abs(recording.voltages - recording.reference)
+    change /= np.median(change, axis=0)
+    saturated = recording.reference > 5e4
+    for pair in ((2, 6), (3, 7)):
+        driven = np.isin(sensor.pattern.table[:, 0], pair) & ~saturated
+        strength = np.median(change[:, driven], axis=1)
+        distance = np.min([np.hypot(*(positions - places[k]).T) for k in pair], axis=0)
+        assert np.median(strength[distance < 0.01]) > 2 * np.median(strength[distance > 0.03])
+
+
+def test_pressing_hydrogel_is_rebased_on_the_common_reference(recorded_data: Path) -> None:
+    recording = read("ohmc16")
+    raw = loadmat(recorded_data / "DSHardman/HydrogelEIT/Extracted/ohmc16.mat")
+    np.testing.assert_allclose(
+        recording.voltages - recording.reference, raw["responsedowns"] - raw["responseups"]
+    )
+    np.testing.assert_array_equal(recording.reference, np.median(raw["responseups"][::5], axis=0))
+    assert set(recording.samples["depth_mm"]) == {10.0, 15.0, 20.0}
+
+
+def test_multitouch_keeps_the_probe_distances() -> None:
+    counts = read("hydrogel-multitouch").samples["probe_distance_mm"].value_counts()
+    assert counts.to_dict() == {108.0: 8, 75.0: 8, 20.0: 10}
+
+
+def test_noise_and_drift_of_the_fixed_press() -> None:
+    figures = quality(read("hydrogel-fixed"), nominal("hydrogel-fixed").pattern)
+    assert figures.noise == pytest.approx(0.0012, abs=1e-4)
+    assert figures.spread == pytest.approx(0.0087, abs=5e-4)
+
+
+def test_repeats_are_five_of_each_press() -> None:
+    samples = read("hydrogel-repeats").samples
+    assert (samples.groupby("state").size() == 5).all()
+    assert (samples.groupby("state")[["x_m", "y_m", "depth_mm", "split"]].nunique() == 1).all(
+        axis=None
+    )
+
+
+def test_kuopio_truth_has_our_orientation() -> None:
+    """One-step images agree with every truth image, and with no mirrored or turned one as well."""
+    recording = read("ktc2023")
+    truth = recording.classes
+    assert truth is not None
+    assert set(np.unique(truth)) == {-1, 0, 1}
+    mask = nominal("ktc2023").mask
+    images = one_step("ktc2023", recording.voltages - recording.reference)
+
+    def agreement_of(oriented: NDArray[np.int8]) -> list[float]:
+        pairs = zip(images, oriented, strict=True)
+        return [float(np.corrcoef(image[mask], t[mask])[0, 1]) for image, t in pairs]
+
+    upright = agreement_of(truth)
+    assert min(upright) > 0.4
+    others = [
+        np.rot90(flipped, quarter, axes=(1, 2))
+        for flipped in (truth, truth[:, ::-1])
+        for quarter in range(4)
+    ][1:]
+    assert max(np.mean(agreement_of(other)) for other in others) < np.mean(upright) - 0.1
+
+
+def test_small_tank_shows_its_targets_at_their_electrodes() -> None:
+    recording = read("pyeidors-tank")
+    sensor = nominal("pyeidors-tank")
+    places = 0.65 * sensor.outline.point([e.centre for e in sensor.electrodes])
+    x, y = sensor.pixel_centres
+    for frame, targets in zip(recording.voltages, recording.samples["targets"], strict=True):
+        image = one_step("pyeidors-tank", frame - recording.reference)
+        for target in targets.split(", "):
+            number, kind = target.split()
+            near = np.hypot(x - places[int(number) - 1, 0], y - places[int(number) - 1, 1]) < 0.003
+            contrast = float(image[near].mean()) / np.abs(image[sensor.mask]).mean()
+            assert contrast > 1 if kind == "metal" else contrast < -1, (targets, target, contrast)
+
+
+def test_the_older_file_of_the_small_tank_is_readable(recorded_data: Path) -> None:
+    name = "2025-11-14-22-18-02_1_10.00_50uA_3000Hz.csv"
+    path = recorded_data / "CBZ199671/PyEIDORS/data/measurements/tank" / name
+    empty, _ = read_csv(path)
+    assert np.corrcoef(empty, read("pyeidors-tank").reference)[0, 1] > 0.98
+
+
+def test_offset_three_tank_is_reciprocal_and_repeatable() -> None:
+    recording = read("sciospec-tank")
+    pattern = nominal("sciospec-tank").pattern
+    assert reciprocity_error(recording.reference, pattern) < 0.03
+    assert (reciprocity_error(recording.voltages, pattern) < 0.05).all()
+    figures = quality(recording, pattern)
+    assert figures.signal > 50 * figures.noise
+    empty = ~recording.samples["touched"].to_numpy(dtype=bool)
+    assert empty.sum() == 17
+    change = np.linalg.norm(recording.voltages - recording.reference, axis=1)
+    assert change[empty].max() < change[~empty].min() / 5
+
+
+@pytest.mark.parametrize("name", [n for n in RECORDED_SETS if n.startswith("jku-tank")])
+def test_rectangular_tank_repeats_and_tells_positions_apart(name: str) -> None:
+    recording = read(name)
+    frames = recording.voltages.reshape(4, 3, -1)
+    assert recording.samples["position"].tolist() == list(np.repeat(range(1, 5), 3))
+    within = np.linalg.norm(frames - frames.mean(axis=1, keepdims=True), axis=-1).max()
+    means = frames.mean(axis=1)
+    between = min(np.linalg.norm(means[i] - means[j]) for i in range(4) for j in range(i))
+    assert between > within
+
+
+def test_quality_is_silent_without_repeats() -> None:
+    figures = quality(read("ktc2023"), nominal("ktc2023").pattern)
+    assert np.isnan(figures.noise)
+    assert np.isnan(figures.spread)
+    assert np.isfinite(figures.signal)
+
+
+def test_reading_is_the_same_twice() -> None:
+    first: RecordedFrames = read_recording("pyeidors-tank")
+    second = read_recording("pyeidors-tank")
+    np.testing.assert_array_equal(first.voltages, second.voltages)
+    assert first.samples.equals(second.samples)

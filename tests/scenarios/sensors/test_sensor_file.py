@@ -1,0 +1,171 @@
+"""Sensor files: what they declare, and where they are wrong."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from eitbench.scenarios import InputError, sensor
+from eitbench.scenarios.recordings import RECORDED_SETS
+from eitbench.scenarios.sensors.described_sensor import describe_sensor, described_sensor
+from eitbench.scenarios.sensors.outlines import Disc, Polygon
+from eitbench.scenarios.sensors.sensor import Sensor
+from eitbench.scenarios.suites.suite import load_suite
+
+GOOD = """
+name = "bench"
+image_shape = [40, 50]
+conductivity_range = [0.1, 1.0]
+
+[outline]
+rectangle_mm = [100, 80]
+
+[electrodes]
+count = 16
+width_mm = 8
+start_mm = 10
+
+[pattern]
+offset = 3
+"""
+
+
+def write(folder: Path, text: str = GOOD) -> Path:
+    path = folder / "bench.toml"
+    path.write_text(text)
+    return path
+
+
+def test_a_sensor_file_is_a_sensor(tmp_path: Path) -> None:
+    made = sensor(str(write(tmp_path)))
+    assert (made.name, made.n_electrodes, made.n_measurements) == ("bench", 16, 208)
+    assert made.image_shape == (40, 50)
+    assert made.outline.bounds == pytest.approx((0, 0, 0.1, 0.08))
+    assert made.electrodes[0].centre == pytest.approx(0.01)
+    assert made.electrodes[1].centre == pytest.approx(0.01 + 0.36 / 16)
+    assert made.electrodes[0].width == pytest.approx(0.008)
+    assert sensor(str(write(tmp_path)), offset=1).pattern.table[0].tolist() == [0, 1, 2, 3]
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("rectangle_mm = [100, 80]", "disc_radius_mm = 60"),
+        ("rectangle_mm = [100, 80]", "polygon_mm = [[0, 0], [100, 0], [50, 120]]"),
+        ("offset = 3", "offset = 1\ndriven = true\nmagnitudes = true"),
+        ("offset = 3", "opposition = true"),
+        ("offset = 3", "table = [[0, 1, 2, 3], [1, 2, 3, 4]]"),
+        ("start_mm = 10", "start_mm = 10\nclockwise = true\ncontact_impedance = 2e-3"),
+        (
+            "count = 16\nwidth_mm = 8\nstart_mm = 10",
+            "centres_mm = [9, 99, 199]\nwidth_mm = [5, 6, 7]",
+        ),
+    ],
+)
+def test_every_kind_of_sensor_can_be_declared_and_described(
+    tmp_path: Path, old: str, new: str
+) -> None:
+    text = GOOD.replace(old, new)
+    if "centres_mm" in new:
+        text = text.replace("offset = 3", "table = [[0, 1, 1, 2]]")
+    made = sensor(str(write(tmp_path, text)))
+    again = described_sensor(describe_sensor(made))
+    assert (again, again.name) == (made, made.name)
+
+
+def test_what_is_declared_is_what_is_made(tmp_path: Path) -> None:
+    text = GOOD.replace("rectangle_mm = [100, 80]", "disc_radius_mm = 60")
+    text = text.replace("start_mm = 10", "clockwise = true")
+    made = sensor(str(write(tmp_path, text)))
+    assert made.outline == Disc(0.06)
+    x, y = made.outline.point(made.electrodes[4].centre)
+    assert (x, y) == pytest.approx((0, -0.06), abs=1e-9)
+    text = GOOD.replace("rectangle_mm = [100, 80]", "polygon_mm = [[0, 0], [90, 0], [0, 90]]")
+    made = sensor(str(write(tmp_path, text.replace("offset = 3", "opposition = true"))))
+    assert made.outline == Polygon(((0, 0), (0.09, 0), (0, 0.09)))
+    assert made.pattern.magnitudes
+    assert made.pattern.table[0].tolist() == [0, 8, 2, 1]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "line", "field", "says"),
+    [
+        ('name = "bench"', 'name = "../x"', 2, "name", "small letters"),
+        ('name = "bench"', "", 1, "name", "it is missing"),
+        ("image_shape = [40, 50]", "image_shape = [40, 5000]", 3, "image_shape[1]", "1024"),
+        ("width_mm = 8", "width_mm = -8", 11, "electrodes.width_mm", "greater than 0"),
+        ("start_mm", "strat_mm", 12, "electrodes.strat_mm", "the nearest is 'start_mm'"),
+        ("width_mm = 8", "width_mm = 30", 9, "electrodes", "overlap"),
+        ("width_mm = 8", "width_mm = [8, 8]", 9, "electrodes", "has 2 values for 16 electrodes"),
+        ("count = 16", "", 9, "electrodes", "either `count` or `centres_mm`"),
+        ("offset = 3", "offset = 16", 14, "pattern", "from 1 to 15, got 16"),
+        ("offset = 3", "", 14, "pattern", "one of `offset`"),
+        ("offset = 3", "opposition = true\ndriven = true", 14, "pattern", "`driven` goes with"),
+        ("offset = 3", "table = [[0, 1, 2, 16]]", 14, "pattern", "uses electrode 16"),
+        ("offset = 3", "table = [[0, 1, 2]]", 15, "pattern.table[0][3]", "missing"),
+        ("[100, 80]", "[100, 0]", 7, "outline.rectangle_mm[1]", "greater than 0"),
+        ("rectangle_mm = [100, 80]", "polygon_mm = [[0, 0], [1, 1]]", 6, "outline", "3 vertices"),
+        ("[100, 80]", "[100, 80]\ndisc_radius_mm = 3", 6, "outline", "one of `rectangle_mm`"),
+        ("image_shape", "image_shape [", 3, "", "not valid TOML"),
+    ],
+)
+def test_mistakes_are_found_by_line_and_field(
+    tmp_path: Path, old: str, new: str, line: int, field: str, says: str
+) -> None:
+    path = write(tmp_path, GOOD.replace(old, new, 1))
+    with pytest.raises(InputError) as caught:
+        sensor(str(path))
+    place = f"Sensor file {path}, line {line}" + (f", field '{field}'" if field else "")
+    assert str(caught.value).startswith(f"{place}: "), str(caught.value)
+    assert says in str(caught.value)
+
+
+def test_a_file_that_is_not_there_is_one_sentence(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"Cannot read the sensor file .*No such file"):
+        sensor(str(tmp_path / "none.toml"))
+
+
+@pytest.mark.parametrize(
+    "name", ["foam16", *sorted({s.sensor_name for s in RECORDED_SETS.values()})]
+)
+def test_every_known_sensor_survives_its_description(name: str) -> None:
+    made: Sensor = sensor(name)
+    assert described_sensor(describe_sensor(made)) == made
+
+
+@pytest.mark.parametrize("text", ["", "{}", "[]", '{"name": 3}', "nonsense", '{"name": "a"}'])
+def test_wrong_descriptions_are_one_sentence(text: str) -> None:
+    with pytest.raises(InputError, match="described wrongly"):
+        described_sensor(text)
+
+
+def test_a_suite_simulates_a_sensor_of_ones_own(tmp_path: Path) -> None:
+    write(tmp_path)
+    (tmp_path / "suite.toml").write_text(
+        'name = "s"\ntitle = "s"\nmethods = ["noser"]\n[[scenarios]]\nkind = "simulated"\n'
+        'name = "mine"\nsensor = "bench.toml"\nfamilies = ["soft-press"]\n'
+        "train = 0\nvalidation = 0\ntest = 2\n"
+    )
+    (scenario,) = load_suite(tmp_path / "suite.toml").scenarios
+    assert scenario.nominal_sensor == sensor(str(tmp_path / "bench.toml"))
+    before = scenario.data_hash("test")
+    # What counts is what the file declares, not where it lies.
+    moved = tmp_path / "moved"
+    moved.mkdir()
+    for name in ("bench.toml", "suite.toml"):
+        (moved / name).write_bytes((tmp_path / name).read_bytes())
+    assert load_suite(moved / "suite.toml").scenarios[0].data_hash("test") == before
+    write(tmp_path, GOOD.replace("width_mm = 8", "width_mm = 9"))
+    assert scenario.data_hash("test") != before
+    write(tmp_path, GOOD.replace("width_mm = 8", "width_mm = 99"))
+    with pytest.raises(
+        InputError, match=r"Suite file .*field 'scenarios\[0\].sensor': Sensor file"
+    ):
+        load_suite(tmp_path / "suite.toml")
+
+
+def test_names_of_sensors_do_not_matter_for_equality(tmp_path: Path) -> None:
+    made = sensor(str(write(tmp_path)))
+    assert replace(made, name="other") == made
+    assert np.array_equal(made.mask, replace(made, name="other").mask)

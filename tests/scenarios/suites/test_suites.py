@@ -1,0 +1,261 @@
+"""Suites: the packaged ones say what the issue asks; bad files are named by line and field."""
+
+from pathlib import Path
+
+import pytest
+
+from eitbench.benchmark.metrics import image_metrics as metrics
+from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.phantoms.families import FAMILIES, PUBLISHED_FAMILIES
+from eitbench.scenarios.suites.scenario import RecordedScenario, SimulatedScenario
+from eitbench.scenarios.suites.suite import (
+    WINDOW,
+    declared_at,
+    load_suite,
+    read_suite,
+    scenario_by_name,
+    scenarios,
+    suites,
+)
+
+GOOD = """\
+name = "mine"
+title = "My suite"
+methods = ["noser"]
+
+[[scenarios]]
+kind = "simulated"
+name = "first"
+families = ["circle"]
+train = 0
+validation = 6
+test = 6
+
+[[scenarios]]
+kind = "simulated"
+name = "second"
+families = ["circle", "ring"]
+train = 0
+validation = 6
+test = 6
+noise = { test = 50 }
+"""
+
+
+def simulated(suite: str) -> list[SimulatedScenario]:
+    return [s for s in load_suite(suite).scenarios if isinstance(s, SimulatedScenario)]
+
+
+def test_packaged_suites_are_these() -> None:
+    methods = {"quick", "paper", "paper-noise", "noise", "shapes", "presses", "recorded"}
+    methods |= {"sim2real"}
+    assert set(suites()) == methods | {"operators"}
+    for name in suites():
+        assert load_suite(name).name == name
+        assert load_suite(name).names
+        assert load_suite(name).ranks == ("methods" if name in methods else "operators")
+
+
+def test_a_scenario_name_means_one_scenario() -> None:
+    declared = [s for name in suites() for s in load_suite(name).scenarios]
+    for scenario in declared:
+        assert scenarios()[scenario.name] == scenario
+
+
+def test_paper_is_as_published() -> None:
+    (paper,) = simulated("paper")
+    assert (paper.train, paper.test, paper.families) == (24_000, 6_000, PUBLISHED_FAMILIES)
+    assert paper.validation >= 1_000
+    assert paper.noise.model_dump() == {
+        "train": "mixture",
+        "validation": "mixture",
+        "test": "clean",
+    }
+    assert paper.inverse_crime is True
+
+
+def test_quick_has_simulated_and_recorded_data_without_inverse_crime() -> None:
+    first, second = load_suite("quick").scenarios
+    assert isinstance(first, SimulatedScenario)
+    assert first.inverse_crime is False
+    assert (first.noise.test, first.test) == (50.0, 36)
+    assert isinstance(second, RecordedScenario)
+    assert second.recording == "ohmc16"
+
+
+@pytest.mark.parametrize(("suite", "crime"), [("noise", False), ("paper-noise", True)])
+def test_noise_suites_share_phantoms_over_their_levels(suite: str, crime: bool) -> None:
+    levels = simulated(suite)
+    tests = [s.noise.test for s in levels]
+    assert tests == (["clean"] if suite == "noise" else []) + [60.0, 50.0, 40.0, 30.0]
+    assert [s.noise.validation for s in levels] == tests
+    assert len({s.phantom_stream for s in levels}) == 1
+    assert {s.inverse_crime for s in levels} == {crime}
+    assert len({str(s.clean_parameters("test")) for s in levels}) == 1
+
+
+def test_shapes_are_families_never_trained_on() -> None:
+    (shapes,) = simulated("shapes")
+    tested = {f.name for f in shapes.split_families("test")}
+    assert tested == set(FAMILIES) - set(PUBLISHED_FAMILIES)
+    for split in ("train", "validation"):
+        assert not tested & {f.name for f in shapes.split_families(split)}
+    assert shapes.inverse_crime is False
+
+
+def test_recorded_suite_lists_recorded_sets() -> None:
+    assert {s.name for s in load_suite("recorded").scenarios} >= {
+        "ohmc16", "hydrogel-rectangle", "ktc2023", "sciospec-tank",
+    }  # fmt: skip
+
+
+def test_own_suite_by_path(tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text(GOOD)
+    suite = load_suite(str(path))
+    assert [s.name for s in suite.scenarios] == ["first", "second"]
+    assert (suite.limit, suite.fit_limit_s, suite.frame_limit_s) == (None, 600.0, 10.0)
+    second = suite.scenarios[1]
+    assert isinstance(second, SimulatedScenario)
+    assert second.noise.test == 50.0
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "line", "field", "says"),
+    [
+        ('title = "My suite"', 'titel = "My suite"', 1, "title", "missing"),
+        ('name = "mine"', 'name = "My Suite"', 1, "name", "small letters"),
+        ('name = "mine"', 'name = "../mine"', 1, "name", "small letters"),
+        ('methods = ["noser"]', 'methods = "noser"', 3, "methods", "array"),
+        ("", 'fit_limit_s = "3"\n', 1, "fit_limit_s", "valid number"),
+        ("", "limit = true\n", 1, "limit", "valid integer"),
+        ('title = "My suite"', "title = 2020-01-01", 2, "title", "valid string"),
+        ("", "frame_limit_s = inf\n", 1, "frame_limit_s", "finite"),
+        ("train = 0", 'train = "0"', 9, "scenarios[0].train", "valid integer"),
+        ("test = 6", "test = 0", 11, "scenarios[0].test", "at least 1 test sample"),
+        ("test = 6", "test = 6\nimage_shape = [5, 5]", 12, "scenarios[0].image_shape", "7 x 7"),
+        ("test = 6", "test = 6\nimage_shape = [40, 6]", 12, "scenarios[0].image_shape", "7 x 7"),
+        ('methods = ["noser"]', "methods = []", 3, "methods", "at least 1"),
+        ("", "limit = 0\n", 1, "limit", "greater than or equal to 1"),
+        ("", "frame_limit_s = -1\n", 1, "frame_limit_s", "greater than 0"),
+        ('name = "second"', 'name = "first"', 5, "scenarios", "declared twice"),
+        ('["circle", "ring"]', '["circle", "rign"]', 16, "scenarios[1].families", "'ring'"),
+        ('["circle", "ring"]', "[]", 16, "scenarios[1].families", "at least 1"),
+        ("noise = { test = 50 }", "noise = { test = -3 }", 20, "scenarios[1].noise.test", "dB"),
+        ("noise = { test = 50 }", 'noise = { test = "x" }', 20, "scenarios[1].noise.test", "dB"),
+        ("noise = { test = 50 }", "noise = { tset = 5 }", 20, "scenarios[1].noise.tset", "'test'"),
+        ("noise = { test = 50 }", "test_ = 5", 20, "scenarios[1].test_", "unknown field"),
+        ("noise = { test = 50 }", 'sensor = "foam17"', 20, "scenarios[1].sensor", "'foam16'"),
+        ("noise = { test = 50 }", "mesh_refinement = 0", 20, "scenarios[1].mesh_refinement", "1"),
+        ("noise = { test = 50 }", "image_shape = [1, 9]", 20, "scenarios[1].image_shape[0]", "2"),
+        ("train = 0", "train = -1", 9, "scenarios[0].train", "greater"),
+        ("train = 0", "train = 1.5", 9, "scenarios[0].train", "integer"),
+        ("train = 0", "", 5, "scenarios[0].train", "missing"),
+        ('kind = "simulated"', 'kind = "real"', 6, "scenarios[0].kind", "'recorded'"),
+        ('kind = "simulated"', "", 5, "scenarios[0].kind", "'recorded'"),
+        ("methods =", 'operators = ["fem"]\nmethods =', 3, "operators", "either `methods` or"),
+        ('methods = ["noser"]', "", 1, "operators", "either `methods` or `operators`"),
+        ('methods = ["noser"]', "operators = []", 3, "operators", "at least 1"),
+        ("train = 0", "train = ", 9, "train", "not valid TOML"),
+        ("train = 0", "train = 0\ntrain = 1", 10, "train", "not valid TOML"),
+    ],
+)
+def test_bad_suite_file_names_line_and_field(
+    tmp_path: Path, old: str, new: str, line: int, field: str, says: str
+) -> None:
+    path = tmp_path / "bad.toml"
+    path.write_text(GOOD.replace(old, new, 1) if old else new + GOOD)
+    with pytest.raises(InputError) as caught:
+        read_suite(path)
+    message = str(caught.value)
+    assert message.startswith(f"Suite file {path}, line {line}, field '{field}': ")
+    assert says in message
+    assert "\n" not in message
+    assert "?." not in message
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "line", "field", "says"),
+    [
+        ("validation = 6", "validation = 1", 10, "scenarios[0].validation", "at least 2 valid"),
+        ("test = 6", "test = 0", 11, "scenarios[0].test", "at least 1 test sample"),
+    ],
+)
+def test_operators_need_samples_to_be_judged_and_standardised_on(
+    tmp_path: Path, old: str, new: str, line: int, field: str, says: str
+) -> None:
+    path = tmp_path / "bad.toml"
+    path.write_text(GOOD.replace("methods = [", "operators = [").replace(old, new, 1))
+    with pytest.raises(InputError) as caught:
+        read_suite(path)
+    assert str(caught.value).startswith(f"Suite file {path}, line {line}, field '{field}': ")
+    assert says in str(caught.value)
+
+
+def test_operators_are_not_run_on_recordings(tmp_path: Path) -> None:
+    path = tmp_path / "bad.toml"
+    path.write_text(
+        'name = "r"\ntitle = "r"\noperators = ["fem"]\n[[scenarios]]\nkind = "recorded"\n'
+        'name = "r"\nrecording = "ohmc16"\n'
+    )
+    with pytest.raises(InputError, match=r"line 5, field 'scenarios\[0\].kind'.*only simulated"):
+        read_suite(path)
+
+
+def test_images_of_operators_may_be_smaller_than_ssim_needs(tmp_path: Path) -> None:
+    path = tmp_path / "small.toml"
+    text = GOOD.replace("methods = [", "operators = [")
+    path.write_text(text.replace("test = 6", "test = 6\nimage_shape = [5, 5]", 1))
+    suite = read_suite(path)
+    assert (suite.ranks, suite.names) == ("operators", ("noser",))
+
+
+def test_operators_are_ranked_on_the_paper_and_on_a_finer_mesh() -> None:
+    paper, finer = simulated("operators")
+    assert paper == simulated("paper")[0]
+    assert finer == paper.model_copy(
+        update={"name": "paper-finer", "mesh_refinement": 2, "phantoms": "paper"}
+    )
+    assert finer.phantom_stream == paper.phantom_stream
+    assert (paper.inverse_crime, finer.inverse_crime) == (True, False)
+
+
+def test_unknown_recording_suggests_the_nearest(tmp_path: Path) -> None:
+    path = tmp_path / "bad.toml"
+    path.write_text(
+        'name = "r"\ntitle = "r"\nmethods = ["noser"]\n[[scenarios]]\nkind = "recorded"\n'
+        'name = "r"\nrecording = "omhc16"\n'
+    )
+    with pytest.raises(InputError, match=r"line 7, field 'scenarios\[0\].recording'.*'ohmc16'"):
+        read_suite(path)
+
+
+def test_unreadable_suite_files_are_one_sentence(tmp_path: Path) -> None:
+    binary = tmp_path / "binary.toml"
+    binary.write_bytes(b"\xff\xfe\x00")
+    for path, says in [(binary, "not UTF-8"), (tmp_path / "none.toml", "No such file")]:
+        with pytest.raises(InputError, match=f"Cannot read the suite file .*{says}"):
+            load_suite(path)
+    with pytest.raises(InputError, match=r"ends in \.toml"):
+        load_suite(str(tmp_path / "suite.yaml"))
+
+
+def test_unknown_names_suggest_the_nearest() -> None:
+    with pytest.raises(InputError, match="Unknown suite 'papr': did you mean 'paper'"):
+        load_suite("papr")
+    with pytest.raises(InputError, match="Unknown scenario 'noise-50': did you mean 'noise-50db'"):
+        scenario_by_name("noise-50")
+
+
+def test_the_smallest_grid_is_what_ssim_needs(tmp_path: Path) -> None:
+    assert WINDOW == metrics.WINDOW
+    path = tmp_path / "small.toml"
+    path.write_text(GOOD.replace("test = 6", "test = 6\nimage_shape = [7, 7]", 1))
+    assert read_suite(path).scenarios[0].nominal_sensor.image_shape == (7, 7)
+
+
+def test_a_field_is_found_for_those_who_know_what_is_wrong_with_it(tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text(GOOD)
+    assert declared_at(path, "methods") == f"Suite file {path}, line 3, field 'methods'"
+    assert declared_at(path, "limit") == f"Suite file {path}, line 1, field 'limit'"

@@ -1,0 +1,105 @@
+"""What is lost by each rule of tuning: a coordinate sweep then TPE, or TPE alone, of 16 trials.
+
+Every set of parameters is judged once (minutes for each method), so that the loss of a rule is
+known: how far below the best of all sets its choice lies. Run by hand, with a folder to keep the
+figures in:
+
+    python tests/speed/tuning_rules.py runs/rules noser tikhonov laplacian tv
+"""
+
+import itertools
+import json
+import sys
+import threading
+import warnings
+from pathlib import Path
+
+import numpy as np
+import optuna
+from optuna.samplers import BaseSampler, TPESampler
+
+from eitbench.benchmark.tuning.selection import TuningBudget
+from eitbench.benchmark.tuning.sweep import Point, SearchSpace, SweepSampler, figures
+from eitbench.benchmark.tuning.trials import Limits, Validation, run_trial
+from eitbench.methods import create, methods
+from eitbench.scenarios.suites.scenario import Scenario
+from eitbench.scenarios.suites.suite import load_suite
+
+SEEDS = 50
+TRIALS = TuningBudget().trials
+Grid = dict[Point, float]
+
+
+class NeverPruned:
+    """Takes the reports of a trial that is judged on everything."""
+
+    def report(self, value: float, step: int) -> None:
+        """Nothing is done with them."""
+
+    def should_prune(self) -> bool:
+        """Never."""
+        return False
+
+
+def search_space(method: str) -> SearchSpace:
+    """The space of a built-in method."""
+    search, made = methods()[method].search, create(method)
+    return SearchSpace.of(search, {name: getattr(made, name) for name in search})
+
+
+def grid(scenario: Scenario, method: str, space: SearchSpace, folder: Path) -> Grid:
+    """The figure of every set of parameters, minus infinity where the method fails."""
+    path = folder / f"{scenario.name}--{method}.json"
+    if not path.is_file():
+        validation = Validation(
+            scenario, method, None, Limits(600.0, 10.0, 8192.0), threading.Event()
+        )
+        found = []
+        for point in itertools.product(*(range(len(v)) for v in space.values.values())):
+            result = run_trial(NeverPruned(), space.parameters(point), [validation], 1e9)
+            found.append([point, result.figure])
+        validation.close()
+        folder.mkdir(parents=True, exist_ok=True)
+        path.write_text(json.dumps(found))
+    figures_of = json.loads(path.read_text())
+    return {tuple(point): -np.inf if f is None else f for point, f in figures_of}
+
+
+def best_found(space: SearchSpace, judged: Grid, sampler: BaseSampler) -> float:
+    """The best figure of a study of `TRIALS` trials; what is suggested twice costs a trial."""
+    study = optuna.create_study(direction="maximize", sampler=sampler)
+    study.enqueue_trial(dict(zip(space.values, space.start, strict=True)))
+    for _ in range(min(TRIALS, space.size)):
+        trial = study.ask(space.distributions())
+        value = judged[tuple(trial.params[name] for name in space.values)]
+        if np.isfinite(value):
+            study.tell(trial, value)
+        else:
+            study.tell(trial, state=optuna.trial.TrialState.FAIL)
+    return max(figures(study, space).values())
+
+
+def main(folder: Path, names: list[str]) -> None:
+    """Print the losses on both scenarios of `quick`, in units of the figure."""
+    optuna.logging.set_verbosity(optuna.logging.WARNING)
+    warnings.filterwarnings("ignore", category=optuna.exceptions.ExperimentalWarning)
+    print("| scenario | method | sets | best | sweep, then TPE | TPE alone | TPE after 5 |")
+    print("| --- | --- | ---: | ---: | ---: | ---: | ---: |")
+    for name, scenario in itertools.product(names, load_suite("quick").scenarios):
+        space = search_space(name)
+        judged = grid(scenario, name, space, folder)
+        best = max(judged.values())
+        rules = (
+            lambda seed, space=space: SweepSampler(space, str(seed)),
+            lambda seed: TPESampler(seed=seed, multivariate=True),
+            lambda seed: TPESampler(seed=seed, multivariate=True, n_startup_trials=5),
+        )
+        told = []
+        for rule in rules:
+            lost = [best - best_found(space, judged, rule(seed)) for seed in range(SEEDS)]
+            told.append(f"{np.mean(lost):.3f} ({np.max(lost):.3f})")
+        print(f"| {scenario.name} | {name} | {space.size} | {best:.3f} | {' | '.join(told)} |")
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]), sys.argv[2:])
