@@ -1,7 +1,8 @@
-"""What is measured: sensors, patterns, forward physics, phantoms, noise, recordings, suites."""
+"""Everything that is measured: sensors, physics, phantoms, imperfections, recordings, suites."""
 
-from importlib import import_module
 from typing import TYPE_CHECKING
+
+from eitbench.scenarios.lazy import lazy_names
 
 if TYPE_CHECKING:
     from eitbench.scenarios.data.datasets import Dataset, load
@@ -11,22 +12,6 @@ if TYPE_CHECKING:
     from eitbench.scenarios.sensors.sensor import Sensor
     from eitbench.scenarios.suites.scenario import RecordedScenario, SimulatedScenario
     from eitbench.scenarios.suites.suite import Suite, load_suite
-
-# Imported when first used: the command line must answer before numpy and pandas are loaded.
-_HOMES = {
-    "Dataset": "data.datasets",
-    "EitbenchError": "errors",
-    "ForwardModel": "physics.forward",
-    "InputError": "errors",
-    "RecordedScenario": "suites.scenario",
-    "Sensor": "sensors.sensor",
-    "SimulatedScenario": "suites.scenario",
-    "Suite": "suites.suite",
-    "forward_model": "physics.forward",
-    "load": "data.datasets",
-    "load_suite": "suites.suite",
-    "sensor": "recordings.catalogue",
-}
 
 __all__ = [
     "Dataset",
@@ -43,8 +28,21 @@ __all__ = [
     "sensor",
 ]
 
-
-def __getattr__(name: str) -> object:
-    if name not in _HOMES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)
+# The command line must answer before numpy and pandas are loaded.
+__getattr__, __dir__ = lazy_names(
+    __name__,
+    {
+        "Dataset": "data.datasets",
+        "EitbenchError": "errors",
+        "ForwardModel": "physics.forward",
+        "InputError": "errors",
+        "RecordedScenario": "suites.scenario",
+        "Sensor": "sensors.sensor",
+        "SimulatedScenario": "suites.scenario",
+        "Suite": "suites.suite",
+        "forward_model": "physics.forward",
+        "load": "data.datasets",
+        "load_suite": "suites.suite",
+        "sensor": "recordings.catalogue",
+    },
+)
