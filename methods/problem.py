@@ -53,13 +53,13 @@ class Reads:
 
 
 class Problem:
-    """The nominal sensor, its untouched frame, forward physics and data to learn from.
+    """The nominal sensor, its reference frame, forward physics and data to learn from.
 
     It notes what is read of it, see `reads`.
 
     Attributes:
         sensor: the nominal sensor, with the range of conductivity to expect; a real one differs.
-        reference: (M,) the untouched frame v_ref, measured like any other, in the board's units.
+        reference: (M,) the reference frame v_ref, measured like any other, in the board's units.
     """
 
     def __init__(self, sensor: Sensor, reference: ArrayLike, splits: Splits) -> None:

@@ -54,4 +54,4 @@ def in_words(told: str) -> str:
         said.append(f"{given.samples:,} {kind} samples")
     if content.trained_on.train_samples:
         said.append(f"weights of {content.trained_on.train_samples:,} training samples")
-    return "; ".join(said) or "the untouched frame only"
+    return "; ".join(said) or "the reference frame only"

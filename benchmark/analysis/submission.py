@@ -42,7 +42,7 @@ def check_submission(path: Path, *, jobs: int = 1) -> list[Check]:
     """Everything that is checked of the run directory `path`.
 
     What cannot be checked from outside is taken on trust: times, hyper-parameters and tracks, and
-    the similarity that maps the images of a method onto the robot's frame, which is fitted on
+    the similarity that maps the images of a method onto the robot's coordinates, which is fitted on
     validation presses.
 
     Args:

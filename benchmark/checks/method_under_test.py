@@ -67,7 +67,7 @@ class MethodUnderTest:
 
     @property
     def reference(self) -> Frames:
-        """The untouched frame (1, M)."""
+        """The reference frame (1, M)."""
         return self.inclusion(1.0)
 
     def inclusion(self, factor: float) -> Frames:

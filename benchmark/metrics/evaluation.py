@@ -97,7 +97,7 @@ def evaluate(
     images = _imputed(dataset, estimates)
     if dataset.truth == "position" and registration is None:
         raise InputError(
-            f"Scenario {dataset.scenario!r} knows positions in the robot's frame only: fit a "
+            f"Scenario {dataset.scenario!r} knows positions in the robot's coordinates only: fit a "
             "registration on its validation split first."
         )
     n = len(images)
@@ -114,7 +114,7 @@ def evaluate(
 
 
 def fit_registration(validation: GroundTruth, estimates: ArrayLike) -> Similarity:
-    """The similarity from a method's images onto the robot's frame, from validation presses.
+    """The similarity from a method's images onto the robot's coordinates, from validation presses.
 
     Where the images do not determine one (nothing found, or always the same place), the sensor's
     centre is put on the mean press position, unturned: such a method gains nothing by it.

@@ -42,7 +42,7 @@ class Presses:
     """Frames and what is known of them.
 
     Attributes:
-        frames: (n, M) differences to the untouched frame.
+        frames: (n, M) differences to the reference frame.
         places: (n, 2) [m].
     """
 

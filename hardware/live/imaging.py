@@ -60,7 +60,7 @@ def _unusable(name: str, sensor: Sensor) -> str:
 class Imaging:
     """Makes pictures of the newest frames, in a thread of its own; fits methods in another.
 
-    A method sees frames as the model would have measured them: the model's untouched frame plus the
+    A method sees frames as the model would have measured them: the model's reference frame plus the
     difference to the reference in model units. It is the same difference to the reference, so that
     a new reference needs no new fit.
 

@@ -44,7 +44,7 @@ class LiveImage:
         method: the method that made the image; "" if none is ready.
         image: (H, W) absolute conductivity [S/m]; None without a method or a reference, and where
             the method failed.
-        reference: (M,) the untouched frame in the board's units; None if there is none yet.
+        reference: (M,) the reference frame in the board's units; None if there is none yet.
         contacts: the strongest first.
         failed: why the method made no image of this frame; "" if it did.
         image_ms: time that the image took [ms].

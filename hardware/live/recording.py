@@ -69,10 +69,12 @@ class LiveRecording:
         """Have an event written, if the recording runs."""
         self._tell(lambda recorder: recorder.event(text, time_s))
 
-    def untouched(self, count: int) -> None:
+    def mark_reference(self, count: int) -> None:
         """Have it written that the last `count` frames show the untouched sensor."""
         if self.frames >= count:
-            self._tell(lambda recorder: recorder.untouched(self.frames - count, self.frames - 1))
+            self._tell(
+                lambda recorder: recorder.mark_reference(self.frames - count, self.frames - 1)
+            )
             self.has_reference = True
 
     def touched(self, x_m: float, y_m: float) -> None:

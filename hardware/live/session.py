@@ -256,7 +256,7 @@ class Session:
         try:
             self.imaging.reference = reference_of(self.board.sensor, frames)
             if self._recording is not None:
-                self._recording.untouched(FRAMES)
+                self._recording.mark_reference(FRAMES)
         except InputError as error:
             self._reference_failed = str(error)
         # Unless it was asked for again meanwhile.

@@ -93,7 +93,7 @@ def write_recording(content: Content, to: Path) -> None:
         ):
             recorder.append(Frame(int(number), float(time_s), float(received_s), values))
         for row in content.reference.tolist():
-            recorder.untouched(row, row)
+            recorder.mark_reference(row, row)
         for label in content.labels.to_dict("records"):
             recorder.label(**{str(name): value for name, value in label.items()})
         for event in content.events.to_dict("records"):

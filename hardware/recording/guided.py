@@ -95,7 +95,7 @@ class Guide:
     def _session(self) -> None:
         self._ask("Leave the sensor untouched, and press Enter")
         first, last = self._during(self._timing.reference_s)
-        self._recorder.untouched(first, last)
+        self._recorder.mark_reference(first, last)
         self._say_how_it_goes(f"Reference: {last - first + 1} frames.")
         repeats = self._number("How often is each place touched? [1]", 1, whole=True)
         depth_mm = self._number("How deep is a touch [mm]? (Enter if unknown)", float("nan"))

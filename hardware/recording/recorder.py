@@ -169,7 +169,7 @@ class Recorder:
         named = layout.fitted(state, layout.STATE_BYTES)
         self._add(layout.LABELS, (first, last, x_m, y_m, depth_mm, named))
 
-    def untouched(self, first: int, last: int) -> None:
+    def mark_reference(self, first: int, last: int) -> None:
         """Say that frames `first` to `last` (rows, from 0) show the untouched sensor.
 
         Raises:

@@ -52,7 +52,7 @@ class LinearLearned(Method):
         self._matrix = found.matrix.astype(np.float64)
 
     def _inputs(self, data: Dataset) -> Array:
-        """Averaged differences [V/A] to the untouched frame of `data`, which may be another one."""
+        """Averaged differences [V/A] to the reference frame of `data`, which may be another one."""
         own = Problem(data.sensor, data.reference, lambda split, limit: data)
         return np.asarray(own.difference(data.voltages) @ self._averaging)
 

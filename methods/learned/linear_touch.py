@@ -49,7 +49,7 @@ class LinearTouch(Method):
         frames = data.voltages - data.reference  # simulated: in V/A whatever the board's units
         images = contrasts(data, problem).astype(np.float64)
         total = np.abs(images).sum(axis=1, keepdims=True)
-        known = total[:, 0] > 0  # an untouched frame has no place
+        known = total[:, 0] > 0  # a frame equal to the reference has no place
         frames, images, total = frames[known], images[known], total[known]
         unit = unit_frames(frames)
         gram = unit.T @ unit

@@ -25,7 +25,7 @@ class Ridge(NamedTuple):
 def ridge(inputs: Array, targets: Images, seen_inputs: Array, seen_targets: Images) -> Ridge:
     """The map with the least validation error: (X^T X + w t I)^-1 X^T Y, t = tr(X^T X) / K.
 
-    There is no intercept: an untouched frame has an untouched image.
+    There is no intercept: the reference frame gives the background.
 
     Args:
         inputs: X (n, K), standardised differences.

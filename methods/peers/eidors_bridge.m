@@ -10,7 +10,7 @@
 %   electrode_nodes    E x m nodes of each electrode, filled up with 0
 %   contact_impedance  E x 1 [Ohm*m]
 %   pattern            M x 4 src, sink, a, b: +1 A into src, -1 A out of sink, V = U(a) - U(b)
-%   reference          M x 1 [V] the untouched frame
+%   reference          M x 1 [V] the reference frame
 %   frames             M x n [V]
 % ANSWER.mat gets
 %   points             P x 2 where the contrast is estimated

@@ -58,7 +58,7 @@ class Peer(Method):
         """
 
     def reference(self) -> Array:
-        """(M,) [V/A] the signed untouched frame of a sensor whose background is 1 S/m."""
+        """(M,) [V/A] the signed reference frame of a sensor whose background is 1 S/m."""
         problem = self._problem
         return np.asarray(self._signs * problem.reference / problem.gain * problem.background)
 

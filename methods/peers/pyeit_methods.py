@@ -77,7 +77,7 @@ class PyEitJac(PyEit):
         p: exponent of the prior diag(J^T J)^p, of method "kotre".
         lamb: regularisation.
         method: the prior: "kotre", "lm" (p = 1) or "dgn" (p = 0).
-        normalize: differences relative to the untouched frame.
+        normalize: differences relative to the reference frame.
         log_scale: the estimate is taken as the logarithm of relative conductivity.
     """
 
@@ -119,7 +119,7 @@ class PyEitGreit(PyEit):
         lamb, p: strength and exponent of the noise covariance diag(J J^T)^p.
         s: steepness of the desired image's rim.
         ratio: its radius, as a fraction of the sensor's greatest extent.
-        normalize: differences relative to the untouched frame.
+        normalize: differences relative to the reference frame.
     """
 
     expected_failures: ClassVar = asymmetry(UNEVEN, 0.019, 0.011)

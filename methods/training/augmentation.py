@@ -1,4 +1,4 @@
-"""More training frames than were simulated: noise drawn anew, symmetries, untouched frames."""
+"""More training frames than were simulated: new noise, symmetries, the untouched sensor."""
 
 from __future__ import annotations
 

@@ -14,8 +14,8 @@ def table(found: dict[str, Any]) -> "Group":
 
     before, after = found["misfit_before"], found["misfit_after"]
     head = (
-        f"{found['sensor']}: the model misses an untouched value by {before:.2%} of the frame's "
-        f"rms, calibrated by {after:.2%}; {found['factor']:.4g} board units per V/A.\n"
+        f"{found['sensor']}: the model misses a value of the reference frame by {before:.2%} of "
+        f"the frame's rms, calibrated by {after:.2%}; {found['factor']:.4g} board units per V/A.\n"
     )
     if not found["credible"]:
         head += (

@@ -34,7 +34,7 @@ class Dataset:
         scenario, split: where it comes from.
         sensor: the nominal sensor.
         voltages: (n, M) frames: [V/A] if simulated, in the board's own units if recorded.
-        reference: (M,) the untouched frame, measured like the others.
+        reference: (M,) the reference frame, measured like the others.
         samples: one row per frame. `sample` is its number in the split, `phantom` names what was
             measured: frames of the same phantom are not independent. Simulated: `family`,
             `shape`, `snr_db` (NaN if clean), `inclusions` and what was drawn (NaN where a family
@@ -178,7 +178,7 @@ def _through_board(scenario: SimulatedScenario, split: Split, clean: Array) -> t
 
 
 def _reference(scenario: SimulatedScenario, split: Split) -> Array:
-    """The untouched frame (M,) as the board sends it: the same for all splits.
+    """The reference frame (M,) as the board sends it: the same for all splits.
 
     Unless the sensor of the test split has imperfections: these are unknown to the other splits.
     """

@@ -1,9 +1,9 @@
-"""Calibration: what untouched frames tell of the sensor that measured them, and how to use it.
+"""Calibration of a sensor from its reference frames, and correction of its other frames.
 
-The frames of an untouched sensor depend on what its nominal description may have wrong: the gain g
-of every channel (pair of measuring electrodes), the contact impedance z and the place s of every
+Reference frames depend on quantities that the nominal description may have wrong: the gain g of
+every channel (pair of measuring electrodes), the contact impedance z and the place s of every
 electrode, and a common factor c, in which the drive current, the board's units and the background
-cannot be told apart. The estimate is the most probable one for independent normal priors,
+cannot be separated. The estimate is the most probable one for independent normal priors,
 
     min  sum_m ((v_m - c g(m) V_m(s, z)) / noise)^2 + sum_k (p_k / deviation_k)^2,
 
@@ -44,8 +44,8 @@ CONTACT_DEVIATION = 1.0
 SHIFT_DEVIATION = 0.05
 """Of an electrode's shift along the rim, in parts of the distance to its neighbour."""
 NOISE = 3e-3
-"""Least standard deviation of a mean untouched value, relative to the frame's rms: noise of 50 dB,
-and a good part of what a grid as coarse as the image makes wrong."""
+"""Least standard deviation of a value of the mean reference frame, relative to the frame's rms:
+noise of 50 dB, and a good part of the error of a grid as coarse as the image."""
 LINEARISATIONS, STEPS = 2, 3
 _LENGTHS = (1.0, 0.5, 0.25, 0.125)
 _EXPLAINED = 0.5
@@ -59,7 +59,7 @@ _EXPONENT = 0.5  # C = diag(J^T J)^-0.5, as NOSER
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
-    """What untouched frames tell of a sensor.
+    """The estimate of a sensor from its reference frames.
 
     Attributes:
         nominal_sensor: as it is described.
@@ -70,8 +70,8 @@ class Calibration:
         contacts: (E,) contact impedance of every electrode, as a multiple of the nominal one.
         deviations: (P,) posterior standard deviation of every unknown (gains, shifts, contact
             impedances), in parts of its prior's: near 1 the frames say nothing of it.
-        untouched: (M,) mean of the frames that were used, in the board's units.
-        misfit_before, misfit_after: median distance from a value of `untouched` to the model's,
+        reference: (M,) mean of the frames that were used, in the board's units.
+        misfit_before, misfit_after: median distance from a value of `reference` to the model's,
             relative to the rms of the frame; nominal and calibrated.
     """
 
@@ -82,13 +82,13 @@ class Calibration:
     shifts: Array
     contacts: Array
     deviations: Array
-    untouched: Array
+    reference: Array
     misfit_before: float
     misfit_after: float
 
     @property
     def credible(self) -> bool:
-        """Whether it explains at least half of what the nominal sensor leaves unexplained.
+        """True if it explains at least half of what the nominal sensor leaves unexplained.
 
         Else there is nothing but noise to explain, or the sensor differs in other ways; frames are
         then left as they are.
@@ -96,7 +96,7 @@ class Calibration:
         return self.misfit_after < _EXPLAINED * self.misfit_before
 
     def describe(self) -> dict[str, object]:
-        """What was found as plain values: shifts in mm, each with its standard deviation.
+        """Return the estimates as plain values: shifts in mm, each with its standard deviation.
 
         That of a contact impedance is a factor.
         """
@@ -131,9 +131,9 @@ class Calibration:
 
     @cached_property
     def nominal(self) -> Array:
-        """(M,): the untouched frame of the nominal sensor, in the board's units."""
+        """Reference frame (M,) of the nominal sensor, in the board's units."""
         if not self.credible:
-            return self.untouched
+            return self.reference
         model = forward_model(self.nominal_sensor)
         return np.asarray(self.factor * model.voltages(model.background))
 
@@ -144,14 +144,14 @@ class Calibration:
             InputError: frames of another length.
         """
         frames = np.asarray(voltages, dtype=np.float64)
-        if frames.ndim != 2 or frames.shape[1] != len(self.untouched):
+        if frames.ndim != 2 or frames.shape[1] != len(self.reference):
             raise InputError(
-                f"Frames of {self.sensor.name!r} need shape (n, {len(self.untouched)}), got "
+                f"Frames of {self.sensor.name!r} need shape (n, {len(self.reference)}), got "
                 f"{frames.shape}."
             )
         if not self.credible:
             return frames
-        change = (frames - self.untouched) / self.gains[channels(self.sensor.pattern)[0]]
+        change = (frames - self.reference) / self.gains[channels(self.sensor.pattern)[0]]
         return np.asarray(self.nominal + change + change @ self._seen_differently.T)
 
     @cached_property
@@ -173,7 +173,7 @@ class Calibration:
 
 
 def calibrate(sensor: Sensor, frames: ArrayLike) -> Calibration:
-    """What `frames` (n, M) of the untouched `sensor`, in any units, tell of it.
+    """Estimate the errors of the nominal `sensor` from reference frames (n, M) in any units.
 
     Raises:
         InputError: frames of another length, with values that are not finite, or that do not
@@ -182,13 +182,13 @@ def calibrate(sensor: Sensor, frames: ArrayLike) -> Calibration:
     given = np.asarray(frames, dtype=np.float64)
     if given.ndim != 2 or not len(given) or given.shape[1] != sensor.n_measurements:
         raise InputError(
-            f"Untouched frames of {sensor.name!r} need shape (n, {sensor.n_measurements}), got "
+            f"Reference frames of {sensor.name!r} need shape (n, {sensor.n_measurements}), got "
             f"{given.shape}."
         )
     if not np.isfinite(given).all():
-        raise InputError("An untouched frame holds a value that is not a finite number.")
-    untouched = given.mean(axis=0)
-    problem = _Problem(sensor, untouched)
+        raise InputError("A reference frame holds a value that is not a finite number.")
+    reference = given.mean(axis=0)
+    problem = _Problem(sensor, reference)
     found = np.zeros(problem.size)
     for _ in range(LINEARISATIONS):
         slopes = problem.slopes(found)
@@ -200,14 +200,14 @@ def calibrate(sensor: Sensor, frames: ArrayLike) -> Calibration:
     return Calibration(
         nominal_sensor=sensor,
         sensor=problem.built(found),
-        factor=_factor(values, untouched),
+        factor=_factor(values, reference),
         gains=gains,
         shifts=shifts,
         contacts=contacts,
         deviations=problem.deviations(found, slopes),
-        untouched=untouched,
-        misfit_before=_misfit(problem.modelled(np.zeros(problem.size)), untouched),
-        misfit_after=_misfit(values, untouched),
+        reference=reference,
+        misfit_before=_misfit(problem.modelled(np.zeros(problem.size)), reference),
+        misfit_after=_misfit(values, reference),
     )
 
 
@@ -217,17 +217,17 @@ class _Problem:
     Each is in units of its prior's standard deviation.
     """
 
-    def __init__(self, sensor: Sensor, untouched: Array) -> None:
-        self.sensor, self.untouched = sensor, untouched
+    def __init__(self, sensor: Sensor, reference: Array) -> None:
+        self.sensor, self.reference = sensor, reference
         self.channel, self.n_channels = channels(sensor.pattern)
         self.spacing = _spacing(sensor)
         self.mesh = forward_model(sensor).mesh
         self.size = self.n_channels + 2 * sensor.n_electrodes
         nominal = self.modelled(np.zeros(self.size))
-        self.connected = _connected(sensor, untouched, nominal)
-        if not self.connected.any() or _factor(nominal, untouched) <= 0:
+        self.connected = _connected(sensor, reference, nominal)
+        if not self.connected.any() or _factor(nominal, reference) <= 0:
             raise InputError(
-                f"The untouched frame does not resemble that of {sensor.name!r}: check the sensor "
+                f"The reference frame does not resemble that of {sensor.name!r}: check the sensor "
                 "and the order and sign of the measurements."
             )
 
@@ -269,14 +269,14 @@ class _Problem:
         values = self.modelled(p)
         weight = self._weights(values)
         rows = self._rows(values, weight, slopes)
-        residual = weight * (self.untouched - _factor(values, self.untouched, weight) * values)
+        residual = weight * (self.reference - _factor(values, self.reference, weight) * values)
         normal = rows.T @ rows + np.eye(self.size)
         update = linalg.solve(normal, rows.T @ residual - p, assume_a="pos")
         now = residual @ residual + p @ p
         for length in _LENGTHS:
             tried = np.clip(p + length * update, -_FARTHEST, _FARTHEST)
             values = self.modelled(tried)
-            residual = weight * (self.untouched - _factor(values, self.untouched, weight) * values)
+            residual = weight * (self.reference - _factor(values, self.reference, weight) * values)
             if residual @ residual + tried @ tried < now:
                 return tried
         return p
@@ -291,13 +291,13 @@ class _Problem:
     def _rows(self, values: Array, weight: Array, slopes: Array) -> Array:
         """Weighted slopes (M, P) of the frame with the common factor that fits it best."""
         rows, frame = weight[:, None] * slopes, weight * values
-        factor = _factor(values, self.untouched, weight)
+        factor = _factor(values, self.reference, weight)
         return np.asarray(factor * (rows - np.outer(frame, frame @ rows) / (frame @ frame)))
 
     def _weights(self, values: Array) -> Array:
         """Of the residuals (M,): one over the noise, and less for what fits no such sensor."""
-        residual = self.untouched - _factor(values, self.untouched) * values
-        noise = NOISE * float(np.sqrt(np.mean(self.untouched**2)))
+        residual = self.reference - _factor(values, self.reference) * values
+        noise = NOISE * float(np.sqrt(np.mean(self.reference**2)))
         typical = max(noise, float(np.median(np.abs(residual))))
         fitting = np.exp(-((residual / (_OUTLYING * typical)) ** 2) / 2)
         return np.asarray(fitting * self.connected / noise)
@@ -308,32 +308,32 @@ def _spacing(sensor: Sensor) -> float:
     return sensor.outline.perimeter / sensor.n_electrodes
 
 
-def _connected(sensor: Sensor, untouched: Array, nominal: Array) -> NDArray[np.bool_]:
+def _connected(sensor: Sensor, reference: Array, nominal: Array) -> NDArray[np.bool_]:
     """The measurements (M,) of electrodes that have contact: others read next to nothing."""
-    connected = np.ones(len(untouched), dtype=bool)
-    factor = _factor(nominal, untouched)
+    connected = np.ones(len(reference), dtype=bool)
+    factor = _factor(nominal, reference)
     for electrode in range(sensor.n_electrodes):
         of = (sensor.pattern.table == electrode).any(axis=1)
-        if of.any() and np.linalg.norm(untouched[of]) < _SILENT * factor * np.linalg.norm(
+        if of.any() and np.linalg.norm(reference[of]) < _SILENT * factor * np.linalg.norm(
             nominal[of]
         ):
             connected &= ~of
     return connected
 
 
-def _factor(values: Array, untouched: Array, weight: Array | None = None) -> float:
-    """The factor from a modelled frame to the untouched one.
+def _factor(values: Array, reference: Array, weight: Array | None = None) -> float:
+    """The factor from a modelled frame to the reference frame.
 
     It is that of least squares with the given weights; without, the median ratio of large values,
     which a few wrong ones do not change.
     """
     if weight is None:
         large = np.abs(values) >= np.median(np.abs(values))
-        return float(np.median(untouched[large] / values[large]))
+        return float(np.median(reference[large] / values[large]))
     frame = weight * values
-    return float(frame @ (weight * untouched) / (frame @ frame))
+    return float(frame @ (weight * reference) / (frame @ frame))
 
 
-def _misfit(values: Array, untouched: Array) -> float:
-    residual = untouched - _factor(values, untouched) * values
-    return float(np.median(np.abs(residual)) / np.sqrt(np.mean(untouched**2)))
+def _misfit(values: Array, reference: Array) -> float:
+    residual = reference - _factor(values, reference) * values
+    return float(np.median(np.abs(residual)) / np.sqrt(np.mean(reference**2)))

@@ -54,7 +54,7 @@ def measured_frames(
 
 
 def measured_reference(clean: ArrayLike, noise: Noise, *, scenario: str) -> Array:
-    """The untouched frame (M,) as measured, one for all splits of a scenario.
+    """The reference frame (M,) as measured, one for all splits of a scenario.
 
     A mixture leaves it clean: one noisy reference would repeat the same error in every sample,
     which is the opposite of augmentation.

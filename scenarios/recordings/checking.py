@@ -98,8 +98,8 @@ def _marks(content: Content) -> list[str]:
 
 def _missing_for_a_set(content: Content) -> list[str]:
     needs = {
-        "frames that are marked as untouched": len(content.reference),
-        "touches that are labelled": len(content.labels),
+        "reference frames": len(content.reference),
+        "labelled touches": len(content.labels),
     }
     if missing := " and ".join(what for what, count in needs.items() if not count):
         return [f"To be a set for suites it needs {missing}: record with --guided."]
@@ -107,7 +107,7 @@ def _missing_for_a_set(content: Content) -> list[str]:
 
 
 def _electrodes(content: Content) -> tuple[list[str], list[str]]:
-    """Judged on the untouched frames, or on all where none are marked."""
+    """Judged on the reference frames, or on all where none are marked."""
     marked = content.reference if len(content.reference) else slice(None)
     frames = content.values[marked][:_LOOKED_AT]
     pattern = content.sensor.pattern

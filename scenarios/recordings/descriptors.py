@@ -25,12 +25,12 @@ class RecordedFrames:
 
     Attributes:
         voltages: (n, M) frames, re-based on the common `reference` where every frame has its own
-            untouched frame (v = reference + pressed - released), so that drift is removed alike
+            reference frame (v = reference + pressed - released), so that drift is removed alike
             for all methods.
         reference: (M,) the untouched sensor (or the state that stands for it, see the reader).
         samples: one row per frame. Column `split` is "validation" or "test". Where known: `x_m`,
-            `y_m` [m] and `depth_mm` of a press in the robot's frame; `touched`, whether anything
-            but the empty sensor was measured; `state`, equal for frames that repeat one state.
+            `y_m` [m] and `depth_mm` of a press in the robot's coordinates; `touched`, False for
+            frames of the empty sensor; `state`, equal for frames that repeat one state.
         classes: (n, H, W) int8 truth: 0 background, -1 resistive, +1 conductive; None if unknown.
     """
 

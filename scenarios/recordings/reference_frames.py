@@ -1,4 +1,4 @@
-"""The untouched frames of a recording, public or one's own."""
+"""Reference frames of a recording, public or one's own."""
 
 from pathlib import Path
 
@@ -13,10 +13,10 @@ from eitbench.scenarios.sensors.sensor import Sensor
 
 
 def reference_frames(name: str) -> tuple[Sensor, NDArray[np.float64]]:
-    """The nominal sensor, and untouched frames (n, M) in the board's units; of a public set one.
+    """The nominal sensor, and reference frames (n, M) in the board's units; of a public set one.
 
     Raises:
-        InputError: unknown name, or a recording (.h5) without untouched frames.
+        InputError: unknown name, or a recording (.h5) without reference frames.
         DataUnavailableError, DataCorruptError: the data cannot be had, or are damaged.
     """
     if not is_recording(name):
@@ -24,7 +24,7 @@ def reference_frames(name: str) -> tuple[Sensor, NDArray[np.float64]]:
     content, _ = undamaged(Path(name))
     if not len(content.reference):
         raise InputError(
-            f"{name} marks no frames as untouched: record with --guided, or take a new reference "
+            f"{name} marks no reference frames: record with --guided, or take a new reference "
             "on the live page while it records."
         )
     return content.sensor, content.values[content.reference]

@@ -41,7 +41,7 @@ def skin() -> Sensor:
 
 
 def record(path: Path, n: int = 20, *, places: bool = True, reference: bool = True) -> Path:
-    """Three untouched frames, then `n` touches of two frames each."""
+    """Three reference frames, then `n` touches of two frames each."""
     bench = skin()
     model, draws = forward_model(bench), np.random.default_rng(4)
     x, y = bench.pixel_centres
@@ -57,7 +57,7 @@ def record(path: Path, n: int = 20, *, places: bool = True, reference: bool = Tr
         for _ in range(3):
             measure(model.background)
         if reference:
-            recorder.untouched(0, 2)
+            recorder.mark_reference(0, 2)
         for px, py in draws.uniform(0.02, 0.08, size=(n, 2)):
             away = np.maximum(np.hypot(x - px, y - py) - 0.005, 0)
             image = bench.background * FOAM.pressed(40e3, away)
@@ -143,7 +143,7 @@ def test_what_cannot_be_a_set_is_told(folder: Path, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="has no labels, so it is no set: record with --guided"):
         recorded_set(str(tmp_path / "empty.h5"))
     record(tmp_path / "bare.h5", 3, reference=False)
-    with pytest.raises(InputError, match="has no untouched frames"):
+    with pytest.raises(InputError, match="has no reference frames"):
         recorded_set(str(tmp_path / "bare.h5"))
     with pytest.raises(DataUnavailableError, match="Cannot read the recording"):
         recorded_set(str(tmp_path / "none.h5"))

@@ -128,7 +128,7 @@ def _recordings(folder: Path) -> dict[str, Target]:
     with Recorder(recording, eight, "fake", firmware="1") as recorder:
         for k, frame in enumerate(values):
             recorder.append(Frame(k, k / 10, k / 10, frame))
-        recorder.untouched(0, 1)
+        recorder.mark_reference(0, 1)
         recorder.label(2, 4, x_m=0.03, y_m=0.04, state="a")
         recorder.event("started", 0.0)
     content, _ = read_file(recording)

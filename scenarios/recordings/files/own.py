@@ -96,7 +96,7 @@ def _usable(path: Path) -> Content:
     if not len(content.labels):
         raise InputError(f"{path} has no labels, so it is no set: record with --guided.")
     if not len(content.reference):
-        raise InputError(f"{path} has no untouched frames, so it is no set: record with --guided.")
+        raise InputError(f"{path} has no reference frames, so it is no set: record with --guided.")
     if not np.isfinite(content.values).all():
         row = int(np.flatnonzero(~np.isfinite(content.values).all(axis=1))[0])
         raise DataCorruptError(f"Frame {row} of {path} holds a value that is not a number.")

@@ -3,7 +3,8 @@
 From upstream: opposition drive, the pattern table (checked against `lookup192.mat` and
 `lookup32.mat`), magnitudes only, a skin 171 mm across (the scale of upstream's `calcEIT.m`),
 presses within 70 mm of its centre. Ours: electrodes a quarter of their spacing wide, contact
-impedance 1e-3 Ohm*m, electrode 0 at 281.25 degrees, numbers counter-clockwise in the robot's frame.
+impedance 1e-3 Ohm*m, electrode 0 at 281.25 degrees, numbers counter-clockwise in the robot's
+coordinates.
 The mirrored order contradicts the measured changes. The angle is uncertain: upstream draws
 electrode 0 lowermost (270 degrees), the changes fit best at 272 or 287 degrees with or without the
 leak described below. Whoever judges positions fits a similarity transform between the frames.

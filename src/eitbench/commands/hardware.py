@@ -32,7 +32,7 @@ def calibrate(
     ],
     as_json: Json = False,
 ) -> None:
-    """Say what the untouched frames of a recording tell of its sensor and board."""
+    """Estimate gains, electrode places and contacts from the reference frames of a recording."""
     from eitbench.reports.tables.calibration import table
     from eitbench.scenarios.imperfections.calibration import calibrate as found_in
     from eitbench.scenarios.recordings.reference_frames import reference_frames

@@ -38,7 +38,7 @@ def recorded(tmp_path: Path, skin: Sensor, frames: Frames) -> Path:
             recorder.append(frame)
         odd = np.array([np.nan, np.inf, -0.0, 5e-324, 1e300, 1 / 3, *np.zeros(34)])
         recorder.append(Frame(2**53 - 1, 1e9 + 1e-6, 1 / 3, odd))
-        recorder.untouched(0, 2)
+        recorder.mark_reference(0, 2)
         recorder.label(3, 5, x_m=0.01, y_m=1 / 3, state="a, 'b' \"c\"")
         recorder.label(6, 6)
         recorder.event("first, second\nthird", 0.1)
@@ -123,7 +123,7 @@ def test_plain_numbers_need_a_sensor(tmp_path: Path, skin: Sensor) -> None:
         assert content.events["text"].tolist() == [
             "imported without times: 1 s between frames is assumed"
         ]
-        assert "needs frames that are marked as untouched" in check(to)[1][1]
+        assert "needs reference frames" in check(to)[1][1]
 
 
 def test_bad_sources_are_one_sentence(recorded: Path, tmp_path: Path, skin: Sensor) -> None:

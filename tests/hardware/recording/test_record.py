@@ -305,7 +305,7 @@ def test_an_emulated_recording_never_counts_as_real(tmp_path: Path, frames: Fram
     with Recorder(path, sensor("foam16"), "emulator", emulated=True) as recorder:
         for frame in of_foam(6, 60):
             recorder.append(frame)
-        recorder.untouched(0, 2)
+        recorder.mark_reference(0, 2)
         recorder.label(3, 5, x_m=0.05, y_m=0.05)
     replay = Replay(path)
     assert is_emulated(replay)

@@ -121,7 +121,7 @@ def test_recordings_are_checked_and_exchanged(
             values = 1 + 1e-3 * frame.values
             values[pairs[:, 1]] = skin.pattern.reciprocal_signs(pairs) * values[pairs[:, 0]]
             recorder.append(Frame(frame.number, frame.time_s, frame.received_s, values))
-        recorder.untouched(0, 9)
+        recorder.mark_reference(0, 9)
     code, said, _ = eitbench("recordings", "check", path)
     assert code == 0
     assert said.splitlines()[-1] == f"{path} is sound."

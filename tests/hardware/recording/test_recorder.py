@@ -27,7 +27,7 @@ def record(path: Path, skin: Sensor, frames: list[Frame]) -> None:
     with Recorder(path, skin, "fake", firmware="1.2", emulated=True, started="2026") as recorder:
         for frame in frames:
             recorder.append(frame)
-        recorder.untouched(0, 2)
+        recorder.mark_reference(0, 2)
         recorder.label(3, 4, x_m=0.01, y_m=0.02, depth_mm=3.0, state="a")
         recorder.label(5, 5)
         recorder.event("x" + "ü" * 200, 5.3)

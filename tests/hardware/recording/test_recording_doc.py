@@ -20,7 +20,7 @@ def recorded(path: Path, skin: Sensor) -> Path:
     with Recorder(path, skin, "fake") as recorder:
         for k in range(6):
             recorder.append(Frame(k, k, k, np.full(40, 1.0)))
-        recorder.untouched(0, 0)
+        recorder.mark_reference(0, 0)
         recorder.label(1, 2, x_m=0.01, y_m=0.01)
     return path
 

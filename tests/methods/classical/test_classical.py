@@ -54,7 +54,7 @@ def test_all_classical_methods_are_built_in() -> None:
 
 
 @pytest.mark.parametrize("name", ALL)
-def test_the_untouched_frame_gives_the_background(name: str) -> None:
+def test_the_reference_frame_gives_the_background(name: str) -> None:
     for s in (foam(), opposition_disc()):
         p = problem(s)
         method = create(name)

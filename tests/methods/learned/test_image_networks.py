@@ -150,7 +150,7 @@ def test_the_gain_of_a_board_does_not_matter(name: str, trained: Training) -> No
     np.testing.assert_allclose(images[1], images[0], atol=1e-5)
 
 
-def test_an_untouched_frame_gives_the_background(trained: Training) -> None:
+def test_the_reference_frame_gives_the_background(trained: Training) -> None:
     install(trained)
     p = problem()
     for name, allowed in (("linear-learned", 1e-12), ("dnn", 0.05)):

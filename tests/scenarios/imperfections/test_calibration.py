@@ -16,7 +16,7 @@ FOAM = replace(sensor("foam16"), image_shape=(40, 40))  # a coarser grid is quic
 BOARD = Imperfections(electrode_shift_m=5e-4, contact_impedance=0.5, gain=0.01)
 
 
-def untouched(board: Imperfections, units: float = 1.0) -> np.ndarray:
+def reference(board: Imperfections, units: float = 1.0) -> np.ndarray:
     """A frame (1, M) of an uneven sensor at 60 dB, from a finer mesh."""
     model = forward_model(replace(FOAM, electrodes=board.built(FOAM)).refined(2))
     clean = model.voltages(model.background)
@@ -27,7 +27,7 @@ def untouched(board: Imperfections, units: float = 1.0) -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def found() -> Calibration:
-    return calibrate(FOAM, untouched(BOARD, units=250.0))
+    return calibrate(FOAM, reference(BOARD, units=250.0))
 
 
 def test_gains_shifts_and_contacts_are_found(found: Calibration) -> None:
@@ -52,7 +52,7 @@ def test_gains_shifts_and_contacts_are_found(found: Calibration) -> None:
 def test_the_frame_it_was_made_from_becomes_the_nominal_one(found: Calibration) -> None:
     model = forward_model(FOAM)
     assert np.allclose(found.nominal, found.factor * model.voltages(model.background))
-    assert np.allclose(found.corrected(found.untouched[None])[0], found.nominal)
+    assert np.allclose(found.corrected(found.reference[None])[0], found.nominal)
 
 
 def _changes(board: Imperfections, *, calibrated: bool) -> np.ndarray:
@@ -94,7 +94,7 @@ def test_a_nominal_sensor_is_left_as_it_is() -> None:
 
 def test_faults_do_not_spoil_the_rest() -> None:
     for fault in ({"dead": (5,)}, {"saturated": 3}):
-        faulty = calibrate(FOAM, untouched(BOARD.model_copy(update=fault)))
+        faulty = calibrate(FOAM, reference(BOARD.model_copy(update=fault)))
         pairs = zip(BOARD.built(FOAM), FOAM.electrodes, strict=True)
         shifts = np.array([b.centre - n.centre for b, n in pairs])
         assert np.std(faulty.shifts - shifts) < 0.7 * np.std(shifts), fault
