@@ -12,7 +12,7 @@ import numpy as np
 
 from eitbench.benchmark.checks.checking import BrokenError, SkippedError, require
 from eitbench.benchmark.checks.operator_under_test import OperatorUnderTest, close
-from eitbench.commands.names import first_line
+from eitbench.scenarios.docstrings import first_line
 from eitbench.scenarios.errors import InputError
 
 # Relative differences: of float64 rounded in another order; of float32 from float64, in the

@@ -15,6 +15,7 @@ from eitbench.hardware.live.newest import Newest
 from eitbench.hardware.live.picture import Contact, LiveImage
 from eitbench.hardware.live.reference import NO_DATA, Reference, no_data
 from eitbench.methods import Method, Problem, create, methods
+from eitbench.scenarios.docstrings import first_line
 from eitbench.scenarios.errors import EitbenchError, InputError, unknown_name
 from eitbench.scenarios.phantoms.contacts import contacts
 from eitbench.scenarios.physics.forward import forward_model
@@ -43,11 +44,7 @@ class Fitted:
 
 def usable_methods(sensor: Sensor) -> dict[str, str]:
     """The methods that can be used on `sensor`: names and descriptions."""
-    return {
-        name: (cls.__doc__ or "").strip().split("\n")[0]
-        for name, cls in methods().items()
-        if not _unusable(name, sensor)
-    }
+    return {name: first_line(cls) for name, cls in methods().items() if not _unusable(name, sensor)}
 
 
 def _unusable(name: str, sensor: Sensor) -> str:

@@ -30,7 +30,7 @@ app = typer.Typer(
 
 
 class Listing(StrEnum):
-    """What can be listed."""
+    """Kinds of things that can be listed."""
 
     methods = "methods"
     operators = "operators"
@@ -68,14 +68,14 @@ def list_command(
     as_json: Json = False,
 ) -> None:
     """List methods, operators, scenarios, sensors, suites, recordings or boards."""
-    from eitbench.commands.names import LISTINGS
-    from eitbench.hardware.boards import board_rows
+    from eitbench.commands.listing import LISTINGS
+    from eitbench.hardware.registry import board_rows
 
     rows = board_rows() if what is Listing.boards else LISTINGS[what.value]()
     if as_json:
         print_json(rows)
     else:
-        from eitbench.reports.tables.names import names_table
+        from eitbench.commands.tables import names_table
 
         print_renderable(names_table(rows))
 

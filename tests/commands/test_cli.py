@@ -260,7 +260,7 @@ def test_a_traceback_only_with_debug(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_ctrl_c_is_one_sentence(monkeypatch: pytest.MonkeyPatch, eitbench: Run) -> None:
-    from eitbench.commands import names as listing
+    from eitbench.commands import listing
 
     def interrupted() -> list[listing.Row]:
         raise KeyboardInterrupt
@@ -270,7 +270,7 @@ def test_ctrl_c_is_one_sentence(monkeypatch: pytest.MonkeyPatch, eitbench: Run) 
 
 
 def test_a_bug_is_one_sentence_too(monkeypatch: pytest.MonkeyPatch, eitbench: Run) -> None:
-    from eitbench.commands import names as listing
+    from eitbench.commands import listing
 
     monkeypatch.setitem(listing.LISTINGS, "suites", lambda: [1 / 0])
     code, _, err = eitbench("list", "suites")

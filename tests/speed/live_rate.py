@@ -27,9 +27,9 @@ if sys.argv[1] == "one":
 import psutil
 from playwright.sync_api import Page, sync_playwright
 
-from eitbench.hardware.boards import make_emulator
 from eitbench.hardware.live.access import Access
 from eitbench.hardware.live.run import live_view
+from eitbench.hardware.registry import make_emulator
 
 # The emulated sensor's own physics takes 20 ms of the core for each frame; a real board takes none.
 CASES = (("noser", 40.0), ("noser", 10.0), ("dnn", 15.0), ("tv", 12.0), ("tv", 10.0))

@@ -33,15 +33,15 @@ def calibrate(
     as_json: Json = False,
 ) -> None:
     """Estimate gains, electrode places and contacts from the reference frames of a recording."""
-    from eitbench.reports.tables.calibration import table
-    from eitbench.scenarios.imperfections.calibration import calibrate as found_in
+    from eitbench.commands.tables import calibration_table
+    from eitbench.scenarios.imperfections.calibration import calibrate as calibrate_frames
     from eitbench.scenarios.recordings.reference_frames import reference_frames
 
-    found = found_in(*reference_frames(recording)).describe()
+    found = calibrate_frames(*reference_frames(recording)).describe()
     if as_json:
         print_json(found)
     else:
-        print_renderable(table(found))
+        print_renderable(calibration_table(found))
 
 
 @app.command(epilog="Example: eitbench emulate --protocol openeit --script touches.toml")
@@ -58,7 +58,7 @@ def emulate(
     speed: Annotated[float, typer.Option(help="Times 10 frames/s.")] = 1.0,
 ) -> None:
     """Emulate a board on a serial port of its own, for another program to open, until Ctrl-C."""
-    from eitbench.hardware.boards import make_emulator
+    from eitbench.hardware.registry import make_emulator
     from eitbench.scenarios.recordings.catalogue import sensor as sensor_by_name
 
     nominal = None if sensor is None else sensor_by_name(sensor)
@@ -74,8 +74,8 @@ def emulate(
 
 def _board(name: str, sensor: str | None, **chosen: Any) -> tuple["Board", bool]:
     """The board `name` with what was chosen on the command line, and whether it is emulated."""
-    from eitbench.hardware.boards import make_board
     from eitbench.hardware.recording.record import is_emulated
+    from eitbench.hardware.registry import make_board
     from eitbench.scenarios.recordings.catalogue import sensor as sensor_by_name
 
     nominal = None if sensor is None else sensor_by_name(sensor)

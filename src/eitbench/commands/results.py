@@ -1,5 +1,6 @@
 """Commands that show and compare stored results."""
 
+from dataclasses import asdict
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
@@ -12,7 +13,7 @@ app = typer.Typer()
 
 
 class Format(StrEnum):
-    """How a leaderboard can be printed."""
+    """Formats of a printed leaderboard."""
 
     md = "md"
     csv = "csv"
@@ -79,13 +80,13 @@ def compare(
     """Say what changed between two runs, and whether it matters."""
     from eitbench.benchmark.analysis.comparison import compare as compared
     from eitbench.benchmark.analysis.comparison import read_results
-    from eitbench.reports.tables.changes import describe, table
+    from eitbench.commands.tables import changes_table
 
     found = compared(read_results(before), read_results(after), names_in("--figures", figures))
     if as_json:
-        print_json(describe(found))
+        print_json(asdict(found))
         return
-    print_renderable(table(found))
+    print_renderable(changes_table(found))
     for sentence in (*found.missing, *found.added):
         typer.echo(sentence)
 
@@ -108,7 +109,7 @@ def gate(
 ) -> None:
     """Exit with 1 if a method of the baseline is missing or surely worse by more than a margin."""
     from eitbench.benchmark.analysis.comparison import losses, read_results
-    from eitbench.reports.tables.changes import describe, table
+    from eitbench.commands.tables import changes_table
 
     margins: dict[str, float] = {}
     for name, allowed in map(_margin, margin or ()):
@@ -119,9 +120,9 @@ def gate(
     lost = [change for change in found.changes if change.verdict == "worse"]
     passed = not lost and not found.missing
     if as_json:
-        print_json({"passed": passed, **describe(found)})
+        print_json({"passed": passed, **asdict(found)})
     else:
-        print_renderable(table(found))
+        print_renderable(changes_table(found))
         for sentence in (*found.missing, *found.added):
             typer.echo(sentence)
         typer.echo(

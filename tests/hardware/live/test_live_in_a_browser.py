@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from eitbench.hardware.board import Board
-from eitbench.hardware.boards import make_emulator
+from eitbench.hardware.registry import make_emulator
 from eitbench.methods import Method, register
 from eitbench.scenarios.recordings.checking import check
 from eitbench.scenarios.recordings.files.recording_file import read_file

@@ -9,11 +9,11 @@ import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from eitbench.hardware.board import BoardError, BoardLostError
-from eitbench.hardware.boards import make_board, make_emulator
 from eitbench.hardware.live.imaging import LEARN_FIRST
 from eitbench.hardware.live.newest import Newest
 from eitbench.hardware.live.reference import NO_DATA, no_data
 from eitbench.hardware.live.session import RETRY_S
+from eitbench.hardware.registry import make_board, make_emulator
 from eitbench.methods import Method, Problem, create, register
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.physics.forward import forward_model

@@ -17,7 +17,7 @@ import pytest
 import typer
 
 from eitbench.commands import hardware as hardware_commands
-from eitbench.hardware import boards
+from eitbench.hardware import registry
 from eitbench.hardware.board import Board, BoardError, Frame
 from eitbench.hardware.recording import guided
 from eitbench.hardware.recording.guided import Timing
@@ -52,7 +52,7 @@ def fake(monkeypatch: pytest.MonkeyPatch, board: Callable[..., Board], frames: F
         made.sensor = sensor or made.sensor
         return made
 
-    monkeypatch.setattr(boards, "make_board", make)
+    monkeypatch.setattr(registry, "make_board", make)
 
 
 @pytest.fixture
@@ -65,7 +65,7 @@ def endless(monkeypatch: pytest.MonkeyPatch, board: Callable[..., Any], frames: 
         made.wait_s = 0.01
         return made  # type: ignore[no-any-return]
 
-    monkeypatch.setattr(boards, "make_board", make)
+    monkeypatch.setattr(registry, "make_board", make)
     monkeypatch.setattr(guided, "Timing", lambda: Timing(0.1, 0.02, 0.05))
 
 
@@ -224,7 +224,7 @@ def test_a_guided_session_that_is_interrupted_keeps_its_touches(
 def test_nothing_is_left_of_a_recording_without_frames(
     tmp_path: Path, eitbench: Run, board: Callable[..., Board], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(boards, "make_board", lambda name, **choices: board([]))
+    monkeypatch.setattr(registry, "make_board", lambda name, **choices: board([]))
     out = tmp_path / "a.h5"
     code, said, err = eitbench("record", "--board", "fake", "--seconds", "0.1", "--out", out)
     assert (code, said) == (1, "")

@@ -11,7 +11,7 @@ from eitbench.hardware.recording.recorder import Recorder
 from eitbench.scenarios import load_suite, sensor
 from eitbench.scenarios.sensors.sensor import Sensor
 
-TEXT = (Path(__file__).resolve().parents[2] / "docs/recording.md").read_text()
+TEXT = (Path(__file__).resolve().parents[3] / "docs/recording.md").read_text()
 BLOCKS = re.findall(r"```(\w*)\n(.*?)```", TEXT, flags=re.DOTALL)
 SENSOR, SUITE = (code for language, code in BLOCKS if language == "toml")
 

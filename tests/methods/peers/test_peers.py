@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from eitbench.commands.names import LISTINGS
+from eitbench.commands.listing import LISTINGS
 from eitbench.methods import Problem, create, methods
 from eitbench.methods.peers.octave import FOLDER, ask_eidors, missing
 from eitbench.methods.peers.peer import interpolation

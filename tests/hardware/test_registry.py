@@ -6,9 +6,9 @@ from typing import Any
 
 import pytest
 
-from eitbench.hardware import boards as registry
-from eitbench.hardware.boards import board_rows, boards, make_board
+from eitbench.hardware import registry
 from eitbench.hardware.emulation.emulator import Emulator
+from eitbench.hardware.registry import board_rows, boards, make_board
 from eitbench.hardware.serial import ports
 from eitbench.hardware.serial.serial_board import SERIAL_BOARDS, SciospecBoard, TeensyBoard
 from eitbench.scenarios.errors import InputError

@@ -1,11 +1,11 @@
-"""What `eitbench list` shows: one row of plain values for each thing that has a name."""
+"""Rows of `eitbench list`: plain values, one row for each thing that has a name."""
 
-import inspect
 from collections.abc import Callable, Mapping
 
 from eitbench.methods.method import Method
 from eitbench.methods.operator import Operator
 from eitbench.methods.registry import methods, operators
+from eitbench.scenarios.docstrings import first_line
 from eitbench.scenarios.recordings import RECORDED_SETS
 from eitbench.scenarios.recordings.catalogue import sensors
 from eitbench.scenarios.suites.scenario import SimulatedScenario
@@ -24,11 +24,6 @@ def _described(known: Mapping[str, type[Method] | type[Operator]]) -> list[Row]:
 def _methods() -> list[Row]:
     known = methods()
     return [{**row, "differs": known[str(row["name"])].differs} for row in _described(known)]
-
-
-def first_line(cls: type) -> str:
-    """The first line of the description of a class; "" without one."""
-    return (inspect.getdoc(cls) or "").partition("\n")[0]
 
 
 def _suites() -> list[Row]:

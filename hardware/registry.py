@@ -1,6 +1,5 @@
 """The registry of boards: built in, or installed (entry points in group `eitbench.boards`)."""
 
-import inspect
 import warnings
 from importlib.metadata import entry_points
 from pathlib import Path
@@ -11,6 +10,7 @@ from eitbench.hardware.emulation.emulator import RATE_HZ, Emulator
 from eitbench.hardware.emulation.replay import Replay
 from eitbench.hardware.serial import ports
 from eitbench.hardware.serial.serial_board import SERIAL_BOARDS, SerialBoard
+from eitbench.scenarios.docstrings import first_line
 from eitbench.scenarios.errors import InputError, unknown_name
 from eitbench.scenarios.recordings.catalogue import sensor as sensor_by_name
 from eitbench.scenarios.sensors.sensor import Sensor
@@ -124,7 +124,7 @@ def board_rows() -> list[dict[str, str | int | None]]:
         rows.append(
             {
                 "name": name,
-                "title": (inspect.getdoc(board) or "").partition("\n")[0],
+                "title": first_line(board),
                 "baud": board.protocol.baud if issubclass(board, SerialBoard) else None,
                 "sensor": None if board is Replay else board.default_sensor,
             }

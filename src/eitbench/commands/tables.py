@@ -1,0 +1,114 @@
+"""Tables for a terminal: listings, changes between runs, calibrations."""
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from rich.console import Group
+    from rich.table import Table
+
+    from eitbench.benchmark.analysis.comparison import RunComparison
+
+# Longer than a line; programs get it.
+_HIDDEN = ("citation",)
+_STYLES = {"better": "green", "worse": "bold red"}
+
+
+def names_table(rows: Sequence[Mapping[str, str | int | None]]) -> "Table":
+    """Table of `rows`: the name stands first and is never cut, the rest is folded."""
+    from rich.table import Table
+    from rich.text import Text
+
+    shown = [{k: v for k, v in row.items() if k not in _HIDDEN} for row in rows]
+    longest = max((len(str(next(iter(row.values())))) for row in shown), default=0)
+    table = Table(box=None, pad_edge=False)
+    for k, column in enumerate(shown[0] if shown else ()):
+        first = k == 0
+        table.add_column(
+            column, overflow="fold", no_wrap=first, min_width=longest if first else None
+        )
+    for row in shown:
+        table.add_row(*(Text("" if value is None else str(value)) for value in row.values()))
+    return table
+
+
+def changes_table(comparison: "RunComparison") -> "Table":
+    """Table of the changes between two runs, one line each."""
+    from rich import box
+    from rich.table import Table
+    from rich.text import Text
+
+    from eitbench.benchmark.metrics.specs import METRICS
+    from eitbench.reports.tables.columns import METHOD_LAYOUT, printable
+
+    forms = {column.name: column for column in METHOD_LAYOUT.columns}
+
+    shown = Table(box=box.SIMPLE_HEAD)
+    for heading in ("Scenario", "Method", "Figure"):
+        shown.add_column(heading)
+    for heading in ("n", "Before", "After", "Difference (95 %)", "p (Holm)", "Time"):
+        shown.add_column(heading, justify="right", no_wrap=True)
+    shown.add_column("Verdict")
+    for change in comparison.changes:
+        number = forms[change.figure].number
+        ends = f"{number(change.low)} to {number(change.high)}"
+        time = "–" if change.time_ratio is None else f"x {change.time_ratio:.2f}"
+        shown.add_row(
+            Text(printable(change.scenario)),
+            Text(printable(change.method)),
+            METRICS[change.figure].title,
+            str(change.n),
+            number(change.before),
+            number(change.after),
+            f"{number(change.difference)} ({ends})",
+            f"{change.p:.3f}" if change.p >= 0.001 else "<0.001",
+            time,
+            Text(change.verdict, style=_STYLES.get(change.verdict, "")),
+        )
+    return shown
+
+
+def calibration_table(found: dict[str, Any]) -> "Group":
+    """Electrodes and channels side by side, below the misfit that a calibration explains."""
+    from rich.console import Group
+    from rich.table import Table
+    from rich.text import Text
+
+    before, after = found["misfit_before"], found["misfit_after"]
+    head = (
+        f"{found['sensor']}: the model misses a value of the reference frame by {before:.2%} of "
+        f"the frame's rms, calibrated by {after:.2%}; {found['factor']:.4g} board units per V/A.\n"
+    )
+    if not found["credible"]:
+        head += (
+            "Calibration explains less than half of it, so that frames are not corrected: what is "
+            "left is noise, or the sensor differs in other ways than electrodes and gains.\n"
+        )
+        return Group(Text(head))
+    columns = Table("electrode", "shift mm", "contact x", "channel", "gain %", box=None)
+    for column in columns.columns:
+        column.justify = "right"
+    electrodes, channels = found["electrodes"], found["channels"]
+    for k in range(max(len(electrodes), len(channels))):
+        columns.add_row(
+            *(_electrode(electrodes[k]) if k < len(electrodes) else ("", "", "")),
+            *(_channel(channels[k]) if k < len(channels) else ()),
+        )
+    note = (
+        "\n± and */: one standard deviation. In a suite, `calibrated = true` in a scenario gives "
+        "methods frames that are corrected by this."
+    )
+    return Group(Text(head), columns, Text(note))
+
+
+def _electrode(of: dict[str, Any]) -> tuple[str, str, str]:
+    return (
+        str(of["electrode"]),
+        f"{of['shift_mm']:+.2f} ± {of['shift_mm_sd']:.2f}",
+        f"{of['contact_impedance']:.2f} */ {of['contact_impedance_sd_factor']:.2f}",
+    )
+
+
+def _channel(of: dict[str, Any]) -> tuple[str, str]:
+    a, b = of["channel"]
+    return f"{a}-{b}", f"{100 * (of['gain'] - 1):+.2f} ± {100 * of['gain_sd']:.2f}"
