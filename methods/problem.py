@@ -1,4 +1,4 @@
-"""What a method is told about the problem it is to solve, and what of it the method reads."""
+"""The problem that a method solves, and a record of what the method reads of it."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from eitbench.methods.watched_sensor import watched
+from eitbench.methods.tracked_sensor import tracked
 from eitbench.scenarios.data.datasets import Dataset
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.phantoms.contents import Contents, contents
@@ -19,13 +19,13 @@ Splits = Callable[[str, int | None], Dataset]
 
 
 @dataclass(frozen=True, eq=False)
-class Given:
-    """Samples that a method was given to learn from.
+class SamplesRead:
+    """Samples of one split that a method has read, to learn from.
 
     Attributes:
         split, scenario, data_hash: where they come from.
         samples: their number; they are the first ones.
-        contents: what each shows.
+        contents: a fingerprint of what each shows.
     """
 
     split: str
@@ -36,37 +36,38 @@ class Given:
 
 
 @dataclass(frozen=True, eq=False)
-class Reads:
-    """What a method has read of its problem.
+class AccessRecord:
+    """Parts of its problem that a method has read, the source of its prior knowledge.
 
     Attributes:
-        model: the nominal sensor's physics, and with it its contact impedance.
-        gain: the nominal model's frame of the untouched sensor, to scale the board's units by.
-        conductivity_range: what conductivity is to be expected.
-        given: the samples it was given.
+        model: True if it read the nominal sensor's physics, and with it its contact impedance.
+        gain: True if it read the scale from the board's units to the nominal model's.
+        conductivity_range: True if it read the range of conductivity to expect.
+        samples: what it read of the training and validation splits.
     """
 
     model: bool
     gain: bool
     conductivity_range: bool
-    given: tuple[Given, ...]
+    samples: tuple[SamplesRead, ...]
 
 
 class Problem:
     """The nominal sensor, its reference frame, forward physics and data to learn from.
 
-    It notes what is read of it, see `reads`.
+    It records what is read of it, see `access_record`.
 
     Attributes:
         sensor: the nominal sensor, with the range of conductivity to expect; a real one differs.
-        reference: (M,) the reference frame v_ref, measured like any other, in the board's units.
+        reference: (M,) the reference frame v_ref of the untouched sensor, in the board's units; it
+            is measured like any other.
     """
 
     def __init__(self, sensor: Sensor, reference: ArrayLike, splits: Splits) -> None:
         self._read: set[str] = set()
-        self._given: dict[str, tuple[int, Callable[[], Given]]] = {}
+        self._samples: dict[str, tuple[int, Callable[[], SamplesRead]]] = {}
         self._nominal = sensor
-        self.sensor = watched(sensor, self._read)
+        self.sensor = tracked(sensor, self._read)
         self.reference = self._frames(sensor, np.asarray(reference)[None])[0]
         self._splits = splits
 
@@ -77,7 +78,7 @@ class Problem:
 
     @property
     def mask(self) -> NDArray[np.bool_]:
-        """(H, W): the pixels inside the sensor; outside, an estimate is ignored."""
+        """Pixels (H, W) inside the sensor; outside, an estimate is ignored."""
         return self._nominal.mask
 
     @property
@@ -88,13 +89,13 @@ class Problem:
 
     @property
     def background_voltages(self) -> Array:
-        """(M,) [V/A], what the model predicts for the untouched sensor."""
+        """Voltages (M,) [V/A] that the model predicts for the untouched sensor."""
         self._read.add("model")
         return self._modelled
 
     @property
     def jacobian(self) -> Array:
-        """(M, H, W) [V/A per S/m], the model's derivative at the background; 0 outside the mask."""
+        """Derivative (M, H, W) [V/A per S/m] of the model at the background; 0 outside the mask."""
         self._read.add("model")
         return self._derivative
 
@@ -141,25 +142,25 @@ class Problem:
         """The first `limit` samples of the validation split, with their truth."""
         return self._noted(self._splits("validation", limit))
 
-    def reads(self) -> Reads:
-        """What was read so far."""
-        return Reads(
+    def access_record(self) -> AccessRecord:
+        """Return what was read so far."""
+        return AccessRecord(
             "model" in self._read,
             "gain" in self._read,
             "conductivity_range" in self._read,
-            tuple(given() for _, given in self._given.values()),
+            tuple(samples() for _, samples in self._samples.values()),
         )
 
     def _noted(self, data: Dataset) -> Dataset:
-        """`data`, whose samples are now known to the method."""
-        known, _ = self._given.get(data.split, (0, None))
+        """Return `data`, noting that the method has read its samples."""
+        known, _ = self._samples.get(data.split, (0, None))
         if len(data) > known:  # they are the first ones, always
             # Compared when it is asked for: a method's set-up is timed.
             phantoms, frames = data.phantoms, None if data.phantoms else data.voltages
-            about = (data.split, data.scenario, data.data_hash, len(data))
-            self._given[data.split] = (
+            source = (data.split, data.scenario, data.data_hash, len(data))
+            self._samples[data.split] = (
                 len(data),
-                lambda: Given(*about, contents(phantoms, frames)),
+                lambda: SamplesRead(*source, contents(phantoms, frames)),
             )
         return data
 

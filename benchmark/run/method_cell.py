@@ -28,7 +28,7 @@ from eitbench.benchmark.workers.method_service import (
 )
 from eitbench.benchmark.workers.worker import Reply, WorkerLostError
 from eitbench.methods import Method, methods
-from eitbench.methods.problem import Reads
+from eitbench.methods.problem import AccessRecord
 from eitbench.scenarios.data.datasets import Dataset, load
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.recordings.fetch import locate
@@ -200,7 +200,7 @@ class MethodCellTask(ScoredTask):
         p50, p99 = warm_percentiles(warm)
         return {"frame_ms_p50": p50, "frame_ms_p99": p99}
 
-    def prior_knowledge(self, value: tuple[Reads, dict[str, str]]) -> dict[str, Any]:
+    def prior_knowledge(self, value: tuple[AccessRecord, dict[str, str]]) -> dict[str, Any]:
         """What the method was told, as JSON, and how much of the test split it was taught on."""
         return account(*value, self.data.scenario, self.test, spent=self.plan.spent)
 

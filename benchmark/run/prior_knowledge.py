@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from eitbench.benchmark.tuning.selection import validation_scenario
-from eitbench.methods.problem import Reads
+from eitbench.methods.problem import AccessRecord
 from eitbench.methods.weights.weight_files import packaged_weights
 from eitbench.scenarios.atomic_write import atomic_write
 from eitbench.scenarios.cache_dir import cache_dir
@@ -24,7 +24,7 @@ NAN = float("nan")
 
 
 def account(
-    reads: Reads,
+    access: AccessRecord,
     trained_on: Mapping[str, str],
     scenario: Scenario,
     test: Dataset,
@@ -40,13 +40,13 @@ def account(
     learned from, NaN where the data behind its weights are not known here.
 
     Args:
-        reads: what it read of its problem.
+        access: what it read of its problem.
         trained_on: see `Method`.
         scenario, test: what it is tested on.
         spent: what choosing its parameters on validation data cost; empty where they were not.
     """
-    learned = [given.contents for given in reads.given]
-    noise = [given.split for given in reads.given if _has_test_noise(scenario, given.split)]
+    learned = [given.contents for given in access.samples]
+    noise = [given.split for given in access.samples if _has_test_noise(scenario, given.split)]
     source = None
     if trained_on:
         source = _source(trained_on, scenario)
@@ -57,9 +57,9 @@ def account(
     shown = contents(test.phantoms, test.voltages)
     overlap = float(np.isin(shown, np.concatenate(learned)).sum()) if learned else 0.0
     told = {
-        "model": reads.model,
-        "gain": reads.gain,
-        "conductivity_range": reads.conductivity_range,
+        "model": access.model,
+        "gain": access.gain,
+        "conductivity_range": access.conductivity_range,
         "given": [
             {
                 "split": given.split,
@@ -67,7 +67,7 @@ def account(
                 "samples": given.samples,
                 "data_hash": given.data_hash,
             }
-            for given in reads.given
+            for given in access.samples
         ],
         "trained_on": dict(trained_on),
         "tuned": dict(spent),

@@ -81,7 +81,7 @@ class MethodService:
     def prior_knowledge(self) -> Reply:
         """What the method has read of its problem so far, and what its weights were trained on."""
         trained_on = {} if self._method is None else dict(self._method.trained_on)
-        return Reply((self.problem.reads(), trained_on), 0.0)
+        return Reply((self.problem.access_record(), trained_on), 0.0)
 
     def reconstruct(self, frames: Frames) -> Reply:
         """Images (n, H, W) of `frames` (n, M), in the precision they are kept in."""

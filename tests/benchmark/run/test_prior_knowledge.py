@@ -72,17 +72,17 @@ def test_what_is_read_is_noted_and_nothing_else(
 ) -> None:
     problem = a_problem()
     read(problem)
-    reads = problem.reads()
-    assert {n for n in ("model", "gain", "conductivity_range") if getattr(reads, n)} == noted
-    assert reads.given == ()
+    access = problem.access_record()
+    assert {n for n in ("model", "gain", "conductivity_range") if getattr(access, n)} == noted
+    assert access.samples == ()
 
 
 def test_a_model_that_is_cached_already_is_noted_all_the_same() -> None:
     problem = a_problem()
     assert problem.gain > 0
-    assert not problem.reads().model
+    assert not problem.access_record().model
     assert forward_model(problem.sensor) is forward_model(own("validation", 1).sensor)
-    assert problem.reads().model
+    assert problem.access_record().model
 
 
 def test_the_sensor_is_as_good_as_the_one_it_stands_for() -> None:
@@ -90,10 +90,10 @@ def test_the_sensor_is_as_good_as_the_one_it_stands_for() -> None:
     assert problem.sensor == plain
     assert plain == problem.sensor
     assert problem.sensor.describe() == plain.describe()
-    assert not problem.reads().conductivity_range
+    assert not problem.access_record().conductivity_range
     assert replace(problem.sensor, image_shape=(8, 8)) == replace(plain, image_shape=(8, 8))
     assert copy.deepcopy(problem.sensor) == plain
-    assert problem.reads().conductivity_range
+    assert problem.access_record().conductivity_range
 
 
 def test_the_most_samples_that_were_given_count() -> None:
@@ -102,7 +102,7 @@ def test_the_most_samples_that_were_given_count() -> None:
     problem.training(5)
     problem.training(1)
     problem.validation()
-    given = {g.split: (g.samples, g.scenario, g.data_hash) for g in problem.reads().given}
+    given = {g.split: (g.samples, g.scenario, g.data_hash) for g in problem.access_record().samples}
     assert given == {
         "train": (5, "small", SMALL.data_hash("train")),
         "validation": (8, "small", SMALL.data_hash("validation")),
@@ -125,9 +125,9 @@ def test_training_on_the_test_stream_is_counted() -> None:
     problem = a_problem(leaking)
     test = own("test", None)
     problem.training()
-    assert account(problem.reads(), {}, SMALL, test, spent={})["overlap"] == 4
+    assert account(problem.access_record(), {}, SMALL, test, spent={})["overlap"] == 4
     few = own("test", 3)
-    assert account(problem.reads(), {}, SMALL, few, spent={})["overlap"] == 3
+    assert account(problem.access_record(), {}, SMALL, few, spent={})["overlap"] == 3
 
 
 def test_a_method_that_learns_from_the_test_stream_is_counted() -> None:
@@ -135,9 +135,9 @@ def test_a_method_that_learns_from_the_test_stream_is_counted() -> None:
     data = own("test", None)
     service = MethodService(MethodSpec(data.sensor, data.reference, leaking, "linear-learned", {}))
     service.fitted({})
-    reads, trained_on = service.prior_knowledge().value
-    assert [given.split for given in reads.given] == ["train"]
-    found = account(reads, trained_on, SMALL, data, spent={})
+    access, trained_on = service.prior_knowledge().value
+    assert [given.split for given in access.samples] == ["train"]
+    found = account(access, trained_on, SMALL, data, spent={})
     assert found["overlap"] == len(data)
     row = {"method": "linear-learned", "n": 4, "data_n": 4, "prior_knowledge": "", "overlap": 4.0}
     said = overlaps([row])
@@ -148,7 +148,7 @@ def test_an_honest_training_split_overlaps_nowhere() -> None:
     problem = a_problem()
     problem.training()
     problem.validation()
-    told = account(problem.reads(), {}, SMALL, own("test", None), spent={})
+    told = account(problem.access_record(), {}, SMALL, own("test", None), spent={})
     assert told["overlap"] == 0
     assert in_words(told["prior_knowledge"]) == "6 training samples; 8 validation samples"
 
@@ -158,13 +158,13 @@ def test_what_tuning_told_is_told() -> None:
     choice = Selection({"weight": 0.0}, 1.0, trials, TuningBudget(), "seconds")
     problem, test = a_problem(), own("test", None)
     create("noser").fit(problem)
-    told = account(problem.reads(), {}, SMALL, test, spent=choice.describe()["spent"])
+    told = account(problem.access_record(), {}, SMALL, test, spent=choice.describe()["spent"])
     assert in_words(told["prior_knowledge"]) == (
         "nominal contact impedance; conductivity range; noise level through tuning; "
         "12 trials of tuning"
     )
     assert "tuning" not in in_words(
-        account(problem.reads(), {}, SMALL, test, spent={})["prior_knowledge"]
+        account(problem.access_record(), {}, SMALL, test, spent={})["prior_knowledge"]
     )
 
 
@@ -173,7 +173,7 @@ def test_noise_is_known_from_data_that_have_it() -> None:
     problem = a_problem(lambda split, limit: load(same, split=split, limit=limit))
     problem.training()
     problem.validation()
-    told = account(problem.reads(), {}, same, load(same, split="test"), spent={})
+    told = account(problem.access_record(), {}, same, load(same, split="test"), spent={})
     assert json.loads(told["prior_knowledge"])["noise"] == ["train"]
 
 
@@ -188,14 +188,14 @@ def test_weights_are_held_against_the_data_they_come_from(
     }
     problem, test = a_problem(), own("test", None)
     train = load(SMALL, split="train")
-    found = account(problem.reads(), notes, SMALL, test, spent={})
+    found = account(problem.access_record(), notes, SMALL, test, spent={})
     assert found["overlap"] == 0
     assert in_words(found["prior_knowledge"]) == "weights of 6 training samples"
     # What is tested on what it was trained on.
-    assert account(problem.reads(), notes, SMALL, train, spent={})["overlap"] == 6
+    assert account(problem.access_record(), notes, SMALL, train, spent={})["overlap"] == 6
     # Nothing is known of data that are not here.
     elsewhere = {**notes, "train_data": "0" * 64}
-    assert np.isnan(account(problem.reads(), elsewhere, SMALL, test, spent={})["overlap"])
+    assert np.isnan(account(problem.access_record(), elsewhere, SMALL, test, spent={})["overlap"])
 
 
 def test_contents_of_a_training_set_are_found_out_once(

@@ -1,16 +1,16 @@
-"""A nominal sensor that notes which of its physical constants are read."""
+"""A nominal sensor that tracks which of its physical constants are read."""
 
 import copy
 
 from eitbench.scenarios.sensors.sensor import Sensor
 
 # Electrodes hold their contact impedance, which a method needs no more than for a model.
-_NOTED = {"electrodes": "model", "conductivity_range": "conductivity_range"}
+_TRACKED = {"electrodes": "model", "conductivity_range": "conductivity_range"}
 _PLAIN = frozenset({"n_electrodes", "describe", "_content"})
 
 
-class WatchedSensor(Sensor):
-    """Equal to the sensor it stands for; reading what `_NOTED` names is noted in `_read`.
+class TrackedSensor(Sensor):
+    """A sensor equal to the one it stands for; reading what `_TRACKED` names is noted in `_read`.
 
     Models are cached by sensor, so that looking one up counts as reading the electrodes.
     """
@@ -23,8 +23,8 @@ class WatchedSensor(Sensor):
             return Sensor  # so that `dataclasses.replace` makes a plain one
         if name in _PLAIN:
             return getattr(object.__getattribute__(self, "_plain"), name)
-        if name in _NOTED:
-            object.__getattribute__(self, "_read").add(_NOTED[name])
+        if name in _TRACKED:
+            object.__getattribute__(self, "_read").add(_TRACKED[name])
         return object.__getattribute__(self, name)
 
     def __hash__(self) -> int:
@@ -33,12 +33,12 @@ class WatchedSensor(Sensor):
 
     def __reduce__(self) -> tuple[object, ...]:
         """A copy is one of the sensor itself, with all that it holds."""
-        self._read.update(_NOTED.values())
+        self._read.update(_TRACKED.values())
         return copy.copy, (self._plain,)
 
 
-def watched(sensor: Sensor, read: set[str]) -> Sensor:
-    """`sensor`, noting in `read` what is read of it: "model" or "conductivity_range"."""
-    noting = object.__new__(WatchedSensor)
-    noting.__dict__.update(sensor.__dict__, _plain=sensor, _read=read)
-    return noting
+def tracked(sensor: Sensor, read: set[str]) -> Sensor:
+    """Return `sensor`, which adds to `read` what is read of it: "model", "conductivity_range"."""
+    copied = object.__new__(TrackedSensor)
+    copied.__dict__.update(sensor.__dict__, _plain=sensor, _read=read)
+    return copied
