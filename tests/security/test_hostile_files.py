@@ -179,7 +179,7 @@ def test_nesting_without_end_is_told(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("prior_knowledge", "says"),
+    ("told", "says"),
     [
         ({"data": {"s": 3}}, "data.s: "),
         ({"calibration_ms": "fast"}, "calibration_ms: "),

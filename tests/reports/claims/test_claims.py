@@ -39,7 +39,7 @@ def add(build: Any, paper: Dataset) -> Callable[..., None]:
 
 
 def study(name: str, rows: list[dict[str, Any]]) -> dict[str, Any]:
-    asked = {"suite": "paper", "epochs": 12, "limit": 4000, "judged": 500, "training_hours": 1.5}
+    asked = {"suite": "paper", "epochs": 12, "limit": 4000, "scored": 500, "training_hours": 1.5}
     return {"study": name, **asked, "rows": rows}
 
 

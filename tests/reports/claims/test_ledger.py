@@ -92,7 +92,7 @@ def test_figures_of_studies_and_training_stand_beside_the_ledger(
         for beta in map(float, betas)
     ]
     summary = {
-        "study": "beta", "suite": "paper", "epochs": 2, "limit": 9, "judged": 4,
+        "study": "beta", "suite": "paper", "epochs": 2, "limit": 9, "scored": 4,
         "training_hours": 0.5, "rows": rows,
     }  # fmt: skip
     study = tmp_path / "study"
