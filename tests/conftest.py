@@ -1,6 +1,7 @@
 """What all tests share: where independent reference data lie, a cache of their own, the command."""
 
 import os
+import signal
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -16,6 +17,12 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 pytest_plugins = ["made_runs"]  # of tests/support
 
 SHARED = Path(__file__).resolve().parents[2] / "shared"
+
+
+# A shell starts what runs in the background with Ctrl-C ignored, and every child would inherit that;
+# some tests press Ctrl-C.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.hookimpl(optionalhook=True)
