@@ -61,7 +61,6 @@ def read_script(path: Path) -> TouchScript:
     """The touches scripted in the TOML file at `path`.
 
     Raises:
-        InputError: the file cannot be read or scripts something wrong (the line and the field are
-            named).
+        InputError: the file cannot be read or scripts something wrong (the field is named).
     """
-    return read_declaration("Touch script", path, TouchScript, (TouchScript, ScriptedTouch))[0]
+    return read_declaration("Touch script", path, TouchScript)

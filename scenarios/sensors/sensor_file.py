@@ -6,7 +6,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import BeforeValidator, Field, model_validator
 
-from eitbench.scenarios.declaration import Declaration, Name, read_declaration
+from eitbench.scenarios.declaration import Declaration, Name, field_error, read_declaration
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.sensors.described_sensor import Index, Number, Side
 from eitbench.scenarios.sensors.outlines import Disc, Outline, Polygon, rectangle
@@ -164,16 +164,13 @@ class SensorDeclaration(Declaration):
     ] = (0.05, 20.0)
 
 
-_MODELS = (SensorDeclaration, OutlineDeclaration, ElectrodesDeclaration, PatternDeclaration)
-
-
 def read_sensor(path: Path) -> Sensor:
     """The sensor declared in the TOML file at `path`.
 
     Raises:
-        InputError: the file cannot be read or declares something wrong; line and field are named.
+        InputError: the file cannot be read or declares something wrong; the field is named.
     """
-    declared, place = read_declaration("Sensor", path, SensorDeclaration, _MODELS)
+    declared = read_declaration("Sensor", path, SensorDeclaration)
     field = "outline"
     try:
         outline = declared.outline.build()
@@ -192,4 +189,4 @@ def read_sensor(path: Path) -> Sensor:
             declared.conductivity_range,
         )
     except InputError as error:
-        raise InputError(f"{place(field)}: {error}") from error
+        raise field_error("Sensor", path, (field,), error) from error

@@ -9,17 +9,10 @@ from typing import Literal
 from numpy.lib.stride_tricks import sliding_window_view
 from pydantic import Field, ValidationInfo, field_validator
 
-from eitbench.scenarios.declaration import Declaration, Name, Places, read_declaration
+from eitbench.scenarios.declaration import Declaration, Name, field_error, read_declaration
 from eitbench.scenarios.errors import InputError, unknown_name
-from eitbench.scenarios.imperfections.imperfections import Imperfections
-from eitbench.scenarios.suites.scenario import (
-    RecordedScenario,
-    Scenario,
-    SimulatedScenario,
-    SplitNoise,
-)
+from eitbench.scenarios.suites.scenario import RecordedScenario, Scenario, SimulatedScenario
 
-_KIND = "Suite"
 MEMORY_LIMIT_MB = 8192.0
 """Memory that a method or operator may take where nothing else is declared [MiB]."""
 WINDOW = 7
@@ -96,7 +89,7 @@ def load_suite(name: str | Path) -> Suite:
 
     Raises:
         InputError: unknown name (the nearest one is suggested), or a file that cannot be read or
-            declares something wrong (the line and the field are named).
+            declares something wrong (the field is named).
     """
     known = suites()
     if str(name) in known:
@@ -144,22 +137,22 @@ def read_suite(path: Path) -> Suite:
     Raises:
         InputError: the file cannot be read or declares something wrong.
     """
-    models = (Suite, SimulatedScenario, RecordedScenario, SplitNoise, Imperfections)
-    suite, place = read_declaration(_KIND, path, Suite, models)
+    suite = read_declaration("Suite", path, Suite)
     for k, scenario in enumerate(suite.scenarios):
         unusable = _for_methods if suite.ranks == "methods" else _for_operators
         if wrong := unusable(scenario):
-            name, problem = wrong
-            raise InputError(f"{place('scenarios', k, name)}: {problem}.")
+            field, problem = wrong
+            key = ("scenarios", k, field)
+            raise field_error("Suite", path, key, f"{problem}.", scenario.name)
     return suite
 
 
 def _for_operators(scenario: Scenario) -> tuple[str, str] | None:
-    """The field and the reason why no operator could be judged on `scenario`, if so."""
+    """The field and the reason why no operator can be evaluated on `scenario`, if so."""
     if isinstance(scenario, RecordedScenario):
         return "kind", "operators need a known conductivity, which only simulated scenarios have"
     if scenario.test < 1:
-        return "test", "a suite judges operators on at least 1 test sample"
+        return "test", "a suite evaluates operators on at least 1 test sample"
     if scenario.validation < STANDARDISING:
         return "validation", (
             f"voltages are standardised with at least {STANDARDISING} validation samples"
@@ -168,7 +161,7 @@ def _for_operators(scenario: Scenario) -> tuple[str, str] | None:
 
 
 def _for_methods(scenario: Scenario) -> tuple[str, str] | None:
-    """The field and the reason why no method could be judged on `scenario`, if so."""
+    """The field and the reason why no method can be evaluated on `scenario`, if so."""
     if isinstance(scenario, RecordedScenario):
         # Tables show this name alone, and no table may pass an emulated board for a real one.
         if scenario.recorded_set.emulated and "emulated" not in scenario.name:
@@ -178,7 +171,7 @@ def _for_methods(scenario: Scenario) -> tuple[str, str] | None:
             )
         return None
     if scenario.test < 1:
-        return "test", "a suite judges methods on at least 1 test sample"
+        return "test", "a suite evaluates methods on at least 1 test sample"
     # Every sensor holds a window of a fine grid, whose mask may be too large to look.
     if scenario.image_shape is None or min(scenario.image_shape) > 10 * WINDOW:
         return None
@@ -192,8 +185,3 @@ def _for_methods(scenario: Scenario) -> tuple[str, str] | None:
             "choose a finer grid"
         )
     return None
-
-
-def declared_at(path: Path, field: str) -> str:
-    """Where the suite file at `path` declares its `field`: the beginning of a sentence."""
-    return Places(_KIND, path, path.read_text(encoding="utf-8"))(field)

@@ -109,8 +109,9 @@ def plan_of(
 ) -> "Plan":
     """What a command is to run; names are still lists with commas."""
     from eitbench.benchmark.run.runner import make_plan
+    from eitbench.scenarios.declaration import field_error
     from eitbench.scenarios.errors import InputError
-    from eitbench.scenarios.suites.suite import declared_at, load_suite, suites
+    from eitbench.scenarios.suites.suite import load_suite, suites
 
     chosen = load_suite(suite)
     try:
@@ -127,7 +128,7 @@ def plan_of(
         # What it ranks is unknown to scenarios, so that only here a suite's own can be wrong.
         own = methods is None and operators is None and suite not in suites()
         if own and str(error).startswith(("Unknown method ", "Unknown operator ")):
-            raise InputError(f"{declared_at(Path(suite), chosen.ranks)}: {error}") from error
+            raise field_error("Suite", Path(suite), (chosen.ranks,), error) from error
         raise
 
 
