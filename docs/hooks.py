@@ -9,14 +9,15 @@ from typing import Any
 
 from latex2mathml.converter import convert
 
-from eitbench.benchmark.metrics.operator_specs import OPERATOR_COSTS, OPERATOR_METRICS
-from eitbench.benchmark.metrics.specs import METRICS, MetricCard
+from eitbench.benchmark.metrics.metric_spec import MetricSpec
+from eitbench.benchmark.metrics.operator_metrics import OPERATOR_COSTS, OPERATOR_METRICS
+from eitbench.benchmark.metrics.specs import METRICS
 
 # What arithmatex leaves of $...$ and $$...$$, outside code.
 _FORMULA = re.compile(r'<(span|div) class="arithmatex">\\[(\[](.*?)\\[)\]]</\1>', flags=re.DOTALL)
 _BAR = re.compile(r"<mo>(&#x02016;|&#x0007C;)</mo>")  # would grow as tall as all that follows
 _PLACE = re.compile(r"^<!-- generated: (.*?) -->$", flags=re.MULTILINE)
-_BEST = {"max": "more is better", "min": "less is better", None: "descriptive"}
+_BEST = {"max": "more is better", "min": "less is better"}
 
 
 def on_page_markdown(markdown: str, **_: Any) -> str:
@@ -38,17 +39,17 @@ def _mathml(formula: re.Match[str]) -> str:
     return f'<div class="formula">{drawn}</div>' if block else drawn
 
 
-def _cards(cards: Iterable[MetricCard]) -> str:
+def _cards(specs: Iterable[MetricSpec]) -> str:
     return "\n\n".join(
-        f"### {card.title} {{ #{card.name} }}\n\n"
-        f"`{card.name}`, {'no unit' if card.unit == '1' else card.unit}, {_BEST[card.best]}.\n\n"
-        f'<p class="definition">{html.escape(card.formula)}</p>\n\n'
-        f"- Computed for: {card.domain}\n"
-        f"- Counts: {card.mask}\n"
-        f"- Data range: {card.data_range}\n"
-        f"- Summed up as: {card.average}\n\n"
-        f"**Traps.** {card.traps}"
-        for card in cards
+        f"### {spec.title} {{ #{spec.name} }}\n\n"
+        f"`{spec.name}`, {'no unit' if spec.unit == '1' else spec.unit}, {_BEST[spec.best]}.\n\n"
+        f'<p class="definition">{html.escape(spec.formula)}</p>\n\n'
+        f"- Computed for: {spec.domain}\n"
+        f"- Counts: {spec.mask}\n"
+        f"- Data range: {spec.data_range}\n"
+        f"- Summed up as: {spec.card()['average']}\n\n"
+        f"**Traps.** {spec.traps}"
+        for spec in specs
     )
 
 

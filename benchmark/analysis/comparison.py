@@ -15,7 +15,8 @@ from scipy import special
 from eitbench.benchmark.analysis.results import checked_table, read_json
 from eitbench.benchmark.analysis.standings import SIGNIFICANT
 from eitbench.benchmark.metrics.aggregation import aggregate
-from eitbench.benchmark.metrics.specs import METRICS, MetricCard
+from eitbench.benchmark.metrics.metric_spec import MetricSpec
+from eitbench.benchmark.metrics.specs import METRICS
 from eitbench.benchmark.metrics.statistics import MIN_PHANTOMS, draw, holm, intervals, once
 from eitbench.benchmark.rundir import manifest
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
@@ -213,12 +214,12 @@ def _paired(
             )
         units = [of.frame_units.get((scenario, method)) for of in (before, after)]
         ratio = units[1] / units[0] if units[0] and units[1] else None
-        for card in [METRICS[name] for name in margins] or _ranking(cells):
-            if not np.isfinite(once(_figure(cells[0], card), len(cells[0]))):
+        for spec in [METRICS[name] for name in margins] or _ranking(cells):
+            if not np.isfinite(once(_figure(cells[0], spec), len(cells[0]))):
                 continue  # this scenario does not know it
-            test = _test(cells, card, margins.get(card.name, 0.0))
+            test = _test(cells, spec, margins.get(spec.name, 0.0))
             if test is None:
-                missing.append(f"{who} has no {card.title} in {after.path}.")
+                missing.append(f"{who} has no {spec.title} in {after.path}.")
             else:
                 change = replace(test.change, scenario=scenario, method=method, time_ratio=ratio)
                 tests.append(replace(test, change=change))
@@ -249,7 +250,7 @@ def _common(*cells: pd.DataFrame) -> list[pd.DataFrame]:
     return [both.merge(cell) for cell in cells]
 
 
-def _ranking(cells: Sequence[pd.DataFrame]) -> list[MetricCard]:
+def _ranking(cells: Sequence[pd.DataFrame]) -> list[MetricSpec]:
     """What ranks these cells; none where that is not known."""
     for name in METHOD_RUNS.ranked_by:
         if all(np.isfinite(once(_figure(cell, METRICS[name]), len(cell))) for cell in cells):
@@ -257,27 +258,26 @@ def _ranking(cells: Sequence[pd.DataFrame]) -> list[MetricCard]:
     return []
 
 
-def _figure(cell: pd.DataFrame, card: MetricCard) -> Callable[[Array], Array]:
-    return lambda counts: aggregate(cell, [card], counts)[:, 0]
+def _figure(cell: pd.DataFrame, spec: MetricSpec) -> Callable[[Array], Array]:
+    return lambda counts: aggregate(cell, [spec], counts)[:, 0]
 
 
-def _test(cells: Sequence[pd.DataFrame], card: MetricCard, margin: float) -> _Test | None:
+def _test(cells: Sequence[pd.DataFrame], spec: MetricSpec, margin: float) -> _Test | None:
     """The test of one figure of a cell before and after; None where it is not defined."""
     n, phantom = len(cells[0]), cells[0]["phantom"]
     phantoms = phantom.nunique()
-    before, after = (float(once(_figure(cell, card), n)) for cell in cells)
+    before, after = (float(once(_figure(cell, spec), n)) for cell in cells)
     if not np.isfinite([before, after]).all():
         return None
     # The same clusters and seed give both the same draws.
-    drawn = [draw(_figure(cell, card), phantom) for cell in cells]
+    drawn = [draw(_figure(cell, spec), phantom) for cell in cells]
     difference, differences = after - before, drawn[1] - drawn[0]
     low, high = map(float, intervals(np.asarray(difference), differences, phantoms))
-    sign = 1.0 if card.best == "max" else -1.0
     negligible = NEGLIGIBLE * float(drawn[0].std()) * np.sqrt(phantoms)
     change = Change(
         scenario="",
         method="",
-        figure=card.name,
+        figure=spec.name,
         n=n,
         phantoms=phantoms,
         before=before,
@@ -289,14 +289,13 @@ def _test(cells: Sequence[pd.DataFrame], card: MetricCard, margin: float) -> _Te
         verdict="equal",
         time_ratio=None,
     )
+    beyond_margin = -spec.sign * difference - max(margin, negligible)
     return _Test(
         change,
-        sign,
+        spec.sign,
         negligible,
         change_p=_p(difference, differences, phantoms, two_sided=True),
-        loss_p=_p(
-            -sign * difference - max(margin, negligible), differences, phantoms, two_sided=False
-        ),
+        loss_p=_p(beyond_margin, differences, phantoms, two_sided=False),
     )
 
 

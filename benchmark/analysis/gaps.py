@@ -28,7 +28,7 @@ def gaps(
         clusters: column of what is drawn in the paired bootstrap of the intervals; fewer than
             `MIN_PHANTOMS` give none.
     """
-    card = METHOD_RUNS.metrics[by]
+    spec = METHOD_RUNS.metrics[by]
     cells = {str(track): rows for track, rows in tracks.groupby("track")}
     cells["tuned" if tuned else "default"] = main
     cells = {track: rows.sort_values("sample") for track, rows in cells.items()}
@@ -36,7 +36,7 @@ def gaps(
         return {}
 
     def figures(counts: NDArray[np.float64]) -> NDArray[np.float64]:
-        return np.stack([aggregate(rows, [card], counts)[:, 0] for rows in cells.values()], axis=1)
+        return np.stack([aggregate(rows, [spec], counts)[:, 0] for rows in cells.values()], axis=1)
 
     values = dict(zip(cells, once(figures, len(main)), strict=True))
     found = {f"{track}_figure": float(value) for track, value in values.items()}
@@ -45,10 +45,9 @@ def gaps(
     names = list(cells)
     for gap, better, worse in zip(GAPS, ("tuned", "oracle"), ("default", "tuned"), strict=True):
         if better in cells and worse in cells:
-            sign = 1.0 if card.best == "max" else -1.0
-            found[gap] = sign * (values[better] - values[worse])
+            found[gap] = spec.sign * (values[better] - values[worse])
             if drawn is not None and of is not None:
-                each = sign * (drawn[:, names.index(better)] - drawn[:, names.index(worse)])
+                each = spec.sign * (drawn[:, names.index(better)] - drawn[:, names.index(worse)])
                 ends = intervals(np.array([found[gap]]), each[:, None], of.nunique())
                 found[f"{gap}_low"], found[f"{gap}_high"] = (float(end[0]) for end in ends)
     return {name: float(value) for name, value in found.items() if np.isfinite(value)}

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from eitbench.benchmark.analysis.results import Run, Scene
-from eitbench.benchmark.metrics import image_metrics as metrics
+from eitbench.benchmark.metrics.image_metrics import image_figures
 from eitbench.scenarios.errors import DataCorruptError
 
 Array = NDArray[np.float64]
@@ -160,27 +160,14 @@ def implied_rms(rie: float, psnr: float) -> float:
 
 
 def _read(images: Images, ways: Mapping[str, Way]) -> tuple[Reading, ...]:
-    figures: dict[str, list[Array]] = {name: [] for name in ways}
+    parts: dict[str, list[dict[str, Array]]] = {name: [] for name in ways}
     for scene, truth, estimate in images.blocks():
         for name, way in ways.items():
-            figures[name].append(_score(truth, way(estimate, scene.background), scene))
-    means = {name: np.concatenate(parts, axis=1).mean(axis=1) for name, parts in figures.items()}
+            read = way(estimate, scene.background)
+            parts[name].append(image_figures(truth, read, scene.data_range, scene.mask))
     return tuple(
-        Reading(name, dict(zip(FIGURES, mean.tolist(), strict=True)))
-        for name, mean in means.items()
-    )
-
-
-def _score(truth: Array, estimate: Array, scene: Scene) -> Array:
-    """The `FIGURES` (4, k) of k images."""
-    mask, data_range = scene.mask, scene.data_range
-    return np.stack(
-        [
-            metrics.ssim(truth, estimate, data_range, mask),
-            metrics.cc(truth, estimate, mask),
-            metrics.rie(truth, estimate, mask),
-            metrics.psnr(truth, estimate, data_range, mask),
-        ]
+        Reading(name, {f: float(np.concatenate([of[f] for of in all_of]).mean()) for f in FIGURES})
+        for name, all_of in parts.items()
     )
 
 

@@ -12,7 +12,8 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from eitbench.benchmark.analysis.results import Run, read_run
-from eitbench.benchmark.metrics.evaluation import METRIC_COLUMNS, evaluate
+from eitbench.benchmark.metrics.evaluation import evaluate
+from eitbench.benchmark.metrics.specs import METRIC_COLUMNS
 from eitbench.benchmark.metrics.tactile import Similarity
 from eitbench.benchmark.rundir import manifest as manifests
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from eitbench.benchmark.analysis.prior_knowledge_text import in_words
-from eitbench.benchmark.metrics.aggregation import aggregate
-from eitbench.benchmark.metrics.evaluation import LOAD_COLUMNS, METRIC_COLUMNS
+from eitbench.benchmark.metrics.aggregation import LOAD_COLUMNS, aggregate
+from eitbench.benchmark.metrics.specs import METRIC_COLUMNS
 from eitbench.benchmark.metrics.statistics import once
 from eitbench.benchmark.rundir import manifest
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS, RUN_KINDS, RunKind
@@ -381,12 +381,10 @@ def _row(run: Run, keys: Row, cell: pd.DataFrame) -> Row:
     known: Row = dict(of.iloc[0]) if len(of) else {}
     # Failed samples of methods hold what an image of the untouched sensor gets.
     counted = cell if kind == METHOD_RUNS and len(valid) else valid
-    cards = tuple(kind.metrics.values())
-    figures = once(lambda counts: aggregate(counted, cards, counts), len(counted))
-    for card, value in zip(cards, figures, strict=True):
-        # Figures of operators over whole scenarios need more than samples: they have a table.
-        of_table = kind != METHOD_RUNS and card.average == "whole scenario"
-        row[card.name] = _plain(known.get(card.name) if of_table else value)
+    specs = tuple(kind.metrics.values())
+    figures = once(lambda counts: aggregate(counted, specs, counts), len(counted))
+    for spec, value in zip(specs, figures, strict=True):
+        row[spec.name] = _plain(known.get(spec.name) if spec.aggregate is None else value)
     for name in kind.costs:
         row[name] = _plain(known.get(name))
     for name in kind.facts:
@@ -439,4 +437,4 @@ def _place(row: Row, name: str | None, kind: RunKind) -> tuple[bool, bool, float
     if name is None or value is None:
         return True, True, 0.0
     lost = not is_whole(row) or (kind != METHOD_RUNS and row["coverage"] < 1)
-    return False, lost, -value if kind.metrics[name].best == "max" else value
+    return False, lost, -kind.metrics[name].sign * value

@@ -1,4 +1,4 @@
-"""How the order of methods depends on choices inside the metrics: window, data range, mask."""
+"""Sensitivity of the order of methods to choices in the metrics: window, data range, mask."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from scipy.ndimage import binary_erosion
 from scipy.stats import kendalltau
 
-from eitbench.benchmark.metrics import image_metrics as metrics
+from eitbench.benchmark.metrics.image_metrics import WINDOW, image_figures
+from eitbench.benchmark.metrics.scores import score
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -36,7 +37,7 @@ class MetricVariant:
     """
 
     says: str
-    window: int = metrics.WINDOW
+    window: int = WINDOW
     range_factor: float = 1.0
     rim: float = 0.0
 
@@ -53,13 +54,13 @@ METRIC_VARIANTS = (
 
 @dataclass(frozen=True, eq=False)
 class Sensitivity:
-    """What one choice does to the order of methods.
+    """The order of methods under one variant of the metrics.
 
     Attributes:
-        says: the choice.
+        says: the variant.
         score, ssim: mean of each method, by name.
         score_tau, ssim_tau: Kendall's tau between its order of methods by S, by SSIM, and that of
-            the benchmark's own choice; NaN for fewer than two methods.
+            the benchmark's own metrics; NaN for fewer than two methods.
     """
 
     says: str
@@ -97,39 +98,32 @@ def sensitivity(methods: Mapping[str, tuple[Run, str]], scenario: str) -> list[S
         if stored is not None:
             stored[~np.isfinite(stored[:, scene.mask]).all(axis=1)] = scene.background
             images[label] = stored
-    means = [_means(choice, scene, images) for choice in METRIC_VARIANTS]
+    means = [_means(variant, scene, images) for variant in METRIC_VARIANTS]
     return [
         Sensitivity(
-            choice.says, *found, *(_tau(a, b) for a, b in zip(found, means[0], strict=True))
+            variant.says, *found, *(_tau(a, b) for a, b in zip(found, means[0], strict=True))
         )
-        for choice, found in zip(METRIC_VARIANTS, means, strict=True)
+        for variant, found in zip(METRIC_VARIANTS, means, strict=True)
     ]
 
 
 def _means(
-    choice: MetricVariant, scene: Scene, images: Mapping[str, NDArray[np.float32]]
+    variant: MetricVariant, scene: Scene, images: Mapping[str, NDArray[np.float32]]
 ) -> tuple[dict[str, float], dict[str, float]]:
-    """Mean S and SSIM of each method."""
+    """Return mean S and mean SSIM of each method, by its name."""
     mask = scene.mask
-    if choice.rim:
-        margin = round(choice.rim * max(mask.shape))
+    if variant.rim:
+        margin = round(variant.rim * max(mask.shape))
         mask = binary_erosion(mask, np.ones((3, 3), dtype=bool), iterations=margin, border_value=0)
-    data_range = choice.range_factor * scene.data_range
+    data_range = variant.range_factor * scene.data_range
     truth = scene.truth
     assert truth is not None
-    score, ssim = {}, {}
+    scores, similarities = {}, {}
     for method, estimate in images.items():
-        similarity = metrics.ssim(truth, estimate, data_range, mask, window=choice.window)
-        ssim[method] = float(similarity.mean())
-        score[method] = float(
-            metrics.score(
-                similarity,
-                metrics.cc(truth, estimate, mask),
-                metrics.rie(truth, estimate, mask),
-                metrics.psnr(truth, estimate, data_range, mask),
-            ).mean()
-        )
-    return score, ssim
+        figures = image_figures(truth, estimate, data_range, mask, window=variant.window)
+        scores[method] = float(score(**figures).mean())
+        similarities[method] = float(figures["ssim"].mean())
+    return scores, similarities
 
 
 def _tau(one: Mapping[str, float], other: Mapping[str, float]) -> float:

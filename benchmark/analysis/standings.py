@@ -29,8 +29,9 @@ from eitbench.benchmark.analysis.results import (
     ranking_figure,
 )
 from eitbench.benchmark.metrics.aggregation import aggregate, numbers
-from eitbench.benchmark.metrics.image_metrics import ANCHORS, anchored
-from eitbench.benchmark.metrics.specs import MetricCard
+from eitbench.benchmark.metrics.metric_spec import MetricSpec
+from eitbench.benchmark.metrics.scores import anchored
+from eitbench.benchmark.metrics.specs import ANCHORS
 from eitbench.benchmark.metrics.statistics import LEVEL, MIN_PHANTOMS, draw, holm, intervals, once
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
 
@@ -99,7 +100,7 @@ def _standing(board: Sequence[Entry]) -> Standing:
     rows = [dict(entry.row) for entry in board]
     if any(entry.run.kind != METHOD_RUNS for entry in board):
         return Standing(rows, [], 0, "Operators are deterministic: nothing is drawn.")
-    cards = [
+    specs = [
         c for c in METHOD_RUNS.metrics.values() if any(row[c.name] is not None for row in rows)
     ]
     by = ranking_figure(rows, METHOD_RUNS)
@@ -123,26 +124,26 @@ def _standing(board: Sequence[Entry]) -> Standing:
         return Standing(rows, [], 0, why)
 
     def figures(counts: Array) -> Array:
-        return np.stack([aggregate(cell, cards, counts) for cell in cells], axis=1)
+        return np.stack([aggregate(cell, specs, counts) for cell in cells], axis=1)
 
     value = once(figures, len(cells[0]))
     drawn = draw(figures, cells[0]["phantom"])
     ends = intervals(value, drawn, phantoms)
-    main = next(k for k, card in enumerate(cards) if card.name == by)
-    oriented = np.round(drawn[:, :, main], _DIGITS) * _sign(cards[main])
+    main = next(k for k, spec in enumerate(specs) if spec.name == by)
+    oriented = np.round(drawn[:, :, main], _DIGITS) * specs[main].sign
     ranks = 1 + (oriented[:, None, :] > oriented[:, :, None]).sum(axis=2)
     rank_ends = np.quantile(
         ranks, [SIGNIFICANT / 2, 1 - SIGNIFICANT / 2], axis=0, method="inverted_cdf"
     )
-    pairs = _pairs(cells, cards[main], value[:, main], drawn[:, :, main], phantoms)
+    pairs = _pairs(cells, specs[main], value[:, main], drawn[:, :, main], phantoms)
     letters, won = groups(len(cells), pairs), weights_won(cells)
     for k, row in enumerate(rows[place] for place in places):
         row |= {"group": letters[k], "first": float((ranks[:, k] == 1).mean())}
         row |= {"rank_low": int(rank_ends[0, k]), "rank_high": int(rank_ends[1, k])}
         row["weights_won"] = None if won is None else float(won[k])
-        for j, card in enumerate(cards):
+        for j, spec in enumerate(specs):
             if np.isfinite(ends[:, k, j]).all():
-                row[f"{card.name}_low"], row[f"{card.name}_high"] = map(float, ends[:, k, j])
+                row[f"{spec.name}_low"], row[f"{spec.name}_high"] = map(float, ends[:, k, j])
     placed = [replace(p, first=places[p.first], second=places[p.second]) for p in pairs]
     return Standing(rows, placed, phantoms, "")
 
@@ -172,21 +173,21 @@ def _ranks_of_valid(board: Sequence[Entry], by: str | None) -> list[int | None]:
     """The rank of every row if failed samples were left out; None where none is left."""
     if by is None:
         return [None] * len(board)
-    card = METHOD_RUNS.metrics[by]
+    spec = METHOD_RUNS.metrics[by]
     keys: list[tuple[bool, float] | None] = []
     for entry in board:
         valid = entry.cell[entry.cell["status"] == "ok"]
-        value = float(once(lambda counts: aggregate(valid, [card], counts), len(valid))[0])  # noqa: B023
+        value = float(once(lambda counts: aggregate(valid, [spec], counts), len(valid))[0])  # noqa: B023
         known = np.isfinite(value)
-        keys.append((not is_whole(entry.row), -_sign(card) * value) if known else None)
+        keys.append((not is_whole(entry.row), -spec.sign * value) if known else None)
     ranked = [key for key in keys if key is not None]
     return [None if key is None else 1 + sum(other < key for other in ranked) for key in keys]
 
 
 def _pairs(
-    cells: Sequence[pd.DataFrame], card: MetricCard, value: Array, drawn: Array, phantoms: int
+    cells: Sequence[pd.DataFrame], spec: MetricSpec, value: Array, drawn: Array, phantoms: int
 ) -> list[Pair]:
-    """All pairs of cells by the figure of `card`: its `value` (k,) and what was `drawn` of it."""
+    """All pairs of cells by the figure of `spec`: its `value` (k,) and what was `drawn` of it."""
     found = list(combinations(range(len(cells)), 2))
     if not found:
         return []
@@ -204,7 +205,7 @@ def _pairs(
             high=float(high[k]),
             p=float(p[k]),
             effect=float(effect[k]),
-            wins=_wins(cells[a], cells[b], card) if card.name in cells[a] else None,
+            wins=_wins(cells[a], cells[b], spec) if spec.name in cells[a] else None,
         )
         for k, (a, b) in enumerate(found)
     ]
@@ -225,8 +226,8 @@ def paired_test(difference: Array, drawn: Array, phantoms: int) -> tuple[Array, 
     return 2 * special.stdtr(phantoms - 1, -np.abs(t)), t / np.sqrt(phantoms)
 
 
-def _wins(cell: pd.DataFrame, other: pd.DataFrame, card: MetricCard) -> float | None:
-    difference = _sign(card) * (numbers(cell, card.name) - numbers(other, card.name))
+def _wins(cell: pd.DataFrame, other: pd.DataFrame, spec: MetricSpec) -> float | None:
+    difference = spec.sign * (numbers(cell, spec.name) - numbers(other, spec.name))
     known = difference[~np.isnan(difference)]
     return float(((known > 0) + 0.5 * (known == 0)).mean()) if len(known) else None
 
@@ -286,7 +287,3 @@ def score_weights() -> dict[str, float]:
     """
     spans = {name: abs(high - low) for name, (low, high) in ANCHORS.items()}
     return {name: span / sum(spans.values()) for name, span in spans.items()}
-
-
-def _sign(card: MetricCard) -> float:
-    return 1.0 if card.best == "max" else -1.0

@@ -1,41 +1,42 @@
-"""How the figures of samples are summed up to those of a cell, in any bootstrap draw of them.
+"""The figures of a cell from those of its samples, in any bootstrap draw of them.
 
 `counts` (b, n) say how often each sample of a cell occurs in each of b draws; ones stand for the
 samples as they are. See `eitbench.benchmark.metrics.statistics`.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from eitbench.benchmark.metrics.evaluation import LOAD_COLUMNS
 from eitbench.benchmark.metrics.image_metrics import PSNR_CEILING_DB
-from eitbench.benchmark.metrics.specs import MetricCard
+from eitbench.benchmark.metrics.metric_spec import MetricSpec
 from eitbench.benchmark.metrics.statistics import means, medians, spearman
 
 Array = NDArray[np.float64]
 
+LOAD_COLUMNS = ("pressure_pa", "depth_mm")
+"""How hard a press was; the first column that holds a number counts."""
 _FEWEST_LOADS = 3
 
 
-def aggregate(cell: pd.DataFrame, cards: Sequence[MetricCard], counts: Array) -> Array:
-    """The figures (b, k) of a cell of n samples in each draw; NaN where they are not defined."""
-    found = np.full((len(counts), len(cards)), np.nan)
-    for average, statistic in (("mean", means), ("median", medians)):
-        which = [k for k, card in enumerate(cards) if card.average == average and card.name in cell]
+def aggregate(cell: pd.DataFrame, specs: Sequence[MetricSpec], counts: Array) -> Array:
+    """Figures (b, k) of a cell of n samples in each draw; NaN where they are not defined."""
+    figures = np.full((len(counts), len(specs)), np.nan)
+    for aggregate, statistic in (("mean", means), ("median", medians)):
+        which = [k for k, s in enumerate(specs) if s.aggregate == aggregate and s.name in cell]
         if which:
-            values = np.stack([numbers(cell, cards[k].name) for k in which], axis=1)
-            found[:, which] = statistic(counts, values)
-    for k, card in enumerate(cards):
-        if card.name in _OF_WHOLE:
-            found[:, k] = _OF_WHOLE[card.name](cell, counts)
-    return found
+            values = np.stack([numbers(cell, specs[k].name) for k in which], axis=1)
+            figures[:, which] = statistic(counts, values)
+    for k, spec in enumerate(specs):
+        if callable(spec.aggregate):
+            figures[:, k] = spec.aggregate(cell, counts)
+    return figures
 
 
 def numbers(cell: pd.DataFrame, name: str) -> Array:
-    """A column of a cell as float64, NaN where there is no number."""
+    """Column of a cell as float64, NaN where there is no number."""
     values: Array = cell[name].to_numpy(dtype=np.float64, na_value=np.nan)
     return values
 
@@ -53,7 +54,7 @@ def strength_spearman(cell: pd.DataFrame, counts: Array) -> Array:
 
 
 def repeatability_db(cell: pd.DataFrame, counts: Array) -> Array:
-    """20 log10 of the rms response to touched over that to untouched frames (b,)."""
+    """20 log10 of the rms response to touched frames over that to the others (b,)."""
     if not {"touched", "response"} <= set(cell) or not cell["response"].notna().any():
         return np.full(len(counts), np.nan)
     known = (cell["touched"].notna() & cell["response"].notna()).to_numpy()
@@ -64,9 +65,3 @@ def repeatability_db(cell: pd.DataFrame, counts: Array) -> Array:
     with np.errstate(divide="ignore"):
         ratio = 10 * np.log10(signal / np.maximum(noise, 1e-60))
     return np.where(signal > 0, np.minimum(ratio, PSNR_CEILING_DB), np.nan)
-
-
-_OF_WHOLE: Mapping[str, Callable[[pd.DataFrame, Array], Array]] = {
-    "strength_spearman": strength_spearman,
-    "repeatability_db": repeatability_db,
-}

@@ -1,4 +1,4 @@
-"""Scores the estimates of one method on one data set, by what is known of the truth."""
+"""Figures of one method's estimates on one data set, by what is known of the truth."""
 
 from collections.abc import Callable
 from typing import Literal, Protocol
@@ -7,8 +7,10 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
-from eitbench.benchmark.metrics import image_metrics as metrics
 from eitbench.benchmark.metrics import tactile
+from eitbench.benchmark.metrics.image_metrics import cc, image_figures
+from eitbench.benchmark.metrics.scores import bounded_score, score
+from eitbench.benchmark.metrics.specs import METRIC_COLUMNS
 from eitbench.benchmark.metrics.tactile import Similarity
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.phantoms.contacts import Contacts, contacts, is_constant, locate
@@ -17,30 +19,6 @@ from eitbench.scenarios.sensors.sensor import Sensor
 Array = NDArray[np.float64]
 Columns = dict[str, NDArray[np.float64] | NDArray[np.bool_]]
 
-METRIC_COLUMNS = (
-    "ssim",
-    "cc",
-    "rie",
-    "psnr",
-    "score",
-    "bounded",
-    "localisation_mm",
-    "contact_count_error",
-    "area_error",
-    "iou",
-    "iou_resistive",
-    "iou_conductive",
-    "strength",
-    "response",
-    "found_x_m",
-    "found_y_m",
-    "expected_x_m",
-    "expected_y_m",
-)
-"""Per sample, NaN where not defined; `found` and `expected` places are in the image's frame."""
-
-# What a press is known by; the first column that holds a number counts.
-LOAD_COLUMNS = ("pressure_pa", "depth_mm")
 _BLOCK = 256
 REGISTRATION_FRAMES = 100
 """Validation presses, the first ones, that register a method's images with the robot."""
@@ -159,20 +137,12 @@ def _evaluate_conductivity(
         raise InputError(f"Scenario {dataset.scenario!r} holds no true conductivity.")
     truth, sensor = dataset.conductivity[rows], dataset.sensor
     mask, data_range = sensor.mask, sensor.data_range
-    similarity = metrics.ssim(truth, images, data_range, mask)
-    correlation = metrics.cc(truth, images, mask)
-    error = metrics.rie(truth, images, mask)
-    ratio = metrics.psnr(truth, images, data_range, mask)
+    four = image_figures(truth, images, data_range, mask)
     contrast = images.astype(np.float64) - sensor.background
     figures: Columns = {
-        "ssim": similarity,
-        "cc": correlation,
-        "rie": error,
-        "psnr": ratio,
-        "score": metrics.score(similarity, correlation, error, ratio),
-        "bounded": metrics.bounded_score(
-            {"ssim": similarity, "cc": correlation, "rie": error, "psnr": ratio}
-        ),
+        **four,
+        "score": score(**four),
+        "bounded": bounded_score(four),
         "cc_undefined": is_constant(truth, mask) | is_constant(images, mask),
     }
     true = contacts(truth - sensor.background, sensor)
@@ -189,7 +159,7 @@ def _evaluate_classes(
     mask = sensor.mask
     true, found = contacts(truth, sensor), contacts(contrast, sensor)
     figures: Columns = {
-        "cc": metrics.cc(truth, contrast, mask),
+        "cc": cc(truth, contrast, mask),
         "cc_undefined": is_constant(truth, mask) | is_constant(images, mask),
         "iou_resistive": tactile.overlap(true.region, found.region, (-1,)),
         "iou_conductive": tactile.overlap(true.region, found.region, (1,)),

@@ -1,12 +1,12 @@
-"""Image metrics, vectorised over images: SSIM, correlation, relative error, PSNR and the score.
+"""Image metrics, vectorised over images: SSIM, correlation, relative error and PSNR.
 
 Truth `t` and estimate `p` are absolute conductivity (n, H, W) [S/m] on the same pixels; a mask
 (H, W) says which pixels belong to the sensor, and what lies outside it is never looked at.
-`eitbench.benchmark.metrics.specs` holds the card of every metric.
+`eitbench.benchmark.metrics.specs` declares what every metric means.
 """
 
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -135,29 +135,21 @@ def psnr(
     return -10 * np.log10(np.maximum(error, floor))
 
 
-def score(ssim: ArrayLike, cc: ArrayLike, rie: ArrayLike, psnr: ArrayLike) -> Array:
-    """Weighted score S = 0.25 (SSIM + CC + PSNR) - 0.25 RIE as published, with PSNR in dB."""
-    total = np.asarray(ssim, float) + np.asarray(cc, float) + np.asarray(psnr, float)
-    return np.asarray(0.25 * (total - np.asarray(rie, float)))
-
-
-ANCHORS = {"ssim": (0.0, 1.0), "cc": (0.0, 1.0), "rie": (1.0, 0.0), "psnr": (0.0, 40.0)}
-"""What counts as 0 and as 1 in the bounded score: nothing in common with the truth and all of it;
-an error as large as the truth and none; an error of the whole data range and of 1 % of it."""
-
-
-def anchored(figures: Mapping[str, ArrayLike]) -> Array:
-    """SSIM, CC, RIE and PSNR (n,) between their `ANCHORS` as numbers from 0 to 1: (n, 4)."""
-    columns = [
-        (np.asarray(figures[name], float) - low) / (high - low)
-        for name, (low, high) in ANCHORS.items()
-    ]
-    return np.stack(columns, axis=-1).clip(0.0, 1.0)
-
-
-def bounded_score(figures: Mapping[str, ArrayLike]) -> Array:
-    """Mean of SSIM, CC, RIE and PSNR (n,), each between its `ANCHORS`: (n,), from 0 to 1."""
-    return np.asarray(anchored(figures).mean(axis=-1))
+def image_figures(
+    truth: ArrayLike,
+    estimate: ArrayLike,
+    data_range: float,
+    mask: Mask | None = None,
+    *,
+    window: int = WINDOW,
+) -> dict[str, Array]:
+    """SSIM, CC, RIE and PSNR (n,) by name; arguments and errors as for `ssim` and `rie`."""
+    return {
+        "ssim": ssim(truth, estimate, data_range, mask, window=window),
+        "cc": cc(truth, estimate, mask),
+        "rie": rie(truth, estimate, mask),
+        "psnr": psnr(truth, estimate, data_range, mask),
+    }
 
 
 def _checked(

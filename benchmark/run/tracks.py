@@ -78,8 +78,8 @@ def _labelled(track: str, parameters: dict[str, Any], rows: pd.DataFrame) -> pd.
 def _goodness(rows: pd.DataFrame) -> float:
     """The figure that ranks, larger better."""
     for name in METHOD_RUNS.ranked_by:
-        card = METHOD_RUNS.metrics[name]
-        value = float(once(lambda counts: aggregate(rows, [card], counts), len(rows))[0])  # noqa: B023
+        spec = METHOD_RUNS.metrics[name]
+        value = float(once(lambda counts: aggregate(rows, [spec], counts), len(rows))[0])  # noqa: B023
         if np.isfinite(value):
-            return value if card.best == "max" else -value
+            return spec.sign * value
     return -np.inf

@@ -3,8 +3,9 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from eitbench.benchmark.metrics.operator_specs import OPERATOR_COSTS, OPERATOR_METRICS
-from eitbench.benchmark.metrics.specs import METRICS, MetricCard
+from eitbench.benchmark.metrics.metric_spec import MetricSpec
+from eitbench.benchmark.metrics.operator_metrics import OPERATOR_COSTS, OPERATOR_METRICS
+from eitbench.benchmark.metrics.specs import METRICS
 
 
 @dataclass(frozen=True)
@@ -17,7 +18,7 @@ class RunKind:
         arrays: file with what they returned.
         array: name of that in the file.
         labels: columns beside the name that tell rows of one scenario apart.
-        metrics: a card for each figure of accuracy.
+        metrics: the figures of accuracy by name, in the order of rows of leaderboards.
         costs: columns of times and memory.
         facts: columns of text.
         ranked_by: what decides a rank, by the first of these that any row of the scenario has.
@@ -28,7 +29,7 @@ class RunKind:
     arrays: str
     array: str
     labels: tuple[str, ...]
-    metrics: Mapping[str, MetricCard]
+    metrics: Mapping[str, MetricSpec]
     costs: tuple[str, ...]
     facts: tuple[str, ...]
     ranked_by: tuple[str, ...]

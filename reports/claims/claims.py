@@ -40,8 +40,7 @@ _BETA_FIGURE = Figure("best beta", BETA)
 
 def title(name: str) -> str:
     """An image metric with its unit."""
-    card = METRICS[name]
-    return card.title if card.unit == "1" else f"{card.title} [{card.unit}]"
+    return METRICS[name].heading
 
 
 def agreeing(method: str, figures: Mapping[str, float]) -> dict[str, bool]:

@@ -160,9 +160,7 @@ def _real(ladder: Ladder, rung: str, method: str) -> str:
 
 def _titled(rung: str, figure: str) -> str:
     """A recorded set with the figure that ranks it and its unit."""
-    card = METHOD_RUNS.metrics[figure]
-    unit = "" if card.unit == "1" else f" [{card.unit}]"
-    return printable(f"{rung}: {card.title}{unit}")
+    return printable(f"{rung}: {METHOD_RUNS.metrics[figure].heading}")
 
 
 def short(rung: str, rungs: Sequence[str]) -> str:

@@ -20,9 +20,8 @@ from eitbench.benchmark.analysis.results import Row, Run, failures, read_run
 from eitbench.benchmark.analysis.sensitivity import SAMPLES, sensitivity
 from eitbench.benchmark.analysis.standings import Standing, score_weights, standings
 from eitbench.benchmark.metrics.aggregation import numbers
-from eitbench.benchmark.metrics.evaluation import METRIC_COLUMNS
-from eitbench.benchmark.metrics.image_metrics import ANCHORS, anchored
-from eitbench.benchmark.metrics.specs import METRICS
+from eitbench.benchmark.metrics.scores import anchored
+from eitbench.benchmark.metrics.specs import ANCHORS, METRIC_COLUMNS, METRICS
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
 from eitbench.reports.claims.claims import CLAIMS
 from eitbench.reports.claims.evidence import Evidence
@@ -71,7 +70,7 @@ def gather(paths: Sequence[Path]) -> Gathered:
     found: Gathered = _plain(
         {
             "boards": boards,
-            "cards": [vars(card) for card in METRICS.values() if _any_has(boards, card.name)],
+            "cards": [spec.card() for spec in METRICS.values() if _any_has(boards, spec.name)],
             "score_weights": score_weights(),
             "claims": _claims(runs, missing),
             "missing": list(dict.fromkeys(missing)),

@@ -17,7 +17,7 @@ from eitbench.benchmark import EitbenchError
 from eitbench.benchmark.analysis.ladder import Ladder, read_ladder
 from eitbench.benchmark.analysis.results import is_whole, read_run
 from eitbench.benchmark.analysis.standings import SIGNIFICANT
-from eitbench.benchmark.metrics.image_metrics import ANCHORS
+from eitbench.benchmark.metrics.specs import ANCHORS
 from eitbench.reports.figures.ladder import LEGEND, grid, to_png, write_files
 from eitbench.reports.page.gathered import Gathered, gather
 from eitbench.reports.page.images import pack

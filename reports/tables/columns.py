@@ -5,8 +5,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 from eitbench.benchmark.analysis.results import Row
-from eitbench.benchmark.metrics.operator_specs import OPERATOR_COSTS, OPERATOR_METRICS
-from eitbench.benchmark.metrics.specs import METRICS, MetricCard
+from eitbench.benchmark.metrics.metric_spec import SMALL, TIME, MetricSpec
+from eitbench.benchmark.metrics.operator_metrics import OPERATOR_COSTS, OPERATOR_METRICS
+from eitbench.benchmark.metrics.specs import METRICS
 
 
 @dataclass(frozen=True)
@@ -56,10 +57,6 @@ class Column:
         return written[self.form](value) if self.form in written else format(value, self.form)
 
 
-TIME = "time"
-SMALL = "small"
-
-
 def _time(value: float) -> str:
     """At most 3 significant digits and 3 decimals, and no exponent."""
     if 0 < value < 0.0005:
@@ -81,9 +78,8 @@ def printable(text: str) -> str:
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
-def _of(card: MetricCard, form: str) -> Column:
-    title = card.title if card.unit == "1" else f"{card.title} [{card.unit}]"
-    return Column(card.name, title, form, card.best)
+def _of(spec: MetricSpec) -> Column:
+    return Column(spec.name, spec.heading, spec.form, spec.best)
 
 
 @dataclass(frozen=True)
@@ -111,23 +107,23 @@ METHOD_LAYOUT = Layout(
         Column("rank", "#", "d", always=True),
         Column("method", "Method", always=True),
         Column("group", "Ties"),
-        _of(METRICS["score"], ".3f"),
-        _of(METRICS["bounded"], ".3f"),
-        _of(METRICS["ssim"], ".3f"),
-        _of(METRICS["cc"], ".3f"),
-        _of(METRICS["rie"], ".4f"),
-        _of(METRICS["psnr"], ".2f"),
+        _of(METRICS["score"]),
+        _of(METRICS["bounded"]),
+        _of(METRICS["ssim"]),
+        _of(METRICS["cc"]),
+        _of(METRICS["rie"]),
+        _of(METRICS["psnr"]),
         Column("frame_solves", "Frame [calibration solves]", TIME, "min"),
         Column("frame_ms_p50", "Frame p50 [ms]", TIME, "min"),
         Column("frame_ms_p99", "p99 [ms]", TIME, "min"),
-        _of(METRICS["localisation_mm"], ".1f"),
-        _of(METRICS["contact_count_error"], ".2f"),
-        _of(METRICS["area_error"], ".2f"),
-        _of(METRICS["iou"], ".3f"),
-        _of(METRICS["iou_resistive"], ".3f"),
-        _of(METRICS["iou_conductive"], ".3f"),
-        _of(METRICS["strength_spearman"], ".2f"),
-        _of(METRICS["repeatability_db"], ".1f"),
+        _of(METRICS["localisation_mm"]),
+        _of(METRICS["contact_count_error"]),
+        _of(METRICS["area_error"]),
+        _of(METRICS["iou"]),
+        _of(METRICS["iou_resistive"]),
+        _of(METRICS["iou_conductive"]),
+        _of(METRICS["strength_spearman"]),
+        _of(METRICS["repeatability_db"]),
         Column("setup_s", "Set-up [s]", TIME, "min"),
         Column("train_s", "Training [s]", TIME, "min"),
         Column("coverage", "Coverage", ".1%", always=True),
@@ -157,15 +153,15 @@ OPERATOR_LAYOUT = Layout(
         Column("rank", "#", "d", always=True),
         Column("operator", "Operator", always=True),
         Column("run", "Run"),
-        _of(OPERATOR_METRICS["mse"], SMALL),
-        _of(OPERATOR_METRICS["r"], ".5f"),
-        _of(OPERATOR_METRICS["rel_error"], SMALL),
-        _of(OPERATOR_METRICS["grad_cosine"], ".4f"),
-        _of(OPERATOR_COSTS["forward_ms"], TIME),
-        _of(OPERATOR_COSTS["grad_ms"], TIME),
-        _of(OPERATOR_COSTS["setup_s"], TIME),
-        _of(OPERATOR_COSTS["memory_mb"], ".0f"),
-        _of(OPERATOR_COSTS["train_s"], TIME),
+        _of(OPERATOR_METRICS["mse"]),
+        _of(OPERATOR_METRICS["r"]),
+        _of(OPERATOR_METRICS["rel_error"]),
+        _of(OPERATOR_METRICS["grad_cosine"]),
+        _of(OPERATOR_COSTS["forward_ms"]),
+        _of(OPERATOR_COSTS["grad_ms"]),
+        _of(OPERATOR_COSTS["setup_s"]),
+        _of(OPERATOR_COSTS["memory_mb"]),
+        _of(OPERATOR_COSTS["train_s"]),
         Column("trained_on", "Trained on"),
         Column("coverage", "Coverage", ".1%", always=True),
         Column("n", "n", "d", always=True),

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from eitbench.benchmark.metrics import image_metrics as metrics
 from eitbench.benchmark.metrics import tactile
-from eitbench.benchmark.metrics.evaluation import METRIC_COLUMNS, evaluate, fit_registration
-from eitbench.benchmark.metrics.specs import METRICS
+from eitbench.benchmark.metrics.evaluation import evaluate, fit_registration
+from eitbench.benchmark.metrics.specs import METRIC_COLUMNS, METRICS
 from eitbench.scenarios.data.datasets import Dataset
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.recordings.catalogue import foam16

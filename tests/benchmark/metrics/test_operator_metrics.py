@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from eitbench.benchmark.metrics.operator_metrics import (
+    OPERATOR_COSTS,
+    OPERATOR_METRICS,
     Standard,
     coarse_gradient,
     correlation,
@@ -13,7 +15,6 @@ from eitbench.benchmark.metrics.operator_metrics import (
     mse,
     relative_error,
 )
-from eitbench.benchmark.metrics.operator_specs import OPERATOR_COSTS, OPERATOR_METRICS
 from eitbench.benchmark.rundir.kinds import OPERATOR_RUNS
 from eitbench.scenarios import InputError, forward_model, sensor
 

@@ -18,7 +18,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from eitbench.benchmark.metrics.evaluation import METRIC_COLUMNS, evaluate
+from eitbench.benchmark.metrics.evaluation import evaluate
+from eitbench.benchmark.metrics.specs import METRIC_COLUMNS
 from eitbench.benchmark.run import cell, method_cell, runner
 from eitbench.benchmark.run import executors as execution
 from eitbench.benchmark.run.method_cell import MethodData
