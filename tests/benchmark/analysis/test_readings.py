@@ -9,6 +9,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from eitbench.benchmark import metrics
 from eitbench.benchmark.analysis import readings
 from eitbench.benchmark.analysis.readings import (
     FIGURES,
@@ -19,7 +20,6 @@ from eitbench.benchmark.analysis.readings import (
     read_constants,
 )
 from eitbench.benchmark.analysis.results import read_run
-from eitbench.benchmark.metrics import image_metrics as metrics
 from eitbench.reports.claims.classical_rows import audit
 from eitbench.reports.claims.evidence import Evidence
 from eitbench.scenarios.data.datasets import Dataset

@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from eitbench.benchmark import metrics
 from eitbench.benchmark.analysis.results import read_run
 from eitbench.benchmark.analysis.sensitivity import METRIC_VARIANTS, sensitivity
-from eitbench.benchmark.metrics import image_metrics as metrics
 from eitbench.benchmark.run.runner import make_plan, start_run
 from eitbench.scenarios.suites.suite import Suite
 

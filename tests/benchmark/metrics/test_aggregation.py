@@ -8,7 +8,7 @@ from scipy import stats
 from eitbench.benchmark.metrics.aggregation import aggregate, repeatability_db, strength_spearman
 from eitbench.benchmark.metrics.specs import METRICS
 
-CARDS = tuple(METRICS.values())
+SPECS = tuple(METRICS.values())
 
 
 def once(statistic, cell: pd.DataFrame) -> float:  # type: ignore[no-untyped-def]
@@ -31,16 +31,16 @@ def cell(n: int = 40) -> pd.DataFrame:
 def test_a_draw_is_as_if_rows_were_repeated() -> None:
     rows = cell()
     counts = np.random.default_rng(1).integers(4, size=(7, len(rows))).astype(float)
-    found = aggregate(rows, CARDS, counts)
+    found = aggregate(rows, SPECS, counts)
     for drawn, figures in zip(counts, found, strict=True):
         repeated = rows.loc[np.repeat(rows.index, drawn.astype(int))].reset_index(drop=True)
-        again = aggregate(repeated, CARDS, np.ones((1, len(repeated))))[0]
+        again = aggregate(repeated, SPECS, np.ones((1, len(repeated))))[0]
         np.testing.assert_allclose(figures, again, rtol=1e-12)
 
 
 def test_means_and_medians_are_those_of_numpy() -> None:
     rows = cell()
-    figures = dict(zip(METRICS, aggregate(rows, CARDS, np.ones((1, len(rows))))[0], strict=True))
+    figures = dict(zip(METRICS, aggregate(rows, SPECS, np.ones((1, len(rows))))[0], strict=True))
     assert figures["ssim"] == pytest.approx(rows["ssim"].mean())
     assert figures["localisation_mm"] == pytest.approx(rows["localisation_mm"].median())
     assert np.isnan(figures["iou_resistive"])

@@ -8,7 +8,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from skimage import metrics as skimage_metrics
 
-from eitbench.benchmark.metrics import image_metrics as metrics
+from eitbench.benchmark import metrics
+from eitbench.benchmark.metrics.image_metrics import PSNR_CEILING_DB
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.phantoms.contacts import is_constant
 
@@ -98,10 +99,8 @@ def test_a_perfect_image_has_the_best_finite_figures() -> None:
     np.testing.assert_allclose(metrics.ssim(truth, truth, 1.0), 1.0)
     np.testing.assert_allclose(metrics.cc(truth, truth), 1.0)
     assert (metrics.rie(truth, truth) == 0).all()
-    assert (metrics.psnr(truth, truth, 1.0) == metrics.PSNR_CEILING_DB).all()
-    np.testing.assert_allclose(
-        metrics.psnr(truth, truth.astype(np.float32), 1.0), metrics.PSNR_CEILING_DB
-    )
+    assert (metrics.psnr(truth, truth, 1.0) == PSNR_CEILING_DB).all()
+    np.testing.assert_allclose(metrics.psnr(truth, truth.astype(np.float32), 1.0), PSNR_CEILING_DB)
 
 
 @pytest.mark.parametrize("level", [0.0, 0.1, 1.0, 0.3333333])
@@ -125,17 +124,17 @@ def test_correlation_ignores_scale_but_not_sign() -> None:
 
 def test_bad_input_is_one_clear_sentence() -> None:
     truth, estimate = images(2, 16, 16)
-    with pytest.raises(InputError, match=r"shape \(n, H, W\), got \(2, 16, 16\) and \(1, 16"):
+    with pytest.raises(InputError, match=r"\(2, 16, 16\) and \(1, 16"):
         metrics.ssim(truth, estimate[:1], 1.0)
-    with pytest.raises(InputError, match="data range must be a positive number"):
+    with pytest.raises(InputError, match="data range"):
         metrics.psnr(truth, estimate, 0.0)
-    with pytest.raises(InputError, match="mask must be boolean"):
+    with pytest.raises(InputError, match="mask"):
         metrics.cc(truth, estimate, np.zeros((16, 16), dtype=bool))
-    with pytest.raises(InputError, match="7 x 7 pixels inside the sensor"):
+    with pytest.raises(InputError, match="7 x 7 pixels"):
         metrics.ssim(truth, estimate, 1.0, np.eye(16, dtype=bool))
     with pytest.raises(InputError, match="7 x 7 pixels"):
         metrics.ssim(truth[:, :6], estimate[:, :6], 1.0)
-    with pytest.raises(InputError, match="not zero everywhere"):
+    with pytest.raises(InputError, match="RIE"):
         metrics.rie(0 * truth, estimate)
     estimate[1, 3, 3] = np.nan
     calls: list[Callable[[], object]] = [
@@ -145,5 +144,5 @@ def test_bad_input_is_one_clear_sentence() -> None:
         lambda: metrics.psnr(truth, estimate, 1.0),
     ]
     for call in calls:
-        with pytest.raises(InputError, match="estimate of image 1 is not finite"):
+        with pytest.raises(InputError, match="image 1"):
             call()

@@ -5,7 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from eitbench.benchmark.metrics import image_metrics as metrics
+from eitbench.benchmark import metrics
 from eitbench.benchmark.metrics.evaluation import REGISTRATION_FRAMES, evaluate, fit_registration
 from eitbench.benchmark.tuning.selection import selected_parameters
 from eitbench.benchmark.workers.method_service import scenario_splits
