@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from eitbench.benchmark.metrics.image_metrics import WINDOW
+from eitbench.benchmark.metrics import image_metrics
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.phantoms.families import FAMILIES, PUBLISHED_FAMILIES
 from eitbench.scenarios.suites.scenario import RecordedScenario, SimulatedScenario
@@ -254,7 +254,7 @@ def test_unknown_names_suggest_the_nearest() -> None:
 
 
 def test_the_smallest_grid_is_what_ssim_needs(tmp_path: Path) -> None:
-    assert WINDOW == WINDOW
+    assert WINDOW == image_metrics.WINDOW
     path = tmp_path / "small.toml"
     path.write_text(GOOD.replace("test = 6", "test = 6\nimage_shape = [7, 7]", 1))
     assert read_suite(path).scenarios[0].nominal_sensor.image_shape == (7, 7)
