@@ -133,6 +133,8 @@ def _fetch(
             hidden = not (progress and console.is_terminal)
             with Progress(console=console, transient=True, disable=hidden) as bar:
                 for file in files:
+                    # Pooch fails where another process makes the same folder at the same time.
+                    (folder / file.path).parent.mkdir(parents=True, exist_ok=True)
                     meter = _Meter(file, abandoned, bar, bar.add_task(file.path, total=file.bytes))
                     http = pooch.HTTPDownloader(meter, _CHUNK, timeout=_SILENCE_S)
                     registry.fetch(file.path, downloader=http)

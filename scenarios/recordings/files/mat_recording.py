@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from eitbench.scenarios.errors import DataCorruptError, InputError, UnreadableError
 from eitbench.scenarios.recordings.files import layout
-from eitbench.scenarios.recordings.files.mat_variables import Variable, variables
 from eitbench.scenarios.recordings.files.plain import COLUMNS, content_of, frames_alone, head_of
 from eitbench.scenarios.recordings.files.recording_file import Content
+from eitbench.scenarios.recordings.matlab import Variable, variables
 from eitbench.scenarios.sensors.sensor import Sensor
 
 

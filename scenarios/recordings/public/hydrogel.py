@@ -30,7 +30,7 @@ from eitbench.scenarios.recordings.descriptors import (
     is_validation,
     validation_every_fifth,
 )
-from eitbench.scenarios.recordings.public.matfile import read_mat
+from eitbench.scenarios.recordings.matlab import read_arrays
 from eitbench.scenarios.recordings.sources import source_of
 from eitbench.scenarios.sensors.outlines import Disc
 from eitbench.scenarios.sensors.patterns import DrivePattern, opposition_pattern
@@ -57,7 +57,7 @@ def check_lookup(folder: Path, pattern: DrivePattern) -> None:
     """
     m = pattern.n_measurements
     path = folder / f"lookup{m}.mat"
-    lookup = read_mat(path, lookup=(m, 4))["lookup"]
+    lookup = read_arrays(path, lookup=(m, 4))["lookup"]
     if not np.array_equal(lookup, pattern.table * (32 // (pattern.table.max() + 1))):
         raise DataCorruptError(f"{path} lists another pattern than the sensor: fetch it again.")
 
@@ -86,7 +86,7 @@ def _disc_skin(name: str, n_electrodes: int) -> Sensor:
 def _read_presses(file: str, folder: Path, sensor: Sensor) -> RecordedFrames:
     check_lookup(folder, sensor.pattern)
     shape = (500, sensor.n_measurements)
-    mat = read_mat(folder / file, positions=(500, 3), responsedowns=shape, responseups=shape)
+    mat = read_arrays(folder / file, positions=(500, 3), responsedowns=shape, responseups=shape)
     x, y, depth = mat["positions"].T
     samples = pd.DataFrame(
         {
@@ -107,7 +107,7 @@ def _read_multitouch(folder: Path, sensor: Sensor) -> RecordedFrames:
         n = 10 if part == "C" else 8
         shape = (n, sensor.n_measurements)
         path = folder / f"Extracted/MultiTouch/multitouch{part}.mat"
-        mat = read_mat(path, responsedowns=shape, responseups=shape)
+        mat = read_arrays(path, responsedowns=shape, responseups=shape)
         pressed.append(mat["responsedowns"])
         released.append(mat["responseups"])
         distances += [distance] * n

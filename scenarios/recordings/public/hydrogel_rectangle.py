@@ -23,13 +23,13 @@ from eitbench.scenarios.recordings.descriptors import (
     is_validation,
     validation_every_fifth,
 )
+from eitbench.scenarios.recordings.matlab import read_arrays
 from eitbench.scenarios.recordings.public.hydrogel import (
     CITATION,
     REPOSITORY,
     check_lookup,
     rebased,
 )
-from eitbench.scenarios.recordings.public.matfile import read_mat
 from eitbench.scenarios.recordings.sources import source_of
 from eitbench.scenarios.sensors.outlines import rectangle
 from eitbench.scenarios.sensors.patterns import opposition_pattern
@@ -61,7 +61,9 @@ def _skin16() -> Sensor:
 
 def _read_presses(folder: Path, sensor: Sensor) -> RecordedFrames:
     check_lookup(folder, sensor.pattern)
-    mat = read_mat(folder / _RANDOM, positions=(10000, 2), response=(20000, sensor.n_measurements))
+    mat = read_arrays(
+        folder / _RANDOM, positions=(10000, 2), response=(20000, sensor.n_measurements)
+    )
     x, y = mat["positions"].T
     samples = pd.DataFrame(
         {"split": validation_every_fifth(10000), "x_m": x, "y_m": y, "touched": True}
@@ -72,7 +74,7 @@ def _read_presses(folder: Path, sensor: Sensor) -> RecordedFrames:
 def _read_fixed(folder: Path, sensor: Sensor) -> RecordedFrames:
     """Released and pressed frames as measured, not re-based: their drift is what is of interest."""
     check_lookup(folder, sensor.pattern)
-    frames = read_mat(folder / _FIXED, response=(400, sensor.n_measurements))["response"]
+    frames = read_arrays(folder / _FIXED, response=(400, sensor.n_measurements))["response"]
     touched = np.arange(400) % 2 == 1
     # Both frames of a press share its split.
     split = np.repeat(validation_every_fifth(200), 2)
@@ -83,7 +85,9 @@ def _read_fixed(folder: Path, sensor: Sensor) -> RecordedFrames:
 def _read_repeats(folder: Path, sensor: Sensor) -> RecordedFrames:
     """Pressed frames only: the reference is their median, since no released frame was kept."""
     check_lookup(folder, sensor.pattern)
-    mat = read_mat(folder / _REPEATS, positions=(50, 3), responses=(50, 5, sensor.n_measurements))
+    mat = read_arrays(
+        folder / _REPEATS, positions=(50, 3), responses=(50, 5, sensor.n_measurements)
+    )
     press = np.repeat(np.arange(50), 5)
     x, y, depth = mat["positions"][press].T
     samples = pd.DataFrame(

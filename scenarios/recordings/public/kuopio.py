@@ -20,7 +20,7 @@ from eitbench.scenarios.recordings.descriptors import (
     RecordedSet,
     validation_every_fifth,
 )
-from eitbench.scenarios.recordings.public.matfile import read_mat
+from eitbench.scenarios.recordings.matlab import read_arrays
 from eitbench.scenarios.recordings.sources import source_of
 from eitbench.scenarios.sensors.outlines import Disc
 from eitbench.scenarios.sensors.patterns import DrivePattern, pair_pattern
@@ -52,7 +52,7 @@ def _tank() -> Sensor:
 
 def _frame(path: Path, current: str, voltage: str) -> NDArray[np.float64]:
     """One frame (2356,) [V/A], each value divided by the current of its injection."""
-    mat = read_mat(
+    mat = read_arrays(
         path,
         **{
             current: (_ELECTRODES, _INJECTIONS),
@@ -91,7 +91,7 @@ def _read(folder: Path, sensor: Sensor) -> RecordedFrames:
     for k in range(1, _TARGETS + 1):
         frames.append(_frame(folder / f"TrainingData/data{k}.mat", "Inj", "Uel"))
         path = folder / f"GroundTruths/true{k}.mat"
-        truth = resampled(read_mat(path, truth=(256, 256))["truth"], sensor)
+        truth = resampled(read_arrays(path, truth=(256, 256))["truth"], sensor)
         if not np.isin(truth, (0, 1, 2)).all():
             raise DataCorruptError(f"{path} holds other classes than 0, 1 and 2: fetch it again.")
         classes.append(_CLASS[truth.astype(int)])

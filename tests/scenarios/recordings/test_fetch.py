@@ -227,7 +227,7 @@ def test_a_trickling_server_is_stopped(skin: RecordedSet, monkeypatch: pytest.Mo
         server.shutdown()
 
 
-@pytest.mark.skipif(os.name != "posix" or os.geteuid() == 0, reason="run the tests as an ordinary user, not as root")
+@pytest.mark.skipif(os.name != "posix" or os.geteuid() == 0, reason="run as an ordinary user")
 @pytest.mark.usefixtures("served")
 def test_a_read_only_cache_says_so(skin: RecordedSet, tmp_path: Path) -> None:
     (tmp_path / "cache").mkdir(mode=0o500)

@@ -10,9 +10,9 @@ from scipy.io import savemat
 from eitbench.scenarios.errors import DataCorruptError, InputError
 from eitbench.scenarios.recordings import RECORDED_SETS, recorded_set
 from eitbench.scenarios.recordings.descriptors import RecordedFrames, validation_every_fifth
+from eitbench.scenarios.recordings.matlab import read_arrays
 from eitbench.scenarios.recordings.public.jku_tank import DRIVES, read_txt
 from eitbench.scenarios.recordings.public.kuopio import injections, resampled
-from eitbench.scenarios.recordings.public.matfile import read_mat
 from eitbench.scenarios.recordings.public.pyeidors_tank import read_csv, targets
 from eitbench.scenarios.recordings.public.sciospec_tank import read_eit
 from eitbench.scenarios.recordings.quality import quality, reciprocity_error
@@ -105,7 +105,7 @@ def test_truncated_mat_is_refused_by_name(share: float, tmp_path: Path) -> None:
     whole = path.read_bytes()
     path.write_bytes(whole[: int(share * len(whole))])
     with pytest.raises(DataCorruptError, match=r"data\.mat"):
-        read_mat(path, response=(60, 50))
+        read_arrays(path, response=(60, 50))
 
 
 @pytest.mark.parametrize("content", [np.zeros((3, 2)), np.array(["text"]), np.array([[1j]])])
@@ -113,9 +113,9 @@ def test_unexpected_arrays_are_refused(content: np.ndarray, tmp_path: Path) -> N
     path = tmp_path / "data.mat"
     savemat(path, {"response": content})
     with pytest.raises(DataCorruptError, match="response"):
-        read_mat(path, response=(2, 3))
+        read_arrays(path, response=(2, 3))
     with pytest.raises(DataCorruptError, match="positions"):
-        read_mat(path, positions=(2, 3))
+        read_arrays(path, positions=(2, 3))
 
 
 def write_ohmc8(folder: Path, *, fill: float = 1.0, swap: bool = False) -> None:

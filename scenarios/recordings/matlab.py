@@ -1,7 +1,8 @@
 """Numbers and text of MATLAB files of version 5 to 7, read without trusting what they claim.
 
-SciPy's reader of such files takes types and sizes of a damaged one on trust, and can crash the
-process; it is kept for files whose checksum is known.
+SciPy's reader takes types and sizes of a damaged file on trust: it can crash the process, and
+unpacks whatever a few bytes claim. A process of its own with a limit of memory would need more code
+than this, and there is no such limit on all systems.
 Source: MATLAB, MAT-File Format, R2024a, "Level 5 MAT-Files".
 """
 
@@ -15,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from eitbench.scenarios.errors import DataCorruptError
 from eitbench.scenarios.limits import most_bytes
 
 _HEADER = 128
@@ -30,7 +32,7 @@ Variable = NDArray[Any] | str
 
 
 def variables(path: Path, names: Collection[str]) -> dict[str, Variable]:
-    """Those of the variables `names` in the file at `path` that are real arrays or text.
+    """Read those of the variables `names` in the file at `path` that are real arrays or text.
 
     Raises:
         OSError: the file cannot be read.
@@ -56,6 +58,25 @@ def variables(path: Path, names: Collection[str]) -> dict[str, Variable]:
     return found
 
 
+def read_arrays(path: Path, **shapes: tuple[int, ...]) -> dict[str, NDArray[np.float64]]:
+    """Read the numeric arrays named in `shapes` of the MATLAB file at `path` of a public set.
+
+    Raises:
+        DataCorruptError: an unreadable file, a missing array, or one of another shape or kind.
+    """
+    try:
+        found = variables(path, shapes)
+    except (ValueError, LookupError, struct.error, zlib.error) as error:
+        raise DataCorruptError(f"{path} is not a readable MATLAB file: fetch it again.") from error
+    arrays = {}
+    for name, shape in shapes.items():
+        array = found.get(name)
+        if array is None or isinstance(array, str) or array.shape != shape:
+            raise DataCorruptError(f"{path} holds no array {name!r} {shape}: fetch it again.")
+        arrays[name] = array.astype(np.float64)
+    return arrays
+
+
 def _unpacked(data: bytes, most: int) -> bytes:
     unpacker = zlib.decompressobj()
     content = unpacker.decompress(data, most)
@@ -65,7 +86,7 @@ def _unpacked(data: bytes, most: int) -> bytes:
 
 
 def _elements(data: bytes) -> Iterator[tuple[int, bytes]]:
-    """Type and content of the elements that follow each other in `data`."""
+    """Yield type and content of the elements that follow each other in `data`."""
     place = 0
     while place < len(data):
         (word,) = struct.unpack_from("<I", data, place)
