@@ -3,6 +3,7 @@
 import os
 import threading
 import time
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
@@ -11,8 +12,12 @@ from pathlib import Path
 ABANDONED_AFTER_S = 3600.0
 
 
-def atomic_write(path: Path, content: bytes) -> None:
+def atomic_write(path: Path, content: bytes | Callable[[Path], object]) -> None:
     """Make `content` the file `path`: others read the old file or the new, nothing between.
+
+    Args:
+        path: where it appears; its folder is made.
+        content: what it holds, or a function that writes it to the path that it is given.
 
     Raises:
         OSError: the folder is not writable or full; nothing is left of this file.
@@ -21,7 +26,13 @@ def atomic_write(path: Path, content: bytes) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     _sweep(path)
     try:
-        part.write_bytes(content)
+        if isinstance(content, bytes):
+            part.write_bytes(content)
+        else:
+            content(part)
+        # On the disk before its name is: it is whole even if the machine stops.
+        with part.open("r+b") as file:
+            os.fsync(file.fileno())
         part.replace(path)
     finally:
         part.unlink(missing_ok=True)

@@ -20,8 +20,9 @@ from eitbench.benchmark.metrics.aggregation import LOAD_COLUMNS, aggregate
 from eitbench.benchmark.metrics.specs import METRIC_COLUMNS
 from eitbench.benchmark.metrics.statistics import once
 from eitbench.benchmark.rundir import manifest
+from eitbench.benchmark.rundir.arrays_file import TRUTH
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS, RUN_KINDS, RunKind
-from eitbench.benchmark.rundir.store import SAMPLES, TRACKS, TRUTH
+from eitbench.benchmark.rundir.store import SAMPLES, TRACKS
 from eitbench.benchmark.rundir.tables import read_parquet, wrong_kind
 from eitbench.scenarios.errors import DataCorruptError, EitbenchError, InputError
 from eitbench.scenarios.limits import GZIP_EXPANSION, most_bytes, own_dataset

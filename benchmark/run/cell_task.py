@@ -11,7 +11,9 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from eitbench.benchmark.run.outcome import StoredBatches
-from eitbench.benchmark.rundir.store import Cell, RunStore, Truth, Values
+from eitbench.benchmark.rundir.arrays_file import Truth
+from eitbench.benchmark.rundir.cells import Cell, Values
+from eitbench.benchmark.rundir.store import RunStore
 from eitbench.benchmark.workers.worker import Reply
 from eitbench.scenarios.data.datasets import Dataset
 from eitbench.scenarios.suites.scenario import Scenario

@@ -18,7 +18,9 @@ from eitbench.benchmark.run.cell_task import NAN, Ask, CellData, CellPlan, Score
 from eitbench.benchmark.run.outcome import StoredBatches
 from eitbench.benchmark.run.prior_knowledge import account
 from eitbench.benchmark.run.timing import WARM_FRAMES, WARM_SECONDS, warm_percentiles
-from eitbench.benchmark.rundir.store import RunStore, Truth, Values
+from eitbench.benchmark.rundir.arrays_file import Truth
+from eitbench.benchmark.rundir.cells import Values
+from eitbench.benchmark.rundir.store import RunStore
 from eitbench.benchmark.tuning.selection import recorded_selection
 from eitbench.benchmark.workers.method_service import (
     Frames,

@@ -19,7 +19,9 @@ from eitbench.benchmark.metrics.operator_metrics import (
 )
 from eitbench.benchmark.run.cell_task import NAN, Ask, CellData, CellPlan, CellTask, ScoredTask
 from eitbench.benchmark.run.outcome import StoredBatches
-from eitbench.benchmark.rundir.store import TRUTH, Cell, RunStore, Truth, Values
+from eitbench.benchmark.rundir.arrays_file import TRUTH, Truth
+from eitbench.benchmark.rundir.cells import Cell, Values
+from eitbench.benchmark.rundir.store import RunStore
 from eitbench.benchmark.workers.operator_service import (
     Evaluation,
     OperatorService,

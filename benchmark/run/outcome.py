@@ -5,7 +5,8 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from eitbench.benchmark.rundir.store import Batch, Cell, RunStore, Values
+from eitbench.benchmark.rundir.cells import Batch, Cell, Values
+from eitbench.benchmark.rundir.store import RunStore
 from eitbench.benchmark.workers.worker import Failure
 
 Blank = Callable[[int], dict[str, NDArray[np.generic]]]

@@ -18,10 +18,11 @@ from eitbench.benchmark.run.progress import RunProgress
 from eitbench.benchmark.run.timing import calibration
 from eitbench.benchmark.run.tracks import other_cells, write_tracks
 from eitbench.benchmark.rundir import manifest as manifests
+from eitbench.benchmark.rundir.cells import Cell
 from eitbench.benchmark.rundir.lock import locked
 from eitbench.benchmark.rundir.manifest import Manifest
 from eitbench.benchmark.rundir.plan import Plan, make_plan
-from eitbench.benchmark.rundir.store import Cell, RunStore
+from eitbench.benchmark.rundir.store import RunStore
 from eitbench.benchmark.workers.process import THREADS
 from eitbench.benchmark.workers.worker import SEED, StoppedError
 from eitbench.scenarios.errors import (

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from eitbench.benchmark.analysis.results import Run, Scene
 from eitbench.benchmark.metrics.aggregation import numbers
 from eitbench.benchmark.metrics.specs import METRICS
-from eitbench.benchmark.rundir.store import TRUTH
+from eitbench.benchmark.rundir.arrays_file import TRUTH
 
 Packed = dict[str, Any] | None
 

@@ -20,9 +20,10 @@ from eitbench.benchmark.analysis.rescore import rescored
 from eitbench.benchmark.analysis.results import NOTES_FILE, read_run
 from eitbench.benchmark.run.runner import start_run
 from eitbench.benchmark.rundir import manifest
+from eitbench.benchmark.rundir.cells import Batch, Cell
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
 from eitbench.benchmark.rundir.plan import Plan, make_plan
-from eitbench.benchmark.rundir.store import SAMPLES, Batch, Cell, RunStore
+from eitbench.benchmark.rundir.store import SAMPLES, RunStore
 from eitbench.benchmark.tuning import selection as recorded
 from eitbench.hardware.board import Frame
 from eitbench.hardware.recording.recorder import Recorder

@@ -13,9 +13,10 @@ import pandas as pd
 import pytest
 
 from eitbench.benchmark.analysis.results import Run, read_table
+from eitbench.benchmark.rundir.cells import Batch, Cell
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
 from eitbench.benchmark.rundir.manifest import read as read_manifest
-from eitbench.benchmark.rundir.store import Batch, Cell, RunStore
+from eitbench.benchmark.rundir.store import RunStore
 from eitbench.hardware.board import Frame
 from eitbench.hardware.recording.recorder import Recorder
 from eitbench.scenarios import sensor

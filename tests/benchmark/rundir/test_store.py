@@ -2,13 +2,15 @@
 
 import errno
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 import pandas as pd
 import pytest
 
+from eitbench.benchmark.rundir.cells import Batch, Cell
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
-from eitbench.benchmark.rundir.store import Batch, Cell, RunStore
+from eitbench.benchmark.rundir.store import RunStore
 from eitbench.scenarios.errors import DataCorruptError, EitbenchError, InputError
 
 CELL = Cell("some-scenario", "some-method")
@@ -38,13 +40,13 @@ def test_batches_come_back_in_order(tmp_path: Path) -> None:
     assert not store.batch_length(CELL, "test", 6)
 
 
-def test_a_full_disk_is_one_sentence_and_leaves_no_piece(
+def test_a_full_disk_is_one_sentence_and_leaves_no_part(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     store = RunStore.create(tmp_path / "run", METHOD_RUNS)
 
-    def full(path: Path, **arrays: object) -> None:
-        Path(path).write_bytes(b"half of it")
+    def full(file: BinaryIO, **arrays: object) -> None:
+        file.write(b"half of it")
         raise OSError(errno.ENOSPC, "No space left on device")
 
     monkeypatch.setattr(np, "savez", full)

@@ -1,0 +1,119 @@
+"""Cells of a run, and the batches of answers that are stored of them."""
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+from zipfile import ZipFile
+
+import numpy as np
+from numpy.typing import NDArray
+
+MAX_FOLDER = 120
+
+Values = Mapping[str, NDArray[Any]]
+"""Arrays with a row for each of some samples, by name."""
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One scenario with one method or operator, `name`.
+
+    Attributes:
+        variant: tells the cells of other tracks from that which is ranked, whose variant is "".
+    """
+
+    scenario: str
+    name: str
+    variant: str = ""
+
+    def __str__(self) -> str:
+        return "--".join((self.scenario, self.name, *([self.variant] if self.variant else [])))
+
+    @property
+    def folders(self) -> tuple[str, str]:
+        """Names of the folders of its scenario and of itself, fit for any system."""
+        # No name holds a slash.
+        own = f"{self.name}/{self.variant}" if self.variant else self.name
+        return _folder(self.scenario), _folder(own)
+
+
+def _folder(name: str) -> str:
+    """`name` as one folder name on any system: what could be a path is percent-encoded."""
+    quoted = quote(name, safe=" +=@")
+    if len(quoted) > MAX_FOLDER:  # file systems limit a name to 255 bytes
+        digest = hashlib.sha256(name.encode()).hexdigest()[:16]
+        quoted = f"{quoted[: MAX_FOLDER - 17]}~{digest}"
+    return "%2E" + quoted[1:] if quoted.startswith(".") else quoted
+
+
+@dataclass(frozen=True, eq=False)
+class Batch:
+    """Answers of a cell to some samples.
+
+    Attributes:
+        start: position of its first sample in the data set.
+        status, message: k texts each.
+        values: arrays (k, ...), NaN where there is no valid answer.
+        state: what its cell remembers by then, as JSON; see `cell_run.CellState`.
+    """
+
+    start: int
+    status: Sequence[str]
+    message: Sequence[str]
+    values: Values
+    state: str
+
+    def __len__(self) -> int:
+        """Number of samples k."""
+        return len(self.status)
+
+    @property
+    def stop(self) -> int:
+        """Position after its last sample."""
+        return self.start + len(self.status)
+
+    def write(self, path: Path) -> None:
+        """Write an NPZ file that `read` reads."""
+        with path.open("wb") as file:  # a path without .npz would get another name
+            np.savez(
+                file,
+                status=np.array(self.status, dtype=np.str_),
+                message=np.array(self.message, dtype=np.str_),
+                state=np.array(self.state),
+                **dict[str, Any](self.values),
+            )
+
+    @classmethod
+    def read(cls, path: Path, start: int) -> "Batch":
+        """Read the batch at `path`, whose first sample is at `start`.
+
+        Raises:
+            Exception: whatever the damage of archives and headers leads to.
+        """
+        values = _read_arrays(path)
+        status, message = (values.pop(name) for name in ("status", "message"))
+        state = str(values.pop("state"))
+        if any(len(values[name]) != len(status) for name in values):
+            raise ValueError("its arrays are of unlike lengths")
+        return cls(start, list(map(str, status)), list(map(str, message)), values, state)
+
+
+def batch_length(path: Path) -> int:
+    """Return the number of samples of the batch at `path`, without reading its values.
+
+    Raises:
+        Exception: as for `Batch.read`.
+    """
+    return len(_read_arrays(path, ["status"])["status"])
+
+
+def _read_arrays(path: Path, names: Sequence[str] = ()) -> dict[str, NDArray[Any]]:
+    """Read all or some arrays of an NPZ file as `np.savez` writes it: nothing is compressed."""
+    with ZipFile(path) as archive:
+        if sum(member.file_size for member in archive.infolist()) > path.stat().st_size:
+            raise ValueError("it claims to hold more than the file")
+    with np.load(path, allow_pickle=False) as arrays:
+        return {name: arrays[name] for name in names or arrays.files}
