@@ -12,7 +12,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy import special
 
-from eitbench.benchmark.analysis.results import checked_table, read_json
+from eitbench.benchmark.analysis.results import checked_table
 from eitbench.benchmark.analysis.standings import SIGNIFICANT
 from eitbench.benchmark.metrics.aggregation import aggregate
 from eitbench.benchmark.metrics.metric_spec import MetricSpec
@@ -106,8 +106,8 @@ def read_results(path: Path) -> Results:
     table = path / SAMPLES if path.is_dir() else path
     if not table.is_file():
         raise InputError(f"{path} is neither a run directory nor the {SAMPLES} of one.")
-    if (about := path / manifest.FILE_NAME).is_file():
-        read_json(about)  # nothing is scored by a run of which a part is damaged
+    if (path / manifest.FILE_NAME).is_file():
+        manifest.read(path)  # nothing is scored by a run of which a part is damaged
     samples = checked_table(table, METHOD_RUNS)
     missing = [name for name in _NEEDED if name not in samples]
     if missing:

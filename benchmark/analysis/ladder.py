@@ -16,7 +16,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from eitbench.benchmark.analysis.results import Run, leaderboard_rows
+from eitbench.benchmark.analysis.leaderboard import leaderboard_rows
+from eitbench.benchmark.analysis.results import Run
 from eitbench.benchmark.metrics.aggregation import numbers
 from eitbench.benchmark.metrics.statistics import MIN_PHANTOMS, Interval, bootstrap_means
 from eitbench.benchmark.rundir.manifest import suite_of

@@ -1,4 +1,4 @@
-"""What a method was told, in words."""
+"""The prior knowledge of a method, as people read it."""
 
 from typing import Literal
 
@@ -20,7 +20,7 @@ class _Weights(BaseModel):
     train_samples: int = 0
 
 
-class _Told(BaseModel):
+class _Account(BaseModel):
     """The part of `eitbench.benchmark.run.prior_knowledge.account` that is put in words."""
 
     model: bool
@@ -31,27 +31,27 @@ class _Told(BaseModel):
     trained_on: _Weights
 
 
-def in_words(told: str) -> str:
-    """The column `prior_knowledge` of a cell as people read it; "" where it is not known.
+def describe_prior_knowledge(account: object) -> str:
+    """Return the column `prior_knowledge` of a cell as a phrase; "" where it holds no text.
 
     Raises:
-        ValueError: it is no such account.
+        ValueError: its text is no such account.
     """
-    if not told:
+    if not isinstance(account, str) or not account:
         return ""
-    content = _Told.model_validate_json(told)
-    said = []
-    if content.model:
-        said.append("nominal contact impedance")
-    if content.conductivity_range:
-        said.append("conductivity range")
-    if content.noise:
-        said.append(f"noise level through {' and '.join(_NOISE[w] for w in content.noise)}")
-    if content.tuned.trials:
-        said.append(f"{content.tuned.trials} trials of tuning")
-    for given in content.given:
+    known = _Account.model_validate_json(account)
+    parts = []
+    if known.model:
+        parts.append("nominal contact impedance")
+    if known.conductivity_range:
+        parts.append("conductivity range")
+    if known.noise:
+        parts.append(f"noise level through {' and '.join(_NOISE[way] for way in known.noise)}")
+    if known.tuned.trials:
+        parts.append(f"{known.tuned.trials} trials of tuning")
+    for given in known.given:
         kind = "training" if given.split == "train" else given.split
-        said.append(f"{given.samples:,} {kind} samples")
-    if content.trained_on.train_samples:
-        said.append(f"weights of {content.trained_on.train_samples:,} training samples")
-    return "; ".join(said) or "the reference frame only"
+        parts.append(f"{given.samples:,} {kind} samples")
+    if known.trained_on.train_samples:
+        parts.append(f"weights of {known.trained_on.train_samples:,} training samples")
+    return "; ".join(parts) or "the reference frame only"

@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-from eitbench.benchmark.analysis.results import Run, Scene
+from eitbench.benchmark.analysis.results import Run
 from eitbench.benchmark.metrics.image_metrics import image_figures
+from eitbench.benchmark.rundir.arrays_file import Scene
 from eitbench.scenarios.errors import DataCorruptError
 
 Array = NDArray[np.float64]

@@ -16,7 +16,8 @@ from eitbench.benchmark.metrics.scores import score
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from eitbench.benchmark.analysis.results import Run, Scene
+    from eitbench.benchmark.analysis.results import Run
+    from eitbench.benchmark.rundir.arrays_file import Scene
 
 SAMPLES = 100
 """Of a scenario, spread evenly over it: enough to order methods, and read in a second."""

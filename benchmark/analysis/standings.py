@@ -20,14 +20,14 @@ from numpy.typing import NDArray
 from scipy import special
 
 from eitbench.benchmark.analysis.gaps import COLUMNS, gaps
-from eitbench.benchmark.analysis.results import (
+from eitbench.benchmark.analysis.leaderboard import (
     Entry,
     Row,
-    Run,
     is_whole,
     ranked_boards,
     ranking_figure,
 )
+from eitbench.benchmark.analysis.results import Run
 from eitbench.benchmark.metrics.aggregation import aggregate, numbers
 from eitbench.benchmark.metrics.metric_spec import MetricSpec
 from eitbench.benchmark.metrics.scores import anchored

@@ -1,11 +1,13 @@
-"""The HDF5 file of a finished run: what is known of every scenario, and the answers of every cell.
+"""The HDF5 file of a finished run: the truth of every scenario, and the answers of every cell.
 
 A group `<scenario>/<TRUTH>` holds the truth, a group `<scenario>/<name>` the answers of a method or
 operator with the numbers of their samples.
 """
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +17,9 @@ from numpy.typing import NDArray
 
 from eitbench.benchmark.rundir.cells import Batch, Cell, Values
 from eitbench.methods.registry import RESERVED
+from eitbench.scenarios.errors import DataCorruptError, EitbenchError
+from eitbench.scenarios.limits import GZIP_EXPANSION, most_bytes, own_dataset
+from eitbench.scenarios.sensors.described_sensor import MAX_PIXELS
 
 TRUTH = RESERVED
 CHUNK = 6400  # values read at once: one image of 80 x 80 pixels
@@ -66,3 +71,110 @@ def _compression(shape: tuple[int, ...]) -> dict[str, Any]:
         "compression_opts": 1,
         "shuffle": True,
     }
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """What is known of the images of a scenario.
+
+    Attributes:
+        bounds: (x_min, y_min, x_max, y_max) [m].
+        background: conductivity of the untouched sensor [S/m].
+        data_range: [S/m].
+        mask: (H, W) pixels of the sensor.
+        sample: (n,) sample numbers of `truth`.
+        truth: (n, H, W) true conductivity [S/m] or classes; None where neither is known.
+        has_classes: True if `truth` holds classes: -1 resistive, 0, +1 conductive.
+    """
+
+    bounds: tuple[float, float, float, float]
+    background: float
+    data_range: float
+    mask: NDArray[np.bool_]
+    sample: NDArray[np.int64]
+    truth: NDArray[np.float64] | None
+    has_classes: bool
+
+
+def read_scene(path: Path, scenario: str, samples: Sequence[int]) -> Scene:
+    """Read from the file at `path` what is known of a scenario, with the truth of `samples`.
+
+    Raises:
+        DataCorruptError: the file does not hold it, or is damaged.
+    """
+    with _group(path, scenario, TRUTH) as group:
+        numbers, mask = _numbers(group, path), own_dataset(group, "mask", MAX_PIXELS**2)[:]
+        rows = _rows_of(numbers, samples)
+        names = [name for name in ("conductivity", "classes") if name in group]
+        truth = None
+        if names:
+            images = own_dataset(group, names[0], _most(path))
+            if images.shape != (len(numbers), *mask.shape):
+                raise ValueError("images and mask are of unlike shapes")
+            truth = images[rows].astype(np.float64)
+        x0, y0, x1, y1 = (float(value) for value in group.attrs["bounds"])
+        return Scene(
+            bounds=(x0, y0, x1, y1),
+            background=float(group.attrs["background"]),
+            data_range=float(group.attrs["data_range"]),
+            mask=mask.astype(bool),
+            sample=numbers[rows],
+            truth=truth,
+            has_classes=names == ["classes"],
+        )
+
+
+def read_estimates(
+    path: Path, scenario: str, method: str, samples: Sequence[int]
+) -> NDArray[np.float32] | None:
+    """Read conductivity (k, H, W) [S/m] of `samples`, NaN where there was no valid output.
+
+    None where the file holds none of these samples of this method.
+
+    Raises:
+        DataCorruptError: the file holds nothing of this method, or is damaged.
+    """
+    with _group(path, scenario, method) as group:
+        numbers = _numbers(group, path)
+        stored = own_dataset(group, "conductivity", _most(path))
+        if stored.ndim != 3 or len(stored) != len(numbers):
+            raise ValueError("there is not an image for each sample")
+        known = np.isin(samples, numbers)
+        if not known.any():
+            return None
+        if 4 * len(samples) * math.prod(stored.shape[1:]) > _most(path):
+            raise ValueError("it claims to be larger than the file")
+        images = np.full((len(samples), *stored.shape[1:]), np.nan, np.float32)
+        images[known] = stored[_rows_of(numbers, np.array(samples)[known])]
+        return images
+
+
+@contextmanager
+def _group(path: Path, scenario: str, name: str) -> Iterator[h5py.Group]:
+    """Open a group of the file at `path`; damage of any kind is one sentence."""
+    try:
+        with h5py.File(path, "r") as file:
+            if f"{scenario}/{name}" not in file:
+                raise DataCorruptError(
+                    f"{path} holds no images of {name!r} on scenario {scenario!r}: resume the run."
+                )
+            yield file[f"{scenario}/{name}"]
+    except EitbenchError:
+        raise
+    # HDF5 fails in whatever way the damage leads to.
+    except Exception as error:
+        raise DataCorruptError(f"{path} cannot be read: resume the run.") from error
+
+
+def _most(path: Path) -> int:
+    return most_bytes(path, GZIP_EXPANSION)
+
+
+def _numbers(group: h5py.Group, path: Path) -> NDArray[np.int64]:
+    """Sample numbers (n,) of the images of a group."""
+    return np.asarray(own_dataset(group, "sample", _most(path))[:], dtype=np.int64)
+
+
+def _rows_of(numbers: NDArray[np.int64], samples: Iterable[int]) -> list[int]:
+    """Row numbers of the given samples, rising as HDF5 wants them; samples are stored in order."""
+    return sorted(np.flatnonzero(np.isin(numbers, list(samples))).tolist())

@@ -8,7 +8,8 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from eitbench.benchmark import InputError
-from eitbench.benchmark.analysis.results import Row, Run, failures, leaderboard_rows
+from eitbench.benchmark.analysis.leaderboard import Row, leaderboard_rows
+from eitbench.benchmark.analysis.results import Run, failures
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS, RunKind
 
 SCENARIO = "paper"

@@ -12,7 +12,9 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from eitbench.benchmark import EitbenchError
-from eitbench.benchmark.analysis.results import Run, Scene, leaderboard_rows, read_run
+from eitbench.benchmark.analysis.leaderboard import leaderboard_rows
+from eitbench.benchmark.analysis.results import Run, read_run
+from eitbench.benchmark.rundir.arrays_file import Scene
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
 from eitbench.reports.tables.columns import printable
 

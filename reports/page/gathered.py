@@ -16,7 +16,8 @@ import numpy as np
 import pandas as pd
 
 from eitbench.benchmark import DataCorruptError, InputError
-from eitbench.benchmark.analysis.results import Row, Run, failures, read_run
+from eitbench.benchmark.analysis.leaderboard import Row
+from eitbench.benchmark.analysis.results import Run, failures, read_run
 from eitbench.benchmark.analysis.sensitivity import SAMPLES, sensitivity
 from eitbench.benchmark.analysis.standings import Standing, score_weights, standings
 from eitbench.benchmark.metrics.aggregation import numbers

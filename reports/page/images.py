@@ -11,10 +11,10 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from eitbench.benchmark.analysis.results import Run, Scene
+from eitbench.benchmark.analysis.results import Run
 from eitbench.benchmark.metrics.aggregation import numbers
 from eitbench.benchmark.metrics.specs import METRICS
-from eitbench.benchmark.rundir.arrays_file import TRUTH
+from eitbench.benchmark.rundir.arrays_file import TRUTH, Scene
 
 Packed = dict[str, Any] | None
 

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from eitbench.benchmark.analysis.results import Row
+    from eitbench.benchmark.analysis.leaderboard import Row
     from eitbench.reports.page.gathered import Gathered
 
 FRAMES_PER_SECOND_MS = 100.0

@@ -15,7 +15,8 @@ from markupsafe import Markup
 from eitbench import __version__
 from eitbench.benchmark import EitbenchError
 from eitbench.benchmark.analysis.ladder import Ladder, read_ladder
-from eitbench.benchmark.analysis.results import is_whole, read_run
+from eitbench.benchmark.analysis.leaderboard import is_whole
+from eitbench.benchmark.analysis.results import read_run
 from eitbench.benchmark.analysis.standings import SIGNIFICANT
 from eitbench.benchmark.metrics.specs import ANCHORS
 from eitbench.reports.figures.ladder import LEGEND, grid, to_png, write_files

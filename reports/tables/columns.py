@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from eitbench.benchmark.analysis.results import Row
+from eitbench.benchmark.analysis.leaderboard import Row
 from eitbench.benchmark.metrics.metric_spec import SMALL, TIME, MetricSpec
 from eitbench.benchmark.metrics.operator_metrics import OPERATOR_COSTS, OPERATOR_METRICS
 from eitbench.benchmark.metrics.specs import METRICS

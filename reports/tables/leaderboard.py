@@ -9,7 +9,8 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from eitbench.benchmark.analysis.results import Row, boards, read_run
+from eitbench.benchmark.analysis.leaderboard import Row, boards
+from eitbench.benchmark.analysis.results import read_run
 from eitbench.benchmark.analysis.standings import standings
 from eitbench.reports.tables.columns import Column, layout, printable, shown_columns
 from eitbench.reports.tables.published import comparison, published_rows

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 
-from eitbench.benchmark.analysis.results import Row
+from eitbench.benchmark.analysis.leaderboard import Row
 
 PAPER = "PhyDNN, Physics-Driven Learning Framework for Tomographic Tactile Sensing"
 

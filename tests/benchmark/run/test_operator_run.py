@@ -13,7 +13,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from eitbench.benchmark.analysis.results import leaderboard_rows, read_run
+from eitbench.benchmark.analysis.leaderboard import leaderboard_rows
+from eitbench.benchmark.analysis.results import read_run
 from eitbench.benchmark.run import operator_cell
 from eitbench.benchmark.run.operator_cell import OperatorData
 from eitbench.benchmark.run.runner import (

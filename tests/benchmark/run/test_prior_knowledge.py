@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from eitbench.benchmark.analysis.prior_knowledge_text import in_words
+from eitbench.benchmark.analysis.prior_knowledge_text import describe_prior_knowledge
 from eitbench.benchmark.run.prior_knowledge import account, training_contents
 from eitbench.benchmark.tuning.selection import Selection, Trial, TuningBudget
 from eitbench.benchmark.workers.method_service import MethodService, MethodSpec
@@ -150,7 +150,10 @@ def test_an_honest_training_split_overlaps_nowhere() -> None:
     problem.validation()
     told = account(problem.access_record(), {}, SMALL, own("test", None), spent={})
     assert told["overlap"] == 0
-    assert in_words(told["prior_knowledge"]) == "6 training samples; 8 validation samples"
+    assert (
+        describe_prior_knowledge(told["prior_knowledge"])
+        == "6 training samples; 8 validation samples"
+    )
 
 
 def test_what_tuning_told_is_told() -> None:
@@ -159,11 +162,11 @@ def test_what_tuning_told_is_told() -> None:
     problem, test = a_problem(), own("test", None)
     create("noser").fit(problem)
     told = account(problem.access_record(), {}, SMALL, test, spent=choice.describe()["spent"])
-    assert in_words(told["prior_knowledge"]) == (
+    assert describe_prior_knowledge(told["prior_knowledge"]) == (
         "nominal contact impedance; conductivity range; noise level through tuning; "
         "12 trials of tuning"
     )
-    assert "tuning" not in in_words(
+    assert "tuning" not in describe_prior_knowledge(
         account(problem.access_record(), {}, SMALL, test, spent={})["prior_knowledge"]
     )
 
@@ -190,7 +193,7 @@ def test_weights_are_held_against_the_data_they_come_from(
     train = load(SMALL, split="train")
     found = account(problem.access_record(), notes, SMALL, test, spent={})
     assert found["overlap"] == 0
-    assert in_words(found["prior_knowledge"]) == "weights of 6 training samples"
+    assert describe_prior_knowledge(found["prior_knowledge"]) == "weights of 6 training samples"
     # What is tested on what it was trained on.
     assert account(problem.access_record(), notes, SMALL, train, spent={})["overlap"] == 6
     # Nothing is known of data that are not here.
@@ -236,4 +239,4 @@ def test_packaged_weights_come_with_the_contents_of_their_training_data(
 )
 def test_a_damaged_account_is_refused(damaged: str) -> None:
     with pytest.raises(ValueError, match="validation error"):
-        in_words(damaged)
+        describe_prior_knowledge(damaged)

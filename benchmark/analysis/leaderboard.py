@@ -1,0 +1,171 @@
+"""The rows of a leaderboard: figures of every method or operator on every scenario, ranked."""
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from eitbench.benchmark.analysis.prior_knowledge_text import describe_prior_knowledge
+from eitbench.benchmark.analysis.results import NOTES, Run
+from eitbench.benchmark.metrics.aggregation import aggregate
+from eitbench.benchmark.metrics.statistics import once
+from eitbench.benchmark.rundir.kinds import METHOD_RUNS, RunKind
+from eitbench.scenarios.errors import InputError
+
+Row = dict[str, Any]
+"""Plain values by column: `suite`, `scenario`, `method` or `operator`, `run`, `n`, `coverage`,
+`rank`, a figure for each metric and cost of its `RunKind` and more, see `Standing`."""
+
+
+@dataclass(frozen=True, eq=False)
+class Entry:
+    """A method or operator on a board.
+
+    Attributes:
+        run: where it was run.
+        row: its row of the leaderboard.
+        cell: its samples.
+    """
+
+    run: Run
+    row: Row
+    cell: pd.DataFrame
+
+
+def leaderboard_rows(runs: Sequence[Run]) -> list[Row]:
+    """One row per run, scenario and method (or operator), ranked among those of the same data.
+
+    Figures are means over the samples (localisation: the median), of which failed ones are charged
+    what an image of the untouched sensor gets; None where not defined, or where all failed. The
+    best value has rank 1, those that lack samples come after those that have all, those without a
+    figure last, and equals share a rank. Operators have figures of their valid samples only, and
+    rank after those that lost none.
+
+    Raises:
+        InputError: some of the runs rank methods and others operators.
+    """
+    return [entry.row for board in ranked_boards(runs) for entry in board]
+
+
+def ranked_boards(runs: Sequence[Run]) -> list[list[Entry]]:
+    """The rows of `leaderboard_rows` with what they come from, those of the same data together.
+
+    Raises:
+        InputError: some of the runs rank methods and others operators, or two share a name.
+    """
+    for run in runs:
+        if run.kind != runs[0].kind:
+            raise InputError(
+                f"{runs[0].path} ranks {runs[0].kind.name}s and {run.path} {run.kind.name}s: ask "
+                "for their leaderboards one after the other."
+            )
+    for name, count in Counter(run.path.name for run in runs).items():
+        if count > 1:
+            raise InputError(f"{count} of the runs are called {name!r}: give their folders names.")
+    entries = [
+        Entry(run, _row(run, keys, cell), cell) for run in runs for keys, cell in _cells(run)
+    ]
+    ranked: dict[tuple[Any, ...], list[Entry]] = {}
+    for entry in entries:
+        ranked.setdefault(_data_of(entry.row), []).append(entry)
+    for board in ranked.values():
+        kind = runs[0].kind
+        _rank([entry.row for entry in board], kind)
+        board.sort(key=lambda entry: (entry.row["rank"], entry.row[kind.name]))
+    return list(ranked.values())
+
+
+def boards(rows: Iterable[Row]) -> list[list[Row]]:
+    """Group the rows that may be compared: those of one suite, scenario and data."""
+    groups: dict[tuple[Any, ...], list[Row]] = {}
+    for row in rows:
+        groups.setdefault(_data_of(row), []).append(row)
+    return list(groups.values())
+
+
+def _data_of(row: Row) -> tuple[Any, ...]:
+    return tuple(row[name] for name in ("suite", "scenario", "data_hash", "data_n"))
+
+
+def _cells(run: Run) -> Iterable[tuple[Row, pd.DataFrame]]:
+    if run.samples.empty:
+        return
+    keys = ["suite", "scenario", run.kind.name, *run.kind.labels]
+    for values, cell in run.samples.groupby(keys, sort=False):
+        yield dict(zip(keys, map(str, values), strict=True)), cell
+
+
+def _row(run: Run, keys: Row, cell: pd.DataFrame) -> Row:
+    kind = run.kind
+    valid = cell[cell["status"] == "ok"]
+    data = run.manifest.get("data", {}).get(keys["scenario"], {})
+    row: Row = {
+        **keys,
+        "run": run.path.name,
+        "n": len(cell),
+        "coverage": len(valid) / len(cell),
+        "rank": None,
+    }
+    of = run.cells
+    for name in ("scenario", kind.name, *kind.labels):
+        of = of[of[name] == keys[name]]
+    known: Row = dict(of.iloc[0]) if len(of) else {}
+    # Failed samples of methods hold what an image of the untouched sensor gets.
+    counted = cell if kind == METHOD_RUNS and len(valid) else valid
+    specs = tuple(kind.metrics.values())
+    figures = once(lambda counts: aggregate(counted, specs, counts), len(counted))
+    for spec, value in zip(specs, figures, strict=True):
+        row[spec.name] = _plain(known.get(spec.name) if spec.aggregate is None else value)
+    for name in kind.costs:
+        row[name] = _plain(known.get(name))
+    for name in kind.facts:
+        row[name] = str(known.get(name, ""))
+    row |= {"data_hash": data.get("hash"), "data_n": data.get("n")}
+    row["inverse_crime"] = data.get("inverse_crime")
+    machine = known.get("machine")
+    row["machine"] = machine if isinstance(machine, str) and machine else None
+    if kind == METHOD_RUNS:
+        solve = known.get("calibration_ms")
+        frame = row["frame_ms_p50"]
+        row["frame_solves"] = _plain(frame / solve if solve and frame is not None else None)
+        noted = run.notes.get(keys["scenario"], {})
+        row |= {name: _plain(noted.get(name)) for name in NOTES}
+        row["prior_knowledge"] = describe_prior_knowledge(known.get("prior_knowledge"))
+        row["overlap"] = _plain(known.get("overlap"))
+    return row
+
+
+def _plain(value: Any) -> float | None:
+    number = float("nan") if value is None else float(value)
+    return number if np.isfinite(number) else None
+
+
+def is_whole(row: Row) -> bool:
+    """True if a row is of all samples of its scenario, or as far as is known."""
+    return row["data_n"] is None or row["n"] >= row["data_n"]
+
+
+def ranking_figure(board: Iterable[Row], kind: RunKind) -> str | None:
+    """The name of the figure that ranks the rows of one scenario; None where none has one."""
+    rows = list(board)
+    return next((n for n in kind.ranked_by if any(row[n] is not None for row in rows)), None)
+
+
+def _rank(board: list[Row], kind: RunKind) -> None:
+    """Give the rows of one scenario their ranks, 1 the best."""
+    name = ranking_figure(board, kind)
+    keys = [_place(row, name, kind) for row in board]
+    for row, key in zip(board, keys, strict=True):
+        row["rank"] = 1 + sum(other < key for other in keys)
+
+
+def _place(row: Row, name: str | None, kind: RunKind) -> tuple[bool, bool, float]:
+    """Sorts rows from the best to the worst."""
+    value = None if name is None else row[name]
+    if name is None or value is None:
+        return True, True, 0.0
+    lost = not is_whole(row) or (kind != METHOD_RUNS and row["coverage"] < 1)
+    return False, lost, -kind.metrics[name].sign * value
