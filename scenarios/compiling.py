@@ -10,7 +10,7 @@ Function = TypeVar("Function", bound=Callable[..., object])
 
 
 def compiled(function: Function) -> Function:
-    """`function`, compiled when it is first called; the machine code is kept on disk."""
+    """Return `function` compiled at its first call; the machine code is stored on disk."""
     # Sums may be taken in another order, or they would not be vectorised.
     fast = {"contract", "reassoc"}
     machine_code = numba.njit(nogil=True, error_model="numpy", fastmath=fast)(function)

@@ -9,11 +9,11 @@ class EitbenchError(Exception):
 
 
 class InputError(EitbenchError, ValueError):
-    """What was given cannot be used: a name, a file, an array, an option."""
+    """An input that cannot be used: a name, a file, an array, an option."""
 
 
 class DataUnavailableError(EitbenchError):
-    """Recorded data is not on this machine and could not be fetched."""
+    """Recorded data that is not on this machine and could not be downloaded."""
 
 
 class UnreadableError(InputError, DataUnavailableError):
@@ -21,7 +21,7 @@ class UnreadableError(InputError, DataUnavailableError):
 
 
 class DataCorruptError(EitbenchError):
-    """A file's content is not what its checksum or format promises."""
+    """A file whose content does not match its checksum or format."""
 
 
 def unknown_name(kind: str, name: str, known: Iterable[str]) -> InputError:

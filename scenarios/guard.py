@@ -30,7 +30,7 @@ def closed_test_split() -> Iterator[None]:
 
 
 def is_closed() -> bool:
-    """Whether the test split is refused here."""
+    """True if the test split is refused in this process."""
     return _closed > 0
 
 

@@ -1,4 +1,4 @@
-"""How much of a file is believed: sizes are compared with the file's before memory is asked for."""
+"""Limits of memory for reading files: claimed sizes are compared with the size of the file."""
 
 from pathlib import Path
 from typing import Any
@@ -8,11 +8,11 @@ EXPANSION = 200
 GZIP_EXPANSION = 1100
 """Gzip (deflate) cannot hold more than 1032 times its size."""
 SPARE = 32 * 2**20
-"""What any file may take in memory [bytes]."""
+"""Memory that any file may take, however small it is [bytes]."""
 
 
 def most_bytes(path: Path, expansion: int = EXPANSION) -> int:
-    """What the content of the file at `path` may take in memory [bytes].
+    """Greatest memory that the content of the file at `path` may take [bytes].
 
     Raises:
         OSError: there is no such file.
@@ -23,8 +23,8 @@ def most_bytes(path: Path, expansion: int = EXPANSION) -> int:
 def own_dataset(group: Any, name: str, most: int) -> Any:
     """The h5py dataset `name` of a file or `group`, whose values stand in the same file.
 
-    Links and datasets that lead into other files, whose content is nobody's business here, are
-    refused; so are values that claim more than `most` bytes: HDF5 makes up what was never written.
+    Links and datasets that lead into other files are refused; so are values that claim more than
+    `most` bytes: HDF5 makes up values that were never written.
 
     Raises:
         ValueError: it is none, or is refused.

@@ -12,7 +12,7 @@ def generator(*axes: Axis) -> np.random.Generator:
     """The random generator of one named thing, such as ("phantom", "paper", "test", 7).
 
     Its key is the SHA-256 of the axes, so that no draw depends on another: sample 7 is the same
-    whatever the count, the order or the number of processes (trust rule 1 of DESIGN).
+    whatever the count, the order or the number of processes (trust rule 1 of CONTRIBUTING).
     """
     digest = hashlib.sha256(json.dumps(axes, allow_nan=False).encode()).digest()
     # Philox is counter-based: any two keys give independent streams.

@@ -1,4 +1,4 @@
-"""Data sets: what a scenario's split holds, ready for methods and judges."""
+"""Data sets: the samples of a scenario's split, ready for methods and metrics."""
 
 import hashlib
 from dataclasses import dataclass
@@ -31,17 +31,17 @@ class Dataset:
     """The first n samples of one split of one scenario; its arrays are read-only.
 
     Attributes:
-        scenario, split: where it comes from.
+        scenario, split: names of its origin.
         sensor: the nominal sensor.
         voltages: (n, M) frames: [V/A] if simulated, in the board's own units if recorded.
         reference: (M,) the reference frame, measured like the others.
-        samples: one row per frame. `sample` is its number in the split, `phantom` names what was
-            measured: frames of the same phantom are not independent. Simulated: `family`,
+        samples: one row per frame. `sample` is its number in the split, `phantom` names the
+            object: frames of the same object are not independent. Simulated: `family`,
             `shape`, `snr_db` (NaN if clean), `inclusions` and what was drawn (NaN where a family
-            has no such value). Recorded: what the set knows, such as `x_m`, `y_m`, `depth_mm`.
-        truth: what is known of each frame.
+            has no such value). Recorded: columns of the set, such as `x_m`, `y_m`, `depth_mm`.
+        truth: kind of truth that is known of each frame.
         data_hash: SHA-256 of all declared parameters.
-        inverse_crime: whether the mesh of the data is no finer than the one methods invert with;
+        inverse_crime: true if the mesh of the data is no finer than the one methods invert with;
             None for recorded data.
         phantoms: the simulated phantoms.
         classes: (n, H, W) int8 truth of recorded sets that know it: 0 background, -1 resistive,
@@ -138,7 +138,7 @@ def _simulated(
         raise InputError(f"Scenario {scenario.name!r} declares no {split} samples.")
     count = size if limit is None else min(limit, size)
     clean = clean_voltages(scenario, split, count, jobs=jobs, progress=progress)
-    voltages, snr = _through_board(scenario, split, clean)
+    voltages, snr = _measured(scenario, split, clean)
     reference = _reference(scenario, split)
     if scenario.calibrated and split == "test":  # the others are of the nominal sensor
         voltages, reference = _calibrated(scenario.nominal_sensor, voltages, reference)
@@ -166,7 +166,7 @@ def _simulated(
     )
 
 
-def _through_board(scenario: SimulatedScenario, split: Split, clean: Array) -> tuple[Array, Array]:
+def _measured(scenario: SimulatedScenario, split: Split, clean: Array) -> tuple[Array, Array]:
     """Frames (n, M) as the board of `split` sends them, and the SNR (n,) [dB] of each."""
     board, pattern = scenario.split_imperfections(split), scenario.nominal_sensor.pattern
     untouched = clean_reference(scenario, split)
@@ -174,7 +174,7 @@ def _through_board(scenario: SimulatedScenario, split: Split, clean: Array) -> t
     noisy, snr = measured_frames(
         analogue, scenario.split_noise(split), scenario=scenario.name, split=split
     )
-    return board.seen(board.digital(noisy, untouched, pattern)), snr
+    return board.received(board.digital(noisy, untouched, pattern)), snr
 
 
 def _reference(scenario: SimulatedScenario, split: Split) -> Array:
@@ -193,7 +193,7 @@ def _reference(scenario: SimulatedScenario, split: Split) -> Array:
 
 
 def _calibrated(sensor: Sensor, voltages: Array, reference: Array) -> tuple[Array, Array]:
-    """Frames and reference as the nominal sensor would give them, by what the reference shows."""
+    """Frames and reference as the nominal sensor would give them, by calibration."""
     # Imported here: it is a small inverse problem, which few scenarios pose.
     from eitbench.scenarios.imperfections.calibration import calibrate
 
@@ -201,8 +201,8 @@ def _calibrated(sensor: Sensor, voltages: Array, reference: Array) -> tuple[Arra
     return calibration.corrected(voltages), calibration.nominal
 
 
-# Columns of recorded sets that say which object a frame shows; without, each frame shows its own.
-_WHAT_WAS_MEASURED = ("state", "target")
+# Columns of recorded sets that name the object of a frame; without, each frame has its own.
+_OBJECT_COLUMNS = ("state", "target")
 
 
 def _recorded(
@@ -228,7 +228,7 @@ def _recorded(
     samples = recording.samples.iloc[rows].drop(columns=["split", "sample"], errors="ignore")
     samples = samples.reset_index(drop=True)
     samples.insert(0, "sample", np.arange(len(rows)))
-    measured = next((name for name in _WHAT_WAS_MEASURED if name in samples), "sample")
+    measured = next((name for name in _OBJECT_COLUMNS if name in samples), "sample")
     samples.insert(1, "phantom", [f"{recorded.name} {what}" for what in samples[measured]])
     voltages = np.array(recording.voltages[rows], dtype=np.float64)
     reference = np.array(recording.reference, dtype=np.float64)

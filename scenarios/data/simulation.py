@@ -61,8 +61,8 @@ def clean_voltages(
         if stored is not None and len(stored) >= chunk.count:
             ready[chunk.first] = stored[: chunk.count]
     missing = [chunk for chunk in chunks if chunk.first not in ready]
-    steps = _made(scenario, split, missing, jobs)
-    for chunk, voltages in _shown(steps, missing, scenario.name) if progress else steps:
+    steps = _simulated(scenario, split, missing, jobs)
+    for chunk, voltages in _with_progress_bar(steps, missing, scenario.name) if progress else steps:
         ready[chunk.first] = voltages
     empty = np.empty((0, scenario.nominal_sensor.n_measurements))
     return np.concatenate([empty, *(ready[chunk.first] for chunk in chunks)])
@@ -77,7 +77,7 @@ def clean_reference(scenario: SimulatedScenario, split: Split) -> Array:
 
 
 def conductivity(scenario: SimulatedScenario, split: Split, sample: int) -> Array:
-    """Conductivity [S/m] of one sample on the grid of the data, as the material has it by then."""
+    """Conductivity [S/m] of one sample on the grid of the data, with drift and relaxation."""
     sensor = scenario.data_model(split).sensor
     imperfections = scenario.split_imperfections(split)
     touch = rasterise(phantom(scenario, split, sample), sensor)
@@ -90,7 +90,7 @@ def conductivity(scenario: SimulatedScenario, split: Split, sample: int) -> Arra
 
 @dataclass(frozen=True)
 class _Chunk:
-    """Samples first .. first + count - 1 and the file they are kept in."""
+    """Samples first .. first + count - 1 and the file that stores them."""
 
     first: int
     count: int
@@ -111,7 +111,7 @@ def _file(folder: Path, parameters: dict[str, object], split: Split, first: int)
 
 
 def _read(file: CacheFile) -> Array | None:
-    """What a cache file holds; a corrupt one is named and counts as missing."""
+    """Read a cache file; a corrupt one is named and counts as missing."""
     try:
         return file.read()
     except DataCorruptError as error:
@@ -119,22 +119,22 @@ def _read(file: CacheFile) -> Array | None:
         return None
 
 
-def _made(
+def _simulated(
     scenario: SimulatedScenario, split: Split, chunks: list[_Chunk], jobs: int
 ) -> Iterator[tuple[_Chunk, Array]]:
     """Simulate and store `chunks`; yields each as soon as it is stored."""
     if jobs == 1 or len(chunks) < 2:
-        yield from (_complete(scenario, split, chunk) for chunk in chunks)
+        yield from (_simulate(scenario, split, chunk) for chunk in chunks)
         return
     # One chunk a task: each is stored and shown as soon as it is done.
     pool = joblib.Parallel(
         n_jobs=min(jobs, len(chunks)), return_as="generator_unordered", batch_size=1
     )
-    yield from pool(joblib.delayed(_complete)(scenario, split, chunk) for chunk in chunks)
+    yield from pool(joblib.delayed(_simulate)(scenario, split, chunk) for chunk in chunks)
 
 
-def _complete(scenario: SimulatedScenario, split: Split, chunk: _Chunk) -> tuple[_Chunk, Array]:
-    """Simulate what the chunk's file lacks and store it; runs in a worker process.
+def _simulate(scenario: SimulatedScenario, split: Split, chunk: _Chunk) -> tuple[_Chunk, Array]:
+    """Simulate the samples that the chunk's file lacks, and store all; runs in a worker process.
 
     Every sample is solved on its own and on one thread, so that its bits depend neither on the
     number of processes nor on the samples beside it.
@@ -155,7 +155,7 @@ def _complete(scenario: SimulatedScenario, split: Split, chunk: _Chunk) -> tuple
     return chunk, voltages[: chunk.count]
 
 
-def _shown(
+def _with_progress_bar(
     steps: Iterable[tuple[_Chunk, Array]], chunks: list[_Chunk], name: str
 ) -> Iterator[tuple[_Chunk, Array]]:
     """`steps` with a progress bar on stderr, if there is anything to do."""

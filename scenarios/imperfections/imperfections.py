@@ -1,4 +1,4 @@
-"""What makes a sensor on the desk differ from its nominal description.
+"""Imperfections: differences between a real sensor and its nominal description.
 
 In the order in which they act on a touch:
 
@@ -144,7 +144,7 @@ class Imperfections(Declaration):
         return touch if last is None or not share else touch * last**share
 
     def analogue(self, frames: Array, untouched: Array, pattern: DrivePattern) -> Array:
-        """What the converter of the board sees of `frames` (n, M) [V/A], without noise.
+        """Return `frames` (n, M) [V/A] as they reach the converter of the board, without noise.
 
         Args:
             frames: ideal frames, measured `TOUCH_INTERVAL_S` apart.
@@ -173,7 +173,7 @@ class Imperfections(Declaration):
         return np.abs(values) if pattern.magnitudes else values
 
     def digital(self, frames: Array, untouched: Array, pattern: DrivePattern) -> Array:
-        """What the board sends of `frames` (n, M) as the converter sees them."""
+        """Return `frames` (n, M), as the converter receives them, as the board sends them."""
         values = frames.copy()
         if self.saturated is not None:
             clipped = channels(pattern)[0] == self.saturated
@@ -187,7 +187,7 @@ class Imperfections(Declaration):
                 values = step * np.round(values / step)
         return values
 
-    def seen(self, frames: Array) -> Array:
+    def received(self, frames: Array) -> Array:
         """The frames (n, M) that arrive: instead of a lost one, the last one."""
         if self.lost_every is None:
             return frames

@@ -31,7 +31,7 @@ def measured_frames(
     """Frames 0..n-1 of a split as measured, and the SNR of each.
 
     The key of a frame's noise is ("noise", scenario, split, level, sample), so that every method
-    sees the same bits whatever the number of samples (trust rule 1 of DESIGN).
+    sees the same bits whatever the number of samples (trust rule 1 of CONTRIBUTING).
 
     Returns:
         Voltages (n, M) and SNR (n,) [dB], NaN where a frame is clean.

@@ -120,10 +120,10 @@ def _large_enough(pixels: Array, image: NDArray[np.int64], sensor: Sensor) -> ND
 
 
 def locate(contrast: ArrayLike, sensor: Sensor) -> Array:
-    """Where each image of `contrast` (n, H, W) [S/m] shows its only contact: (n, 2) [m].
+    """Place (n, 2) [m] of the only contact in each image of `contrast` (n, H, W) [S/m].
 
     For a sensor known to be touched once, all that stands out belongs to that touch, in however
-    many pieces it is drawn. The place is the centre of the |contrast| in excess of a quarter of the
+    many parts it is drawn. The place is the centre of the |contrast| in excess of a quarter of the
     image's largest; taking the excess makes it change continuously with the image. NaN where the
     contrast is constant.
 
@@ -154,7 +154,7 @@ def _standing_out(contrast: ArrayLike, sensor: Sensor) -> tuple[Array, Array, Ar
 
 
 def is_constant(images: ArrayLike, mask: Mask | None = None) -> Mask:
-    """Which of the `images` (n, H, W) have one value on all pixels of the mask: (n,)."""
+    """True (n,) for `images` (n, H, W) that have one value on all pixels of the mask."""
     stack = np.asarray(images)
     pixels = stack.reshape(len(stack), -1) if mask is None else stack[:, mask]
     return np.asarray(pixels.min(axis=1) == pixels.max(axis=1))

@@ -1,4 +1,4 @@
-"""What samples show, as numbers to compare: by them a training set is held against a test split."""
+"""Fingerprints of samples, by which training sets are compared with test splits."""
 
 import hashlib
 from collections.abc import Sequence
@@ -13,7 +13,7 @@ Contents = NDArray[np.uint64]
 
 
 def contents(phantoms: Sequence[Phantom], voltages: NDArray[np.float64] | None) -> Contents:
-    """The content of each sample: of what lay on the simulated sensor, or of a recorded frame.
+    """Return the fingerprint of each sample: of its simulated phantom, or of its recorded frame.
 
     A simulated sample is the same touch whatever its noise, its mesh and the name of its split or
     scenario; of a recorded one only the frame is known.

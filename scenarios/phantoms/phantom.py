@@ -25,7 +25,7 @@ class Inclusion(Protocol):
 
     @property
     def region(self) -> Region:
-        """Where it touches."""
+        """Place of the touch."""
         ...
 
     def paint(self, sigma: Array, x: Array, y: Array) -> None:

@@ -1,4 +1,4 @@
-"""What a press does to a soft conducting layer: from pressure to 2-D conductivity.
+"""Press on a soft conducting layer: from pressure to 2-D conductivity.
 
 The layer is an open-cell foam soaked with a conducting liquid or gel, on a rigid base, as thick as
 `FoamLayer.thickness`. Three textbook laws, in order:

@@ -18,7 +18,7 @@ RIM_POINTS = 64
 
 @dataclass(frozen=True)
 class Pose:
-    """Where a shape lies: its centre (x, y) [m] and its rotation `angle` [rad]."""
+    """Place of a shape: its centre (x, y) [m] and its rotation `angle` [rad]."""
 
     x: float = 0.0
     y: float = 0.0
@@ -44,7 +44,7 @@ class Region(Protocol):
         ...
 
     def contains(self, x: ArrayLike, y: ArrayLike) -> NDArray[np.bool_]:
-        """Whether the points (x, y) [m] lie inside."""
+        """True where the points (x, y) [m] lie inside."""
         ...
 
 
@@ -62,7 +62,7 @@ class Circle:
         return self.pose.place(radius * np.stack([np.cos(phi), np.sin(phi)], axis=-1))
 
     def contains(self, x: ArrayLike, y: ArrayLike) -> NDArray[np.bool_]:
-        """Whether the points (x, y) [m] lie inside."""
+        """True where the points (x, y) [m] lie inside."""
         return np.asarray(np.hypot(*self.pose.local(x, y)) < self.radius)
 
     def distance(self, x: ArrayLike, y: ArrayLike) -> Array:
@@ -83,7 +83,7 @@ class Ellipse:
         return self.pose.place(Circle(1.0).rim() * (self.a, self.b))
 
     def contains(self, x: ArrayLike, y: ArrayLike) -> NDArray[np.bool_]:
-        """Whether the points (x, y) [m] lie inside."""
+        """True where the points (x, y) [m] lie inside."""
         along, across = self.pose.local(x, y)
         return np.asarray((along / self.a) ** 2 + (across / self.b) ** 2 < 1)
 
@@ -101,7 +101,7 @@ class Ring:
         return Circle(self.outer, self.pose).rim()
 
     def contains(self, x: ArrayLike, y: ArrayLike) -> NDArray[np.bool_]:
-        """Whether the points (x, y) [m] lie between the circles."""
+        """True where the points (x, y) [m] lie between the circles."""
         radius = np.hypot(*self.pose.local(x, y))
         return np.asarray((radius < self.outer) & (radius >= self.inner))
 
@@ -126,7 +126,7 @@ class Polygonal:
         return np.concatenate([np.array(outline.vertices), outline.point(between)])
 
     def contains(self, x: ArrayLike, y: ArrayLike) -> NDArray[np.bool_]:
-        """Whether the points (x, y) [m] lie inside."""
+        """True where the points (x, y) [m] lie inside."""
         return self.polygon.contains(x, y)
 
     def distance(self, x: ArrayLike, y: ArrayLike) -> Array:

@@ -43,7 +43,7 @@ class Dissection(NamedTuple):
         places, places_start: where in the parent's front each remaining unknown of a part goes.
         entry, element, coefficient, entries_start: front[entry] += coefficient * sigma[element].
         fixed_entry, fixed, fixed_start: front[fixed_entry] += fixed, the electrodes' share.
-        factor_start: (p + 1,) where the eliminated rows of each front are kept.
+        factor_start: (p + 1,) where the eliminated rows of each front begin in the store.
     """
 
     n_nodes: int

@@ -1,4 +1,4 @@
-"""What is wrong with a recording, in sentences."""
+"""Problems of a recording, in sentences."""
 
 from pathlib import Path
 
@@ -10,12 +10,12 @@ from eitbench.scenarios.recordings.files.recording_file import Condition, Conten
 from eitbench.scenarios.recordings.quality import reciprocity_error, suspect_electrodes
 
 MAX_RECIPROCITY = 0.1
-"""Relative reciprocity error of the untouched sensor above which a recording is not trusted."""
+"""Relative reciprocity error of the untouched sensor above which a recording is a problem."""
 _LOOKED_AT = 1000  # frames that suspect electrodes are looked for in
 
 
 def check(path: Path) -> tuple[list[str], list[str]]:
-    """What is wrong with the recording at `path`, and what it holds.
+    """Check the recording at `path` and summarise it.
 
     Returns:
         Problems (none where it is sound) and facts, one sentence each.
@@ -107,7 +107,7 @@ def _missing_for_a_set(content: Content) -> list[str]:
 
 
 def _electrodes(content: Content) -> tuple[list[str], list[str]]:
-    """Judged on the reference frames, or on all where none are marked."""
+    """Problems and facts of the electrodes, by the reference frames; by all if there are none."""
     marked = content.reference if len(content.reference) else slice(None)
     frames = content.values[marked][:_LOOKED_AT]
     pattern = content.sensor.pattern

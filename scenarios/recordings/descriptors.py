@@ -1,4 +1,4 @@
-"""What a recorded set is: its descriptor, and the frames that its reader returns."""
+"""Descriptors of recorded sets, and the frames that their readers return."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -58,9 +58,9 @@ class RecordedSet:
         name: registry name, also the name of its scenario.
         title: one line for listings.
         sensor_name, sensor: registry name and builder of its sensor; needs no data.
-        truth: what is known of each frame.
+        truth: kind of truth that is known of each frame.
         source: the public repository at a fixed commit, its licence and the files of this set.
-        citation: what to cite.
+        citation: of the publication.
         reader: from the folder that holds the repository's files to a `RecordedFrames`.
         own: the file of a recording of one's own, which has no public source.
         emulated: no real sensor was measured.

@@ -1,4 +1,4 @@
-"""How good a recording is: reciprocity, repeat noise, drift and size of the signal."""
+"""Quality of a recording: reciprocity, repeat noise, drift and size of the signal."""
 
 from dataclasses import dataclass
 
@@ -98,8 +98,8 @@ def typical_noise(frames: ArrayLike) -> NDArray[np.float64]:
 
 
 STANDS_OUT = 3.0
-"""How many times the error of the other measurements makes an electrode suspect."""
-_UNTOUCHED_ERROR = 0.01
+"""Error of an electrode, relative to the other measurements, that makes it suspect."""
+_SOUND_ERROR = 0.01
 _LEAST = 3
 
 
@@ -109,7 +109,7 @@ def suspect_electrodes(frames: ArrayLike, pattern: DrivePattern) -> tuple[int, .
     A bad electrode spoils every measurement it takes part in as one role, driving or sensing. So an
     electrode is suspect where even the good ones (the lower quartile) of the measurements it
     drives, or of those it senses, have `STANDS_OUT` times the median error of all measurements it
-    takes no part in. The worst one is named, its measurements are left out, and the rest is judged
+    takes no part in. The worst one is named, its measurements are left out, and the rest is tested
     again: else its partners, which share half of its measurements, would be blamed too. Two errors
     are looked at: the noise from frame to frame, and the relative reciprocity error
     |v' - s v| / (|v'| + |v|) of the mean frame, of which less than 1 % is never suspect. With
@@ -138,7 +138,7 @@ def _relative_reciprocity(frame: NDArray[np.float64], pattern: DrivePattern) -> 
     size = np.abs(first) + np.abs(second)
     difference = np.abs(second - pattern.reciprocal_signs(pairs) * first)
     relative = np.divide(difference, size, out=np.ones_like(size), where=size > 0)
-    error[pairs[:, 0]] = error[pairs[:, 1]] = np.maximum(relative, _UNTOUCHED_ERROR / STANDS_OUT)
+    error[pairs[:, 0]] = error[pairs[:, 1]] = np.maximum(relative, _SOUND_ERROR / STANDS_OUT)
     return error
 
 

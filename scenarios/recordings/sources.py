@@ -37,7 +37,7 @@ class Source:
     files: tuple[RecordedFile, ...]
 
     def url(self, file: RecordedFile) -> str:
-        """Where `file` is published."""
+        """Public address of `file`."""
         return (
             f"https://raw.githubusercontent.com/{self.repository}/{self.commit}/{quote(file.path)}"
         )

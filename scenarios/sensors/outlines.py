@@ -35,11 +35,11 @@ class Outline(Protocol):
         ...
 
     def contains(self, x: ArrayLike, y: ArrayLike) -> NDArray[np.bool_]:
-        """Whether the points (x, y) [m] lie inside."""
+        """True where the points (x, y) [m] lie inside."""
         ...
 
     def describe(self) -> dict[str, object]:
-        """What defines the outline, as plain values for hashing and printing."""
+        """Return all that defines the outline as plain values, for hashing and printing."""
         ...
 
 
@@ -92,7 +92,7 @@ class Polygon:
         return np.stack([np.interp(wrapped, self._arc, x), np.interp(wrapped, self._arc, y)], -1)
 
     def contains(self, x: ArrayLike, y: ArrayLike) -> NDArray[np.bool_]:
-        """Whether the points (x, y) [m] lie inside (even-odd rule)."""
+        """True where the points (x, y) [m] lie inside (even-odd rule)."""
         px, py = np.broadcast_arrays(np.asarray(x, float), np.asarray(y, float))
         inside = np.zeros(px.shape, dtype=bool)
         for (x0, y0), (x1, y1) in zip(self._closed[:-1], self._closed[1:], strict=True):
@@ -103,7 +103,7 @@ class Polygon:
         return inside
 
     def describe(self) -> dict[str, object]:
-        """What defines the outline, as plain values for hashing and printing."""
+        """Return all that defines the outline as plain values, for hashing and printing."""
         return {"polygon": [list(v) for v in self.vertices]}
 
 
@@ -115,7 +115,7 @@ def rectangle(width: float, height: float) -> Polygon:
 
 
 def is_rectangle(outline: Outline) -> bool:
-    """Whether the pixel grid fills the outline exactly (an axis-parallel rectangle)."""
+    """True if the pixel grid fills the outline exactly (an axis-parallel rectangle)."""
     if not isinstance(outline, Polygon) or len(outline.vertices) != 4:
         return False
     x0, y0, x1, y1 = outline.bounds
@@ -153,9 +153,9 @@ class Disc:
         return self.radius * np.stack([np.cos(angle), np.sin(angle)], -1)
 
     def contains(self, x: ArrayLike, y: ArrayLike) -> NDArray[np.bool_]:
-        """Whether the points (x, y) [m] lie inside."""
+        """True where the points (x, y) [m] lie inside."""
         return np.asarray(np.hypot(x, y) < self.radius)
 
     def describe(self) -> dict[str, object]:
-        """What defines the outline, as plain values for hashing and printing."""
+        """Return all that defines the outline as plain values, for hashing and printing."""
         return {"disc": self.radius}

@@ -65,7 +65,7 @@ class DrivePattern:
         return np.where(same | self.magnitudes, 1.0, -1.0)
 
     def describe(self) -> dict[str, object]:
-        """What defines the pattern, as plain values for hashing and printing."""
+        """Return all that defines the pattern as plain values, for hashing and printing."""
         return {"table": self.table.tolist(), "magnitudes": self.magnitudes}
 
 

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 def independent(
     pattern: DrivePattern,
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float32]]:
-    """Which measurements reciprocity leaves independent, and how all follow from them.
+    """Find the measurements that reciprocity leaves independent, and the map from them to all.
 
     Returns `first` (K,), the independent measurements' numbers, and `owner` and `sign` (M,), such
     that `v = v[first][owner] * sign`.

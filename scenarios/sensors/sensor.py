@@ -53,7 +53,7 @@ class Sensor:
         image_shape: (H, W) of the image grid, which fills the outline's bounding box.
         data_range: range of conductivity [S/m] that SSIM and PSNR are computed for.
         conductivity_range: least and greatest conductivity as multiples of the background, a prior
-            that all methods are told alike: (0.05, 1) where a touch can only lower it.
+            that all methods know alike: (0.05, 1) where a touch can only lower it.
 
     Raises:
         InputError: overlapping electrodes, or a pattern that names a missing electrode.

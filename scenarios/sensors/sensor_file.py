@@ -107,7 +107,7 @@ class ElectrodesDeclaration(Declaration):
 
 
 class PatternDeclaration(Declaration):
-    """What a frame measures: `offset`, `opposition` or `table`.
+    """The drive pattern: `offset`, `opposition` or `table`.
 
     Attributes:
         offset: drive (i, i + offset), measure (j, j + offset).

@@ -16,11 +16,11 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 TOLERANCE = 1e-6
-"""How much the Jacobian may change, relative to its largest entry, under a symmetry."""
+"""Greatest change of the Jacobian under a symmetry, relative to its largest entry."""
 
 
 def asymmetry(reason: str, turned: float, mirrored: float) -> dict[str, str]:
-    """What a method expects to fail that cannot keep the symmetry of a sensor, see `Method`.
+    """Expected failures of a method that cannot keep the symmetry of a sensor, see `Method`.
 
     Args:
         turned, mirrored: how far `eitbench check` saw its image of moved voltages from the moved
@@ -101,7 +101,7 @@ def _moved_measurements(
 def _matched(
     table: NDArray[np.int64], electrodes: NDArray[np.int64], magnitudes: bool
 ) -> tuple[NDArray[np.int64], Array] | None:
-    """Which measurement each is after its electrode e has become `electrodes[e]`."""
+    """Number of each measurement after its electrode e has become `electrodes[e]`."""
     known: dict[tuple[int, ...], tuple[int, int]] = {}
     # A pattern may drive both ways: a measurement stands for another only where that is not there.
     for drive_sign, sense_sign in ((1, 1), (1, -1), (-1, 1), (-1, -1)):

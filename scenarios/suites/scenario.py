@@ -1,4 +1,4 @@
-"""Scenarios: what is simulated or read, declared in full."""
+"""Scenarios: simulated or recorded data, declared in full."""
 
 from dataclasses import replace
 from functools import lru_cache
@@ -50,10 +50,10 @@ class SimulatedScenario(Declaration):
 
     Attributes:
         name: registry name; noise is drawn from it.
-        sensor: registry name of the nominal sensor, the one methods are told of, or the path of a
-            sensor file (.toml) or of a recording (.h5).
+        sensor: registry name of the nominal sensor, which methods know, or the path of a sensor
+            file (.toml) or of a recording (.h5).
         image_shape: (H, W) of the nominal image grid; the sensor's own by default.
-        conductivity_range: least and greatest conductivity that methods are told to expect, as
+        conductivity_range: least and greatest conductivity that methods expect, as
             multiples of the background; the sensor's own by default.
         families: phantom families of the test split, in equal numbers.
         training_families: those of the other two splits; `families` by default.
@@ -62,7 +62,7 @@ class SimulatedScenario(Declaration):
         train, validation, test: number of samples.
         phantoms: name that phantoms are drawn from; scenarios that share it share their phantoms.
         imperfections: how the sensor of the test split and of the reference frame differs from the
-            nominal one, which methods are told of, learn from and are tuned on. Scenarios that
+            nominal one, which methods know, learn from and are tuned on. Scenarios that
             declare any, even none, are rungs of a ladder from simulation to reality: they are
             tuned with the noise of `validation`, which all rungs share.
         calibrated: methods get frames corrected by `calibration`, from the reference frame alone.
@@ -123,7 +123,7 @@ class SimulatedScenario(Declaration):
 
     @property
     def nominal_sensor(self) -> Sensor:
-        """The sensor that methods are told of."""
+        """The sensor that methods know."""
         return _nominal_sensor(self.sensor, self.image_shape, self.conductivity_range)
 
     def data_model(self, split: Split) -> ForwardModel:
@@ -134,7 +134,7 @@ class SimulatedScenario(Declaration):
         return forward_model(_data_sensor(nominal, refinement, imperfections))
 
     def split_imperfections(self, split: Split) -> Imperfections:
-        """How the sensor of `split` differs from the nominal one: not at all, but for the test."""
+        """Imperfections of the sensor of `split`: those of the test split; none of the others."""
         return (split == "test" and self.imperfections) or Imperfections()
 
     @property
@@ -144,7 +144,7 @@ class SimulatedScenario(Declaration):
 
     @property
     def inverse_crime(self) -> bool:
-        """Whether the data come from a mesh no finer than the one methods invert with."""
+        """True if the data come from a mesh no finer than the one methods invert with."""
         data, nominal = self.data_model("test"), forward_model(self.nominal_sensor)
         return data.mesh_hash == nominal.mesh_hash or data.n_elements <= nominal.n_elements
 
@@ -164,7 +164,7 @@ class SimulatedScenario(Declaration):
         return size
 
     def clean_parameters(self, split: Split) -> dict[str, object]:
-        """All that decides the voltages of `split` before noise: the key of the cache."""
+        """Parameters that decide the voltages of `split` before noise: the key of the cache."""
         model = self.data_model(split)
         imperfections = self.split_imperfections(split)
         material: dict[str, object] = {}
@@ -186,7 +186,7 @@ class SimulatedScenario(Declaration):
         """SHA-256 (hex) of every declared parameter and all that decides the data of `split`."""
         return content_hash(
             {
-                # What a file declares counts, not where it lies.
+                # The declarations in a file count, not its place.
                 "scenario": _declared(self, {"sensor"} if is_file(self.sensor) else set()),
                 "sensor": self.nominal_sensor.describe(),
                 "clean": self.clean_parameters(split),
@@ -235,7 +235,7 @@ class RecordedScenario(Declaration):
 
     @property
     def nominal_sensor(self) -> Sensor:
-        """The sensor that methods are told of."""
+        """The sensor that methods know."""
         return _nominal_sensor(self.recorded_set.sensor_name)
 
     def data_hash(self, split: Split) -> str:
@@ -245,7 +245,7 @@ class RecordedScenario(Declaration):
         return content_hash(
             {
                 "generator": GENERATOR_VERSION,
-                # What a recording of one's own holds counts, not its name.
+                # The content of a recording of one's own counts, not its name.
                 "scenario": _declared(self, {"recording"} if own else set()),
                 "files": [[*([] if own else [f.path]), f.sha256] for f in recorded.files],
                 "source": [recorded.repository, recorded.commit, recorded.truth],
@@ -256,7 +256,7 @@ class RecordedScenario(Declaration):
 
 
 def _declared(scenario: SimulatedScenario | RecordedScenario, apart: set[str]) -> dict[str, Any]:
-    """What a scenario declares but for fields `apart`; what only some declare counts for those."""
+    """Declared fields of a scenario but `apart`, and but optional ones at their default."""
     declared = scenario.model_dump(mode="json", exclude=apart)
     optional = {"imperfections": None, "calibrated": False}
     return {k: v for k, v in declared.items() if k not in optional or v != optional[k]}
@@ -284,8 +284,8 @@ def _nominal_sensor(
 ) -> Sensor:
     if not is_file(name):
         return _registered_sensor(name, image_shape, conductivity_range)
-    told = _told(sensor_by_name(name), image_shape, conductivity_range)
-    return _shared(told.name, told)
+    sensor = _adapted(sensor_by_name(name), image_shape, conductivity_range)
+    return _first_equal(sensor.name, sensor)
 
 
 # Forward models, pixel centres and masks are cached per sensor object, so equal scenarios should
@@ -296,10 +296,10 @@ def _registered_sensor(
     image_shape: tuple[int, int] | None,
     conductivity_range: tuple[float, float] | None,
 ) -> Sensor:
-    return _told(sensor_by_name(name), image_shape, conductivity_range)
+    return _adapted(sensor_by_name(name), image_shape, conductivity_range)
 
 
-def _told(
+def _adapted(
     nominal: Sensor,
     image_shape: tuple[int, int] | None,
     conductivity_range: tuple[float, float] | None,
@@ -312,7 +312,7 @@ def _told(
 
 
 @lru_cache(maxsize=64)
-def _shared(name: str, sensor: Sensor) -> Sensor:
+def _first_equal(name: str, sensor: Sensor) -> Sensor:
     del name  # equal sensors may have several
     return sensor
 

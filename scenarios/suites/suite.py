@@ -1,4 +1,4 @@
-"""Suites: which scenarios are run with which methods or operators, read from TOML files."""
+"""Suites: scenarios with the methods or operators to run on them, read from TOML files."""
 
 from collections.abc import Mapping
 from functools import cache
@@ -16,7 +16,7 @@ from eitbench.scenarios.suites.scenario import RecordedScenario, Scenario, Simul
 MEMORY_LIMIT_MB = 8192.0
 """Memory that a method or operator may take where nothing else is declared [MiB]."""
 WINDOW = 7
-"""Side [pixels] of the windows that images are judged in; one must fit into the sensor."""
+"""Side [pixels] of the windows of SSIM; one must fit into the sensor."""
 STANDARDISING = 2
 """Least number of validation samples that give every voltage a mean and a spread."""
 
@@ -27,10 +27,10 @@ class Suite(Declaration):
     Attributes:
         name: registry name.
         title: one line for listings.
-        description: what it is for, in a few sentences.
+        description: its purpose, in a few sentences.
         methods: methods run when the user names none.
         operators: forward operators run when the user names none.
-        scenarios: what they are run on.
+        scenarios: the scenarios that they are run on.
         limit: number of test samples of each scenario when the user names none; all by default.
         fit_limit_s: a method or operator may take this long to set itself up on a scenario [s].
         frame_limit_s: it may take this long for one sample [s].
@@ -69,7 +69,7 @@ class Suite(Declaration):
 
     @property
     def ranks(self) -> Literal["methods", "operators"]:
-        """What it ranks."""
+        """The kind of entries that the suite ranks."""
         return "methods" if self.operators is None else "operators"
 
     @property
@@ -120,7 +120,7 @@ def scenario_by_name(name: str) -> SimulatedScenario | RecordedScenario:
 
 
 def learned_from(scenario: Scenario) -> Scenario:
-    """The scenario whose training split teaches methods for `scenario`.
+    """The scenario whose training split methods learn from for `scenario`.
 
     That is the scenario itself, but for recorded presses: these are learned from the simulated ones
     of the suite `presses`, on the nominal sensor of the set.

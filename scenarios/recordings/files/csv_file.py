@@ -85,7 +85,7 @@ def read_csv(path: Path, sensor: Sensor | None) -> Content:
 
 
 def _are_names(lines: Lines) -> bool:
-    """Whether the first line holds names of columns, not numbers."""
+    """True if the first line holds names of columns, not numbers."""
     try:
         [float(cell) for _, line in lines for cell in line.split(",")]
     except ValueError:

@@ -21,17 +21,17 @@ from eitbench.scenarios.sensors.sensor import Sensor
 
 
 def is_recording(name: str) -> bool:
-    """Whether `name` is the path of a recording (.h5), not the name of a public set."""
+    """True if `name` is the path of a recording (.h5), not the name of a public set."""
     return name.endswith(".h5")
 
 
 def own_set(path: Path) -> RecordedSet:
-    """The recorded set that the file at `path` is.
+    """Return the recording at `path` as a recorded set.
 
     Raises:
         UnreadableError: there is no such file, or it may not be read.
         DataCorruptError: no recording, or a damaged one.
-        InputError: it has no labels or no reference, so that no method could be judged on it.
+        InputError: it has no labels or no reference, so that no method can be evaluated on it.
     """
     try:
         known = path.resolve(strict=True)
@@ -73,7 +73,7 @@ def _truth(content: Content) -> Truth:
 
 
 def undamaged(path: Path) -> tuple[Content, Condition]:
-    """What `read_file` gives of the recording at `path`, unless it was damaged.
+    """Read the recording at `path` as `read_file` does, unless it was damaged.
 
     Frames may be missing at the end of a file that was not closed.
 
@@ -91,7 +91,7 @@ def undamaged(path: Path) -> tuple[Content, Condition]:
 
 
 def _usable(path: Path) -> Content:
-    """The content of the file at `path`, if methods can be judged on it."""
+    """The content of the file at `path`, if methods can be evaluated on it."""
     content, _ = undamaged(path)
     if not len(content.labels):
         raise InputError(f"{path} has no labels, so it is no set: record with --guided.")
@@ -104,7 +104,7 @@ def _usable(path: Path) -> Content:
 
 
 def damage(condition: Condition) -> str:
-    """What was changed after it was written; "" for nothing."""
+    """Description of a change after the recording was written; "" for none."""
     if condition.damaged:
         count = len(condition.damaged)
         more = f" (and {count - 1} more)" if count > 1 else ""
@@ -115,7 +115,7 @@ def damage(condition: Condition) -> str:
 
 
 def outside(content: Content) -> bool:
-    """Whether a label or the reference names frames that are not there."""
+    """True if a label or the reference names frames that are not there."""
     first, last = content.labels["first"].to_numpy(), content.labels["last"].to_numpy()
     rows = np.concatenate([first, last, content.reference])
     return bool((rows < 0).any() or (rows >= len(content)).any() or (last < first).any())

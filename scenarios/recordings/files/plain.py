@@ -1,4 +1,4 @@
-"""Recordings as plain values and arrays: what CSV and MATLAB files hold of them."""
+"""Recordings as plain values and arrays, as CSV and MATLAB files hold them."""
 
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,7 @@ from eitbench.scenarios.sensors.described_sensor import described_sensor
 from eitbench.scenarios.sensors.sensor import Sensor
 
 COLUMNS = ("number", "time_s", "received_s")
-"""What is known of every frame beside its values."""
+"""Columns of every frame beside its values."""
 NO_TIMES = "imported without times: 1 s between frames is assumed"
 
 
@@ -36,7 +36,7 @@ def head_of(content: Content) -> dict[str, Any]:
 def content_of(
     head: dict[str, Any], columns: dict[str, NDArray[Any]], values: NDArray[Any], path: Path
 ) -> Content:
-    """What `head_of`, the columns and the values (n, M) of the frames were made from.
+    """Return the recording of a header by `head_of`, columns and values (n, M) of its frames.
 
     Raises:
         DataCorruptError: something is missing, or of another kind.
@@ -67,7 +67,7 @@ def content_of(
 
 
 def frames_alone(values: NDArray[np.float64], sensor: Sensor | None, path: Path) -> Content:
-    """Frames (n, M) that came without anything else.
+    """Return a recording of frames (n, M) alone.
 
     Raises:
         InputError: no sensor, or one of another number of values.

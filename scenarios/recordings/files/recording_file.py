@@ -21,11 +21,11 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Content:
-    """What a recording holds.
+    """Content of a recording.
 
     Attributes:
         sensor: the nominal sensor; its pattern gives the order of the values.
-        board, firmware: what recorded it.
+        board, firmware: names of the hardware that recorded it.
         emulated: no real sensor was measured.
         started: when it began, ISO 8601 in UTC.
         number: (n,) running number of every frame; a gap is a lost frame.
@@ -58,7 +58,7 @@ class Content:
 
 @dataclass(frozen=True)
 class Condition:
-    """What state a file is in.
+    """Condition of a recording's file.
 
     Attributes:
         complete: it was closed as it should be.
@@ -74,7 +74,7 @@ class Condition:
 
 
 def read_file(path: Path) -> tuple[Content, Condition]:
-    """What the recording at `path` holds, and its condition; it may still be written to.
+    """Read content and condition of the recording at `path`, which may still be written to.
 
     Raises:
         UnreadableError: there is no such file, or it may not be read.
@@ -128,7 +128,7 @@ def recorded_sensor(path: Path) -> Sensor:
 
 
 def _trailing(wrong: NDArray[np.bool_]) -> int:
-    """How many rows at the end are wrong."""
+    """Number of rows at the end that are wrong."""
     right = np.flatnonzero(~wrong)
     return len(wrong) - (int(right[-1]) + 1 if len(right) else 0)
 

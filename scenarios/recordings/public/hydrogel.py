@@ -7,7 +7,7 @@ impedance 1e-3 Ohm*m, electrode 0 at 281.25 degrees, numbers counter-clockwise i
 coordinates.
 The mirrored order contradicts the measured changes. The angle is uncertain: upstream draws
 electrode 0 lowermost (270 degrees), the changes fit best at 272 or 287 degrees with or without the
-leak described below. Whoever judges positions fits a similarity transform between the frames.
+leak described below. To score positions, a similarity transform between image and robot is fitted.
 
 The boards' channels are uneven: between source and sink the values of a frame are several times
 larger in the first half of the rim than in the second, so that a homogeneous disc hardly correlates

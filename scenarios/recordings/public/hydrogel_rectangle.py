@@ -83,7 +83,7 @@ def _read_fixed(folder: Path, sensor: Sensor) -> RecordedFrames:
 
 
 def _read_repeats(folder: Path, sensor: Sensor) -> RecordedFrames:
-    """Pressed frames only: the reference is their median, since no released frame was kept."""
+    """Pressed frames only: the reference is their median, since no released frame was recorded."""
     check_lookup(folder, sensor.pattern)
     mat = read_arrays(
         folder / _REPEATS, positions=(50, 3), responses=(50, 5, sensor.n_measurements)

@@ -1,4 +1,4 @@
-"""Boards that report the potential of every electrode against ground."""
+"""Differences of neighbours from boards that report the potential of every electrode."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +21,7 @@ def in_phase_differences(
 
 
 def places(drives: Drives, pattern: DrivePattern) -> tuple[Index, Index, Index]:
-    """Where values stand in an array (drives, electrodes): the drive, and electrodes a and b."""
+    """Indices of the values of a frame in an array (drives, electrodes): drives, a and b."""
     row = {drive: k for k, drive in enumerate(drives)}
     src, sink, a, b = pattern.table.T
     drive = [row[pair] for pair in zip(src.tolist(), sink.tolist(), strict=True)]

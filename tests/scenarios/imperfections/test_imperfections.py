@@ -45,7 +45,7 @@ def frames(untouched: np.ndarray) -> np.ndarray:
 
 def through(board: Imperfections, frames: np.ndarray, untouched: np.ndarray) -> np.ndarray:
     analogue = board.analogue(frames, untouched, FOAM.pattern)
-    return board.seen(board.digital(analogue, untouched, FOAM.pattern))
+    return board.received(board.digital(analogue, untouched, FOAM.pattern))
 
 
 def test_an_ideal_sensor_is_nominal_to_the_last_bit(
@@ -170,7 +170,7 @@ def test_a_stale_reference_differs_more() -> None:
 
 
 def test_only_the_test_split_is_imperfect() -> None:
-    """What methods learn from and are tuned on is the nominal sensor, with its own reference."""
+    """Methods learn from and are tuned on the nominal sensor, with its own reference."""
     real, ideal = scenario(TYPICAL), scenario()
     for split in ("train", "validation"):
         first, second = load(real, split), load(ideal, split)

@@ -199,7 +199,7 @@ def test_a_hanging_server_is_cut_off(skin: RecordedSet, monkeypatch: pytest.Monk
 
 
 def test_a_trickling_server_is_stopped(skin: RecordedSet, monkeypatch: pytest.MonkeyPatch) -> None:
-    """What arrives after the limit ends the download instead of filling the cache."""
+    """Bytes after the limit end the download instead of filling the cache."""
     proceed, stopped = threading.Event(), threading.Event()
 
     class Trickle(QuietHandler):
