@@ -10,9 +10,9 @@ from eitbench.hardware.emulation.emulator import RATE_HZ, Emulator
 from eitbench.hardware.emulation.replay import Replay
 from eitbench.hardware.serial import ports
 from eitbench.hardware.serial.serial_board import SERIAL_BOARDS, SerialBoard
+from eitbench.scenarios.catalogue import sensor as sensor_by_name
 from eitbench.scenarios.docstrings import first_line
 from eitbench.scenarios.errors import InputError, unknown_name
-from eitbench.scenarios.recordings.catalogue import sensor as sensor_by_name
 from eitbench.scenarios.sensors.sensor import Sensor
 
 GROUP = "eitbench.boards"

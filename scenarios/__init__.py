@@ -5,10 +5,10 @@ from typing import TYPE_CHECKING
 from eitbench.scenarios.lazy import lazy_names
 
 if TYPE_CHECKING:
+    from eitbench.scenarios.catalogue import sensor
     from eitbench.scenarios.data.datasets import Dataset, load
     from eitbench.scenarios.errors import EitbenchError, InputError
     from eitbench.scenarios.physics.forward import ForwardModel, forward_model
-    from eitbench.scenarios.recordings.catalogue import sensor
     from eitbench.scenarios.sensors.sensor import Sensor
     from eitbench.scenarios.suites.scenario import RecordedScenario, SimulatedScenario
     from eitbench.scenarios.suites.suite import Suite, load_suite
@@ -43,6 +43,6 @@ __getattr__, __dir__ = lazy_names(
         "forward_model": "physics.forward",
         "load": "data.datasets",
         "load_suite": "suites.suite",
-        "sensor": "recordings.catalogue",
+        "sensor": "catalogue",
     },
 )

@@ -20,8 +20,8 @@ from eitbench.benchmark.checks.operator_under_test import SMALL, OperatorUnderTe
 from eitbench.benchmark.workers.worker import Failure, Reply, describe_exception
 from eitbench.methods.operator import Operator
 from eitbench.methods.registry import load_plugin, operator, operators
+from eitbench.scenarios.catalogue import sensor as sensor_by_name
 from eitbench.scenarios.errors import EitbenchError, unknown_name
-from eitbench.scenarios.recordings.catalogue import sensor as sensor_by_name
 from eitbench.scenarios.sensors.sensor import Sensor
 
 CHECKS: dict[str, Callable[[OperatorUnderTest], str | None]] = {

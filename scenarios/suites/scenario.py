@@ -6,6 +6,8 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import BeforeValidator, Field, ValidationInfo, field_validator, model_validator
 
+from eitbench.scenarios.catalogue import is_file
+from eitbench.scenarios.catalogue import sensor as sensor_by_name
 from eitbench.scenarios.declaration import Declaration, Name, beside
 from eitbench.scenarios.errors import EitbenchError, unknown_name
 from eitbench.scenarios.imperfections.imperfections import Imperfections, channels
@@ -14,8 +16,6 @@ from eitbench.scenarios.phantoms.families import Family, family
 from eitbench.scenarios.phantoms.press import FOAM
 from eitbench.scenarios.physics.forward import ForwardModel, forward_model
 from eitbench.scenarios.recordings import RecordedSet, is_recording, recorded_set
-from eitbench.scenarios.recordings.catalogue import is_file
-from eitbench.scenarios.recordings.catalogue import sensor as sensor_by_name
 from eitbench.scenarios.sensors.described_sensor import Side
 from eitbench.scenarios.sensors.sensor import Sensor, content_hash
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from eitbench.hardware.board import Board, BoardError, BoardLostError, Frame
 from eitbench.hardware.emulation.board_server import BoardServer
 from eitbench.hardware.protocols import PROTOCOLS, Protocol
-from eitbench.scenarios.recordings.catalogue import sensor
+from eitbench.scenarios.catalogue import sensor
 from eitbench.scenarios.sensors.outlines import rectangle
 from eitbench.scenarios.sensors.patterns import offset_pattern
 from eitbench.scenarios.sensors.sensor import Sensor, even_electrodes

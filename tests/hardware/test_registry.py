@@ -11,8 +11,8 @@ from eitbench.hardware.emulation.emulator import Emulator
 from eitbench.hardware.registry import board_rows, boards, make_board
 from eitbench.hardware.serial import ports
 from eitbench.hardware.serial.serial_board import SERIAL_BOARDS, SciospecBoard, TeensyBoard
+from eitbench.scenarios.catalogue import sensor
 from eitbench.scenarios.errors import InputError
-from eitbench.scenarios.recordings.catalogue import sensor
 
 
 class Installed(TeensyBoard):

@@ -11,8 +11,8 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
+from eitbench.scenarios.catalogue import sensor
 from eitbench.scenarios.physics.forward import forward_model
-from eitbench.scenarios.recordings.catalogue import sensor
 
 FORWARD = {
     "test_fem_batch": "eitbench `fem`, batch of 64",

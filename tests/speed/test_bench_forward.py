@@ -16,11 +16,11 @@ from scipy.sparse.linalg import splu
 from threadpoolctl import threadpool_limits
 
 from eitbench.methods import operator
+from eitbench.scenarios.catalogue import sensor
 from eitbench.scenarios.data.simulation import phantom
 from eitbench.scenarios.phantoms.phantom import rasterise
 from eitbench.scenarios.physics.elements import electrode_terms, stiffness
 from eitbench.scenarios.physics.forward import forward_model
-from eitbench.scenarios.recordings.catalogue import sensor
 from eitbench.scenarios.suites.scenario import SimulatedScenario
 from eitbench.scenarios.suites.suite import scenario_by_name
 

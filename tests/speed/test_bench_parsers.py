@@ -5,7 +5,7 @@ import pytest
 from pytest_benchmark.fixture import BenchmarkFixture
 
 from eitbench.hardware.protocols import PROTOCOLS
-from eitbench.scenarios.recordings.catalogue import sensor
+from eitbench.scenarios.catalogue import sensor
 
 FRAMES = 100
 READ = 4096  # bytes; what a port gives at once

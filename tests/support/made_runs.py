@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from eitbench.benchmark.metrics.evaluation import evaluate, fit_registration
 from eitbench.scenarios.data.datasets import Dataset
-from eitbench.scenarios.recordings.catalogue import foam16
+from eitbench.scenarios.sensors.foam16 import foam16
 from eitbench.scenarios.sensors.outlines import Disc
 from eitbench.scenarios.sensors.sensor import Sensor, even_electrodes
 

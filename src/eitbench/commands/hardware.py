@@ -59,7 +59,7 @@ def emulate(
 ) -> None:
     """Emulate a board on a serial port of its own, for another program to open, until Ctrl-C."""
     from eitbench.hardware.registry import make_emulator
-    from eitbench.scenarios.recordings.catalogue import sensor as sensor_by_name
+    from eitbench.scenarios.catalogue import sensor as sensor_by_name
 
     nominal = None if sensor is None else sensor_by_name(sensor)
     board = make_emulator(nominal, protocol, script, speed)
@@ -76,7 +76,7 @@ def _board(name: str, sensor: str | None, **chosen: Any) -> tuple["Board", bool]
     """The board `name` with what was chosen on the command line, and whether it is emulated."""
     from eitbench.hardware.recording.record import is_emulated
     from eitbench.hardware.registry import make_board
-    from eitbench.scenarios.recordings.catalogue import sensor as sensor_by_name
+    from eitbench.scenarios.catalogue import sensor as sensor_by_name
 
     nominal = None if sensor is None else sensor_by_name(sensor)
     board = make_board(name, sensor=nominal, **chosen)

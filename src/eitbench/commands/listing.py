@@ -5,9 +5,9 @@ from collections.abc import Callable, Mapping
 from eitbench.methods.method import Method
 from eitbench.methods.operator import Operator
 from eitbench.methods.registry import methods, operators
+from eitbench.scenarios.catalogue import sensors
 from eitbench.scenarios.docstrings import first_line
 from eitbench.scenarios.recordings import RECORDED_SETS
-from eitbench.scenarios.recordings.catalogue import sensors
 from eitbench.scenarios.suites.scenario import SimulatedScenario
 from eitbench.scenarios.suites.suite import load_suite, suites
 

@@ -62,7 +62,7 @@ def import_command(
 ) -> None:
     """Make a recording of a CSV or MATLAB file, or of a public recorded set."""
     from eitbench.hardware.recording.exchange import import_recording
-    from eitbench.scenarios.recordings.catalogue import sensor as sensor_by_name
+    from eitbench.scenarios.catalogue import sensor as sensor_by_name
 
     nominal = None if sensor is None else sensor_by_name(sensor)
     typer.echo(f"{import_recording(source, out, nominal)} frames are in {out}.")

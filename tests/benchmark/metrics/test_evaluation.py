@@ -13,7 +13,7 @@ from eitbench.benchmark.metrics.image_metrics import PSNR_CEILING_DB
 from eitbench.benchmark.metrics.specs import METRIC_COLUMNS, METRICS
 from eitbench.scenarios.data.datasets import Dataset
 from eitbench.scenarios.errors import InputError
-from eitbench.scenarios.recordings.catalogue import foam16
+from eitbench.scenarios.sensors.foam16 import foam16
 from eitbench.scenarios.sensors.outlines import Disc
 from eitbench.scenarios.sensors.sensor import even_electrodes
 

@@ -18,8 +18,9 @@ from eitbench.hardware.emulation.emulator import Emulator
 from eitbench.hardware.emulation.touch_script import read_script
 from eitbench.hardware.registry import make_board
 from eitbench.hardware.serial.serial_board import TeensyBoard
+from eitbench.scenarios.catalogue import sensor
 from eitbench.scenarios.errors import InputError
-from eitbench.scenarios.recordings.catalogue import foam16, sensor
+from eitbench.scenarios.sensors.foam16 import foam16
 from eitbench.scenarios.sensors.sensor import Sensor
 
 SCRIPT = """

@@ -10,10 +10,11 @@ import pytest
 from eitbench.hardware.board import BoardError, Frame
 from eitbench.hardware.emulation import replay
 from eitbench.hardware.emulation.replay import Replay
+from eitbench.scenarios.catalogue import sensor
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.recordings import RecordedFrames
-from eitbench.scenarios.recordings.catalogue import foam16, sensor
 from eitbench.scenarios.recordings.fetch import read_recording
+from eitbench.scenarios.sensors.foam16 import foam16
 
 N = 20
 

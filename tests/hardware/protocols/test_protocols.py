@@ -20,12 +20,13 @@ from eitbench.hardware.protocols.openeit import MODES, OpenEit
 from eitbench.hardware.protocols.protocol import PATIENCE
 from eitbench.hardware.protocols.sciospec import ACKNOWLEDGED, REFUSED, START, STOP, Sciospec
 from eitbench.hardware.protocols.teensy import Teensy, pattern_id
+from eitbench.scenarios.catalogue import sensor
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.recordings import recorded_set
-from eitbench.scenarios.recordings.catalogue import foam16, sensor
 from eitbench.scenarios.recordings.public.hydrogel import check_lookup
 from eitbench.scenarios.recordings.public.jku_tank import DRIVES, read_txt
 from eitbench.scenarios.recordings.public.potentials import in_phase_differences
+from eitbench.scenarios.sensors.foam16 import foam16
 from eitbench.scenarios.sensors.patterns import offset_pattern
 
 MakeStream = Callable[..., Any]

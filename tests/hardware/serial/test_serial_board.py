@@ -17,7 +17,8 @@ from eitbench.hardware.emulation.board_server import BoardServer
 from eitbench.hardware.protocols import PROTOCOLS
 from eitbench.hardware.serial import serial_board
 from eitbench.hardware.serial.serial_board import SERIAL_BOARDS, SerialBoard, TeensyBoard
-from eitbench.scenarios.recordings.catalogue import foam16, sensor
+from eitbench.scenarios.catalogue import sensor
+from eitbench.scenarios.sensors.foam16 import foam16
 
 Serve = Callable[..., BoardServer]
 

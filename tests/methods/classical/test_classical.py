@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 
 from eitbench.methods import Problem, create, methods
 from eitbench.methods.classical.noser import noser_covariance
+from eitbench.scenarios.catalogue import sensor
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.physics.forward import forward_model
-from eitbench.scenarios.recordings.catalogue import sensor
 from eitbench.scenarios.sensors.outlines import Disc
 from eitbench.scenarios.sensors.patterns import offset_pattern, pair_pattern
 from eitbench.scenarios.sensors.sensor import Sensor, even_electrodes

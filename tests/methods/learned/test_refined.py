@@ -17,10 +17,10 @@ from eitbench.methods.networks.refiner import Refiner
 from eitbench.methods.training import Request, TrainingInterruptedError, learned, refined, train
 from eitbench.methods.training.refined import RefinerTrainee
 from eitbench.methods.training.trainee import Data
+from eitbench.scenarios.catalogue import sensor
 from eitbench.scenarios.data.datasets import Dataset, load
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.physics.forward import forward_model
-from eitbench.scenarios.recordings.catalogue import sensor
 from eitbench.scenarios.sensors.outlines import Disc
 from eitbench.scenarios.sensors.patterns import pair_pattern
 from eitbench.scenarios.sensors.sensor import Sensor, even_electrodes

@@ -14,10 +14,10 @@ from eitbench.methods.networks.image_network import BACKBONES, ImageNetwork
 from eitbench.methods.training.augmentation import UNTOUCHED, Augmentation
 from eitbench.methods.training.physical import PhysicalLoss
 from eitbench.methods.training.symmetry import Symmetry, symmetries
+from eitbench.scenarios.catalogue import sensor
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.imperfections.noise import Noise
 from eitbench.scenarios.physics.forward import forward_model
-from eitbench.scenarios.recordings.catalogue import sensor
 from eitbench.scenarios.sensors.outlines import Disc
 from eitbench.scenarios.sensors.patterns import pair_pattern
 from eitbench.scenarios.sensors.sensor import Sensor, even_electrodes

@@ -18,9 +18,9 @@ from torch import Tensor
 
 from eitbench.methods import Operator, operator, operators, register_operator
 from eitbench.methods.registry import OPERATOR_REGISTRY
+from eitbench.scenarios.catalogue import sensor
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.physics.forward import forward_model
-from eitbench.scenarios.recordings.catalogue import sensor
 from eitbench.scenarios.sensors.outlines import Disc, rectangle
 from eitbench.scenarios.sensors.patterns import offset_pattern
 from eitbench.scenarios.sensors.sensor import Sensor, even_electrodes
@@ -217,7 +217,7 @@ def test_a_batch_of_256_stays_within_2_gb() -> None:
 import re, torch
 from pathlib import Path
 from eitbench.methods import operator
-from eitbench.scenarios.recordings.catalogue import sensor
+from eitbench.scenarios.catalogue import sensor
 sigma = torch.full((256, 80, 80), 0.5, dtype=torch.float64, requires_grad=True)
 operator("fem", sensor("foam16")).voltages(sigma).sum().backward()
 print(re.search(r"VmHWM:\\s*(\\d+) kB", Path("/proc/self/status").read_text())[1])

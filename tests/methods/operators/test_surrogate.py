@@ -16,9 +16,9 @@ from eitbench.methods.operators.surrogate import WEIGHTS, Surrogate, SurrogateNe
 from eitbench.methods.weights import weight_files
 from eitbench.methods.weights.tensor_file import read_tensors, write_tensors
 from eitbench.methods.weights.weight_files import WeightFiles, sensor_key, user_weights
+from eitbench.scenarios.catalogue import sensor
 from eitbench.scenarios.errors import DataCorruptError, EitbenchError, InputError
 from eitbench.scenarios.physics.forward import forward_model
-from eitbench.scenarios.recordings.catalogue import sensor
 from eitbench.scenarios.sensors.outlines import Disc
 from eitbench.scenarios.sensors.patterns import DrivePattern, offset_pattern, pair_pattern
 from eitbench.scenarios.sensors.reciprocity import averaging, independent

@@ -19,9 +19,9 @@ from eitbench.methods.peers.octave import FOLDER, ask_eidors, missing
 from eitbench.methods.peers.peer import interpolation
 from eitbench.methods.peers.pyeit_model import pyeit_mesh, pyeit_protocol, signed_distance
 from eitbench.reports.tables.leaderboard import FORMATS, leaderboard
+from eitbench.scenarios.catalogue import sensor
 from eitbench.scenarios.errors import EitbenchError, InputError
 from eitbench.scenarios.physics.forward import forward_model
-from eitbench.scenarios.recordings.catalogue import sensor
 from eitbench.scenarios.sensors.patterns import DrivePattern, offset_pattern, pair_pattern
 from eitbench.scenarios.sensors.sensor import Sensor
 

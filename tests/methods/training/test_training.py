@@ -32,9 +32,9 @@ from eitbench.methods.training.symmetry import symmetries
 from eitbench.methods.training.trainee import Data, OneLoss
 from eitbench.methods.weights.tensor_file import read_tensors, write_tensors
 from eitbench.methods.weights.weight_files import user_weights
+from eitbench.scenarios.catalogue import sensor
 from eitbench.scenarios.errors import DataCorruptError, EitbenchError, InputError
 from eitbench.scenarios.physics.forward import forward_model
-from eitbench.scenarios.recordings.catalogue import sensor
 from eitbench.scenarios.sensors.patterns import offset_pattern
 from eitbench.scenarios.sensors.sensor import Sensor, even_electrodes
 from eitbench.scenarios.suites.suite import load_suite

@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 from eitbench.methods import Problem, create
 from eitbench.methods.untrained.dip import Dip
 from eitbench.methods.untrained.early_stopping import MovingVariance
+from eitbench.scenarios.catalogue import sensor
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.imperfections.noise import add_noise
 from eitbench.scenarios.physics.forward import forward_model
-from eitbench.scenarios.recordings.catalogue import sensor
 from eitbench.scenarios.sensors.outlines import Disc
 from eitbench.scenarios.sensors.patterns import pair_pattern
 from eitbench.scenarios.sensors.sensor import Sensor, even_electrodes

@@ -10,8 +10,8 @@ import torch
 from eitbench.benchmark.studies.curves import learning_curve
 from eitbench.methods.learned.image_networks import Dnn
 from eitbench.reports.figures.losses import difference_percent, write_losses
+from eitbench.scenarios.catalogue import sensor
 from eitbench.scenarios.errors import DataCorruptError, InputError
-from eitbench.scenarios.recordings.catalogue import sensor
 
 LOSSES = ("train", "validation", "train_physical", "validation_physical")
 

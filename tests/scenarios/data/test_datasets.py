@@ -15,8 +15,8 @@ from eitbench.scenarios.imperfections.imperfections import Imperfections
 from eitbench.scenarios.phantoms.families import FAMILIES, PUBLISHED_FAMILIES
 from eitbench.scenarios.physics.forward import forward_model
 from eitbench.scenarios.recordings import RECORDED_SETS, RecordedFrames, RecordedSet, fetch
-from eitbench.scenarios.recordings.catalogue import foam16
 from eitbench.scenarios.recordings.sources import RecordedFile, Source
+from eitbench.scenarios.sensors.foam16 import foam16
 from eitbench.scenarios.suites.scenario import RecordedScenario, SimulatedScenario, SplitNoise
 
 SMALL: dict[str, Any] = {
@@ -141,7 +141,7 @@ def test_changing_any_declared_parameter_changes_the_data_hash(
 ) -> None:
     from dataclasses import replace
 
-    from eitbench.scenarios.recordings import catalogue
+    from eitbench.scenarios import catalogue
     from eitbench.scenarios.sensors.patterns import offset_pattern
 
     adjacent = replace(foam16(), pattern=offset_pattern(16, 1))

@@ -13,8 +13,8 @@ from eitbench.scenarios.phantoms import families
 from eitbench.scenarios.phantoms.families import FAMILIES, PUBLISHED_FAMILIES, family
 from eitbench.scenarios.phantoms.phantom import Phantom, draw, rasterise
 from eitbench.scenarios.phantoms.regions import Circle, Ellipse, Polygonal, Pose, Region, Ring
-from eitbench.scenarios.recordings.catalogue import foam16
 from eitbench.scenarios.seeds import generator
+from eitbench.scenarios.sensors.foam16 import foam16
 from eitbench.scenarios.sensors.outlines import Disc, Outline, Polygon, rectangle
 from eitbench.scenarios.sensors.patterns import offset_pattern
 from eitbench.scenarios.sensors.sensor import Sensor, even_electrodes

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from eitbench.scenarios.catalogue import sensor
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.physics.forward import ForwardModel, forward_model
-from eitbench.scenarios.recordings.catalogue import sensor
 from eitbench.scenarios.sensors.outlines import Disc, Outline, Polygon, rectangle
 from eitbench.scenarios.sensors.patterns import DrivePattern, offset_pattern
 from eitbench.scenarios.sensors.sensor import Electrode, Sensor, even_electrodes
@@ -260,7 +260,7 @@ def test_machine_code_need_not_be_kept() -> None:
 from numba.core.caching import CacheImpl
 CacheImpl._locator_classes = []
 import numpy as np
-from eitbench.scenarios.recordings.catalogue import sensor
+from eitbench.scenarios.catalogue import sensor
 from eitbench.scenarios.physics import elimination
 from eitbench.scenarios.physics.forward import forward_model
 model = forward_model(sensor("foam16"))

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from eitbench.scenarios.catalogue import sensor
 from eitbench.scenarios.physics.forward import ForwardModel, forward_model
 from eitbench.scenarios.physics.mesh import grid_mesh
-from eitbench.scenarios.recordings.catalogue import sensor
 
 Array = NDArray[np.float64]
 

@@ -1,4 +1,4 @@
-"""Sensors by name: the default skin, one for every recorded set, and those of files."""
+"""Sensors by name: the default one, those of the recorded sets, and those of files."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -6,33 +6,19 @@ from pathlib import Path
 from eitbench.scenarios.errors import unknown_name
 from eitbench.scenarios.recordings import RECORDED_SETS, is_recording
 from eitbench.scenarios.recordings.files.recording_file import recorded_sensor
-from eitbench.scenarios.sensors.outlines import rectangle
+from eitbench.scenarios.sensors.foam16 import foam16
 from eitbench.scenarios.sensors.patterns import offset_pattern
-from eitbench.scenarios.sensors.sensor import Sensor, SensorBuilder, even_electrodes
+from eitbench.scenarios.sensors.sensor import Sensor, SensorBuilder
 from eitbench.scenarios.sensors.sensor_file import read_sensor
 
 
-def foam16() -> Sensor:
-    """The default sensor: a 0.1 m square of conductive foam with 16 electrodes, offset 3.
-
-    Electrodes are 10 mm wide, four a side, centred at 12.5, 37.5, 62.5 and 87.5 mm, numbered
-    counter-clockwise from the lower-left corner; contact impedance 1e-3 Ohm*m, background 1 S/m,
-    which a touch can only lower.
-    """
-    outline = rectangle(0.1, 0.1)
-    electrodes = even_electrodes(outline, 16, 0.01, 1e-3, start=0.0125)
-    return Sensor(
-        "foam16", outline, electrodes, offset_pattern(16, 3), conductivity_range=(0.05, 1.0)
-    )
-
-
 def sensors() -> dict[str, SensorBuilder]:
-    """Every sensor that can be asked for by name."""
+    """Builders of all sensors that have a name."""
     return {"foam16": foam16} | {s.sensor_name: s.sensor for s in RECORDED_SETS.values()}
 
 
 def is_file(name: str) -> bool:
-    """Whether `name` is the path of a sensor file (.toml) or of a recording (.h5)."""
+    """True if `name` is the path of a sensor file (.toml) or of a recording (.h5)."""
     return name.endswith(".toml") or is_recording(name)
 
 
