@@ -1,4 +1,4 @@
-"""The manifest of a run: what was asked for, on which data, with which versions and machine."""
+"""The manifest of a run: its plan, data, versions and machine."""
 
 import importlib.metadata
 import json
@@ -15,7 +15,7 @@ import psutil
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 import eitbench
-from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.errors import DataCorruptError, InputError
 from eitbench.scenarios.suites.suite import Suite
 
 FILE_NAME = "manifest.json"
@@ -33,26 +33,6 @@ PACKAGES = (
 
 Manifest = dict[str, Any]
 
-# What a run is continued from.
-_NEEDED: dict[str, type] = {
-    "status": str,
-    "batch": int,
-    "resumed": list,
-    "skipped": dict,
-    "refused": dict,
-    "plan": dict,
-    "data": dict,
-    "cells": list,
-}
-_NEEDED_OF_CELL: dict[str, type] = {
-    "scenario": str,
-    "name": str,
-    "variant": str,
-    "track": str,
-    "parameters": dict,
-    "spent": dict,
-}
-
 
 def now() -> str:
     """The time in UTC, ISO 8601, to the second."""
@@ -60,7 +40,7 @@ def now() -> str:
 
 
 def environment() -> Manifest:
-    """Versions, machine and git commit: what a reader needs to judge or repeat a run."""
+    """Versions, machine and git commit, which a reader needs to assess or repeat a run."""
     return {
         "versions": versions(),
         "machine": machine(),
@@ -127,49 +107,30 @@ def command_line() -> str:
     return " ".join([Path(sys.argv[0]).name, *sys.argv[1:]])
 
 
-def read(run: Path) -> Manifest:
-    """The manifest of the run directory `run`.
-
-    Raises:
-        InputError: no run directory, or one whose manifest cannot be read.
-    """
-    path = run / FILE_NAME
-    if not path.is_file():
-        raise InputError(f"{run} is not a run directory: it holds no {FILE_NAME}.")
-    try:
-        manifest = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError) as error:
-        raise InputError(f"The manifest {path} cannot be read: {error}.") from error
-    if not isinstance(manifest, dict):
-        raise InputError(f"The manifest {path} is not a JSON object.")
-    check_kinds(manifest, path)
-    return manifest
-
-
-class _Told(BaseModel):
-    """The kinds of what a manifest tells, where it tells it; the rest is only printed."""
+class _Part(BaseModel):
+    """Values of the right kinds; what is not declared is only printed."""
 
     model_config = ConfigDict(strict=True, frozen=True)
 
 
-class _Data(_Told):
+class _Data(_Part):
     hash: str | None = None
     n: int | None = None
     inverse_crime: bool | None = None
 
 
-class _Plugin(_Told):
+class _Plugin(_Part):
     path: str
     sha256: str
     names: list[str]
 
 
-class _Suite(_Told):
+class _Suite(_Part):
     name: str = ""
     scenarios: list[dict[str, Any]] = []
 
 
-class _Plan(_Told):
+class _Plan(_Part):
     suite: _Suite = _Suite()
     names: list[str] = []
     scenarios: list[str] = []
@@ -177,7 +138,9 @@ class _Plan(_Told):
     plugins: list[_Plugin] = []
 
 
-class _Manifest(_Told):
+class _Manifest(_Part):
+    """What results are shown from."""
+
     status: str = "finished"
     plan: _Plan = _Plan()
     data: dict[str, _Data] = {}
@@ -188,25 +151,84 @@ class _Manifest(_Told):
     calibration_ms: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
 
 
-def check_kinds(manifest: Manifest, path: Path) -> None:
-    """Refuse a manifest that tells something of another kind than eitbench writes.
+class _KnownData(_Part):
+    hash: str
+
+
+class _Cell(_Part):
+    scenario: str
+    name: str
+    variant: str
+    track: str
+    parameters: dict[str, Any]
+    spent: dict[str, Any]
+
+
+class _Resumable(_Part):
+    """What a run is continued from."""
+
+    status: str
+    batch: int
+    resumed: list[Any]
+    skipped: dict[str, Any]
+    refused: dict[str, Any]
+    plan: dict[str, Any]
+    data: dict[str, _KnownData]
+    cells: list[_Cell]
+
+
+def read(run: Path) -> Manifest:
+    """Read the manifest of the run directory `run`.
 
     Raises:
-        InputError: it does.
+        InputError: `run` holds none.
+        DataCorruptError: it is damaged.
     """
+    path = run / FILE_NAME
+    if not path.is_file():
+        raise InputError(f"{run} is not a run directory: it holds no {FILE_NAME}.")
     try:
-        _Manifest.model_validate(manifest)
+        content = json.loads(path.read_text(encoding="utf-8"))
+        if not isinstance(content, dict):
+            raise ValueError("it is not a JSON object")
+        _Manifest.model_validate(content)
     except ValidationError as error:
-        (first, *_) = error.errors(include_url=False)
-        where = ".".join(map(str, first["loc"]))
-        raise InputError(f"The manifest {path} is damaged: {where}: {first['msg']}.") from error
+        where, reason = _first(error)
+        raise DataCorruptError(f"The manifest {path} is damaged: {where}: {reason}.") from error
+    except (OSError, ValueError, RecursionError) as error:
+        raise DataCorruptError(f"The manifest {path} cannot be read: {error}.") from error
+    return content
+
+
+def read_resumable(run: Path) -> Manifest:
+    """Read the manifest of a run that is to be continued.
+
+    Raises:
+        InputError: `run` holds none, or something that is needed is missing.
+        DataCorruptError: as for `read`.
+    """
+    manifest = read(run)
+    try:
+        _Resumable.model_validate(manifest)
+    except ValidationError as error:
+        raise InputError(
+            f"{run} cannot be resumed: its manifest is incomplete ({_first(error)[0]!r}). Start a "
+            "new run."
+        ) from error
+    return manifest
+
+
+def _first(error: ValidationError) -> tuple[str, str]:
+    """Place and reason of the first problem."""
+    first = error.errors(include_url=False)[0]
+    return ".".join(map(str, first["loc"])), first["msg"]
 
 
 def suite_of(manifest: Manifest) -> Suite:
-    """The suite of the run that `manifest` tells of.
+    """Return the suite of the run that `manifest` describes.
 
     Raises:
-        InputError: it does not tell it, or not as this version of eitbench declares suites.
+        InputError: it does not hold it, or not as this version of eitbench declares suites.
     """
     try:
         return Suite.model_validate(manifest["plan"]["suite"])
@@ -215,30 +237,3 @@ def suite_of(manifest: Manifest) -> Suite:
             "The manifest of the run does not hold its suite as this version of eitbench declares "
             "suites: run it again."
         ) from error
-
-
-def read_resumable(run: Path) -> Manifest:
-    """The manifest of a run that is to be continued.
-
-    Raises:
-        InputError: as for `read`, or something that is needed is missing.
-    """
-    manifest = read(run)
-    missing = _missing(manifest, _NEEDED)
-    for cell in () if missing else manifest["cells"]:
-        missing = missing or _missing(cell, _NEEDED_OF_CELL)
-    for data in () if missing else manifest["data"].values():
-        missing = missing or _missing(data, {"hash": str})
-    if missing:
-        raise InputError(
-            f"{run} cannot be resumed: its manifest is incomplete ({missing!r}). Start a new run."
-        )
-    return manifest
-
-
-def _missing(content: object, needed: dict[str, type]) -> str:
-    """The first of `needed` that `content` does not hold, or ""."""
-    for name, kind in needed.items():
-        if not isinstance(content, dict) or not isinstance(content.get(name), kind):
-            return name
-    return ""

@@ -172,7 +172,7 @@ def test_nesting_without_end_is_told(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="a number is too long"):
         read_sensor(tmp_path / "long.toml")
     (tmp_path / "manifest.json").write_text(DEEP)
-    with pytest.raises(InputError, match="cannot be read"):
+    with pytest.raises(DataCorruptError, match="cannot be read"):
         read_manifest(tmp_path)
     (tmp_path / "deep.csv").write_text(f"# eitbench recording 1\n# sensor: {DEEP}\n")
     with pytest.raises(DataCorruptError, match="its sensor is damaged"):
@@ -193,5 +193,5 @@ def test_a_manifest_of_other_kinds_is_refused(
     tmp_path: Path, told: dict[str, Any], says: str
 ) -> None:
     (tmp_path / "manifest.json").write_text(json.dumps(told))
-    with pytest.raises(InputError, match=f"is damaged: {says}"):
+    with pytest.raises(DataCorruptError, match=f"is damaged: {says}"):
         read_manifest(tmp_path)

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from eitbench.benchmark.rundir import manifest
-from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.errors import DataCorruptError, InputError
 
 
 def test_environment_names_versions_and_machine() -> None:
@@ -30,13 +30,12 @@ def test_no_host_and_no_user_name() -> None:
 
 
 @pytest.mark.parametrize(
-    ("content", "sentence"),
-    [(None, "holds no manifest"), ("{", "cannot be read"), ("[]", "not a JSON object")],
+    ("content", "error"), [(None, InputError), ("{", DataCorruptError), ("[]", DataCorruptError)]
 )
 def test_a_folder_without_a_good_manifest(
-    content: str | None, sentence: str, tmp_path: Path
+    content: str | None, error: type[Exception], tmp_path: Path
 ) -> None:
     if content is not None:
         (tmp_path / manifest.FILE_NAME).write_text(content)
-    with pytest.raises(InputError, match=sentence):
+    with pytest.raises(error, match=manifest.FILE_NAME):
         manifest.read(tmp_path)
