@@ -1,10 +1,11 @@
-"""What MkDocs does beside Markdown: generated pages, and formulas as MathML, without a network."""
+"""Hooks of MkDocs: generated Markdown, and formulas as MathML, without a network."""
 
 import html
 import re
 import subprocess
 import sys
 from collections.abc import Iterable
+from pathlib import Path
 from typing import Any
 
 from latex2mathml.converter import convert
@@ -13,7 +14,8 @@ from eitbench.benchmark.metrics.metric_spec import MetricSpec
 from eitbench.benchmark.metrics.operator_metrics import OPERATOR_COSTS, OPERATOR_METRICS
 from eitbench.benchmark.metrics.specs import METRICS
 
-# What arithmatex leaves of $...$ and $$...$$, outside code.
+_ROOT = Path(__file__).resolve().parents[1]
+# Arithmatex's markup of $...$ and $$...$$, outside code.
 _FORMULA = re.compile(r'<(span|div) class="arithmatex">\\[(\[](.*?)\\[)\]]</\1>', flags=re.DOTALL)
 _BAR = re.compile(r"<mo>(&#x02016;|&#x0007C;)</mo>")  # would grow as tall as all that follows
 _PLACE = re.compile(r"^<!-- generated: (.*?) -->$", flags=re.MULTILINE)
@@ -54,20 +56,29 @@ def _cards(specs: Iterable[MetricSpec]) -> str:
 
 
 def _command_line() -> str:
-    """What `typer utils docs` says of every command, one heading deeper."""
-    said = subprocess.run(
+    """Return the output of `typer utils docs`, one heading deeper."""
+    text = subprocess.run(
         [sys.executable, "-m", "typer", "eitbench.cli", "utils", "docs", "--name", "eitbench"],
         check=True,
         capture_output=True,
         text=True,
     ).stdout
-    without_title = said.split("\n", 1)[1]
-    # Its lists of commands cut their descriptions short; each follows in full.
+    without_title = text.split("\n", 1)[1]
+    # The lists of commands shorten their descriptions, which follow in full.
     without_title = re.sub(r"\*\*Commands\*\*:\n\n(\* .*\n)+", "", without_title)
     return re.sub(r"^Example: (.*)$", r"Example: `\1`", without_title, flags=re.MULTILINE)
 
 
+def _from_root(name: str) -> str:
+    """Return a page beside the folder `docs`, with links as from inside it."""
+    text = (_ROOT / name).read_text().replace("](docs/", "](")
+    text = text.replace("](CONTRIBUTING.md)", "](contributing.md)")
+    return re.sub(r"\[(CITATION\.cff)\]\(CITATION\.cff\)", r"`\1`", text)
+
+
 GENERATED = {
+    "README.md": lambda: _from_root("README.md"),
+    "CONTRIBUTING.md": lambda: _from_root("CONTRIBUTING.md"),
     "metrics of images": lambda: _cards(METRICS.values()),
     "metrics of operators": lambda: _cards(OPERATOR_METRICS.values()),
     "costs of operators": lambda: _cards(OPERATOR_COSTS.values()),

@@ -1,19 +1,13 @@
 """Every code block and command of README and docs is run: each page, top to bottom, in one folder.
 
-What a fence is, its language says:
+Fences by language:
 
-- none, or `sh`: commands, one a line, which have to end well. Boards on a port are emulated ones,
-  guided sessions get their answers, `record` lasts a second, what serves until Ctrl-C gets that.
+- none, `sh` or `bash`: commands, one a line, which have to end well. Boards on a port are emulated
+  ones, guided sessions get their answers, `record` lasts a second, commands that serve until Ctrl-C
+  get that. `commands.toml` lists the commands that a test runs with other options, or not.
 - `python`: run, or, if its first line is a comment that names a file, written to that file.
-- `toml`: read by whatever reads such a file, and written if its first line names a file.
+- `toml`: read by the reader of such files, and written if its first line names a file.
 - `text` and other listings: nothing.
-
-Comments on the lines above a fence say what a test has to do otherwise:
-
-    <!-- test: + --limit 2 -->      options added to every command of the fence that takes them
-    <!-- test: first COMMAND -->    a command (of eitbench, or `cp`) that has to be run before
-    <!-- test: slow -->             run in the nightly tests only, else parsed
-    <!-- test: parse, REASON -->    parsed only, since it cannot be run here
 """
 
 import io
@@ -21,7 +15,6 @@ import json
 import os
 import re
 import shlex
-import shutil
 import signal
 import subprocess
 import sys
@@ -33,7 +26,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import typer
 from markdown_it import MarkdownIt
 from typer.main import get_command
 
@@ -44,34 +36,29 @@ from eitbench.hardware.recording import guided
 from eitbench.hardware.recording.guided import Timing
 from eitbench.methods.registry import METHOD_REGISTRY, OPERATOR_REGISTRY, Registry
 from eitbench.scenarios import load_suite, sensor
-from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.recordings import RECORDED_SETS
 from eitbench.scenarios.suites.suite import suites
 
 ROOT = Path(__file__).resolve().parents[2]
-PAGES = [
-    ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))
-]  # fmt: skip
+PAGES = sorted(
+    str(page.relative_to(ROOT))
+    for page in (ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").rglob("*.md"))
+)
+EXCEPTIONS: dict[str, dict[str, dict[str, Any]]] = tomllib.loads(
+    Path(__file__).with_name("commands.toml").read_text()
+)
 SHELL = ("", "sh", "bash")
-LISTINGS = ("text", "yaml", "matlab")
-DIRECTIVE = re.compile(r"<!-- test: (.+?) -->")
-SERVES = ("live", "emulate")
 REGISTRIES: tuple[Registry[Any], ...] = (METHOD_REGISTRY, OPERATOR_REGISTRY)
-STORED = {"--resume", "--runs"}
-"""Options that name what was run before, with which nothing is made smaller."""
-# Typer raises these of click's, or of its own copy of click, which has no public name.
-BAD_USAGE: type[Exception] = typer.BadParameter.__mro__[1]
 Command = Callable[..., tuple[int, str, str]]
 
 
 @dataclass(frozen=True)
-class Block:
-    """A fence: its language, its code, its line, and what a test is told of it."""
+class Fence:
+    """A code block of a page: its language (`indented` if it has no fence), its code, its line."""
 
     language: str
     code: str
     line: int
-    told: tuple[str, ...]
 
     @property
     def file(self) -> str | None:
@@ -80,71 +67,52 @@ class Block:
         return named[1] if named else None
 
     @property
-    def commands(self) -> list[list[str]]:
-        """The words of every command."""
-        whole = self.code.replace("\\\n", " ").splitlines()
-        split = [shlex.split(line, comments=True) for line in whole]
-        return [_without_folder(words) for words in split if words]
-
-    def options(self) -> list[list[str]]:
-        """What is added to commands."""
-        return [shlex.split(told[2:]) for told in self.told if told.startswith("+ ")]
-
-    def first(self) -> list[list[str]]:
-        """Commands that have to be run before."""
-        return [shlex.split(told[6:]) for told in self.told if told.startswith("first ")]
-
-    @property
-    def slow(self) -> bool:
-        """Whether it takes too long to be run by default."""
-        return "slow" in self.told
-
-    @property
-    def parsed_only(self) -> bool:
-        """Whether there is a reason not to run it."""
-        return any(told.startswith("parse, ") for told in self.told)
+    def commands(self) -> list[str]:
+        """Its commands, without comments."""
+        lines = self.code.replace("\\\n", " ").splitlines()
+        words = (shlex.split(line, comments=True) for line in lines)
+        return [" ".join(found) for found in words if found] if self.language in SHELL else []
 
 
-def _without_folder(words: list[str]) -> list[str]:
-    return ["eitbench", *words[1:]] if words[0] == ".venv/bin/eitbench" else words
+def fences(page: str) -> list[Fence]:
+    return [
+        Fence(
+            "indented" if token.type == "code_block" else token.info.split(" ")[0],
+            token.content,
+            (token.map or [0])[0] + 1,
+        )
+        for token in MarkdownIt("commonmark").parse((ROOT / page).read_text())
+        if token.type in ("fence", "code_block")
+    ]
 
 
-def blocks_of(text: str) -> list[Block]:
-    """The fences of a page; indented code has language `indented`."""
-    found, told = list[Block](), list[str]()
-    for token in MarkdownIt("commonmark").parse(text):
-        if token.type == "html_block":
-            told += DIRECTIVE.findall(token.content)
-        elif token.type in ("fence", "code_block"):
-            language = "indented" if token.type == "code_block" else token.info.split(" ")[0]
-            line = (token.map or [0])[0] + 1
-            found.append(Block(language, token.content, line, tuple(told)))
-            told = []
-        elif told:
-            raise AssertionError(f"No fence follows the directive {told[0]!r}.")
-    return found
+def is_slow(page: str) -> bool:
+    return any(exception.get("slow") for exception in EXCEPTIONS.get(page, {}).values())
 
 
-def name_of(page: Path) -> str:
-    return str(page.relative_to(ROOT))
+@pytest.mark.parametrize("page", PAGES)
+def test_every_fence_is_run_or_a_listing(page: str) -> None:
+    exceptions, known = EXCEPTIONS.get(page, {}), set[str]()
+    for fence in fences(page):
+        assert fence.language in (*SHELL, "python", "toml", "json", "text", "yaml"), fence
+        known |= {*fence.commands, fence.file or ""}
+        for command in fence.commands:
+            told = "parse" in exceptions.get(command, {})
+            assert told or command.split()[0] in ("eitbench", "make"), f"cannot be run: {command}"
+    assert not exceptions.keys() - known, f"{page} has no such command"
 
 
-@pytest.mark.parametrize("page", PAGES, ids=name_of)
-def test_every_fence_is_run_or_a_listing(page: Path) -> None:
-    for block in blocks_of(page.read_text()):
-        where = f"{page.name}:{block.line}"
-        assert block.language in (*SHELL, "python", "toml", "json", *LISTINGS), where
-        for told in block.told:
-            assert re.fullmatch(r"slow|\+ --.+|first (eitbench|cp) .+|parse, .+", told), where
-        if block.language in SHELL:
-            for words in block.commands:
-                known = block.parsed_only or words[0] in ("eitbench", "make")
-                assert known, f"{where}: say why {words[0]!r} cannot be run here"
+def test_no_exception_is_for_a_page_that_is_gone() -> None:
+    assert not EXCEPTIONS.keys() - set(PAGES)
 
 
-@pytest.mark.parametrize("page", PAGES, ids=name_of)
-def test_commands_in_its_sentences_exist(page: Path) -> None:
-    for token in MarkdownIt("commonmark").enable("table").parse(page.read_text()):
+def test_the_readme_is_read_in_one_sitting() -> None:
+    assert len((ROOT / "README.md").read_bytes()) <= 9000
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_commands_in_its_sentences_exist(page: str) -> None:
+    for token in MarkdownIt("commonmark").enable("table").parse((ROOT / page).read_text()):
         for part in token.children or ():
             if part.type != "code_inline" or not re.match(r"eitbench [a-z]", part.content):
                 continue
@@ -162,7 +130,7 @@ def _cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def reader(
     tmp_path: Path, _cache: Path, monkeypatch: pytest.MonkeyPatch, eitbench: Command
 ) -> "Reader":
-    """Somebody who follows a page, in a folder beside `docs`, with a cache for all pages."""
+    """A reader who follows a page in a folder beside `docs`, with one cache for all pages."""
     monkeypatch.setenv("EITBENCH_CACHE", str(_cache))
     shared = Path(os.environ.get("EITBENCH_DATA") or ROOT.parent / "shared" / "recordings")
     if shared.is_dir():
@@ -170,115 +138,90 @@ def reader(
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(guided, "Timing", lambda: Timing(0.3, 0.05, 0.1))
     (tmp_path / "docs").symlink_to(ROOT / "docs")
-    return Reader(eitbench, monkeypatch, recorded=shared.is_dir())
+    return Reader(eitbench, monkeypatch, absent=() if shared.is_dir() else tuple(RECORDED_SETS))
 
 
-@pytest.mark.parametrize("page", PAGES, ids=name_of)
-def test_page(page: Path, reader: "Reader") -> None:
+@pytest.mark.parametrize("page", [page for page in PAGES if fences(page)])
+def test_page(page: str, reader: "Reader") -> None:
     reader.follow(page, slow=False)
 
 
 @pytest.mark.slow
 @pytest.mark.timeout(7200)
-@pytest.mark.parametrize(
-    "page", [p for p in PAGES if any(b.slow for b in blocks_of(p.read_text()))], ids=name_of
-)
-def test_page_with_all_that_is_slow(page: Path, reader: "Reader") -> None:
+@pytest.mark.parametrize("page", [page for page in PAGES if is_slow(page)])
+def test_page_with_all_that_is_slow(page: str, reader: "Reader") -> None:
     reader.follow(page, slow=True)
 
 
+@dataclass
 class Reader:
-    """Follows a page in the present folder."""
+    """Follows pages in the present folder; skips commands on recorded sets that are absent."""
 
-    def __init__(
-        self, eitbench: Command, monkeypatch: pytest.MonkeyPatch, *, recorded: bool
-    ) -> None:
-        self._eitbench, self._patch = eitbench, monkeypatch
-        self._names: dict[str, Any] = {"__name__": "__docs__"}
-        self._absent = () if recorded else tuple(RECORDED_SETS)
+    eitbench: Command
+    patch: pytest.MonkeyPatch
+    absent: tuple[str, ...]
 
-    def follow(self, page: Path, *, slow: bool) -> None:
-        """All of it; what is slow only if asked for, else it is parsed."""
-        blocks = blocks_of(page.read_text())
-        # A command may use a file that is listed below it.
-        for block in reversed(blocks):
-            self._write(block)
-        for block in blocks:
-            only_parsed = block.parsed_only or (block.slow and not slow)
+    def follow(self, page: str, *, slow: bool) -> None:
+        """Run all code of a page, slow commands only if asked for."""
+        exceptions, names = EXCEPTIONS.get(page, {}), {"__name__": "__docs__"}
+        for fence in reversed(fences(page)):  # a command may use a file that is listed below it
+            write(fence)
+        for fence in fences(page):
             try:
-                self._do(block, run=not only_parsed)
+                write(fence)
+                if fence.language == "python" and fence.file is None:
+                    exec(compile(fence.code, f"line {fence.line}", "exec"), names)
+                elif fence.language == "toml" and fence.file not in exceptions:
+                    read_listing(fence)
+                elif fence.language == "json":
+                    json.loads(fence.code)
+                for command in fence.commands:
+                    self._obey(command, exceptions.get(command, {}), slow=slow)
             except BaseException as error:
-                error.add_note(f"{name_of(page)}:{block.line}")
+                error.add_note(f"{page}:{fence.line}")
                 raise
 
-    def _do(self, block: Block, *, run: bool) -> None:
-        self._write(block)
-        if block.language == "python":
-            code = compile(block.code, f"line {block.line}", "exec")
-            if run and block.file is None:
-                exec(code, self._names)
-        elif block.language == "toml" and block.parsed_only:
-            tomllib.loads(block.code)
-        elif block.language == "toml":
-            read_listing(block)
-        elif block.language == "json" and not block.parsed_only:
-            json.loads(block.code)
-        elif block.language in SHELL:
-            self._obey(block, run=run)
-
-    @staticmethod
-    def _write(block: Block) -> None:
-        if block.file is not None and block.language in ("python", "toml"):
-            Path(block.file).parent.mkdir(parents=True, exist_ok=True)
-            Path(block.file).write_text(block.code)
-
-    def _obey(self, block: Block, *, run: bool) -> None:
-        unused = block.options()
-        for words in block.first() if run else ():
-            self._run(words)
-        for words in block.commands:
-            if words[0] == "make":
-                dry = ["make", "-n", f"PYTHON={sys.executable}", *words[1:]]
-                subprocess.run(dry, cwd=ROOT, check=True, stdout=subprocess.DEVNULL)
-            if words[0] != "eitbench":
-                continue
+    def _obey(self, command: str, exception: dict[str, Any], *, slow: bool) -> None:
+        words = shlex.split(f"{command} {exception.get('add', '')}")
+        if words[0] == "make":
+            dry = ["make", "-n", f"PYTHON={sys.executable}", *words[1:]]
+            subprocess.run(dry, cwd=ROOT, check=True, stdout=subprocess.DEVNULL)
+        elif words[0].endswith("eitbench"):
             parse(words)
-            for options in block.options() if not STORED & set(words) else ():
-                if parses([*words, *options]):
-                    words = [*words, *options]
-                    unused = [left for left in unused if left != options]
-            if run and not any(name in words for name in self._absent):
-                self._run(words)
-        assert not unused, f"No command takes {unused}."
+            left = "parse" in exception or (exception.get("slow") and not slow)
+            if not left and not set(self.absent) & set(words):
+                for before in (*exception.get("first", ()), shlex.join(words)):
+                    self._run(before)
 
-    def _run(self, words: list[str]) -> None:
-        if words[0] == "cp":
-            source, target = words[1:]
-            if Path(source).is_dir():
-                shutil.copytree(source, target)
-            else:
-                shutil.copyfile(source, target)
-            return
+    def _run(self, command: str) -> None:
+        words = shlex.split(command)
         words, file = (words[:-2], Path(words[-1])) if words[-2] == ">" else (words, None)
-        if words[1] == "record":
-            words = [*words, *([] if "--guided" in words else ["--seconds", "1"])]
+        if words[1] == "record" and "--guided" not in words:
+            words += ["--seconds", "1"]
         with emulated_port(words) as arguments:
-            if words[1] in SERVES:
+            if words[1] in ("live", "emulate"):
                 with serving(arguments):
                     return
-            self._patch.setattr(sys, "stdin", io.StringIO(answers("--port" in words)))
+            self.patch.setattr(sys, "stdin", io.StringIO(answers("--port" in words)))
             with forgetting_plugins():
-                code, out, err = self._eitbench(*arguments)
-        assert code == 0, f"{shlex.join(words)} ended with {code}:\n{out}\n{err}"
+                code, out, err = self.eitbench(*arguments)
+        assert code == 0, f"{command} ended with {code}:\n{out}\n{err}"
         if file is not None:
             file.write_text(out)
 
 
-def read_listing(block: Block) -> None:
-    """Have a TOML listing read by what reads such a file."""
-    path = Path(block.file or f"line-{block.line}.toml")
-    path.write_text(block.code)
-    declared = tomllib.loads(block.code)
+def write(fence: Fence) -> None:
+    """Write the file that a fence names."""
+    if fence.file is not None and fence.language in ("python", "toml"):
+        Path(fence.file).parent.mkdir(parents=True, exist_ok=True)
+        Path(fence.file).write_text(fence.code)
+
+
+def read_listing(fence: Fence) -> None:
+    """Read a TOML listing by the reader of such files."""
+    path = Path(fence.file or f"line-{fence.line}.toml")
+    path.write_text(fence.code)
+    declared = tomllib.loads(fence.code)
     if "scenarios" in declared:
         load_suite(path)
     elif "outline" in declared:
@@ -312,28 +255,19 @@ def parse(words: list[str]) -> None:
         make_plan(load_suite(params["suite"]), methods=methods, scenarios=scenarios)
 
 
-def parses(words: list[str]) -> bool:
-    """Whether a command takes all these options, and has what they name."""
-    try:
-        parse(words)
-    except (BAD_USAGE, InputError):
-        return False
-    return True
-
-
 @contextmanager
 def forgetting_plugins() -> Iterator[None]:
-    """What a command's plugin registers is gone with it, as if it had a process of its own."""
+    """Remove the methods that a command's plugin registered, as if it had its own process."""
     before = [registry.known() for registry in REGISTRIES]  # all built-in ones are imported by this
     yield
-    for registry, kept in zip(REGISTRIES, before, strict=True):
-        for name in registry.known().keys() - kept.keys():
+    for registry, known in zip(REGISTRIES, before, strict=True):
+        for name in registry.known().keys() - known.keys():
             del registry._registered[name]
 
 
 @contextmanager
 def serving(arguments: list[str]) -> Iterator[str]:
-    """A command that serves until Ctrl-C, with what it says first; it has to end well."""
+    """A command that serves until Ctrl-C, as its first line of output; it has to end well."""
     free = ["--http-port", "0"] if arguments[0] == "live" else []
     process = subprocess.Popen(
         [sys.executable, "-c", "from eitbench.cli import main; main()", *arguments, *free],
@@ -342,9 +276,9 @@ def serving(arguments: list[str]) -> Iterator[str]:
     )
     assert process.stdout is not None
     try:
-        said = process.stdout.readline()
-        assert said, f"{shlex.join(arguments)} said nothing."
-        yield said
+        line = process.stdout.readline()
+        assert line, f"{shlex.join(arguments)} printed nothing."
+        yield line
     finally:
         process.send_signal(signal.SIGINT)
         process.communicate(timeout=60)
@@ -361,14 +295,14 @@ def emulated_port(words: list[str]) -> Iterator[list[str]]:
     chosen = ["--protocol", words[words.index("--board") + 1]]
     if "--sensor" in words:
         chosen += ["--sensor", words[words.index("--sensor") + 1]]
-    with serving(["emulate", *chosen]) as said:
-        port = re.search(r" on (\S+) \(", said)
-        assert port, said
+    with serving(["emulate", *chosen]) as line:
+        port = re.search(r" on (\S+) \(", line)
+        assert port, line
         yield [*words[1:at], port[1], *words[at + 1 :]]
 
 
 def answers(by_hand: bool) -> str:
-    """What is typed in a guided session of 12 touches; one by hand is asked of every touch."""
+    """Input of a guided session of 12 touches; one by hand asks about every touch."""
     places = [f"{x} {y}" for y in (20, 40, 60) for x in (20, 40, 60, 80)]
     touch = "\n\n\n" if by_hand else "\n"
     return "\n\n\n" + "".join(place + touch for place in places) + "\n"
