@@ -1,4 +1,4 @@
-"""What a published claim is, and what becomes of one."""
+"""Published claims, and the findings of their evaluation."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -13,28 +13,28 @@ class Figure:
 
     Attributes:
         name: what is measured, with its unit.
-        published: words where only words are known to us; None where nothing is.
+        published: text where no number is known to us; None where nothing is.
         ours: None where it was not measured.
         interval: ends of the 95 % interval of `ours`, if it has one.
-        kept: whether ours is as the rule asks; None where it was not judged.
+        met: True if ours meets the rule of the claim; None where it was not tested.
     """
 
     name: str
     published: float | str | None
     ours: float | None = None
     interval: tuple[float, float] | None = None
-    kept: bool | None = None
+    met: bool | None = None
 
 
 @dataclass(frozen=True)
 class Finding:
-    """What becomes of a claim.
+    """The verdict on a claim, with its reasons.
 
     Attributes:
         figures: the published ones beside ours.
         why: a sentence or two.
         n: number of samples that ours rest on; None where there are none.
-        conditions: what ours rest on, in words.
+        conditions: description of the samples, or trainings, that ours rest on.
     """
 
     verdict: Verdict
@@ -50,12 +50,12 @@ class Claim:
 
     Attributes:
         name: for programs and links.
-        source: where it stands in the paper.
-        says: the claim in words.
-        published: its figures, beside which ours come.
-        tolerance: the rule of the verdict, in words.
-        command: what measures it.
-        evaluate: applies the rule to what was measured.
+        source: its place in the paper.
+        says: the claim as a sentence.
+        published: its figures, without ours.
+        tolerance: the rule of the verdict, as text.
+        command: the command that measures it.
+        evaluate: applies the rule to the evidence.
     """
 
     name: str
@@ -67,7 +67,7 @@ class Claim:
     evaluate: Callable[[Evidence], Finding] = field(repr=False)
 
     def finding(self, evidence: Evidence) -> Finding:
-        """What becomes of it: not testable, with the reason, where something was not measured.
+        """Return the verdict: not testable, with the reason, where something was not measured.
 
         Raises:
             InputError: several runs hold the same method or operator.

@@ -1,8 +1,9 @@
-"""The audit of the published classical rows: the same images, read in two ways."""
+"""The published classical rows: the images of NOSER and TV here, read in two ways beside them."""
 
-from dataclasses import dataclass
+from typing import Any, TypedDict
 
 from eitbench.benchmark.analysis.readings import (
+    FIGURES,
     Images,
     Reading,
     Readings,
@@ -11,87 +12,99 @@ from eitbench.benchmark.analysis.readings import (
     read_constants,
 )
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
-from eitbench.reports.claims.claims import agreeing
 from eitbench.reports.claims.evidence import SCENARIO, Evidence, NotMeasuredError
-from eitbench.reports.tables.published import TABLE_II
+from eitbench.reports.claims.rules import agreeing
+from eitbench.reports.tables.published import SSIM_IN_WORDS, TABLE_II
 
 CLASSICAL = ("noser", "tv")
 
+ReadingRow = dict[str, Any]
+"""`reading`, the name of a reading, and its figures by a name of `FIGURES`."""
 
-@dataclass(frozen=True)
-class MethodAudit:
-    """One classical method.
 
-    Attributes:
-        conditions: what the readings rest on; the reason where there are none.
-        says: what the published row is consistent with.
+class MethodReadings(TypedDict):
+    """Readings of one classical method.
+
+    `conditions` says what they rest on, or why there are none; `says` compares them with the
+    published row, which is the first of `rows`.
     """
 
     method: str
-    readings: tuple[Reading, ...]
     conditions: str
     says: str
+    rows: list[ReadingRow]
 
 
-@dataclass(frozen=True)
-class Audit:
-    """The classical methods, and what constant images score beside them.
+class ClassicalReadings(TypedDict):
+    """Readings of the classical methods and of constant images.
 
-    Attributes:
-        says: what the published figures say of the truth they were scored against.
+    `says` compares the truths that the published and our figures were computed against.
     """
 
-    methods: tuple[MethodAudit, ...]
-    constants: tuple[Reading, ...]
+    methods: list[MethodReadings]
+    constants: list[ReadingRow]
     says: str
 
 
-def audit(evidence: Evidence) -> Audit:
+def classical_readings(evidence: Evidence) -> ClassicalReadings:
     """Read the stored images of every classical method in two ways.
 
     Raises:
         InputError: several runs hold the same method.
         DataCorruptError: a run does not hold its images.
     """
-    methods: list[MethodAudit] = []
+    methods: list[MethodReadings] = []
     constants: tuple[Reading, ...] = ()
     for method in CLASSICAL:
+        published = {"reading": "published", **dict.fromkeys(FIGURES), "ssim": SSIM_IN_WORDS}
+        readings = MethodReadings(
+            method=method, conditions="", says="", rows=[published | dict(TABLE_II[method])]
+        )
+        methods.append(readings)
         try:
             measured = evidence.of(METHOD_RUNS, method)
         except NotMeasuredError as missing:
-            methods.append(MethodAudit(method, (), str(missing), ""))
+            readings["conditions"] = str(missing)
             continue
         images = Images(measured.run, SCENARIO, method)
-        readings = read_both_ways(images, TABLE_II[method]["rie"])
+        ours = read_both_ways(images, TABLE_II[method]["rie"])
         constants = constants or read_constants(images)
-        says = _consistency(method, readings)
-        methods.append(MethodAudit(method, readings.all, measured.conditions, says))
-    return Audit(tuple(methods), constants, _of_the_truth(constants))
+        readings["conditions"] = measured.conditions
+        readings["says"] = _consistency(method, ours)
+        readings["rows"] += _rows(ours.all)
+    return ClassicalReadings(
+        methods=methods, constants=_rows(constants), says=_on_the_truth(constants)
+    )
+
+
+def _rows(readings: tuple[Reading, ...]) -> list[ReadingRow]:
+    return [{"reading": reading.name, **reading.figures} for reading in readings]
 
 
 def _consistency(method: str, readings: Readings) -> str:
+    """Describe the readings of a method beside its published row."""
     published, label = TABLE_II[method], method.upper()
     absolute, plain = readings.absolute.figures, readings.difference.figures
-    said = [
+    sentences = [
         f"Read as absolute maps the images of {label} have CC {absolute['cc']:.2f} and PSNR "
         f"{absolute['psnr']:.1f} dB; without their background RIE {plain['rie']:.2f}, PSNR "
         f"{plain['psnr']:.2f} dB and SSIM {plain['ssim']:.2f}."
     ]
     if all(agreeing(method, plain).values()):
-        said.append(_consistent(label, "of a difference image without its background"))
+        sentences.append(_consistent(label, "of a difference image without its background"))
     elif readings.scaled is not None and readings.factor is not None:
         scaled = readings.scaled.figures
-        said.append(
+        sentences.append(
             f"Taken {readings.factor:.2g} times as strong they have the published RIE "
             f"{published['rie']:.2f}, which all but decides PSNR ({scaled['psnr']:.2f} dB), and "
             f"SSIM {scaled['ssim']:.2f}."
         )
         if all(agreeing(method, scaled).values()):
             what = "of such a difference image, of other strength than ours"
-            said.append(_consistent(label, what))
+            sentences.append(_consistent(label, what))
         else:
-            said.append(f"The published row of {label} is not consistent with that either.")
-    return " ".join(said)
+            sentences.append(f"The published row of {label} is not consistent with that either.")
+    return " ".join(sentences)
 
 
 def _consistent(label: str, what: str) -> str:
@@ -101,10 +114,10 @@ def _consistent(label: str, what: str) -> str:
     )
 
 
-def _of_the_truth(constants: tuple[Reading, ...]) -> str:
-    """What RIE and PSNR together say of the images that methods were compared with."""
+def _on_the_truth(constants: tuple[Reading, ...]) -> str:
+    """Compare the truth that RIE and PSNR of a published row imply with ours."""
     levels = [implied_rms(TABLE_II[name]["rie"], TABLE_II[name]["psnr"]) for name in CLASSICAL]
-    said = (
+    sentences = (
         "RIE and PSNR of one image together give the root mean square of its truth, whatever the "
         "method, and so do their means where errors are alike: "
         f"{levels[0]:.3f} of the data range by the published row of NOSER, {levels[1]:.3f} by that "
@@ -113,9 +126,9 @@ def _of_the_truth(constants: tuple[Reading, ...]) -> str:
     if constants:
         zero, contrast = (implied_rms(1.0, reading.figures["psnr"]) for reading in constants)
         absolute = all(abs(level - zero) < abs(level - contrast) for level in levels)
-        said += (
+        sentences += (
             f" Here it is {zero:.3f} for absolute maps and {contrast:.3f} for contrasts. So the "
             f"published rows are consistent with images scored against "
             f"{'absolute maps' if absolute else 'contrasts'}."
         )
-    return said
+    return sentences

@@ -1,4 +1,4 @@
-"""What finished runs say of one method or operator on the paper's scenario."""
+"""Evidence for the published claims: finished runs on the paper's scenario, and studies."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -11,6 +11,7 @@ from eitbench.benchmark import InputError
 from eitbench.benchmark.analysis.leaderboard import Row, leaderboard_rows
 from eitbench.benchmark.analysis.results import Run, failures
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS, RunKind
+from eitbench.reports.studies.summaries import StudySummary
 
 SCENARIO = "paper"
 SUITES = {"method": "paper", "operator": "operators"}  # others may call another scenario so
@@ -25,7 +26,7 @@ class Measured:
     """One method or operator, every sample of it valid.
 
     Attributes:
-        run: where it was measured.
+        run: the run that holds it.
         row: its row of the leaderboard.
         samples: one row per sample.
     """
@@ -36,12 +37,11 @@ class Measured:
 
     @property
     def conditions(self) -> str:
-        """What the figures rest on, in words."""
+        """Description of the samples and their mesh."""
         which = "all" if self.run.manifest["plan"]["limit"] is None else "the first"
-        said = f"{which} {len(self.samples):,} test samples of {SCENARIO!r}"
-        if self.row["inverse_crime"]:
-            said += ", from the mesh that is inverted with (inverse crime)"
-        return said
+        crime = ", from the mesh that is inverted with (inverse crime)"
+        text = f"{which} {len(self.samples):,} test samples of {SCENARIO!r}"
+        return text + crime if self.row["inverse_crime"] else text
 
     @property
     def machine(self) -> str:
@@ -50,9 +50,11 @@ class Measured:
 
 
 class Evidence:
-    """Runs, and summaries of studies by name, to look things up in."""
+    """Runs and, by name, summaries of studies: looks measurements up."""
 
-    def __init__(self, runs: Sequence[Run], studies: Mapping[str, Row] | None = None) -> None:
+    def __init__(
+        self, runs: Sequence[Run], studies: Mapping[str, StudySummary] | None = None
+    ) -> None:
         self._runs = runs
         self._studies = studies or {}
         self._rows = [
@@ -62,8 +64,8 @@ class Evidence:
             if row["scenario"] == SCENARIO and row["suite"] == SUITES[run.kind.name]
         ]
 
-    def study(self, name: str) -> Row:
-        """The summary of the study called `name`.
+    def study(self, name: str) -> StudySummary:
+        """Return the summary of the study called `name`.
 
         Raises:
             NotMeasuredError: there is none.
@@ -73,7 +75,7 @@ class Evidence:
         return self._studies[name]
 
     def of(self, kind: RunKind, name: str) -> Measured:
-        """What was measured of the method or operator `name`.
+        """Return the measurements of the method or operator `name`.
 
         Raises:
             NotMeasuredError: no run holds it whole, or it failed.
@@ -88,8 +90,8 @@ class Evidence:
                 f"{SCENARIO!r}: give only one of them."
             )
         run, row = found[0]
-        here = run.samples
-        samples = here[(here["scenario"] == SCENARIO) & (here[kind.name] == name)]
+        table = run.samples
+        samples = table[(table["scenario"] == SCENARIO) & (table[kind.name] == name)]
         if row["coverage"] < 1:
             raise NotMeasuredError(f"{failures(replace(run, samples=samples))[0].rstrip('.')}.")
         if row["data_n"] != len(samples):
@@ -101,8 +103,8 @@ class Evidence:
 
     def _why_missing(self, kind: RunKind, name: str) -> str:
         for run in self._runs:
-            if said := run.manifest.get("skipped", {}).get(f"{SCENARIO}/{name}"):
-                return str(said)
+            if reason := run.manifest.get("skipped", {}).get(f"{SCENARIO}/{name}"):
+                return str(reason)
         return f"No run holds the {kind.name} {name!r} on {SCENARIO!r}."
 
     def paired(

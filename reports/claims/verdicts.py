@@ -11,7 +11,7 @@ Best = Literal["max", "min"]
 
 
 class Verdict(StrEnum):
-    """What becomes of a published claim."""
+    """Results of testing a published claim."""
 
     holds = "holds"
     in_part = "holds in part"
@@ -21,7 +21,7 @@ class Verdict(StrEnum):
 
 @dataclass(frozen=True)
 class Tolerance:
-    """How far a figure may lie from a published one.
+    """Largest allowed distance of a figure from a published one.
 
     Attributes:
         absolute: in the figure's unit.
@@ -37,27 +37,27 @@ class Tolerance:
 
 
 def agrees(ours: float, published: float, tolerance: Tolerance) -> bool:
-    """Whether `ours` lies within the tolerance of `published`, on either side."""
+    """True if `ours` lies within the tolerance of `published`, on either side."""
     return abs(ours - published) <= tolerance.margin(published)
 
 
 def reaches(ours: float, published: float, tolerance: Tolerance, best: Best) -> bool:
-    """Whether `ours` is as good as `published` within the tolerance, or better."""
+    """True if `ours` is as good as `published` within the tolerance, or better."""
     return agrees(ours, published, tolerance) or better(ours - published, best)
 
 
 def better(difference: float, best: Best) -> bool:
-    """Whether a `difference` is one for the better."""
+    """True if a `difference` is one for the better."""
     return difference > 0 if best == "max" else difference < 0
 
 
 def surely_better(difference: Interval, best: Best) -> bool:
-    """Whether the whole interval of a `difference` lies on the better side of 0."""
+    """True if the whole interval of a `difference` lies on the better side of 0."""
     return better(difference.low, best) and better(difference.high, best)
 
 
-def together(kept: Sequence[bool]) -> Verdict:
-    """The verdict on a claim of several figures: all, some or none of them kept."""
-    if all(kept):
+def together(met: Sequence[bool]) -> Verdict:
+    """Return the verdict on a claim of several figures: all, some or none of them met."""
+    if all(met):
         return Verdict.holds
-    return Verdict.in_part if any(kept) else Verdict.fails
+    return Verdict.in_part if any(met) else Verdict.fails

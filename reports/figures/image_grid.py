@@ -1,4 +1,4 @@
-"""ImageGrid pictures: the truth beside what each method makes of it, one row a sample."""
+"""Grids of images: the truth beside the image of each method, one row a sample."""
 
 import textwrap
 from collections.abc import Sequence
@@ -16,6 +16,7 @@ from eitbench.benchmark.analysis.leaderboard import leaderboard_rows
 from eitbench.benchmark.analysis.results import Run, read_run
 from eitbench.benchmark.rundir.arrays_file import Scene
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
+from eitbench.reports.figures.style import HEADING, NOTE, TITLE, save
 from eitbench.reports.tables.columns import printable
 
 if TYPE_CHECKING:
@@ -24,8 +25,7 @@ if TYPE_CHECKING:
 
 Images = NDArray[np.floating]
 
-# One type scale [pt] and one set of distances [in] for all pictures.
-TITLE, HEADING, NOTE = 11, 8.5, 7
+# One set of distances [in] for all grids.
 _LINE = NOTE * 1.3 / 72
 _CELL, _GAP, _MARGIN = 1.3, 0.12, 0.15
 _LABEL, _BAR = 1.0, 0.85
@@ -33,7 +33,6 @@ _HEAD_LINES = 3
 _HEAD_WIDTH = 15
 _MAX_ROWS = 12
 _ROWS_WITHOUT_FAMILIES = 5
-_DPI = 180
 
 # Both perceptually uniform: viridis for conductivity, a diverging map for signed contrast.
 _CONDUCTIVITY_MAP, _CONTRAST_MAP = "viridis", "coolwarm"
@@ -41,7 +40,7 @@ _CONDUCTIVITY_MAP, _CONTRAST_MAP = "viridis", "coolwarm"
 
 @dataclass(frozen=True, eq=False)
 class Tile:
-    """One image of the picture.
+    """One image of a grid.
 
     Attributes:
         image: (H, W) [S/m]; None where there is none.
@@ -56,16 +55,16 @@ class Tile:
 
 @dataclass(frozen=True, eq=False)
 class ImageGrid:
-    """A picture as plain data.
+    """A grid as plain data.
 
     Attributes:
-        title: of the whole picture.
+        title: of the whole grid.
         columns: headings.
         rows: label lines and tiles of each sample.
         limits: the values [S/m] at the ends of the colour scale.
-        contrast: whether images show contrast, not conductivity.
+        contrast: True if images show contrast, not conductivity.
         bounds: (x_min, y_min, x_max, y_max) [m] of an image.
-        footnote: what the crosses mean and which methods are left out; "" if there is neither.
+        footnote: meaning of the crosses, and methods that are left out; "" without either.
     """
 
     title: str
@@ -98,10 +97,7 @@ def write_figures(run: Path) -> list[Path]:
         for scenario in read.scenarios():
             figure = draw(comparison(read, scenario))
             (run / "figures").mkdir(exist_ok=True)
-            for suffix, metadata in (("png", {}), ("pdf", {"CreationDate": None})):
-                path = run / "figures" / f"comparison-{quote(scenario, safe='')}.{suffix}"
-                figure.savefig(path, dpi=_DPI, metadata=metadata)
-                written.append(path)
+            written += save(figure, run / "figures" / f"comparison-{quote(scenario, safe='')}")
     except OSError as error:
         reason = error.strerror or str(error)
         raise EitbenchError(f"Could not write the figures of {run}: {reason}.") from error
@@ -109,7 +105,7 @@ def write_figures(run: Path) -> list[Path]:
 
 
 def comparison(run: Run, scenario: str) -> ImageGrid:
-    """What the picture of a scenario shows: methods by rank, the first sample of each family."""
+    """Return the grid of a scenario: methods by rank, the first sample of each family."""
     rows = [row for row in leaderboard_rows([run]) if row["scenario"] == scenario]
     methods = list(dict.fromkeys(row["method"] for row in rows))
     samples = _chosen(run.samples[run.samples["scenario"] == scenario])
@@ -158,19 +154,19 @@ _CROSSES = (
 
 
 def _with_images(columns: Columns, *, always: bool) -> tuple[Columns, list[str]]:
-    """The columns that hold any image, and the others' names with why they hold none.
+    """Return the columns with any image, and the names of the others with the reasons.
 
-    Where no column holds one, all are kept if there must `always` be some.
+    Where no column has one, all are returned if there must `always` be some.
     """
-    kept = [c for c in columns if any(tile.image is not None for tile in c[1])]
-    if always and not kept:
+    with_image = [c for c in columns if any(tile.image is not None for tile in c[1])]
+    if always and not with_image:
         return columns, []
     reasons = {
         name: ", ".join(dict.fromkeys(line for tile in tiles for line in tile.note))
         for name, tiles in columns
         if all(tile.image is None for tile in tiles)
     }
-    return kept, [f"{name} ({reason})" for name, reason in reasons.items()]
+    return with_image, [f"{name} ({reason})" for name, reason in reasons.items()]
 
 
 def _by_sample(rows: pd.DataFrame) -> dict[int, dict[str, Any]]:
@@ -178,7 +174,7 @@ def _by_sample(rows: pd.DataFrame) -> dict[int, dict[str, Any]]:
 
 
 def _chosen(rows: pd.DataFrame) -> list[int]:
-    """The first sample of each family; without families, samples spread over the touched ones."""
+    """Return the first sample of each family, or without families samples among the touched."""
     first = rows.drop_duplicates("sample").sort_values("sample")
     if "family" in first and first["family"].notna().any():
         chosen = first.drop_duplicates("family")["sample"].to_numpy()[:_MAX_ROWS]
@@ -208,7 +204,7 @@ def _tile(cell: dict[int, dict[str, Any]], sample: int, image: Images | None, sc
     return Tile(np.where(scene.mask, image, np.nan), note, cross)
 
 
-# What stands under an image, by the first metric that is known: a metric and how it is written.
+# Metrics that may stand under an image, with their format.
 _NOTES = {
     "ssim": "SSIM {:.3f}",
     "cc": "CC {:.3f}",
@@ -240,7 +236,7 @@ def _true_tile(scene: Scene, sample: int, scale: float) -> Tile:
 
 
 def _limits(scene: Scene, shift: float, images: Sequence[Images | None]) -> tuple[float, float]:
-    """Ends of the colour scale that all images of a scenario share."""
+    """Return the ends of the colour scale that all images of a scenario share."""
     if scene.truth is not None and not scene.has_classes:
         values = scene.truth[:, scene.mask]
         low = min(float(values.min()), scene.background)
@@ -267,34 +263,30 @@ def _label(row: dict[str, Any]) -> tuple[str, ...]:
     return tuple(lines)
 
 
-def draw(picture: ImageGrid) -> "Figure":
-    """Lay out and draw a comparison; all places are in inches from the upper left."""
+def draw(grid: ImageGrid) -> "Figure":
+    """Lay out and draw a grid; all places are in inches from the upper left."""
     from matplotlib import colormaps
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
     from matplotlib.figure import Figure
 
-    x0, y0, x1, y1 = picture.bounds
+    x0, y0, x1, y1 = grid.bounds
     tile_height = _CELL * (y1 - y0) / (x1 - x0)
-    note_lines = max((len(t.note) for _, tiles in picture.rows for t in tiles), default=0)
+    note_lines = max((len(t.note) for _, tiles in grid.rows for t in tiles), default=0)
     row_height = max(tile_height, 3.5 * _LINE) + note_lines * _LINE + 1.5 * _GAP
-    headings = [_heading(name) for name in picture.columns]
+    headings = [_heading(name) for name in grid.columns]
     head_lines = 1 + max(heading.count("\n") for heading in headings)
     top = _MARGIN + TITLE * 2 / 72 + head_lines * HEADING * 1.25 / 72
-    width = 2 * _MARGIN + _LABEL + len(picture.columns) * (_CELL + _GAP) + _BAR
-    # A narrow picture still has to hold the words under it.
+    width = 2 * _MARGIN + _LABEL + len(grid.columns) * (_CELL + _GAP) + _BAR
+    # A narrow grid still has to hold the words under it.
     letters = int(width * 72 / (NOTE * 0.6))
     foot_lines = [
-        line
-        for footnote in picture.footnote.splitlines()
-        for line in textwrap.wrap(footnote, letters)
+        line for footnote in grid.footnote.splitlines() for line in textwrap.wrap(footnote, letters)
     ]
     foot = (len(foot_lines) + 1) * _LINE if foot_lines else 0.0
-    height = top + len(picture.rows) * row_height + foot + _MARGIN
+    height = top + len(grid.rows) * row_height + foot + _MARGIN
 
     figure = Figure(figsize=(width, height), facecolor="white")
-    FigureCanvasAgg(figure)
 
     def box(left: float, down: float, wide: float, high: float) -> "Axes":
         return figure.add_axes(
@@ -305,13 +297,13 @@ def draw(picture: ImageGrid) -> "Figure":
         # Names are data: a dollar sign in one is no formula.
         figure.text(left / width, 1 - down / height, text, fontsize=size, parse_math=False, **style)
 
-    colours = colormaps[_CONTRAST_MAP if picture.contrast else _CONDUCTIVITY_MAP]
-    norm = Normalize(*picture.limits)
-    write(_MARGIN, _MARGIN, picture.title, TITLE, va="top", weight="bold")
+    colours = colormaps[_CONTRAST_MAP if grid.contrast else _CONDUCTIVITY_MAP]
+    norm = Normalize(*grid.limits)
+    write(_MARGIN, _MARGIN, grid.title, TITLE, va="top", weight="bold")
     for k, heading in enumerate(headings):
         centre = _MARGIN + _LABEL + k * (_CELL + _GAP) + _CELL / 2
         write(centre, top - 0.05, heading, HEADING, ha="center", va="bottom")
-    for r, (label, tiles) in enumerate(picture.rows):
+    for r, (label, tiles) in enumerate(grid.rows):
         down = top + r * row_height
         write(
             _MARGIN + _LABEL - _GAP, down + tile_height / 2,
@@ -320,17 +312,17 @@ def draw(picture: ImageGrid) -> "Figure":
         )  # fmt: skip
         for k, tile in enumerate(tiles):
             left = _MARGIN + _LABEL + k * (_CELL + _GAP)
-            _draw_tile(box(left, down, _CELL, tile_height), tile, picture.bounds, colours, norm)
+            _draw_tile(box(left, down, _CELL, tile_height), tile, grid.bounds, colours, norm)
             below = "" if tile.image is None else "\n".join(tile.note)
             write(
                 left + _CELL / 2, down + tile_height + 0.04, below, NOTE,
                 ha="center", va="top", linespacing=1.3,
             )  # fmt: skip
-    bar_height = min(2.4, len(picture.rows) * row_height - 1.5 * _GAP - note_lines * _LINE)
+    bar_height = min(2.4, len(grid.rows) * row_height - 1.5 * _GAP - note_lines * _LINE)
     bar = box(width - _MARGIN - _BAR + 0.1, top, 0.13, max(bar_height, 0.6))
     scale = figure.colorbar(ScalarMappable(norm, colours), cax=bar, extend="both")
     scale.ax.tick_params(labelsize=NOTE, length=2)
-    scale.set_label("contrast [S/m]" if picture.contrast else "conductivity [S/m]", fontsize=NOTE)
+    scale.set_label("contrast [S/m]" if grid.contrast else "conductivity [S/m]", fontsize=NOTE)
     write(_MARGIN, height - _MARGIN, "\n".join(foot_lines), NOTE, va="bottom", linespacing=1.3)
     return figure
 
@@ -360,6 +352,6 @@ def _draw_tile(
 
 
 def _heading(name: str) -> str:
-    """`name` on at most three short lines."""
+    """Return `name` on at most three short lines."""
     lines = textwrap.wrap(name, _HEAD_WIDTH, max_lines=_HEAD_LINES, placeholder="…")
     return "\n".join(lines)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import io
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
@@ -13,9 +13,9 @@ import pandas as pd
 from eitbench.benchmark.analysis.ladder import Ladder, read_ladder
 from eitbench.benchmark.analysis.results import read_run
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
-from eitbench.reports.figures.style import COLOURS, DASHES, PAGE, STYLE, marker
+from eitbench.reports.figures.style import COLOURS, PAGE, STYLE, line_style, new_figure, save
 from eitbench.reports.tables.columns import printable
-from eitbench.reports.tables.leaderboard import escape_markdown
+from eitbench.reports.tables.formats import escape_markdown, markdown_table
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -58,20 +58,11 @@ def write_files(ladder: Ladder, tables: Path, figures: Path, stem: str) -> list[
     to_table(ladder).to_csv(written[1], index=False, float_format="%.6g")
     figures.mkdir(exist_ok=True)
     with mpl.rc_context(STYLE):
-        figure = draw(ladder)
-        kinds: list[tuple[str, dict[str, Any]]] = [
-            ("png", {}),
-            ("pdf", {"CreationDate": None}),
-            ("svg", {"Date": None}),
-        ]
-        for suffix, metadata in kinds:
-            written.append(figures / f"{stem}.{suffix}")
-            figure.savefig(written[-1], dpi=200, metadata=metadata)
-    return written
+        return written + save(draw(ladder), figures / stem, ("png", "pdf", "svg"), dpi=200)
 
 
 def to_png(ladder: Ladder) -> str:
-    """The figure as a `data:` address, for a page."""
+    """Return the figure as a `data:` address, for a page."""
     import matplotlib as mpl
 
     content = io.BytesIO()
@@ -110,15 +101,12 @@ def _ends(name: str, interval: Interval | None) -> dict[str, float]:
 
 def to_markdown(ladder: Ladder) -> str:
     """Rungs by methods: B, and in brackets what calibration adds."""
-    head, *rows = grid(ladder)
-    lines = [f"| {' | '.join(map(escape_markdown, head))} |"]
-    lines.append("| --- |" + " ---: |" * len(ladder.methods))
-    lines += [f"| {' | '.join(map(escape_markdown, row))} |" for row in rows]
-    return "\n".join([*lines, "", LEGEND, ""])
+    heads, *rows = ([escape_markdown(text) for text in row] for row in grid(ladder))
+    return "\n".join([*markdown_table(heads, rows), "", LEGEND, ""])
 
 
 def grid(ladder: Ladder) -> list[list[str]]:
-    """The table of a ladder as texts, its heads first."""
+    """Return the table of a ladder as texts, its heads first."""
     rows = [["rung", *map(printable, ladder.methods)]]
     for rung in ladder.rungs:
         cells = [_step(ladder, rung, method) for method in ladder.methods]
@@ -159,19 +147,19 @@ def _real(ladder: Ladder, rung: str, method: str) -> str:
 
 
 def _titled(rung: str, figure: str) -> str:
-    """A recorded set with the figure that ranks it and its unit."""
+    """Return the name of a recorded set, with the figure that ranks it and its unit."""
     return printable(f"{rung}: {METHOD_RUNS.metrics[figure].heading}")
 
 
 def short(rung: str, rungs: Sequence[str]) -> str:
-    """A rung's name without what all names begin with, up to a hyphen."""
+    """Return a rung's name without the word and hyphen that all names begin with."""
     first = rung.split("-")[0] + "-"
     common = len(rungs) > 1 and all(name.startswith(first) for name in rungs)
     return rung.removeprefix(first) if common else rung
 
 
 def label(ladder: Ladder, rung: str) -> str:
-    """A rung as tables call it, with its severity if it is on the curve."""
+    """Return the name of a rung in tables, with its severity if it is on the curve."""
     name = printable(short(rung, ladder.rungs))
     if rung not in ladder.severities or name.startswith("severity"):
         return name
@@ -180,12 +168,7 @@ def label(ladder: Ladder, rung: str) -> str:
 
 def draw(ladder: Ladder) -> Figure:
     """B on every rung with the area under it, B against severity, and the real sensors."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(PAGE, 2.4 + 0.19 * len(ladder.rungs)), layout="constrained")
-    figure.set_facecolor("white")
-    FigureCanvasAgg(figure)
+    figure = new_figure(PAGE, 2.4 + 0.19 * len(ladder.rungs))
     sets = list(dict.fromkeys(rung for rung, _ in ladder.real))
     if not ladder.severities and not sets:
         _draw_losses(figure.subplots(), ladder)
@@ -240,8 +223,7 @@ def _draw_curves(axes: Axes, ladder: Ladder) -> None:
     for k, method in enumerate(ladder.methods):
         if (method, False) in ladder.curves:
             axes.plot(
-                severities, ladder.curves[method, False], marker=marker(k), ms=3, lw=1,
-                color=COLOURS[k % len(COLOURS)], ls=DASHES[k // len(COLOURS) % len(DASHES)],
+                severities, ladder.curves[method, False], **line_style(k), ms=3, lw=1,
                 label=printable(method),
             )  # fmt: skip
     axes.set_xlabel("severity of all imperfections")

@@ -1,17 +1,16 @@
-"""The published picture of training: both losses of DNN and PhyDNN, and how they differ."""
+"""The losses of DNN and PhyDNN in training, and how they differ."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from eitbench.reports.figures.image_grid import HEADING, NOTE, TITLE
+from eitbench.reports.figures.style import NOTE, label_axes, new_figure, save
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
     import pandas as pd
-    from matplotlib.axes import Axes
 
 _LOSSES = {
     "data loss": ("train", "validation"),
@@ -26,11 +25,9 @@ def write_losses(curves: Mapping[str, pd.DataFrame], folder: Path) -> list[Path]
     Above, each loss of both over the epochs; below, how much lower or higher it is with the
     physical loss, in percent of what it is without.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
+    from matplotlib.ticker import MaxNLocator
 
-    figure = Figure(figsize=(7.6, 5.2), layout="constrained", facecolor="white")
-    FigureCanvasAgg(figure)
+    figure = new_figure(7.6, 5.2)
     axes = figure.subplots(2, 2, sharex=True, height_ratios=(3, 2))
     for column, (loss, names) in enumerate(_LOSSES.items()):
         above, below = axes[0][column], axes[1][column]
@@ -42,33 +39,17 @@ def write_losses(curves: Mapping[str, pd.DataFrame], folder: Path) -> list[Path]
             percent = difference_percent(curves, name)
             below.plot(percent.index, percent, color=_COLOURS[split], label=split)
         above.set_yscale("log")
-        above.set_title(loss, fontsize=TITLE, loc="left", weight="bold")
         below.axhline(0, color="0.4", lw=0.8)
-        below.set_xlabel("epoch", fontsize=HEADING)
-        _tidy(above)
-        _tidy(below)
-    axes[0][0].set_ylabel("mean loss", fontsize=HEADING)
-    axes[1][0].set_ylabel("PhyDNN to DNN [%]", fontsize=HEADING)
+        first = column == 0
+        label_axes(above, loss, "", "mean loss" if first else "")
+        label_axes(below, "", "epoch", "PhyDNN to DNN [%]" if first else "")
+        below.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes[0][0].legend(fontsize=NOTE, frameon=False)
     axes[1][0].legend(fontsize=NOTE, frameon=False)
-    written = []
-    for suffix, metadata in (("png", {}), ("pdf", {"CreationDate": None})):
-        path = folder / f"losses.{suffix}"
-        figure.savefig(path, dpi=180, metadata=metadata)
-        written.append(path)
-    return written
+    return save(figure, folder / "losses")
 
 
 def difference_percent(curves: Mapping[str, pd.DataFrame], loss: str) -> pd.Series[float]:
-    """How much the `loss` of "phydnn" differs from that of "dnn" [% of the latter], by epoch."""
+    """Return the `loss` of "phydnn" less that of "dnn" [% of the latter], by epoch."""
     of = {name: curve.set_index("epoch")[loss] for name, curve in curves.items()}
     return (100 * (of["phydnn"] / of["dnn"] - 1)).dropna()
-
-
-def _tidy(axes: Axes) -> None:
-    from matplotlib.ticker import MaxNLocator
-
-    axes.tick_params(which="both", labelsize=NOTE)
-    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-    axes.grid(alpha=0.25, lw=0.5)
-    axes.spines[["top", "right"]].set_visible(False)

@@ -1,6 +1,15 @@
-"""The style of figures for papers: widths, fonts, colours, markers."""
+"""The style of figures: widths, fonts, colours, markers, and the way they are made and saved."""
 
-from typing import Any
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 COLUMN, PAGE = 3.5, 7.16
 """Widths of IEEE's columns and pages [in]."""
@@ -19,14 +28,56 @@ STYLE: Any = {  # the key type of Matplotlib's stubs names every parameter
     "axes.spines.top": False,
     "axes.spines.right": False,
 }
-"""How Matplotlib is to be set while these figures are made and written."""
+"""Settings of Matplotlib while figures for papers are made and written."""
+
+TITLE, HEADING, NOTE = 11, 8.5, 7
+"""Sizes of type [pt] in figures for the screen."""
 
 # Okabe and Ito's colours; markers and dashes tell lines apart in grey.
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#8a6d00", "#7f7f7f")
 _MARKERS = "osDP^*Xh"  # as many as colours: shifted by one each time round, no pair comes twice
-DASHES = ("-", "--", ":", "-.")
+_DASHES = ("-", "--", ":", "-.")
+
+# No date, so that the same figure gives the same file.
+_METADATA: dict[str, dict[str, Any]] = {
+    "png": {}, "pdf": {"CreationDate": None}, "svg": {"Date": None}
+}  # fmt: skip
 
 
 def marker(k: int) -> str:
-    """The marker of line `k`: with its colour, no pair comes twice."""
+    """Return the marker of line `k`: with its colour, no pair comes twice."""
     return _MARKERS[(k + k // len(COLOURS)) % len(_MARKERS)]
+
+
+def line_style(k: int) -> dict[str, Any]:
+    """Return the marker, colour and dashes of line `k`."""
+    dashes = _DASHES[k // len(COLOURS) % len(_DASHES)]
+    return {"marker": marker(k), "color": COLOURS[k % len(COLOURS)], "ls": dashes}
+
+
+def new_figure(width: float, height: float) -> Figure:
+    """Return an empty figure [in] that belongs to no window."""
+    from matplotlib.figure import Figure
+
+    return Figure(figsize=(width, height), layout="constrained", facecolor="white")
+
+
+def label_axes(axes: Axes, title: str, x: str, y: str) -> None:
+    """Give axes of a figure for the screen their title, labels, grid and spines."""
+    axes.set_title(title, fontsize=TITLE, loc="left", weight="bold")
+    axes.set_xlabel(x, fontsize=HEADING)
+    axes.set_ylabel(y, fontsize=HEADING)
+    axes.tick_params(which="both", labelsize=NOTE)
+    axes.grid(alpha=0.25, lw=0.5)
+    axes.spines[["top", "right"]].set_visible(False)
+
+
+def save(
+    figure: Figure, stem: Path, formats: Sequence[str] = ("png", "pdf"), dpi: float = 180
+) -> list[Path]:
+    """Write a figure as `stem.png` and `stem.pdf`, or in other formats, always the same bytes."""
+    written = []
+    for form in formats:
+        written.append(stem.with_name(f"{stem.name}.{form}"))
+        figure.savefig(written[-1], dpi=dpi, metadata=_METADATA[form])
+    return written

@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import zlib
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, TypedDict
 
 import numpy as np
 import pandas as pd
@@ -16,23 +16,51 @@ from eitbench.benchmark.metrics.aggregation import numbers
 from eitbench.benchmark.metrics.specs import METRICS
 from eitbench.benchmark.rundir.arrays_file import TRUTH, Scene
 
-Packed = dict[str, Any] | None
-
 _MOST_FAMILIES = 6
 _OUTSIDE = 255
 _STEPS = 254
 
 
-def packed_images(methods: Mapping[str, tuple[Run, str]], scenario: str, by: str | None) -> Packed:
-    """The best, the median and the worst case of each family, as all methods see it.
+class Case(TypedDict):
+    """A sample; `kind` is "best", "median" or "worst" of its family, "" without families."""
 
-    Cases are ordered by the mean, over methods, of the figure `by`. Values between `low` and
-    `high` [S/m] are the bytes 0 to 254; 255 is outside the sensor, or no image. None where nothing
-    ranks the samples.
+    sample: int
+    family: str
+    kind: str
+
+
+class PackedImages(TypedDict):
+    """Images of a few cases: a row of `names` by `samples` images of `shape` pixels, as bytes.
+
+    The bytes 0 to 254 are values between `low` and `high` [S/m]; 255 is outside the sensor, or no
+    image. `data` is their text (see `pack`). With `has_truth`, the first name is the truth.
+    `bounds` is (x_min, y_min, x_max, y_max) [m], and `background` is in S/m. `figures` holds, by
+    method and then for each of `samples`, the status and the metrics of the image.
+    """
+
+    names: list[str]
+    has_truth: bool
+    samples: list[int]
+    cases: list[Case]
+    shape: list[int]
+    bounds: list[float]
+    background: float
+    low: float
+    high: float
+    data: str
+    figures: dict[str, list[dict[str, Any]]]
+
+
+def packed_images(
+    methods: Mapping[str, tuple[Run, str]], scenario: str, by: str | None
+) -> PackedImages | None:
+    """Pack the images of the best, the median and the worst case of each family, by all methods.
+
+    Cases are ordered by the mean, over methods, of the figure `by`. None where nothing ranks the
+    samples.
 
     Args:
-        methods: the run and the name of each method, by what it is to be called; the runs are of
-            the same data.
+        methods: the run and the name of each method, by its label; the runs are of the same data.
         scenario: its name.
         by: a figure of samples.
 
@@ -52,31 +80,31 @@ def packed_images(methods: Mapping[str, tuple[Run, str]], scenario: str, by: str
     if scene.truth is not None and not scene.has_classes:
         stacks[TRUTH] = scene.truth
     for label, (run, name) in methods.items():
-        found = run.estimates(scenario, name, samples)
-        if found is not None:
-            stacks[label] = found.astype(np.float64)
+        estimates = run.estimates(scenario, name, samples)
+        if estimates is not None:
+            stacks[label] = estimates.astype(np.float64)
     low, high = _limits(stacks, scene)
     values = np.stack(list(stacks.values()))
     scaled = np.clip(np.round((values - low) / (high - low) * _STEPS), 0, _STEPS)
     known = np.isfinite(values) & scene.mask
     pixels = np.where(known, np.nan_to_num(scaled), _OUTSIDE).astype(np.uint8)
-    return {
-        "names": list(stacks),
-        "has_truth": TRUTH in stacks,
-        "samples": samples,
-        "cases": cases,
-        "shape": list(scene.mask.shape),
-        "bounds": list(scene.bounds),
-        "background": scene.background,
-        "low": low,
-        "high": high,
-        "data": pack(pixels.tobytes()),
-        "figures": _figures(table, samples),
-    }
+    return PackedImages(
+        names=list(stacks),
+        has_truth=TRUTH in stacks,
+        samples=samples,
+        cases=cases,
+        shape=list(scene.mask.shape),
+        bounds=list(scene.bounds),
+        background=scene.background,
+        low=low,
+        high=high,
+        data=pack(pixels.tobytes()),
+        figures=_figures(table, samples),
+    )
 
 
 def pack(content: bytes) -> str:
-    """`content` compressed (zlib) and as text (base64)."""
+    """Return `content` compressed (zlib) and as text (base64)."""
     return base64.b64encode(zlib.compress(content, 9)).decode()
 
 
@@ -92,39 +120,38 @@ def _limits(stacks: dict[str, NDArray[np.float64]], scene: Scene) -> tuple[float
     return scene.background - half, scene.background + half
 
 
-def _cases(table: pd.DataFrame, by: str) -> list[dict[str, Any]]:
-    """Samples with their family and whether they are the best, the median or the worst of it."""
+def _cases(table: pd.DataFrame, by: str) -> list[Case]:
     mean = table.groupby("sample")[by].mean().dropna()
     better = mean if METRICS[by].best == "max" else -mean
     if "family" in table and table["family"].notna().any():
-        of = table.drop_duplicates("sample").set_index("sample")["family"]
-        families = list(dict.fromkeys(of.dropna()))[:_MOST_FAMILIES]
-        groups = {str(name): better[of[better.index] == name] for name in families}
+        family_of = table.drop_duplicates("sample").set_index("sample")["family"]
+        families = list(dict.fromkeys(family_of.dropna()))[:_MOST_FAMILIES]
+        groups = {str(name): better[family_of[better.index] == name] for name in families}
     else:
         groups = {"": better}
-    cases = []
+    cases: list[Case] = []
     for family, values in groups.items():
         order = values.sort_values(ascending=False, kind="stable").index
         if not len(order):
             continue
         places = {"best": 0, "median": (len(order) - 1) // 2, "worst": len(order) - 1}
         cases += [
-            {"sample": int(order[place]), "family": family, "kind": kind}
+            Case(sample=int(order[place]), family=family, kind=kind)
             for kind, place in places.items()
         ]
     return cases
 
 
 def _figures(table: pd.DataFrame, samples: Sequence[int]) -> dict[str, list[dict[str, Any]]]:
-    """What is known of each method's image of each sample, by method."""
+    """Return the status and metrics of each method's image of each sample, by method."""
     names = [n for n in ("ssim", "cc", "rie", "psnr", "score", "localisation_mm") if n in table]
-    found = {}
+    figures = {}
     for method, cell in table[table["sample"].isin(samples)].groupby("label", sort=False):
         rows = cell.sort_values("sample")
         columns = {name: numbers(rows, name) for name in names}
-        found[str(method)] = [
+        figures[str(method)] = [
             {"status": status}
             | {name: float(f"{v[k]:.4g}") for name, v in columns.items() if np.isfinite(v[k])}
             for k, status in enumerate(rows["status"])
         ]
-    return found
+    return figures

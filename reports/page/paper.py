@@ -8,8 +8,19 @@ from urllib.parse import quote
 
 import numpy as np
 
-from eitbench.reports.figures.style import COLOURS, COLUMN, DASHES, FONT, PAGE, STYLE, marker
+from eitbench.reports.figures.style import (
+    COLOURS,
+    COLUMN,
+    FONT,
+    PAGE,
+    STYLE,
+    line_style,
+    marker,
+    new_figure,
+    save,
+)
 from eitbench.reports.page.citations import bibliography
+from eitbench.reports.page.report_data import PAGE_COLUMNS
 from eitbench.reports.tables.columns import layout, printable
 from eitbench.reports.tables.leaderboard import write_leaderboard
 
@@ -20,29 +31,31 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from eitbench.benchmark.analysis.leaderboard import Row
-    from eitbench.reports.page.gathered import Gathered
+    from eitbench.reports.page.report_data import Board, ReportData
 
 FRAMES_PER_SECOND_MS = 100.0
 
 
-def write_paper(found: Gathered, out: Path) -> list[Path]:
-    """Write `tables/`, `figures/` and `references.bib` of what was gathered into `out`."""
+def write_paper(report: ReportData, out: Path) -> list[Path]:
+    """Write `tables/`, `figures/` and `references.bib` of a report into `out`."""
     import matplotlib as mpl
 
-    boards = [board for board in found["boards"] if board["views"][0]["rows"]]
+    boards = [board for board in report["boards"] if board["views"][0]["rows"]]
     (out / "tables").mkdir(exist_ok=True)
     written = []
     for kind, stem in (("method", "leaderboard"), ("operator", "operators")):
-        rows = [_plain(row) for b in boards if b["kind"] == kind for row in b["views"][0]["rows"]]
+        rows = [
+            {name: value for name, value in row.items() if name not in PAGE_COLUMNS}
+            for board in boards
+            if board["kind"] == kind
+            for row in board["views"][0]["rows"]
+        ]
         if rows:
             written += write_leaderboard(rows, out / "tables", ("csv", "md", "latex"), stem)
     (out / "figures").mkdir(exist_ok=True)
     with mpl.rc_context(STYLE):
         for stem, figure in _figures(boards):
-            for suffix, metadata in (("pdf", {"CreationDate": None}), ("svg", {"Date": None})):
-                path = out / "figures" / f"{stem}.{suffix}"
-                figure.savefig(path, metadata=metadata)
-                written.append(path)
+            written += save(figure, out / "figures" / stem, ("pdf", "svg"))
     references = out / "references.bib"
     methods = [
         row["method"] for b in boards if b["kind"] == "method" for row in b["views"][0]["rows"]
@@ -51,40 +64,31 @@ def write_paper(found: Gathered, out: Path) -> list[Path]:
     return [*written, references]
 
 
-def _plain(row: Row) -> Row:
-    """A row without what serves the page alone."""
-    own = ("command", "anchored", "label")
-    return {name: value for name, value in row.items() if name not in own}
-
-
-def _figures(boards: Sequence[Gathered]) -> list[tuple[str, Figure]]:
-    found = []
+def _figures(boards: Sequence[Board]) -> list[tuple[str, Figure]]:
+    """Return the figures with the stems of their files."""
+    figures = []
     for board in boards:
         if board["kind"] == "method" and any(
             row["frame_ms_p50"] for row in board["views"][0]["rows"]
         ):
             name = quote(f"frontier-{board['suite']}-{board['scenario']}", safe="")
-            found.append((name, frontier(board)))
+            figures.append((name, frontier(board)))
     for suite in dict.fromkeys(board["suite"] for board in boards):
         levels = [b for b in boards if b["suite"] == suite and b["snr_db"] is not None]
         if len(levels) > 1:
-            found.append((quote(f"noise-{suite}", safe=""), noise(levels)))
-    return found
+            figures.append((quote(f"noise-{suite}", safe=""), noise(levels)))
+    return figures
 
 
 def _blank(width: float, height: float) -> tuple[Figure, Axes]:
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(width, height), layout="constrained", facecolor="white")
-    FigureCanvasAgg(figure)
+    figure = new_figure(width, height)
     axes = figure.subplots()
     axes.grid(alpha=0.3, lw=0.4)
     axes.set_axisbelow(True)
     return figure, axes
 
 
-def frontier(board: Gathered) -> Figure:
+def frontier(board: Board) -> Figure:
     """Quality against the time of a frame, in a column's width, a legend beside it."""
     rows = board["views"][0]["rows"]
     by = board["ranked_by"]
@@ -116,10 +120,10 @@ def frontier(board: Gathered) -> Figure:
     return figure
 
 
-def noise(boards: Sequence[Gathered]) -> Figure:
+def noise(boards: Sequence[Board]) -> Figure:
     """S of every method against SNR with bands, in the width of a page."""
 
-    def level(board: Gathered) -> float:
+    def level(board: Board) -> float:
         return float("inf") if board["snr_db"] == "clean" else float(board["snr_db"])
 
     ordered = sorted(boards, key=level)
@@ -134,12 +138,8 @@ def noise(boards: Sequence[Gathered]) -> Figure:
             np.array([row.get(f"score{end}") for row in rows], dtype=float)
             for end in ("", "_low", "_high")
         )
-        colour = COLOURS[k % len(COLOURS)]
-        axes.plot(
-            labels, value, marker=marker(k), ms=4, lw=1, color=colour,
-            ls=DASHES[k // len(COLOURS) % len(DASHES)], label=_name(name),
-        )  # fmt: skip
-        axes.fill_between(labels, low, high, color=colour, alpha=0.12, lw=0)
+        axes.plot(labels, value, **line_style(k), ms=4, lw=1, label=_name(name))
+        axes.fill_between(labels, low, high, color=COLOURS[k % len(COLOURS)], alpha=0.12, lw=0)
     axes.set_xlabel("SNR [dB]")
     axes.set_ylabel("S")
     figure.legend(loc="outside right upper", frameon=False)
@@ -147,6 +147,6 @@ def noise(boards: Sequence[Gathered]) -> Figure:
 
 
 def _name(text: str) -> str:
-    """A name that Matplotlib shows as it is: no mathematics between dollars, no hidden label."""
+    """Return a name that Matplotlib shows as it is: no mathematics, no hidden label."""
     shown = printable(text).replace("$", r"\$")
     return f" {shown}" if shown.startswith("_") else shown

@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 from urllib.parse import quote
 
-from markupsafe import Markup
-
 from eitbench.benchmark import EitbenchError, InputError
+from eitbench.benchmark.analysis.leaderboard import Row
 from eitbench.benchmark.rundir import manifest
-from eitbench.reports.page.gathered import Gathered, gather
-from eitbench.reports.page.report import answer, asset, environment, to_page
+from eitbench.reports.page.answer import answer
+from eitbench.reports.page.rendering import asset, render
+from eitbench.reports.page.report import to_page
+from eitbench.reports.page.report_data import ReportData, report_data
 from eitbench.reports.tables.columns import layout, printable
 
 GUIDE = (
@@ -50,11 +50,11 @@ class _Edition:
 
     suite: str
     version: str
-    found: Gathered
+    report: ReportData
 
     @property
     def file(self) -> str:
-        """Where its page is, from the front page."""
+        """The path of its page, from the front page."""
         # A version that is nothing but dots would be another folder.
         version = quote(self.version, safe="").replace(".", "%2E", not self.version.strip("."))
         return f"archive/{version}/{quote(self.suite, safe='')}.html"
@@ -71,9 +71,11 @@ def write_site(runs: Path, out: Path) -> list[Path]:
         EitbenchError: the pages cannot be written.
     """
     editions, left_out = _editions(runs)
-    methods = sorted({row["method"] for e in editions for row in _rows(e.found) if "method" in row})
+    methods = sorted(
+        {row["method"] for e in editions for row in _rows(e.report) if "method" in row}
+    )
     pages = {"index.html": _front(editions, methods, left_out), "guide.html": _guide()}
-    pages |= {edition.file: to_page(edition.found) for edition in editions}
+    pages |= {edition.file: to_page(edition.report) for edition in editions}
     pages |= {_method_file(name): _method(name, editions) for name in methods}
     written = []
     try:
@@ -88,33 +90,34 @@ def write_site(runs: Path, out: Path) -> list[Path]:
 
 
 def _editions(runs: Path) -> tuple[list[_Edition], list[str]]:
-    """The editions, the newest version of each suite first, and why runs were left out."""
+    """Return the editions, the newest of each suite first, and reasons for runs left out."""
     paths = sorted(path.parent for path in runs.glob(f"*/{manifest.FILE_NAME}"))
     if not paths:
         raise InputError(f"There is no run directory in {runs}: name the folder that holds them.")
-    of: dict[tuple[str, str], list[Path]] = {}
+    paths_of: dict[tuple[str, str], list[Path]] = {}
     left_out = []
     for path in paths:
         try:
-            gather([path])
+            report_data([path])
             content = manifest.read(path)
             suite, version = content["plan"]["suite"]["name"], content["versions"]["eitbench"]
         except (EitbenchError, KeyError, TypeError) as error:
             left_out.append(f"{path.name} is left out: {error}")
             continue
-        of.setdefault((str(suite), str(version)), []).append(path)
-    ordered = sorted(of.items(), key=lambda item: (item[0][0], [-n for n in _parts(item[0][1])]))
-    return [
-        _Edition(suite, version, gather(found)) for (suite, version), found in ordered
-    ], left_out
+        paths_of.setdefault((str(suite), str(version)), []).append(path)
+    ordered = sorted(
+        paths_of.items(), key=lambda item: (item[0][0], [-n for n in _parts(item[0][1])])
+    )
+    editions = [_Edition(suite, version, report_data(same)) for (suite, version), same in ordered]
+    return editions, left_out
 
 
 def _parts(version: str) -> list[int]:
     return [int(part) if part.isdecimal() else 0 for part in version.split(".")]
 
 
-def _rows(found: Gathered) -> Iterable[dict[str, Any]]:
-    return (row for board in found["boards"] for row in board["views"][0]["rows"])
+def _rows(report: ReportData) -> Iterable[Row]:
+    return (row for board in report["boards"] for row in board["views"][0]["rows"])
 
 
 def _method_file(name: str) -> str:
@@ -122,7 +125,7 @@ def _method_file(name: str) -> str:
 
 
 def _link(path: str) -> str:
-    """`path` as a link: what is quoted in a file's name is quoted once more."""
+    """Return `path` as a link: what is quoted in a file's name is quoted once more."""
     return quote(path)
 
 
@@ -133,7 +136,7 @@ def _front(editions: Sequence[_Edition], methods: Sequence[str], left_out: Seque
     suites = [
         [
             TableCell(edition.suite, _link(edition.file)),
-            TableCell(" ".join(answer(board) for board in edition.found["boards"])),
+            TableCell(" ".join(answer(board) for board in edition.report["boards"])),
         ]
         for edition in latest.values()
     ]
@@ -141,7 +144,7 @@ def _front(editions: Sequence[_Edition], methods: Sequence[str], left_out: Seque
         [
             TableCell(e.suite),
             TableCell(e.version, _link(e.file)),
-            TableCell(str(len(e.found["runs"]))),
+            TableCell(str(len(e.report["runs"]))),
         ]
         for e in editions
     ]
@@ -152,7 +155,7 @@ def _front(editions: Sequence[_Edition], methods: Sequence[str], left_out: Seque
         Section("Send yours", rows=[[TableCell("How to submit a run", "guide.html")]], heads=("",)),
     ]
     if left_out:
-        sections.append(Section("Left out", sentences=[printable(said) for said in left_out]))
+        sections.append(Section("Left out", sentences=[printable(reason) for reason in left_out]))
     lead = "Methods of electrical impedance tomography for touch, compared."
     return _page("Leaderboards", lead, sections, home="")
 
@@ -175,8 +178,8 @@ _HEADS = (
 def _method(name: str, editions: Sequence[_Edition]) -> str:
     rows = []
     for edition in editions:
-        starts = {run["run"]: (run["started"] or "")[:10] for run in edition.found["runs"]}
-        for board in edition.found["boards"]:
+        starts = {run["run"]: (run["started"] or "")[:10] for run in edition.report["runs"]}
+        for board in edition.report["boards"]:
             for row in board["views"][0]["rows"]:
                 if row.get("method") == name:
                     column = next(
@@ -200,10 +203,11 @@ def _method(name: str, editions: Sequence[_Edition]) -> str:
 
 
 def _page(title: str, lead: str, sections: Sequence[Section], home: str) -> str:
-    return (
-        environment()
-        .get_template("site.html.jinja")
-        .render(
-            title=title, lead=lead, sections=sections, home=home, css=Markup(asset("report.css"))
-        )
+    return render(
+        "site.html.jinja",
+        title=title,
+        lead=lead,
+        sections=sections,
+        home=home,
+        css=asset("report.css"),
     )

@@ -1,39 +1,51 @@
-"""What real presses are worth: a table and a figure of the errors of `benchmark.real_trained`."""
+"""The table and the figure of the study of real presses: errors by the number learned from."""
 
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, TypedDict
 
 import numpy as np
 
 from eitbench.benchmark.metrics.statistics import bootstrap_medians
-from eitbench.reports.figures.image_grid import HEADING, NOTE, TITLE
+from eitbench.reports.figures.style import NOTE, label_axes, new_figure, save
+from eitbench.reports.tables.formats import markdown_table
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     import pandas as pd
+    from matplotlib.figure import Figure
 
-Row = dict[str, Any]
+
+class ErrorRow(TypedDict):
+    """Errors [mm] of an estimator that learned from so many real presses, over `n` others."""
+
+    estimator: str
+    presses: int
+    median_mm: float
+    low_mm: float
+    high_mm: float
+    p90_mm: float
+    n: int
 
 
-def summary(errors: pd.DataFrame) -> list[Row]:
+def summary(errors: pd.DataFrame) -> list[ErrorRow]:
     """Median error [mm] with its 95 % interval, and 90th percentile, by estimator and count."""
     rows = []
     for (name, _), group in errors.groupby(["estimator", "presses"], sort=False):
         error = group["error_mm"].to_numpy()
         middle = bootstrap_medians(error[:, None])[0]
         rows.append(
-            {
-                "estimator": name,
-                "presses": int(group["presses"].iloc[0]),
-                "median_mm": middle.value,
-                "low_mm": middle.low,
-                "high_mm": middle.high,
-                "p90_mm": float(np.quantile(error, 0.9)),
-                "n": len(error),
-            }
+            ErrorRow(
+                estimator=name,
+                presses=int(group["presses"].iloc[0]),
+                median_mm=middle.value,
+                low_mm=middle.low,
+                high_mm=middle.high,
+                p90_mm=float(np.quantile(error, 0.9)),
+                n=len(error),
+            )
         )
     return rows
 
@@ -47,33 +59,23 @@ def write_real_trained(errors: pd.DataFrame, recording: str, folder: Path) -> li
     about = {"recording": recording, "rows": rows}
     stem.with_suffix(".json").write_text(json.dumps(about, indent=1) + "\n")
     stem.with_suffix(".md").write_text(to_markdown(rows))
-    figure = _drawn(rows, recording)
-    figure.savefig(stem.with_suffix(".png"), dpi=180)
-    figure.savefig(stem.with_suffix(".pdf"), metadata={"CreationDate": None})
-    return [folder / "errors.parquet"] + [
-        stem.with_suffix(suffix) for suffix in (".json", ".md", ".png", ".pdf")
-    ]
+    tables = [folder / "errors.parquet", stem.with_suffix(".json"), stem.with_suffix(".md")]
+    return [*tables, *save(_drawn(rows, recording), stem)]
 
 
-def to_markdown(rows: list[Row]) -> str:
+def to_markdown(rows: list[ErrorRow]) -> str:
     """One row per estimator, one column per count: the median error [mm]."""
     counts = sorted({row["presses"] for row in rows})
-    found = {(row["estimator"], row["presses"]): row["median_mm"] for row in rows}
-    lines = ["| real presses | " + " | ".join(map(str, counts)) + " |"]
-    lines.append("|---|" + "---:|" * len(counts))
-    for name in dict.fromkeys(row["estimator"] for row in rows):
-        cells = [found.get((name, count)) for count in counts]
-        lines.append(f"| {name} | " + " | ".join("–" if c is None else f"{c:.1f}" for c in cells))
-        lines[-1] += " |"
-    return "\n".join(lines) + "\n"
+    median = {(row["estimator"], row["presses"]): f"{row['median_mm']:.1f}" for row in rows}
+    body = [
+        [name, *(median.get((name, count), "–") for count in counts)]
+        for name in dict.fromkeys(row["estimator"] for row in rows)
+    ]
+    return "\n".join(markdown_table(["real presses", *map(str, counts)], body)) + "\n"
 
 
-def _drawn(rows: list[Row], recording: str) -> Any:
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(6.4, 3.8), layout="constrained", facecolor="white")
-    FigureCanvasAgg(figure)
+def _drawn(rows: list[ErrorRow], recording: str) -> Figure:
+    figure = new_figure(6.4, 3.8)
     axes = figure.subplots()
     counts = sorted({row["presses"] for row in rows})
     for name in dict.fromkeys(row["estimator"] for row in rows):
@@ -87,11 +89,11 @@ def _drawn(rows: list[Row], recording: str) -> Any:
     ticks = [1, 2, 5, 10, 20, 50]
     axes.set_yticks(ticks, list(map(str, ticks)))
     axes.minorticks_off()
-    axes.set_title(f"Where was {recording} pressed?", fontsize=TITLE, loc="left", weight="bold")
-    axes.set_xlabel("real presses that were learned from", fontsize=HEADING)
-    axes.set_ylabel("median error [mm], with 95 % interval", fontsize=HEADING)
-    axes.tick_params(labelsize=NOTE)
-    axes.grid(alpha=0.25, lw=0.5)
-    axes.spines[["top", "right"]].set_visible(False)
+    label_axes(
+        axes,
+        f"Where was {recording} pressed?",
+        "real presses that were learned from",
+        "median error [mm], with 95 % interval",
+    )
     axes.legend(fontsize=NOTE, frameon=False, loc="upper left", bbox_to_anchor=(1, 1))
     return figure

@@ -2,21 +2,38 @@
 
 import json
 from pathlib import Path
-from typing import Any
+from typing import Any, TypedDict
 
 from eitbench.benchmark import InputError
 
-Row = dict[str, Any]
+StudyRow = dict[str, Any]
+"""The choices of a training, or of two that are compared, and figures of what they give."""
 
 
-def read_study(folder: Path) -> Row:
-    """What `write_study` wrote of the study in `folder`.
+class StudySummary(TypedDict):
+    """The options of `eitbench study`, the time of all trainings, and the rows of the study.
+
+    `epochs`, `limit` and `scored` are None for the published number and for all samples.
+    """
+
+    study: str
+    suite: str
+    epochs: int | None
+    limit: int | None
+    scored: int | None
+    operator: str
+    training_hours: float
+    rows: list[StudyRow]
+
+
+def read_study(folder: Path) -> StudySummary:
+    """Read the summary that `write_study` left in `folder`.
 
     Raises:
         InputError: it holds no finished study.
     """
     try:
-        summary: Row = json.loads((folder / "summary.json").read_text())
+        summary: StudySummary = json.loads((folder / "summary.json").read_text())
     except (OSError, ValueError, RecursionError) as error:
         raise InputError(
             f"{folder} holds no finished study: run `eitbench study` with --out {folder}."
@@ -24,8 +41,8 @@ def read_study(folder: Path) -> Row:
     return summary
 
 
-def budget(summary: Row) -> str:
-    """What the trainings of a study were, in words."""
+def training_budget(summary: StudySummary) -> str:
+    """Describe the samples, epochs and hours of the trainings of a study."""
     samples = "all" if summary["limit"] is None else f"{summary['limit']:,}"
     epochs = "the published" if summary["epochs"] is None else summary["epochs"]
     scored = "all" if summary["scored"] is None else f"the first {summary['scored']:,}"

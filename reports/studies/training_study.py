@@ -1,9 +1,9 @@
-"""What a study found: tables and one figure, from its stored rows."""
+"""The table and the figure of a study of trainings, from its stored rows."""
 
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
@@ -12,7 +12,9 @@ from eitbench.benchmark import InputError
 from eitbench.benchmark.analysis.results import read_json, read_table
 from eitbench.benchmark.metrics.statistics import bootstrap_means, nested_bootstrap_means
 from eitbench.benchmark.studies.training_study import METRICS, SAMPLES
-from eitbench.reports.figures.image_grid import HEADING, NOTE, TITLE
+from eitbench.reports.figures.style import NOTE, label_axes, new_figure, save
+from eitbench.reports.studies.summaries import StudyRow, StudySummary
+from eitbench.reports.tables.formats import markdown_table
 from eitbench.reports.tables.published import BETA
 
 if TYPE_CHECKING:
@@ -21,8 +23,6 @@ if TYPE_CHECKING:
 
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-Row = dict[str, Any]
 
 _TITLES = {"ssim": "SSIM", "cc": "CC", "rie": "RIE", "psnr": "PSNR [dB]", "score": "S"}
 
@@ -39,45 +39,35 @@ def write_study(folder: Path) -> list[Path]:
     table = read_table(folder / SAMPLES)
     name = asked["study"]
     cost_h = float(table.groupby(_choices(table))["train_s"].first().sum()) / 3600
-    summary = {**asked, "training_hours": round(cost_h, 2), "rows": SUMMARIES[name](table)}
+    summary: StudySummary = {
+        **asked, "training_hours": round(cost_h, 2), "rows": SUMMARIES[name](table)
+    }  # fmt: skip
     written = [folder / "summary.json", folder / "summary.md"]
     written[0].write_text(json.dumps(summary, indent=1) + "\n")
     written[1].write_text(to_markdown(summary))
-    figure = draw(summary)
-    for suffix in ("png", "pdf"):
-        path = folder / f"study.{suffix}"
-        figure.savefig(path, dpi=180, metadata={"CreationDate": None} if suffix == "pdf" else {})
-        written.append(path)
-    return written
+    return written + save(draw(summary), folder / "study")
 
 
-def draw(summary: Row) -> Figure:
-    """The figure of a study."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(6.4, 3.6), layout="constrained", facecolor="white")
-    FigureCanvasAgg(figure)
-    DRAWINGS[summary["study"]](figure.subplots(), summary)
+def draw(summary: StudySummary) -> Figure:
+    """Draw the figure of a study."""
+    figure = new_figure(6.4, 3.6)
+    axes = figure.subplots()
+    DRAWINGS[summary["study"]](axes, summary)
+    axes.legend(fontsize=NOTE, frameon=False)
     return figure
 
 
-def to_markdown(summary: Row) -> str:
-    """The rows as a table, under what was asked and what it cost."""
-    rows = summary["rows"]
-    asked = ", ".join(
-        f"{key} {summary[key]}" for key in ("suite", "epochs", "limit", "scored", "operator")
+def to_markdown(summary: StudySummary) -> str:
+    """The rows as a table, below the options and the hours of the study."""
+    heads = list(summary["rows"][0])
+    rows = [list(map(_text, row.values())) for row in summary["rows"]]
+    options = (
+        f"suite {summary['suite']}, epochs {summary['epochs']}, limit {summary['limit']}, "
+        f"scored {summary['scored']}, operator {summary['operator']}"
     )
-    lines = [
-        f"### Study {summary['study']}",
-        "",
-        f"{asked}; {summary['training_hours']} h",
-        "",
-    ]
-    lines.append("| " + " | ".join(rows[0]) + " |")
-    lines.append("|" + " --- |" * len(rows[0]))
-    lines += ["| " + " | ".join(map(_text, row.values())) + " |" for row in rows]
-    return "\n".join(lines) + "\n"
+    table = markdown_table(heads, rows, [False] * len(heads))
+    title = f"### Study {summary['study']}"
+    return "\n".join([title, "", f"{options}; {summary['training_hours']} h", "", *table]) + "\n"
 
 
 def _text(value: object) -> str:
@@ -91,8 +81,8 @@ def _choices(table: pd.DataFrame) -> list[str]:
     return [str(name) for name in table.columns if name not in known]
 
 
-def _means(table: pd.DataFrame) -> list[Row]:
-    """Mean metrics of every choice, and the interval of S over samples."""
+def _means(table: pd.DataFrame) -> list[StudyRow]:
+    """Return mean metrics of every choice, and the interval of S over samples."""
     rows = []
     for choice, group in table.groupby(_choices(table)):
         row = dict(zip(_choices(table), choice, strict=True))
@@ -105,8 +95,8 @@ def _means(table: pd.DataFrame) -> list[Row]:
     return rows
 
 
-def _differences(table: pd.DataFrame) -> list[Row]:
-    """Paired differences to the training without physics, over seeds and samples."""
+def _differences(table: pd.DataFrame) -> list[StudyRow]:
+    """Return differences to the training without physics, paired by seed and sample."""
     rows = []
     for scenario, group in table.groupby("scenario", sort=False):
         arrays = {
@@ -137,7 +127,7 @@ def _differences(table: pd.DataFrame) -> list[Row]:
     return rows
 
 
-def _draw_beta(axes: Axes, summary: Row) -> None:
+def _draw_beta(axes: Axes, summary: StudySummary) -> None:
     rows = [row for row in summary["rows"] if "score" in row]
     beta, score, low, high = (
         np.array([row[key] for row in rows]) for key in ("beta", "score", "score_low", "score_high")
@@ -146,10 +136,10 @@ def _draw_beta(axes: Axes, summary: Row) -> None:
     axes.plot(beta, score, "o-", color="C0", ms=3, lw=1)
     axes.axvline(BETA, color="0.4", lw=1, ls="--", label="published best")
     axes.set_xscale("log")
-    _finish(axes, "Weight of the physical loss", "beta", "mean score S")
+    label_axes(axes, "Weight of the physical loss", "beta", "mean score S")
 
 
-def _draw_physics(axes: Axes, summary: Row) -> None:
+def _draw_physics(axes: Axes, summary: StudySummary) -> None:
     rows = [row for row in summary["rows"] if row["metric"] == "psnr"]
     scenarios = list(dict.fromkeys(row["scenario"] for row in rows))
     for k, physics in enumerate(dict.fromkeys(row["physics"] for row in rows)):
@@ -162,10 +152,10 @@ def _draw_physics(axes: Axes, summary: Row) -> None:
             axes.plot([x] * len(row["each_seed"]), row["each_seed"], "_", color="0.5", ms=6)
     axes.axhline(0, color="0.4", lw=1)
     axes.set_xticks(range(len(scenarios)), scenarios, rotation=20, ha="right")
-    _finish(axes, "What the physical loss adds to the data loss", "", "PSNR difference [dB]")
+    label_axes(axes, "What the physical loss adds to the data loss", "", "PSNR difference [dB]")
 
 
-def _draw_size(axes: Axes, summary: Row) -> None:
+def _draw_size(axes: Axes, summary: StudySummary) -> None:
     for backbone in dict.fromkeys(row["backbone"] for row in summary["rows"]):
         of = [r for r in summary["rows"] if r["backbone"] == backbone and "psnr" in r]
         axes.plot([r["samples"] for r in of], [r["psnr"] for r in of], "o-", ms=4, label=backbone)
@@ -173,25 +163,15 @@ def _draw_size(axes: Axes, summary: Row) -> None:
     samples = sorted({row["samples"] for row in summary["rows"]})
     axes.set_xticks(samples, list(map(str, samples)))
     axes.minorticks_off()
-    _finish(axes, "Data and size of the network", "training samples", "PSNR [dB]")
+    label_axes(axes, "Data and size of the network", "training samples", "PSNR [dB]")
 
 
-def _finish(axes: Axes, title: str, x: str, y: str) -> None:
-    axes.set_title(title, fontsize=TITLE, loc="left", weight="bold")
-    axes.set_xlabel(x, fontsize=HEADING)
-    axes.set_ylabel(y, fontsize=HEADING)
-    axes.tick_params(labelsize=NOTE)
-    axes.grid(alpha=0.25, lw=0.5)
-    axes.spines[["top", "right"]].set_visible(False)
-    axes.legend(fontsize=NOTE, frameon=False)
-
-
-SUMMARIES: dict[str, Callable[[pd.DataFrame], list[Row]]] = {
+SUMMARIES: dict[str, Callable[[pd.DataFrame], list[StudyRow]]] = {
     "beta": _means,
     "physics": _differences,
     "size": _means,
 }
-DRAWINGS: dict[str, Callable[[Axes, Row], None]] = {
+DRAWINGS: dict[str, Callable[[Axes, StudySummary], None]] = {
     "beta": _draw_beta,
     "physics": _draw_physics,
     "size": _draw_size,

@@ -28,7 +28,7 @@ from eitbench.benchmark.tuning import selection as recorded
 from eitbench.hardware.board import Frame
 from eitbench.hardware.recording.recorder import Recorder
 from eitbench.methods.weights.tensor_file import read_tensors
-from eitbench.reports.page.gathered import gather
+from eitbench.reports.page.report_data import report_data
 from eitbench.reports.tables.leaderboard import FORMATS, leaderboard, write_leaderboard
 from eitbench.scenarios.data.cache_file import CacheFile
 from eitbench.scenarios.errors import InputError
@@ -215,7 +215,7 @@ def _runs(folder: Path, run: Path) -> dict[str, Target]:
         list(rescored(read_run(path.parent)))
 
     def reported(path: Path) -> None:
-        gather([path.parent])
+        report_data([path.parent])
         read_ladder(read_run(path.parent))
 
     def images(path: Path) -> None:

@@ -31,12 +31,13 @@ def leaderboard(
 ) -> None:
     """Print the leaderboard of one or several runs."""
     from eitbench.reports.tables import leaderboard as reports
+    from eitbench.reports.tables.terminal import table
 
     rows = reports.leaderboard(runs)
     if not rows:
         warn(f"There are no rows in {', '.join(map(str, runs))}: nothing was finished there.")
     if form is None:
-        print_renderable(reports.table(rows, width()))
+        print_renderable(table(rows, width()))
     else:
         typer.echo(reports.FORMATS[form.value](rows), nl=False)
 

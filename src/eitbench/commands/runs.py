@@ -135,7 +135,7 @@ def plan_of(
 def _show_run(result: "RunResult", as_json: bool, limit: int | None) -> None:
     from eitbench.benchmark.analysis.results import failures, read_run
     from eitbench.benchmark.rundir import manifest
-    from eitbench.reports.tables.leaderboard import table
+    from eitbench.reports.tables.terminal import table
 
     for name, data in manifest.read(result.path)["data"].items():
         if limit is not None and data["n"] < limit:
@@ -195,7 +195,9 @@ def reproduce(
     from eitbench.benchmark.run.progress import RunProgress
     from eitbench.benchmark.run.runner import RunInterruptedError
     from eitbench.benchmark.studies.reproduce import run_claims
-    from eitbench.reports.claims.ledger import ledger, table, write_ledger
+    from eitbench.reports.claims.ledger import ledger as claim_ledger
+    from eitbench.reports.claims.ledger import table
+    from eitbench.reports.page.ledger_page import write_ledger
 
     if runs and limit is not None:
         raise typer.BadParameter("--runs are judged as they are: leave out --limit")
@@ -207,9 +209,9 @@ def reproduce(
             fail(str(interrupted), 130)
         for path in runs:
             _complete(path)
-    found = ledger(runs, study or ())
-    written = write_ledger(found, runs, folder)
-    print_renderable(table(found))
+    ledger = claim_ledger(runs, study or ())
+    written = write_ledger(ledger, runs, folder)
+    print_renderable(table(ledger))
     for path in written:
         typer.echo(f"Ledger: {path}")
 

@@ -20,7 +20,7 @@ from eitbench.benchmark.analysis.readings import (
     read_constants,
 )
 from eitbench.benchmark.analysis.results import read_run
-from eitbench.reports.claims.classical_rows import audit
+from eitbench.reports.claims.classical_rows import classical_readings
 from eitbench.reports.claims.evidence import Evidence
 from eitbench.scenarios.data.datasets import Dataset
 
@@ -122,20 +122,21 @@ def test_the_published_classical_rows_imply_one_truth() -> None:
     assert implied_rms(1.57, -3.35) == pytest.approx(0.937, abs=1e-3)
 
 
-def test_the_audit_says_consistent_and_never_proven(run: Run) -> None:
-    found = audit(Evidence([read_run(run)]))
-    noser, tv = found.methods
-    assert [reading.name for reading in noser.readings] == [
-        "absolute map", "difference image", "difference, sign reversed", noser.readings[3].name,
+def test_readings_are_called_consistent_and_never_proven(run: Run) -> None:
+    readings = classical_readings(Evidence([read_run(run)]))
+    noser, tv = readings["methods"]
+    *names, scaled = (row["reading"] for row in noser["rows"])
+    assert names == [
+        "published", "absolute map", "difference image", "difference, sign reversed",
     ]  # fmt: skip
-    assert "times as strong" in noser.readings[3].name
-    assert "is consistent with" in noser.says
-    assert "does not exclude other explanations" in noser.says
+    assert "times as strong" in scaled
+    assert "is consistent with" in noser["says"]
+    assert "does not exclude other explanations" in noser["says"]
     # An image that shows nothing has no strength that would give the published error.
-    assert len(tv.readings) == 3
-    assert "consistent" not in tv.says
-    assert "absolute maps" in found.says
-    assert "prove" not in noser.says + tv.says + found.says
+    assert len(tv["rows"]) == 4
+    assert "consistent" not in tv["says"]
+    assert "absolute maps" in readings["says"]
+    assert "prove" not in noser["says"] + tv["says"] + readings["says"]
 
 
 def test_figures_that_do_not_fit_are_not_called_consistent(build: Any, paper: Dataset) -> None:
@@ -143,13 +144,14 @@ def test_figures_that_do_not_fit_are_not_called_consistent(build: Any, paper: Da
     truth = np.array(paper.conductivity)
     build.suite = "paper"
     build.add(paper, "noser", 1 + truth)
-    found = audit(Evidence([read_run(build.write())]))
-    assert "is not consistent with that either" in found.methods[0].says
+    noser, _ = classical_readings(Evidence([read_run(build.write())]))["methods"]
+    assert "is not consistent with that either" in noser["says"]
 
 
-def test_without_a_run_the_audit_gives_the_reason() -> None:
-    found = audit(Evidence([]))
-    assert found.constants == ()
-    for of, name in zip(found.methods, ("noser", "tv"), strict=True):
-        assert (of.readings, of.says) == ((), "")
-        assert of.conditions == f"No run holds the method {name!r} on 'paper'."
+def test_without_a_run_there_is_a_reason_for_no_reading() -> None:
+    readings = classical_readings(Evidence([]))
+    assert readings["constants"] == []
+    for method, name in zip(readings["methods"], ("noser", "tv"), strict=True):
+        assert [row["reading"] for row in method["rows"]] == ["published"]
+        assert method["says"] == ""
+        assert repr(name) in method["conditions"]

@@ -10,8 +10,9 @@ import pytest
 from eitbench.benchmark import InputError
 from eitbench.benchmark.analysis.results import read_run
 from eitbench.reports.claims.claim import Finding
-from eitbench.reports.claims.claims import CLAIMS, IMAGE_METRICS
 from eitbench.reports.claims.evidence import Evidence
+from eitbench.reports.claims.published_claims import CLAIMS
+from eitbench.reports.claims.rules import IMAGE_METRICS
 from eitbench.reports.claims.verdicts import Verdict
 from eitbench.reports.tables.published import TABLE_II
 from eitbench.scenarios.data.datasets import Dataset
@@ -104,7 +105,7 @@ def test_without_runs_nothing_is_testable_and_the_published_figures_stand() -> N
         found = claim.finding(Evidence([]))
         assert found.verdict is Verdict.untestable
         assert found.figures == claim.published
-        assert all(figure.ours is None and figure.kept is None for figure in found.figures)
+        assert all(figure.ours is None and figure.met is None for figure in found.figures)
         assert found.why.endswith(".")
     assert "'phydnn'" in findings()["table2-phydnn"].why
 
@@ -126,7 +127,7 @@ def test_the_row_of_phydnn(
     assert {n: f.published for n, f in figures.items()} == TABLE_II["phydnn"]
     assert figures["psnr"].ours == pytest.approx(-20 * np.log10(noise), abs=0.2)
     assert (found.verdict, found.n) == (verdict, 8)
-    assert [figure.kept for figure in found.figures] == kept
+    assert [figure.met for figure in found.figures] == kept
     assert found.conditions.startswith("all 8 test samples of 'paper', from the mesh")
 
 
@@ -150,7 +151,7 @@ def test_a_classical_row_holds_where_figures_are_as_published(build: Any, paper:
     build.add(paper, "noser", np.full_like(np.array(paper.conductivity), -0.22))
     found = findings(build.write())["table2-noser"]
     assert found.verdict is Verdict.holds
-    assert [figure.kept for figure in found.figures] == [True, True, True]
+    assert [figure.met for figure in found.figures] == [True, True, True]
 
 
 @pytest.mark.parametrize(

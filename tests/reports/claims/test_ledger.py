@@ -12,9 +12,10 @@ import pytest
 
 from eitbench.benchmark import EitbenchError, InputError
 from eitbench.benchmark.studies import curves
-from eitbench.reports.claims.claims import CLAIMS
-from eitbench.reports.claims.ledger import FILES, Ledger, ledger, table, to_markdown, write_ledger
+from eitbench.reports.claims.ledger import Ledger, ledger, table
+from eitbench.reports.claims.published_claims import CLAIMS
 from eitbench.reports.claims.verdicts import Verdict
+from eitbench.reports.page.ledger_page import FILES, to_markdown, write_ledger
 from eitbench.scenarios.data.datasets import Dataset
 
 NASTY = "a|b_<img src=x>`c`"

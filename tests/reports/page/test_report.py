@@ -14,10 +14,11 @@ import pytest
 
 from eitbench.methods import methods
 from eitbench.reports.figures.style import STYLE
+from eitbench.reports.page.answer import answer
 from eitbench.reports.page.citations import KEYS, bibliography, entries
-from eitbench.reports.page.gathered import gather
 from eitbench.reports.page.paper import frontier, noise
-from eitbench.reports.page.report import answer, to_page, write_report
+from eitbench.reports.page.report import to_page, write_report
+from eitbench.reports.page.report_data import report_data
 from eitbench.scenarios.errors import DataCorruptError, InputError
 
 NASTY = "<img src=x onerror=alert(1)>"
@@ -36,7 +37,7 @@ def many(build: Any, dataset_of: Any) -> Path:
 
 
 def test_what_is_gathered_is_what_the_leaderboard_says(many: Path, full_run: Path) -> None:
-    found = gather([many])
+    found = report_data([many])
     (board,) = found["boards"]
     rows = {row["method"]: row for row in board["views"][0]["rows"]}
     assert [view["label"] for view in board["views"]] == [
@@ -51,7 +52,7 @@ def test_what_is_gathered_is_what_the_leaderboard_says(many: Path, full_run: Pat
     assert len(board["sensitivity"]) == 6
     assert found["missing"] == []
     json.dumps(found, allow_nan=False)
-    assert len(gather([full_run])["boards"]) == 4
+    assert len(report_data([full_run])["boards"]) == 4
 
 
 def shlex_safe(command: str) -> bool:
@@ -59,7 +60,7 @@ def shlex_safe(command: str) -> bool:
 
 
 def test_the_answer_names_ties_and_the_fastest(many: Path) -> None:
-    (board,) = gather([many])["boards"]
+    (board,) = report_data([many])["boards"]
     said = answer(board)
     first, second = (row["method"] for row in board["views"][0]["rows"][:2])
     assert said.startswith("On bench / conductivity-set (24 samples), ")
@@ -71,13 +72,13 @@ def test_the_answer_says_how_far_ahead_the_best_is(build: Any, dataset_of: Any) 
     dataset = dataset_of("conductivity", 12)
     for name, share in (("good", 0.9), ("poor", 0.5)):
         build.add(dataset, name, share * (dataset.conductivity - 1) + 1)
-    said = answer(gather([build.write()])["boards"][0])
+    said = answer(report_data([build.write()])["boards"][0])
     assert re.search(r"good is the best: S [\d.]+ \(95 %: [\d.]+ to [\d.]+\)\.", said)
     assert re.search(r"ahead of poor by [\d.]+ \([\d.]+ to [\d.]+; p < 0.001\)\.", said)
 
 
 def test_names_are_data_in_the_page(many: Path) -> None:
-    page = to_page(gather([many]))
+    page = to_page(report_data([many]))
     assert "<img" not in page
     data = re.search(r'<script type="application/json" id="data">(.*?)</script>', page, re.DOTALL)
     assert data is not None
@@ -87,7 +88,7 @@ def test_names_are_data_in_the_page(many: Path) -> None:
 
 
 def test_the_page_needs_nothing_else(many: Path) -> None:
-    page = to_page(gather([many]))
+    page = to_page(report_data([many]))
     head = page[: page.index('id="plotly"')]
     assert not re.search(r"(?:src|href)\s*=\s*[\"'](?!#)", head)
     assert "default-src 'none'" in head
@@ -118,7 +119,7 @@ def test_files_for_a_paper(many: Path, tmp_path: Path) -> None:
 
 
 def test_no_text_of_a_figure_is_cut(many: Path) -> None:
-    (board,) = gather([many])["boards"]
+    (board,) = report_data([many])["boards"]
     rows = board["views"][0]["rows"]
     rows += [rows[0] | {"method": f"a-rather-long-name-{k}"} for k in range(12)]
     levels = [board | {"snr_db": level} for level in (30.0, 50.0, "clean")]
@@ -176,7 +177,7 @@ def test_published_claims_stand_in_the_report_of_the_paper_s_suite(build: Any, p
     build.suite = "paper"
     for name in ("dnn", "phydnn"):
         build.add(paper, name, paper.conductivity)
-    found = gather([build.write()])
+    found = report_data([build.write()])
     verdicts = {claim["claim"]: claim["verdict"] for claim in found["claims"]}
     assert verdicts["The networks reconstruct 10 frames per second."] == "holds"
     assert "The networks reconstruct 10 frames per second." in to_page(found)
@@ -187,7 +188,7 @@ def test_published_claims_stand_in_the_report_of_the_paper_s_suite(build: Any, p
 
 def test_without_images_the_rest_is_shown(many: Path, tmp_path: Path) -> None:
     (many / "reconstructions.h5").unlink()
-    found = gather([many])
+    found = report_data([many])
     assert found["boards"][0]["images"] is None
     assert found["boards"][0]["sensitivity"] == []
     assert found["missing"] == ["run holds no reconstructions.h5: its images are not shown."]
@@ -200,7 +201,7 @@ def test_an_unfinished_run_says_so(many: Path) -> None:
     (many / "manifest.json").write_text(json.dumps(content | {"status": "interrupted"}))
     table = pd.read_parquet(many / "samples.parquet")
     table[(table["method"] != "poor") | (table["sample"] < 5)].to_parquet(many / "samples.parquet")
-    found = gather([many])
+    found = report_data([many])
     assert found["missing"] == ["The run run is interrupted: it has some of its samples only."]
     rows = {row["method"]: row for row in found["boards"][0]["views"][0]["rows"]}
     assert rows["poor"]["group"] is None
@@ -218,7 +219,7 @@ def test_several_runs_are_shown_alike(many: Path, tmp_path: Path) -> None:
         cells = pd.read_parquet(run / "methods.parquet")
         cells = cells.assign(machine=machine, calibration_ms=solve)
         cells.to_parquet(run / "methods.parquet")
-    (board,) = gather([many, other])["boards"]
+    (board,) = report_data([many, other])["boards"]
     rows = {row["label"]: row for row in board["views"][0]["rows"]}
     assert {"good (run)", "good (other)", "poor (run)", "poor (other)"} <= set(rows)
     assert set(board["images"]["names"]) == {"truth", *rows}
@@ -232,7 +233,7 @@ def test_several_runs_are_shown_alike(many: Path, tmp_path: Path) -> None:
 
 def test_the_first_is_tied_with_all_that_differ_by_chance(many: Path) -> None:
     """A noisy method may be further down than one that is surely worse."""
-    (board,) = gather([many])["boards"]
+    (board,) = report_data([many])["boards"]
     names = [row["label"] for row in board["views"][0]["rows"]]
     for pair in board["pairs"]:
         if pair["first"] == 0:
@@ -247,7 +248,7 @@ def test_other_data_under_the_same_name_get_a_board_of_their_own(
     content = json.loads((other / "manifest.json").read_text())
     content["data"]["conductivity-set"]["hash"] = "other"
     (other / "manifest.json").write_text(json.dumps(content))
-    boards = gather([many, other])["boards"]
+    boards = report_data([many, other])["boards"]
     assert [board["data_hash"] for board in boards] == ["3f2a1b9c", "other"]
     assert [len(board["views"][0]["rows"]) for board in boards] == [4, 4]
 
@@ -262,9 +263,9 @@ def test_a_column_that_is_missing_costs_what_it_held(many: Path, column: str) ->
     table.drop(columns=column, errors="ignore").to_parquet(many / "samples.parquet")
     if column == "status":
         with pytest.raises(DataCorruptError, match="has no column 'status'"):
-            gather([many])
+            report_data([many])
         return
-    found = gather([many])
+    found = report_data([many])
     to_page(found)
     said = [sentence for sentence in found["missing"] if f"no column {column!r}" in sentence]
     assert len(said) == (column not in ("phantom", "frame_ms", "family"))
@@ -279,11 +280,11 @@ def test_a_damaged_table_is_refused_with_one_sentence(many: Path, tmp_path: Path
         write_report([many], tmp_path / "report")
     assert not (tmp_path / "report").exists()
     with pytest.raises(InputError, match="is not a run directory"):
-        gather([tmp_path])
+        report_data([tmp_path])
 
 
 def test_operators_get_a_board_beside_methods(many: Path, build_operators: Any) -> None:
-    found = gather([many, build_operators({"surrogate": 0.1, "jacobian": 0.4})])
+    found = report_data([many, build_operators({"surrogate": 0.1, "jacobian": 0.4})])
     assert [board["kind"] for board in found["boards"]] == ["method", "operator"]
     assert answer(found["boards"][1]).endswith("surrogate is first: MSE 0.1.")
     to_page(found)
@@ -300,10 +301,10 @@ def test_tables_of_operators_stand_beside_those_of_methods(
 def test_a_run_without_rows_is_refused(many: Path) -> None:
     pd.read_parquet(many / "samples.parquet")[:0].to_parquet(many / "samples.parquet")
     with pytest.raises(InputError, match="There are no results in"):
-        gather([many])
+        report_data([many])
 
 
 def test_runs_of_the_same_name_are_refused(many: Path, tmp_path: Path) -> None:
     other = shutil.copytree(many, tmp_path / "elsewhere" / many.name)
     with pytest.raises(InputError, match="2 of the runs are called 'run'"):
-        gather([many, other])
+        report_data([many, other])

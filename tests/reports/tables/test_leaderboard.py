@@ -12,13 +12,9 @@ from rich.console import Console
 
 from eitbench.benchmark.metrics.specs import METRICS
 from eitbench.reports.tables.columns import METHOD_LAYOUT as LAYOUT
-from eitbench.reports.tables.leaderboard import (
-    FORMATS,
-    leaderboard,
-    note,
-    table,
-    write_leaderboard,
-)
+from eitbench.reports.tables.leaderboard import FORMATS, leaderboard, write_leaderboard
+from eitbench.reports.tables.notes import note
+from eitbench.reports.tables.terminal import table
 
 NASTY = "a|b_<img src=x>$\\%&`\x1b[31m\nend"
 CONTRACT = {

@@ -14,8 +14,9 @@ from rich.console import Console
 
 from eitbench.reports.figures.image_grid import write_figures
 from eitbench.reports.tables.columns import OPERATOR_LAYOUT as LAYOUT
-from eitbench.reports.tables.leaderboard import FORMATS, leaderboard, table, write_leaderboard
+from eitbench.reports.tables.leaderboard import FORMATS, leaderboard, write_leaderboard
 from eitbench.reports.tables.published import RATIO, TABLE_I
+from eitbench.reports.tables.terminal import table
 from eitbench.scenarios.errors import InputError
 
 N = 4

@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from eitbench.reports.tables.leaderboard import FORMATS, leaderboard, note, table
+from eitbench.reports.tables.leaderboard import FORMATS, leaderboard
+from eitbench.reports.tables.notes import note
 from eitbench.reports.tables.published import TABLE_II, published_rows
+from eitbench.reports.tables.terminal import table
 from eitbench.scenarios.data.datasets import Dataset
 
 FORMS = ["md", "latex", "html", "terminal"]

@@ -1,0 +1,382 @@
+"""The data of a report as plain values: statistics and images of runs, read once.
+
+The page, the tables and the figures are made of these alone, so that they can be made again without
+reading the runs. `report.json` holds them, and the page's script reads the boards.
+"""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NotRequired, TypedDict
+
+import numpy as np
+import pandas as pd
+
+from eitbench.benchmark import DataCorruptError, InputError
+from eitbench.benchmark.analysis.leaderboard import Row
+from eitbench.benchmark.analysis.results import Run, failures, read_run
+from eitbench.benchmark.analysis.sensitivity import SAMPLES, sensitivity
+from eitbench.benchmark.analysis.standings import Standing, score_weights, standings
+from eitbench.benchmark.metrics.aggregation import numbers
+from eitbench.benchmark.metrics.scores import anchored
+from eitbench.benchmark.metrics.specs import ANCHORS, METRIC_COLUMNS, METRICS
+from eitbench.benchmark.rundir.kinds import METHOD_RUNS
+from eitbench.reports.claims.evidence import Evidence
+from eitbench.reports.claims.published_claims import CLAIMS
+from eitbench.reports.claims.verdicts import Verdict
+from eitbench.reports.page.images import PackedImages, packed_images
+from eitbench.reports.tables.columns import printable, shown_columns
+from eitbench.reports.tables.notes import notes, prior_knowledge, tracks_table
+
+PRESSES = 150
+"""Drawn of a recorded scenario; more would hide each other."""
+
+PAGE_COLUMNS = ("command", "label", "anchored")
+"""Columns that the rows of a view have beside those of `Standing.rows`: the command that makes the
+cell again; the name of the method or operator, with that of the run where several have it; and
+means of SSIM, CC, RIE and PSNR between their anchors."""
+
+
+class View(TypedDict):
+    """The standing over all samples of a board or over a part of them; see `Standing`."""
+
+    label: str
+    phantoms: int
+    why_not: str
+    rows: list[Row]
+
+
+class Presses(TypedDict):
+    """Places of presses and those that a method found [m], in the coordinates of its image."""
+
+    method: str
+    expected_x_m: list[float | None]
+    expected_y_m: list[float | None]
+    found_x_m: list[float | None]
+    found_y_m: list[float | None]
+    localisation_mm: list[float | None]
+
+
+class Board(TypedDict):
+    """Methods, or operators, on the same data of a scenario.
+
+    `kind` is "method" or "operator". `columns`, `pairs` and `sensitivity` hold the fields of
+    `Column`, `Pair` and `Sensitivity`. The first of `views` is that of all samples. `snr_db` is
+    "clean" for data without noise, and None for several levels or unknown ones.
+    """
+
+    suite: str
+    scenario: str
+    kind: str
+    n: int
+    data_hash: str | None
+    inverse_crime: bool
+    phantoms: int
+    why_not: str
+    ranked_by: str
+    columns: list[dict[str, Any]]
+    notes: list[str]
+    prior_knowledge: list[str]
+    tracks: list[list[str]]
+    views: list[View]
+    pairs: list[dict[str, Any]]
+    snr_db: float | str | None
+    sensitivity: list[dict[str, Any]]
+    images: PackedImages | None
+    presses: list[Presses]
+    sensitivity_samples: NotRequired[int]
+
+
+class ClaimVerdict(TypedDict):
+    """A published claim with its verdict by the runs of the report."""
+
+    claim: str
+    verdict: str
+    why: str
+
+
+class Provenance(TypedDict):
+    """Origin of a run, as its manifest has it; None where the manifest does not say."""
+
+    run: str
+    kind: str
+    command_line: str | None
+    started: str | None
+    finished: str | None
+    status: str | None
+    git_commit: str | None
+    versions: dict[str, str] | None
+    machine: dict[str, Any] | None
+    threads: Any
+    seeds: dict[str, Any] | None
+    calibration_ms: float | None
+    data: dict[str, Any] | None
+    cells: list[dict[str, Any]] | None
+    plan: dict[str, Any] | None
+
+
+class ReportData(TypedDict):
+    """Everything that a report shows.
+
+    `cards` holds the card of each metric (`MetricSpec.card`) that a board has; `missing` holds sentences on
+    what the runs lack.
+    """
+
+    boards: list[Board]
+    cards: list[dict[str, Any]]
+    score_weights: dict[str, float]
+    claims: list[ClaimVerdict]
+    missing: list[str]
+    runs: list[Provenance]
+
+
+def report_data(paths: Sequence[Path]) -> ReportData:
+    """Read everything that a report shows of run directories.
+
+    Images, samples or columns that a run lacks are left out, and `missing` says so.
+
+    Raises:
+        InputError: no run directory, one without results, or runs of methods and of operators.
+        DataCorruptError: a table of a run is damaged.
+    """
+    missing: list[str] = []
+    runs = [_with_all_columns(read_run(path), missing) for path in paths]
+    boards = [
+        _board(standing, of_kind, missing)
+        for kind in ("method", "operator")
+        if (of_kind := [run for run in runs if run.kind.name == kind])
+        for standing in standings(of_kind)
+    ]
+    for run in runs:
+        missing += _incomplete(run)
+    if not boards:
+        raise InputError(
+            f"There are no results in {', '.join(map(str, paths))}: nothing to report."
+        )
+    report = ReportData(
+        boards=boards,
+        cards=[spec.card() for spec in METRICS.values() if _any_has(boards, spec.name)],
+        score_weights=score_weights(),
+        claims=_claims(runs, missing),
+        missing=list(dict.fromkeys(missing)),
+        runs=[_provenance(run) for run in runs],
+    )
+    plain: ReportData = _plain(report)
+    return plain
+
+
+def _with_all_columns(run: Run, missing: list[str]) -> Run:
+    """Return a run of methods with empty columns for the figures that it lacks."""
+    if run.kind != METHOD_RUNS or run.samples.empty:
+        return run
+    lacking = [name for name in METRIC_COLUMNS if name not in run.samples]
+    missing += [
+        f"{run.path.name} has no column {name!r}, and nothing that rests on it is shown: score it "
+        f"again with `eitbench rescore {run.path}`."
+        for name in lacking
+    ]
+    return replace(run, samples=run.samples.assign(**dict.fromkeys(lacking, np.nan)))
+
+
+def _claims(runs: Sequence[Run], missing: list[str]) -> list[ClaimVerdict]:
+    """Return the verdicts on those published claims that the runs can test."""
+    evidence = Evidence(runs)
+    verdicts = []
+    for claim in CLAIMS:
+        try:
+            finding = claim.finding(evidence)
+        except InputError as error:  # several runs hold the same method
+            missing.append(f"Claim {claim.name}: {error}")
+            continue
+        if finding.verdict != Verdict.untestable:
+            verdicts.append(
+                ClaimVerdict(claim=claim.says, verdict=finding.verdict.value, why=finding.why)
+            )
+    return verdicts
+
+
+def _plain(value: Any) -> Any:
+    """Return a value as JSON wants it, with None for a number that is not finite."""
+    if isinstance(value, dict):
+        return {str(key): _plain(inner) for key, inner in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(inner) for inner in value]
+    if isinstance(value, float | np.floating):
+        return float(value) if np.isfinite(value) else None
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def _any_has(boards: Sequence[Board], name: str) -> bool:
+    return any(row.get(name) is not None for board in boards for row in board["views"][0]["rows"])
+
+
+def _incomplete(run: Run) -> list[str]:
+    """Return sentences on the cells, samples and rest of a run that are missing."""
+    sentences = list(run.manifest.get("skipped", {}).values()) + failures(run)
+    status = run.manifest.get("status", "finished")
+    if status != "finished":
+        sentences.append(f"The run {run.path.name} is {status}: it has some of its samples only.")
+    return sentences
+
+
+def _board(standing: Standing, runs: Sequence[Run], missing: list[str]) -> Board:
+    first = standing.rows[0]
+    scenario, kind = first["scenario"], "operator" if "operator" in first else "method"
+    view = _view("all samples", standing, runs)
+    board = Board(
+        suite=first["suite"],
+        scenario=scenario,
+        kind=kind,
+        n=first["data_n"] or first["n"],
+        data_hash=first["data_hash"],
+        inverse_crime=first["inverse_crime"],
+        phantoms=standing.phantoms,
+        why_not=standing.why_not,
+        ranked_by=first.get("ranked_by") or "mse",
+        columns=[vars(column) for column in shown_columns(standing.rows)],
+        notes=notes(standing.rows),
+        prior_knowledge=prior_knowledge(standing.rows),
+        tracks=tracks_table(standing.rows),
+        views=[view],
+        pairs=[vars(pair) for pair in standing.pairs],
+        snr_db=None,
+        sensitivity=[],
+        images=None,
+        presses=[],
+    )
+    if kind == "operator":
+        return board
+    run_of = {run.path.name: run for run in runs}
+    methods = {row["label"]: (run_of[row["run"]], row["method"]) for row in view["rows"]}
+    cells = {label: run.cell(scenario, name) for label, (run, name) in methods.items()}
+    of_board = [run for run in runs if run.path.name in {row["run"] for row in view["rows"]}]
+    samples = pd.concat([_samples(run, scenario) for run in of_board], ignore_index=True)
+    board["views"] += _parts(of_board, scenario, samples)
+    if first["score"] is not None and "snr_db" in samples:
+        levels = samples["snr_db"].unique()
+        board["snr_db"] = None if len(levels) > 1 else "clean" if np.isnan(levels[0]) else levels[0]
+    board["presses"] = [
+        _presses(label, cell) for label, cell in cells.items() if cell["expected_x_m"].notna().any()
+    ]
+    for row in view["rows"]:
+        row["anchored"] = _anchored(cells[row["label"]])
+    with_images = {label: of for label, of in methods.items() if _has_images(of[0], missing)}
+    try:
+        board["sensitivity"] = [vars(choice) for choice in sensitivity(with_images, scenario)]
+        if with_images:
+            board["images"] = packed_images(with_images, scenario, first["ranked_by"])
+    except DataCorruptError as error:
+        missing.append(str(error))
+    board["sensitivity_samples"] = min(SAMPLES, first["n"])
+    return board
+
+
+def _has_images(run: Run, missing: list[str]) -> bool:
+    there = (run.path / run.kind.arrays).is_file()
+    if not there:
+        missing.append(f"{run.path.name} holds no {run.kind.arrays}: its images are not shown.")
+    return there
+
+
+def _anchored(cell: pd.DataFrame) -> list[float] | None:
+    """Return means of SSIM, CC, RIE and PSNR between their anchors; None where one is unknown."""
+    if any(name not in cell or cell[name].isna().any() for name in ANCHORS):
+        return None
+    means: list[float] = (
+        anchored({name: numbers(cell, name) for name in ANCHORS}).mean(axis=0).tolist()
+    )
+    return means
+
+
+def _samples(run: Run, scenario: str) -> pd.DataFrame:
+    return run.samples[run.samples["scenario"] == scenario]
+
+
+def _view(label: str, standing: Standing, runs: Sequence[Run]) -> View:
+    run_of = {run.path.name: run for run in runs}
+    names = [row.get("method") or row["operator"] for row in standing.rows]
+    rows = [
+        row
+        | {
+            "command": _command(run_of[row["run"]], row),
+            "label": name if names.count(name) == 1 else f"{name} ({row['run']})",
+        }
+        for row, name in zip(standing.rows, names, strict=True)
+    ]
+    return View(label=label, phantoms=standing.phantoms, why_not=standing.why_not, rows=rows)
+
+
+def _parts(runs: Sequence[Run], scenario: str, samples: pd.DataFrame) -> list[View]:
+    """Return a view of the samples of each family, and of each noise level if there are several."""
+    views = []
+    for column, form in (("family", "{}"), ("snr_db", "{:g} dB")):
+        values = [] if column not in samples else sorted(samples[column].dropna().unique())
+        for value in values if len(values) > 1 else ():
+            n = samples.loc[samples[column] == value, "sample"].nunique()
+            parts = [_part(run, scenario, column, value, n) for run in runs]
+            (standing,) = standings([run for run in parts if len(run.samples)])
+            views.append(_view(form.format(value), standing, runs))
+    return views
+
+
+def _part(run: Run, scenario: str, column: str, value: Any, n: int) -> Run:
+    """Return a run with only those `n` samples of a scenario whose `column` holds `value`."""
+    rows = _samples(run, scenario)
+    part = rows[rows[column] == value] if column in rows else rows[:0]
+    data = run.manifest["data"][scenario] | {"n": n}
+    return replace(run, samples=part, manifest={**run.manifest, "data": {scenario: data}})
+
+
+def _command(run: Run, row: Row) -> str:
+    """Return the command that makes the cell of a row again."""
+    plan = run.manifest.get("plan", {})
+    kind = "operators" if "operator" in row else "methods"
+    name = str(row.get("operator") or row["method"])
+    words = ["eitbench", "run", str(row["suite"]), "--scenarios", str(row["scenario"])]
+    words += [f"--{kind}", name]
+    if plan.get("limit") is not None:
+        words += ["--limit", str(plan["limit"])]
+    for plugin in plan.get("plugins", ()):
+        if name in plugin["names"]:
+            words += ["--plugin", Path(plugin["path"]).name]
+    return shlex.join(words)
+
+
+def _presses(label: str, cell: pd.DataFrame) -> Presses:
+    rows = cell.sort_values("sample")[:PRESSES]
+
+    def column(name: str) -> list[float | None]:
+        return [float(f"{v:.5g}") if np.isfinite(v) else None for v in numbers(rows, name)]
+
+    return Presses(
+        method=label,
+        expected_x_m=column("expected_x_m"),
+        expected_y_m=column("expected_y_m"),
+        found_x_m=column("found_x_m"),
+        found_y_m=column("found_y_m"),
+        localisation_mm=column("localisation_mm"),
+    )
+
+
+def _provenance(run: Run) -> Provenance:
+    content = run.manifest
+    return Provenance(
+        run=printable(run.path.name),
+        kind=run.kind.name,
+        command_line=content.get("command_line"),
+        started=content.get("started"),
+        finished=content.get("finished"),
+        status=content.get("status"),
+        git_commit=content.get("git_commit"),
+        versions=content.get("versions"),
+        machine=content.get("machine"),
+        threads=content.get("threads"),
+        seeds=content.get("seeds"),
+        calibration_ms=content.get("calibration_ms"),
+        data=content.get("data"),
+        cells=content.get("cells"),
+        plan=content.get("plan"),
+    )

@@ -1,0 +1,164 @@
+"""Leaderboards as Markdown, LaTeX and HTML; names and texts are only data in each of them."""
+
+import html
+from collections.abc import Iterable, Sequence
+
+from eitbench.benchmark.analysis.leaderboard import Row
+from eitbench.reports.tables.boards import PrintedBoard, printed_boards
+from eitbench.reports.tables.columns import Column, layout
+from eitbench.reports.tables.notes import note, prior_knowledge, tracks_table
+
+
+def to_markdown(rows: Sequence[Row]) -> str:
+    """One table per scenario, the best values in bold, and notes below it."""
+    parts = []
+    for board in printed_boards(rows):
+        columns = board.columns()
+
+        def cell(column: Column, row: Row, board: PrintedBoard = board) -> str:
+            text = escape_markdown(column.whole_text(row))
+            return f"**{text}**" if board.is_best(column, row) else text
+
+        lines = [f"### {escape_markdown(board.title)}", ""]
+        lines += markdown_table(
+            [escape_markdown(c.title) for c in columns],
+            [[cell(c, row) for c in columns] for row in board.rows],
+            [c.form != "" for c in columns],
+        )
+        if text := note(board.rows):
+            lines += ["", escape_markdown(text)]
+        if tracks := tracks_table(board.rows):
+            heads, *body = ([escape_markdown(text) for text in row] for row in tracks)
+            lines += ["", *markdown_table(heads, body)]
+        if known := prior_knowledge(board.rows):
+            lines += ["", "Prior knowledge:", ""]
+            lines += [f"- {escape_markdown(sentence)}" for sentence in known]
+        parts.append("\n".join(lines) + "\n")
+    return "\n".join(parts)
+
+
+def markdown_table(
+    heads: Sequence[str], rows: Iterable[Sequence[str]], right: Sequence[bool] | None = None
+) -> list[str]:
+    """Return the lines of a Markdown table of escaped texts.
+
+    Args:
+        right: True for columns that are aligned to the right; all but the first if not given.
+    """
+    right = right or [False, *[True] * (len(heads) - 1)]
+    rule = [" ---: " if of_numbers else " --- " for of_numbers in right]
+    return [
+        f"| {' | '.join(heads)} |",
+        f"|{'|'.join(rule)}|",
+        *(f"| {' | '.join(row)} |" for row in rows),
+    ]
+
+
+def escape_markdown(text: str) -> str:
+    """Return `text` as Markdown that shows it as it is."""
+    escaped = html.escape(text, quote=False)
+    for character in "\\`*_{}[]|~#":
+        escaped = escaped.replace(character, "\\" + character)
+    return escaped
+
+
+def to_latex(rows: Sequence[Row]) -> str:
+    """One booktabs table per scenario in the width of IEEE's page, the best values in bold.
+
+    It holds the columns that papers print; the others are in the other formats.
+    """
+    parts = []
+    for board in printed_boards(rows):
+        columns = board.paper_columns()
+        headings = layout(board.rows[0]).terminal
+        lines = [
+            "% needs \\usepackage{booktabs}",
+            "\\begin{table*}",
+            "\\centering",
+            "\\footnotesize",
+            "\\setlength{\\tabcolsep}{3.5pt}",
+            f"\\caption{{{_latex(board.title)}}}",
+            *_latex_tabular(
+                "".join("r" if c.form else "l" for c in columns),
+                [_latex(headings[c.name].replace("\n", " ")) for c in columns],
+                [[_latex_cell(c, row, board) for c in columns] for row in board.rows],
+            ),
+        ]
+        if tracks := tracks_table(board.rows):
+            heads, *body = ([_latex(text) for text in row] for row in tracks)
+            form = "l" + "r" * (len(heads) - 1)
+            lines += ["", "\\smallskip", *_latex_tabular(form, heads, body)]
+        for text in filter(None, (note(board.rows), *prior_knowledge(board.rows))):
+            lines += ["", f"\\smallskip{{\\footnotesize {_latex(text)}}}"]
+        lines.append("\\end{table*}")
+        parts.append("\n".join(lines) + "\n")
+    return "\n".join(parts)
+
+
+def _latex_tabular(form: str, heads: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
+    return [
+        f"\\begin{{tabular}}{{{form}}}",
+        "\\toprule",
+        " & ".join(heads) + " \\\\",
+        "\\midrule",
+        *(" & ".join(row) + " \\\\" for row in rows),
+        "\\bottomrule",
+        "\\end{tabular}",
+    ]
+
+
+def _latex_cell(column: Column, row: Row, board: PrintedBoard) -> str:
+    text = _latex(column.text(row))
+    if board.is_best(column, row):
+        text = f"\\textbf{{{text}}}"
+    ends = _latex(column.ends(row))
+    return f"{text} {{\\scriptsize({ends})}}" if ends else text
+
+
+_LATEX = {
+    "\\": r"\textbackslash{}", "{": r"\{", "}": r"\}", "$": r"\$", "&": r"\&", "#": r"\#",
+    "_": r"\_", "%": r"\%", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}",
+    "<": r"\textless{}", ">": r"\textgreater{}", "|": r"\textbar{}", "–": "--",
+}  # fmt: skip
+
+
+def _latex(text: str) -> str:
+    return "".join(_LATEX.get(character, character) for character in text)
+
+
+def to_html(rows: Sequence[Row]) -> str:
+    """One table per scenario, the best values in bold: a fragment to put into a page."""
+    lines = []
+    for board in printed_boards(rows):
+        columns = board.columns()
+
+        def cell(column: Column, row: Row, board: PrintedBoard = board) -> str:
+            text = html.escape(column.whole_text(row))
+            return f"<strong>{text}</strong>" if board.is_best(column, row) else text
+
+        body = [[cell(c, row) for c in columns] for row in board.rows]
+        lines += _html_table(
+            html.escape(board.title), [html.escape(c.title) for c in columns], body
+        )
+        if text := note(board.rows):
+            lines.append(f"<p>{html.escape(text)}</p>")
+        if tracks := tracks_table(board.rows):
+            heads, *body = ([html.escape(text) for text in row] for row in tracks)
+            lines += _html_table("Tracks", heads, body)
+        if known := prior_knowledge(board.rows):
+            items = "".join(f"<li>{html.escape(sentence)}</li>" for sentence in known)
+            lines += ["<p>Prior knowledge:</p>", f"<ul>{items}</ul>"]
+    return "\n".join(lines) + "\n" if lines else ""
+
+
+def _html_table(caption: str, heads: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
+    cells = "".join(f'<th scope="col">{head}</th>' for head in heads)
+    return [
+        "<table>",
+        f"<caption>{caption}</caption>",
+        f"<thead><tr>{cells}</tr></thead>",
+        "<tbody>",
+        *(f"<tr>{''.join(f'<td>{text}</td>' for text in row)}</tr>" for row in rows),
+        "</tbody>",
+        "</table>",
+    ]

@@ -1,0 +1,76 @@
+"""Leaderboards for a terminal: the columns that fit its width, the best values green."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from eitbench.benchmark.analysis.leaderboard import Row
+from eitbench.reports.tables.boards import PrintedBoard, printed_boards
+from eitbench.reports.tables.columns import Column, layout
+from eitbench.reports.tables.notes import note, prior_knowledge, tracks_table
+
+if TYPE_CHECKING:
+    from rich.console import Group
+
+_LONGEST_NAME = 24
+_PADDING = 3
+
+
+def table(rows: Sequence[Row], width: int) -> "Group":
+    """One table per scenario for a terminal of `width` characters, with its notes below it."""
+    from rich import box
+    from rich.console import Group, RenderableType
+    from rich.table import Table
+    from rich.text import Text
+
+    parts: list[RenderableType] = []
+    for board in printed_boards(rows):
+        columns = _fitting(board, width)
+        headings = layout(board.rows[0]).terminal
+        shown = Table(
+            title=Text(board.title, style="bold"), title_justify="left", box=box.SIMPLE_HEAD
+        )
+        for column in columns:
+            shown.add_column(
+                Text(headings[column.name]),
+                justify="right" if column.form else "left",
+                vertical="bottom",
+                no_wrap=column.form != "",
+                max_width=None if column.form else _LONGEST_NAME,
+                overflow="fold",
+            )
+        for row in board.rows:
+            shown.add_row(
+                *(
+                    Text(c.text(row), style="bold green" if board.is_best(c, row) else "")
+                    for c in columns
+                )
+            )
+        parts.append(shown)
+        if text := note(board.rows):
+            parts += [Text(f" {text}"), Text()]
+        if tracks := tracks_table(board.rows):
+            heads, *body = tracks
+            beside = Table(title="Tracks", title_justify="left", box=box.SIMPLE_HEAD)
+            for k, head in enumerate(heads):
+                beside.add_column(Text(head), justify="right" if k else "left")
+            for cells in body:
+                beside.add_row(*map(Text, cells))
+            parts.append(beside)
+        parts += [Text(f" Prior knowledge: {text}") for text in prior_knowledge(board.rows)]
+    return Group(*parts)
+
+
+def _fitting(board: PrintedBoard, width: int) -> list[Column]:
+    """Return the most important columns that fit into `width` characters, in the usual order."""
+    shown = {column.name: column for column in board.columns()}
+    fitting, free = [], width - 1  # of which the right edge takes one
+    for name, heading in layout(board.rows[0]).terminal.items():
+        if name not in shown:
+            continue
+        texts = [*heading.split("\n"), *(shown[name].text(row) for row in board.rows)]
+        longest = max(map(len, texts))
+        free -= (longest if shown[name].form else min(longest, _LONGEST_NAME)) + _PADDING
+        if free < 0:
+            break
+        fitting.append(name)
+    return [column for name, column in shown.items() if name in fitting]
