@@ -124,7 +124,8 @@ def noise(boards: Sequence[Board]) -> Figure:
     """S of every method against SNR with bands, in the width of a page."""
 
     def level(board: Board) -> float:
-        return float("inf") if board["snr_db"] == "clean" else float(board["snr_db"])
+        snr_db = board["snr_db"]
+        return snr_db if isinstance(snr_db, float) else float("inf")
 
     ordered = sorted(boards, key=level)
     labels = ["clean" if b["snr_db"] == "clean" else f"{b['snr_db']:g}" for b in ordered]

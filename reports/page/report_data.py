@@ -121,7 +121,7 @@ class Provenance(TypedDict):
 class ReportData(TypedDict):
     """Everything that a report shows.
 
-    `cards` holds the card of each metric (`MetricSpec.card`) that a board has; `missing` holds sentences on
+    `cards` holds `MetricSpec.card` of each metric that a board has; `missing` holds sentences on
     what the runs lack.
     """
 

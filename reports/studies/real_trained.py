@@ -38,7 +38,7 @@ def summary(errors: pd.DataFrame) -> list[ErrorRow]:
         middle = bootstrap_medians(error[:, None])[0]
         rows.append(
             ErrorRow(
-                estimator=name,
+                estimator=str(name),
                 presses=int(group["presses"].iloc[0]),
                 median_mm=middle.value,
                 low_mm=middle.low,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 import pandas as pd
@@ -35,13 +35,11 @@ def write_study(folder: Path) -> list[Path]:
     """
     if not (folder / SAMPLES).is_file():
         raise InputError(f"{folder} holds no finished study: run `eitbench study` with --out.")
-    asked = read_json(folder / "study.json")
+    options = read_json(folder / "study.json")
     table = read_table(folder / SAMPLES)
-    name = asked["study"]
-    cost_h = float(table.groupby(_choices(table))["train_s"].first().sum()) / 3600
-    summary: StudySummary = {
-        **asked, "training_hours": round(cost_h, 2), "rows": SUMMARIES[name](table)
-    }  # fmt: skip
+    hours = float(table.groupby(_choices(table))["train_s"].first().sum()) / 3600
+    rows = SUMMARIES[options["study"]](table)
+    summary = cast("StudySummary", options | {"training_hours": round(hours, 2), "rows": rows})
     written = [folder / "summary.json", folder / "summary.md"]
     written[0].write_text(json.dumps(summary, indent=1) + "\n")
     written[1].write_text(to_markdown(summary))

@@ -14,6 +14,7 @@ from eitbench.reports.claims.evidence import Evidence
 from eitbench.reports.claims.published_claims import CLAIMS
 from eitbench.reports.claims.rules import IMAGE_METRICS
 from eitbench.reports.claims.verdicts import Verdict
+from eitbench.reports.studies.summaries import StudySummary
 from eitbench.reports.tables.published import TABLE_II
 from eitbench.scenarios.data.datasets import Dataset
 
@@ -39,9 +40,11 @@ def add(build: Any, paper: Dataset) -> Callable[..., None]:
     return adding
 
 
-def study(name: str, rows: list[dict[str, Any]]) -> dict[str, Any]:
-    asked = {"suite": "paper", "epochs": 12, "limit": 4000, "scored": 500, "training_hours": 1.5}
-    return {"study": name, **asked, "rows": rows}
+def study(name: str, rows: list[dict[str, Any]]) -> StudySummary:
+    return StudySummary(
+        study=name, suite="paper", epochs=12, limit=4000, scored=500, operator="fem",
+        training_hours=1.5, rows=rows,
+    )  # fmt: skip
 
 
 @pytest.mark.parametrize(

@@ -222,6 +222,7 @@ def test_several_runs_are_shown_alike(many: Path, tmp_path: Path) -> None:
     (board,) = report_data([many, other])["boards"]
     rows = {row["label"]: row for row in board["views"][0]["rows"]}
     assert {"good (run)", "good (other)", "poor (run)", "poor (other)"} <= set(rows)
+    assert board["images"] is not None
     assert set(board["images"]["names"]) == {"truth", *rows}
     assert set(board["sensitivity"][0]["score"]) == set(rows)
     assert rows["poor (other)"]["anchored"][2] > rows["poor (run)"]["anchored"][2]
