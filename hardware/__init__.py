@@ -1,1 +1,1 @@
-"""How it is recorded: boards over a serial port, and emulated ones."""
+"""Boards that measure frames, on a serial port or emulated; recording them, and a live view."""

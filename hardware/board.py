@@ -1,4 +1,4 @@
-"""What a board is: a source of frames that is opened, started, stopped and closed."""
+"""Interface of a board: a source of frames that is opened, started, stopped and closed."""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
@@ -12,21 +12,23 @@ from eitbench.scenarios.sensors.sensor import Sensor
 
 
 class BoardError(EitbenchError):
-    """A board cannot be used; the sentence says why and what to do."""
+    """A board that cannot be used; the sentence says why and what to do."""
 
 
 class BoardLostError(BoardError):
-    """The board went away while it was in use: unplugged, or without power."""
+    """A board that went away while it was in use: unplugged, or without power."""
 
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """One frame, as a board measured it.
+    """One frame as a board measured it.
 
     Attributes:
-        number: the board's running number, or ours where it sends none; a gap is a lost frame.
-        time_s: when it was measured [s]: the board's clock, or ours where it sends none.
-        received_s: when its last byte was read [s], on this machine's monotonic clock.
+        number: running number of the board, or of its reader if the board sends none; a gap is a
+            lost frame.
+        time_s: time of the measurement [s] on the board's clock, or on this machine's if the board
+            sends none.
+        received_s: time at which its last byte was read [s], on this machine's monotonic clock.
         values: (M,) in the order of the sensor's drive pattern, in the board's units.
     """
 
@@ -38,7 +40,7 @@ class Frame:
 
 @dataclass
 class Health:
-    """What came of the bytes a board has sent since it was opened.
+    """Counts of what a board has sent since it was opened.
 
     Attributes:
         frames: whole frames.
@@ -54,53 +56,83 @@ class Health:
 
 
 class Board(ABC):
-    """A board; the first line of a subclass's docstring is its description.
+    """A source of frames; the first line of a subclass's docstring is its description.
 
     Attributes:
-        default_sensor: registry name of the sensor it measures if the user names none.
+        default_sensor: registry name of the sensor it measures if the user names none; None if it
+            knows its sensor.
+        options: what `registry.make_board` takes to make it, beside a sensor.
+        baud: rate of its serial line [bit/s]; None without one.
+        can_be_pressed: `press` and `release` act on its sensor.
         sensor: the nominal sensor on it; its drive pattern gives the order of a frame's values.
-        health: what came of its bytes.
-        firmware: what it says of itself, known once it is open; "" if it says nothing.
+        emulated: no real sensor is measured.
+        health: counts of what it has sent.
+        firmware: name and version of its firmware, known once it is open; "" if it gives none.
     """
 
-    default_sensor: ClassVar[str] = "foam16"
+    default_sensor: ClassVar[str | None] = "foam16"
+    options: ClassVar[frozenset[str]] = frozenset({"port"})
+    baud: ClassVar[int | None] = None
+    can_be_pressed: ClassVar[bool] = False
 
-    def __init__(self, sensor: Sensor) -> None:
+    def __init__(self, sensor: Sensor, *, emulated: bool = False) -> None:
         self.sensor = sensor
+        self.emulated = emulated
         self.health = Health()
         self.firmware = ""
 
-    @abstractmethod
-    def open(self) -> None:
-        """Take hold of it.
+    @property
+    def ended(self) -> bool:
+        """True if no more frames will come."""
+        return False
+
+    @property
+    def port_is_gone(self) -> bool:
+        """True if the port that it was on has disappeared, as far as the system shows ports."""
+        return False
+
+    def press(self, x_m: float, y_m: float, radius_m: float, pressure_pa: float) -> None:
+        """Press its sensor with a disc at (x, y) [m] of the sensor's frame, until `release`.
 
         Raises:
-            BoardError: there is none, it may not be used, or another program has it.
+            BoardError: this board's sensor is pressed by a real hand only.
+        """
+        raise BoardError("Only an emulated sensor can be pressed by a program.")
+
+    def release(self) -> None:  # noqa: B027, nothing to do where nothing can be pressed
+        """End the press; no error without one."""
+
+    @abstractmethod
+    def open(self) -> None:
+        """Take hold of the board.
+
+        Raises:
+            BoardError: it does not exist, may not be used, or is in use by another program.
         """
 
     @abstractmethod
     def start(self) -> None:
-        """Have it measure."""
+        """Start measuring."""
 
     @abstractmethod
     def frames(self, wait_s: float) -> list[Frame]:
-        """The frames that have arrived since the last call, oldest first.
+        """Return the frames that have arrived since the last call, oldest first.
 
         Returns at once if there are any, else waits for the first at most `wait_s` [s].
 
         Raises:
             BoardLostError: it was unplugged.
-            BoardError: what it sends cannot be its frames: another board's protocol, a wrong baud
-                rate, or a number of values that the sensor's pattern does not have.
+            BoardError: its bytes cannot be frames of the sensor: another board's protocol, a wrong
+                baud rate, or another number of values than the sensor's pattern has.
         """
 
     @abstractmethod
     def stop(self) -> None:
-        """Have it pause; it may be started again."""
+        """Pause; it may be started again."""
 
     @abstractmethod
     def close(self) -> None:
-        """Let go of it; no error if it was lost or never opened."""
+        """Let go of the board; no error if it was lost or never opened."""
 
     def __enter__(self) -> Self:
         self.open()

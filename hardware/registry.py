@@ -9,7 +9,7 @@ from eitbench.hardware.board import Board
 from eitbench.hardware.emulation.emulator import RATE_HZ, Emulator
 from eitbench.hardware.emulation.replay import Replay
 from eitbench.hardware.serial import ports
-from eitbench.hardware.serial.serial_board import SERIAL_BOARDS, SerialBoard
+from eitbench.hardware.serial.serial_board import SERIAL_BOARDS
 from eitbench.scenarios.catalogue import sensor as sensor_by_name
 from eitbench.scenarios.docstrings import first_line
 from eitbench.scenarios.errors import InputError, unknown_name
@@ -23,7 +23,7 @@ def boards() -> dict[str, type[Board]]:
     """Every board by name.
 
     An installed one is a subclass of `Board` that is made from a sensor and a port, as a
-    `SerialBoard` is. Taken names and packages that do not import are passed over with a warning.
+    `SerialBoard` is. Taken names and packages that do not import are skipped with a warning.
     """
     known: dict[str, type[Board]] = {**SERIAL_BOARDS, "replay": Replay, "emulator": Emulator}
     for point in entry_points(group=GROUP):
@@ -55,7 +55,7 @@ def make_board(
     protocol: str | None = None,
     script: Path | None = None,
 ) -> Board:
-    """The board called `name`.
+    """Make the board called `name`.
 
     Args:
         name: registry name.
@@ -68,12 +68,16 @@ def make_board(
 
     Raises:
         InputError: an unknown name (the nearest is suggested), a board without its port or file, or
-            with what it does not take.
+            with an option that it does not take.
     """
     known = boards()
     if name not in known:
         raise unknown_name("board", name, known)
-    _check_choice(name, port=port, file=file, script=script, speed=speed, protocol=protocol)
+    board = known[name]
+    options = {"port": port, "file": file, "script": script, "speed": speed, "protocol": protocol}
+    for option, value in options.items():
+        if value is not None and option not in board.options:
+            raise InputError(f"Board {name!r} takes no {option}: leave out --{option}.")
     rate = 1.0 if speed is None else speed
     if name == "replay":
         if file is None:
@@ -86,15 +90,15 @@ def make_board(
         return make_emulator(sensor, protocol or "teensy", script, rate)
     if port is None:
         raise ports.no_port(name)
-    make: Any = known[name]
-    board: Board = make(sensor or sensor_by_name(known[name].default_sensor), port)
-    return board
+    make: Any = board
+    made: Board = make(sensor or sensor_by_name(board.default_sensor or ""), port)
+    return made
 
 
 def make_emulator(
     sensor: Sensor | None, protocol: str, script: Path | None, speed: float
 ) -> Emulator:
-    """An emulated board; its sensor is by default that of the board whose protocol it speaks.
+    """Make an emulated board; its default sensor is that of the board whose protocol it speaks.
 
     Raises:
         InputError: as in `make_board`.
@@ -109,24 +113,14 @@ def make_emulator(
     return Emulator(nominal, protocol, script, RATE_HZ * speed)
 
 
-def _check_choice(name: str, **choices: object) -> None:
-    of_file, of_emulator = ("file", "speed"), ("script", "speed", "protocol")
-    taken = {"replay": of_file, "emulator": of_emulator}.get(name, ("port",))
-    for choice, value in choices.items():
-        if value is not None and choice not in taken:
-            raise InputError(f"Board {name!r} takes no {choice}: leave out --{choice}.")
-
-
 def board_rows() -> list[dict[str, str | int | None]]:
     """One row of plain values for each board, for listings."""
-    rows: list[dict[str, str | int | None]] = []
-    for name, board in boards().items():
-        rows.append(
-            {
-                "name": name,
-                "title": first_line(board),
-                "baud": board.protocol.baud if issubclass(board, SerialBoard) else None,
-                "sensor": None if board is Replay else board.default_sensor,
-            }
-        )
-    return rows
+    return [
+        {
+            "name": name,
+            "title": first_line(board),
+            "baud": board.baud,
+            "sensor": board.default_sensor,
+        }
+        for name, board in boards().items()
+    ]

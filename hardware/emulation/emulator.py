@@ -1,7 +1,8 @@
-"""A board on a pseudo-terminal with an emulated sensor behind it; no real one."""
+"""A board on a pseudo-terminal with an emulated sensor behind it."""
 
 import time
 from pathlib import Path
+from typing import ClassVar
 
 from eitbench.hardware.board import Board, BoardError, Frame
 from eitbench.hardware.emulation.board_server import BoardServer
@@ -26,6 +27,9 @@ class Emulator(Board):
         InputError: a sensor that boards of this kind cannot measure, or a wrong script.
     """
 
+    options: ClassVar[frozenset[str]] = frozenset({"script", "speed", "protocol"})
+    can_be_pressed: ClassVar[bool] = True
+
     def __init__(
         self,
         sensor: Sensor,
@@ -33,26 +37,26 @@ class Emulator(Board):
         script: Path | None = None,
         rate_hz: float = RATE_HZ,
     ) -> None:
-        super().__init__(sensor)
+        super().__init__(sensor, emulated=True)
         self._board = SERIAL_BOARDS[protocol]
         self._board.protocol.check(sensor)
         self._script = None if script is None else read_script(script)
         self._rate_hz = rate_hz
         self._plugged = True
-        self._hand: Touch | None = None
+        self._press: Touch | None = None
         self._emulated: EmulatedSensor | None = None
         self._server: BoardServer | None = None
         self._host: SerialBoard | None = None
 
     @property
     def title(self) -> str:
-        """What it is, for whoever looks at its frames."""
+        """Title for people: an emulated board, its port and protocol."""
         where = f" on {self._server.port}" if self._server else ""
         return f"emulated board{where} (speaks {self._board.protocol.name!r})"
 
     @property
     def port(self) -> str:
-        """The serial port that it is on while it is switched on.
+        """Serial port that it is on while it is switched on.
 
         Raises:
             BoardError: it is switched off.
@@ -108,15 +112,15 @@ class Emulator(Board):
         self.health, self.firmware = self._host.health, self._host.firmware
 
     def start(self) -> None:
-        """Have it measure."""
+        """Start measuring."""
         self._opened.start()
 
     def frames(self, wait_s: float) -> list[Frame]:
-        """The frames that have arrived since the last call."""
+        """Return the frames that have arrived since the last call."""
         return self._opened.frames(wait_s)
 
     def stop(self) -> None:
-        """Have it pause."""
+        """Pause."""
         self._opened.stop()
 
     def close(self) -> None:
@@ -133,18 +137,18 @@ class Emulator(Board):
         return self._host
 
     def touches(self, time_s: float) -> list[Touch]:
-        """What presses on it `time_s` [s] after it was switched on first."""
+        """Touches at `time_s` [s] after it was first switched on."""
         scripted = [] if self._script is None else self._script.at(time_s)
-        hand = self._hand
-        return scripted if hand is None else [*scripted, hand]
+        press = self._press
+        return scripted if press is None else [*scripted, press]
 
-    def touch(self, x_m: float, y_m: float, radius_m: float, pressure_pa: float) -> None:
-        """Press it by hand at (x, y) [m] of the sensor's frame, until `release`."""
-        self._hand = Touch(x_m, y_m, radius_m, pressure_pa)
+    def press(self, x_m: float, y_m: float, radius_m: float, pressure_pa: float) -> None:
+        """Press the emulated sensor, beside the touches of the script."""
+        self._press = Touch(x_m, y_m, radius_m, pressure_pa)
 
     def release(self) -> None:
-        """Take the hand off."""
-        self._hand = None
+        """End the press; scripted touches go on."""
+        self._press = None
 
     def unplug(self) -> None:
         """Pull its plug, in the middle of a frame."""

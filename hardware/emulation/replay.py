@@ -2,6 +2,7 @@
 
 import time
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,27 +30,27 @@ class Replay(Board):
         speed: times its own rate.
         sensor: the sensor that it must be of; any by default.
 
-    Attributes:
-        emulated: what is played was recorded from an emulated board.
-
     Raises:
         InputError: an unknown set, a speed that is not above 0, or another sensor.
         DataUnavailableError, DataCorruptError: as in `read_recording` and `undamaged`.
     """
 
+    default_sensor: ClassVar[str | None] = None
+    options: ClassVar[frozenset[str]] = frozenset({"file", "speed"})
+
     def __init__(self, file: str | Path, speed: float = 1.0, sensor: Sensor | None = None) -> None:
         if not (np.isfinite(speed) and speed > 0):
             raise InputError(f"A recording is played at a speed above 0, got {speed:g}.")
         if is_recording(str(file)):
-            (nominal, times, values), self.emulated = _recording_file(Path(file))
+            nominal, times, values, emulated = _recording_file(Path(file))
         else:
-            (nominal, times, values), self.emulated = _recorded_set(str(file)), False
+            nominal, times, values, emulated = _recorded_set(str(file))
         if sensor is not None and sensor != nominal:
             raise InputError(
                 f"{file} was measured on sensor {nominal.name!r}, not on {sensor.name!r}: name "
                 "that one, or none."
             )
-        super().__init__(nominal)
+        super().__init__(nominal, emulated=emulated)
         self._values = values
         self._times = (times - times[0]) / speed
         self._position = 0
@@ -58,7 +59,7 @@ class Replay(Board):
 
     @property
     def ended(self) -> bool:
-        """Whether all frames were sent."""
+        """True if all frames were sent."""
         return self._position == len(self._values)
 
     def open(self) -> None:
@@ -75,7 +76,7 @@ class Replay(Board):
             self._begin = time.monotonic() - float(self._times[self._position])
 
     def frames(self, wait_s: float) -> list[Frame]:
-        """The frames that were due since the last call."""
+        """Return the frames that were due since the last call."""
         end = time.monotonic() + wait_s
         due = self._due()
         if not due and not self.ended and self._begin is not None:
@@ -108,8 +109,8 @@ class Replay(Board):
         return due
 
 
-Frames = tuple[Sensor, NDArray[np.float64], NDArray[np.float64]]
-"""A sensor, times (n,) [s] and values (n, M)."""
+Frames = tuple[Sensor, NDArray[np.float64], NDArray[np.float64], bool]
+"""A sensor, times (n,) [s], values (n, M), and True if the sensor was emulated."""
 
 
 def _recorded_set(name: str) -> Frames:
@@ -117,11 +118,11 @@ def _recorded_set(name: str) -> Frames:
     recording = read_recording(name)
     untouched = np.repeat(recording.reference[None], _UNTOUCHED, axis=0)
     values = np.concatenate([untouched, recording.voltages])
-    return recorded.sensor(), np.arange(len(values)) / RATE_HZ, values
+    return recorded.sensor(), np.arange(len(values)) / RATE_HZ, values, False
 
 
-def _recording_file(path: Path) -> tuple[Frames, bool]:
+def _recording_file(path: Path) -> Frames:
     content, _ = undamaged(path)
     if not len(content):
         raise InputError(f"{path} holds no frames: there is nothing to play.")
-    return (content.sensor, content.time_s, content.values), content.emulated
+    return content.sensor, content.time_s, content.values, content.emulated

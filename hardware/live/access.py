@@ -1,4 +1,4 @@
-"""Who may look: programs on this machine, or whoever has the token."""
+"""Access to the live view: programs on this machine, or everybody who has the token."""
 
 import hmac
 import ipaddress
@@ -14,22 +14,22 @@ _TOKEN = re.compile(r"[A-Za-z0-9_-]{16,128}")
 
 @dataclass(frozen=True)
 class Access:
-    """Where the server listens, and what it asks for.
+    """Address and token of the server.
 
     Attributes:
         host: the address it listens on.
-        token: what a visitor has to know; "" if only this machine can connect.
+        token: shared secret of the visitors; "" if only this machine can connect.
     """
 
     host: str = LOCAL
     token: str = ""
 
     def has_token(self, given: str | None) -> bool:
-        """Whether `given` is the token, in a time that does not depend on it."""
+        """True if `given` is the token; takes a time that does not depend on it."""
         return not self.token or hmac.compare_digest((given or "").encode(), self.token.encode())
 
     def is_ours(self, host: str | None, port: int) -> bool:
-        """Whether a request's Host header names this server.
+        """True if a request's Host header names this server.
 
         A foreign page may make its own name point here (DNS rebinding); its name is none of ours.
         """
@@ -47,7 +47,7 @@ class Access:
 
 
 def access_to(host: str | None, token: str | None) -> Access:
-    """What the options `--host` and `--token` ask for; both or none.
+    """Return the access that the options `--host` and `--token` describe; both or none.
 
     Raises:
         InputError: one without the other, or a token that is too easily guessed.

@@ -1,18 +1,18 @@
-"""From frames to pictures: the method in use, the next one that is being fitted, and contacts."""
+"""From frames to live images: the method in use, the next one being fitted, and contacts."""
 
 import sys
 import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from eitbench.hardware.board import Frame
-from eitbench.hardware.live.newest import Newest
-from eitbench.hardware.live.picture import Contact, LiveImage
+from eitbench.hardware.live.live_image import Contact, LiveImage
 from eitbench.hardware.live.reference import NO_DATA, Reference, no_data
 from eitbench.methods import Method, Problem, create, methods
 from eitbench.scenarios.docstrings import first_line
@@ -22,6 +22,7 @@ from eitbench.scenarios.physics.forward import forward_model
 from eitbench.scenarios.sensors.sensor import Sensor
 
 Array = NDArray[np.float64]
+T = TypeVar("T")
 
 # A frame that differs from the reference by less than twice its noise, or an image whose contrast
 # stays below 3 % of the background, shows no contact: the rule that finds contacts knows only how
@@ -29,13 +30,34 @@ Array = NDArray[np.float64]
 TOUCHED_NOISE = 2.0
 TOUCHED_CONTRAST = 0.03
 MOST_CONTACTS = 10
-# They learn from simulated touches when they are fitted, and here there are none.
-LEARN_FIRST = frozenset({"linear-learned", "linear-touch"})
+# When they are fitted, they learn from simulated touches, which the live view does not have.
+NEED_TRAINING_DATA = frozenset({"linear-learned", "linear-touch"})
 _WAIT_S = 0.2
 
 
+class LatestValue(Generic[T]):
+    """A slot between two threads: a new value replaces one that was not taken yet."""
+
+    def __init__(self) -> None:
+        self._arrived = threading.Condition()
+        self._value: T | None = None
+
+    def put(self, value: T) -> None:
+        """Replace the value."""
+        with self._arrived:
+            self._value = value
+            self._arrived.notify()
+
+    def take(self, wait_s: float) -> T | None:
+        """Take the value out; None if none comes within `wait_s` [s]."""
+        with self._arrived:
+            self._arrived.wait_for(lambda: self._value is not None, wait_s)
+            value, self._value = self._value, None
+            return value
+
+
 @dataclass(frozen=True)
-class Fitted:
+class FittedMethod:
     """A method that is ready."""
 
     name: str
@@ -43,19 +65,19 @@ class Fitted:
 
 
 def usable_methods(sensor: Sensor) -> dict[str, str]:
-    """The methods that can be used on `sensor`: names and descriptions."""
+    """Return names and descriptions of the methods that can be used on `sensor`."""
     return {name: first_line(cls) for name, cls in methods().items() if not _unusable(name, sensor)}
 
 
 def _unusable(name: str, sensor: Sensor) -> str:
-    """Why a method that there is cannot be used on `sensor`, as a sentence; "" if it can."""
-    if name in LEARN_FIRST:
+    """Reason why a known method cannot be used on `sensor`, as a sentence; "" if it can."""
+    if name in NEED_TRAINING_DATA:
         return f"{name} cannot be used live: {NO_DATA}"
     return methods()[name].unusable(sensor)
 
 
 class Imaging:
-    """Makes pictures of the newest frames, in a thread of its own; fits methods in another.
+    """Images of the newest frames, made in a thread of their own; methods are fitted in another.
 
     A method sees frames as the model would have measured them: the model's reference frame plus the
     difference to the reference in model units. It is the same difference to the reference, so that
@@ -63,8 +85,8 @@ class Imaging:
 
     Attributes:
         sensor: the nominal sensor.
-        reference: the untouched sensor; pictures hold no image until there is one.
-        failed: why the last method that was chosen cannot be used; "" if it can.
+        reference: of the untouched sensor; without it live images hold no image.
+        failed: reason why the last method chosen cannot be used; "" if it can.
     """
 
     def __init__(self, sensor: Sensor, show: Callable[[LiveImage], None]) -> None:
@@ -74,10 +96,10 @@ class Imaging:
         self._show = show
         self._model = forward_model(sensor)
         self._untouched = self._model.voltages(self._model.background)
-        self._fitted: Fitted | None = None
+        self._fitted: FittedMethod | None = None
         self._fitting: str | None = None
-        self._frames: Newest[Frame] = Newest()
-        self._chosen: Newest[str] = Newest()
+        self._frames: LatestValue[Frame] = LatestValue()
+        self._chosen: LatestValue[str] = LatestValue()
         self._ended = threading.Event()
         self._threads = [
             threading.Thread(target=work, name=f"eitbench-{name}", daemon=True)
@@ -85,25 +107,25 @@ class Imaging:
         ]
 
     def start(self) -> None:
-        """Start both threads; until `stop` this process computes without helper threads."""
-        self._limits = _compute_alone()
+        """Start both threads; until `stop` this process computes on a single thread."""
+        self._limits = _use_one_thread()
         for thread in self._threads:
             thread.start()
 
     def stop(self) -> None:
-        """End both threads; a fit that is under way is left to itself."""
+        """End both threads; a fit under way is not waited for."""
         self._ended.set()
         self._threads[0].join()
         self._limits.restore_original_limits()
 
     @property
     def method(self) -> str:
-        """The name of the method that makes the images; "" before the first is ready."""
+        """Name of the method that makes the images; "" before the first is ready."""
         return self._fitted.name if self._fitted else ""
 
     @property
     def fitting(self) -> str:
-        """The name of the method that is being fitted; "" if none is."""
+        """Name of the method that is being fitted; "" if none is."""
         return self._fitting or ""
 
     def choose(self, name: str) -> None:
@@ -122,7 +144,7 @@ class Imaging:
         self._chosen.put(name)
 
     def add(self, frame: Frame) -> None:
-        """Make a picture of `frame`, unless a newer one comes first."""
+        """Make an image of `frame`, unless a newer frame comes first."""
         self._frames.put(frame)
 
     def _fit_chosen(self) -> None:
@@ -133,8 +155,8 @@ class Imaging:
             try:
                 method = create(name)
                 method.fit(Problem(self.sensor, self._untouched, no_data))
-                _compute_alone()  # what was loaded only now, too
-                self._fitted = Fitted(name, method)
+                _use_one_thread()  # what was loaded only now, too
+                self._fitted = FittedMethod(name, method)
             except Exception as error:  # a method may be anybody's: it must not end the view
                 self.failed = f"{name} cannot be used: {_sentence(error)}"
             if self._fitting == name:
@@ -144,9 +166,9 @@ class Imaging:
         while not self._ended.is_set():
             frame = self._frames.take(_WAIT_S)
             if frame is not None:
-                self._show(self._picture(frame))
+                self._show(self._live_image(frame))
 
-    def _picture(self, frame: Frame) -> LiveImage:
+    def _live_image(self, frame: Frame) -> LiveImage:
         began = time.perf_counter()
         fitted, reference = self._fitted, self.reference
         image: Array | None = None
@@ -156,7 +178,7 @@ class Imaging:
             try:
                 image = self._image(fitted.method, reference, frame)
                 found = self._contacts(image, reference, frame)
-            except Exception as error:  # costs this picture's image only
+            except Exception as error:  # costs the image of this frame only
                 failed = f"{fitted.name} failed on this frame: {_sentence(error)}"
         return LiveImage(
             frame=frame,
@@ -194,11 +216,11 @@ class Imaging:
         )
 
 
-def _compute_alone() -> threadpool_limits:
-    """Have linear algebra and torch compute without helper threads, as far as they are loaded.
+def _use_one_thread() -> threadpool_limits:
+    """Limit linear algebra and torch, as far as they are loaded, to a single thread.
 
-    A frame is so small that helpers win nothing, and where other programs keep the cores busy they
-    wait for each other: `tv` made one image a second instead of ten. Returns what restores them.
+    A frame is so small that more threads win nothing, and where other programs keep the cores busy
+    they wait for each other: `tv` made one image a second instead of ten. Returns the old limits.
     """
     if (torch := sys.modules.get("torch")) is not None:
         torch.set_num_threads(1)

@@ -10,7 +10,7 @@ from importlib.resources import files
 
 @dataclass(frozen=True)
 class Page:
-    """What is sent for `/`.
+    """The answer to a request of `/`.
 
     Attributes:
         html: the document.

@@ -22,7 +22,7 @@ NO_DATA = (
 
 @dataclass(frozen=True, eq=False)
 class Reference:
-    """The untouched sensor as the board sees it.
+    """The reference frame of a board, and its units.
 
     Attributes:
         values: (M,) the mean frame in the board's units.
@@ -39,7 +39,7 @@ class Reference:
         return np.asarray((values - self.values) / self.gain)
 
     def deviation(self, values: Array) -> float:
-        """How far a frame (M,) lies from the reference frame, in standard deviations of noise."""
+        """Distance of a frame (M,) from the reference frame, in standard deviations of noise."""
         distance = float(np.sqrt(np.mean((values - self.values) ** 2)))
         return distance / self.noise if self.noise > 0 else np.inf
 
@@ -57,5 +57,5 @@ def reference_of(sensor: Sensor, frames: Sequence[Array]) -> Reference:
 
 
 def no_data(split: str, limit: int | None) -> Dataset:
-    """Refuses: methods that learn when they are fitted have nothing to learn from here."""
+    """Refuse: the live view has no data for methods that learn when they are fitted."""
     raise InputError(NO_DATA)

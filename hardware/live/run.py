@@ -1,4 +1,4 @@
-"""A live view put together: a board, its session, and the server that shows it."""
+"""A complete live view: a board, its session, and the server that shows it."""
 
 import socket
 from collections.abc import Callable, Iterator
@@ -12,7 +12,7 @@ from eitbench.hardware.board import Board
 from eitbench.hardware.live.access import Access
 from eitbench.hardware.live.server import listen, make_server
 from eitbench.hardware.live.session import Session
-from eitbench.hardware.live.viewer import Gallery
+from eitbench.hardware.live.viewer import Broadcast
 from eitbench.scenarios.errors import InputError
 
 
@@ -22,12 +22,12 @@ class LiveView:
 
     Attributes:
         session: reads the board.
-        gallery: the pages that look on.
+        broadcast: the pages that are open.
         address: of the page, with the token if there is one.
     """
 
     session: Session
-    gallery: Gallery
+    broadcast: Broadcast
     address: str
     server: uvicorn.Server
     listening: socket.socket
@@ -43,7 +43,6 @@ def live_view(
     name: str,
     method: str,
     *,
-    emulated: bool,
     access: Access,
     port: int,
     out: Path,
@@ -54,8 +53,7 @@ def live_view(
         board: the board, not yet opened.
         name: registry name of the board.
         method: the first method that makes the images.
-        emulated: no real sensor is behind it, and the page says so.
-        access: where it is served, and to whom.
+        access: address and token of the server.
         port: of the server; 0 takes any that is free.
         out: the folder that recordings go to; it is made if there is none.
 
@@ -71,14 +69,14 @@ def live_view(
         raise InputError(
             f"The folder {out} cannot be made ({error.strerror}): name another with --out."
         ) from error
-    gallery = Gallery(board.sensor)
-    session = Session(board, name, emulated=emulated, out=out, show=gallery.show)
+    broadcast = Broadcast(board.sensor)
+    session = Session(board, name, out=out, show=broadcast.show)
     with listen(access, port) as listening:
         port = listening.getsockname()[1]
-        server = make_server(session, gallery, access, port)
+        server = make_server(session, broadcast, access, port)
         session.start(method)
         try:
-            yield LiveView(session, gallery, _address(access, port), server, listening)
+            yield LiveView(session, broadcast, _address(access, port), server, listening)
         finally:
             session.stop()
 

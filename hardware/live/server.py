@@ -14,21 +14,21 @@ from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from eitbench.hardware.live.access import Access
-from eitbench.hardware.live.commands import (
+from eitbench.hardware.live.page import page
+from eitbench.hardware.live.page_setup import page_setup
+from eitbench.hardware.live.requests import (
     MAX_BYTES,
     ChooseMethod,
-    Command,
+    PageRequest,
     Painted,
     Press,
     Record,
     Release,
     TakeReference,
-    read_command,
+    read_request,
 )
-from eitbench.hardware.live.page import page
-from eitbench.hardware.live.scene import scene
 from eitbench.hardware.live.session import Session
-from eitbench.hardware.live.viewer import Gallery, Viewer
+from eitbench.hardware.live.viewer import Broadcast, Viewer
 from eitbench.scenarios.errors import EitbenchError
 
 STATE_EVERY_S = 0.25
@@ -54,19 +54,21 @@ def listen(access: Access, port: int) -> socket.socket:
         ) from error
 
 
-def make_server(session: Session, gallery: Gallery, access: Access, port: int) -> uvicorn.Server:
+def make_server(
+    session: Session, broadcast: Broadcast, access: Access, port: int
+) -> uvicorn.Server:
     """The server for `session`; run it with the socket that listens on `port`."""
-    visitors = _Visitors(session, gallery, access, port)
+    pages = _Pages(session, broadcast, access, port)
 
     @asynccontextmanager
     async def lifespan(_: Starlette) -> AsyncIterator[None]:
-        async with gallery.open():
+        async with broadcast.open():
             yield
 
     app = Starlette(
         routes=[
-            Route("/", visitors.show_page, methods=["GET"]),
-            WebSocketRoute("/ws", visitors.watch),
+            Route("/", pages.show_page, methods=["GET"]),
+            WebSocketRoute("/ws", pages.watch),
         ],
         lifespan=lifespan,
     )
@@ -76,7 +78,7 @@ def make_server(session: Session, gallery: Gallery, access: Access, port: int) -
             log_level="error",
             access_log=False,
             server_header=False,
-            # Pictures hardly shrink, and shrinking them would take longer than sending them.
+            # Images hardly shrink, and shrinking them would take longer than sending them.
             ws_per_message_deflate=False,
             ws_max_size=MAX_BYTES,
             timeout_graceful_shutdown=_STOP_WITHIN_S,
@@ -84,15 +86,15 @@ def make_server(session: Session, gallery: Gallery, access: Access, port: int) -
     )
 
 
-class _Visitors:
-    """Answers those who may look, and refuses the others."""
+class _Pages:
+    """Answers to visitors who have access; others are refused."""
 
-    def __init__(self, session: Session, gallery: Gallery, access: Access, port: int) -> None:
+    def __init__(self, session: Session, broadcast: Broadcast, access: Access, port: int) -> None:
         self._session = session
-        self._gallery = gallery
+        self._broadcast = broadcast
         self._access = access
         self._port = port
-        self._scene = scene(session)
+        self._setup = page_setup(session)
 
     async def show_page(self, request: Request) -> Response:
         if not self._is_ours(request):
@@ -120,21 +122,21 @@ class _Visitors:
         )
 
     async def watch(self, websocket: WebSocket) -> None:
-        if not self._may_watch(websocket):
+        if not self._may_connect(websocket):
             await websocket.close(_POLICY_VIOLATED)
             return
         await websocket.accept()
-        if len(self._gallery.viewers) >= MOST_VIEWERS:
-            await websocket.close(_TRY_LATER, f"{MOST_VIEWERS} pages look on already.")
+        if len(self._broadcast.viewers) >= MOST_VIEWERS:
+            await websocket.close(_TRY_LATER, f"{MOST_VIEWERS} pages are open already.")
             return
         viewer = Viewer()
-        self._gallery.viewers.add(viewer)
-        visit = _Visit(websocket, viewer, self._session, self._scene)
-        tasks = [asyncio.create_task(work()) for work in (visit.send, visit.listen)]
+        self._broadcast.viewers.add(viewer)
+        connection = _PageConnection(websocket, viewer, self._session, self._setup)
+        tasks = [asyncio.create_task(work()) for work in (connection.send, connection.listen)]
         try:
             await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
         finally:
-            self._gallery.viewers.discard(viewer)
+            self._broadcast.viewers.discard(viewer)
             for task in tasks:
                 task.cancel()
             for ended in await asyncio.gather(*tasks, return_exceptions=True):
@@ -144,7 +146,7 @@ class _Visitors:
     def _is_ours(self, connection: HTTPConnection) -> bool:
         return self._access.is_ours(connection.headers.get("host"), self._port)
 
-    def _may_watch(self, websocket: WebSocket) -> bool:
+    def _may_connect(self, websocket: WebSocket) -> bool:
         """A foreign page may open a WebSocket to here, but cannot choose its own Origin."""
         headers = websocket.headers
         same_origin = headers.get("origin") == f"http://{headers.get('host')}"
@@ -152,21 +154,21 @@ class _Visitors:
         return self._is_ours(websocket) and same_origin and self._access.has_token(token)
 
 
-class _Visit:
-    """One page that looks on."""
+class _PageConnection:
+    """The WebSocket of one open page."""
 
     def __init__(
-        self, websocket: WebSocket, viewer: Viewer, session: Session, scene: dict[str, object]
+        self, websocket: WebSocket, viewer: Viewer, session: Session, setup: dict[str, object]
     ) -> None:
         self._websocket = websocket
         self._viewer = viewer
         self._session = session
-        self._scene = scene
+        self._setup = setup
         self._presses = False
 
     async def send(self) -> None:
-        """Send the scene, then pictures as they come and the state four times a second."""
-        await self._say("scene", self._scene)
+        """Send the setup, then images as they come and the state four times a second."""
+        await self._say("setup", self._setup)
         loop = asyncio.get_running_loop()
         due = loop.time()
         while True:
@@ -174,16 +176,16 @@ class _Visit:
                 seen = {"latency_ms": self._viewer.latency_ms, "age_s": self._viewer.age_s}
                 await self._say("state", self._session.state() | seen)
                 due = loop.time() + STATE_EVERY_S
-            picture = await self._viewer.next(due - loop.time())
-            if picture is not None:
-                await self._websocket.send_bytes(picture.message)
+            message = await self._viewer.next(due - loop.time())
+            if message is not None:
+                await self._websocket.send_bytes(message.data)
 
     async def listen(self) -> None:
-        """Do what the page asks for; say why if it cannot be done."""
+        """Do what the page requests; send the reason if it cannot be done."""
         try:
             while (message := await self._websocket.receive())["type"] == "websocket.receive":
                 try:
-                    await self._do(read_command(message.get("text") or ""))
+                    await self._do(read_request(message.get("text") or ""))
                 except EitbenchError as error:
                     await self._say("refused", {"why": str(error)})
         finally:
@@ -193,19 +195,19 @@ class _Visit:
     async def _say(self, kind: str, content: dict[str, object]) -> None:
         await self._websocket.send_text(json.dumps({"type": kind} | content, allow_nan=False))
 
-    async def _do(self, command: Command) -> None:
+    async def _do(self, request: PageRequest) -> None:
         session = self._session
-        match command:
+        match request:
             case Painted():
-                self._viewer.painted(command.picture)
+                self._viewer.painted(request.number)
             case Press():
                 self._presses = True
-                session.touch(command.x_m, command.y_m, command.radius_m, command.pressure_pa)
+                session.touch(request.x_m, request.y_m, request.radius_m, request.pressure_pa)
             case Release():
                 self._presses = False
                 session.release()
             case ChooseMethod():
-                await asyncio.to_thread(session.imaging.choose, command.name)
+                await asyncio.to_thread(session.imaging.choose, request.name)
             case TakeReference():
                 session.take_reference()
             case Record(on=True):

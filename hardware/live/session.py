@@ -1,10 +1,9 @@
-"""A live session: the threads between a board, a file and whoever looks on.
+"""A live session: the threads between a board, a file and the pages that are open.
 
 One thread reads the board. Every frame goes to the recording, if there is one; only the newest goes
 on to the images. A board that is lost is opened again every second until it is back.
 """
 
-import os
 import threading
 import time
 from collections.abc import Callable
@@ -15,14 +14,13 @@ from numpy.typing import NDArray
 
 from eitbench.hardware.board import Board, BoardError, Frame
 from eitbench.hardware.live.imaging import Imaging
-from eitbench.hardware.live.picture import LiveImage
-from eitbench.hardware.live.recording import LiveRecording
+from eitbench.hardware.live.live_image import LiveImage
+from eitbench.hardware.live.live_recording import LiveRecording
 from eitbench.hardware.live.reference import FRAMES, reference_of
-from eitbench.hardware.recording.guided import ENOUGH, suite_path, write_suite
-from eitbench.hardware.recording.record import Continuity
+from eitbench.hardware.recording.guided import MIN_TOUCHES, suite_path, write_suite
+from eitbench.hardware.recording.record import FrameRenumbering
 from eitbench.hardware.recording.recorder import Recorder
 from eitbench.hardware.recording.status import Monitor
-from eitbench.hardware.serial.serial_board import SerialBoard
 from eitbench.scenarios.errors import EitbenchError, InputError
 
 Array = NDArray[np.float64]
@@ -39,7 +37,6 @@ class Session:
     Attributes:
         board: the board.
         name: the board's name.
-        emulated: no real sensor is behind it.
         imaging: what makes images of its frames.
     """
 
@@ -48,17 +45,15 @@ class Session:
         board: Board,
         name: str,
         *,
-        emulated: bool,
         out: Path,
         show: Callable[[LiveImage], None],
     ) -> None:
-        """`show` is called with every picture, by the thread that makes them; it must not wait."""
+        """Call `show` with every live image, from the thread that makes them; it must not wait."""
         self.board = board
         self.name = name
-        self.emulated = emulated
         self.imaging = Imaging(board.sensor, show)
         self._out = out
-        self._monitor, self._follow = Monitor(board.sensor), Continuity()
+        self._monitor, self._renumber = Monitor(board.sensor), FrameRenumbering()
         self._status, self._status_s = self._monitor.status(0), -STATUS_S
         self._damaged_before = 0
         self._recording: LiveRecording | None = None
@@ -96,7 +91,7 @@ class Session:
         self.stop_recording()
 
     def take_reference(self) -> None:
-        """Take the mean of the next frames as the untouched sensor."""
+        """Take the mean of the next frames as the reference frame."""
         self._reference_failed = ""
         self._reference_frames = []
 
@@ -117,7 +112,7 @@ class Session:
                     self.board.sensor,
                     self.name,
                     firmware=self.board.firmware,
-                    emulated=self.emulated,
+                    emulated=self.board.emulated,
                 )
             )
         self.take_reference()
@@ -137,27 +132,21 @@ class Session:
         recording = self._recording
         if recording is not None and recording.running and self._reference_frames is not None:
             raise InputError("Do not touch it yet: the recording takes its reference.")
-        if self.can_be_pressed and pressure_pa is not None:
-            self.board.touch(x_m, y_m, radius_m, pressure_pa)  # type: ignore[attr-defined]
+        if self.board.can_be_pressed and pressure_pa is not None:
+            self.board.press(x_m, y_m, radius_m, pressure_pa)
         elif recording is None or not recording.running:
             raise InputError("Start a recording first: it keeps the places where you touch.")
         if recording is not None:
             recording.touched(x_m, y_m)
 
     def release(self) -> None:
-        """The touch is over."""
-        if self.can_be_pressed:
-            self.board.release()  # type: ignore[attr-defined]
+        """End the touch."""
+        self.board.release()
         if self._recording is not None:
             self._recording.released()
 
-    @property
-    def can_be_pressed(self) -> bool:
-        """Whether the board is emulated here, so that the page can press it."""
-        return hasattr(self.board, "touch")
-
     def state(self) -> dict[str, object]:
-        """How things stand, as plain values."""
+        """State of board, method and recording, as plain values."""
         recording, status = self._recording, self._status
         taken, board = self._reference_frames, self._board_state()
         return {
@@ -181,7 +170,7 @@ class Session:
                 "running": recording.running,
                 "frames": recording.frames,
                 "touches": recording.touches,
-                "enough": ENOUGH,
+                "enough": MIN_TOUCHES,
                 "suite": str(recording.path.with_suffix(".toml")),
                 "failed": recording.failed,
             },
@@ -196,7 +185,7 @@ class Session:
         if was_running and recording.touches and recording.has_reference and not recording.failed:
             path, sensor = recording.path, self.board.sensor
             try:
-                write_suite(suite_path(path), path, sensor, self.name, emulated=self.emulated)
+                write_suite(suite_path(path), path, sensor, self.name, emulated=self.board.emulated)
             except OSError as error:
                 recording.failed = f"The suite of {path} cannot be written: {error.strerror}."
 
@@ -214,11 +203,11 @@ class Session:
                     self.board.open()
                     self.board.start()
                     self._last_frame_s = time.monotonic()
-                    self._follow.restart()
+                    self._renumber.restart()
                     self._note("The board is back.")
                     self._lost = ""
                 while not self._ended.is_set():
-                    self._add([self._follow(frame) for frame in self.board.frames(_WAIT_S)])
+                    self._add([self._renumber(frame) for frame in self.board.frames(_WAIT_S)])
             except Exception as error:  # anything else would leave a page that stands still
                 self.board.close()
                 self._lose(error)
@@ -231,7 +220,7 @@ class Session:
         if not self._lost:
             self._damaged_before += self.board.health.damaged
             self._note(f"The board was lost: {sentence}")
-        elif _is_away(self.board):
+        elif self.board.port_is_gone:
             sentence = f"The board is unplugged: plug it in. ({sentence})"
         self._lost = sentence
 
@@ -266,11 +255,6 @@ class Session:
     def _note(self, text: str) -> None:
         if self._recording is not None:
             self._recording.event(text, time.monotonic())
-
-
-def _is_away(board: Board) -> bool:
-    """Whether the serial port that `board` was on has gone; only POSIX shows ports as files."""
-    return isinstance(board, SerialBoard) and os.name == "posix" and not Path(board.port).exists()
 
 
 def _known(figure: float) -> float | None:

@@ -1,4 +1,4 @@
-"""Pages that look on: for each, the newest picture waits, and it says what it has painted."""
+"""Pages that are open: for each one the newest image waits until earlier ones are painted."""
 
 import asyncio
 import itertools
@@ -9,20 +9,20 @@ from contextlib import asynccontextmanager
 from statistics import median
 from typing import NamedTuple
 
-from eitbench.hardware.live.picture import LiveImage, to_message
+from eitbench.hardware.live.live_image import LiveImage, to_message
 from eitbench.scenarios.sensors.sensor import Sensor
 
-# Pictures that were sent and are not painted yet. Two, so that one is on its way while another is
-# painted; no more, so that a slow page skips pictures and never shows old ones.
+# Images that were sent and are not painted yet. Two, so that one is on its way while another is
+# painted; no more, so that a slow page skips images and never shows old ones.
 MOST_UNPAINTED = 2
 _LATENCIES = 30
 
 
-class Shown(NamedTuple):
-    """A picture as pages get it: its number, its bytes, and when its frame was received [s]."""
+class Message(NamedTuple):
+    """An encoded live image: its number, its bytes, and the time its frame was received [s]."""
 
     number: int
-    message: bytes
+    data: bytes
     received_s: float
 
 
@@ -30,37 +30,37 @@ class Viewer:
     """One page. Belongs to the event loop's thread."""
 
     def __init__(self) -> None:
-        self._newest: Shown | None = None
+        self._newest: Message | None = None
         self._ready = asyncio.Event()
         self._unpainted: dict[int, float] = {}
         self._latencies: deque[float] = deque(maxlen=_LATENCIES)
         self._shown_s: float | None = None
 
-    def offer(self, picture: Shown) -> None:
-        """Let `picture` take the place of one that was not sent yet."""
-        self._newest = picture
+    def offer(self, message: Message) -> None:
+        """Replace the message that was not sent yet."""
+        self._newest = message
         self._check()
 
     def painted(self, number: int) -> None:
-        """LiveImage `number` is on the canvas; those sent before it are too, or never will be."""
+        """Note that image `number` is on the canvas; none that was sent before it will follow."""
         if number in self._unpainted:
             self._shown_s = self._unpainted[number]
             self._latencies.append(time.monotonic() - self._shown_s)
         self._unpainted = {n: at for n, at in self._unpainted.items() if n > number}
         self._check()
 
-    async def next(self, wait_s: float) -> Shown | None:
-        """The picture to send; None if none is to be sent within `wait_s` [s]."""
+    async def next(self, wait_s: float) -> Message | None:
+        """Return the message to send; None if there is none within `wait_s` [s]."""
         try:
             async with asyncio.timeout(wait_s):
                 await self._ready.wait()
         except TimeoutError:
             return None
-        picture, self._newest = self._newest, None
+        message, self._newest = self._newest, None
         self._ready.clear()
-        if picture is not None:
-            self._unpainted[picture.number] = picture.received_s
-        return picture
+        if message is not None:
+            self._unpainted[message.number] = message.received_s
+        return message
 
     @property
     def latency_ms(self) -> float | None:
@@ -69,7 +69,7 @@ class Viewer:
 
     @property
     def age_s(self) -> float | None:
-        """Time since the frame whose picture is on the canvas [s]; None before the first."""
+        """Time since the frame whose image is on the canvas [s]; None before the first."""
         return None if self._shown_s is None else round(time.monotonic() - self._shown_s, 1)
 
     def _check(self) -> None:
@@ -77,11 +77,11 @@ class Viewer:
             self._ready.set()
 
 
-class Gallery:
-    """Hands pictures from the thread that makes them to the viewers in the event loop.
+class Broadcast:
+    """Passes live images from the thread that makes them to the viewers in the event loop.
 
     Attributes:
-        viewers: the pages that look on; belongs to the event loop's thread.
+        viewers: the pages that are open; belongs to the event loop's thread.
     """
 
     def __init__(self, sensor: Sensor) -> None:
@@ -92,23 +92,25 @@ class Gallery:
 
     @asynccontextmanager
     async def open(self) -> AsyncIterator[None]:
-        """Take pictures as long as the event loop runs."""
+        """Accept live images as long as the event loop runs."""
         self._loop = asyncio.get_running_loop()
         yield
         self._loop = None
 
-    def show(self, picture: LiveImage) -> None:
-        """Offer `picture` to every viewer; called by any thread, and never waits."""
+    def show(self, live_image: LiveImage) -> None:
+        """Offer `live_image` to every viewer; called by any thread, and never waits."""
         loop = self._loop
         if loop is None or not self.viewers:
             return
         number = next(self._numbers)
-        message = to_message(picture, number, self._sensor)
+        data = to_message(live_image, number, self._sensor)
         try:
-            loop.call_soon_threadsafe(self._offer, Shown(number, message, picture.frame.received_s))
-        except RuntimeError:  # the loop was closed meanwhile: nobody looks on any more
+            loop.call_soon_threadsafe(
+                self._offer, Message(number, data, live_image.frame.received_s)
+            )
+        except RuntimeError:  # the loop was closed meanwhile: no page is open any more
             self._loop = None
 
-    def _offer(self, shown: Shown) -> None:
+    def _offer(self, message: Message) -> None:
         for viewer in self.viewers:
-            viewer.offer(shown)
+            viewer.offer(message)

@@ -1,1 +1,1 @@
-"""RecordedFrames frames into files: free, guided, exported, imported."""
+"""Recordings of boards: free or guided, exported, imported."""

@@ -1,4 +1,4 @@
-"""A guided session: an untouched reference and touches in known places, ready for a suite."""
+"""Guided recording: a reference and touches at known places, ready for a suite."""
 
 import json
 import re
@@ -9,27 +9,26 @@ from pathlib import Path
 from threading import Event, Thread
 
 from eitbench.hardware.board import Board
-from eitbench.hardware.emulation.emulator import Emulator
 from eitbench.hardware.recording.record import record
 from eitbench.hardware.recording.recorder import Recorder
 from eitbench.hardware.recording.status import Status
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.sensors.sensor import Sensor
 
-ENOUGH = 11
-"""Touches, of which every fifth registers images: fewer of them cannot be judged."""
-CLASSICAL = (
+MIN_TOUCHES = 11
+"""Least number of touches that can be scored, as every fifth registers images."""
+SUITE_METHODS = (
     "back-projection", "tikhonov", "noser", "laplacian", "greit", "tv",
     "gauss-newton-noser", "gauss-newton-tv",
 )  # fmt: skip
 _GREATEST = 1000  # repeats, and mm
-# What presses an emulated board: a fingertip, firmly.
+# A firm fingertip presses an emulated board.
 _RADIUS_M, _PRESSURE_PA = 0.005, 30e3
 
 
 @dataclass(frozen=True)
-class Timing:
-    """How long is recorded.
+class StepDurations:
+    """Durations of the steps of a guided recording.
 
     Attributes:
         reference_s: the untouched sensor [s].
@@ -42,8 +41,8 @@ class Timing:
     hold_s: float = 1.0
 
 
-class Guide:
-    """Leads through a session with the open `board`, recorded by `recorder`.
+class GuidedSession:
+    """Questions and touches that lead the user of the open `board`, recorded by `recorder`.
 
     Args:
         ask: shows a question and returns what was typed, "" for a mere Enter.
@@ -59,18 +58,18 @@ class Guide:
         recorder: Recorder,
         ask: Callable[[str], str],
         say: Callable[[str], None],
-        timing: Timing | None = None,
+        timing: StepDurations | None = None,
     ) -> None:
         self._board, self._recorder = board, recorder
         self._ask, self._say = ask, say
-        self._timing = timing or Timing()
+        self._timing = timing or StepDurations()
         self.touches = 0
         self._status: Status | None = None
         self._stop = Event()
         self._failure: Exception | None = None
 
     def run(self) -> None:
-        """The whole session.
+        """Run the whole session.
 
         Raises:
             BoardError, RecorderError: as for `record`.
@@ -86,7 +85,7 @@ class Guide:
     def _record(self) -> None:
         try:
             record(self._board, self._recorder, stop=self._stop, show=self._follow, say=self._say)
-        except Exception as error:  # told by whoever waits for frames
+        except Exception as error:  # raised where frames are waited for
             self._failure = error
 
     def _follow(self, status: Status) -> None:
@@ -96,29 +95,29 @@ class Guide:
         self._ask("Leave the sensor untouched, and press Enter")
         first, last = self._during(self._timing.reference_s)
         self._recorder.mark_reference(first, last)
-        self._say_how_it_goes(f"Reference: {last - first + 1} frames.")
+        self._report(f"Reference: {last - first + 1} frames.")
         repeats = self._number("How often is each place touched? [1]", 1, whole=True)
         depth_mm = self._number("How deep is a touch [mm]? (Enter if unknown)", float("nan"))
         while (place := self._place()) is not None:
             for _ in range(int(repeats)):
                 self._touch(*place, depth_mm)
             touches = "1 touch" if self.touches == 1 else f"{self.touches} touches"
-            self._say_how_it_goes(f"{touches} so far.")
-        if self.touches < ENOUGH:
+            self._report(f"{touches} so far.")
+        if self.touches < MIN_TOUCHES:
             self._say(
-                f"Too few touches to be judged ({self.touches}): every fifth one registers images "
-                f"with places, so record at least {ENOUGH}."
+                f"Too few touches to be scored ({self.touches}): every fifth one registers images "
+                f"with places, so record at least {MIN_TOUCHES}."
             )
 
-    def _say_how_it_goes(self, sentence: str) -> None:
+    def _report(self, sentence: str) -> None:
         if self._status is not None:
             self._say(self._status.line())
         self._say(sentence)
 
     def _touch(self, x_mm: float, y_mm: float, depth_mm: float) -> None:
         where = f"({x_mm:g}, {y_mm:g}) mm"
-        if isinstance(self._board, Emulator):
-            self._board.touch(x_mm / 1e3, y_mm / 1e3, _RADIUS_M, _PRESSURE_PA)
+        if self._board.can_be_pressed:
+            self._board.press(x_mm / 1e3, y_mm / 1e3, _RADIUS_M, _PRESSURE_PA)
         else:
             self._ask(f"Touch {where}, hold still, and press Enter")
         self._during(self._timing.settle_s)
@@ -132,14 +131,14 @@ class Guide:
             state=f"{x_mm:g} {y_mm:g}",
         )
         self.touches += 1
-        if isinstance(self._board, Emulator):
+        if self._board.can_be_pressed:
             self._board.release()
             self._during(self._timing.settle_s)
         else:
             self._ask("Let go, and press Enter")
 
     def _during(self, seconds: float) -> tuple[int, int]:
-        """The first and last row of what arrives in `seconds`, one frame at least."""
+        """Rows of the first and last frame that arrive in `seconds`, one frame at least."""
         first, end_s = self._recorder.count, time.monotonic() + seconds
         while time.monotonic() < end_s or self._recorder.count == first:
             if self._failure is not None:
@@ -160,7 +159,7 @@ class Guide:
         return default
 
     def _place(self) -> tuple[float, float] | None:
-        """Where is touched next [mm]; None for nowhere."""
+        """Ask for the next place (x, y) [mm]; None ends the session."""
         while typed := self._ask("Place x y [mm]? (Enter ends the session)").strip():
             numbers = re.split(r"[\s,;]+", typed)
             try:
@@ -179,7 +178,7 @@ class Guide:
 
 
 def suite_path(recording: Path) -> Path:
-    """Where the suite of a new `recording` goes: beside it.
+    """Path of the suite of a new `recording`, beside it.
 
     Raises:
         InputError: such a file exists already.
@@ -191,20 +190,20 @@ def suite_path(recording: Path) -> Path:
 
 
 def write_suite(path: Path, recording: Path, sensor: Sensor, board: str, *, emulated: bool) -> None:
-    """Write the suite that judges classical methods on `recording` and, beside it, on `ohmc16`.
+    """Write the suite that scores classical methods on `recording` and, beside it, on `ohmc16`.
 
     Raises:
         OSError: it cannot be written.
     """
     title = f"Touches on {sensor.name}, recorded with {'an emulated board' if emulated else board}"
     name = re.sub(r"[^a-z0-9]+", "-", recording.stem.lower()).strip("-") or "own"
-    # It must tell an emulated board from a real one, and this recording from the public set.
+    # The name tells an emulated board from a real one, and this recording from the public set.
     own = f"emulated-{name}" if emulated else f"own-{name}" if name == "ohmc16" else name
     text = "\n".join(
         [
             f"name = {json.dumps(name)}",
             f"title = {json.dumps(title)}",
-            f"methods = {json.dumps(CLASSICAL)}",
+            f"methods = {json.dumps(SUITE_METHODS)}",
             "limit = 100",
             "",
             "[[scenarios]]",

@@ -1,29 +1,25 @@
-"""RecordedFrames a board: every frame into a file, through unplugging and plugging in again."""
+"""Record a board: every frame into a file, through unplugging and plugging in again."""
 
 import time
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
-from pathlib import Path
 from threading import Event
 
 from eitbench.hardware.board import Board, BoardError, BoardLostError, Frame
-from eitbench.hardware.emulation.emulator import Emulator
-from eitbench.hardware.emulation.replay import Replay
 from eitbench.hardware.recording.recorder import Recorder
 from eitbench.hardware.recording.status import Monitor, Status
-from eitbench.hardware.serial.serial_board import SerialBoard
 
 WAIT_S = 0.1
-"""How long the board is waited for before a stop or the end of time is looked at."""
+"""Longest wait for frames before `stop` and the end of the time are looked at [s]."""
 STATUS_S = 0.5
-"""Time between two statuses."""
-AGAIN_S = 0.5
-"""Time between two attempts to open a board that went away."""
+"""Time between two statuses [s]."""
+RETRY_S = 0.5
+"""Time between two attempts to open a board that went away [s]."""
 
 
-class Continuity:
-    """Keeps numbers and times of frames growing when a board starts anew.
+class FrameRenumbering:
+    """Numbers and times of frames that go on growing when a board starts anew.
 
     A board that was unplugged counts from zero again. Its frames are numbered on from the last one
     before, and its clock is set so that it agrees with the time between their receptions.
@@ -35,11 +31,11 @@ class Continuity:
         self._anew = False
 
     def restart(self) -> None:
-        """The next frame is the first after a break."""
+        """Expect the first frame after a break."""
         self._anew = self._last is not None
 
     def __call__(self, frame: Frame) -> Frame:
-        """`frame` with a number and a time that follow on those before."""
+        """Return `frame` with a number and a time that follow those before."""
         if self._anew and self._last is not None:
             passed_s = frame.received_s - self._last.received_s
             self._number = self._last.number + 1 - frame.number
@@ -53,16 +49,6 @@ class Continuity:
         return frame
 
 
-def is_emulated(board: Board) -> bool:
-    """Whether no real sensor is measured: an emulated board, its recording, or a pseudo-terminal.
-
-    What is on a pseudo-terminal is taken for emulated, whatever it says of itself.
-    """
-    if isinstance(board, SerialBoard):
-        return Path(board.port).resolve().is_relative_to("/dev/pts")
-    return isinstance(board, Emulator) or (isinstance(board, Replay) and board.emulated)
-
-
 def record(
     board: Board,
     recorder: Recorder,
@@ -72,9 +58,9 @@ def record(
     show: Callable[[Status], None] = lambda status: None,
     say: Callable[[str], None] = lambda sentence: None,
 ) -> Status:
-    """Record the open `board` for `seconds`, until `stop` is set, or until a replay has ended.
+    """Record the open `board` for `seconds`, until `stop` is set, or until the board has ended.
 
-    A board that goes away is waited for, which is noted as an event and said.
+    A board that goes away is waited for; this is noted as an event and said.
 
     Args:
         board: open, not yet started.
@@ -88,29 +74,28 @@ def record(
         The last status.
 
     Raises:
-        BoardError: the board sends something else than its frames.
+        BoardError: the board sends other bytes than its frames.
         RecorderError: the file cannot be written.
     """
     stop = stop or Event()
-    monitor, follow = Monitor(board.sensor), Continuity()
+    monitor, renumber = Monitor(board.sensor), FrameRenumbering()
     now = time.monotonic()
     end_s, shown_s = float("inf") if seconds is None else now + seconds, now
     damaged_before = 0
 
     def over() -> bool:
-        ended = isinstance(board, Replay) and board.ended
-        return stop.is_set() or time.monotonic() >= end_s or ended
+        return stop.is_set() or time.monotonic() >= end_s or board.ended
 
     board.start()
     try:
         while not over():
             try:
-                arrived = [follow(frame) for frame in board.frames(WAIT_S)]
+                arrived = [renumber(frame) for frame in board.frames(WAIT_S)]
             except BoardLostError as lost:
                 damaged_before += board.health.damaged
                 _note(recorder, say, f"{lost} Waiting for it to return.")
                 if _returned(board, over):
-                    follow.restart()
+                    renumber.restart()
                     _note(recorder, say, "The board is back.")
                 continue
             for frame in arrived:
@@ -131,14 +116,14 @@ def _note(recorder: Recorder, say: Callable[[str], None], sentence: str) -> None
 
 
 def _returned(board: Board, over: Callable[[], bool]) -> bool:
-    """Whether the board could be opened and started again before all was `over`."""
+    """Open and start the board again; True if that succeeded before all was `over`."""
     while not over():
         board.close()
         try:
             board.open()
             board.start()
         except BoardError:
-            time.sleep(AGAIN_S)
+            time.sleep(RETRY_S)
         else:
             return True
     return False

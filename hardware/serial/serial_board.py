@@ -3,6 +3,7 @@
 import os
 import time
 from collections.abc import Sequence
+from pathlib import Path
 from typing import ClassVar
 
 import serial
@@ -36,17 +37,29 @@ class SerialBoard(Board):
     """
 
     protocol: ClassVar[type[Protocol]]
+    default_sensor: ClassVar[str]
+
+    def __init_subclass__(cls) -> None:
+        if "protocol" in vars(cls):
+            cls.baud = cls.protocol.baud
+            cls.default_sensor = vars(cls).get("default_sensor", cls.protocol.default_sensor)
 
     def __init__(self, sensor: Sensor, port: str) -> None:
-        super().__init__(sensor)
+        # A pseudo-terminal is taken for an emulated board, whatever firmware it reports.
+        super().__init__(sensor, emulated=Path(port).resolve().is_relative_to("/dev/pts"))
         self.port = port
         self._parser = self.protocol(sensor)
         self._serial: serial.Serial | None = None
         self._started = False
-        self._since: float | None = None  # when the first byte after the last frame came
-        self._silent_since: float | None = None  # when it was started, until a byte comes
-        self._repeated = False  # it was told to start twice
+        self._since: float | None = None  # time of the first byte after the last frame
+        self._silent_since: float | None = None  # time of the start, until a byte comes
+        self._repeated = False  # the start was sent twice
         self._forget()
+
+    @property
+    def port_is_gone(self) -> bool:
+        """True if the device file of its port has disappeared; only POSIX has such files."""
+        return os.name == "posix" and not Path(self.port).exists()
 
     def open(self) -> None:
         """Take hold of the port."""
@@ -66,13 +79,13 @@ class SerialBoard(Board):
         except OSError as error:  # pyserial's own errors are OSErrors
             raise ports.refused(self.port, error) from error
         try:
-            self.firmware = self._said_of_itself()
+            self.firmware = self._ask_firmware()
         except BoardError:
             self.close()
             raise
 
     def start(self) -> None:
-        """Tell the board to measure, after what it was doing before."""
+        """Start measuring; a measurement under way is stopped first."""
         for command in self._parser.stopping():
             self._send(command)
             self._answer()
@@ -90,7 +103,7 @@ class SerialBoard(Board):
         self._silent_since = time.monotonic()
 
     def frames(self, wait_s: float) -> list[Frame]:
-        """The frames that have arrived since the last call."""
+        """Return the frames that have arrived since the last call."""
         end = time.monotonic() + wait_s
         while True:
             data = self._read()
@@ -99,12 +112,12 @@ class SerialBoard(Board):
                 if frames:
                     self._forget()
                     return frames
-                self._judge(data)
+                self._check_progress(data)
             if time.monotonic() >= end:
                 return []
 
     def stop(self) -> None:
-        """Tell the board to pause; what it sends nevertheless is not read."""
+        """Pause; bytes that it sends nevertheless are not read."""
         for command in self._parser.stopping():
             self._send(command)
         self._started = False
@@ -122,8 +135,8 @@ class SerialBoard(Board):
             raise BoardError(f"The board on {self.port} is not open: open it first.")
         return self._serial
 
-    def _said_of_itself(self) -> str:
-        """What the board answers when it is asked for its firmware; "" if it does not."""
+    def _ask_firmware(self) -> str:
+        """Return the name and version of the firmware; "" if the board does not answer."""
         if self.protocol.question is None:
             return ""
         command, answer = self.protocol.question
@@ -145,7 +158,7 @@ class SerialBoard(Board):
         return lost
 
     def _read(self) -> bytes:
-        """What has arrived, at most `_CHUNK` bytes; waits a little if there is nothing."""
+        """Return the bytes that have arrived, at most `_CHUNK`; wait a little if there are none."""
         line = self._line
         try:
             return bytes(line.read(min(max(line.in_waiting, 1), _CHUNK)))
@@ -166,12 +179,12 @@ class SerialBoard(Board):
             raise self._lost(error) from error
 
     def _answer(self) -> bool | None:
-        """Whether the board obeyed the last command; None if it does not say."""
+        """True if the board obeyed the last command, False if not; None without an answer."""
         end = time.monotonic() + _ANSWER_S
         while self._parser.awaits_answers and time.monotonic() < end:
             data = self._read()
             self._parser.feed(data, time.monotonic())
-            self._judge(data)
+            self._check_progress(data)
             if self._parser.answers:
                 return self._parser.answers.pop(0)
         return None
@@ -180,7 +193,7 @@ class SerialBoard(Board):
         if obeyed is None:
             raise BoardError(
                 self._diagnosis()
-                or self._awakened()
+                or self._other_board()
                 or f"The board on {self.port} does not answer as {self.protocol.name!r} does: see "
                 "whether it is switched on, and whether this is its port."
             )
@@ -191,12 +204,12 @@ class SerialBoard(Board):
             )
 
     def _forget(self) -> None:
-        """A frame has come, or none is awaited: there is nothing to look into."""
+        """Forget the bytes since the last frame: one has come, or none is expected."""
         self._unread = bytearray()
         self._since = self._silent_since = None
 
-    def _judge(self, data: bytes) -> None:
-        """Look into what has come since the last frame, `data` last, if it takes too long."""
+    def _check_progress(self, data: bytes) -> None:
+        """Find the reason if no frame comes for too long; `data` are the latest bytes."""
         now = time.monotonic()
         silent = (
             not data and self._silent_since is not None and now - self._silent_since > _SILENCE_S
@@ -207,7 +220,7 @@ class SerialBoard(Board):
             raise BoardError(self._parser.refusal)
         if silent:
             raise BoardError(
-                self._awakened()
+                self._other_board()
                 or f"The board on {self.port} sends nothing: see whether it is switched on, is a "
                 f"board {self.protocol.name!r}, and is set to {self.protocol.baud} bit/s."
             )
@@ -224,7 +237,7 @@ class SerialBoard(Board):
             self._forget()
 
     def _start_again(self) -> bool:
-        """Tell it once more to start: opening the port resets many boards, which are deaf then."""
+        """Send the start again, once: opening the port resets many boards, which then miss it."""
         if self._repeated or self._parser.awaits_answers:
             return False
         for command in self._parser.starting():
@@ -237,8 +250,8 @@ class SerialBoard(Board):
     def _diagnosis(self) -> str | None:
         return diagnose(bytes(self._unread), self.protocol, self.port, self._listen)
 
-    def _awakened(self) -> str | None:
-        """Which other board it is, if one is silent until it is told to start; one sentence."""
+    def _other_board(self) -> str | None:
+        """Name the other board that it is, if that one is silent until started; one sentence."""
         for name, protocol in PROTOCOLS.items():
             if not protocol.waking or name == self.protocol.name:
                 continue
@@ -252,7 +265,7 @@ class SerialBoard(Board):
         return None
 
     def _listen(self, baud: int, commands: Sequence[bytes] = ()) -> bytes:
-        """What is heard at another rate, after `commands`."""
+        """Return the bytes that come at another rate, after `commands`."""
         line = self._line
         try:
             line.baudrate = baud
@@ -273,28 +286,24 @@ class TeensyBoard(SerialBoard):
     """A Teensy 4.1 class board that sends binary frames with checksum."""
 
     protocol = Teensy
-    default_sensor = Teensy.default_sensor
 
 
 class EitKitBoard(SerialBoard):
     """A board derived from EIT-kit, which sends matrices as text."""
 
     protocol = EitKit
-    default_sensor = EitKit.default_sensor
 
 
 class OpenEitBoard(SerialBoard):
     """An OpenEIT board, which sends magnitudes of an opposition pattern as text."""
 
     protocol = OpenEit
-    default_sensor = OpenEit.default_sensor
 
 
 class SciospecBoard(SerialBoard):
     """An EIT instrument of Sciospec, which sends complex potentials of 16 channels."""
 
     protocol = Sciospec
-    default_sensor = Sciospec.default_sensor
 
 
 SERIAL_BOARDS: dict[str, type[SerialBoard]] = {

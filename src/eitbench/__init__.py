@@ -1,11 +1,86 @@
 """eitbench: the benchmark for electrical impedance tomography (EIT) tactile sensing."""
 
 from pathlib import Path as _Path
-
-__version__ = "0.1.0"
+from typing import TYPE_CHECKING
 
 # In a checkout the sub-packages are the repository's top-level folders; the links beside this
 # file serve type checkers and editors, and these lines make it work where links do not exist.
 _src = _Path(__file__).resolve().parents[1]
 if _src.name == "src" and (_src.parent / "pyproject.toml").is_file():
     __path__.insert(0, str(_src.parent))
+
+from eitbench.scenarios.lazy import lazy_names  # noqa: E402, found by the lines above
+
+if TYPE_CHECKING:
+    from eitbench.methods.method import Method
+    from eitbench.methods.operator import Operator
+    from eitbench.methods.problem import Problem
+    from eitbench.methods.registry import (
+        create,
+        load_plugin,
+        operator,
+        operators,
+        register,
+        register_operator,
+    )
+    from eitbench.scenarios.data.datasets import Dataset, load
+    from eitbench.scenarios.errors import EitbenchError, InputError
+    from eitbench.scenarios.physics.forward import ForwardModel, forward_model
+    from eitbench.scenarios.recordings.catalogue import sensor
+    from eitbench.scenarios.sensors.sensor import Sensor
+    from eitbench.scenarios.suites.scenario import RecordedScenario, SimulatedScenario
+    from eitbench.scenarios.suites.suite import Suite, load_suite
+
+__version__ = "0.1.0"
+
+__all__ = [
+    "Dataset",
+    "EitbenchError",
+    "ForwardModel",
+    "InputError",
+    "Method",
+    "Operator",
+    "Problem",
+    "RecordedScenario",
+    "Sensor",
+    "SimulatedScenario",
+    "Suite",
+    "create",
+    "forward_model",
+    "load",
+    "load_plugin",
+    "load_suite",
+    "operator",
+    "operators",
+    "register",
+    "register_operator",
+    "sensor",
+]
+
+# `eitbench.methods` is the subpackage: its function `methods` is `eitbench.methods.methods`.
+__getattr__, __dir__ = lazy_names(
+    __name__,
+    {
+        "Dataset": "scenarios",
+        "EitbenchError": "scenarios",
+        "ForwardModel": "scenarios",
+        "InputError": "scenarios",
+        "Method": "methods.method",
+        "Operator": "methods.operator",
+        "Problem": "methods.problem",
+        "RecordedScenario": "scenarios",
+        "Sensor": "scenarios",
+        "SimulatedScenario": "scenarios",
+        "Suite": "scenarios",
+        "create": "methods.registry",
+        "forward_model": "scenarios",
+        "load": "scenarios",
+        "load_plugin": "methods.registry",
+        "load_suite": "scenarios",
+        "operator": "methods.registry",
+        "operators": "methods.registry",
+        "register": "methods.registry",
+        "register_operator": "methods.registry",
+        "sensor": "scenarios",
+    },
+)

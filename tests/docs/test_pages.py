@@ -33,7 +33,7 @@ from eitbench import cli
 from eitbench.benchmark.run.runner import make_plan
 from eitbench.hardware.emulation.touch_script import read_script
 from eitbench.hardware.recording import guided
-from eitbench.hardware.recording.guided import Timing
+from eitbench.hardware.recording.guided import StepDurations
 from eitbench.methods.registry import METHOD_REGISTRY, OPERATOR_REGISTRY, Registry
 from eitbench.scenarios import load_suite, sensor
 from eitbench.scenarios.recordings import RECORDED_SETS
@@ -136,7 +136,7 @@ def reader(
     if shared.is_dir():
         monkeypatch.setenv("EITBENCH_DATA", str(shared))
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(guided, "Timing", lambda: Timing(0.3, 0.05, 0.1))
+    monkeypatch.setattr(guided, "StepDurations", lambda: StepDurations(0.3, 0.05, 0.1))
     (tmp_path / "docs").symlink_to(ROOT / "docs")
     return Reader(eitbench, monkeypatch, absent=() if shared.is_dir() else tuple(RECORDED_SETS))
 

@@ -63,7 +63,6 @@ def _measured(page: Page, method: str, rate_hz: float, folder: Path) -> tuple[fl
         board,
         "emulator",
         method,
-        emulated=True,
         access=Access(),
         port=0,
         out=folder,
@@ -72,7 +71,7 @@ def _measured(page: Page, method: str, rate_hz: float, folder: Path) -> tuple[fl
         server.start()
         page.goto(view.address)
         page.wait_for_timeout(WARM_MS)
-        board.touch(0.03, 0.06, 0.008, 20e3)
+        board.press(0.03, 0.06, 0.008, 20e3)
         page.wait_for_timeout(WARM_MS / 2)
         rows: list[list[float]] = []
         began, before_s = time.perf_counter(), _processor_s()

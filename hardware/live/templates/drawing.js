@@ -3,7 +3,7 @@
 
 const $ = (id) => document.getElementById(id);
 const COLOURS = JSON.parse($("colours").textContent);
-let scene = null, picture = null, range = [0, 1], shownRange = "";
+let setup = null, liveImage = null, range = [0, 1], shownRange = "";
 
 function set(element, text) { if (element.textContent !== text) element.textContent = text; }
 
@@ -23,8 +23,8 @@ function fit(canvas, width, height) {
 }
 
 function resize() {
-  if (!scene) return;
-  const [x0, y0, x1, y1] = scene.bounds_m;
+  if (!setup) return;
+  const [x0, y0, x1, y1] = setup.bounds_m;
   const aspect = (x1 - x0) / (y1 - y0);
   const narrow = window.innerWidth < 480;
   const margin = { left: narrow ? 44 : 48, right: narrow ? 18 : 26, top: narrow ? 18 : 26, bottom: narrow ? 34 : 44 };
@@ -50,7 +50,7 @@ function resize() {
   drawRim();
   shownRange = "";
   fit($("voltages"), $("voltages").clientWidth, $("voltages").clientHeight);
-  if (picture) { drawVoltages(); schedule(); }
+  if (liveImage) { drawVoltages(); schedule(); }
 }
 
 function path(ctx, points) {
@@ -63,14 +63,14 @@ function drawRim() {
   ctx.strokeStyle = theme("--soft");
   ctx.lineWidth = 1;
   ctx.beginPath();
-  path(ctx, scene.outline_m);
+  path(ctx, setup.outline_m);
   ctx.closePath();
   ctx.stroke();
   ctx.font = "600 11px system-ui, sans-serif";
   ctx.textAlign = "center";
   ctx.textBaseline = "middle";
   ctx.lineCap = "butt";
-  scene.electrodes_m.forEach((points, k) => {
+  setup.electrodes_m.forEach((points, k) => {
     ctx.strokeStyle = theme("--copper");
     ctx.lineWidth = 5;
     ctx.beginPath();
@@ -83,7 +83,7 @@ function drawRim() {
     ctx.fillStyle = theme("--ink");
     ctx.fillText(String(k), place.x(mx) + (12 * dy) / length, place.y(my) + (12 * dx) / length);
   });
-  const [x0, y0, x1, y1] = scene.bounds_m;
+  const [x0, y0, x1, y1] = setup.bounds_m;
   ctx.fillStyle = theme("--soft");
   ctx.font = "11px system-ui, sans-serif";
   const low = place.top + place.tall;
@@ -99,25 +99,25 @@ function drawRim() {
 function drawImage() {
   const ctx = context;
   ctx.clearRect(0, 0, place.width, place.height);
-  if (picture && picture.image) {
+  if (liveImage && liveImage.image) {
     fillPixels();
     ctx.save();
     ctx.beginPath();
-    path(ctx, scene.outline_m);
+    path(ctx, setup.outline_m);
     ctx.clip();
     ctx.imageSmoothingEnabled = true;
     ctx.drawImage(pixels, place.left, place.top, place.inner, place.tall);
     ctx.restore();
   }
   ctx.drawImage(rim, 0, 0, place.width, place.height);
-  if (picture) picture.contacts.forEach(drawMarker);
+  if (liveImage) liveImage.contacts.forEach(drawMarker);
   if (showsPointer()) drawPointer();
   labels = [];
-  if (picture) picture.contacts.slice(0, MOST_LABELS).forEach(drawLabel);
+  if (liveImage) liveImage.contacts.slice(0, MOST_LABELS).forEach(drawLabel);
 }
 
 function fillPixels() {
-  const [height, width] = picture.shape, values = picture.image;
+  const [height, width] = liveImage.shape, values = liveImage.image;
   if (pixels.width !== width || pixels.height !== height || !pixelData) {
     pixels.width = width;
     pixels.height = height;
@@ -144,7 +144,7 @@ function fillPixels() {
 let background = 0;
 
 function chooseRange(values) {
-  let [low, high] = scene.scale;
+  let [low, high] = setup.scale;
   if ($("adaptive").checked) {
     low = Infinity;
     high = -Infinity;
@@ -153,11 +153,11 @@ function chooseRange(values) {
       if (value > high) high = value;
     }
     // Noise alone must not fill the scale.
-    const least = 0.05 * scene.background, missing = least - (high - low);
+    const least = 0.05 * setup.background, missing = least - (high - low);
     if (missing > 0) { low -= missing / 2; high += missing / 2; }
   }
   range = [low, high];
-  background = Math.max(0, Math.min(255, Math.round((255 * (scene.background - low)) / (high - low))));
+  background = Math.max(0, Math.min(255, Math.round((255 * (setup.background - low)) / (high - low))));
   const words = range.map((value) => value.toPrecision(3)).join();
   if (words !== shownRange) { shownRange = words; drawBar(); }
 }
@@ -232,9 +232,9 @@ function isFree(box) {
   if (box.x < 0 || box.y < 0 || right > place.width || low > place.height) return false;
   if (labels.some((l) => l.x < right && box.x < l.x + l.width && l.y < low && box.y < l.y + LABEL_HEIGHT)) return false;
   const nearest = (x, y) => Math.hypot(Math.max(box.x - x, 0, x - right), Math.max(box.y - y, 0, y - low));
-  if (picture.contacts.some((c) => nearest(place.x(c.x_m), place.y(c.y_m)) < MARKER + 3)) return false;
+  if (liveImage.contacts.some((c) => nearest(place.x(c.x_m), place.y(c.y_m)) < MARKER + 3)) return false;
   if (!showsPointer()) return true;
-  const [x, y] = [place.x(pointer.x), place.y(pointer.y)], radius = scene.touch.radius_m * place.perMetre;
+  const [x, y] = [place.x(pointer.x), place.y(pointer.y)], radius = setup.touch.radius_m * place.perMetre;
   const farthest = Math.hypot(Math.max(x - box.x, right - x), Math.max(y - box.y, low - y));
   return nearest(x, y) > radius + 3 || farthest < radius - 3;
 }
@@ -244,7 +244,7 @@ function isFree(box) {
 function drawVoltages() {
   const canvas = $("voltages"), ctx = canvas.getContext("2d");
   const width = canvas.clientWidth, height = canvas.clientHeight, left = 52, right = width - 4;
-  const { voltages, untouched } = picture;
+  const { voltages, untouched } = liveImage;
   ctx.clearRect(0, 0, width, height);
   const difference = untouched ? voltages.map((value, k) => value - untouched[k]) : null;
   const split = difference ? 0.56 * height : height;

@@ -9,7 +9,7 @@ const OLD_S = 1;
 let state = null, pending = null, scheduled = false, socket = null;
 const paints = [];
 
-// ---- The server: scene and state as JSON, pictures as bytes (hardware/live/picture.py) ----
+// ---- The server: setup and state as JSON, images as bytes (hardware/live/live_image.py) ----
 
 function connect() {
   socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/ws`);
@@ -17,7 +17,7 @@ function connect() {
   socket.onmessage = ({ data }) => {
     if (data instanceof ArrayBuffer) return receive(data);
     const message = JSON.parse(data);
-    if (message.type === "scene") showScene(message);
+    if (message.type === "setup") showSetup(message);
     else if (message.type === "state") showState(message);
     else if (message.type === "refused") showRefused(message.why);
   };
@@ -57,12 +57,12 @@ function schedule() {
 function paint(now) {
   scheduled = false;
   const isNew = pending !== null;
-  if (isNew) { picture = pending; pending = null; }
-  if (!scene) return;
+  if (isNew) { liveImage = pending; pending = null; }
+  if (!setup) return;
   drawImage();
   if (!isNew) return;
-  ask({ do: "painted", picture: picture.picture });
-  image.dataset.picture = picture.picture;
+  ask({ do: "painted", liveImage: liveImage.number });
+  image.dataset.number = liveImage.number;
   paints.push(now);
   while (paints[0] < now - 2000) paints.shift();
   if (now - plotted > PLOT_EVERY_MS) {
@@ -70,7 +70,7 @@ function paint(now) {
     drawVoltages();
     showContacts();
     showNote();
-    $("method-shown").textContent = picture.method || "–";
+    $("method-shown").textContent = liveImage.method || "–";
   }
 }
 
@@ -85,13 +85,13 @@ function status(kind, sign, text) {
   set($("status-text"), text);
 }
 
-function showScene(message) {
-  scene = message;
-  document.title = `${scene.board} – eitbench live`;
-  set($("board"), scene.board);
-  set($("sensor"), scene.sensor);
-  $("emulated").hidden = !scene.emulated;
-  $("method").replaceChildren(...scene.methods.map(({ name }) => new Option(name, name)));
+function showSetup(message) {
+  setup = message;
+  document.title = `${setup.board} – eitbench live`;
+  set($("board"), setup.board);
+  set($("sensor"), setup.sensor);
+  $("emulated").hidden = !setup.emulated;
+  $("method").replaceChildren(...setup.methods.map(({ name }) => new Option(name, name)));
   allowPresses();
   resize();
 }
@@ -109,7 +109,7 @@ function showState(message) {
   // Only when it changes: what is being chosen just now must stay as it is.
   const inUse = state.fitting || state.method;
   if (inUse && inUse !== methodShown) $("method").value = methodShown = inUse;
-  const chosen = scene.methods.find(({ name }) => name === $("method").value);
+  const chosen = setup.methods.find(({ name }) => name === $("method").value);
   set($("about"), chosen ? chosen.about : "");
   const number = (value, digits) => (value === null ? "–" : value.toFixed(digits));
   set($("rate"), number(state.rate_hz, 1));
@@ -142,7 +142,7 @@ function showRecording(recording) {
   else {
     const { file, frames, touches, enough, suite } = recording;
     let said = `${running ? "LiveRecording to" : "Recorded"} ${file}: ${frames} frames, ${touches} of ${enough} touches.`;
-    if (!running && touches >= enough) said += ` Judge methods on them: eitbench run ${suite}`;
+    if (!running && touches >= enough) said += ` Score methods on them: eitbench run ${suite}`;
     set(words, said);
   }
 }
@@ -157,15 +157,15 @@ function showRefused(why) {
 function showNote() {
   if (!state) return;
   const note = $("note");
-  const wrong = state.sentence || refused || state.method_failed || (picture && picture.failed);
+  const wrong = state.sentence || refused || state.method_failed || (liveImage && liveImage.failed);
   // A slow method is fitted long before its first image is there.
-  const preparing = state.fitting || (picture && picture.method === state.method ? "" : state.method);
+  const preparing = state.fitting || (liveImage && liveImage.method === state.method ? "" : state.method);
   note.dataset.kind = wrong ? "bad" : "";
   set(note, wrong ? `▲ ${wrong}` : preparing ? `◌ Preparing ${preparing}` : "");
 }
 
 function showContacts() {
-  const rows = picture.contacts.slice(0, 3);
+  const rows = liveImage.contacts.slice(0, 3);
   $("untouched").hidden = rows.length > 0;
   $("contacts").hidden = rows.length === 0;
   const body = $("contacts").tBodies[0];
@@ -184,18 +184,18 @@ let pointer = null, pressed = false, moved = false;
 
 function allowPresses() {
   if (pointer) return;
-  const [x0, y0, x1, y1] = scene.bounds_m;
+  const [x0, y0, x1, y1] = setup.bounds_m;
   pointer = { x: (x0 + x1) / 2, y: (y0 + y1) / 2 };
   $("press").hidden = false;
   image.classList.add("pressable");
   image.tabIndex = 0;
   image.setAttribute("role", "application");
-  const real = Object.keys(scene.touch.pressures_pa).length === 0;
+  const real = Object.keys(setup.touch.pressures_pa).length === 0;
   set($("press-title"), real ? "Where you touch it" : "Press it");
   $("hint-real").hidden = !real;
   image.setAttribute("aria-label", `Image of the sensor's conductivity, ${real ? "to mark touches on" : "which can be pressed"}`);
   image.setAttribute("aria-describedby", "hint");
-  $("pressures").replaceChildren(...Object.entries(scene.touch.pressures_pa).map(([name, pa]) => {
+  $("pressures").replaceChildren(...Object.entries(setup.touch.pressures_pa).map(([name, pa]) => {
     const label = document.createElement("label"), input = document.createElement("input");
     Object.assign(input, { type: "radio", name: "pressure", value: pa, checked: name === "medium" });
     label.append(input, `${name}, ${pa / 1e3} kPa`);
@@ -228,7 +228,7 @@ function follow(event) {
 }
 
 function move(x, y) {
-  const [x0, y0, x1, y1] = scene.bounds_m;
+  const [x0, y0, x1, y1] = setup.bounds_m;
   pointer = { x: Math.min(x1, Math.max(x0, x)), y: Math.min(y1, Math.max(y0, y)) };
   // Once for each painted frame is enough.
   if (pressed && !moved) {
@@ -240,7 +240,7 @@ function move(x, y) {
 
 function touch() {
   const chosen = document.querySelector("input[name=pressure]:checked");
-  const place_m = { x_m: pointer.x, y_m: pointer.y, radius_m: scene.touch.radius_m };
+  const place_m = { x_m: pointer.x, y_m: pointer.y, radius_m: setup.touch.radius_m };
   ask({ do: "touch", ...place_m, pressure_pa: chosen ? Number(chosen.value) : null });
 }
 
@@ -255,7 +255,7 @@ function press(down) {
 function showsPointer() { return pointer && (pressed || document.activeElement === image); }
 
 function drawPointer() {
-  const [x, y] = [place.x(pointer.x), place.y(pointer.y)], radius = scene.touch.radius_m * place.perMetre;
+  const [x, y] = [place.x(pointer.x), place.y(pointer.y)], radius = setup.touch.radius_m * place.perMetre;
   ring(x, y, radius, pressed ? 4 : 3, "#000", []);
   ring(x, y, radius, pressed ? 2 : 1, "#fff", pressed ? [] : [4, 4]);
 }

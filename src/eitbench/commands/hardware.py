@@ -72,15 +72,13 @@ def emulate(
         board.switch_off()
 
 
-def _board(name: str, sensor: str | None, **chosen: Any) -> tuple["Board", bool]:
-    """The board `name` with what was chosen on the command line, and whether it is emulated."""
-    from eitbench.hardware.recording.record import is_emulated
+def _board(name: str, sensor: str | None, **options: Any) -> "Board":
+    """Make the board `name` with the options of the command line."""
     from eitbench.hardware.registry import make_board
     from eitbench.scenarios.catalogue import sensor as sensor_by_name
 
     nominal = None if sensor is None else sensor_by_name(sensor)
-    board = make_board(name, sensor=nominal, **chosen)
-    return board, is_emulated(board)
+    return make_board(name, sensor=nominal, **options)
 
 
 @app.command(epilog="Example: eitbench record --board emulator --guided --out touch.h5")
@@ -106,33 +104,33 @@ def record(
     """Record a board into a file, free-running or guided."""
     import signal
 
-    from eitbench.hardware.recording.guided import Guide, suite_path, write_suite
+    from eitbench.hardware.recording.guided import GuidedSession, suite_path, write_suite
     from eitbench.hardware.recording.recorder import Recorder, check_new
 
     if guided and seconds is not None:
         raise typer.BadParameter("a guided session ends when you say so: leave out --seconds")
     check_new(out)  # before a board is waited for
     suite = suite_path(out) if guided else None
-    made, emulated = _board(
+    made = _board(
         board, sensor, port=port, file=file, script=script, protocol=protocol, speed=speed
     )
-    # Whoever ends it politely gets what Ctrl-C gives: a file that was closed.
+    # SIGTERM ends it as Ctrl-C does: the file is closed.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     with made:
-        recorder = Recorder(out, made.sensor, board, firmware=made.firmware, emulated=emulated)
-        guide = Guide(made, recorder, _ask, typer.echo)
+        recorder = Recorder(out, made.sensor, board, firmware=made.firmware, emulated=made.emulated)
+        session = GuidedSession(made, recorder, _ask, typer.echo)
         try:
             with recorder:
                 if guided:
-                    guide.run()
+                    session.run()
                 else:
-                    _record(made, recorder, seconds)
-        finally:  # what there is by now is kept, however it ended
+                    _record_with_status(made, recorder, seconds)
+        finally:  # the frames so far are usable, however it ended
             if count := recorder.written:
                 typer.echo(f"{count} frames are in {out}: eitbench recordings check {out}")
-            if suite is not None and guide.touches:
-                write_suite(suite, out, made.sensor, board, emulated=emulated)
-                typer.echo(f"Judge methods on them: eitbench run {suite}")
+            if suite is not None and session.touches:
+                write_suite(suite, out, made.sensor, board, emulated=made.emulated)
+                typer.echo(f"Score methods on them: eitbench run {suite}")
 
 
 def _ask(question: str) -> str:
@@ -140,7 +138,7 @@ def _ask(question: str) -> str:
     return answer
 
 
-def _record(board: "Board", recorder: "Recorder", seconds: float | None) -> None:
+def _record_with_status(board: "Board", recorder: "Recorder", seconds: float | None) -> None:
     """Record, with a status line that moves."""
     from rich.console import Console
     from rich.live import Live
@@ -200,12 +198,12 @@ def live(
     from eitbench.hardware.live.run import live_view, watch
 
     access = access_to(host, token)
-    made, emulated = _board(
+    made = _board(
         board, sensor, port=port, file=file, script=script, protocol=protocol, speed=speed
     )
 
     def ready(address: str) -> None:
-        typer.echo(f"{board}{' (emulated)' if emulated else ''}: {address}  (Ctrl-C ends it)")
+        typer.echo(f"{board}{' (emulated)' if made.emulated else ''}: {address}  (Ctrl-C ends it)")
         if browser and sys.stdout.isatty():
             import webbrowser
 
@@ -215,7 +213,6 @@ def live(
         made,
         board,
         method,
-        emulated=emulated,
         access=access,
         port=http_port,
         out=out,

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from eitbench.hardware.board import Board, BoardLostError, Frame
 from eitbench.hardware.live.access import Access
-from eitbench.hardware.live.picture import LiveImage
+from eitbench.hardware.live.live_image import LiveImage
 from eitbench.hardware.live.run import LiveView, live_view
 from eitbench.hardware.live.session import Session
 from eitbench.scenarios.phantoms.press import FOAM
@@ -32,8 +32,10 @@ class FoamBoard(Board):
         faulty: the error that `frames` raises next.
     """
 
+    can_be_pressed = True
+
     def __init__(self, rate_hz: float = 50.0, gain: float = 1.0) -> None:
-        super().__init__(foam16())
+        super().__init__(foam16(), emulated=True)
         self.rate_hz = rate_hz
         self.gain = gain
         self.sent: list[Frame] = []
@@ -76,7 +78,7 @@ class FoamBoard(Board):
     def close(self) -> None:
         pass
 
-    def touch(self, x_m: float, y_m: float, radius_m: float, pressure_pa: float) -> None:
+    def press(self, x_m: float, y_m: float, radius_m: float, pressure_pa: float) -> None:
         x, y = self.sensor.pixel_centres
         distance = np.maximum(np.hypot(x - x_m, y - y_m) - radius_m, 0.0)
         self._clean = self._model.voltages(FOAM.pressed(pressure_pa, distance))
@@ -92,13 +94,13 @@ class FoamBoard(Board):
 
 
 class Watched:
-    """A session with the pictures it has shown."""
+    """A session with the images it has shown."""
 
     def __init__(self, board: Any, out: Path) -> None:
-        self.pictures: list[LiveImage] = []
-        self.show: Callable[[LiveImage], None] = self.pictures.append
+        self.images: list[LiveImage] = []
+        self.show: Callable[[LiveImage], None] = self.images.append
         self.session = Session(
-            board, "emulator", emulated=True, out=out, show=lambda picture: self.show(picture)
+            board, "emulator", out=out, show=lambda live_image: self.show(live_image)
         )
 
     @property
@@ -116,7 +118,7 @@ class Watched:
 
     @property
     def newest(self) -> LiveImage:
-        return self.pictures[-1]
+        return self.images[-1]
 
 
 @pytest.fixture
@@ -157,7 +159,7 @@ def watched(watch: Callable[[Board], Watched], board: FoamBoard) -> Watched:
 def running(watched: Watched, wait_for: Callable[..., None]) -> Watched:
     """A session that shows images."""
     watched.session.start("noser")
-    wait_for(lambda: watched.pictures and watched.newest.image is not None)
+    wait_for(lambda: watched.images and watched.newest.image is not None)
     return watched
 
 
@@ -172,7 +174,6 @@ def served(board: FoamBoard, tmp_path: Path) -> Iterator[Callable[..., LiveView]
                     other or board,
                     "emulator",
                     "noser",
-                    emulated=True,
                     access=access or Access(),
                     port=0,
                     out=tmp_path,

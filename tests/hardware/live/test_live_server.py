@@ -14,7 +14,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
 from eitbench.hardware.live.access import Access, access_to
-from eitbench.hardware.live.commands import MAX_BYTES
+from eitbench.hardware.live.requests import MAX_BYTES
 from eitbench.hardware.live.server import MOST_VIEWERS, listen
 from eitbench.hardware.live.viewer import MOST_UNPAINTED
 from eitbench.scenarios.errors import EitbenchError, InputError
@@ -24,7 +24,7 @@ TOKEN = "correct-horse-battery"
 
 
 def decoded(message: bytes) -> dict[str, Any]:
-    """A picture, read as the page does."""
+    """A live_image, read as the page does."""
     (length,) = struct.unpack("<I", message[:4])
     header: dict[str, Any] = json.loads(message[4 : 4 + length])
     assert length % 4 == 0
@@ -66,30 +66,30 @@ class Page:
         self.socket.send(json.dumps(command))
 
     def message(self, kind: str) -> dict[str, Any]:
-        """The next message of a kind; pictures that come first are painted."""
+        """The next message of a kind; images that come first are painted."""
         while True:
             received = self.socket.recv(timeout=20)
             if isinstance(received, bytes):
-                self.ask(do="painted", picture=decoded(received)["picture"])
+                self.ask(do="painted", number=decoded(received)["number"])
                 continue
             message: dict[str, Any] = json.loads(received)
             if message["type"] == kind:
                 return message
 
-    def picture(self, *, paint: bool = True) -> dict[str, Any]:
-        """The next picture."""
+    def live_image(self, *, paint: bool = True) -> dict[str, Any]:
+        """The next live_image."""
         while isinstance(received := self.socket.recv(timeout=20), str):
             pass
-        picture = decoded(received)
+        live_image = decoded(received)
         if paint:
-            self.ask(do="painted", picture=picture["picture"])
-        return picture
+            self.ask(do="painted", number=live_image["number"])
+        return live_image
 
     def image(self) -> dict[str, Any]:
-        """The next picture with an image."""
-        while (picture := self.picture())["image"] is None:
+        """The next live_image with an image."""
+        while (live_image := self.live_image())["image"] is None:
             pass
-        return picture
+        return live_image
 
 
 def test_the_page_comes_with_all_it_needs_and_may_fetch_nothing(served: Any) -> None:
@@ -106,44 +106,46 @@ def test_the_page_comes_with_all_it_needs_and_may_fetch_nothing(served: Any) -> 
     assert response.headers["X-Content-Type-Options"] == "nosniff"
 
 
-def test_a_picture_holds_image_voltages_and_reference(served: Any, board: Any) -> None:
+def test_a_live_image_holds_image_voltages_and_reference(served: Any, board: Any) -> None:
     with page_of(served()) as page:
-        scene = page.message("scene")
-        assert scene["sensor"] == "foam16"
-        assert len(scene["electrodes_m"]) == 16
-        offered = {method["name"] for method in scene["methods"]}
+        setup = page.message("setup")
+        assert setup["sensor"] == "foam16"
+        assert len(setup["electrodes_m"]) == 16
+        offered = {method["name"] for method in setup["methods"]}
         assert {"noser", "tv", "dnn"} <= offered
         assert not {"linear-learned", "linear-touch"} & offered
-        assert scene["scale"] == [0.05, 1.0]
-        picture = page.image()
-        sent = board.sent[picture["frame"]].values
-        np.testing.assert_allclose(picture["voltages"], sent, rtol=1e-6)
+        assert setup["scale"] == [0.05, 1.0]
+        live_image = page.image()
+        sent = board.sent[live_image["frame"]].values
+        np.testing.assert_allclose(live_image["voltages"], sent, rtol=1e-6)
         reference = np.mean([frame.values for frame in board.sent[:10]], axis=0)
-        np.testing.assert_allclose(picture["untouched"], reference, rtol=1e-5, atol=1e-7)
-        assert picture["image"].shape == (80, 80)
+        np.testing.assert_allclose(live_image["untouched"], reference, rtol=1e-5, atol=1e-7)
+        assert live_image["image"].shape == (80, 80)
         page.ask(do="touch", x_m=0.03, y_m=0.06, radius_m=0.008, pressure_pa=2e4)
-        while not (picture := page.picture())["contacts"]:
+        while not (live_image := page.live_image())["contacts"]:
             pass
         assert (
-            np.hypot(picture["contacts"][0]["x_m"] - 0.03, picture["contacts"][0]["y_m"] - 0.06)
+            np.hypot(
+                live_image["contacts"][0]["x_m"] - 0.03, live_image["contacts"][0]["y_m"] - 0.06
+            )
             < 0.005
         )
-        row, column = np.unravel_index(picture["image"].argmin(), (80, 80))
+        row, column = np.unravel_index(live_image["image"].argmin(), (80, 80))
         assert abs(row / 80 - 0.6) < 0.1  # the row grows with y
         assert abs(column / 80 - 0.3) < 0.1
         page.ask(do="release")
-        while page.picture()["contacts"]:
+        while page.live_image()["contacts"]:
             pass
         assert page.message("state")["latency_ms"] > 0
 
 
-def test_a_page_is_told_how_old_its_picture_is(served: Any) -> None:
+def test_a_page_is_told_how_old_its_image_is(served: Any) -> None:
     with page_of(served()) as page:
         assert page.message("state")["age_s"] is None
         while (age_s := page.message("state")["age_s"]) is None:
             pass
         assert 0 <= age_s < 20
-        while not page.picture(paint=False):
+        while not page.live_image(paint=False):
             pass
         for _ in range(6):  # it paints no more, and what it shows grows old
             while isinstance(received := page.socket.recv(timeout=20), bytes):
@@ -158,23 +160,23 @@ def test_a_page_that_goes_away_lets_go(served: Any, board: Any, wait_for: Any) -
         page.ask(do="touch", x_m=0.03, y_m=0.06, radius_m=0.008, pressure_pa=2e4)
         wait_for(lambda: board._clean is not untouched)
     wait_for(lambda: board._clean is untouched)
-    wait_for(lambda: not one.gallery.viewers)
+    wait_for(lambda: not one.broadcast.viewers)
 
 
-def test_a_page_that_paints_nothing_gets_no_more_pictures(
+def test_a_page_that_paints_nothing_gets_no_more_images(
     served: Any, board: Any, wait_for: Any
 ) -> None:
     one = served()
     with page_of(one) as slow, page_of(one) as quick:
         quick.image()
-        pictures = [slow.picture(paint=False) for _ in range(MOST_UNPAINTED)]
+        images = [slow.live_image(paint=False) for _ in range(MOST_UNPAINTED)]
         first = len(board.sent)
         while len(board.sent) < first + 20:
-            quick.picture()
+            quick.live_image()
         for _ in range(3):  # what it still gets is how things stand
             assert isinstance(slow.socket.recv(timeout=20), str)
-        slow.ask(do="painted", picture=pictures[-1]["picture"])
-        assert slow.picture()["frame"] >= first + 18
+        slow.ask(do="painted", number=images[-1]["number"])
+        assert slow.live_image()["frame"] >= first + 18
 
 
 def test_commands_do_what_they_say(served: Any) -> None:
@@ -187,7 +189,7 @@ def test_commands_do_what_they_say(served: Any) -> None:
         while (state := page.message("state"))["recording"] is None or not state["recording"][
             "frames"
         ]:
-            page.picture()
+            page.live_image()
         assert state["recording"]["running"]
         page.ask(do="record", on=False)
         while (state := page.message("state"))["recording"]["running"]:
@@ -234,15 +236,15 @@ def test_a_message_that_is_too_long_ends_the_visit(served: Any) -> None:
         assert closed.value.rcvd.code == 1009
 
 
-def test_only_so_many_pages_look_on(served: Any, wait_for: Any) -> None:
+def test_only_so_many_pages_are_open(served: Any, wait_for: Any) -> None:
     one = served()
     with ExitStack() as pages:
         for _ in range(MOST_VIEWERS):
             pages.enter_context(page_of(one))
-        wait_for(lambda: len(one.gallery.viewers) == MOST_VIEWERS)
-        with page_of(one) as late, pytest.raises(ConnectionClosed, match="pages look on already"):
-            late.message("scene")
-    wait_for(lambda: not one.gallery.viewers)
+        wait_for(lambda: len(one.broadcast.viewers) == MOST_VIEWERS)
+        with page_of(one) as late, pytest.raises(ConnectionClosed, match="pages are open already"):
+            late.message("setup")
+    wait_for(lambda: not one.broadcast.viewers)
 
 
 def test_pages_from_elsewhere_are_refused(served: Any) -> None:
@@ -283,7 +285,7 @@ def test_with_a_token_nobody_else_gets_in(served: Any) -> None:
             pass
     for query, headers in ((f"?token={TOKEN}", {}), ("", {"Cookie": given})):
         with page_of(one, query, additional_headers=headers) as page:
-            assert page.message("scene")["sensor"] == "foam16"
+            assert page.message("setup")["sensor"] == "foam16"
 
 
 def test_with_a_token_addresses_are_ours_and_foreign_names_are_not() -> None:

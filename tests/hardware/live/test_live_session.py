@@ -9,8 +9,7 @@ import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from eitbench.hardware.board import BoardError, BoardLostError
-from eitbench.hardware.live.imaging import LEARN_FIRST
-from eitbench.hardware.live.newest import Newest
+from eitbench.hardware.live.imaging import NEED_TRAINING_DATA, LatestValue
 from eitbench.hardware.live.reference import NO_DATA, no_data
 from eitbench.hardware.live.session import RETRY_S
 from eitbench.hardware.registry import make_board, make_emulator
@@ -59,7 +58,7 @@ class Curious(Method):
 
 
 def test_a_slot_holds_the_newest_value_once() -> None:
-    slot: Newest[int] = Newest()
+    slot: LatestValue[int] = LatestValue()
     assert slot.take(0.0) is None
     slot.put(1)
     slot.put(2)
@@ -69,7 +68,7 @@ def test_a_slot_holds_the_newest_value_once() -> None:
 
 def test_a_touch_appears_where_it_is_made(running: Any, board: Any, wait_for: Any) -> None:
     assert list(running.newest.contacts) == []  # noise alone is no touch
-    board.touch(*PLACE, 0.008, 20e3)
+    board.press(*PLACE, 0.008, 20e3)
     wait_for(lambda: running.newest.contacts)
     contact = running.newest.contacts[0]
     assert np.hypot(contact.x_m - PLACE[0], contact.y_m - PLACE[1]) < 0.005
@@ -83,8 +82,8 @@ def test_images_do_not_depend_on_the_units_of_the_board(
 ) -> None:
     board.gain = gain
     watched.session.start("noser")
-    wait_for(lambda: watched.pictures and watched.newest.image is not None)
-    board.touch(*PLACE, 0.008, 20e3)
+    wait_for(lambda: watched.images and watched.newest.image is not None)
+    board.press(*PLACE, 0.008, 20e3)
     wait_for(lambda: watched.newest.contacts)
     assert 0.4 < watched.newest.image.min() < 0.8
 
@@ -92,7 +91,7 @@ def test_images_do_not_depend_on_the_units_of_the_board(
 def test_a_new_reference_hides_what_lies_on_the_sensor(
     running: Any, board: Any, wait_for: Any
 ) -> None:
-    board.touch(*PLACE, 0.008, 20e3)
+    board.press(*PLACE, 0.008, 20e3)
     wait_for(lambda: running.newest.contacts)
     running.session.take_reference()
     wait_for(lambda: not running.newest.contacts)
@@ -120,15 +119,15 @@ def test_the_old_method_shows_until_the_new_one_is_ready(
 
     monkeypatch.setattr(Moody, "fit", fit_later)
     running.session.imaging.choose("test-moody")
-    count = len(running.pictures)
-    wait_for(lambda: len(running.pictures) > count + 5)
+    count = len(running.images)
+    wait_for(lambda: len(running.images) > count + 5)
     assert running.newest.method == "noser"
     assert running.session.state()["fitting"] == "test-moody"
     go.set()
     wait_for(lambda: running.newest.method == "test-moody")
     assert running.session.state()["fitting"] == ""
-    # One that raises costs that picture's image, and the voltages go on.
-    board.touch(*PLACE, 0.008, 20e3)
+    # One that raises costs the image of that frame, and the voltages go on.
+    board.press(*PLACE, 0.008, 20e3)
     wait_for(lambda: running.newest.failed)
     assert running.newest.failed == "test-moody failed on this frame: ValueError: too much for it."
     assert running.newest.image is None
@@ -145,18 +144,18 @@ def test_a_method_that_cannot_be_fitted_leaves_the_old_one(
     assert running.session.state()["method_failed"] == (
         "test-moody cannot be used: RuntimeError: it is Monday."
     )
-    count = len(running.pictures)
-    wait_for(lambda: len(running.pictures) > count + 3)
+    count = len(running.images)
+    wait_for(lambda: len(running.images) > count + 3)
     assert running.newest.method == "noser"
     assert running.newest.image is not None
     with pytest.raises(InputError, match="did you mean 'noser'"):
         running.session.imaging.choose("nose")
-    for name in LEARN_FIRST:
+    for name in NEED_TRAINING_DATA:
         with pytest.raises(InputError, match=f"^{name} cannot be used live: it learns from sim"):
             running.session.imaging.choose(name)
 
 
-@pytest.mark.parametrize("name", sorted(LEARN_FIRST))
+@pytest.mark.parametrize("name", sorted(NEED_TRAINING_DATA))
 def test_methods_that_are_said_to_learn_first_do(name: str) -> None:
     model = forward_model(foam16())
     problem = Problem(foam16(), model.voltages(model.background), no_data)
@@ -167,7 +166,7 @@ def test_methods_that_are_said_to_learn_first_do(name: str) -> None:
 def test_methods_compute_without_helper_threads(watched: Any, wait_for: Any) -> None:
     with threadpool_limits(2):
         watched.session.start("test-curious")
-        wait_for(lambda: watched.pictures and watched.newest.image is not None)
+        wait_for(lambda: watched.images and watched.newest.image is not None)
         watched.session.stop()
         assert set(Curious.seen) == {1}
         assert len(Curious.seen) > 1
@@ -183,8 +182,8 @@ def test_a_board_that_is_lost_is_opened_again(running: Any, board: Any, wait_for
     assert running.session.state()["rate_hz"] == 0
     time.sleep(RETRY_S)
     board.plug()
-    count = len(running.pictures)
-    wait_for(lambda: len(running.pictures) > count + 3)
+    count = len(running.images)
+    wait_for(lambda: len(running.images) > count + 3)
     assert running.session.state()["board"] == "running"
     assert running.newest.image is not None
     assert board.opened == 2
@@ -203,7 +202,7 @@ def test_a_serial_port_that_is_gone_is_an_unplugged_board(watch: Any, wait_for: 
     watched = watch(make_board("teensy", port=port))
     try:
         watched.session.start("noser")
-        wait_for(lambda: watched.pictures)
+        wait_for(lambda: watched.images)
         emulator.switch_off()
         wait_for(lambda: "plug it in. (" in str(watched.session.state()["sentence"]))
         sentence = str(watched.session.state()["sentence"])
@@ -219,8 +218,8 @@ def test_no_error_of_a_board_stops_the_view(
     board.faulty = error
     wait_for(lambda: str(error) in str(running.session.state()["sentence"]))
     wait_for(lambda: running.session.state()["board"] == "running")
-    count = len(running.pictures)
-    wait_for(lambda: len(running.pictures) > count + 3)
+    count = len(running.images)
+    wait_for(lambda: len(running.images) > count + 3)
 
 
 def test_what_cannot_start_is_said_at_once(watched: Any, board: Any) -> None:
@@ -233,7 +232,7 @@ def test_what_cannot_start_is_said_at_once(watched: Any, board: Any) -> None:
 
 
 def test_rate_and_noise_are_measured(running: Any, wait_for: Any) -> None:
-    wait_for(lambda: len(running.pictures) > 60)
+    wait_for(lambda: len(running.images) > 60)
     state: Any = running.session.state()
     assert state["snr_db"] == pytest.approx(60, abs=1)
     assert 10 < state["rate_hz"] < 55

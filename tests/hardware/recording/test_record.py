@@ -13,8 +13,14 @@ from eitbench.hardware.board import BoardError, Frame
 from eitbench.hardware.emulation.emulator import Emulator
 from eitbench.hardware.emulation.replay import Replay
 from eitbench.hardware.recording import record as loop
-from eitbench.hardware.recording.guided import CLASSICAL, Guide, Timing, suite_path, write_suite
-from eitbench.hardware.recording.record import is_emulated, record
+from eitbench.hardware.recording.guided import (
+    SUITE_METHODS,
+    GuidedSession,
+    StepDurations,
+    suite_path,
+    write_suite,
+)
+from eitbench.hardware.recording.record import record
 from eitbench.hardware.recording.recorder import Recorder, RecorderError
 from eitbench.hardware.recording.status import Monitor, Status
 from eitbench.methods.registry import methods
@@ -96,7 +102,7 @@ def test_everything_a_board_sends_is_recorded(
 def test_a_board_that_goes_away_is_waited_for(
     tmp_path: Path, skin: Sensor, frames: Frames, board: Make, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(loop, "AGAIN_S", 0.01)
+    monkeypatch.setattr(loop, "RETRY_S", 0.01)
     before = frames(4)
     # It counts from zero again, seven seconds later.
     after = [Frame(k, k / 10, 12.5 + k / 10, f.values) for k, f in enumerate(frames(3))]
@@ -148,7 +154,7 @@ def test_an_emulated_board_is_unplugged_and_plugged_in_again(tmp_path: Path) -> 
 def test_a_board_that_stays_away_does_not_outlast_the_time(
     tmp_path: Path, skin: Sensor, board: Make, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(loop, "AGAIN_S", 0.01)
+    monkeypatch.setattr(loop, "RETRY_S", 0.01)
     made = board([])
     made.lost_after, made.refusals = 0, 10**6
     with (
@@ -197,9 +203,9 @@ def guided(
         asked.append(question)
         return left.pop(0)
 
-    timing = Timing(reference_s=0.1, settle_s=0.03, hold_s=0.06)
+    timing = StepDurations(reference_s=0.1, settle_s=0.03, hold_s=0.06)
     with Recorder(path, made.sensor, "fake") as recorder:
-        guide = Guide(made, recorder, ask, said.append, timing)
+        guide = GuidedSession(made, recorder, ask, said.append, timing)
         guide.run()
     assert not left
     return guide.touches, asked, [sentence for sentence in said if "SNR" not in sentence]
@@ -233,7 +239,7 @@ def test_a_guided_session_ends_in_a_set(tmp_path: Path, board: Make) -> None:
     assert isinstance(own, RecordedScenario)
     assert (own.name, own.recording, public.name) == ("touch", str(path.resolve()), "ohmc16")
     assert own.recorded_set.truth == "position"
-    assert set(CLASSICAL) <= set(methods())
+    assert set(SUITE_METHODS) <= set(methods())
     with pytest.raises(InputError, match="exists already"):
         suite_path(path)
 
@@ -241,9 +247,9 @@ def test_a_guided_session_ends_in_a_set(tmp_path: Path, board: Make) -> None:
 def test_an_emulated_board_is_pressed_by_the_session(tmp_path: Path) -> None:
     emulator = Emulator(sensor("foam16"), rate_hz=50.0)
     left = ["", "", "", "30 30", "70 60", ""]
-    timing = Timing(reference_s=0.4, settle_s=0.3, hold_s=0.3)
+    timing = StepDurations(reference_s=0.4, settle_s=0.3, hold_s=0.3)
     with emulator, Recorder(tmp_path / "a.h5", emulator.sensor, "emulator") as recorder:
-        guide = Guide(emulator, recorder, lambda _: left.pop(0), lambda _: None, timing)
+        guide = GuidedSession(emulator, recorder, lambda _: left.pop(0), lambda _: None, timing)
         guide.run()
         assert guide.touches == 2
     content, _ = read_file(tmp_path / "a.h5")
@@ -268,15 +274,15 @@ def test_typing_errors_are_asked_again(tmp_path: Path, board: Make) -> None:
         "(500, 20) mm is outside the sensor, which reaches from (0, 0) to (100, 100) mm.",
     ]
     assert said[-2] == "1 touch so far."
-    assert said[-1].startswith("Too few touches to be judged (1)")
+    assert said[-1].startswith("Too few touches to be scored (1)")
 
 
 def test_a_session_says_how_it_goes(tmp_path: Path, board: Make) -> None:
     made, left, said = board(of_foam(400, 60)), ["", "", "", "30 20", "", "", ""], list[str]()
     made.sensor, made.wait_s = sensor("foam16"), 0.01
-    timing = Timing(reference_s=0.8, settle_s=0.0, hold_s=0.1)
+    timing = StepDurations(reference_s=0.8, settle_s=0.0, hold_s=0.1)
     with Recorder(tmp_path / "a.h5", made.sensor, "fake") as recorder:
-        Guide(made, recorder, lambda _: left.pop(0), said.append, timing).run()
+        GuidedSession(made, recorder, lambda _: left.pop(0), said.append, timing).run()
     assert "SNR 60 dB" in said[0]
     assert said[1].startswith("Reference: ")
     assert "SNR 60 dB" in said[2]
@@ -295,12 +301,12 @@ def test_a_board_that_fails_ends_the_session(tmp_path: Path, board: Make) -> Non
         pytest.raises(BoardError, match="another protocol"),
         Recorder(tmp_path / "a.h5", made.sensor, "fake") as recorder,
     ):
-        Guide(made, recorder, lambda question: "", lambda sentence: None).run()
+        GuidedSession(made, recorder, lambda question: "", lambda sentence: None).run()
     assert not any(thread.name == "guided recording" for thread in threading.enumerate())
 
 
 def test_an_emulated_recording_never_counts_as_real(tmp_path: Path, frames: Frames) -> None:
-    assert is_emulated(Emulator(sensor("foam16")))
+    assert Emulator(sensor("foam16")).emulated
     path = tmp_path / "touch.h5"
     with Recorder(path, sensor("foam16"), "emulator", emulated=True) as recorder:
         for frame in of_foam(6, 60):
@@ -308,7 +314,7 @@ def test_an_emulated_recording_never_counts_as_real(tmp_path: Path, frames: Fram
         recorder.mark_reference(0, 2)
         recorder.label(3, 5, x_m=0.05, y_m=0.05)
     replay = Replay(path)
-    assert is_emulated(replay)
+    assert replay.emulated
     assert recorded_set(str(path)).title == "own recording with an emulated board, touches: 1"
     write_suite(suite_path(path), path, sensor("foam16"), "emulator", emulated=True)
     suite = load_suite(tmp_path / "touch.toml")
@@ -330,4 +336,4 @@ def test_a_recording_is_played_and_recorded_again(tmp_path: Path) -> None:
         record(replay, recorder)
     content, _ = read_file(tmp_path / "b.h5")
     assert np.array_equal(content.values, [frame.values for frame in made])
-    assert not is_emulated(replay)
+    assert not replay.emulated

@@ -20,7 +20,7 @@ from eitbench.commands import hardware as hardware_commands
 from eitbench.hardware import registry
 from eitbench.hardware.board import Board, BoardError, Frame
 from eitbench.hardware.recording import guided
-from eitbench.hardware.recording.guided import Timing
+from eitbench.hardware.recording.guided import StepDurations
 from eitbench.hardware.recording.recorder import Recorder
 from eitbench.scenarios import load_suite
 from eitbench.scenarios.errors import DataCorruptError, UnreadableError
@@ -66,7 +66,7 @@ def endless(monkeypatch: pytest.MonkeyPatch, board: Callable[..., Any], frames: 
         return made  # type: ignore[no-any-return]
 
     monkeypatch.setattr(registry, "make_board", make)
-    monkeypatch.setattr(guided, "Timing", lambda: Timing(0.1, 0.02, 0.05))
+    monkeypatch.setattr(guided, "StepDurations", lambda: StepDurations(0.1, 0.02, 0.05))
 
 
 @pytest.mark.usefixtures("fake")
@@ -214,7 +214,7 @@ def test_a_guided_session_that_is_interrupted_keeps_its_touches(
         assert (found, err) == (code, f"eitbench: {sentence}\n")
         assert said.splitlines()[-2:] == [
             f"{len(content)} frames are in {out}: eitbench recordings check {out}",
-            f"Judge methods on them: eitbench run {out.with_suffix('.toml')}",
+            f"Score methods on them: eitbench run {out.with_suffix('.toml')}",
         ]
         assert condition.sealed
         assert len(content.labels) == 1
@@ -242,7 +242,7 @@ def test_a_guided_session_with_an_emulated_board_is_ready_for_a_suite(tmp_path: 
     )
     assert done.returncode == 0, done.stderr
     suite_file = out.with_suffix(".toml")
-    assert done.stdout.splitlines()[-1] == f"Judge methods on them: eitbench run {suite_file}"
+    assert done.stdout.splitlines()[-1] == f"Score methods on them: eitbench run {suite_file}"
     content, _ = read_file(out)
     reference = content.values[content.reference].mean(axis=0)
     for first, last in zip(content.labels["first"], content.labels["last"], strict=True):

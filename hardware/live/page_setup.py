@@ -1,4 +1,4 @@
-"""What a page has to know once: the sensor's shape, the scale of its colours, what it may ask."""
+"""The first message to a page: shape of the sensor, colour scale, methods, ways to touch it."""
 
 import numpy as np
 
@@ -13,8 +13,8 @@ _ELECTRODE_POINTS = 5
 PRESSURES_PA = {"light": 5e3, "medium": 20e3, "hard": 60e3}
 
 
-def scene(session: Session) -> dict[str, object]:
-    """The message that a page gets first, as plain values."""
+def page_setup(session: Session) -> dict[str, object]:
+    """Return the first message to a page, as plain values."""
     sensor = session.board.sensor
     return {
         "board": session.name,
@@ -27,8 +27,8 @@ def scene(session: Session) -> dict[str, object]:
         "methods": [
             {"name": name, "about": about} for name, about in usable_methods(sensor).items()
         ],
-        "emulated": session.emulated,
-        "touch": _touch(sensor, PRESSURES_PA if session.can_be_pressed else {}),
+        "emulated": session.board.emulated,
+        "touch": _touch(sensor, PRESSURES_PA if session.board.can_be_pressed else {}),
     }
 
 
@@ -59,9 +59,9 @@ def _electrodes(sensor: Sensor) -> list[list[list[float]]]:
 
 
 def _touch(sensor: Sensor, pressures_pa: dict[str, float]) -> dict[str, object]:
-    """How a sensor is touched on the page: with a fingertip, if it is 10 cm wide.
+    """Size and pressures of a touch on the page: a fingertip, if the sensor is 10 cm wide.
 
-    A real one, without `pressures_pa`, is not pressed by it: the place goes into the recording.
+    Without `pressures_pa` the sensor is real: the place of a touch goes into the recording only.
     """
     x0, y0, x1, y1 = sensor.outline.bounds
     return {"radius_m": 0.08 * min(x1 - x0, y1 - y0), "pressures_pa": pressures_pa}

@@ -1,4 +1,4 @@
-"""What a page may ask for: small JSON messages; everything else is refused."""
+"""Requests of a page: small JSON messages; everything else is refused."""
 
 from typing import Annotated, Literal
 
@@ -9,38 +9,38 @@ from eitbench.scenarios.errors import InputError
 MAX_BYTES = 4096
 
 
-class _Command(BaseModel):
+class _PageRequest(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
 
 
-class Painted(_Command):
-    """A picture is on the canvas."""
+class Painted(_PageRequest):
+    """A live image is on the canvas."""
 
     do: Literal["painted"]
-    picture: int
+    number: int
 
 
-class ChooseMethod(_Command):
+class ChooseMethod(_PageRequest):
     """Use another method."""
 
     do: Literal["method"]
     name: Annotated[str, Field(max_length=80)]
 
 
-class TakeReference(_Command):
-    """Take the next frames as the untouched sensor."""
+class TakeReference(_PageRequest):
+    """Take the next frames as reference frames."""
 
     do: Literal["reference"]
 
 
-class Record(_Command):
+class Record(_PageRequest):
     """Begin or end a recording."""
 
     do: Literal["record"]
     on: bool
 
 
-class Press(_Command):
+class Press(_PageRequest):
     """Press an emulated sensor at a place [m]; say where a real one is touched."""
 
     do: Literal["touch"]
@@ -50,24 +50,24 @@ class Press(_Command):
     pressure_pa: Annotated[float, Field(gt=0, le=1e6)] | None = None
 
 
-class Release(_Command):
-    """Let go of it; the touch is over."""
+class Release(_PageRequest):
+    """End the touch."""
 
     do: Literal["release"]
 
 
-Command = Painted | ChooseMethod | TakeReference | Record | Press | Release
-_ANY: TypeAdapter[Command] = TypeAdapter(Annotated[Command, Field(discriminator="do")])
+PageRequest = Painted | ChooseMethod | TakeReference | Record | Press | Release
+_ANY: TypeAdapter[PageRequest] = TypeAdapter(Annotated[PageRequest, Field(discriminator="do")])
 
 
-def read_command(text: str) -> Command:
-    """The command in a message.
+def read_request(text: str) -> PageRequest:
+    """Return the request in a message.
 
     Raises:
-        InputError: it is none.
+        InputError: it holds no request.
     """
     try:
         return _ANY.validate_json(text)
     except ValidationError as error:
         first = error.errors(include_url=False, include_input=False, include_context=False)[0]
-        raise InputError(f"This is no command of the live view: {first['msg']}.") from error
+        raise InputError(f"This is no request of the live view: {first['msg']}.") from error

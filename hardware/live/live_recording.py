@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from eitbench.hardware.board import Frame
-from eitbench.hardware.recording.guided import Timing
+from eitbench.hardware.recording.guided import StepDurations
 from eitbench.hardware.recording.recorder import Recorder
 from eitbench.scenarios.errors import EitbenchError
 
@@ -17,7 +17,7 @@ SAME_PLACE_M = 1e-3
 
 @dataclass
 class _Touch:
-    """A touch that goes on: its place [m], since when [s], and the rows that show it."""
+    """A touch under way: its place [m], its begin [s], and the rows that show it."""
 
     x_m: float
     y_m: float
@@ -33,8 +33,8 @@ class LiveRecording:
         path: the file.
         frames: frames that were handed to it.
         touches: touches that were labelled.
-        has_reference: frames of the untouched sensor were marked.
-        failed: why it ended before it was told to; "" if it did not.
+        has_reference: reference frames were marked.
+        failed: reason why it ended early; "" if it did not.
     """
 
     def __init__(self, recorder: Recorder) -> None:
@@ -49,36 +49,36 @@ class LiveRecording:
 
     @property
     def running(self) -> bool:
-        """Whether frames are still written."""
+        """True while frames are written."""
         return self._recorder is not None and not self.failed
 
     def append(self, frame: Frame) -> None:
-        """Have `frame` written, if the recording runs."""
+        """Write `frame`, if the recording runs."""
 
         def append(recorder: Recorder) -> None:
             recorder.append(frame)
             touch = self._touch
-            if touch is not None and frame.received_s >= touch.since_s + Timing.settle_s:
+            if touch is not None and frame.received_s >= touch.since_s + StepDurations.settle_s:
                 touch.first = self.frames if touch.first is None else touch.first
                 touch.last = self.frames
             self.frames += 1
 
-        self._tell(append)
+        self._write(append)
 
     def event(self, text: str, time_s: float) -> None:
-        """Have an event written, if the recording runs."""
-        self._tell(lambda recorder: recorder.event(text, time_s))
+        """Write an event, if the recording runs."""
+        self._write(lambda recorder: recorder.event(text, time_s))
 
     def mark_reference(self, count: int) -> None:
-        """Have it written that the last `count` frames show the untouched sensor."""
+        """Mark the last `count` frames as reference frames."""
         if self.frames >= count:
-            self._tell(
+            self._write(
                 lambda recorder: recorder.mark_reference(self.frames - count, self.frames - 1)
             )
             self.has_reference = True
 
     def touched(self, x_m: float, y_m: float) -> None:
-        """The sensor is touched at (x, y) [m], until `released` or touched elsewhere."""
+        """Begin a touch at (x, y) [m]; it lasts until `released` or a touch elsewhere."""
 
         def touch(recorder: Recorder) -> None:
             of = self._touch
@@ -86,11 +86,11 @@ class LiveRecording:
                 self._label(recorder)
                 self._touch = _Touch(x_m, y_m, time.monotonic())
 
-        self._tell(touch)
+        self._write(touch)
 
     def released(self) -> None:
-        """It is touched no more: what was held long enough to settle is labelled."""
-        self._tell(self._label)
+        """End the touch; it is labelled if it lasted long enough to settle."""
+        self._write(self._label)
 
     def _label(self, recorder: Recorder) -> None:
         touch, self._touch = self._touch, None
@@ -100,14 +100,14 @@ class LiveRecording:
             self.touches += 1
 
     def close(self) -> None:
-        """Have the rest written; no error if it is closed."""
+        """Write the rest and close the file; no error if it is closed."""
         self.released()
         with self._lock:
             recorder, self._recorder = self._recorder, None
         if recorder is not None:
             self._guard(recorder.close)
 
-    def _tell(self, what: Callable[[Recorder], None]) -> None:
+    def _write(self, what: Callable[[Recorder], None]) -> None:
         # The file must not be closed in between; that a frame waits for this takes no time.
         with self._lock:
             recorder = self._recorder
