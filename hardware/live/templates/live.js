@@ -61,7 +61,7 @@ function paint(now) {
   if (!setup) return;
   drawImage();
   if (!isNew) return;
-  ask({ do: "painted", liveImage: liveImage.number });
+  ask({ do: "painted", number: liveImage.number });
   image.dataset.number = liveImage.number;
   paints.push(now);
   while (paints[0] < now - 2000) paints.shift();
