@@ -13,7 +13,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from eitbench.hardware.emulation.uart import misread
+from eitbench.hardware.emulation.uart import received_bytes
 from eitbench.hardware.protocols import Protocol
 from eitbench.scenarios.sensors.sensor import Sensor
 
@@ -101,7 +101,7 @@ class BoardServer:
             os.close(self._master)
 
     def _listened(self) -> bool:
-        """Whether a program has the port open."""
+        """True while a program has the port open."""
         return not self._poll(0) & select.POLLHUP
 
     def _poll(self, wait_s: float) -> int:
@@ -120,7 +120,7 @@ class BoardServer:
             return
         if events & select.POLLIN:
             with contextlib.suppress(OSError):
-                heard = misread(os.read(self._master, 4096), self._host_baud(), self._baud)
+                heard = received_bytes(os.read(self._master, 4096), self._host_baud(), self._baud)
                 answer = self._device.obey(heard)
                 if len(self._unsent) < _ANSWERS:
                     self._write(answer)
@@ -137,7 +137,7 @@ class BoardServer:
 
     def _write(self, data: bytes) -> None:
         """Send what is left of the last frame, and then `data`, as far as there is room."""
-        self._unsent += misread(data, self._baud, self._host_baud())
+        self._unsent += received_bytes(data, self._baud, self._host_baud())
         with contextlib.suppress(OSError):
             self._unsent = self._unsent[os.write(self._master, self._unsent) :]
 

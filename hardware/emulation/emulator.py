@@ -42,7 +42,6 @@ class Emulator(Board):
         self._board.protocol.check(sensor)
         self._script = None if script is None else read_script(script)
         self._rate_hz = rate_hz
-        self._plugged = True
         self._press: Touch | None = None
         self._emulated: EmulatedSensor | None = None
         self._server: BoardServer | None = None
@@ -66,13 +65,7 @@ class Emulator(Board):
         return self._server.port
 
     def switch_on(self) -> None:
-        """Put it on a port of its own, for this program or another to open.
-
-        Raises:
-            BoardError: it is unplugged.
-        """
-        if not self._plugged:
-            raise BoardError("The emulated board is unplugged: plug it in.")
+        """Put it on a port of its own, for this program or another to open."""
         self.switch_off()
         if self._emulated is None:
             self._emulated = EmulatedSensor(self.sensor)
@@ -149,14 +142,3 @@ class Emulator(Board):
     def release(self) -> None:
         """End the press; scripted touches go on."""
         self._press = None
-
-    def unplug(self) -> None:
-        """Pull its plug, in the middle of a frame."""
-        self._plugged = False
-        if self._server is not None:
-            self._server.cut()
-            self._server = None
-
-    def plug(self) -> None:
-        """Plug it in again; it can be opened, then."""
-        self._plugged = True

@@ -1,4 +1,4 @@
-"""What a serial line delivers when both ends are set to different rates."""
+"""Bytes that a serial line delivers when its ends are set to different rates."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -6,11 +6,12 @@ from numpy.typing import NDArray
 _BITS = 10  # a start bit (0), 8 data bits from the lowest on, a stop bit (1)
 
 
-def misread(data: bytes, sent_baud: int, read_baud: int) -> bytes:
-    """What a receiver set to `read_baud` makes of `data`, sent without a pause at `sent_baud`.
+def received_bytes(data: bytes, sent_baud: int, read_baud: int) -> bytes:
+    """Return the bytes that a receiver at `read_baud` reads of `data`, sent at `sent_baud`.
 
-    The receiver waits for the line to fall, samples it in the middle of each of its own bits, and
-    then waits for the next fall. A missing stop bit is not reported: the byte counts.
+    The bytes are sent without a pause. The receiver waits for the line to fall, samples it in the
+    middle of each of its own bits, and then waits for the next fall. A missing stop bit is not
+    reported: the byte counts.
     """
     if sent_baud == read_baud or not data:
         return data

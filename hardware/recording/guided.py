@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from threading import Event, Thread
 
-from eitbench.hardware.board import Board
+from eitbench.hardware.board import Board, BoardError
 from eitbench.hardware.recording.record import record
 from eitbench.hardware.recording.recorder import Recorder
 from eitbench.hardware.recording.status import Status
@@ -85,6 +85,8 @@ class GuidedSession:
     def _record(self) -> None:
         try:
             record(self._board, self._recorder, stop=self._stop, show=self._follow, say=self._say)
+            if not self._stop.is_set():
+                raise BoardError("The board has sent its last frame, and the session is not over.")
         except Exception as error:  # raised where frames are waited for
             self._failure = error
 

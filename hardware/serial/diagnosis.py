@@ -1,4 +1,4 @@
-"""What a stream of bytes looks like that holds none of the frames that are expected."""
+"""Diagnosis of a stream of bytes that holds none of the frames that are expected."""
 
 from collections.abc import Callable
 
@@ -14,13 +14,13 @@ _FOREIGN = 0.01  # share of characters that no text has; what is read at a wrong
 def diagnose(
     data: bytes, expected: type[Protocol], port: str, listen: Callable[[int], bytes]
 ) -> str | None:
-    """What is wrong with `data`, as one sentence; None if it may still become frames.
+    """Name the mistake that explains `data`, in one sentence; None if frames may still come.
 
     Args:
-        data: what came last from `port`, without a whole frame in it.
-        expected: what it should be.
-        port: where it came from.
-        listen: sets the port to a rate [bit/s] and returns what is heard at it for a while.
+        data: the latest bytes from `port`, without a whole frame in them.
+        expected: protocol that is expected.
+        port: name of the serial port.
+        listen: sets the port to a rate [bit/s] and returns the bytes that come at it for a while.
     """
     if len(data) < _LEAST or expected.recognises(data):
         return None
@@ -30,7 +30,7 @@ def diagnose(
             f"What {port} sends looks like board {name!r}, not {expected.name!r}: give "
             f"--board {name}."
         )
-    # What is read at a wrong rate may be printable, too, so that text is judged last.
+    # What is read at a wrong rate may be printable, too, so that text is considered last.
     for baud in BAUDS:
         name = recognised(listen(baud)) if baud != expected.baud else None
         if name == expected.name:
@@ -57,12 +57,12 @@ def diagnose(
 
 
 def recognised(data: bytes) -> str | None:
-    """The name of the board that sends `data`; None if it is unknown."""
+    """Name of the board that sends `data`; None if it is unknown."""
     return next((name for name, p in PROTOCOLS.items() if p.recognises(data)), None)
 
 
 def is_text(data: bytes) -> bool:
-    """Whether nearly all characters of `data` are printable."""
+    """True if nearly all characters of `data` are printable."""
     text = data.decode(errors="replace")
     foreign = sum(not (c.isprintable() or c in "\t\r\n") or c == "\ufffd" for c in text)
     return foreign <= _FOREIGN * len(text)

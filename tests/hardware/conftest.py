@@ -1,4 +1,4 @@
-"""What the tests of hardware share: a small sensor and its frames, and byte streams of boards."""
+"""Fixtures of all tests of hardware: a small sensor and its frames, and byte streams of boards."""
 
 import os
 import pty
@@ -41,7 +41,14 @@ def frames(skin: Sensor) -> Frames:
 
 
 class FakeBoard(Board):
-    """A board that sends frames of a list, some at a time, and may go away and come back."""
+    """A board that sends the frames of a list, some at a time, and may go away and come back.
+
+    Attributes:
+        lost_after: calls of `frames` until it is lost; None for never.
+        refusals: attempts to open it that fail.
+        wait_s: how long each call of `frames` takes [s].
+        endless: it does not end with its last frame.
+    """
 
     def __init__(self, sensor: Sensor, frames: Sequence[Frame]) -> None:
         super().__init__(sensor)
@@ -50,6 +57,11 @@ class FakeBoard(Board):
         self.lost_after: int | None = None
         self.refusals = 0
         self.wait_s = 0.0
+        self.endless = False
+
+    @property
+    def ended(self) -> bool:
+        return not (self.left or self.endless)
 
     def open(self) -> None:
         self.calls.append("open")
@@ -92,7 +104,7 @@ STEPS = {"openeit": 1e-7, "eit-kit": 1e-4}
 
 @dataclass
 class Stream:
-    """What a board sends: `messages[k]` holds the frame `values[k]` (M,) [V/A]."""
+    """Bytes of a board: `messages[k]` holds the frame `values[k]` (M,) [V/A]."""
 
     sensor: Sensor
     protocol: type[Protocol]
@@ -103,7 +115,7 @@ class Stream:
         return self.protocol(self.sensor)
 
     def holds(self, k: int, received: NDArray[np.float64]) -> bool:
-        """Whether `received` is frame `k`, to what the protocol rounds to."""
+        """True if `received` is frame `k`, to what the protocol rounds to."""
         name = self.protocol.name
         error = np.abs(received * UNITS.get(name, 1.0) - self.values[k]).max()
         return bool(error <= STEPS.get(name, 1e-5))

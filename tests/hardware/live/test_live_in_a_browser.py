@@ -298,7 +298,7 @@ def test_a_board_that_is_unplugged_and_plugged_again(opened: Any, board: Any) ->
     assert page.page.inner_text("#note") == ""
 
 
-def test_an_emulated_board_is_pressed_and_unplugged(opened: Any) -> None:
+def test_an_emulated_board_is_pressed_and_switched_off(opened: Any) -> None:
     """The whole way: emulated sensor, protocol, serial device, server, page."""
     emulator = make_emulator(None, "teensy", None, 2.0)
     page = opened(emulator)
@@ -308,9 +308,8 @@ def test_an_emulated_board_is_pressed_and_unplugged(opened: Any) -> None:
     assert np.hypot(x - 0.07, y - 0.03) < 0.005
     page.page.mouse.up()
     page.page.wait_for_selector("#untouched", state="visible")
-    emulator.unplug()
+    emulator.switch_off()
     page.wait("document.querySelector('#status-text').textContent === 'Board lost: trying again'")
-    emulator.plug()
     page.wait("document.querySelector('#status-text').textContent === 'Running'")
     page.wait("Number(document.querySelector('#painted').textContent) > 1")
 

@@ -66,7 +66,7 @@ def endless(monkeypatch: pytest.MonkeyPatch, board: Callable[..., Any], frames: 
         return made  # type: ignore[no-any-return]
 
     monkeypatch.setattr(registry, "make_board", make)
-    monkeypatch.setattr(guided, "StepDurations", lambda: StepDurations(0.1, 0.02, 0.05))
+    monkeypatch.setattr(guided, "StepDurations", lambda: StepDurations(0.05, 0.01, 0.02))
 
 
 @pytest.mark.usefixtures("fake")
@@ -149,16 +149,18 @@ def test_recordings_are_checked_and_exchanged(
 
 
 def recorded(path: Path) -> int:
-    """How many frames are in the file that is being made at `path`."""
+    """Number of frames in the file that is being made at `path`."""
     try:
         return len(read_file(path)[0])
     except (UnreadableError, DataCorruptError):  # there is none yet, or only its beginning
         return 0
 
 
-@pytest.mark.parametrize("end", [signal.SIGINT, signal.SIGTERM])
-def test_an_emulated_board_is_recorded_until_ctrl_c(tmp_path: Path, end: signal.Signals) -> None:
-    """The whole way: a serial device file, the live status line of a terminal, Ctrl-C."""
+@pytest.mark.parametrize(
+    "end", [signal.SIGTERM, pytest.param(signal.SIGINT, marks=pytest.mark.slow)]
+)
+def test_an_emulated_board_is_recorded_until_a_signal(tmp_path: Path, end: signal.Signals) -> None:
+    """The whole way: a serial device file, the live status line of a terminal, the signal."""
     out = tmp_path / "a.h5"
     command = [sys.executable, "-m", "eitbench.cli", "record", "--board", "emulator"]
     master, slave = pty.openpty()
@@ -167,8 +169,8 @@ def test_an_emulated_board_is_recorded_until_ctrl_c(tmp_path: Path, end: signal.
     ) as process:
         os.close(slave)
         try:
-            while recorded(out) < 15:
-                time.sleep(0.2)
+            while recorded(out) < 6:
+                time.sleep(0.05)
             process.send_signal(end)
             said, _ = process.communicate(timeout=30)
         finally:

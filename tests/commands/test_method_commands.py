@@ -1,0 +1,53 @@
+"""Commands on methods: check and new-method."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from eitbench.benchmark.checks import targets
+from eitbench.benchmark.checks.checking import CheckReport, CheckResult
+
+Run = Callable[..., tuple[int, str, str]]
+
+
+def test_a_method_that_passes_all_checks(eitbench: Run) -> None:
+    code, out, _ = eitbench("check", "back-projection", "--json")
+    (report,) = json.loads(out)
+    assert code == 0
+    assert report["ran"] == report["passed"] == len(report["checks"]) > 20
+
+
+def test_a_check_that_fails_is_shown_and_exits_with_1(
+    eitbench: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    results = (
+        CheckResult("is fast", "passed"),
+        CheckResult("prints nothing", "xfail", "it is a talker."),
+        CheckResult("obeys the scaling law", "skipped", "Only exact operators do."),
+        CheckResult("returns images", "failed", "it returns none."),
+    )
+    reports = {
+        "sound": [CheckReport("operator", "sound", "foam16", results[:3])],
+        "broken": [CheckReport("operator", "broken", "foam16", results)],
+    }
+    monkeypatch.setattr(targets, "check_target", reports.get)
+    assert eitbench("check", "sound")[0] == 0
+    code, out, _ = eitbench("check", "broken")
+    assert code == 1
+    lines = out.splitlines()
+    assert [line.split()[0] for line in lines[:-1] if line[0] != " "] == [
+        "passed", "xfail", "skipped", "FAILED",
+    ]  # fmt: skip
+    for result in results:
+        assert any(result.name in line for line in lines)
+        assert any(result.message in line for line in lines)
+    assert lines[-1].startswith("broken on foam16: 3 checks ran, 1 passed, 1 failed")
+
+
+def test_new_method_says_what_is_next(tmp_path: Path, eitbench: Run) -> None:
+    code, out, _ = eitbench("new-method", "my-method", tmp_path / "package")
+    assert code == 0
+    assert "eitbench check my-method" in out
+    assert (tmp_path / "package" / "eitbench_my_method.py").is_file()

@@ -1,0 +1,225 @@
+"""Commands on runs: run and resume, leaderboard, compare, gate, rescore, reproduce."""
+
+import json
+import os
+import shutil
+import signal
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import pytest
+
+from eitbench.benchmark.run import runner
+from eitbench.benchmark.run.method_cell import MethodData
+from eitbench.benchmark.rundir.store import RunStore
+from eitbench.benchmark.studies import reproduce
+from eitbench.reports.tables import leaderboard
+from eitbench.scenarios.suites.suite import load_suite
+
+DATA = Path(__file__).parents[1] / "benchmark" / "data"
+TINY, TOYS = str(DATA / "tiny.toml"), str(DATA / "toy_methods.py")
+OPERATORS = str(DATA / "tiny-operators.toml")
+
+Run = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture(scope="module")
+def stored(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A finished run of `noser` on 12 samples; to be read only."""
+    folder = tmp_path_factory.mktemp("stored")
+    suite = folder / "twelve.toml"
+    suite.write_text(Path(TINY).read_text().replace("test = 5", "test = 12"))
+    return runner.start_run(runner.make_plan(load_suite(suite)), folder / "run").path
+
+
+def test_a_run_prints_its_leaderboard_and_where_everything_is(
+    tmp_path: Path, eitbench: Run
+) -> None:
+    folder = tmp_path / "first"
+    code, out, err = eitbench(
+        "run", TINY, "--plugin", TOYS, "--methods", "noser,toy-raises", "--out", folder
+    )
+    assert code == 0
+    for part in ("noser", "'toy-raises' on 'tiny': 5 samples failed", str(folder), ".png"):
+        assert part in out
+    assert "[2/2]" in err
+    for name in ("leaderboard.json", "leaderboard.csv", "leaderboard.md", "samples.parquet"):
+        assert (folder / name).is_file()
+    assert list((folder / "figures").glob("*.png"))
+    rows = json.loads((folder / "leaderboard.json").read_text())
+    assert {row["method"]: row["coverage"] for row in rows} == {"noser": 1.0, "toy-raises": 0.0}
+
+    code, out, _ = eitbench("leaderboard", folder, "--format", "json")
+    assert (code, json.loads(out)) == (0, rows)
+    assert "\\toprule" in eitbench("leaderboard", folder, "--format", "latex")[1]
+    assert "noser" in eitbench("leaderboard", folder)[1]
+
+    code, _, err = eitbench("run", TINY, "--out", folder)
+    assert code == 2
+    assert "--out" in err
+    code, _, err = eitbench("run", TINY, "--out", folder / "manifest.json" / "run")
+    assert code == 1
+    assert "manifest.json" in err
+
+
+def test_operators_are_run_and_printed_like_methods(tmp_path: Path, eitbench: Run) -> None:
+    folder = tmp_path / "operators"
+    choice = ("--scenarios", "tiny-finer", "--limit", "2")
+    code, out, err = eitbench("run", OPERATORS, *choice, "--out", folder)
+    assert code == 0
+    assert "(published)" not in out  # these are not the paper's phantoms
+    assert "[2/2]" in err
+    rows = json.loads((folder / "leaderboard.json").read_text())
+    assert [(row["operator"], row["n"], row["coverage"]) for row in rows] == [("jacobian", 2, 1.0)]
+    assert json.loads(eitbench("leaderboard", folder, "--format", "json")[1]) == rows
+    markdown = (folder / "leaderboard.md").read_text(encoding="utf-8")
+    assert eitbench("leaderboard", folder, "--format", "md")[1] == markdown
+
+
+def test_json_for_programs_and_a_limit_above_the_split(
+    stored: Path, eitbench: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    result = runner.RunResult(stored, ("Scenario 'a' is skipped.",), ())
+    monkeypatch.setattr(runner, "start_run", lambda *arguments, **options: result)
+    code, out, err = eitbench("run", TINY, "--limit", "99", "--json")
+    assert code == 0
+    answer = json.loads(out)
+    assert answer["run"] == str(stored)
+    assert [row["n"] for row in answer["leaderboard"]] == [12]
+    assert (answer["skipped"], answer["refused"]) == (["Scenario 'a' is skipped."], [])
+    assert "only 12 test samples: --limit 99" in err
+
+
+@pytest.mark.parametrize(("refused", "code"), [((), 0), (("Scenario 'b' is damaged.",), 1)])
+def test_skipped_and_refused_scenarios_are_repeated_below(
+    refused: tuple[str, ...],
+    code: int,
+    stored: Path,
+    eitbench: Run,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    result = runner.RunResult(stored, ("Scenario 'a' is skipped.",), refused)
+    monkeypatch.setattr(runner, "start_run", lambda *arguments, **options: result)
+    found, out, _ = eitbench("run", TINY)
+    assert found == code
+    table, _, below = out.partition("Scenario 'a' is skipped.\n")
+    assert "noser" in table
+    assert below.startswith("".join(f"{sentence}\n" for sentence in refused))
+
+
+def test_a_run_without_rows_is_told(
+    tmp_path: Path, eitbench: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(leaderboard, "leaderboard", lambda runs: [])
+    code, out, err = eitbench("leaderboard", tmp_path)
+    assert (code, out.strip()) == (0, "")
+    assert str(tmp_path) in err
+
+
+def test_ctrl_c_keeps_finished_rows_and_resume_continues(
+    tmp_path: Path, eitbench: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cut, whole = tmp_path / "cut", tmp_path / "whole"
+    choice = (TINY, "--plugin", TOYS, "--methods", "toy-random,noser")
+    save = RunStore.save_batch
+    saved: list[str] = []
+
+    def save_and_interrupt(store: RunStore, cell: Any, *arguments: Any) -> None:
+        save(store, cell, *arguments)
+        saved.append(cell.name)
+        if len(saved) == 7:
+            os.kill(os.getpid(), signal.SIGINT)
+            time.sleep(0.2)  # until the run has noticed
+
+    monkeypatch.setattr(MethodData, "batch", 1)
+    with monkeypatch.context() as patch:
+        patch.setattr(RunStore, "save_batch", save_and_interrupt)
+        code, _, err = eitbench("run", *choice, "--out", cut)
+    assert code == 130
+    assert f"eitbench run --resume {cut}" in err.splitlines()[-1]
+    kept = pd.read_parquet(cut / "samples.parquet")
+    assert set(kept["method"]) == {"toy-random", "noser"}
+    assert (kept["status"] == "ok").all()
+    assert 5 < len(kept) < 10
+
+    code, out, _ = eitbench("run", "--resume", cut)
+    assert code == 0
+    assert "toy-random" in out
+    assert not (cut / "parts").exists()
+    assert eitbench("run", *choice, "--out", whole)[0] == 0
+    resumed, uninterrupted = (
+        pd.read_parquet(run / "samples.parquet").sort_values(["method", "sample"])
+        for run in (cut, whole)
+    )
+    exact = uninterrupted.columns.drop("frame_ms")
+    pd.testing.assert_frame_equal(
+        resumed[exact].reset_index(drop=True),
+        uninterrupted[exact].reset_index(drop=True),
+        check_exact=True,
+    )
+    assert resumed["frame_ms"].notna().all()
+
+
+def test_runs_are_compared_gated_and_scored_again(
+    stored: Path, tmp_path: Path, eitbench: Run
+) -> None:
+    one, other = tmp_path / "one", tmp_path / "other"
+    for folder in (one, other):
+        shutil.copytree(stored, folder)
+    code, out, err = eitbench("compare", one, other)
+    assert (code, err) == (0, "")
+    assert " equal" in out
+    baseline = other / "samples.parquet"
+    code, out, _ = eitbench("gate", one, "--baseline", baseline)
+    assert (code, out.splitlines()[-1].split(":")[0]) == (0, "Gate passed")
+
+    table = pd.read_parquet(baseline)
+    table.assign(score=table["score"] + 1).to_parquet(baseline)
+    code, out, _ = eitbench("gate", one, "--baseline", baseline, "--margin", "score=0.5")
+    assert (code, out.splitlines()[-1].split(" of ")[0]) == (1, "Gate failed: 1")
+    assert eitbench("gate", one, "--baseline", baseline, "--margin", "score=2")[0] == 0
+    code, out, _ = eitbench("compare", one, other, "--json", "--figures", "score,rie")
+    verdicts = [change["verdict"] for change in json.loads(out)["changes"]]
+    assert verdicts == ["better", "equal"]
+
+    code, out, _ = eitbench("rescore", other)
+    assert code == 0
+    assert out.splitlines()[0] == "tiny  noser  12 of 12 changed: score"
+    assert json.loads(eitbench("gate", one, "--baseline", other, "--json")[1])["passed"]
+    manifest = one / "manifest.json"
+    manifest.write_text(manifest.read_text()[:1000])
+    code, _, err = eitbench("gate", one, "--baseline", other)
+    assert code == 1
+    assert "manifest.json" in err
+
+
+def test_the_claims_are_evaluated_on_runs_that_are_given(
+    stored: Path, tmp_path: Path, eitbench: Run
+) -> None:
+    folder = tmp_path / "claims"
+    code, out, err = eitbench("reproduce", "--runs", stored, "--out", folder)
+    assert (code, err) == (0, "")
+    found = json.loads((folder / "claims.json").read_text())
+    # The suite is another than the paper's, so that it says nothing of any claim.
+    assert {claim["verdict"] for claim in found["claims"]} == {"not testable"}
+    assert all(claim["id"] in out for claim in found["claims"])
+    for form in ("md", "json", "html"):
+        assert str(folder / f"claims.{form}") in out
+    assert sorted(path.name for path in folder.iterdir()) == [
+        "claims.html", "claims.json", "claims.md", "losses.pdf", "losses.png",
+    ]  # fmt: skip
+
+
+def test_what_the_claims_need_is_run(
+    tmp_path: Path, eitbench: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plan = runner.make_plan(load_suite(TINY), limit=2)
+    monkeypatch.setattr(reproduce, "_plans", lambda limit: [plan])
+    code, out, _ = eitbench("reproduce", "--limit", "2", "--out", tmp_path / "all")
+    assert code == 0
+    assert "not testable" in out
+    for name in ("claims.md", "tiny/manifest.json", "tiny/leaderboard.md", "tiny/figures"):
+        assert (tmp_path / "all" / name).exists()
