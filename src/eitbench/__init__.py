@@ -12,10 +12,10 @@ if _src.name == "src" and (_src.parent / "pyproject.toml").is_file():
 from eitbench.scenarios.lazy import lazy_names  # noqa: E402, found by the lines above
 
 if TYPE_CHECKING:
-    from eitbench.methods.method import Method
-    from eitbench.methods.operator import Operator
-    from eitbench.methods.problem import Problem
-    from eitbench.methods.registry import (
+    from eitbench.methods import (
+        Method,
+        Operator,
+        Problem,
         create,
         load_plugin,
         operator,
@@ -23,13 +23,20 @@ if TYPE_CHECKING:
         register,
         register_operator,
     )
-    from eitbench.scenarios.data.datasets import Dataset, load
-    from eitbench.scenarios.errors import EitbenchError, InputError
-    from eitbench.scenarios.physics.forward import ForwardModel, forward_model
-    from eitbench.scenarios.recordings.catalogue import sensor
-    from eitbench.scenarios.sensors.sensor import Sensor
-    from eitbench.scenarios.suites.scenario import RecordedScenario, SimulatedScenario
-    from eitbench.scenarios.suites.suite import Suite, load_suite
+    from eitbench.scenarios import (
+        Dataset,
+        EitbenchError,
+        ForwardModel,
+        InputError,
+        RecordedScenario,
+        Sensor,
+        SimulatedScenario,
+        Suite,
+        forward_model,
+        load,
+        load_suite,
+        sensor,
+    )
 
 __version__ = "0.1.0"
 
@@ -60,27 +67,16 @@ __all__ = [
 # `eitbench.methods` is the subpackage: its function `methods` is `eitbench.methods.methods`.
 __getattr__, __dir__ = lazy_names(
     __name__,
-    {
-        "Dataset": "scenarios",
-        "EitbenchError": "scenarios",
-        "ForwardModel": "scenarios",
-        "InputError": "scenarios",
+    dict.fromkeys(__all__, "scenarios")
+    | {
         "Method": "methods.method",
         "Operator": "methods.operator",
         "Problem": "methods.problem",
-        "RecordedScenario": "scenarios",
-        "Sensor": "scenarios",
-        "SimulatedScenario": "scenarios",
-        "Suite": "scenarios",
         "create": "methods.registry",
-        "forward_model": "scenarios",
-        "load": "scenarios",
         "load_plugin": "methods.registry",
-        "load_suite": "scenarios",
         "operator": "methods.registry",
         "operators": "methods.registry",
         "register": "methods.registry",
         "register_operator": "methods.registry",
-        "sensor": "scenarios",
     },
 )

@@ -118,7 +118,7 @@ def test_errors_are_one_sentence(arguments: tuple[str, ...], says: str, eitbench
         (("run", TINY, "--scenarios", ""), "--scenarios"),
         (("run", "--resume", "somewhere", "--methods", "noser"), "resumed"),
         (("run", "--resume", "somewhere", "--methods", ""), "resumed"),
-        (("tune",), "SUITE"),
+        (("tune",), "'suite'"),
         (("reproduce", "--runs", "somewhere", "--limit", "5"), "--limit"),
         (("gate", "a", "--baseline", "b", "--margin", "score"), "FIGURE=LOSS"),
         (("gate", "a", "--baseline", "b", "--margin", "score=-1"), "FIGURE=LOSS"),
