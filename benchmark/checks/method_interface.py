@@ -1,8 +1,8 @@
-"""Checks of a method's interface: shapes, refusals, and that images depend on frames alone."""
+"""Checks of a method's interface: shapes, refusals, and images that depend on frames alone."""
 
 import numpy as np
 
-from eitbench.benchmark.checks.checking import BrokenError, require
+from eitbench.benchmark.checks.harness import BrokenError, require, require_answer
 from eitbench.benchmark.checks.method_under_test import MethodUnderTest
 from eitbench.benchmark.workers.method_service import Frames
 from eitbench.benchmark.workers.worker import Failure
@@ -14,25 +14,25 @@ OTHER_SEED = 12345
 
 
 def shape(tested: MethodUnderTest) -> None:
-    """Images are (n, H, W)."""
+    """Require images (n, H, W)."""
     failure = _failure(tested, "shape")
     require(failure is None, f"reconstruct {failure.message}." if failure else "")
 
 
 def dtype(tested: MethodUnderTest) -> None:
-    """Images are real numbers."""
+    """Require real numbers."""
     failure = _failure(tested, "dtype")
     require(failure is None, f"reconstruct {failure.message}." if failure else "")
 
 
 def unchanged_input(tested: MethodUnderTest) -> None:
-    """What comes in is the caller's."""
+    """Require that the input voltages stay as they are."""
     failure = _failure(tested, "mutated")
     require(failure is None, "reconstruct changed its input voltages in place: work on a copy.")
 
 
 def _failure(tested: MethodUnderTest, kind: str) -> Failure | None:
-    """The failure of `kind` that plain frames provoke, if any; another failure breaks the check."""
+    """Return the failure of `kind` that plain frames cause, if any; another breaks the check."""
     failure = tested.ask(tested.frames).failure
     if failure is not None and kind not in failure.kinds:
         raise BrokenError(f"{failure.message}.")
@@ -40,14 +40,14 @@ def _failure(tested: MethodUnderTest, kind: str) -> Failure | None:
 
 
 def finite(tested: MethodUnderTest) -> None:
-    """Every pixel inside the sensor is a number."""
+    """Require a finite number in every pixel inside the sensor."""
     images = tested.images(tested.frames)[:, tested.sensor.mask]
     bad = int((~np.isfinite(images)).sum())
     require(bad == 0, f"{bad} of {images.size} pixels are NaN or infinite.")
 
 
 def batch_equals_single(tested: MethodUnderTest) -> str:
-    """An image does not depend on what is asked beside it."""
+    """Require that an image does not depend on the other frames of its batch."""
     frames = tested.frames
     together = tested.images(frames)
     alone = np.concatenate([tested.images(frame[None]) for frame in frames])
@@ -55,7 +55,7 @@ def batch_equals_single(tested: MethodUnderTest) -> str:
 
 
 def order(tested: MethodUnderTest) -> str:
-    """Nor on what was asked before it: a batch in another order gives images in that order."""
+    """Require that a batch in another order gives the same images in that order."""
     frames = tested.frames
     backwards = tested.images(np.ascontiguousarray(frames[::-1]))[::-1]
     what = "images of a batch and of the same frames backwards"
@@ -63,16 +63,16 @@ def order(tested: MethodUnderTest) -> str:
 
 
 def deterministic(tested: MethodUnderTest) -> str:
-    """Another process fits the same and sees the same."""
+    """Require the same images from another process."""
     frames = tested.frames
     first = tested.images(frames)
-    tested.worker.restart()
+    tested.worker.renew()
     what = "two fits on the same problem"
     return tested.close(first, tested.again(frames), SAME_RUN, what)
 
 
 def seed(tested: MethodUnderTest) -> str:
-    """The state of the global generators decides nothing."""
+    """Require images that do not depend on the state of the global generators."""
     first = tested.images(tested.contact)
     other = tested.refit(tested.contact, seed=OTHER_SEED)
     what = "images under two seeds of the global generators"
@@ -80,9 +80,8 @@ def seed(tested: MethodUnderTest) -> str:
 
 
 def random_state(tested: MethodUnderTest) -> None:
-    """Nor does a method change it under those who depend on it."""
-    reply = tested.worker.ask("random_state", tested.contact)
-    require(reply.failure is None, f"{reply.failure.message}." if reply.failure else "")
+    """Require that the global generators stay as they are, as others depend on them."""
+    reply = require_answer(tested.worker.request("random_state", tested.contact))
     for step, generators in reply.value.items():
         require(
             not generators,
@@ -92,12 +91,12 @@ def random_state(tested: MethodUnderTest) -> None:
 
 
 def wrong_length(tested: MethodUnderTest) -> None:
-    """A frame of another pattern is refused."""
+    """Require a `ValueError` for a frame of another pattern."""
     _refused(tested, tested.frames[:, :-1], "frames with a value too few")
 
 
 def nan_voltages(tested: MethodUnderTest) -> None:
-    """A frame with a hole is refused."""
+    """Require a `ValueError` for a frame with a NaN."""
     frames = tested.frames.copy()
     frames[1, 0] = np.nan
     _refused(tested, frames, "frames with a NaN")

@@ -6,7 +6,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from eitbench.benchmark.checks.checking import SkippedError, require
+from eitbench.benchmark.checks.harness import SkippedError, require
 from eitbench.benchmark.checks.method_interface import SAME_FRAME
 from eitbench.benchmark.checks.method_under_test import CONTRAST, MethodUnderTest, disc
 from eitbench.benchmark.workers.method_service import Frames
@@ -17,7 +17,7 @@ from eitbench.scenarios.sensors.symmetry import Motion
 Array = NDArray[np.float64]
 
 NO_CONTRAST = 0.05
-"""What counts as no contrast, as a fraction of the data range: less than is drawn as a contact."""
+"""Largest contrast that counts as none, as a fraction of the data range; contacts have more."""
 
 SMALL = 0.1
 """The small contrast; twice as much is compared with it. Physics alone gives a ratio of 2.1."""
@@ -38,18 +38,18 @@ GAIN = 1000.0
 SNR_DB = (60.0, 45.0, 30.0)
 DRAWS = 2
 NOISE_GROWTH = 2.0
-"""How much faster than the noise of frames that of images may grow: a linear method's factor is 1.
+"""Allowed growth of the noise of images over that of frames: a linear method's factor is 1.
 
 Twice leaves room for a method that follows noise more closely where there is more of it.
 """
 
 MONOTONE = 1.25
-"""By how much less noise in frames may give more in images: two draws tell an rms to about 20 %."""
+"""Allowed growth of the noise of images where that of frames falls (two draws)."""
 UNSEEN = "the contact is not seen at all."
 
 
 def zero_contrast(tested: MethodUnderTest) -> str:
-    """Nothing is seen where there is nothing."""
+    """Require the background as the image of the reference frame."""
     off = float(np.max(np.abs(tested.contrast(tested.reference))))
     said = (
         f"the reference frame gives an image up to {off:.3g} S/m off the background of "
@@ -60,8 +60,8 @@ def zero_contrast(tested: MethodUnderTest) -> str:
     return f"{said}; {allowed:.2g} is allowed."
 
 
-def resistive(tested: MethodUnderTest) -> str:
-    """Where conductivity falls, it is seen to fall."""
+def resistive_contact(tested: MethodUnderTest) -> str:
+    """Require a negative contrast where conductivity falls."""
     inside, outside = _inside_and_outside(tested, tested.contact)
     said = (
         f"where conductivity halves, the mean contrast is {inside:.3g} S/m "
@@ -71,8 +71,8 @@ def resistive(tested: MethodUnderTest) -> str:
     return f"{said}."
 
 
-def conductive(tested: MethodUnderTest) -> str:
-    """Where it rises, it is seen to rise."""
+def conductive_contact(tested: MethodUnderTest) -> str:
+    """Require a positive contrast where conductivity rises."""
     if tested.sensor.conductivity_range[1] <= 1:
         raise SkippedError("on this sensor, conductivity can only fall.")
     inside, outside = _inside_and_outside(tested, tested.inclusion(1.5))
@@ -90,8 +90,8 @@ def _inside_and_outside(tested: MethodUnderTest, frame: Frames) -> tuple[float, 
     return float(contrast[inside].mean()), float(contrast[~inside].mean())
 
 
-def linear(tested: MethodUnderTest) -> str:
-    """Twice the contrast gives about twice the image, along the image of the simple contrast."""
+def linearity(tested: MethodUnderTest) -> str:
+    """Require about twice the image for twice the contrast, along the image of the simple one."""
     one = tested.contrast(tested.inclusion(1 - SMALL))[0]
     two = tested.contrast(tested.inclusion(1 - 2 * SMALL))[0]
     energy = float(one @ one)
@@ -106,25 +106,25 @@ def linear(tested: MethodUnderTest) -> str:
     return said
 
 
-def rotation(tested: MethodUnderTest) -> str:
-    """A sensor that is turned gives an image that is turned."""
+def rotation_equivariance(tested: MethodUnderTest) -> str:
+    """Require the turned image for the voltages of a turned sensor."""
     turns = [motion for motion in tested.motions if motion.turns and not motion.mirrored]
     if not turns:
         raise SkippedError("no turn brings this sensor onto itself.")
     motion = turns[0]  # of 90 degrees, or of 180 where that is none: all others follow from it
-    return _equivariant(tested, motion, f"turned by {90 * motion.turns} degrees")
+    return _require_equivariance(tested, motion, f"turned by {90 * motion.turns} degrees")
 
 
-def mirror(tested: MethodUnderTest) -> str:
-    """A sensor that is mirrored gives an image that is mirrored."""
+def mirror_equivariance(tested: MethodUnderTest) -> str:
+    """Require the mirrored image for the voltages of a mirrored sensor."""
     mirrors = [motion for motion in tested.motions if motion.mirrored]
     if not mirrors:
         raise SkippedError("no mirror brings this sensor onto itself.")
-    return _equivariant(tested, mirrors[0], "mirrored")
+    return _require_equivariance(tested, mirrors[0], "mirrored")
 
 
-def _equivariant(tested: MethodUnderTest, motion: Motion, how: str) -> str:
-    """The image of moved voltages is the moved image.
+def _require_equivariance(tested: MethodUnderTest, motion: Motion, how: str) -> str:
+    """Require the moved image for moved voltages.
 
     Differences to the reference are moved, so that its frame need not be symmetric.
     """
@@ -143,16 +143,16 @@ def _equivariant(tested: MethodUnderTest, motion: Motion, how: str) -> str:
     return said
 
 
-def gain(tested: MethodUnderTest) -> str:
-    """Images do not depend on the board's units, which frames and reference share."""
+def gain_invariance(tested: MethodUnderTest) -> str:
+    """Require images that do not depend on the board's units, which frames and reference share."""
     require(_rms(tested.contrast(tested.contact)) > 0, UNSEEN)
     other = tested.refit(tested.contact * GAIN, gain=GAIN)
     what = f"images of frames and of {GAIN:g} times these (the reference too)"
     return tested.close(tested.images(tested.contact), other, SAME_FRAME, what)
 
 
-def noise(tested: MethodUnderTest) -> str:
-    """Noise in frames gives noise in images: in proportion, and below the contact's contrast."""
+def noise_growth(tested: MethodUnderTest) -> str:
+    """Require noise in images in proportion to that of frames, and below the contact's contrast."""
     clean = tested.contrast(tested.contact)
     require(_rms(clean) > 0, UNSEEN)
     noisy = [_noisy(tested.contact[0], snr_db) for snr_db in SNR_DB]
@@ -174,7 +174,7 @@ def noise(tested: MethodUnderTest) -> str:
 
 
 def _noisy(frame: Array, snr_db: float) -> Array:
-    """Noisy frames (DRAWS, M): each draw is the same at every level but for its strength."""
+    """Return noisy frames (DRAWS, M): each draw is the same at every level but for its strength."""
     rngs = (generator("method check", "noise", draw) for draw in range(DRAWS))
     return np.stack([add_noise(frame, snr_db, rng) for rng in rngs])
 

@@ -1,18 +1,34 @@
-"""A method under test on one problem, and the frames that it is shown."""
+"""The method under test on one problem: the frames it is shown, and its worker's service."""
 
+import gc
+import os
+import random
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
 from functools import cached_property, lru_cache
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
+import psutil
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from eitbench.benchmark.checks.checking import BrokenError, RestartingWorker, require
-from eitbench.benchmark.checks.method_test_service import MethodTestService
+from eitbench.benchmark.checks.harness import BrokenError, CheckWorker, require, require_answer
 from eitbench.benchmark.workers.audit_hook import Watch
-from eitbench.benchmark.workers.method_service import Frames, Images, MethodSpec, scenario_splits
-from eitbench.benchmark.workers.process import THREADS
-from eitbench.benchmark.workers.worker import Reply
+from eitbench.benchmark.workers.method_service import (
+    Frames,
+    Images,
+    MethodService,
+    MethodSpec,
+    scenario_splits,
+)
+from eitbench.benchmark.workers.process import PINNED, THREADS
+from eitbench.benchmark.workers.worker import Failure, Reply
+from eitbench.methods.registry import methods
 from eitbench.scenarios.physics.forward import forward_model
 from eitbench.scenarios.sensors.symmetry import Motion, motions
 from eitbench.scenarios.suites.scenario import SimulatedScenario
@@ -32,17 +48,20 @@ SCENARIO = SimulatedScenario(
 OWN_GRID = SCENARIO.model_copy(update={"image_shape": None, "conductivity_range": None})
 
 CONTRAST = 0.5
-"""How much conductivity falls inside the contact that most checks show."""
+"""Fall of conductivity inside the contact that most checks show."""
+
+# How often one frame is asked for, at most, and for how long, to see memory grow.
+REPEATS, LEAST_REPEATS, REPEAT_S = 600, 4, 0.4
 
 
 class MethodUnderTest:
-    """The method under test on one problem, in a worker that is renewed when it is lost.
+    """The method under test on one problem, in a worker that is replaced when it is lost.
 
     Attributes:
         sensor: the nominal sensor.
         worker: to be asked directly where the same question must be asked again.
-        log: what the method prints.
-        watch: what it was seen to do.
+        log: file with the output of the method.
+        watch: notes of its writes, calls and programs.
         limit_s: seconds that fitting, and each answer, may take.
     """
 
@@ -62,7 +81,7 @@ class MethodUnderTest:
         task = MethodSpec(
             self.sensor, self.reference[0], scenario_splits(scenario), method, {}, plugin
         )
-        self.worker = RestartingWorker(MethodTestService(task, self.watch), limit_s, self.log)
+        self.worker = CheckWorker(MethodTestService(task, self.watch), limit_s, self.log)
         self._replies: dict[bytes, Reply] = {}
 
     @property
@@ -71,7 +90,7 @@ class MethodUnderTest:
         return self.inclusion(1.0)
 
     def inclusion(self, factor: float) -> Frames:
-        """A frame (1, M) with the conductivity multiplied by `factor` inside a disc."""
+        """Return a frame (1, M) with the conductivity multiplied by `factor` inside a disc."""
         return _inclusion(self._scenario, factor)
 
     @property
@@ -90,45 +109,50 @@ class MethodUnderTest:
         return _motions(self._scenario)
 
     def ask(self, frames: Frames) -> Reply:
-        """What the fitted method answers to `frames`; each question is put once.
+        """Return the answer of the fitted method to `frames`; each is asked for once.
 
         Raises:
             BrokenError: it could not be fitted, hung or died.
         """
         key = repr(frames.shape).encode() + frames.tobytes()
         if key not in self._replies:
-            self._replies[key] = self.worker.ask("reconstruct", frames)
+            self._replies[key] = self.worker.request("reconstruct", frames)
         return self._replies[key]
 
     @property
     def refuses_sensor(self) -> bool:
-        """Whether the method says that it cannot be fitted here."""
+        """True if the method says that it cannot be fitted to this sensor."""
         try:
             self.ask(self.frames)
         except BrokenError:
-            return self.worker.refused("EitbenchError")
+            refusal = self.worker.refusal
+            return refusal is not None and "EitbenchError" in refusal.kinds
         return False
 
     def images(self, frames: Frames) -> Images:
-        """Images (n, H, W) of `frames`.
+        """Return images (n, H, W) of `frames`.
 
         Raises:
             BrokenError: there are none.
         """
-        return images_of(self.ask(frames))
+        images: Images = require_answer(self.ask(frames)).value
+        return images
 
     def again(self, frames: Frames) -> Images:
-        """The same, asked again."""
-        return images_of(self.worker.ask("reconstruct", frames))
+        """Return the same, asked for again."""
+        images: Images = require_answer(self.worker.request("reconstruct", frames)).value
+        return images
 
     def refit(
         self, frames: Frames, *, gain: float = 1.0, seed: int | None = None, threads: int = THREADS
     ) -> Images:
-        """Images of `frames` by another of its kind, see `MethodTestService.refit`."""
-        return images_of(self.worker.ask("refit", frames, gain, seed, threads))
+        """Return images of `frames` by another instance, see `MethodTestService.refit`."""
+        reply = self.worker.request("refit", frames, gain, seed, threads)
+        images: Images = require_answer(reply).value
+        return images
 
     def contrast(self, frames: Frames) -> NDArray[np.float64]:
-        """Contrast (n, P) [S/m] of the pixels inside the sensor."""
+        """Return the contrast (n, P) [S/m] of the pixels inside the sensor."""
         images = self.images(frames)[:, self.sensor.mask]
         return np.asarray(images, dtype=np.float64) - self.sensor.background
 
@@ -142,20 +166,8 @@ class MethodUnderTest:
         return said
 
 
-def images_of(reply: Reply) -> Images:
-    """The images of a `reply`.
-
-    Raises:
-        BrokenError: there are none.
-    """
-    if reply.failure is not None:
-        raise BrokenError(f"{reply.failure.message.rstrip('.')}.")
-    images: Images = reply.value
-    return images
-
-
 def disc(shape: tuple[int, int]) -> NDArray[np.bool_]:
-    """(H, W): a disc off the centre, in fractions of the image."""
+    """Return the mask (H, W) of a disc off the centre, in fractions of the image."""
     y, x = (np.indices(shape) + 0.5) / np.array(shape)[:, None, None]
     return np.asarray(np.hypot(x - 0.35, y - 0.6) < 0.18)
 
@@ -175,3 +187,139 @@ def _inclusion(scenario: SimulatedScenario, factor: float) -> Frames:
 def _motions(scenario: SimulatedScenario) -> list[Motion]:
     model = forward_model(scenario.nominal_sensor)
     return motions(model.sensor, model.jacobian(model.background))
+
+
+class Growth(NamedTuple):
+    """Growth of resident memory over repeated reconstructions of one frame.
+
+    Attributes:
+        calls: number of reconstructions, after some to warm up.
+        mib: growth [MiB].
+    """
+
+    calls: int
+    mib: float
+
+
+class MethodTestService(MethodService):
+    """The worker's side: the method, asked for images under chosen conditions and watched."""
+
+    def __init__(self, task: MethodSpec, watch: Watch) -> None:
+        super().__init__(task)
+        self._watch = watch
+        self._fit_s = 0.0
+
+    def set_up(self) -> Reply:
+        """Fit the method."""
+        self._watch.begin()
+        reply = super().set_up()
+        self._fit_s = reply.seconds
+        return reply
+
+    def fit_s(self) -> Reply:
+        """Return the time that fitting took [s]."""
+        return Reply(self._fit_s, 0.0)
+
+    def expected_failures(self) -> Reply:
+        """Return the declaration of its class, if it maps names to reasons; else None."""
+        declared = methods()[self.task.method].expected_failures
+        try:
+            plain = dict(declared)
+        except (TypeError, ValueError):
+            return Reply(None, 0.0)
+        texts = all(isinstance(text, str) for pair in plain.items() for text in pair)
+        return Reply(plain if texts else None, 0.0)
+
+    def refit(self, frames: Frames, gain: float, seed: int | None, threads: int) -> Reply:
+        """Return images of `frames` by another instance, fitted with the reference times `gain`.
+
+        Args:
+            seed: of the global generators while it is fitted and asked; None: as for all requests.
+            threads: that libraries may use meanwhile.
+        """
+        with _thread_count(threads):
+            if seed is not None:
+                random.seed(seed)
+                np.random.seed(seed)  # noqa: NPY002
+                if "torch" in sys.modules:
+                    sys.modules["torch"].manual_seed(seed)
+            other = self._other(gain)
+            other.set_up()
+            _limit_threads(threads)  # of libraries that fitting loaded
+            return other.reconstruct(frames)
+
+    def random_state(self, frames: Frames) -> Reply:
+        """Return the global generators that fitting, and reconstructing, leave in another state."""
+        other = self._other(1.0)
+        fitting, _ = _changed_generators(other.set_up)
+        asking, reply = _changed_generators(lambda: other.reconstruct(frames))
+        if reply.failure is not None:
+            return reply
+        return Reply({"fit": fitting, "reconstruct": asking}, reply.seconds)
+
+    def repeat(self, frame: Frames) -> Reply:
+        """Return the `Growth` of memory while `frame` (1, M) is reconstructed again and again."""
+        _, failure = self._repeat(frame, REPEATS // 4, LEAST_REPEATS // 2, REPEAT_S / 4)
+        before = _resident()
+        calls, later = self._repeat(frame, REPEATS, LEAST_REPEATS, REPEAT_S)
+        return Reply(Growth(calls, _resident() - before), 0.0, failure or later)
+
+    def _repeat(
+        self, frame: Frames, most: int, least: int, seconds: float
+    ) -> tuple[int, Failure | None]:
+        end = time.perf_counter() + seconds
+        calls = 0
+        while calls < least or (calls < most and time.perf_counter() < end):
+            failure = self.reconstruct(frame).failure
+            calls += 1
+            if failure is not None:
+                return calls, failure
+        return calls, None
+
+    def _other(self, gain: float) -> MethodService:
+        # The plugin is loaded already.
+        return MethodService(replace(self.task, reference=self.task.reference * gain, plugin=None))
+
+
+def _resident() -> float:
+    """Return the resident memory of this process [MiB] after a garbage collection."""
+    gc.collect()
+    return float(psutil.Process().memory_info().rss) / 2**20
+
+
+@contextmanager
+def _thread_count(threads: int) -> Iterator[None]:
+    """Let BLAS, OpenMP and torch use so many threads, also those that are loaded meanwhile."""
+    try:
+        os.environ.update(dict.fromkeys(PINNED, str(threads)))
+        _limit_threads(threads)
+        yield
+    finally:
+        os.environ.update(PINNED)
+        _limit_threads(THREADS)
+
+
+def _limit_threads(threads: int) -> None:
+    threadpool_limits(threads)
+    if "torch" in sys.modules:
+        sys.modules["torch"].set_num_threads(threads)
+
+
+def _changed_generators(action: Callable[[], Reply]) -> tuple[list[str], Reply]:
+    """Return the global generators that `action` leaves in another state, and its reply."""
+    before = _generators()
+    reply = action()
+    after = _generators()
+    return [name for name, state in before.items() if state != after[name]], reply
+
+
+def _generators() -> dict[str, Any]:
+    """Return the state of every global generator, as values that can be compared."""
+    kind, keys, *position = np.random.get_state(legacy=True)  # noqa: NPY002
+    states: dict[str, Any] = {
+        "random": random.getstate(),
+        "numpy.random": (kind, np.asarray(keys).tobytes(), *position),
+    }
+    if "torch" in sys.modules:
+        states["torch"] = sys.modules["torch"].get_rng_state().numpy().tobytes()
+    return states

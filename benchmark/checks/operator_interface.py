@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from eitbench.benchmark.checks.checking import BrokenError, SkippedError, require
+from eitbench.benchmark.checks.harness import BrokenError, SkippedError, require
 from eitbench.benchmark.checks.operator_under_test import OperatorUnderTest, close
 from eitbench.scenarios.docstrings import first_line
 from eitbench.scenarios.errors import InputError
@@ -22,7 +22,7 @@ SINGLE = 1e-3
 
 
 def described(tested: OperatorUnderTest) -> None:
-    """A listing and a paper can name it."""
+    """Require a description and a source, which listings and papers show."""
     cls = type(tested.operator)
     require(bool((cls.__doc__ or "").strip()), "its class has no docstring: say what it is.")
     require(bool(first_line(cls).strip()), "its docstring begins with an empty line.")
@@ -30,24 +30,24 @@ def described(tested: OperatorUnderTest) -> None:
 
 
 def shapes(tested: OperatorUnderTest) -> None:
-    """Any leading axes, and no images at all."""
+    """Require answers for any leading axes, also for no images at all."""
     for leading in ((), (3,), (1, 3), (0,), (2, 0)):
         count = int(np.prod(leading))
         sigma = tested.sigma[:count] if count else tested.sigma[:0]
         images = sigma[0] if leading == () else sigma.reshape(*leading, *sigma.shape[1:])
-        tested.asked_voltages(images)
+        tested.voltages_of(images)
         weights = np.ones((*leading, tested.sensor.n_measurements))
-        tested.asked_gradient(images, weights)
+        tested.gradient_of(images, weights)
 
 
 def batch_equals_single(tested: OperatorUnderTest) -> str:
-    """An image's answer does not depend on what is asked beside it."""
-    alone = [tested.asked_voltages(image) for image in tested.sigma]
+    """Require that an answer does not depend on the other images of its batch."""
+    alone = [tested.voltages_of(image) for image in tested.sigma]
     said = close(tested.voltages, alone, SAME, "voltages alone and in a batch")
     pairs = zip(tested.sigma, tested.cotangent, strict=True)
     close(
         tested.gradient,
-        [tested.asked_gradient(image, weights) for image, weights in pairs],
+        [tested.gradient_of(image, weights) for image, weights in pairs],
         SAME,
         "gradients alone and in a batch",
     )
@@ -55,15 +55,15 @@ def batch_equals_single(tested: OperatorUnderTest) -> str:
 
 
 def deterministic(tested: OperatorUnderTest) -> None:
-    """The same answer twice, and from another operator of the same sensor."""
-    again = tested.asked_voltages(tested.sigma)
+    """Require the same answer twice, and from another operator of the same sensor."""
+    again = tested.voltages_of(tested.sigma)
     close(again, tested.voltages, 1e-12, "voltages asked for twice")
-    other = tested.asked_voltages(tested.sigma, tested.make(tested.sensor))
+    other = tested.voltages_of(tested.sigma, tested.make(tested.sensor))
     close(other, tested.voltages, 1e-12, "voltages of two operators of one sensor")
 
 
 def unchanged_input(tested: OperatorUnderTest) -> None:
-    """What comes in is the caller's."""
+    """Require that the input arrays stay as they are."""
     sigma, cotangent = tested.sigma.copy(), tested.cotangent.copy()
     tested.operator.voltages(sigma)
     tested.operator.vjp(sigma, cotangent)
@@ -72,21 +72,23 @@ def unchanged_input(tested: OperatorUnderTest) -> None:
 
 
 def torch_tensors(tested: OperatorUnderTest) -> str:
-    """Tensors in, equal tensors out."""
+    """Require equal tensors for tensors."""
     import torch
 
     sigma, cotangent = torch.tensor(tested.sigma), torch.tensor(tested.cotangent)
-    return _kind(tested, "torch tensors", torch.Tensor, sigma, cotangent)
+    return _require_kind(tested, "torch tensors", torch.Tensor, sigma, cotangent)
 
 
 def jax_arrays(tested: OperatorUnderTest) -> str:
-    """JAX arrays in, equal JAX arrays out."""
+    """Require equal JAX arrays for JAX arrays."""
     with double_jax() as jax:
         sigma, cotangent = jax.numpy.array(tested.sigma), jax.numpy.array(tested.cotangent)
-        return _kind(tested, "JAX arrays", jax.Array, sigma, cotangent)
+        return _require_kind(tested, "JAX arrays", jax.Array, sigma, cotangent)
 
 
-def _kind(tested: OperatorUnderTest, name: str, kind: type, sigma: Any, cotangent: Any) -> str:
+def _require_kind(
+    tested: OperatorUnderTest, name: str, kind: type, sigma: Any, cotangent: Any
+) -> str:
     voltages = tested.operator.voltages(sigma)
     gradient = tested.operator.vjp(sigma, cotangent)
     for what, found in (("voltages", voltages), ("vjp", gradient)):
@@ -96,7 +98,7 @@ def _kind(tested: OperatorUnderTest, name: str, kind: type, sigma: Any, cotangen
 
 
 def jax_transforms(tested: OperatorUnderTest) -> str:
-    """`jax.jit`, `jax.vmap` and `jax.grad` go through, together too."""
+    """Require that `jax.jit`, `jax.vmap` and `jax.grad` work, together too."""
     with double_jax() as jax:
         operator = tested.operator
         sigma, cotangent = jax.numpy.array(tested.sigma), jax.numpy.array(tested.cotangent)
@@ -117,7 +119,7 @@ def jax_transforms(tested: OperatorUnderTest) -> str:
 
 @contextmanager
 def double_jax() -> Iterator[Any]:
-    """JAX with float64.
+    """Yield JAX with float64.
 
     Raises:
         SkippedError: it is not installed.
@@ -136,7 +138,7 @@ def double_jax() -> Iterator[Any]:
 
 
 def precision_kept(tested: OperatorUnderTest) -> None:
-    """float32 stays float32 and float64 stays float64."""
+    """Require float32 for float32 and float64 for float64."""
     import torch
 
     for name in ("float32", "float64"):
@@ -151,7 +153,7 @@ def precision_kept(tested: OperatorUnderTest) -> None:
 
 
 def single_precision(tested: OperatorUnderTest) -> str:
-    """float32 costs no more than its rounding."""
+    """Require that float32 differs from float64 by rounding alone."""
     sigma, cotangent = (a.astype(np.float32) for a in (tested.sigma, tested.cotangent))
     untouched = np.full_like(sigma[0], tested.sensor.background)
     response = tested.operator.voltages(sigma) - tested.operator.voltages(untouched)
@@ -163,31 +165,31 @@ def single_precision(tested: OperatorUnderTest) -> str:
 
 
 def refuses_pixels(tested: OperatorUnderTest) -> None:
-    """A conductivity that is not finite and above 0 S/m has no voltages."""
+    """Require an `InputError` for conductivity that is not finite and above 0 S/m."""
     for value in (0.0, -1.0, np.nan, np.inf):
         sigma = tested.sigma.copy()
         sigma[1, 3, 5] = value
-        _refused(tested, sigma, tested.cotangent, f"a pixel of {value:g} S/m")
+        _require_refusal(tested, sigma, tested.cotangent, f"a pixel of {value:g} S/m")
 
 
 def refuses_grids(tested: OperatorUnderTest) -> None:
-    """Another image grid is another sensor."""
+    """Require an `InputError` for another image grid."""
     sigma = tested.sigma
     for shape in (sigma[..., :-1].shape, sigma[:, 1:].shape, (sigma[0].size,)):
         leading = shape[:-2]
         weights = np.ones((*leading, tested.sensor.n_measurements))
-        _refused(tested, np.ones(shape), weights, f"conductivity of shape {shape}")
+        _require_refusal(tested, np.ones(shape), weights, f"conductivity of shape {shape}")
 
 
 def refuses_precisions(tested: OperatorUnderTest) -> None:
-    """Numbers that would lose accuracy are not converted silently."""
+    """Require an `InputError` for numbers that would lose accuracy."""
     for name in ("float16", "int64"):
         sigma = np.ones_like(tested.sigma).astype(name)
-        _refused(tested, sigma, tested.cotangent, f"conductivity in {name}")
+        _require_refusal(tested, sigma, tested.cotangent, f"conductivity in {name}")
 
 
 def refuses_cotangents(tested: OperatorUnderTest) -> None:
-    """A cotangent belongs to one voltage each."""
+    """Require an `InputError` for cotangents of another shape than the voltages."""
     n, m = tested.cotangent.shape
     for shape in ((n, m - 1), (n - 1, m), (m,)):
         try:
@@ -197,7 +199,7 @@ def refuses_cotangents(tested: OperatorUnderTest) -> None:
         raise BrokenError(f"vjp takes a cotangent of shape {shape} for {n} images.")
 
 
-def _refused(tested: OperatorUnderTest, sigma: Any, cotangent: Any, what: str) -> None:
+def _require_refusal(tested: OperatorUnderTest, sigma: Any, cotangent: Any, what: str) -> None:
     """Require an `InputError` from both functions, for NumPy arrays and for torch tensors."""
     import torch
 

@@ -1,15 +1,20 @@
-"""The operator under test, with the images and cotangents that checks ask it about."""
+"""The operator under test: its images and cotangents, and the service of its worker."""
 
 from collections.abc import Callable
-from functools import cached_property
+from functools import cached_property, partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from eitbench.benchmark.checks.checking import require
+from eitbench.benchmark.checks.harness import BrokenError, SkippedError, require
+from eitbench.benchmark.workers.worker import Reply, describe_exception
 from eitbench.methods.operator import Operator
+from eitbench.methods.registry import load_plugin, operator
+from eitbench.scenarios.catalogue import sensor as sensor_by_name
 from eitbench.scenarios.data.simulation import phantom
+from eitbench.scenarios.errors import EitbenchError
 from eitbench.scenarios.phantoms.phantom import rasterise
 from eitbench.scenarios.sensors.sensor import Sensor
 from eitbench.scenarios.suites.scenario import SimulatedScenario
@@ -30,7 +35,7 @@ IMAGES = 3
 
 
 class OperatorUnderTest:
-    """An operator of a sensor, some images and some cotangents.
+    """An operator for a sensor, with some images and some cotangents.
 
     Attributes:
         make: makes the operator for any sensor.
@@ -48,67 +53,110 @@ class OperatorUnderTest:
         self._random = np.random.default_rng(0)
         self.cotangent = self.random(IMAGES, sensor.n_measurements)
 
+    @classmethod
+    def of(cls, make: Callable[[Sensor], Operator]) -> "OperatorUnderTest":
+        """Make the operator for a small sensor, or for the default one if it has to be."""
+        small = SMALL.nominal_sensor
+        try:
+            return cls(make, small)
+        except EitbenchError:
+            return cls(make, sensor_by_name(small.name))
+
+    def run(self, check: Callable[["OperatorUnderTest"], str | None]) -> str | None:
+        """Run one check; an error that the operator raises is its finding.
+
+        Raises:
+            BrokenError, SkippedError: the finding.
+        """
+        try:
+            return check(self)
+        except (BrokenError, SkippedError):
+            raise
+        except Exception as error:
+            raised = describe_exception(error).message.rstrip(".")
+            raise BrokenError(f"it raises {raised}.") from error
+
     def random(self, *shape: int) -> Array:
-        """Random numbers from -1 to 1, the next of one stream."""
+        """Return the next random numbers from -1 to 1 of one stream."""
         return self._random.uniform(-1.0, 1.0, shape)
 
     @property
     def exact(self) -> bool:
-        """Whether the operator claims to solve the model's equations."""
+        """True if the operator claims to solve the model's equations."""
         return type(self.operator).exact
 
     @cached_property
     def voltages(self) -> Array:
-        """(3, M) of `sigma` [V/A]."""
-        return self.asked_voltages(self.sigma)
+        """Voltages (3, M) of `sigma` [V/A]."""
+        return self.voltages_of(self.sigma)
 
     @cached_property
     def gradient(self) -> Array:
-        """(3, H, W): J(sigma)^T cotangent."""
-        return self.asked_gradient(self.sigma, self.cotangent)
+        """Gradients (3, H, W): J(sigma)^T cotangent."""
+        return self.gradient_of(self.sigma, self.cotangent)
 
     @cached_property
     def background(self) -> Array:
-        """(M,) of the untouched sensor [V/A]."""
+        """Voltages (M,) of the untouched sensor [V/A]."""
         image = np.full(self.sensor.image_shape, self.sensor.background)
-        return self.asked_voltages(image)
+        return self.voltages_of(image)
 
     @cached_property
     def response(self) -> float:
-        """Norm of what the images change in the voltages, by image on average [V/A]."""
+        """Norm of the change of the voltages by an image, root mean square over images [V/A]."""
         changes = np.linalg.norm(self.voltages - self.background, axis=-1)
         return float(np.sqrt(np.mean(changes**2)))
 
-    def asked_voltages(self, sigma: Array, operator: Operator | None = None) -> Array:
-        """Voltages as a plain array, which must be finite and of the right shape."""
+    def voltages_of(self, sigma: Array, operator: Operator | None = None) -> Array:
+        """Return voltages as a plain array, which must be finite and of the right shape."""
         found = np.asarray((operator or self.operator).voltages(sigma.copy()))
         expected = (*sigma.shape[:-2], self.sensor.n_measurements)
         require(found.shape == expected, f"voltages have shape {found.shape}, not {expected}.")
         require(bool(np.isfinite(found).all()), "voltages hold values that are not finite.")
         return found
 
-    def asked_gradient(self, sigma: Array, cotangent: Array) -> Array:
-        """`vjp` as a plain array, which must be finite and of the right shape."""
+    def gradient_of(self, sigma: Array, cotangent: Array) -> Array:
+        """Return the `vjp` as a plain array, which must be finite and of the right shape."""
         found = np.asarray(self.operator.vjp(sigma.copy(), cotangent.copy()))
         require(found.shape == sigma.shape, f"the vjp has shape {found.shape}, not {sigma.shape}.")
         require(bool(np.isfinite(found).all()), "the vjp holds values that are not finite.")
         return found
 
 
-def apart(first: Any, second: Any) -> float:
-    """||first - second|| / ||second|| of two arrays of any kind."""
-    one, other = (np.asarray(a, dtype=np.float64) for a in (first, second))
-    require(one.shape == other.shape, f"the shapes {one.shape} and {other.shape} differ.")
-    size = float(np.linalg.norm(other))
-    return float(np.linalg.norm(one - other)) / size if size > 0 else float(np.linalg.norm(one))
+class OperatorCheckService:
+    """The worker's side: makes the operator `name`, of the file `plugin` if one is given."""
+
+    def __init__(self, name: str, plugin: Path | None = None) -> None:
+        self._name = name
+        self._plugin = plugin
+
+    def set_up(self) -> Reply:
+        """Make the operator."""
+        if self._plugin is not None:
+            load_plugin(self._plugin)
+        self._tested = OperatorUnderTest.of(partial(operator, self._name))
+        return Reply(None, 0.0)
+
+    def image_shape(self) -> Reply:
+        """Return the image grid (H, W) of the sensor that the operator was made for."""
+        return Reply(self._tested.sensor.image_shape, 0.0)
+
+    def run(self, check: Callable[[OperatorUnderTest], str | None]) -> Reply:
+        """Run one check; the reply holds what it measured, or its finding as an exception."""
+        try:
+            return Reply(self._tested.run(check), 0.0)
+        except (BrokenError, SkippedError) as finding:
+            return Reply(finding, 0.0)
 
 
 def close(first: Any, second: Any, allowed: float, what: str) -> str:
-    """Require `what`, the relative difference of two arrays, to be at most `allowed`; say it.
+    """Return a sentence on ||first - second|| / ||second||, the relative difference of `what`.
 
     Raises:
-        BrokenError: it is larger.
+        BrokenError: it is larger than `allowed`, or the shapes differ.
     """
-    error = apart(first, second)
+    one, other = (np.asarray(a, dtype=np.float64) for a in (first, second))
+    require(one.shape == other.shape, f"the shapes {one.shape} and {other.shape} differ.")
+    error = float(np.linalg.norm(one - other)) / (float(np.linalg.norm(other)) or 1.0)
     require(error <= allowed, f"{what} differ by {error:.2g}; {allowed:g} is allowed.")
     return f"{what} differ by {error:.2g} ({allowed:g} is allowed)."

@@ -6,9 +6,9 @@ from typing import Any
 
 import pandas as pd
 
-from eitbench.benchmark.run.cell_run import CellRun
+from eitbench.benchmark.run.batch_result import StoredBatches
+from eitbench.benchmark.run.batch_runner import BatchRunner
 from eitbench.benchmark.run.cell_task import CellTask, ScoredTask
-from eitbench.benchmark.run.outcome import StoredBatches
 from eitbench.benchmark.run.progress import Bar
 from eitbench.benchmark.run.timing import calibration
 from eitbench.benchmark.rundir import manifest
@@ -16,27 +16,27 @@ from eitbench.scenarios.errors import EitbenchError
 
 
 def run_cell(task: ScoredTask, progress: Bar, stop: threading.Event) -> None:
-    """Ask for what is not kept yet, then judge the cell; whatever it does is a row.
+    """Run the batches that are not stored yet, then score the cell; whatever it does is a row.
 
     Raises:
-        StoppedError: the run was interrupted; finished batches are kept.
-        EitbenchError: what is kept could not be written or read.
+        StoppedError: the run was interrupted; finished batches are stored.
+        EitbenchError: the store could not be written or read.
     """
-    score_cell(task, CellRun(task, progress, stop).run())
-    if task.plan.cell.variant:  # of other tracks figures are kept, no images
+    score_cell(task, BatchRunner(task, progress, stop).run())
+    if task.plan.cell.variant:  # other tracks keep figures, no images
         task.store.forget_answers(task.plan.cell)
 
 
 def prepare(task: CellTask, progress: Bar, stop: threading.Event) -> None:
-    """Run what other cells need, unless it is kept already.
+    """Run a task that other cells need, unless its answers are stored already.
 
     Raises:
-        StoppedError: the run was interrupted; finished batches are kept.
-        EitbenchError: it cannot be had.
+        StoppedError: the run was interrupted; finished batches are stored.
+        EitbenchError: it failed.
     """
-    run = CellRun(task, progress, stop)
-    if run.pending:
-        run.run()
+    runner = BatchRunner(task, progress, stop)
+    if runner.pending:
+        runner.run()
     store, cell = task.store, task.plan.cell
     for batch in store.batches(cell, "test"):
         for status, message in zip(batch.status, batch.message, strict=True):
@@ -49,31 +49,31 @@ def prepare(task: CellTask, progress: Bar, stop: threading.Event) -> None:
 
 
 def score_cell(task: ScoredTask, row: Mapping[str, Any] | None) -> None:
-    """Score the kept samples of a cell and keep its rows.
+    """Score the stored samples of a cell and store its rows.
 
     Args:
         row: figures of the cell as a whole; None for one that is not finished.
     """
     plan, test, store = task.plan, task.test, task.store
-    kept = StoredBatches(store, plan.cell, "test", len(test), task.blank)
-    who = {"scenario": plan.cell.scenario, store.kind.name: plan.cell.name, **task.labels}
-    figures, whole = task.figures(kept)
+    stored = StoredBatches(store, plan.cell, "test", len(test), task.blank)
+    labels = {"scenario": plan.cell.scenario, store.kind.name: plan.cell.name, **task.labels}
+    figures, whole = task.figures(stored)
     described = test.samples.drop(columns=["sample", *figures.columns], errors="ignore")
     table = pd.DataFrame(
         {
             "suite": plan.suite,
-            **who,
+            **labels,
             "sample": test.samples["sample"].to_numpy(),
             "input_hash": task.input_hashes,
-            "status": kept.status,
-            "message": kept.message,
+            "status": stored.status,
+            "message": stored.message,
         }
     )
     table = pd.concat([table, figures, described.reset_index(drop=True)], axis=1)
-    table = table[kept.status != ""]
+    table = table[stored.status != ""]
     ok = int((table["status"] == "ok").sum())
     cell_row = {
-        **who,
+        **labels,
         **task.unknown,
         **(row or {}),
         **whole,

@@ -1,4 +1,4 @@
-"""What runs in the cells of a run: how it is asked and scored, whatever kind it is of."""
+"""Interfaces of what runs in a cell: the task, its plan and its data, of methods and operators."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from eitbench.benchmark.run.outcome import StoredBatches
+from eitbench.benchmark.run.batch_result import StoredBatches
 from eitbench.benchmark.rundir.arrays_file import Truth
 from eitbench.benchmark.rundir.cells import Cell, Values
 from eitbench.benchmark.rundir.store import RunStore
@@ -26,11 +26,11 @@ Ask = Callable[[str, slice], Reply]
 
 @dataclass(frozen=True, eq=False)
 class CellPlan:
-    """What a cell is, apart from its data.
+    """One cell of a run, apart from its data.
 
     Attributes:
         parameters: constructor parameters of a method; empty on track "default".
-        spent: what choosing them cost, see `choices`; empty where they were not chosen.
+        spent: cost of selecting them, see `Selection`; empty where they were not selected.
         plugin: the file that registers the method or operator, None for one that is installed.
         batch: samples asked for at once; a run keeps to the number it was started with.
     """
@@ -48,17 +48,17 @@ class CellPlan:
 
 
 class CellTask(ABC):
-    """What runs in a cell: how it is asked in its worker, and what of its answers is kept.
+    """A method, an operator or a model that runs in a cell: its requests and its stored answers.
 
     Attributes:
         plan: the cell.
-        store: where answers are kept.
-        unknown: the cell's own figures as they stand where nothing is known, by name.
-        tells: whether its service says at the end what it was told.
+        store: the run directory.
+        unknown: values of the cell's own figures where nothing is known, by name.
+        reports_prior_knowledge: true if its service reports it at the end.
     """
 
     unknown: ClassVar[Mapping[str, Any]] = {}
-    tells: ClassVar[bool] = False
+    reports_prior_knowledge: ClassVar[bool] = False
 
     def __init__(self, plan: CellPlan, store: RunStore) -> None:
         self.plan = plan
@@ -67,37 +67,37 @@ class CellTask(ABC):
     @property
     @abstractmethod
     def sizes(self) -> Mapping[str, int]:
-        """Number of samples of each split, in the order in which they are run."""
+        """Number of samples of each split, in the order they run."""
 
     @abstractmethod
     def service(self) -> object:
-        """What answers in the worker; its `set_up` gives figures of the cell."""
+        """Return the object that answers in the worker; its `set_up` gives figures of the cell."""
 
     @abstractmethod
     def request(self, split: str, rows: slice) -> tuple[object, ...]:
-        """The question about some samples of a split."""
+        """Return the request for some samples of a split."""
 
     @abstractmethod
     def blank(self, n: int) -> dict[str, NDArray[Any]]:
-        """The arrays that are kept of `n` samples where nothing was answered."""
+        """Return the stored arrays of `n` samples without an answer."""
 
     @abstractmethod
     def values(self, split: str, rows: slice, reply: Reply) -> tuple[Values, NDArray[np.bool_]]:
-        """The arrays that are kept of an answer, and which samples (k,) are valid."""
+        """Return the stored arrays of an answer, and a mask (k,) of valid samples."""
 
     def warm(self, ask: Ask) -> dict[str, float]:
-        """Times of a task that runs for a while, measured on valid samples of the test split."""
+        """Return times of the warm task, measured on valid samples of the test split."""
         return {}
 
     def prior_knowledge(self, value: Any) -> dict[str, Any]:
-        """Figures of the cell from what its service's `prior_knowledge` answers at the end."""
+        """Return figures of the cell from the answer of its service's `prior_knowledge`."""
         return {}
 
     def valid_samples(self) -> NDArray[np.intp]:
-        """Positions of the test samples that have a valid answer."""
-        kept = self.store.batches(self.plan.cell, "test")
+        """Return the positions of the test samples that have a valid answer."""
+        stored = self.store.batches(self.plan.cell, "test")
         return np.array(
-            [b.start + k for b in kept for k, status in enumerate(b.status) if status == "ok"],
+            [b.start + k for b in stored for k, status in enumerate(b.status) if status == "ok"],
             dtype=np.intp,
         )
 
@@ -118,11 +118,11 @@ class ScoredTask(CellTask):
     @property
     @abstractmethod
     def input_hashes(self) -> list[str]:
-        """SHA-256 (hex) of what it is given of each test sample."""
+        """SHA-256 (hex) of its input of each test sample."""
 
     @abstractmethod
-    def figures(self, kept: StoredBatches) -> tuple[pd.DataFrame, dict[str, Any]]:
-        """Figures of every test sample, and of the cell as a whole."""
+    def figures(self, stored: StoredBatches) -> tuple[pd.DataFrame, dict[str, Any]]:
+        """Return figures of every test sample, and of the cell as a whole."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,7 +143,7 @@ class CellData(ABC):
     def load(
         cls, scenario: Scenario, suite: Suite, limit: int | None, *, jobs: int, progress: bool
     ) -> Self:
-        """Simulate, find or download what is needed.
+        """Simulate, find or download the data.
 
         Raises:
             DataUnavailableError, DataCorruptError: recorded data cannot be had or are damaged.
@@ -151,24 +151,28 @@ class CellData(ABC):
 
     @abstractmethod
     def task(self, plan: CellPlan, store: RunStore) -> ScoredTask:
-        """What runs in the cell of `plan`."""
+        """Return the task of the cell of `plan`."""
 
     @abstractmethod
     def truth(self) -> Truth:
-        """What is kept of the scenario beside the answers."""
+        """Return the truth that is stored beside the answers."""
 
     def preparation(self, plan: CellPlan, store: RunStore) -> CellTask | None:
-        """What has to run before the cells of the scenario, if anything; `plan` is one of them."""
+        """Return the task that has to run before the cells of the scenario, if any.
+
+        Args:
+            plan: one of these cells.
+        """
         return None
 
     def weights(self, name: str) -> str:
-        """SHA-256 (hex) of the trained weights that `name` would load; "" where there are none."""
+        """Return the SHA-256 (hex) of the weights that `name` would load; "" without any."""
         return ""
 
     def unusable(self, name: str) -> str:
-        """Why `name` cannot run here, as a sentence; "" if it can."""
+        """Return the reason why `name` cannot run here, as a sentence; "" if it can."""
         return ""
 
-    def choice(self, name: str) -> dict[str, Any] | None:
-        """The record of the parameters chosen for `name`, see `choices`; None if there is none."""
+    def selection(self, name: str) -> dict[str, Any] | None:
+        """Return the record of the parameters selected for `name`; None without one."""
         return None

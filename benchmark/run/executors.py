@@ -1,8 +1,8 @@
-"""Where cells are worked on: on this machine, or on those of a Dask cluster, by the same code.
+"""Executors: cells run on this machine or on those of a Dask cluster, by the same code.
 
-On a cluster a cell is worked on in pieces of some minutes. A task gets what is kept of its cell,
-goes on as a resumed run does, and sends back what is kept then: rows are here, and safe, after each
-task. A task whose machine is lost is done again on another one by the scheduler.
+On a cluster a cell is run in tasks of some minutes. A task gets the stored batches of its cell,
+continues as a resumed run does, and sends the stored batches back: after each task the rows are
+here, and safe. The scheduler gives a task whose machine is lost to another one.
 """
 
 import logging
@@ -33,15 +33,15 @@ REMOTE_TASK_SECONDS = 600.0
 CONNECT_SECONDS = 10.0
 POLL_SECONDS = 0.5
 ATTEMPTS = 3
-# Cells that are asked of a cluster at a time: each is a thread here, which waits.
-ASKED = 256
+# Cells that a cluster runs at a time: for each a thread waits here.
+REMOTE_SLOTS = 256
 
 Role = Literal["cell", "preparation"]
 
 
 @dataclass(frozen=True, eq=False)
-class Work:
-    """A cell, or what the cells of its scenario wait for.
+class CellJob:
+    """A cell to run, or the preparation that the cells of its scenario wait for.
 
     Attributes:
         plan: the cell; of a preparation, one of those that wait for it.
@@ -52,19 +52,19 @@ class Work:
     plan: CellPlan
 
     def task(self, store: RunStore) -> CellTask:
-        """What runs."""
+        """Return the task that runs."""
         if self.role == "cell":
             return self.data.task(self.plan, store)
         task = self.data.preparation(self.plan, store)
         assert task is not None
         return task
 
-    def do(self, store: RunStore, progress: Bar, stop: threading.Event) -> None:
-        """Run what is not kept yet.
+    def run(self, store: RunStore, progress: Bar, stop: threading.Event) -> None:
+        """Run the batches that are not stored yet.
 
         Raises:
-            StoppedError: stopped; what is finished is kept.
-            EitbenchError: it cannot be written, read or had.
+            StoppedError: stopped; finished batches are stored.
+            EitbenchError: the store cannot be written or read, or the preparation fails.
         """
         task = self.task(store)
         if isinstance(task, ScoredTask):
@@ -74,45 +74,45 @@ class Work:
 
 
 class Executor(Protocol):
-    """Does work, in the thread that asks for it."""
+    """Runs jobs, each in the thread that calls it."""
 
     @property
     def slots(self) -> int:
-        """How much work may be asked for at a time."""
+        """Number of jobs that may run at a time."""
 
-    def do(self, work: Work, store: RunStore, progress: Bar, stop: threading.Event) -> None:
-        """See `Work.do`."""
+    def run(self, job: CellJob, store: RunStore, progress: Bar, stop: threading.Event) -> None:
+        """See `CellJob.run`."""
 
 
 @dataclass(frozen=True)
 class LocalExecutor:
-    """This machine."""
+    """Runs jobs on this machine."""
 
     slots: int
 
-    def do(self, work: Work, store: RunStore, progress: Bar, stop: threading.Event) -> None:
-        """See `Work.do`."""
-        work.do(store, progress, stop)
+    def run(self, job: CellJob, store: RunStore, progress: Bar, stop: threading.Event) -> None:
+        """See `CellJob.run`."""
+        job.run(store, progress, stop)
 
 
 @dataclass(frozen=True, eq=False)
 class RemoteTask:
-    """What a machine of the cluster is asked for, apart from the data.
+    """A request to a machine of the cluster, apart from the data.
 
     Attributes:
-        kept: what is kept of the cell.
-        needed: what is kept of its preparation.
+        stored: stored batches of the cell.
+        prepared: stored batches of its preparation.
         plugin: name and content of the file that registers it, if there is one.
         weights: SHA-256 of the weights that it loads here.
-        versions: what results rest on, as it is here.
-        seconds: after so long it is stopped where it stands.
+        versions: of this machine's packages, which results rest on.
+        seconds: after so long the task is stopped.
     """
 
     role: Role
     plan: CellPlan
     kind: RunKind
-    kept: Files
-    needed: Files
+    stored: Files
+    prepared: Files
     plugin: tuple[str, bytes] | None
     weights: str
     versions: Mapping[str, str | None]
@@ -121,65 +121,71 @@ class RemoteTask:
 
 @dataclass(frozen=True, eq=False)
 class RemoteResult:
-    """What is kept after a task, what was printed, and whether nothing is left to do."""
+    """Result of a remote task.
 
-    kept: Files
+    Attributes:
+        stored: stored batches of the cell.
+        log: output of the method or operator.
+        finished: true if nothing is left to do.
+    """
+
+    stored: Files
     log: bytes
     finished: bool
 
 
 class DaskExecutor:
-    """The machines of the Dask scheduler that `client` is connected to."""
+    """Runs jobs on the machines of the Dask scheduler that `client` is connected to."""
 
-    slots = ASKED
+    slots = REMOTE_SLOTS
 
     def __init__(self, client: "Client") -> None:
         self._client = client
         self._lock = threading.Lock()
-        self._there: dict[str, Future] = {}
+        self._scattered: dict[str, Future] = {}
 
-    def do(self, work: Work, store: RunStore, progress: Bar, stop: threading.Event) -> None:
-        """See `Work.do`."""
-        task = work.task(store)
+    def run(self, job: CellJob, store: RunStore, progress: Bar, stop: threading.Event) -> None:
+        """See `CellJob.run`."""
+        task = job.task(store)
         cell, done = task.plan.cell, 0
         while True:
-            remote = self._remote_task(work, task, store)
-            answer = self._answer(work.data, remote, stop)
+            remote = self._remote_task(job, task, store)
+            answer = self._answer(job.data, remote, stop)
             with store.log(cell).open("ab") as log:
                 log.write(answer.log)
-            store.unpack(cell, answer.kept)
-            kept = sum(
+            store.unpack(cell, answer.stored)
+            stored = sum(
                 store.batch_length(cell, split, start)
                 for split, size in task.sizes.items()
-                for start in range(0, size, work.plan.batch)
+                for start in range(0, size, job.plan.batch)
             )
-            progress.advance(max(0, kept - done))
-            done = kept
+            progress.advance(max(0, stored - done))
+            done = stored
             if answer.finished:
                 return
 
-    def _remote_task(self, work: Work, task: CellTask, store: RunStore) -> RemoteTask:
-        plan = work.plan
+    def _remote_task(self, job: CellJob, task: CellTask, store: RunStore) -> RemoteTask:
+        plan = job.plan
         plugin = None if plan.plugin is None else (plan.plugin.name, plan.plugin.read_bytes())
-        waits_for = work.data.preparation(plan, store) if work.role == "cell" else None
+        waits_for = job.data.preparation(plan, store) if job.role == "cell" else None
         return RemoteTask(
-            work.role,
+            job.role,
             plan,
             store.kind,
             store.pack(task.plan.cell),
             {} if waits_for is None else store.pack(waits_for.plan.cell),
             plugin,
-            work.data.weights(plan.cell.name),
+            job.data.weights(plan.cell.name),
             manifest.versions(),
             REMOTE_TASK_SECONDS,
         )
 
     def _answer(self, data: CellData, task: RemoteTask, stop: threading.Event) -> RemoteResult:
-        """What the cluster answers to a task.
+        """Return the answer of the cluster to a task.
 
         Raises:
             StoppedError: stopped meanwhile.
-            EitbenchError: the cluster cannot do it.
+            EitbenchError: the cluster cannot run it.
         """
         from distributed import CancelledError, KilledWorker
 
@@ -225,21 +231,24 @@ class DaskExecutor:
                 raise StoppedError
 
     def _data(self, data: CellData) -> "Future":
-        """The data of a scenario on the cluster, sent to each machine once."""
+        """Return the data of a scenario on the cluster; they are sent to each machine once."""
         with self._lock:
             name = data.scenario.name
-            if name not in self._there:
-                (self._there[name],) = self._client.scatter([data], broadcast=True, hash=False)
-            return self._there[name]
+            if name not in self._scattered:
+                (self._scattered[name],) = self._client.scatter([data], broadcast=True, hash=False)
+            return self._scattered[name]
 
     def _forget(self, data: CellData) -> None:
         with self._lock:
-            self._there.pop(data.scenario.name, None)
+            self._scattered.pop(data.scenario.name, None)
 
 
 @contextmanager
 def executor(jobs: int, scheduler: str | None) -> Iterator[Executor]:
-    """This machine with `jobs` cells at a time, or the cluster of `scheduler`, an address.
+    """Yield the executor: this machine with `jobs` cells at a time, or a cluster.
+
+    Args:
+        scheduler: address of the Dask scheduler of the cluster; None for this machine.
 
     Raises:
         InputError: `distributed` is not installed, or no scheduler answers there.
@@ -271,10 +280,10 @@ def executor(jobs: int, scheduler: str | None) -> Iterator[Executor]:
 
 
 def _run_remote_task(data: CellData, task: RemoteTask) -> RemoteResult:
-    """Do a task on this machine of a cluster.
+    """Run a task on this machine of a cluster.
 
     Raises:
-        EitbenchError: this machine is not like the one that asks, or the work cannot be done.
+        EitbenchError: this machine differs from the one that asks, or the job fails.
     """
     if manifest.versions() != task.versions:
         changed = [n for n, v in manifest.versions().items() if v != task.versions.get(n)]
@@ -296,15 +305,15 @@ def _run_remote_task(data: CellData, task: RemoteTask) -> RemoteResult:
             file, content = task.plugin
             plan = replace(plan, plugin=Path(folder) / Path(file).name)
             (Path(folder) / Path(file).name).write_bytes(content)
-        work = Work(task.role, data, plan)
-        cell = work.task(store).plan.cell
-        store.unpack(cell, task.kept)
+        job = CellJob(task.role, data, plan)
+        cell = job.task(store).plan.cell
+        store.unpack(cell, task.stored)
         waits_for = data.preparation(plan, store) if task.role == "cell" else None
         if waits_for is not None:
-            store.unpack(waits_for.plan.cell, task.needed)
+            store.unpack(waits_for.plan.cell, task.prepared)
         with _cancellation() as stop:
             try:
-                work.do(store, _Until(time.monotonic() + task.seconds), stop)
+                job.run(store, _Deadline(time.monotonic() + task.seconds), stop)
                 finished = True
             except StoppedError:
                 finished = False
@@ -314,27 +323,27 @@ def _run_remote_task(data: CellData, task: RemoteTask) -> RemoteResult:
         return RemoteResult(store.pack(cell), log.read_bytes() if log.exists() else b"", finished)
 
 
-class _Until:
-    """Stops work when its time is over, but not before a batch is done."""
+class _Deadline:
+    """A progress bar that stops its job after a deadline, but not before a batch is stored."""
 
     def __init__(self, deadline: float) -> None:
         self._deadline = deadline
         self._begun = False
 
     def advance(self, frames: int) -> None:
-        """So many frames more are kept.
+        """Count `frames` more.
 
         Raises:
-            StoppedError: that was enough.
+            StoppedError: the deadline is over.
         """
         if self._begun and time.monotonic() > self._deadline:
             raise StoppedError
-        self._begun = True  # the first call tells what was kept before
+        self._begun = True  # the first call counts what was stored before
 
 
 @contextmanager
 def _cancellation() -> Iterator[threading.Event]:
-    """An event that is set when nobody waits any more for the task that runs in this thread."""
+    """Yield an event that is set when the task that runs in this thread was cancelled."""
     from distributed import get_worker
 
     worker, stop, over = get_worker(), threading.Event(), threading.Event()

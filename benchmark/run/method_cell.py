@@ -1,4 +1,4 @@
-"""Methods in the cells of a run: asked for images, scored by what is known of the truth."""
+"""Methods in the cells of a run: asked for images, which are scored by the known truth."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -14,9 +14,9 @@ from eitbench.benchmark.metrics.evaluation import (
     evaluate,
     fit_registration,
 )
+from eitbench.benchmark.run.batch_result import StoredBatches
 from eitbench.benchmark.run.cell_task import NAN, Ask, CellData, CellPlan, ScoredTask
-from eitbench.benchmark.run.outcome import StoredBatches
-from eitbench.benchmark.run.prior_knowledge import account
+from eitbench.benchmark.run.prior_knowledge import prior_knowledge_columns
 from eitbench.benchmark.run.timing import WARM_FRAMES, WARM_SECONDS, warm_percentiles
 from eitbench.benchmark.rundir.arrays_file import Truth
 from eitbench.benchmark.rundir.cells import Values
@@ -40,7 +40,7 @@ from eitbench.scenarios.suites.suite import Suite
 
 @dataclass(frozen=True, eq=False)
 class MethodData(CellData):
-    """Frames, and what is known of them.
+    """Frames of a scenario and their truth.
 
     Attributes:
         validation: frames the registration is fitted on; None unless only positions are known.
@@ -71,11 +71,11 @@ class MethodData(CellData):
         return cls(scenario, test, validation)
 
     def task(self, plan: CellPlan, store: RunStore) -> "MethodCellTask":
-        """The method of the cell."""
+        """Return the method of the cell."""
         return MethodCellTask(plan, store, self)
 
     def truth(self) -> Truth:
-        """The true images, and what is needed to draw them."""
+        """Return the true images, with the attributes that are needed to draw them."""
         test, sensor = self.test, self.test.sensor
         attributes = {
             "bounds": np.asarray(sensor.outline.bounds, dtype=np.float64),
@@ -106,12 +106,12 @@ class MethodData(CellData):
         # Those of plugin files are known in their workers alone; a run remembers the file.
         return methods().get(name)
 
-    def choice(self, name: str) -> dict[str, Any] | None:
-        """See `CellData.choice`."""
+    def selection(self, name: str) -> dict[str, Any] | None:
+        """See `CellData.selection`."""
         return recorded_selection(self.scenario, name)
 
     def voltages(self, split: str) -> Frames:
-        """Frames (n, M) of "test" or "validation"."""
+        """Return the frames (n, M) of "test" or "validation"."""
         dataset = self.test if split == "test" else self.validation
         return (
             np.empty((0, self.test.sensor.n_measurements)) if dataset is None else dataset.voltages
@@ -121,7 +121,7 @@ class MethodData(CellData):
 class MethodCellTask(ScoredTask):
     """A method, asked for the images of frames."""
 
-    tells: ClassVar[bool] = True
+    reports_prior_knowledge: ClassVar[bool] = True
 
     unknown: ClassVar[Mapping[str, Any]] = {
         "parameters": "",
@@ -147,11 +147,11 @@ class MethodCellTask(ScoredTask):
 
     @property
     def input_hashes(self) -> list[str]:
-        """Of each frame and the reference frame."""
+        """SHA-256 (hex) of each frame with the reference frame."""
         return self.test.frame_hashes
 
     def service(self) -> MethodService:
-        """The method with its problem."""
+        """Return the method with its problem."""
         plan, test = self.plan, self.test
         splits = scenario_splits(self.data.scenario)
         return MethodService(
@@ -161,11 +161,11 @@ class MethodCellTask(ScoredTask):
         )
 
     def request(self, split: str, rows: slice) -> tuple[object, ...]:
-        """Reconstruct frames."""
+        """Return a request for the images of frames."""
         return "reconstruct", self.data.voltages(split)[rows]
 
     def blank(self, n: int) -> dict[str, NDArray[Any]]:
-        """No image and no time."""
+        """Return images and times of NaN."""
         shape = (n, *self.test.sensor.image_shape)
         return {
             "conductivity": np.full(shape, np.nan, dtype=np.float32),
@@ -173,9 +173,9 @@ class MethodCellTask(ScoredTask):
         }
 
     def values(self, split: str, rows: slice, reply: Reply) -> tuple[Values, NDArray[np.bool_]]:
-        """Images, and the time of each frame."""
+        """Return the images and the time of each frame."""
         mask, images = self.test.sensor.mask, reply.value
-        # What a method says outside the sensor does not count.
+        # Pixels outside the sensor do not count.
         images[:, ~mask] = self.test.sensor.background
         good = np.isfinite(images[:, mask]).all(axis=1)
         images[~good] = np.nan
@@ -183,7 +183,7 @@ class MethodCellTask(ScoredTask):
         return {"conductivity": images, "frame_ms": times}, good
 
     def warm(self, ask: Ask) -> dict[str, float]:
-        """Time single good frames, up to a number and a time; the first one comes last."""
+        """Return times of single valid frames, up to a number and a time; the first comes last."""
         if self.plan.cell.variant:
             return {}  # the parameters that are ranked are those that are timed
         good = self.valid_samples()
@@ -193,7 +193,7 @@ class MethodCellTask(ScoredTask):
             k = int(good[(len(warm) + 1) % len(good)])
             try:
                 reply = ask("a single frame", slice(k, k + 1))
-            except WorkerLostError:  # every frame is kept by now
+            except WorkerLostError:  # every frame is stored by now
                 break
             if reply.failure is not None:
                 break
@@ -203,11 +203,11 @@ class MethodCellTask(ScoredTask):
         return {"frame_ms_p50": p50, "frame_ms_p99": p99}
 
     def prior_knowledge(self, value: tuple[AccessRecord, dict[str, str]]) -> dict[str, Any]:
-        """What the method was told, as JSON, and how much of the test split it was taught on."""
-        return account(*value, self.data.scenario, self.test, spent=self.plan.spent)
+        """Return the columns of `prior_knowledge_columns`."""
+        return prior_knowledge_columns(*value, self.data.scenario, self.test, spent=self.plan.spent)
 
-    def figures(self, kept: StoredBatches) -> tuple[pd.DataFrame, dict[str, Any]]:
-        """What `evaluate` says of every image, and the registration as JSON if there is one."""
+    def figures(self, stored: StoredBatches) -> tuple[pd.DataFrame, dict[str, Any]]:
+        """Return the metrics of every image, and the registration as JSON if there is one."""
         registration, validation = None, self.data.validation
         whole = {}
         if validation is not None:
@@ -216,5 +216,5 @@ class MethodCellTask(ScoredTask):
             )
             registration = fit_registration(validation, seen.values["conductivity"])
             whole = {"registration": registration.to_json()}
-        table = evaluate(self.test, kept.values["conductivity"], registration)
-        return table.drop(columns="sample").assign(frame_ms=kept.values["frame_ms"]), whole
+        table = evaluate(self.test, stored.values["conductivity"], registration)
+        return table.drop(columns="sample").assign(frame_ms=stored.values["frame_ms"]), whole

@@ -1,4 +1,4 @@
-"""Forward operators in the cells of a run: voltages and gradients beside those of the model."""
+"""Forward operators in the cells of a run: voltages and gradients, compared with the model's."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -17,8 +17,8 @@ from eitbench.benchmark.metrics.operator_metrics import (
     mse,
     relative_error,
 )
+from eitbench.benchmark.run.batch_result import StoredBatches
 from eitbench.benchmark.run.cell_task import NAN, Ask, CellData, CellPlan, CellTask, ScoredTask
-from eitbench.benchmark.run.outcome import StoredBatches
 from eitbench.benchmark.rundir.arrays_file import TRUTH, Truth
 from eitbench.benchmark.rundir.cells import Cell, Values
 from eitbench.benchmark.rundir.store import RunStore
@@ -46,7 +46,7 @@ MODEL_LIMIT_S = 600.0
 
 @dataclass(frozen=True, eq=False)
 class OperatorData(CellData):
-    """True images, and what the model that the data come from makes of them, without noise.
+    """True images, and their noise-free voltages by the model that the data come from.
 
     Attributes:
         clean: (n, M) voltages [V/A].
@@ -91,11 +91,11 @@ class OperatorData(CellData):
         return known[name].weights_hash(self.test.sensor) if name in known else ""
 
     def task(self, plan: CellPlan, store: RunStore) -> "OperatorCellTask":
-        """The operator of the cell."""
+        """Return the operator of the cell."""
         return OperatorCellTask(plan, store, self)
 
     def preparation(self, plan: CellPlan, store: RunStore) -> "ReferenceModelTask":
-        """The model's own gradients, which those of all operators are compared with."""
+        """Return the model, whose gradients those of all operators are compared with."""
         # The suite's limits are for what is ranked.
         model = replace(
             plan,
@@ -106,7 +106,7 @@ class OperatorData(CellData):
         return ReferenceModelTask(model, store, self)
 
     def truth(self) -> Truth:
-        """The true voltages, and what they are standardised with."""
+        """Return the true voltages, with their mean and standard deviation."""
         arrays = {
             "sample": self.test.samples["sample"].to_numpy(np.int64),
             "voltages": self.clean,
@@ -117,11 +117,11 @@ class OperatorData(CellData):
         return {}, arrays
 
     def images(self, rows: slice) -> Array:
-        """True conductivity (k, H, W) [S/m]; drawn when asked for, since all would be large."""
+        """Return true conductivity (k, H, W) [S/m], drawn anew, since all images would be large."""
         return np.array([rasterise(p, self.test.sensor) for p in self.test.phantoms[rows]])
 
     def cotangents(self, rows: slice) -> Array:
-        """What gradients are taken of (k, M): the response to the touch [V/A]."""
+        """Return the cotangents (k, M) of gradients: the response to the touch [V/A]."""
         return np.asarray(self.clean[rows] - self.reference)
 
     @cached_property
@@ -142,25 +142,25 @@ class ReferenceModelTask(CellTask):
 
     @property
     def sizes(self) -> Mapping[str, int]:
-        """The test samples."""
+        """Number of test samples."""
         return {"test": len(self.data.clean)}
 
     def service(self) -> ReferenceModelService:
-        """The model."""
+        """Return the model."""
         assert isinstance(self.data.scenario, SimulatedScenario)
         return ReferenceModelService(self.data.scenario)
 
     def request(self, split: str, rows: slice) -> tuple[object, ...]:
-        """Gradients of some samples."""
+        """Return a request for the gradients of some samples."""
         return "gradients", rows, self.data.cotangents(rows)
 
     def blank(self, n: int) -> dict[str, NDArray[Any]]:
-        """No gradient."""
+        """Return gradients of NaN."""
         shape = (n, *self.data.test.sensor.image_shape)
         return {"gradient": np.full(shape, np.nan, dtype=np.float32)}
 
     def values(self, split: str, rows: slice, reply: Reply) -> tuple[Values, NDArray[np.bool_]]:
-        """The gradients."""
+        """Return the gradients."""
         return {"gradient": reply.value}, np.isfinite(reply.value).all(axis=(1, 2))
 
 
@@ -180,25 +180,25 @@ class OperatorCellTask(ScoredTask):
 
     @property
     def sizes(self) -> Mapping[str, int]:
-        """The test samples."""
+        """Number of test samples."""
         return {"test": len(self.data.clean)}
 
     @property
     def input_hashes(self) -> list[str]:
-        """Of each image and its cotangent."""
+        """SHA-256 (hex) of each image with its cotangent."""
         return self.data.input_hashes
 
     def service(self) -> OperatorService:
-        """The operator for the nominal sensor."""
+        """Return the operator for the nominal sensor."""
         plan = self.plan
         return OperatorService(OperatorSpec(self.test.sensor, plan.cell.name, plan.plugin))
 
     def request(self, split: str, rows: slice) -> tuple[object, ...]:
-        """Voltages and gradients of images."""
+        """Return a request for the voltages and gradients of images."""
         return "evaluate", self.data.images(rows), self.data.cotangents(rows)
 
     def blank(self, n: int) -> dict[str, NDArray[Any]]:
-        """No voltages, no gradient, no times."""
+        """Return voltages, cosines and times of NaN."""
         return {
             "voltages": np.full((n, self.test.sensor.n_measurements), np.nan),
             "grad_undefined": np.zeros(n, dtype=bool),
@@ -206,7 +206,7 @@ class OperatorCellTask(ScoredTask):
         }
 
     def values(self, split: str, rows: slice, reply: Reply) -> tuple[Values, NDArray[np.bool_]]:
-        """Voltages, how the gradients agree with the model's, and the time of each sample."""
+        """Return voltages, cosines of gradients with the model's, and the time of each sample."""
         found: Evaluation = reply.value
         inside = self.test.sensor.mask
         gradients = found.gradients[:, inside]
@@ -225,14 +225,14 @@ class OperatorCellTask(ScoredTask):
         return values, good
 
     def _model_gradients(self, rows: slice) -> Array:
-        """What the preparation kept of `rows`, which all lie in one batch: (k, H, W)."""
+        """Return the model's gradients (k, H, W) of `rows`, which all lie in one batch."""
         start = rows.start - rows.start % self.plan.batch
-        kept = self.store.batch(Cell(self.plan.cell.scenario, TRUTH), "test", start)
+        stored = self.store.batch(Cell(self.plan.cell.scenario, TRUTH), "test", start)
         inside = slice(rows.start - start, rows.stop - start)
-        return kept.values["gradient"][inside].astype(np.float64)
+        return stored.values["gradient"][inside].astype(np.float64)
 
     def warm(self, ask: Ask) -> dict[str, float]:
-        """Time whole batches of valid samples: the median for one sample, in ms."""
+        """Return the time of a sample in whole valid batches: the median over batches [ms]."""
         good = self.valid_samples()
         size = min(self.plan.batch, len(self.data.clean))
         starts = [
@@ -248,7 +248,7 @@ class OperatorCellTask(ScoredTask):
             start = starts[len(found) % len(starts)]
             try:
                 reply = ask("a warm batch", slice(start, start + size))
-            except WorkerLostError:  # every sample is kept by now
+            except WorkerLostError:  # every sample is stored by now
                 break
             if reply.failure is not None:
                 break
@@ -261,13 +261,13 @@ class OperatorCellTask(ScoredTask):
             "grad_ms": float(np.median([f.grad_s for f in found])) * 1e3 / size,
         }
 
-    def figures(self, kept: StoredBatches) -> tuple[pd.DataFrame, dict[str, float]]:
-        """How far the voltages are from the model's, and what was found of the gradients."""
-        data, valid = self.data, kept.status == "ok"
-        truth, estimate = data.clean[valid], kept.values["voltages"][valid]
+    def figures(self, stored: StoredBatches) -> tuple[pd.DataFrame, dict[str, float]]:
+        """Return the errors of the voltages, and what is stored of the gradients."""
+        data, valid = self.data, stored.status == "ok"
+        truth, estimate = data.clean[valid], stored.values["voltages"][valid]
         table = pd.DataFrame({"mse": NAN, "rel_error": NAN}, index=np.arange(len(valid)))
         table.loc[valid, "mse"] = mse(truth, estimate, data.standard)
         table.loc[valid, "rel_error"] = relative_error(truth, estimate)
         for name in ("grad_cosine", "grad_undefined", "forward_ms", "grad_ms"):
-            table[name] = kept.values[name]
+            table[name] = stored.values[name]
         return table, {"r": correlation(truth, estimate, data.standard)}

@@ -1,4 +1,4 @@
-"""What a method was told, as it was measured, and whether it was taught on what it is tested on."""
+"""Prior knowledge of a method, as it was measured, and its overlap with the test split."""
 
 import json
 from collections.abc import Mapping
@@ -23,7 +23,7 @@ from eitbench.scenarios.suites.suite import learned_from, scenarios
 NAN = float("nan")
 
 
-def account(
+def prior_knowledge_columns(
     access: AccessRecord,
     trained_on: Mapping[str, str],
     scenario: Scenario,
@@ -31,19 +31,19 @@ def account(
     *,
     spent: Mapping[str, Any],
 ) -> dict[str, Any]:
-    """What a method was told, in the columns of its cell.
+    """Return the prior knowledge of a method, as columns of its cell.
 
-    `prior_knowledge` is JSON: whether it read the `model` with its contact impedance, the `gain`
-    and the `conductivity_range`; `given`, the samples it learned from; `trained_on`, those behind
-    its weights; `tuned`, what tuning its parameters cost; `noise`, through which of these it knows
-    the noise level of the test split. `overlap` is the number of test samples among those it
-    learned from, NaN where the data behind its weights are not known here.
+    `prior_knowledge` is JSON: true if it read the `model` with its contact impedance, the `gain`
+    and the `conductivity_range`; `given`, the samples it learned from; `trained_on`, the data
+    behind its weights; `tuned`, the cost of selecting its parameters; `noise`, the sources among
+    these that show the noise level of the test split. `overlap` is the number of test samples among
+    those it learned from, NaN where the data behind its weights are not known here.
 
     Args:
-        access: what it read of its problem.
+        access: its record of access to the problem.
         trained_on: see `Method`.
-        scenario, test: what it is tested on.
-        spent: what choosing its parameters on validation data cost; empty where they were not.
+        scenario, test: the test data.
+        spent: cost of selecting its parameters on validation data; empty without a selection.
     """
     learned = [given.contents for given in access.samples]
     noise = [given.split for given in access.samples if _has_test_noise(scenario, given.split)]
@@ -56,7 +56,7 @@ def account(
         noise.append("tuning")
     shown = contents(test.phantoms, test.voltages)
     overlap = float(np.isin(shown, np.concatenate(learned)).sum()) if learned else 0.0
-    told = {
+    knowledge = {
         "model": access.model,
         "gain": access.gain,
         "conductivity_range": access.conductivity_range,
@@ -74,26 +74,29 @@ def account(
         "noise": noise,
     }
     known = not trained_on or source is not None
-    return {"prior_knowledge": json.dumps(told), "overlap": overlap if known or overlap else NAN}
+    return {
+        "prior_knowledge": json.dumps(knowledge),
+        "overlap": overlap if known or overlap else NAN,
+    }
 
 
 def training_contents(scenario: SimulatedScenario, count: int) -> Contents:
-    """What the first `count` training samples show: packaged, or found out once and cached."""
+    """Return the contents of the first `count` training samples: packaged, or computed once."""
     name = f"contents-{scenario.data_hash('train')[:16]}-{count}.npy"
-    kept = cache_dir() / "contents" / name
-    for path in (packaged_weights() / name, kept):
+    cached = cache_dir() / "contents" / name
+    for path in (packaged_weights() / name, cached):
         if path.is_file():
             with suppress(ValueError, EOFError):  # one that is damaged is made again
                 return _checked(path, count)
     drawn = tuple(phantom(scenario, "train", sample) for sample in range(count))
     found = np.sort(contents(drawn, None))
     with suppress(OSError):  # the next run would only have to do it again
-        write_contents(kept, found)
+        write_contents(cached, found)
     return found
 
 
 def write_contents(path: Path, found: Contents) -> None:
-    """Write what `training_contents` reads; it appears whole or not at all."""
+    """Write contents for `training_contents`; the file appears whole or not at all."""
     buffer = BytesIO()
     np.save(buffer, found)
     atomic_write(path, buffer.getvalue())
@@ -107,7 +110,7 @@ def _checked(path: Path, count: int) -> Contents:
 
 
 def _source(trained_on: Mapping[str, str], scenario: Scenario) -> SimulatedScenario | None:
-    """The scenario that weights were trained on, if it is one of ours or the one of the run."""
+    """Return the scenario that weights were trained on, if it is packaged or that of the run."""
     named = scenarios().get(trained_on["scenario"])
     for source in (named, scenario, learned_from(scenario)):
         if (
@@ -119,7 +122,7 @@ def _source(trained_on: Mapping[str, str], scenario: Scenario) -> SimulatedScena
 
 
 def _has_test_noise(scenario: Scenario, split: str) -> bool:
-    """Whether data of `split` show the noise of the test split."""
+    """True if data of `split` show the noise of the test split."""
     if isinstance(scenario, SimulatedScenario):
         noise = scenario.noise
         return bool(getattr(noise, split) == noise.test)

@@ -1,4 +1,4 @@
-"""What a run tells the person in front of it, on stderr: bars on a terminal, lines elsewhere."""
+"""Progress of a run on stderr: bars on a terminal, lines elsewhere."""
 
 import sys
 from collections.abc import Iterator
@@ -17,10 +17,10 @@ from rich.progress import (
 
 
 class Bar(Protocol):
-    """What is told how far a cell is."""
+    """Counts the frames of one cell."""
 
     def advance(self, frames: int) -> None:
-        """So many frames more are done."""
+        """Count `frames` more."""
 
 
 class CellProgress:
@@ -31,7 +31,7 @@ class CellProgress:
         self._task = bars.add_task(description, total=total)
 
     def advance(self, frames: int) -> None:
-        """So many frames more are done."""
+        """Count `frames` more."""
         self._bars.advance(self._task, frames)
 
 

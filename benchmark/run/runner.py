@@ -1,4 +1,4 @@
-"""Running a suite: everything it ranks on every scenario, into a directory that can be resumed."""
+"""Runs of a suite: all it ranks on every scenario, into a directory that can be resumed."""
 
 import signal
 import threading
@@ -11,7 +11,7 @@ from types import FrameType
 
 from eitbench.benchmark.run.cell import score_cell
 from eitbench.benchmark.run.cell_task import CellData, CellPlan
-from eitbench.benchmark.run.executors import Executor, Work, executor
+from eitbench.benchmark.run.executors import CellJob, Executor, executor
 from eitbench.benchmark.run.method_cell import MethodData
 from eitbench.benchmark.run.operator_cell import OperatorData
 from eitbench.benchmark.run.progress import RunProgress
@@ -54,7 +54,7 @@ class RunResult:
 
 
 class RunInterruptedError(EitbenchError):
-    """The run was stopped by the user; what was finished is kept."""
+    """The run was stopped by the user; finished rows are stored."""
 
 
 def start_run(
@@ -107,7 +107,7 @@ def resume_run(
     scheduler: str | None = None,
     progress: RunProgress | None = None,
 ) -> RunResult:
-    """Continue the run in `run`, in place, with the choices it was started with.
+    """Continue the run in `run`, in place, with the plan it was started with.
 
     Args:
         jobs: as for `start_run`; it may be another number than before.
@@ -145,7 +145,7 @@ def _result(run: Path, manifest: Manifest) -> RunResult:
 
 @contextmanager
 def _termination_interrupts() -> Iterator[None]:
-    """SIGTERM is Ctrl-C: what is finished is kept and no worker stays behind."""
+    """Treat SIGTERM as Ctrl-C, so that finished rows are stored and no worker stays behind."""
     if threading.current_thread() is not threading.main_thread():
         yield  # only the main thread may say what a signal does
         return
@@ -163,7 +163,7 @@ def _termination_interrupts() -> Iterator[None]:
 def _load_again(
     plan: Plan, run: Path, manifest: Manifest, jobs: int, progress: RunProgress
 ) -> dict[str, CellData]:
-    """The data of a run that is continued, which must be those it was started with."""
+    """Return the data of a run that is continued; they must be those it was started with."""
     names = list(manifest["data"])
     data, skipped, refused = _load(plan, names, jobs, progress)
     if skipped or refused:
@@ -191,7 +191,7 @@ def _no_data(skipped: Mapping[str, str], refused: Mapping[str, str]) -> Eitbench
 def _load(
     plan: Plan, names: Sequence[str], jobs: int, progress: RunProgress
 ) -> tuple[dict[str, CellData], dict[str, str], dict[str, str]]:
-    """Data of the scenarios `names`; a sentence for each that cannot be had, or is corrupt.
+    """Return the data of the scenarios `names`, and sentences on missing and on damaged ones.
 
     Raises:
         DataUnavailableError, DataCorruptError: there are no data at all.
@@ -255,13 +255,13 @@ def _new_manifest(
             for there in data.values()
             for name in plan.names
             if not there.unusable(name)
-            for entry in (_chosen(there, name), *other_cells(plan, there, name))
+            for entry in (_ranked_cell(there, name), *other_cells(plan, there, name))
         ],
     }
 
 
 def _unusable(plan: Plan, data: Mapping[str, CellData], progress: RunProgress) -> dict[str, str]:
-    """A sentence for each cell that lacks something, such as weights or a program.
+    """Return a sentence for each cell that lacks something, such as weights or a program.
 
     Raises:
         InputError: all cells do.
@@ -279,16 +279,16 @@ def _unusable(plan: Plan, data: Mapping[str, CellData], progress: RunProgress) -
     return found
 
 
-def _chosen(data: CellData, name: str) -> Manifest:
-    choice = data.choice(name)
-    track = "default" if choice is None else "tuned"
+def _ranked_cell(data: CellData, name: str) -> Manifest:
+    selection = data.selection(name)
+    track = "default" if selection is None else "tuned"
     return {
         "scenario": data.scenario.name,
         "name": name,
         "variant": "",
         "track": "calibrated" if data.scenario.calibrated else track,
-        "parameters": choice["parameters"] if choice else {},
-        "spent": choice["spent"] if choice else {},
+        "parameters": selection["parameters"] if selection else {},
+        "spent": selection["spent"] if selection else {},
         "weights": data.weights(name),
     }
 
@@ -353,38 +353,38 @@ def _run_cells(
     where: Executor,
     progress: RunProgress,
 ) -> bool:
-    """Run what is not finished; False after Ctrl-C.
+    """Run the cells that are not finished; return False after Ctrl-C.
 
     Raises:
-        EitbenchError: rows could not be written; those that were are kept.
+        EitbenchError: rows could not be written; those that were are safe.
     """
     stop = threading.Event()
     unfinished = [plan for plan in cells if not store.finished(plan.cell)]
     first_of = {plan.cell.scenario: plan for plan in reversed(unfinished)}
     preparations = {
-        name: Work("preparation", there, first_of[name])
+        name: CellJob("preparation", there, first_of[name])
         for name, there in data.items()
         if name in first_of and there.preparation(first_of[name], store) is not None
     }
     prepared: dict[str, Future[None]] = {}
 
-    def working(work: Work) -> None:
-        task, scenario = work.task(store), work.plan.cell.scenario
+    def run(job: CellJob) -> None:
+        task, scenario = job.task(store), job.plan.cell.scenario
         with progress.cell(str(task.plan.cell), sum(task.sizes.values())) as bar:
-            if work.role == "cell" and scenario in prepared:
+            if job.role == "cell" and scenario in prepared:
                 prepared[scenario].result()
             if not stop.is_set():
-                where.do(work, store, bar, stop)
+                where.run(job, store, bar, stop)
 
-    works = [Work("cell", data[plan.cell.scenario], plan) for plan in unfinished]
+    jobs = [CellJob("cell", data[plan.cell.scenario], plan) for plan in unfinished]
     if where.slots > 1:
-        # What took long to tune takes long to run: begun last, it would be worked on alone.
-        works.sort(key=lambda work: work.plan.spent.get("seconds") or 0.0, reverse=True)
-    with progress.cells(len(works) + len(preparations)), ThreadPoolExecutor(where.slots) as pool:
+        # A cell that took long to tune takes long to run: begun last, it would run alone.
+        jobs.sort(key=lambda job: job.plan.spent.get("seconds") or 0.0, reverse=True)
+    with progress.cells(len(jobs) + len(preparations)), ThreadPoolExecutor(where.slots) as pool:
         # They are begun before any cell that waits for one.
-        for scenario, work in preparations.items():
-            prepared[scenario] = pool.submit(working, work)
-        futures = [*prepared.values(), *(pool.submit(working, work) for work in works)]
+        for scenario, job in preparations.items():
+            prepared[scenario] = pool.submit(run, job)
+        futures = [*prepared.values(), *(pool.submit(run, job) for job in jobs)]
         try:
             wait(futures, return_when=FIRST_EXCEPTION)
         except KeyboardInterrupt:
@@ -396,7 +396,7 @@ def _run_cells(
     for error in errors:
         if isinstance(error, EitbenchError):
             raise EitbenchError(
-                f"{error} What was finished is kept: when that is mended, continue with "
+                f"{error} Finished rows are kept: when that is mended, continue with "
                 f"`eitbench run --resume {store.path}`."
             ) from error
         if error is not None and not isinstance(error, StoppedError):

@@ -1,4 +1,4 @@
-"""Times that can be compared: percentiles of single frames and a calibration solve per machine."""
+"""Comparable times: percentiles of single frames, and a calibration solve of the machine."""
 
 import time
 from collections.abc import Sequence
@@ -14,7 +14,7 @@ WARM_SECONDS = 1.0
 
 
 def warm_percentiles(frame_ms: Sequence[float]) -> tuple[float, float]:
-    """Median and 99th percentile of single-frame times; NaN where there is none."""
+    """Return the median and 99th percentile of single-frame times; NaN without any."""
     if not frame_ms:
         return float("nan"), float("nan")
     p50, p99 = np.percentile(frame_ms, [50, 99])
@@ -23,7 +23,7 @@ def warm_percentiles(frame_ms: Sequence[float]) -> tuple[float, float]:
 
 @cache
 def calibration() -> float:
-    """Milliseconds this machine needs for a fixed solve on one thread (the fastest of five).
+    """Return the milliseconds of a fixed solve on one thread (the fastest of five).
 
     Measured when it is first asked for.
 

@@ -1,7 +1,7 @@
 """The tracks that are run beside the ranked one; `gaps` compares them.
 
-`default` are a method's own parameters, `tuned` those chosen on validation data, and `oracle` the
-best on the test split among all that were tried: what tuning left unused. The oracle has seen the
+`default` are a method's own parameters, `tuned` those selected on validation data, and `oracle` the
+best on the test split among all that were tried: the limit of tuning. The oracle has seen the
 test split, so that it is shown as a gap and never ranked.
 """
 
@@ -24,17 +24,17 @@ if TYPE_CHECKING:
 
 
 def other_cells(plan: "Plan", data: CellData, name: str) -> list[Manifest]:
-    """Entries of the manifest for the cells of `name` on the tracks beside the ranked one."""
-    choice = data.choice(name)
-    if choice is None:
+    """Return manifest entries for the cells of `name` on the tracks beside the ranked one."""
+    selection = data.selection(name)
+    if selection is None:
         return []  # its one track is the default
     wanted: dict[str, dict[str, Any]] = {}
     if "default" in plan.tracks:
         wanted["default"] = {}
     if "oracle" in plan.tracks:
         # The first trial is that of the defaults.
-        tried = [t["parameters"] for t in choice["trials"] if t["status"] != "failed"]
-        others = [parameters for parameters in tried if parameters != choice["parameters"]]
+        tried = [t["parameters"] for t in selection["trials"] if t["status"] != "failed"]
+        others = [parameters for parameters in tried if parameters != selection["parameters"]]
         wanted |= {f"trial-{k:02d}": parameters for k, parameters in enumerate(others)}
     return [
         {
@@ -76,7 +76,7 @@ def _labelled(track: str, parameters: dict[str, Any], rows: pd.DataFrame) -> pd.
 
 
 def _goodness(rows: pd.DataFrame) -> float:
-    """The figure that ranks, larger better."""
+    """Return the figure that ranks, larger better."""
     for name in METHOD_RUNS.ranked_by:
         spec = METHOD_RUNS.metrics[name]
         value = float(once(lambda counts: aggregate(rows, [spec], counts), len(rows))[0])  # noqa: B023

@@ -1,7 +1,7 @@
-"""One trial of a study: a method with some parameters, scored on more and more validation frames.
+"""Trials of a study: a method with some parameters, scored on more and more validation frames.
 
-The method runs in a worker that is given no other split than the one to train on, within the limits
-of a run, so that one that hangs or dies costs its own trial only.
+The method runs in a worker that is given the training split alone, within the limits of a run. A
+method that hangs or dies costs its own trial only.
 """
 
 import math
@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 from eitbench.benchmark.metrics.evaluation import REGISTRATION_FRAMES, evaluate, fit_registration
 from eitbench.benchmark.tuning.selection import Trial, validation_scenario
 from eitbench.benchmark.workers.method_service import MethodService, MethodSpec, learning_splits
-from eitbench.benchmark.workers.worker import Reply, Worker, WorkerLostError, serve
+from eitbench.benchmark.workers.restarting import RestartingWorker, SetUpFailedError
+from eitbench.benchmark.workers.worker import Reply, WorkerLostError
 from eitbench.methods.registry import create, methods
 from eitbench.scenarios.data.datasets import Dataset, load
 from eitbench.scenarios.errors import InputError
@@ -31,21 +32,21 @@ Array = NDArray[np.float64]
 FRAMES = 18
 PARTS = 3
 """A trial is scored on the first third of its frames, on two thirds, on all."""
-DESCRIBE_LIMIT_S = 60.0
+SET_UP_LIMIT_S = 60.0
 
 FIGURES = {
     "conductivity": "mean score S",
     "position": "minus the median localisation error [mm]",
     "classes": "mean correlation",
 }
-"""What a scenario is ranked by, for each kind of truth; larger is better here."""
+"""Figure that a scenario is ranked by, for each kind of truth; larger is better here."""
 
 
 class TrialService(MethodService):
     """The worker's side: one set of parameters after the other, for one problem."""
 
-    def describe(self) -> Reply:
-        """What the method lets be chosen, and its defaults; None where there is nothing."""
+    def set_up(self) -> Reply:
+        """Load the method; the reply holds its search space and defaults, None without one."""
         self.load_plugin()
         search = methods()[self.task.method].search
         if not search:
@@ -65,23 +66,23 @@ class TrialService(MethodService):
         return self.fitted(parameters)[1]
 
 
-class Reported(Protocol):
-    """What a trial is reported to; one of Optuna's."""
+class Reporter(Protocol):
+    """Receiver of the reports of a trial; one of Optuna's."""
 
     def report(self, value: float, step: int) -> None:
         """Note the figure of one frame."""
 
     def should_prune(self) -> bool:
-        """Whether it is clearly worse than the best so far."""
+        """Return True if the trial is clearly worse than the best so far."""
 
 
 class TrialFailedError(Exception):
-    """The method gave no images; the message says why."""
+    """The method gave no images; the message gives the reason."""
 
 
 @dataclass(frozen=True)
 class Limits:
-    """What the method may take: for its set-up and for one frame [s], and of memory [MiB]."""
+    """Limits of a method: for its set-up and for one frame [s], and of memory [MiB]."""
 
     fit_s: float
     frame_s: float
@@ -89,7 +90,7 @@ class Limits:
 
     @classmethod
     def of(cls, suite: Suite) -> "Limits":
-        """Those of a run of `suite`."""
+        """Return the limits of a run of `suite`."""
         return cls(suite.fit_limit_s, suite.frame_limit_s, suite.memory_limit_mb)
 
 
@@ -103,11 +104,11 @@ class Clock:
     def __init__(self, limit: float) -> None:
         self.limit, self.spent = limit, 0.0
 
-    def ask(self, worker: Worker, *request: object, limit: float, what: str) -> Any:
-        """The worker's answer, within `limit` and what is left [s].
+    def ask(self, worker: RestartingWorker, *request: object, limit: float, what: str) -> Any:
+        """Return the worker's answer, within `limit` and the rest of the time [s].
 
         Raises:
-            TrialFailedError: there is none; where the worker was lost, the cause says so.
+            TrialFailedError: there is none.
         """
         start = time.perf_counter()
         left = max(self.limit - self.spent, 0.0)
@@ -140,12 +141,17 @@ class Validation:
     ) -> None:
         # Presses also fit the registration, which takes more of them.
         limit = REGISTRATION_FRAMES if isinstance(scenario, RecordedScenario) else FRAMES
-        self.scenario, self.limits, self._stop = scenario, limits, stop
+        self.scenario, self.limits = scenario, limits
         self.data = load(validation_scenario(scenario), split="validation", limit=limit)
         self.standard = (0.0, 1.0)
         splits = partial(_training_split, scenario)
         self._task = MethodSpec(self.data.sensor, self.data.reference, splits, method, {}, plugin)
-        self._worker: Worker | None = None
+        self._worker = RestartingWorker(
+            TrialService(self._task),
+            set_up_limit_s=SET_UP_LIMIT_S,
+            stop=stop,
+            memory_limit_mb=limits.memory_mb,
+        )
         self._images: NDArray[np.float32] = np.empty(0, np.float32)
 
     def standardise(self) -> None:
@@ -165,44 +171,35 @@ class Validation:
 
     def close(self) -> None:
         """End the worker."""
-        if self._worker is not None:
-            self._worker.close()
-            self._worker = None
+        self._worker.close()
 
     def search(self) -> tuple[dict[str, tuple[Any, ...]], dict[str, Any]] | None:
-        """What the method lets be chosen and its defaults, from a new worker; None for nothing.
+        """Return the search space of the method and its defaults, from a new worker, if any.
 
         Raises:
             InputError: the method cannot be tuned.
         """
-        self.close()
-        self._worker = Worker(
-            serve,
-            TrialService(self._task),
-            stop=self._stop,
-            memory_limit_mb=self.limits.memory_mb,
-        )
         try:
-            reply = self._worker.ask("describe", limit=DESCRIBE_LIMIT_S, what="its description")
+            found: tuple[dict[str, tuple[Any, ...]], dict[str, Any]] | None
+            found = self._worker.start().value
+        except SetUpFailedError as failed:
+            raise InputError(failed.failure.message.removeprefix("InputError: ")) from failed
         except WorkerLostError as lost:
             said = lost.failure.message
             raise InputError(f"Method {self._task.method!r} cannot be tuned: {said}.") from lost
-        if reply.failure is not None:
-            raise InputError(reply.failure.message.removeprefix("InputError: "))
-        found: tuple[dict[str, tuple[Any, ...]], dict[str, Any]] | None = reply.value
         return found
 
     def fit(self, parameters: dict[str, Any], clock: Clock) -> None:
         """Fit the method.
 
         Raises:
-            TrialFailedError: it cannot be.
+            TrialFailedError: it cannot be fitted.
         """
         self._images = np.full((len(self.data), *self.data.sensor.image_shape), np.nan, np.float32)
         self._ask(clock, "fit", parameters, limit=self.limits.fit_s, what="set-up")
 
     def part(self, k: int, clock: Clock) -> Array:
-        """Figures of the frames of part `k`, larger better; the parts are asked for in order.
+        """Return figures of the frames of part `k`, larger better; the parts come in order.
 
         Raises:
             TrialFailedError: there are no valid images.
@@ -224,7 +221,7 @@ class Validation:
         return frame_figures(_part_of(self.data, seen), self._images[seen])[-count:]
 
     def figure(self, parts: Sequence[Array]) -> float:
-        """The figure of all frames, standardised; `parts` are those of the frames."""
+        """Return the figure of all frames, standardised, from those of the `parts`."""
         if self.data.truth == "position":
             value = float(np.median(frame_figures(self.data, self._images)))
         else:
@@ -233,26 +230,21 @@ class Validation:
         return (value - offset) / scale
 
     def _ask(self, clock: Clock, *request: object, limit: float, what: str) -> Any:
-        if self._worker is None:
-            self.search()  # the last one was lost; a new one's start is not the method's time
-        assert self._worker is not None
-        try:
-            return clock.ask(self._worker, *request, limit=limit, what=what)
-        except TrialFailedError as failed:
-            if failed.__cause__ is not None:
-                self.close()
-            raise
+        if not self._worker.running:
+            self.search()  # a new worker's start is not the method's time
+        return clock.ask(self._worker, *request, limit=limit, what=what)
 
 
 def run_trial(
-    trial: Reported,
+    trial: Reporter,
     parameters: dict[str, Any],
     validations: Sequence[Validation],
     seconds: float,
 ) -> Trial:
     """Score `parameters` on all `validations` by their mean figure; report every frame to `trial`.
 
-    `seconds` is what the method may take in all.
+    Args:
+        seconds: limit of the time in the method.
     """
     clock = Clock(seconds)
     parts: list[list[Array]] = [[] for _ in validations]
@@ -288,7 +280,7 @@ def run_trial(
 
 
 def frame_figures(data: Dataset, estimates: NDArray[np.float32]) -> Array:
-    """What each frame says of the figure the scenario is ranked by, (n,), larger better."""
+    """Return the figure (n,) of each frame that the scenario is ranked by, larger better."""
     if data.truth == "position":
         rows = evaluate(data, estimates, fit_registration(data, estimates))
         return -rows["localisation_mm"].to_numpy(dtype=np.float64)
@@ -308,7 +300,7 @@ def _part_of(data: Dataset, rows: slice) -> Dataset:
 
 
 def _training_split(scenario: Scenario, split: str, limit: int | None) -> Dataset:
-    """What methods learn from; the frames they are scored on here are not given to them."""
+    """Return the training split; a method is not given the frames that it is scored on here."""
     if split != "train":
         raise InputError(f"Methods are not given the {split} split while they are tuned.")
     return learning_splits(scenario, split, limit)

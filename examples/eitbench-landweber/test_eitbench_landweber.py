@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from eitbench_landweber import Landweber
 
-from eitbench.benchmark.checks.targets import check_target
+from eitbench.benchmark.checks import check_target
 from eitbench.methods import Problem
 from eitbench.scenarios import forward_model, sensor
 

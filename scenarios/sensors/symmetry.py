@@ -27,8 +27,8 @@ def asymmetry(reason: str, turned: float, mirrored: float) -> dict[str, str]:
             image (rms), as fractions of the contrast.
     """
     return {
-        "rotation equivariance": f"{reason}: {turned:g} of the contrast",
-        "mirror equivariance": f"{reason}: {mirrored:g} of the contrast",
+        "rotation_equivariance": f"{reason}: {turned:g} of the contrast",
+        "mirror_equivariance": f"{reason}: {mirrored:g} of the contrast",
     }
 
 

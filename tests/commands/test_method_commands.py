@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from eitbench.benchmark.checks import targets
-from eitbench.benchmark.checks.checking import CheckReport, CheckResult
+from eitbench.benchmark import checks
+from eitbench.benchmark.checks import CheckReport, CheckResult
 
 Run = Callable[..., tuple[int, str, str]]
 
@@ -23,16 +23,16 @@ def test_a_check_that_fails_is_shown_and_exits_with_1(
     eitbench: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     results = (
-        CheckResult("is fast", "passed"),
-        CheckResult("prints nothing", "xfail", "it is a talker."),
-        CheckResult("obeys the scaling law", "skipped", "Only exact operators do."),
-        CheckResult("returns images", "failed", "it returns none."),
+        CheckResult("fast", "is fast", "passed"),
+        CheckResult("quiet", "prints nothing", "xfail", "it is a talker."),
+        CheckResult("scaling", "obeys the scaling law", "skipped", "Only exact operators do."),
+        CheckResult("images", "returns images", "failed", "it returns none."),
     )
     reports = {
         "sound": [CheckReport("operator", "sound", "foam16", results[:3])],
         "broken": [CheckReport("operator", "broken", "foam16", results)],
     }
-    monkeypatch.setattr(targets, "check_target", reports.get)
+    monkeypatch.setattr(checks, "check_target", reports.get)
     assert eitbench("check", "sound")[0] == 0
     code, out, _ = eitbench("check", "broken")
     assert code == 1

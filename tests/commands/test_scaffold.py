@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from eitbench.benchmark.checks.targets import check_target
+from eitbench.benchmark.checks import check_target
 from eitbench.commands.scaffold import new_method
 from eitbench.scenarios.errors import EitbenchError, InputError
 

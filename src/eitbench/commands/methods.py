@@ -10,7 +10,7 @@ from eitbench.commands.console import Json, fail, print_json
 from eitbench.commands.runs import plan_of
 
 if TYPE_CHECKING:
-    from eitbench.benchmark.checks.checking import CheckReport
+    from eitbench.benchmark.checks import CheckReport
 
 app = typer.Typer()
 
@@ -188,7 +188,7 @@ def check(
 
     What a method declares in `expected_failures` is shown as xfail, with its reason.
     """
-    from eitbench.benchmark.checks.targets import check_target
+    from eitbench.benchmark.checks import check_target
 
     reports = check_target(target)
     if as_json:

@@ -2,7 +2,7 @@
 
 import pytest
 
-from eitbench.benchmark.checks.method_checks import check_method
+from eitbench.benchmark.checks import check_method
 from eitbench.benchmark.checks.method_under_test import OWN_GRID
 from eitbench.methods.registry import METHOD_REGISTRY, methods
 

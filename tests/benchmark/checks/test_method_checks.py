@@ -5,51 +5,50 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from eitbench.benchmark.checks.checking import SkippedError
-from eitbench.benchmark.checks.method_checks import CHECKS, check_method
-from eitbench.benchmark.checks.method_physics import mirror, rotation
+from eitbench.benchmark.checks.check import METHOD_CHECKS, check_method, check_target
+from eitbench.benchmark.checks.harness import SkippedError
+from eitbench.benchmark.checks.method_physics import mirror_equivariance, rotation_equivariance
 from eitbench.benchmark.checks.method_under_test import SCENARIO, MethodUnderTest
-from eitbench.benchmark.checks.targets import check_target
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.physics.forward import forward_model
 
-EVERYTHING = set(CHECKS)
+EVERYTHING = {check.__name__ for check in METHOD_CHECKS}
 BROKEN = {
     "contract-kept": set(),
     "contract-contrast": {
-        "zero contrast gives the background",
-        "a conductive contact is positive",
-        "small contrasts are nearly linear",
+        "zero_contrast",
+        "conductive_contact",
+        "linearity",
     },
-    "contract-inverted": {"a resistive contact is negative", "a conductive contact is positive"},
-    "contract-unsigned": {"a conductive contact is positive"},
-    "contract-batch": {"a batch equals its single frames"},
-    "contract-random": {"the same twice"},
-    "contract-short": {"refuses frames of the wrong length"},
-    "contract-nan": {"refuses frames with NaN"},
-    "contract-order": {"the order of frames does not matter"},
-    "contract-seed": {"the global seed does not matter"},
-    "contract-leak": {"leaves the global random state alone"},
-    "contract-saturated": {"small contrasts are nearly linear"},
-    "contract-squared": {"small contrasts are nearly linear"},
-    "contract-turned": {"rotation equivariance"},
-    "contract-mirrored": {"mirror equivariance"},
-    "contract-gain": {"gain invariance"},
-    "contract-exploding": {"noise is not blown up"},
-    "contract-diverging": {"noise is not blown up"},
-    "contract-overconfident": {"noise is not blown up"},
-    "contract-threads": {"the thread count does not matter"},
-    "contract-keeps": {"memory does not grow"},
-    "contract-network": {"uses no network"},
-    "contract-writes": {"writes nothing elsewhere"},
-    "contract-starts": {"starts no other program"},
+    "contract-inverted": {"resistive_contact", "conductive_contact"},
+    "contract-unsigned": {"conductive_contact"},
+    "contract-batch": {"batch_equals_single"},
+    "contract-random": {"deterministic"},
+    "contract-short": {"wrong_length"},
+    "contract-nan": {"nan_voltages"},
+    "contract-order": {"order"},
+    "contract-seed": {"seed"},
+    "contract-leak": {"random_state"},
+    "contract-saturated": {"linearity"},
+    "contract-squared": {"linearity"},
+    "contract-turned": {"rotation_equivariance"},
+    "contract-mirrored": {"mirror_equivariance"},
+    "contract-gain": {"gain_invariance"},
+    "contract-exploding": {"noise_growth"},
+    "contract-diverging": {"noise_growth"},
+    "contract-overconfident": {"noise_growth"},
+    "contract-threads": {"threads"},
+    "contract-keeps": {"memory"},
+    "contract-network": {"no_network"},
+    "contract-writes": {"no_writing"},
+    "contract-starts": {"no_programs"},
 }
 # Other ways to break what another toy breaks already.
 MORE = {"contract-squared", "contract-diverging", "contract-overconfident"}
-REFUSES = {"refuses frames of the wrong length", "refuses frames with NaN"}
+REFUSES = {"wrong_length", "nan_voltages"}
 MISBEHAVING = {
     "toy-good": set(),
-    "toy-prints": {"prints nothing"},
+    "toy-prints": {"quiet"},
     "toy-fit-raises": EVERYTHING,
     "toy-hangs": EVERYTHING,
     "toy-raises": EVERYTHING,
@@ -67,24 +66,24 @@ def test_a_broken_promise_is_found_alone(
 ) -> None:
     monkeypatch.setenv("TOY_DIARY", str(tmp_path / "diary"))
     report = check_method(name, plugin=broken_contract)
-    assert {result.name for result in report.failed} == BROKEN[name]
-    assert len(report.results) == len(CHECKS)
+    assert {result.check for result in report.failed} == BROKEN[name]
+    assert len(report.results) == len(EVERYTHING)
     assert all(result.message.endswith(".") for result in report.failed)
 
 
 @pytest.mark.parametrize("name", MISBEHAVING)
 def test_a_misbehaving_method_fails_and_the_check_goes_on(name: str, toys: Path) -> None:
     report = check_method(name, plugin=toys, limit_s=0.5 if name == "toy-hangs" else 60)
-    assert {result.name for result in report.failed} == MISBEHAVING[name]
+    assert {result.check for result in report.failed} == MISBEHAVING[name]
     failed = len(MISBEHAVING[name])
-    assert f"{len(CHECKS)} checks ran, {len(CHECKS) - failed} passed, {failed} failed" in (
+    assert f"{len(EVERYTHING)} checks ran, {len(EVERYTHING) - failed} passed, {failed} failed" in (
         report.summary()
     )
 
 
 def test_a_hole_is_found(broken_contract: Path) -> None:
     report = check_method("contract-hole", plugin=broken_contract)
-    (found,) = (result for result in report.failed if result.name == "returns finite values")
+    (found,) = (result for result in report.failed if result.check == "finite")
     assert found.message == "3 of 4800 pixels are NaN or infinite."
 
 
@@ -93,14 +92,14 @@ def test_a_method_that_will_not_stop_is_stopped_at_the_limit(broken_contract: Pa
     forward_model(subject_model).jacobian(np.ones(subject_model.image_shape))  # compiles it
     report = check_method("contract-slow", plugin=broken_contract, limit_s=8)
     (found,) = report.failed
-    assert found.name == "answers within the time limit"
+    assert found.check == "in_time"
     assert found.message == "reconstruct took longer than 8 s."
 
 
 def test_an_expected_failure_is_none_and_keeps_its_reason(broken_contract: Path) -> None:
     report = check_method("contract-excused", plugin=broken_contract)
     (found,) = report.having("xfail")
-    assert found.name == "rotation equivariance"
+    assert found.check == "rotation_equivariance"
     assert found.message.endswith("0.01 is allowed. Expected: sees more at the top.")
     assert report.passed
     assert report.counts["xfail"] == 1
@@ -110,7 +109,7 @@ def test_an_expected_failure_is_none_and_keeps_its_reason(broken_contract: Path)
 def test_an_expected_failure_that_passes_fails(broken_contract: Path) -> None:
     report = check_method("contract-outdated", plugin=broken_contract)
     (found,) = report.failed
-    assert found.name == "rotation equivariance"
+    assert found.check == "rotation_equivariance"
     assert found.message == (
         "it passes although it is expected to fail (saw more at the top): remove it."
     )
@@ -119,8 +118,8 @@ def test_an_expected_failure_that_passes_fails(broken_contract: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "sentence"),
     [
-        ("contract-no-such-check", "did you mean 'rotation equivariance'"),
-        ("contract-no-reason", "'rotation equivariance' but gives no reason: say why."),
+        ("contract-no-such-check", "did you mean 'rotation_equivariance'"),
+        ("contract-no-reason", "'rotation_equivariance' but gives no reason: say why."),
         ("contract-no-mapping", "should map names of checks to reasons."),
     ],
 )
@@ -135,7 +134,7 @@ def test_a_sensor_that_no_motion_brings_onto_itself_has_none_to_check(tmp_path: 
     subject = MethodUnderTest(SCENARIO, "back-projection", None, 60, tmp_path)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(MethodUnderTest, "motions", subject.motions[:1])
-        for check in (rotation, mirror):
+        for check in (rotation_equivariance, mirror_equivariance):
             with pytest.raises(SkippedError, match="brings this sensor onto itself"):
                 check(subject)
 
@@ -144,10 +143,8 @@ def test_a_method_of_one_image_grid_is_checked_there(broken_contract: Path) -> N
     report = check_method("contract-own-grid", plugin=broken_contract)
     assert report.where == "foam16, 80 x 80"
     assert not report.failed
-    skipped = {result.name: result.message for result in report.having("skipped")}
-    assert skipped == {
-        "a conductive contact is positive": "on this sensor, conductivity can only fall."
-    }
+    skipped = {result.check: result.message for result in report.having("skipped")}
+    assert skipped == {"conductive_contact": "on this sensor, conductivity can only fall."}
 
 
 def test_an_unknown_method_suggests_the_nearest() -> None:

@@ -305,32 +305,32 @@ class Slow(Sound):
 class Excused(Turned):
     """Says what it cannot do."""
 
-    expected_failures: ClassVar = {"rotation equivariance": "sees more at the top"}
+    expected_failures: ClassVar = {"rotation_equivariance": "sees more at the top"}
 
 
 @register("contract-outdated")
 class Outdated(Sound):
     """Says that it cannot do what it can."""
 
-    expected_failures: ClassVar = {"rotation equivariance": "saw more at the top"}
+    expected_failures: ClassVar = {"rotation_equivariance": "saw more at the top"}
 
 
 @register("contract-no-such-check")
 class NoSuchCheck(Sound):
     """Expects to fail a check that does not exist."""
 
-    expected_failures: ClassVar = {"rotation equivarance": "sees more at the top"}
+    expected_failures: ClassVar = {"rotation_equivarance": "sees more at the top"}
 
 
 @register("contract-no-reason")
 class NoReason(Sound):
     """Expects to fail, and does not say why."""
 
-    expected_failures: ClassVar = {"rotation equivariance": " "}
+    expected_failures: ClassVar = {"rotation_equivariance": " "}
 
 
 @register("contract-no-mapping")
 class NoMapping(Sound):
     """Expects to fail in a form that cannot be read."""
 
-    expected_failures: ClassVar = ["rotation equivariance"]  # type: ignore[assignment]
+    expected_failures: ClassVar = ["rotation_equivariance"]  # type: ignore[assignment]

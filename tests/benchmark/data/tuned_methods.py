@@ -57,10 +57,9 @@ class Hostile(Constant):
             time.sleep(60)
         if self.way == "die":
             os._exit(3)
-        taken = []
-        while self.way == "grow":
-            taken.append(np.ones(2**21))
-            time.sleep(0.01)
+        if self.way == "grow":
+            taken = np.ones(2**27)  # 1 GiB
+            time.sleep(60 + taken[0])  # until that is seen
 
     def reconstruct(self, voltages: Array) -> Array:
         if self.way == "late":

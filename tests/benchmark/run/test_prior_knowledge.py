@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from eitbench.benchmark.analysis.prior_knowledge_text import describe_prior_knowledge
-from eitbench.benchmark.run.prior_knowledge import account, training_contents
+from eitbench.benchmark.run.prior_knowledge import prior_knowledge_columns as columns
+from eitbench.benchmark.run.prior_knowledge import training_contents
 from eitbench.benchmark.tuning.selection import Selection, Trial, TuningBudget
 from eitbench.benchmark.workers.method_service import MethodService, MethodSpec
 from eitbench.methods import Problem, create
@@ -125,9 +126,9 @@ def test_training_on_the_test_stream_is_counted() -> None:
     problem = a_problem(leaking)
     test = own("test", None)
     problem.training()
-    assert account(problem.access_record(), {}, SMALL, test, spent={})["overlap"] == 4
+    assert columns(problem.access_record(), {}, SMALL, test, spent={})["overlap"] == 4
     few = own("test", 3)
-    assert account(problem.access_record(), {}, SMALL, few, spent={})["overlap"] == 3
+    assert columns(problem.access_record(), {}, SMALL, few, spent={})["overlap"] == 3
 
 
 def test_a_method_that_learns_from_the_test_stream_is_counted() -> None:
@@ -137,7 +138,7 @@ def test_a_method_that_learns_from_the_test_stream_is_counted() -> None:
     service.fitted({})
     access, trained_on = service.prior_knowledge().value
     assert [given.split for given in access.samples] == ["train"]
-    found = account(access, trained_on, SMALL, data, spent={})
+    found = columns(access, trained_on, SMALL, data, spent={})
     assert found["overlap"] == len(data)
     row = {"method": "linear-learned", "n": 4, "data_n": 4, "prior_knowledge": "", "overlap": 4.0}
     said = overlaps([row])
@@ -148,7 +149,7 @@ def test_an_honest_training_split_overlaps_nowhere() -> None:
     problem = a_problem()
     problem.training()
     problem.validation()
-    told = account(problem.access_record(), {}, SMALL, own("test", None), spent={})
+    told = columns(problem.access_record(), {}, SMALL, own("test", None), spent={})
     assert told["overlap"] == 0
     assert (
         describe_prior_knowledge(told["prior_knowledge"])
@@ -161,13 +162,13 @@ def test_what_tuning_told_is_told() -> None:
     choice = Selection({"weight": 0.0}, 1.0, trials, TuningBudget(), "seconds")
     problem, test = a_problem(), own("test", None)
     create("noser").fit(problem)
-    told = account(problem.access_record(), {}, SMALL, test, spent=choice.describe()["spent"])
+    told = columns(problem.access_record(), {}, SMALL, test, spent=choice.describe()["spent"])
     assert describe_prior_knowledge(told["prior_knowledge"]) == (
         "nominal contact impedance; conductivity range; noise level through tuning; "
         "12 trials of tuning"
     )
     assert "tuning" not in describe_prior_knowledge(
-        account(problem.access_record(), {}, SMALL, test, spent={})["prior_knowledge"]
+        columns(problem.access_record(), {}, SMALL, test, spent={})["prior_knowledge"]
     )
 
 
@@ -176,7 +177,7 @@ def test_noise_is_known_from_data_that_have_it() -> None:
     problem = a_problem(lambda split, limit: load(same, split=split, limit=limit))
     problem.training()
     problem.validation()
-    told = account(problem.access_record(), {}, same, load(same, split="test"), spent={})
+    told = columns(problem.access_record(), {}, same, load(same, split="test"), spent={})
     assert json.loads(told["prior_knowledge"])["noise"] == ["train"]
 
 
@@ -191,14 +192,14 @@ def test_weights_are_held_against_the_data_they_come_from(
     }
     problem, test = a_problem(), own("test", None)
     train = load(SMALL, split="train")
-    found = account(problem.access_record(), notes, SMALL, test, spent={})
+    found = columns(problem.access_record(), notes, SMALL, test, spent={})
     assert found["overlap"] == 0
     assert describe_prior_knowledge(found["prior_knowledge"]) == "weights of 6 training samples"
     # What is tested on what it was trained on.
-    assert account(problem.access_record(), notes, SMALL, train, spent={})["overlap"] == 6
+    assert columns(problem.access_record(), notes, SMALL, train, spent={})["overlap"] == 6
     # Nothing is known of data that are not here.
     elsewhere = {**notes, "train_data": "0" * 64}
-    assert np.isnan(account(problem.access_record(), elsewhere, SMALL, test, spent={})["overlap"])
+    assert np.isnan(columns(problem.access_record(), elsewhere, SMALL, test, spent={})["overlap"])
 
 
 def test_contents_of_a_training_set_are_found_out_once(

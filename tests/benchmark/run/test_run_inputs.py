@@ -14,8 +14,9 @@ import pandas as pd
 import psutil
 import pytest
 
-from eitbench.benchmark.run import cell_run, method_cell
+from eitbench.benchmark.run import method_cell
 from eitbench.benchmark.run.runner import Plan, RunResult, make_plan, resume_run, start_run
+from eitbench.benchmark.workers import restarting
 from eitbench.benchmark.workers.worker import Worker
 from eitbench.scenarios.data.datasets import Dataset, load
 from eitbench.scenarios.errors import (
@@ -179,7 +180,7 @@ def test_an_unexpected_error_costs_its_cell_only(
             raise RuntimeError("no more processes")
         return Worker(*args, **kwargs)
 
-    monkeypatch.setattr(cell_run, "Worker", worker)
+    monkeypatch.setattr(restarting, "Worker", worker)
     run = start_run(
         make_plan(tiny, methods=["toy-good", "noser"], plugins=[toys]), tmp_path / "run"
     ).path

@@ -396,17 +396,17 @@ def test_several_at_a_time_begin_with_what_took_longest_to_tune(
     """One at a time keep the order that is asked for. What it took may not be known."""
     seconds = {"noser": None, "tikhonov": 20.0, "laplacian": 300.0}
     begun: list[str] = []
-    do = execution.LocalExecutor.do
+    run = execution.LocalExecutor.run
 
-    def noting(self: execution.LocalExecutor, work: execution.Work, *given: Any) -> None:
-        begun.append(work.plan.cell.name)
-        do(self, work, *given)
+    def noting(self: execution.LocalExecutor, job: execution.CellJob, *given: Any) -> None:
+        begun.append(job.plan.cell.name)
+        run(self, job, *given)
 
     def chosen(self: MethodData, name: str) -> dict[str, Any]:
         return {"parameters": {}, "spent": {"seconds": seconds[name]}, "trials": []}
 
-    monkeypatch.setattr(execution.LocalExecutor, "do", noting)
-    monkeypatch.setattr(MethodData, "choice", chosen)
+    monkeypatch.setattr(execution.LocalExecutor, "run", noting)
+    monkeypatch.setattr(MethodData, "selection", chosen)
     start_run(make_plan(tiny, methods=list(seconds)), tmp_path / "run", jobs=jobs)
     assert begun[-1] == last
     assert sorted(begun) == sorted(seconds)

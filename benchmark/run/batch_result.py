@@ -1,4 +1,4 @@
-"""What became of the samples of one batch."""
+"""Results of the samples of one batch, and of all stored batches of a cell."""
 
 from collections.abc import Callable
 
@@ -10,11 +10,11 @@ from eitbench.benchmark.rundir.store import RunStore
 from eitbench.benchmark.workers.worker import Failure
 
 Blank = Callable[[int], dict[str, NDArray[np.generic]]]
-"""Arrays for so many samples as they stand where nothing was answered."""
+"""Arrays of so many samples without an answer."""
 
 
-class Outcome:
-    """Collects the samples of one batch in order, good and bad."""
+class BatchResult:
+    """The samples of one batch in order, good and bad, as they are collected."""
 
     def __init__(self, blank: Blank) -> None:
         self._blank = blank
@@ -33,13 +33,13 @@ class Outcome:
             self._message.append("" if valid else "returned values that are not finite")
 
     def take(self, batch: Batch) -> None:
-        """Add samples that are kept already."""
+        """Add samples that are stored already."""
         names = batch.values.keys()
         self._values += [{name: batch.values[name][k] for name in names} for k in range(len(batch))]
         self._status += batch.status
         self._message += batch.message
 
-    def fail(self, count: int, failure: Failure) -> "Outcome":
+    def fail(self, count: int, failure: Failure) -> "BatchResult":
         """Add `count` samples that were lost to `failure`."""
         self._values += [None] * count
         self._status += [failure.status] * count
@@ -47,7 +47,7 @@ class Outcome:
         return self
 
     def batch(self, start: int, state: str) -> Batch:
-        """All of it, with what its cell remembers."""
+        """Return the batch that is stored, with the `state` of its cell."""
         arrays = self._blank(len(self))
         for k, values in enumerate(self._values):
             for name, value in (values or {}).items():
@@ -56,11 +56,11 @@ class Outcome:
 
 
 class StoredBatches:
-    """All samples that are kept of one split of a cell, in the order of the data set.
+    """All stored samples of one split of a cell, in the order of the data set.
 
     Attributes:
         values: arrays (n, ...).
-        status, message: n texts; status "" where nothing is kept.
+        status, message: n texts; status "" where nothing is stored.
     """
 
     def __init__(self, store: RunStore, cell: Cell, split: str, n: int, blank: Blank) -> None:

@@ -1,0 +1,192 @@
+"""Harness shared by the checks of methods and of operators: results, reports, the worker."""
+
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+from eitbench.benchmark.workers.restarting import RESTARTS, RestartingWorker, SetUpFailedError
+from eitbench.benchmark.workers.worker import Failure, Reply, WorkerLostError
+
+LIMIT_S = 60.0
+
+Status = Literal["passed", "failed", "xfail", "skipped"]
+
+Checks = Mapping[Callable[[Any], str | None], str]
+"""Check functions in the order they run, each with its title; its identifier is its name."""
+
+
+@dataclass(frozen=True)
+class CheckResult:
+    """Result of one check.
+
+    Attributes:
+        check: identifier of the check, which `expected_failures` refers to.
+        name: title of the check.
+        status: "skipped" where it does not apply, "xfail" where it failed as it was expected to.
+        message: the finding, the reason why it was skipped, or the measured value; may be empty.
+    """
+
+    check: str
+    name: str
+    status: Status
+    message: str = ""
+
+
+@dataclass(frozen=True)
+class CheckReport:
+    """Results of all checks of one method or operator.
+
+    Attributes:
+        kind: "method" or "operator".
+        name: registry name.
+        where: the sensor that was checked on, for people.
+    """
+
+    kind: str
+    name: str
+    where: str
+    results: tuple[CheckResult, ...]
+
+    def having(self, status: Status) -> tuple[CheckResult, ...]:
+        """Return the results with that status."""
+        return tuple(result for result in self.results if result.status == status)
+
+    @property
+    def failed(self) -> tuple[CheckResult, ...]:
+        """Checks that failed."""
+        return self.having("failed")
+
+    @property
+    def passed(self) -> bool:
+        """True if no check failed."""
+        return not self.failed
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """Number of checks that ran, and that passed, failed, were expected to fail or skipped."""
+        counts = {status: len(self.having(status)) for status in get_args(Status)}
+        return {"ran": len(self.results) - counts["skipped"], **counts}
+
+    def describe(self) -> dict[str, object]:
+        """Return plain values for JSON."""
+        return {
+            self.kind: self.name,
+            "sensor": self.where,
+            **self.counts,
+            "checks": [vars(result) for result in self.results],
+        }
+
+    def summary(self) -> str:
+        """Return one line with the counts."""
+        n = self.counts
+        expected = f", {n['xfail']} failed as expected" if n["xfail"] else ""
+        skipped = f", {n['skipped']} skipped" if n["skipped"] else ""
+        return (
+            f"{self.name} on {self.where}: {n['ran']} checks ran, {n['passed']} passed, "
+            f"{n['failed']} failed{expected}{skipped}."
+        )
+
+
+class BrokenError(Exception):
+    """Finding of a check, as a sentence."""
+
+
+class SkippedError(Exception):
+    """Reason why a check does not apply, as a sentence."""
+
+
+def require(condition: bool, sentence: str) -> None:
+    """Raise a `BrokenError` unless `condition` holds."""
+    if not condition:
+        raise BrokenError(sentence)
+
+
+def require_answer(reply: Reply) -> Reply:
+    """Return `reply`, which must not be a failure."""
+    if reply.failure is not None:
+        raise BrokenError(f"{reply.failure.message.rstrip('.')}.")
+    return reply
+
+
+def run_checks(
+    checks: Checks,
+    run: Callable[[Callable[[Any], str | None]], str | None],
+    expected: Mapping[str, str],
+) -> tuple[CheckResult, ...]:
+    """Run `checks` in order, where some are `expected` to fail, each for a reason.
+
+    An expectation that is not met is a failure, so that none outlives its reason.
+
+    Args:
+        run: runs one check; it returns the measured value, or raises `BrokenError` or
+            `SkippedError`.
+        expected: reasons by identifier.
+    """
+    results = []
+    for check, title in checks.items():
+        reason = expected.get(check.__name__, "").rstrip(".")
+        status: Status = "passed"
+        try:
+            message = run(check) or ""
+            if reason:
+                status = "failed"
+                message = f"it passes although it is expected to fail ({reason}): remove it."
+        except SkippedError as skipped:
+            status, message = "skipped", str(skipped)
+        except BrokenError as finding:
+            status, message = "failed", str(finding)
+            if reason:
+                status, message = "xfail", f"{message} Expected: {reason}."
+        results.append(CheckResult(check.__name__, title, status, message))
+    return tuple(results)
+
+
+class CheckWorker(RestartingWorker):
+    """The worker of a method or operator under test; losing it is the finding of a check.
+
+    Attributes:
+        refusal: the failure of set-up, if the service refused it.
+    """
+
+    def __init__(self, service: object, limit_s: float, log: Path) -> None:
+        """Prepare a worker; `limit_s` is for set-up and for each answer [s]."""
+        super().__init__(service, set_up_limit_s=limit_s, log=log)
+        self.refusal: Failure | None = None
+        self._limit_s = limit_s
+        self._given_up = ""
+
+    def request(self, *request: object) -> Reply:
+        """Return the answer to `request`.
+
+        Raises:
+            BrokenError: the service could not be set up, hung or died. One that cannot be set up,
+                hangs or keeps dying is not asked again.
+        """
+        if self._given_up:
+            raise BrokenError(self._given_up)
+        with self._losses_found():
+            return self.ask(*request, limit=self._limit_s, what=str(request[0]))
+
+    def renew(self) -> None:
+        """Start another worker in the place of this one.
+
+        Raises:
+            BrokenError: the service could not be set up in it.
+        """
+        with self._losses_found():
+            self.start()
+
+    @contextmanager
+    def _losses_found(self) -> Iterator[None]:
+        try:
+            yield
+        except WorkerLostError as lost:
+            message = f"{lost.failure.message.rstrip('.')}."
+            if isinstance(lost, SetUpFailedError):
+                self.refusal = lost.failure
+                message = f"set-up failed with {message}"
+            if lost.failure.status == "timeout" or self.history.restarts >= RESTARTS:
+                self._given_up = message
+            raise BrokenError(message) from lost
