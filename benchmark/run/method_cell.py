@@ -33,7 +33,7 @@ from eitbench.methods import Method, methods
 from eitbench.methods.problem import AccessRecord
 from eitbench.scenarios.data.datasets import Dataset, load
 from eitbench.scenarios.errors import InputError
-from eitbench.scenarios.recordings.fetch import locate
+from eitbench.scenarios.recordings.fetch import fetch_recording
 from eitbench.scenarios.suites.scenario import RecordedScenario, Scenario
 from eitbench.scenarios.suites.suite import Suite
 
@@ -56,7 +56,8 @@ class MethodData(CellData):
     ) -> Self:
         """See `CellData.load`."""
         if isinstance(scenario, RecordedScenario):
-            locate(scenario.recorded_set, limit_s=suite.download_limit_s, progress=progress)
+            limit_s = suite.download_limit_s
+            fetch_recording(scenario.recorded_set, limit_s=limit_s, progress=progress)
         test = load(scenario, split="test", limit=limit, jobs=jobs, progress=progress)
         if test.truth != "position":
             return cls(scenario, test, None)

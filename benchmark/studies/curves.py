@@ -7,8 +7,8 @@ import pandas as pd
 from eitbench.methods.learned.image_networks import Learned
 from eitbench.methods.registry import methods
 from eitbench.scenarios.errors import DataCorruptError, InputError
-from eitbench.scenarios.sensors.foam16 import foam16
 from eitbench.scenarios.sensors.sensor import Sensor
+from eitbench.scenarios.sensors.standard import foam16
 
 
 def learning_curve(method: str, sensor: Sensor) -> pd.DataFrame:

@@ -1,47 +1,24 @@
 """Recorded sensor sets, public and own: descriptors, readers and verified downloads."""
 
-from pathlib import Path
+from typing import TYPE_CHECKING
 
-from eitbench.scenarios.errors import unknown_name
+from eitbench.scenarios.lazy import lazy_names
 from eitbench.scenarios.recordings.descriptors import RecordedFrames, RecordedSet
-from eitbench.scenarios.recordings.files.own import is_recording, own_set
-from eitbench.scenarios.recordings.public.hydrogel import MULTITOUCH, OHMC8, OHMC16
-from eitbench.scenarios.recordings.public.hydrogel_rectangle import FIXED_PRESS, RECTANGLE, REPEATS
-from eitbench.scenarios.recordings.public.jku_tank import JKU_TANKS
-from eitbench.scenarios.recordings.public.kuopio import KTC2023
-from eitbench.scenarios.recordings.public.pyeidors_tank import PYEIDORS_TANK
-from eitbench.scenarios.recordings.public.sciospec_tank import SCIOSPEC_TANK
+from eitbench.scenarios.recordings.files.own import is_recording
+from eitbench.scenarios.recordings.registry import RECORDED_SETS, recorded_set
 
-RECORDED_SETS: dict[str, RecordedSet] = {
-    recorded.name: recorded
-    for recorded in (
-        OHMC16,
-        OHMC8,
-        MULTITOUCH,
-        RECTANGLE,
-        FIXED_PRESS,
-        REPEATS,
-        KTC2023,
-        SCIOSPEC_TANK,
-        *JKU_TANKS,
-        PYEIDORS_TANK,
-    )
-}
-"""Every public recorded set by name."""
+if TYPE_CHECKING:
+    from eitbench.scenarios.recordings.fetch import fetch_recording, read_recording
 
+__all__ = [
+    "RECORDED_SETS",
+    "RecordedFrames",
+    "RecordedSet",
+    "fetch_recording",
+    "is_recording",
+    "read_recording",
+    "recorded_set",
+]
 
-def recorded_set(name: str) -> RecordedSet:
-    """The descriptor of the public set called `name`, or of a recording by its path (.h5).
-
-    Raises:
-        InputError: unknown name (the nearest one is suggested), or a recording without labels.
-        DataUnavailableError, DataCorruptError: no such recording, or a damaged one.
-    """
-    if is_recording(name):
-        return own_set(Path(name))
-    if name not in RECORDED_SETS:
-        raise unknown_name("recorded set", name, RECORDED_SETS)
-    return RECORDED_SETS[name]
-
-
-__all__ = ["RECORDED_SETS", "RecordedFrames", "RecordedSet", "is_recording", "recorded_set"]
+# These look up the sets above.
+__getattr__, __dir__ = lazy_names(__name__, {"fetch_recording": "fetch", "read_recording": "fetch"})

@@ -15,7 +15,8 @@ from typing import Any
 from eitbench.scenarios.cache_dir import cache_dir
 from eitbench.scenarios.errors import DataCorruptError, DataUnavailableError
 from eitbench.scenarios.guard import is_closed
-from eitbench.scenarios.recordings import RecordedFrames, RecordedSet, recorded_set
+from eitbench.scenarios.recordings.descriptors import RecordedFrames, RecordedSet
+from eitbench.scenarios.recordings.registry import recorded_set
 from eitbench.scenarios.recordings.sources import RecordedFile
 
 _CHUNK = 1 << 14
@@ -25,7 +26,7 @@ _SILENCE_S = 30.0  # a server that sends nothing for so long is given up
 def read_recording(
     name: str, *, limit_s: float | None = None, progress: bool = False
 ) -> RecordedFrames:
-    """Locate, verify, read and check the frames of the set called `name`.
+    """Fetch, verify, read and check the frames of the set called `name`.
 
     Where the test split is closed (see `guard`), its frames are left out.
 
@@ -36,14 +37,16 @@ def read_recording(
 
     Raises:
         InputError: unknown name.
-        DataUnavailableError, DataCorruptError: as for `locate`.
+        DataUnavailableError, DataCorruptError: as for `fetch_recording`.
     """
     recorded = recorded_set(name)
-    recording = recorded.read(locate(recorded, limit_s=limit_s, progress=progress))
+    recording = recorded.read(fetch_recording(recorded, limit_s=limit_s, progress=progress))
     return recording.without_test() if is_closed() else recording
 
 
-def locate(recorded: RecordedSet, *, limit_s: float | None = None, progress: bool = False) -> Path:
+def fetch_recording(
+    recorded: RecordedSet, *, limit_s: float | None = None, progress: bool = False
+) -> Path:
     """Return the folder that holds all files of the set, verified by their SHA-256.
 
     What is missing or altered in the user's cache is downloaded. Each file appears there under its
@@ -73,7 +76,7 @@ def locate(recorded: RecordedSet, *, limit_s: float | None = None, progress: boo
             return folder
     folder = cached_folder(recorded)
     if files := altered(recorded, folder):
-        _fetch(recorded, folder, files, limit_s, progress)
+        _download(recorded, folder, files, limit_s, progress)
     return folder
 
 
@@ -105,7 +108,7 @@ def _sha256(path: Path) -> str | None:
         return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
-def _fetch(
+def _download(
     recorded: RecordedSet,
     folder: Path,
     files: list[RecordedFile],
@@ -121,7 +124,7 @@ def _fetch(
     abandoned = threading.Event()
     failures: list[Exception] = []
 
-    def download() -> None:
+    def run() -> None:
         try:
             registry = pooch.create(
                 path=folder,
@@ -142,7 +145,7 @@ def _fetch(
             failures.append(error)
 
     # Looking up a host can hang beyond every time-out, so a thread is waited for, or left behind.
-    worker = threading.Thread(target=download, name=f"fetch {recorded.name}", daemon=True)
+    worker = threading.Thread(target=run, name=f"fetch {recorded.name}", daemon=True)
     worker.start()
     try:
         worker.join(limit_s)

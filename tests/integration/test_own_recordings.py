@@ -17,7 +17,7 @@ from eitbench.scenarios import forward_model, load, load_suite, sensor
 from eitbench.scenarios.errors import DataCorruptError, DataUnavailableError, InputError
 from eitbench.scenarios.phantoms.press import FOAM
 from eitbench.scenarios.recordings import recorded_set
-from eitbench.scenarios.recordings.fetch import locate, read_recording
+from eitbench.scenarios.recordings.fetch import fetch_recording, read_recording
 from eitbench.scenarios.sensors.patterns import offset_pattern
 from eitbench.scenarios.sensors.sensor import Sensor
 from eitbench.scenarios.suites.scenario import RecordedScenario
@@ -81,7 +81,7 @@ def test_a_recording_is_a_recorded_set(folder: Path) -> None:
     assert (made.name, made.truth, made.sensor()) == ("touch", "position", skin())
     assert made.title == "own recording with the board fake, touches: 20"
     assert sensor(str(path)) == skin()
-    assert locate(made) == path.parent.resolve()
+    assert fetch_recording(made) == path.parent.resolve()
     recording = read_recording(str(path))
     assert recording.voltages.shape == (20, 208)
     assert recording.samples["split"].tolist() == (["validation"] + 4 * ["test"]) * 4

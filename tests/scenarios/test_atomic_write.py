@@ -29,7 +29,8 @@ def test_a_killed_writer_leaves_a_whole_file_and_others_read_whole_ones(
     writes: int, tmp_path: Path
 ) -> None:
     """The writer is killed after so many of its files were seen, amid the next."""
-    path, seen, deadline = tmp_path / "file", set(), time.monotonic() + 120
+    path, deadline = tmp_path / "file", time.monotonic() + 120
+    seen: set[int] = set()
     with subprocess.Popen([sys.executable, "-c", WRITER, path]) as writer:
         try:
             while len(seen) < writes:

@@ -1,1 +1,1 @@
-"""RecordedFrames files: the HDF5 layout, CSV and MATLAB forms."""
+"""Files of own recordings: the HDF5 layout, CSV and MATLAB forms."""

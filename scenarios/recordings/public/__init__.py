@@ -1,1 +1,1 @@
-"""Readers of the public recorded sets."""
+"""Public recorded sets: a descriptor and a reader each; `potentials` is shared by two."""

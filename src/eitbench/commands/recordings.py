@@ -20,9 +20,9 @@ def fetch(
 ) -> None:
     """Find or download a recorded set and verify it."""
     from eitbench.scenarios.recordings import recorded_set
-    from eitbench.scenarios.recordings.fetch import locate
+    from eitbench.scenarios.recordings.fetch import fetch_recording
 
-    typer.echo(f"{name} is in {locate(recorded_set(name), progress=True)}")
+    typer.echo(f"{name} is in {fetch_recording(recorded_set(name), progress=True)}")
 
 
 @app.command(epilog="Example: eitbench recordings check touch.h5")

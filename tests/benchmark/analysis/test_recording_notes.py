@@ -53,7 +53,7 @@ def test_notes_are_kept_for_the_recorded_scenarios_that_were_run(tmp_path: Path)
 def test_without_data_there_are_no_notes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("EITBENCH_DATA", str(tmp_path / "nothing"))
     monkeypatch.setenv("EITBENCH_CACHE", str(tmp_path / "cache"))
-    monkeypatch.setattr("eitbench.scenarios.recordings.fetch._fetch", _no_network)
+    monkeypatch.setattr("eitbench.scenarios.recordings.fetch._download", _no_network)
     suite = load_suite("recorded").model_dump(mode="json")
     manifest = {"plan": {"suite": suite}, "data": {"ohmc16": {"n": 36}}}
     (tmp_path / "manifest.json").write_text(json.dumps(manifest))

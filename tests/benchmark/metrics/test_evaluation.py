@@ -13,9 +13,9 @@ from eitbench.benchmark.metrics.image_metrics import PSNR_CEILING_DB
 from eitbench.benchmark.metrics.specs import METRIC_COLUMNS, METRICS
 from eitbench.scenarios.data.datasets import Dataset
 from eitbench.scenarios.errors import InputError
-from eitbench.scenarios.sensors.foam16 import foam16
 from eitbench.scenarios.sensors.outlines import Disc
 from eitbench.scenarios.sensors.sensor import even_electrodes
+from eitbench.scenarios.sensors.standard import foam16
 
 Array = NDArray[np.float64]
 # Not exactly a float32, as real backgrounds are.

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from eitbench.benchmark.metrics import tactile
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.phantoms.contacts import contacts, locate
-from eitbench.scenarios.sensors.foam16 import foam16
 from eitbench.scenarios.sensors.outlines import Disc
 from eitbench.scenarios.sensors.sensor import Sensor, even_electrodes
+from eitbench.scenarios.sensors.standard import foam16
 
 Array = NDArray[np.float64]
 FOAM = foam16()

@@ -81,10 +81,10 @@ def with_skin(tiny: Suite) -> Suite:
 def test_data_out_of_reach_is_skipped(
     with_skin: Suite, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def locate(*args: object, **kwargs: object) -> Path:
+    def fetch(*args: object, **kwargs: object) -> Path:
         raise DataUnavailableError("It is not here: fetch it.")
 
-    monkeypatch.setattr(method_cell, "locate", locate)
+    monkeypatch.setattr(method_cell, "fetch_recording", fetch)
     result = start_run(make_plan(with_skin), tmp_path / "run")
     assert result.skipped == ("Scenario 'skin' is skipped: It is not here: fetch it.",)
     samples = pd.read_parquet(result.path / "samples.parquet")
@@ -107,7 +107,7 @@ def test_positions_are_judged_after_registration(
         )
 
     monkeypatch.setattr(method_cell, "load", presses)
-    monkeypatch.setattr(method_cell, "locate", lambda *args, **kwargs: tmp_path)
+    monkeypatch.setattr(method_cell, "fetch_recording", lambda *args, **kwargs: tmp_path)
     result = start_run(make_plan(with_skin, scenarios=["skin"]), tmp_path / "run")
     samples = pd.read_parquet(result.path / "samples.parquet")
     assert len(samples) == N
@@ -118,10 +118,10 @@ def test_positions_are_judged_after_registration(
 def test_corrupt_data_cost_their_scenario_only(
     with_skin: Suite, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def locate(*args: object, **kwargs: object) -> Path:
+    def fetch(*args: object, **kwargs: object) -> Path:
         raise DataCorruptError("The file has another checksum.")
 
-    monkeypatch.setattr(method_cell, "locate", locate)
+    monkeypatch.setattr(method_cell, "fetch_recording", fetch)
     result = start_run(make_plan(with_skin), tmp_path / "run")
     sentence = "Scenario 'skin' is refused: The file has another checksum."
     assert result == RunResult(tmp_path / "run", (), (sentence,))

@@ -14,10 +14,10 @@ from eitbench.scenarios.phantoms.families import FAMILIES, PUBLISHED_FAMILIES, f
 from eitbench.scenarios.phantoms.phantom import Phantom, draw, rasterise
 from eitbench.scenarios.phantoms.regions import Circle, Ellipse, Polygonal, Pose, Region, Ring
 from eitbench.scenarios.seeds import generator
-from eitbench.scenarios.sensors.foam16 import foam16
 from eitbench.scenarios.sensors.outlines import Disc, Outline, Polygon, rectangle
 from eitbench.scenarios.sensors.patterns import offset_pattern
 from eitbench.scenarios.sensors.sensor import Sensor, even_electrodes
+from eitbench.scenarios.sensors.standard import foam16
 
 L_OUTLINE = Polygon(
     ((0.0, 0.0), (0.16, 0.0), (0.16, 0.08), (0.08, 0.08), (0.08, 0.16), (0.0, 0.16))

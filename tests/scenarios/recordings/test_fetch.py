@@ -18,7 +18,12 @@ import pytest
 from eitbench.scenarios.errors import DataCorruptError, DataUnavailableError, InputError
 from eitbench.scenarios.recordings import RECORDED_SETS
 from eitbench.scenarios.recordings.descriptors import RecordedFrames, RecordedSet
-from eitbench.scenarios.recordings.fetch import altered, cached_folder, locate, read_recording
+from eitbench.scenarios.recordings.fetch import (
+    altered,
+    cached_folder,
+    fetch_recording,
+    read_recording,
+)
 from eitbench.scenarios.recordings.sources import RecordedFile, Source
 from eitbench.scenarios.sensors.sensor import Sensor
 
@@ -127,9 +132,9 @@ def test_a_missing_set_is_downloaded_verified_and_read(
 def test_the_second_time_needs_no_network(
     skin: RecordedSet, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    locate(skin)
+    fetch_recording(skin)
     redirect(monkeypatch, free_port())
-    assert locate(skin) == cached_folder(skin)
+    assert fetch_recording(skin) == cached_folder(skin)
 
 
 def test_the_named_folder_comes_first(
@@ -138,9 +143,9 @@ def test_the_named_folder_comes_first(
     lay_out(cached_folder(skin), CONTENT)
     mine = lay_out(tmp_path / "mine" / REPOSITORY, CONTENT)
     monkeypatch.setenv("EITBENCH_DATA", str(tmp_path / "mine"))
-    assert locate(skin) == mine
+    assert fetch_recording(skin) == mine
     (mine / "a b.txt").unlink()
-    assert locate(skin) == cached_folder(skin)
+    assert fetch_recording(skin) == cached_folder(skin)
 
 
 def test_altered_data_is_refused_and_named(
@@ -167,7 +172,7 @@ def test_the_cache_is_repaired(skin: RecordedSet) -> None:
 def test_a_source_that_offers_other_bytes_is_refused(skin: RecordedSet, served: Path) -> None:
     (served / "a b.txt").write_bytes(b"0" * 50_000)
     with pytest.raises(DataCorruptError, match=r"a b\.txt"):
-        locate(skin)
+        fetch_recording(skin)
     assert left_in_cache(skin) == set()
 
 
@@ -187,7 +192,7 @@ def test_without_a_network_the_sentence_says_how_to_get_it(
 def test_a_file_that_is_gone_says_so(skin: RecordedSet, served: Path) -> None:
     (served / "a b.txt").unlink()
     with pytest.raises(DataUnavailableError, match="404"):
-        locate(skin)
+        fetch_recording(skin)
 
 
 def test_a_hanging_server_is_cut_off(skin: RecordedSet, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -195,7 +200,7 @@ def test_a_hanging_server_is_cut_off(skin: RecordedSet, monkeypatch: pytest.Monk
     with socket.create_server(("127.0.0.1", 0)) as silent:
         redirect(monkeypatch, silent.getsockname()[1])
         with pytest.raises(DataUnavailableError, match=r"longer than 0\.2 s"):
-            locate(skin, limit_s=0.2)
+            fetch_recording(skin, limit_s=0.2)
 
 
 def test_a_trickling_server_is_stopped(skin: RecordedSet, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -218,7 +223,7 @@ def test_a_trickling_server_is_stopped(skin: RecordedSet, monkeypatch: pytest.Mo
         serve(server)
         redirect(monkeypatch, server.server_address[1])
         with pytest.raises(DataUnavailableError, match="longer"):
-            locate(skin, limit_s=0.2)
+            fetch_recording(skin, limit_s=0.2)
         worker = next(t for t in threading.enumerate() if t.name == "fetch skin")
         proceed.set()
         worker.join(60)
@@ -232,14 +237,14 @@ def test_a_trickling_server_is_stopped(skin: RecordedSet, monkeypatch: pytest.Mo
 def test_a_read_only_cache_says_so(skin: RecordedSet, tmp_path: Path) -> None:
     (tmp_path / "cache").mkdir(mode=0o500)
     with pytest.raises(DataUnavailableError, match="could not be stored"):
-        locate(skin)
+        fetch_recording(skin)
 
 
 @pytest.mark.usefixtures("served")
 def test_a_cache_that_is_a_file_says_so(skin: RecordedSet, tmp_path: Path) -> None:
     (tmp_path / "cache").write_text("in the way")
     with pytest.raises(DataUnavailableError, match="could not be stored"):
-        locate(skin)
+        fetch_recording(skin)
 
 
 @pytest.mark.parametrize("path", ["../outside.txt", "/etc/hostname"])
@@ -273,7 +278,7 @@ public = Source.url
 Source.url = lambda self, file: public(self, file).replace(
     "https://raw.githubusercontent.com", "http://127.0.0.1:" + sys.argv[2])
 recorded = shared.make_set(shared.CONTENT)
-assert shared.altered(recorded, shared.locate(recorded)) == []
+assert shared.altered(recorded, shared.fetch_recording(recorded)) == []
 """
 
 
@@ -322,7 +327,7 @@ def test_a_download_without_end_is_stopped(
     serve(server)
     redirect(monkeypatch, server.server_address[1])
     with pytest.raises(DataCorruptError, match="longer"):
-        locate(skin)
+        fetch_recording(skin)
     server.shutdown()
     server.server_close()
     assert sum(sent) < 50_000_000  # what the connection holds, not the 260 MB that were offered

@@ -1,4 +1,4 @@
-"""The default sensor."""
+"""Standard sensors."""
 
 from eitbench.scenarios.sensors.outlines import rectangle
 from eitbench.scenarios.sensors.patterns import offset_pattern
