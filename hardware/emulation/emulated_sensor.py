@@ -1,4 +1,4 @@
-"""The sensor behind an emulated board: its own physics, which no method is told of."""
+"""The sensor behind an emulated board; its physics is not that of the methods."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

@@ -48,12 +48,6 @@ class Emulator(Board):
         self._host: SerialBoard | None = None
 
     @property
-    def title(self) -> str:
-        """Title for people: an emulated board, its port and protocol."""
-        where = f" on {self._server.port}" if self._server else ""
-        return f"emulated board{where} (speaks {self._board.protocol.name!r})"
-
-    @property
     def port(self) -> str:
         """Serial port that it is on while it is switched on.
 

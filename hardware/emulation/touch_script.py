@@ -48,7 +48,7 @@ class ScriptedTouch(Declaration):
 
 
 class TouchScript(Declaration):
-    """What happens to an emulated board."""
+    """The touches of an emulated board."""
 
     touches: tuple[ScriptedTouch, ...] = Field(min_length=1)
 

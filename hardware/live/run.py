@@ -1,8 +1,8 @@
 """A complete live view: a board, its session, and the server that shows it."""
 
 import socket
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -79,13 +79,6 @@ def live_view(
             yield LiveView(session, broadcast, _address(access, port), server, listening)
         finally:
             session.stop()
-
-
-def watch(view: LiveView, ready: Callable[[str], None]) -> None:
-    """Serve `view` until Ctrl-C; `ready` is told the address."""
-    ready(view.address)
-    with suppress(KeyboardInterrupt):
-        view.serve()
 
 
 def _address(access: Access, port: int) -> str:

@@ -1,4 +1,4 @@
-"""What boards say and hear, one protocol a module."""
+"""Protocols of boards, one a module."""
 
 from eitbench.hardware.protocols.eit_kit import EitKit
 from eitbench.hardware.protocols.openeit import OpenEit

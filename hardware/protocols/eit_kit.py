@@ -113,7 +113,7 @@ class EitKit(LineProtocol):
         return np.concatenate([[0.0], numbers(b",".join(texts[1:]))])
 
     def _look_into(self, values: Array) -> None:
-        """Say what else the `values` of a line seem to be."""
+        """Refuse the `values` of a line with the pattern that they seem to have."""
         n, side = self._n, math.isqrt(len(values))
         if len(values) < min(n, _LEAST) ** 2:
             return  # free text

@@ -3,38 +3,38 @@
 import re
 from collections.abc import Callable
 
-Judge = Callable[[bytearray, int], int | None]
+FrameMatcher = Callable[[bytearray, int], int | None]
+"""Length of the frame at a place in the buffer; 0 if there is none, None if more bytes decide."""
 
-_PIECE = 1 << 16  # a large feed costs no more than many small ones
+_CHUNK = 1 << 16  # a large feed costs no more than many small ones
 
 
 class Scanner:
-    """Cuts frames out of a stream; what only looks like a frame hides none that follows.
+    """A scanner that cuts frames out of a stream; a false start hides no frame behind it.
 
-    A frame may begin wherever `start` matches (at most 4 bytes). `judge(buffer, at)` gives the
-    length of what is there, 0 if it is no frame, or None if more bytes must decide; what it waits
-    for bounds what is kept. While a place is undecided, later ones are judged nevertheless, so that
-    the beginning of a frame that was cut short, or a length that lies, never makes a good frame
-    wait. Behind a place that is no frame the search goes on one byte further, never behind the
-    length that was claimed there.
+    A frame may begin wherever `start` matches (at most 4 bytes), and `match` decides whether it
+    does. The longest frame bounds the size of the buffer. While a place is undecided, later places
+    are tried nevertheless, so that neither a frame that was cut short nor a false length makes a
+    good frame wait. Behind a place without a frame the search goes on one byte further, never
+    behind the length that was claimed there.
 
     Attributes:
         skipped: bytes so far that belong to no frame.
-        false_starts: places so far where a frame began that was none.
+        false_starts: places so far that looked like the start of a frame and were none.
     """
 
-    def __init__(self, start: re.Pattern[bytes], judge: Judge) -> None:
+    def __init__(self, start: re.Pattern[bytes], match: FrameMatcher) -> None:
         self._start = start
-        self._judge = judge
+        self._match = match
         self._buffer = bytearray()
         self.skipped = 0
         self.false_starts = 0
 
     def feed(self, data: bytes) -> list[bytes]:
-        """The frames that `data` completes."""
+        """Return the frames that `data` completes."""
         frames = []
-        for begin in range(0, len(data), _PIECE):
-            self._buffer += data[begin : begin + _PIECE]
+        for begin in range(0, len(data), _CHUNK):
+            self._buffer += data[begin : begin + _CHUNK]
             frames += self._scan()
         return frames
 
@@ -44,7 +44,7 @@ class Scanner:
         undecided: int | None = None
         while found := self._start.search(buffer, at):
             at = found.start()
-            length = self._judge(buffer, at)
+            length = self._match(buffer, at)
             if length is None and undecided is None:
                 undecided = at
             if not length:

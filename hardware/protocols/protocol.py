@@ -1,4 +1,4 @@
-"""What a protocol is: what a host says and hears, and what a board does at the other end.
+"""Interface of a protocol: the host's end, and the board's end for the emulator.
 
 Nothing here reads or writes a port: bytes come in and go out as values, so that every protocol can
 be tested with any bytes, and the emulator speaks exactly what the reader understands.
@@ -17,29 +17,29 @@ from eitbench.scenarios.sensors.sensor import Sensor
 
 Array = NDArray[np.float64]
 
-# So many frames in a row of another kind than the sensor's, and none of its own, are no accident;
-# fewer may still be under way from before a board was told what to measure.
+# So many frames in a row that are not the sensor's are no accident; fewer may still be under way
+# from before the board was set up.
 PATIENCE = 5
 
 
 class Protocol(ABC):
-    """The host's end: bytes of a board in, frames out, whatever the bytes.
+    """The host's end: bytes of a board in, frames out; any bytes are accepted.
 
     Attributes:
         name: registry name, also of the board that speaks it.
         baud: rate of the line [bit/s].
         default_sensor: registry name of the sensor that boards of this kind measure.
         device: the board's end.
-        question: the command that the board answers with a line on its firmware, and that line;
-            none where there is no such command.
-        answers: what the board has answered to commands, by acknowledging or refusing (see
-            `awaits_answers`): whether it obeyed, oldest first, for the host to take away.
+        question: the command that asks for the firmware, and the pattern of the answer; None
+            without such a command.
+        answers: answers of the board to commands (see `awaits_answers`), oldest first: True if it
+            acknowledged, False if it refused. The host removes them.
         awaits_answers: the board answers every command.
         waking: the commands that stop and start any board of this kind, whatever its sensor; none
             where they send by themselves.
         sensor: the nominal sensor; its drive pattern gives the order of a frame's values.
-        health: what came of the bytes.
-        refusal: why what arrives cannot be frames of the sensor, as one sentence; None if it can.
+        health: counts of frames and of bytes that belong to none.
+        refusal: sentence on why the bytes cannot be frames of the sensor; None if they can.
 
     Raises:
         InputError: boards of this kind cannot measure the sensor's pattern.
@@ -65,7 +65,7 @@ class Protocol(ABC):
     @classmethod
     @abstractmethod
     def check(cls, sensor: Sensor) -> None:
-        """Refuse a sensor whose pattern boards of this kind cannot measure.
+        """Refuse a sensor with a pattern that boards of this kind cannot measure.
 
         Raises:
             InputError: it cannot be measured.
@@ -80,15 +80,15 @@ class Protocol(ABC):
         return ()
 
     def begin(self) -> None:
-        """What comes next does not continue what came before: a board was paused meanwhile.
+        """Begin a new series of frames: the board was paused meanwhile.
 
-        What it sent before it heard of that is not counted as lost.
+        Frames that it sent before it paused are not counted as lost.
         """
         self._last_number = None
 
     @abstractmethod
     def feed(self, data: bytes, received_s: float) -> list[Frame]:
-        """The frames that `data` completes, oldest first.
+        """Return the frames that `data` completes, oldest first.
 
         Args:
             data: the next bytes of the stream.
@@ -98,7 +98,7 @@ class Protocol(ABC):
     @classmethod
     @abstractmethod
     def recognises(cls, data: bytes) -> bool:
-        """Whether the stream `data` of an unknown board is of this protocol."""
+        """True if the stream `data` of an unknown board is of this protocol."""
 
     def _frame(self, number: int, time_s: float, received_s: float, values: Array) -> Frame:
         """A whole frame, counted."""
@@ -110,7 +110,7 @@ class Protocol(ABC):
         return Frame(number, time_s, received_s, values)
 
     def _refuse(self, sentence: str) -> None:
-        """Count a whole frame that is none of the sensor's."""
+        """Count a whole frame that is not one of the sensor's."""
         self._refused += 1
         if self._refused % PATIENCE == 0:
             self.refusal = sentence
@@ -121,7 +121,7 @@ class Device(ABC):
 
     Attributes:
         sensor: what it measures.
-        running: whether it sends frames.
+        running: True while it sends frames.
     """
 
     def __init__(self, sensor: Sensor) -> None:
@@ -130,11 +130,11 @@ class Device(ABC):
 
     @abstractmethod
     def obey(self, data: bytes) -> bytes:
-        """Do what the host says with `data`, and return the answer."""
+        """Obey the commands in `data`, and return the answer."""
 
     @abstractmethod
     def encode(self, number: int, time_s: float, values: Array) -> bytes:
-        """The bytes of a frame.
+        """Encode a frame.
 
         Args:
             number: running number.
@@ -144,7 +144,7 @@ class Device(ABC):
 
 
 class Commands:
-    """Commands of a host, cut out of its stream of bytes; a piece without an end is forgotten."""
+    """Commands of a host, cut out of its stream of bytes; an endless line is forgotten."""
 
     def __init__(self, longest: int = 64) -> None:
         self._longest = longest

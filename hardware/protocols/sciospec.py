@@ -122,7 +122,7 @@ class Sciospec(Protocol):
         self._injection = np.full((256, 256), -1)
         for k, (src, sink) in enumerate(self._drives):
             self._injection[src + 1, sink + 1] = k
-        self._scanner = Scanner(_STARTS, partial(_judge, last=_ends(*self._drives[-1])))
+        self._scanner = Scanner(_STARTS, partial(_frame_length, last=_ends(*self._drives[-1])))
         self._set = np.empty((0, RESULT_BYTES), np.uint8)  # of the frame that is being completed
         self._number = 0
 
@@ -160,7 +160,7 @@ class Sciospec(Protocol):
         return self._frames(rows, received_s)
 
     def _frames(self, rows: NDArray[np.uint8], received_s: float) -> list[Frame]:
-        """The frames that result frames `rows` (k, 140) make; what is left over is kept."""
+        """Frames that result frames `rows` (k, 140) make; the rest waits for more."""
         found = self._injection[rows[:, _SOURCE], rows[:, _SOURCE + 1]]
         if (found < 0).any():
             self._refuse(
@@ -221,8 +221,8 @@ class Sciospec(Protocol):
         return re.search(rb"(?:" + result + rb"){2}", data) is not None
 
 
-def _judge(buffer: bytearray, at: int, last: bytes) -> int | None:
-    """Bytes of the message at `at`, or of a row of result frames, which confirm each other.
+def _frame_length(buffer: bytearray, at: int, last: bytes) -> int | None:
+    """Length of the message at `at`, or of several result frames, which confirm each other.
 
     A single result frame has no checksum: one that was cut short may end on a tag by chance, inside
     the next or with its first byte. So it counts if a tag follows, else only if none begins inside
@@ -240,7 +240,7 @@ def _judge(buffer: bytearray, at: int, last: bytes) -> int | None:
     good &= (rows[:, _SOURCE] != rows[:, _SOURCE + 1]) & (rows[:, _SOURCE] <= CHANNELS)
     length = RESULT_BYTES * (count if good.all() else int(np.argmin(good)))
     if length > RESULT_BYTES:
-        return length - RESULT_BYTES  # the last is judged on its own, then
+        return length - RESULT_BYTES  # the last one is tried alone, then
     if length == 0:
         return 0
     end = at + length

@@ -74,7 +74,7 @@ class Teensy(Protocol):
     def __init__(self, sensor: Sensor) -> None:
         super().__init__(sensor)
         self._pattern = pattern_id(sensor.pattern)
-        self._scanner = Scanner(re.compile(re.escape(SYNC)), _judge)
+        self._scanner = Scanner(re.compile(re.escape(SYNC)), _frame_length)
         self._not_finite = 0
 
     @classmethod
@@ -138,7 +138,7 @@ class Teensy(Protocol):
         return len(re.findall(re.escape(SYNC + struct.pack("<H", VERSION)), data)) >= 2
 
 
-def _judge(buffer: bytearray, at: int) -> int | None:
+def _frame_length(buffer: bytearray, at: int) -> int | None:
     """Length of the frame at `at`; 0 if there is none, None if more bytes must decide."""
     if at + _HEADER.size > len(buffer):
         return None

@@ -21,7 +21,7 @@ from eitbench.scenarios.sensors.described_sensor import describe_sensor
 from eitbench.scenarios.sensors.sensor import Sensor
 
 FLUSH_S = 0.25
-"""What was appended is on the disk after this time, and the time that writing takes."""
+"""Time until appended frames are on the disk, beside the time that writing takes [s]."""
 _CHUNK_BYTES = 1 << 16
 # Room that is taken before anything is written: a full disk is met while the file is whole.
 _RESERVE_BYTES = 1 << 20
@@ -35,7 +35,7 @@ class RecorderError(EitbenchError):
 
 @dataclass
 class _Pending:
-    """What was appended and is not yet written."""
+    """Frames and rows that were appended and are not yet written."""
 
     frames: list[Frame] = field(default_factory=list)
     rows: dict[str, list[Any]] = field(

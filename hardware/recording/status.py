@@ -1,4 +1,4 @@
-"""What is seen of a board while it is recorded: rate, noise, lost frames, contacts."""
+"""Status of a board while it is recorded: rate, noise, lost frames, contacts."""
 
 from collections import deque
 from collections.abc import Sequence

@@ -69,9 +69,8 @@ def list_command(
 ) -> None:
     """List methods, operators, scenarios, sensors, suites, recordings or boards."""
     from eitbench.commands.listing import LISTINGS
-    from eitbench.hardware.registry import board_rows
 
-    rows = board_rows() if what is Listing.boards else LISTINGS[what.value]()
+    rows = LISTINGS[what.value]()
     if as_json:
         print_json(rows)
     else:

@@ -1,4 +1,4 @@
-"""How commands read lists of names and print: for people, for programs, and what went wrong."""
+"""Console of the commands: lists of names as options, output for people and programs, errors."""
 
 import json
 import sys

@@ -1,6 +1,7 @@
 """Commands that work with a board: a real one, an emulated one, or a recording."""
 
 import sys
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -14,6 +15,13 @@ if TYPE_CHECKING:
 
 app = typer.Typer()
 
+BoardName = Annotated[str, typer.Option(metavar="NAME", help="A board (eitbench list boards).")]
+Port = Annotated[str | None, typer.Option(help="The serial port of a real board.")]
+SensorName = Annotated[
+    str | None,
+    typer.Option(help="The sensor on it, or a sensor file, .toml (default: the board's)."),
+]
+PlayedFile = Annotated[str | None, typer.Option(metavar="SET|FILE.h5", help="What `replay` plays.")]
 Script = Annotated[
     Path | None, typer.Option(metavar="FILE.toml", help="Touches of `emulator`: when, where, how.")
 ]
@@ -66,7 +74,9 @@ def emulate(
     typer.echo("Getting ready, which takes some seconds.", err=True)
     board.switch_on()
     try:
-        typer.echo(f"{board.title}: no real sensor. Ctrl-C ends it.")
+        typer.echo(
+            f"emulated board on {board.port} (speaks {protocol!r}): no real sensor. Ctrl-C ends it."
+        )
         board.serve()
     finally:
         board.switch_off()
@@ -83,17 +93,12 @@ def _board(name: str, sensor: str | None, **options: Any) -> "Board":
 
 @app.command(epilog="Example: eitbench record --board emulator --guided --out touch.h5")
 def record(
-    board: Annotated[str, typer.Option(metavar="NAME", help="A board (eitbench list boards).")],
+    board: BoardName,
     out: Annotated[Path, typer.Option(metavar="FILE.h5", help="The new recording.")],
-    port: Annotated[str | None, typer.Option(help="The serial port of a real board.")] = None,
-    sensor: Annotated[
-        str | None,
-        typer.Option(help="The sensor on it, or a sensor file, .toml (default: the board's)."),
-    ] = None,
+    port: Port = None,
+    sensor: SensorName = None,
     seconds: Annotated[float | None, typer.Option(min=0, help="Time (default: to Ctrl-C).")] = None,
-    file: Annotated[
-        str | None, typer.Option(metavar="SET|FILE.h5", help="What `replay` plays.")
-    ] = None,
+    file: PlayedFile = None,
     script: Script = None,
     protocol: Protocol = None,
     speed: Speed = None,
@@ -163,15 +168,10 @@ def _record_with_status(board: "Board", recorder: "Recorder", seconds: float | N
 
 @app.command(epilog="Example: eitbench live --board emulator --method noser")
 def live(
-    board: Annotated[str, typer.Option(metavar="NAME", help="A board (eitbench list boards).")],
-    port: Annotated[str | None, typer.Option(help="The serial port of a real board.")] = None,
-    file: Annotated[
-        str | None, typer.Option(metavar="SET|FILE.h5", help="What `replay` plays.")
-    ] = None,
-    sensor: Annotated[
-        str | None,
-        typer.Option(help="The sensor on it, or a sensor file, .toml (default: the board's)."),
-    ] = None,
+    board: BoardName,
+    port: Port = None,
+    file: PlayedFile = None,
+    sensor: SensorName = None,
     script: Script = None,
     protocol: Protocol = None,
     speed: Speed = None,
@@ -195,26 +195,21 @@ def live(
 ) -> None:
     """Watch a board on a page in the browser: images, contacts, voltages; record what it sends."""
     from eitbench.hardware.live.access import access_to
-    from eitbench.hardware.live.run import live_view, watch
+    from eitbench.hardware.live.run import live_view
 
     access = access_to(host, token)
     made = _board(
         board, sensor, port=port, file=file, script=script, protocol=protocol, speed=speed
     )
 
-    def ready(address: str) -> None:
-        typer.echo(f"{board}{' (emulated)' if made.emulated else ''}: {address}  (Ctrl-C ends it)")
+    with (
+        live_view(made, board, method, access=access, port=http_port, out=out) as view,
+        suppress(KeyboardInterrupt),
+    ):
+        emulated = " (emulated)" if made.emulated else ""
+        typer.echo(f"{board}{emulated}: {view.address}  (Ctrl-C ends it)")
         if browser and sys.stdout.isatty():
             import webbrowser
 
-            webbrowser.open(address)
-
-    with live_view(
-        made,
-        board,
-        method,
-        access=access,
-        port=http_port,
-        out=out,
-    ) as view:
-        watch(view, ready)
+            webbrowser.open(view.address)
+        view.serve()

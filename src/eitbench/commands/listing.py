@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 
+from eitbench.hardware.registry import board_rows
 from eitbench.methods.method import Method
 from eitbench.methods.operator import Operator
 from eitbench.methods.registry import methods, operators
@@ -85,4 +86,5 @@ LISTINGS: dict[str, Callable[[], list[Row]]] = {
     "sensors": _sensors,
     "suites": _suites,
     "recordings": _recordings,
+    "boards": board_rows,
 }

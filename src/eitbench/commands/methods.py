@@ -141,7 +141,7 @@ def study(
         int | None, typer.Option(min=1, help="Training samples of each (default: all).")
     ] = None,
     scored: Annotated[
-        int | None, typer.Option(min=2, help="Samples it is judged on (default: all).")
+        int | None, typer.Option(min=2, help="Samples to score it on (default: all).")
     ] = None,
     operator: Annotated[
         str, typer.Option(help="Forward operator of the physical loss.")

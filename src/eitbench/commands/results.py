@@ -94,7 +94,7 @@ def compare(
 
 @app.command(epilog="Example: eitbench gate runs/new --baseline main.parquet --margin score=0.05")
 def gate(
-    run: Annotated[Path, typer.Argument(metavar="RUN", help="The run to judge.")],
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="The run to check.")],
     baseline: Annotated[
         Path, typer.Option(metavar="FILE", help="A run directory, or the samples.parquet of one.")
     ],

@@ -107,7 +107,7 @@ def plan_of(
     operators: str | None = None,
     tracks: str | None = None,
 ) -> "Plan":
-    """What a command is to run; names are still lists with commas."""
+    """Make the plan of a command; names are lists with commas."""
     from eitbench.benchmark.run.runner import make_plan
     from eitbench.scenarios.declaration import field_error
     from eitbench.scenarios.errors import InputError
@@ -178,11 +178,11 @@ def _complete(run: Path) -> tuple[list[dict[str, Any]], list[Path]]:
 def reproduce(
     runs: Annotated[
         list[Path] | None,
-        typer.Option(metavar="DIR", help="Run nothing: judge by this run directory (repeatable)."),
+        typer.Option(metavar="DIR", help="Run nothing: use this run directory (repeatable)."),
     ] = None,
     study: Annotated[
         list[Path] | None,
-        typer.Option(metavar="DIR", help="Judge by this study, too (repeatable)."),
+        typer.Option(metavar="DIR", help="Use this study, too (repeatable)."),
     ] = None,
     limit: Annotated[int | None, typer.Option(min=1, help="Test samples of each scenario.")] = None,
     jobs: Annotated[int, typer.Option(min=1, help="Cells (scenario x method) at a time.")] = 1,
@@ -191,7 +191,7 @@ def reproduce(
         typer.Option(metavar="DIR", help="Where all goes; what is run there is not run again."),
     ] = None,
 ) -> None:
-    """Judge the published claims by what is measured here, and write the claim ledger."""
+    """Compare the published claims with own measurements, and write the claim ledger."""
     from eitbench.benchmark.run.progress import RunProgress
     from eitbench.benchmark.run.runner import RunInterruptedError
     from eitbench.benchmark.studies.reproduce import run_claims
@@ -200,7 +200,7 @@ def reproduce(
     from eitbench.reports.page.ledger_page import write_ledger
 
     if runs and limit is not None:
-        raise typer.BadParameter("--runs are judged as they are: leave out --limit")
+        raise typer.BadParameter("--runs are used as they are: leave out --limit")
     folder = out or Path("runs") / f"reproduce-{time.strftime('%Y%m%d-%H%M%S')}"
     if not runs:
         try:

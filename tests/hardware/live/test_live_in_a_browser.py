@@ -55,7 +55,7 @@ class Page:
             self.page.wait_for_timeout(30)
 
     def contact(self) -> tuple[float, float]:
-        """Where the page shows the strongest contact [m]; waits for one."""
+        """Place of the strongest contact on the page [m]; waits for one."""
         self.page.wait_for_selector("#contacts tbody td", timeout=20_000)
         cells = self.page.locator("#contacts tbody tr").first.locator("td").all_inner_texts()
         return float(cells[1]) / 1e3, float(cells[2]) / 1e3
@@ -70,7 +70,7 @@ class Page:
         return colour
 
     def point(self, x_m: float, y_m: float) -> tuple[float, float]:
-        """Where a place [m] lies on the screen."""
+        """Pixel of a place [m] on the screen."""
         box = self.page.locator("#image").bounding_box()
         x, y = self.page.evaluate("([x, y]) => [place.x(x), place.y(y)]", [x_m, y_m])
         return box["x"] + x, box["y"] + y

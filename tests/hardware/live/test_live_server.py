@@ -57,7 +57,7 @@ def page_of(served: Any, query: str = "", **options: Any) -> Iterator["Page"]:
 
 
 class Page:
-    """What a page in the browser does."""
+    """The WebSocket of a page in the browser."""
 
     def __init__(self, socket: ClientConnection) -> None:
         self.socket = socket

@@ -39,7 +39,7 @@ def kept(parser: Protocol | Device) -> int:
 
 
 def recovers(sent: Any, parser: Protocol) -> bool:
-    """Whether the frames that follow all come out, and are the last that do."""
+    """True if all frames that follow come out, and come out last."""
     frames = parser.feed(b"".join(sent.messages[1:4]), 0.0)
     return len(frames) >= 3 and all(
         sent.holds(k, frame.values) for k, frame in enumerate(frames[-3:], start=1)

@@ -114,7 +114,7 @@ def test_values_that_are_not_finite_are_no_frame(bits: int, stream: MakeStream) 
 
 
 def refusal(parser: Any, messages: list[bytes]) -> str:
-    """Why `parser` refuses a board; a few frames may be left from before."""
+    """Reason why `parser` refuses a board; a few frames may be left from before."""
     assert parser.feed(b"".join(messages[: PATIENCE - 1]), 0.0) == []
     assert parser.refusal is None
     assert parser.feed(b"".join(messages[PATIENCE - 1 :]), 0.0) == []

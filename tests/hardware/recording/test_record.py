@@ -345,7 +345,7 @@ def test_an_emulated_recording_never_counts_as_real(tmp_path: Path, frames: Fram
     assert suite.title == "Touches on foam16, recorded with an emulated board"
     written = tmp_path / "touch.toml"
     written.write_text(written.read_text().replace('"emulated-touch"', '"touch"'))
-    with pytest.raises(InputError, match=r"scenarios\[0\].name': .*must say so: 'emulated-touch'"):
+    with pytest.raises(InputError, match="'emulated-touch'"):
         load_suite(written)
 
 

@@ -1,4 +1,4 @@
-"""What is wrong with bytes that are no frames: wrong rate, another board, another program."""
+"""Diagnosis of bytes that are no frames: wrong rate, another board, another program."""
 
 import random
 from collections.abc import Callable
