@@ -50,3 +50,10 @@ def test_addresses_can_be_reached() -> None:
         except OSError as error:
             pytest.skip(f"no network: {error}")
     assert not lost
+
+
+def test_files_of_the_repository_that_pages_name_are_there() -> None:
+    for page in PAGES:
+        for name in re.findall(r"`([\w./-]+/[\w.-]+\.(?:py|m|toml|json))`", page.read_text()):
+            if name.split("/")[0] not in ("runs", "DIR"):
+                assert (ROOT / name).exists(), f"{page.name}: {name}"
