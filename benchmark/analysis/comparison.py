@@ -1,4 +1,4 @@
-"""What changed between two runs on the same frames, and whether it matters."""
+"""Changes between two runs on the same frames, and their significance."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ class RunComparison:
 
 @dataclass(frozen=True, eq=False)
 class Results:
-    """What a comparison needs of a run.
+    """The parts of a run that a comparison needs.
 
     Attributes:
         path: a run directory, or its `samples.parquet` alone.
@@ -127,37 +127,33 @@ def read_results(path: Path) -> Results:
 
 
 def compare(before: Results, after: Results, figures: Sequence[str] = ()) -> RunComparison:
-    """What changed from `before` to `after`, by `figures` or by what each scenario ranks by.
+    """Compare `after` with `before`, by `figures` or by the figure that ranks each scenario.
 
     Raises:
         InputError: an unknown figure, or nothing that can be compared.
     """
-    found, missing, added = _paired(before, after, dict.fromkeys(figures, 0.0))
-    p = holm([test.change_p for test in found])
+    tests, missing, added = _paired(before, after, dict.fromkeys(figures, 0.0))
+    adjusted = holm([test.change_p for test in tests])
     changes = [
-        replace(test.change, p=float(p_of), verdict=_verdict(test, p_of < SIGNIFICANT))
-        for test, p_of in zip(found, p, strict=True)
+        replace(test.change, p=float(p), verdict=_verdict(test, p < SIGNIFICANT))
+        for test, p in zip(tests, adjusted, strict=True)
     ]
     return RunComparison(changes, missing, added)
 
 
 def losses(before: Results, after: Results, margins: Mapping[str, float]) -> RunComparison:
-    """The changes by the figures of `margins`, "worse" where surely by more than their margin.
+    """Find losses by the figures of `margins`: "worse" where surely by more than the margin.
 
-    Without margins: by what each scenario ranks by, and any loss counts.
+    Without margins: by the figure that ranks each scenario, and any loss counts.
 
     Raises:
         InputError: an unknown figure, or nothing that can be compared.
     """
-    found, missing, added = _paired(before, after, margins)
-    p = holm([test.loss_p for test in found])
+    tests, missing, added = _paired(before, after, margins)
+    adjusted = holm([test.loss_p for test in tests])
     changes = [
-        replace(
-            test.change,
-            p=float(p_of),
-            verdict="worse" if p_of < SIGNIFICANT else _verdict(test, significant=False),
-        )
-        for test, p_of in zip(found, p, strict=True)
+        replace(test.change, p=float(p), verdict="worse" if p < SIGNIFICANT else _verdict(test))
+        for test, p in zip(tests, adjusted, strict=True)
     ]
     return RunComparison(changes, missing, added)
 
@@ -173,7 +169,7 @@ class _Test:
     loss_p: float
 
 
-def _verdict(test: _Test, significant: bool) -> Verdict:
+def _verdict(test: _Test, significant: bool = False) -> Verdict:
     if abs(test.change.difference) < _EQUAL and test.change.low == test.change.high:
         return "equal"
     if abs(test.change.difference) <= test.negligible:
@@ -217,12 +213,12 @@ def _paired(
         for spec in [METRICS[name] for name in margins] or _ranking(cells):
             if not np.isfinite(once(_figure(cells[0], spec), len(cells[0]))):
                 continue  # this scenario does not know it
-            test = _test(cells, spec, margins.get(spec.name, 0.0))
+            margin = margins.get(spec.name, 0.0)
+            test = _test(scenario, method, cells, spec, margin, ratio)
             if test is None:
                 missing.append(f"{who} has no {spec.title} in {after.path}.")
             else:
-                change = replace(test.change, scenario=scenario, method=method, time_ratio=ratio)
-                tests.append(replace(test, change=change))
+                tests.append(test)
     added = [
         f"{method!r} on {scenario!r} is only in {after.path}."
         for scenario, method in new
@@ -251,7 +247,7 @@ def _common(*cells: pd.DataFrame) -> list[pd.DataFrame]:
 
 
 def _ranking(cells: Sequence[pd.DataFrame]) -> list[MetricSpec]:
-    """What ranks these cells; none where that is not known."""
+    """Return the metric that ranks these cells; none where it is not known."""
     for name in METHOD_RUNS.ranked_by:
         if all(np.isfinite(once(_figure(cell, METRICS[name]), len(cell))) for cell in cells):
             return [METRICS[name]]
@@ -262,7 +258,14 @@ def _figure(cell: pd.DataFrame, spec: MetricSpec) -> Callable[[Array], Array]:
     return lambda counts: aggregate(cell, [spec], counts)[:, 0]
 
 
-def _test(cells: Sequence[pd.DataFrame], spec: MetricSpec, margin: float) -> _Test | None:
+def _test(
+    scenario: str,
+    method: str,
+    cells: Sequence[pd.DataFrame],
+    spec: MetricSpec,
+    margin: float,
+    time_ratio: float | None,
+) -> _Test | None:
     """The test of one figure of a cell before and after; None where it is not defined."""
     n, phantom = len(cells[0]), cells[0]["phantom"]
     phantoms = phantom.nunique()
@@ -275,8 +278,8 @@ def _test(cells: Sequence[pd.DataFrame], spec: MetricSpec, margin: float) -> _Te
     low, high = map(float, intervals(np.asarray(difference), differences, phantoms))
     negligible = NEGLIGIBLE * float(drawn[0].std()) * np.sqrt(phantoms)
     change = Change(
-        scenario="",
-        method="",
+        scenario=scenario,
+        method=method,
         figure=spec.name,
         n=n,
         phantoms=phantoms,
@@ -287,7 +290,7 @@ def _test(cells: Sequence[pd.DataFrame], spec: MetricSpec, margin: float) -> _Te
         high=high,
         p=1.0,
         verdict="equal",
-        time_ratio=None,
+        time_ratio=time_ratio,
     )
     beyond_margin = -spec.sign * difference - max(margin, negligible)
     return _Test(

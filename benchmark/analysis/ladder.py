@@ -1,4 +1,4 @@
-"""How methods degrade on the way from an ideal simulation to real sensors.
+"""Degradation of methods on the way from an ideal simulation to real sensors.
 
 The rungs of a ladder are the scenarios of a run that declare `imperfections`: the same touches,
 measured by sensors that differ from the nominal one in this or that. On them methods are compared
@@ -56,7 +56,7 @@ class Real:
 
 @dataclass(frozen=True)
 class Ladder:
-    """What a run says of its ladder.
+    """The results of a run on its ladder.
 
     Attributes:
         rungs: scenarios of the simulated rungs, without twins, in the order of the suite but for
@@ -79,7 +79,7 @@ class Ladder:
 
 
 def read_ladder(run: Run) -> Ladder | None:
-    """The ladder of a run of methods; None if it has fewer than two rungs."""
+    """Compute the ladder of a run of methods; None if it has fewer than two rungs."""
     declared = run.manifest.get("plan", {}).get("suite", {}).get("scenarios", ())
     if run.kind.name != "method" or not any(s.get("imperfections") for s in declared):
         return None

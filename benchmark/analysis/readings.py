@@ -20,7 +20,7 @@ from eitbench.scenarios.errors import DataCorruptError
 
 Array = NDArray[np.float64]
 Way = Callable[[Array, float], Array]
-"""What is scored in place of images (k, H, W) over a background [S/m]."""
+"""Makes what is scored of images (k, H, W) over a background [S/m]."""
 FIGURES = ("ssim", "cc", "rie", "psnr")
 _BLOCK = 500
 

@@ -1,4 +1,4 @@
-"""What a reader should know of the recorded data of a run, kept beside its results."""
+"""Quality of the recorded data of a run, stored beside its results."""
 
 import json
 from pathlib import Path

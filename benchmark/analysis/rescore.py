@@ -5,39 +5,25 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from eitbench.benchmark.analysis.results import Run, read_run
-from eitbench.benchmark.metrics.evaluation import evaluate
+from eitbench.benchmark.metrics.evaluation import GroundTruth, evaluate
 from eitbench.benchmark.metrics.specs import METRIC_COLUMNS
 from eitbench.benchmark.metrics.tactile import Similarity
 from eitbench.benchmark.rundir import manifest as manifests
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
 from eitbench.benchmark.rundir.store import RunStore
 from eitbench.scenarios.errors import DataCorruptError, InputError
-from eitbench.scenarios.sensors.sensor import Sensor
 from eitbench.scenarios.suites.scenario import RecordedScenario, Scenario
 
 FIGURES = (*METRIC_COLUMNS, "cc_undefined")
 
 ROUNDING = 1e-9
-"""What another processor's arithmetic may change in a figure, relative and absolute."""
-
-
-@dataclass(frozen=True, eq=False)
-class Stored:
-    """What a run has kept of a scenario's truth: as much of a `Dataset` as `evaluate` looks at."""
-
-    scenario: str
-    sensor: Sensor
-    samples: pd.DataFrame
-    truth: Literal["conductivity", "position", "classes", "none"]
-    conductivity: NDArray[np.float64] | None = None
-    classes: NDArray[np.int8] | None = None
+"""Change of a figure, relative and absolute, that another processor's arithmetic may cause."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +44,7 @@ class Rescored:
 
 
 def rescored(run: Run) -> Iterator[tuple[Rescored, pd.DataFrame]]:
-    """Every cell of the run with its rows as they are scored now, from its stored images.
+    """Score every cell of the run from its stored images: what changed, and its new rows.
 
     Raises:
         InputError: a run of operators, or one whose manifest or images lack something.
@@ -103,7 +89,7 @@ def rescore(path: Path) -> list[Rescored]:
     return list(found)
 
 
-def _stored(run: Run, scenario: Scenario, rows: pd.DataFrame) -> Stored:
+def _stored(run: Run, scenario: Scenario, rows: pd.DataFrame) -> GroundTruth:
     recorded = isinstance(scenario, RecordedScenario)
     truth = (
         scenario.recorded_set.truth if isinstance(scenario, RecordedScenario) else "conductivity"
@@ -112,7 +98,7 @@ def _stored(run: Run, scenario: Scenario, rows: pd.DataFrame) -> Stored:
     images = scene.truth
     if truth in ("conductivity", "classes") and (images is None or len(images) != len(rows)):
         raise InputError(f"{run.path} does not hold the truth of {scenario.name!r}.")
-    return Stored(
+    return GroundTruth(
         scenario.name,
         scenario.nominal_sensor,
         rows.reset_index(drop=True),
@@ -122,15 +108,15 @@ def _stored(run: Run, scenario: Scenario, rows: pd.DataFrame) -> Stored:
     )
 
 
-def _registration(run: Run, known: Stored, method: str) -> Similarity | None:
+def _registration(run: Run, known: GroundTruth, method: str) -> Similarity | None:
     if known.truth != "position":
         return None
     of = (run.cells["scenario"] == known.scenario) & (run.cells["method"] == method)
-    kept = run.cells[of].get("registration", pd.Series(dtype=str)).tolist()
-    if len(kept) != 1 or not kept[0]:
+    stored = run.cells[of].get("registration", pd.Series(dtype=str)).tolist()
+    if len(stored) != 1 or not stored[0]:
         raise InputError(f"{run.path} does not hold the registration of {method!r}.")
     try:
-        return Similarity.from_json(kept[0])
+        return Similarity.from_json(stored[0])
     except (ValueError, TypeError, RecursionError) as error:
         raise DataCorruptError(
             f"The registration of {method!r} in {run.path} is damaged."

@@ -1,11 +1,11 @@
-"""Which differences between the methods of a leaderboard are real.
+"""Intervals, ranks and paired differences of the methods of a leaderboard.
 
 All methods of a board share their bootstrap draws of phantoms, so that every difference is paired.
 Operators get no intervals: what is measured of them does not depend on noise.
 
 Two limits: intervals of means of few and very skewed values are too short (of 10 lognormal values,
-83 % held the mean; of 24, 91 %; of 60, 93 %), and differences of medians are tested cautiously: the
-chance of a false one is below what is promised.
+83 % contained the mean; of 24, 91 %; of 60, 93 %), and differences of medians are tested
+cautiously: the chance of a false one is below what is promised.
 """
 
 from __future__ import annotations
@@ -19,7 +19,6 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy import special
 
-from eitbench.benchmark.analysis.gaps import COLUMNS, gaps
 from eitbench.benchmark.analysis.leaderboard import (
     Entry,
     Row,
@@ -28,6 +27,7 @@ from eitbench.benchmark.analysis.leaderboard import (
     ranking_figure,
 )
 from eitbench.benchmark.analysis.results import Run
+from eitbench.benchmark.analysis.track_gaps import COLUMNS, track_gaps
 from eitbench.benchmark.metrics.aggregation import aggregate, numbers
 from eitbench.benchmark.metrics.metric_spec import MetricSpec
 from eitbench.benchmark.metrics.scores import anchored
@@ -67,7 +67,7 @@ class Pair:
 
 @dataclass(frozen=True, eq=False)
 class Standing:
-    """A board with what can be told of it.
+    """A board with the statistics of its methods.
 
     Attributes:
         rows: by rank, with more columns than those of `leaderboard_rows`, None where there is no
@@ -75,7 +75,7 @@ class Standing:
             share one; `rank_low` and `rank_high`; `first`, the share of draws in which it is the
             best; `rank_valid`, the rank if failed samples were left out; `weights_won`, the share
             of all weightings of SSIM, CC, RIE and PSNR under which it is the best; and the ends
-            `NAME_low`, `NAME_high` of every figure; and what `gaps` says of other tracks.
+            `NAME_low`, `NAME_high` of every figure; and those of `track_gaps`.
         pairs: every two methods that have all samples.
         phantoms: number of those that were drawn; 0 where none were.
         why_not: why there are no intervals, as a sentence; "" where there are.
@@ -88,7 +88,7 @@ class Standing:
 
 
 def standings(runs: Sequence[Run]) -> list[Standing]:
-    """What can be told of every board of the runs.
+    """Compute the standing of every board of the runs.
 
     Raises:
         InputError: some of the runs rank methods and others operators.
@@ -149,14 +149,12 @@ def _standing(board: Sequence[Entry]) -> Standing:
 
 
 def _gaps(entry: Entry, by: str) -> dict[str, float]:
-    """What is known of the other tracks of a row."""
-    others = entry.run.tracks
+    """Gaps to the other tracks of a row; empty where none was run."""
+    others, row = entry.run.tracks, entry.row
     if others.empty:
         return {}
-    row = entry.row
     of = (others["scenario"] == row["scenario"]) & (others["method"] == row["method"])
-    tuned = row["track"] != "default"
-    return gaps(others[of], entry.cell, tuned=tuned, by=by) if of.any() else {}
+    return track_gaps(others[of], entry.cell, row["track"], by) if of.any() else {}
 
 
 def _whole(board: Sequence[Entry]) -> list[int]:
@@ -244,12 +242,12 @@ def groups(count: int, pairs: Sequence[Pair]) -> list[str]:
             continue
         both = {pair.first, pair.second}
         split = [of - {one} for of in together if both <= of for one in both]
-        kept = [of for of in together if not both <= of]
+        rest = [of for of in together if not both <= of]
         # What lies within another says nothing more.
         for of in sorted(split, key=len, reverse=True):
-            if not any(of <= other for other in kept):
-                kept.append(of)
-        together = kept
+            if not any(of <= other for other in rest):
+                rest.append(of)
+        together = rest
     letters = [""] * count
     for number, members in enumerate(sorted(map(sorted, together))):
         for k in members:

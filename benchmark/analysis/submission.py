@@ -1,4 +1,4 @@
-"""Checks a run that is submitted to a public leaderboard: complete, on our data, scored by us."""
+"""Checks of a run that is submitted to a leaderboard: complete, on our data, scored by us."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class Check:
 
 
 def check_submission(path: Path, *, jobs: int = 1) -> list[Check]:
-    """Everything that is checked of the run directory `path`.
+    """Check the run directory `path` by all `CHECKS`.
 
     What cannot be checked from outside is taken on trust: times, hyper-parameters and tracks, and
     the similarity that maps the images of a method onto the robot's coordinates, which is fitted on
@@ -61,7 +61,17 @@ def check_submission(path: Path, *, jobs: int = 1) -> list[Check]:
         raise InputError(
             f"{path} cannot be checked: its manifest or a plugin was changed ({error})."
         ) from error
-    return [Check(name, check(run, plan, jobs)) for name, check in CHECKS.items()]
+    return [Check(name, _problem(check, run, plan, jobs)) for name, check in CHECKS.items()]
+
+
+def _problem(check: Callable[[Run, Plan, int], str], run: Run, plan: Plan, jobs: int) -> str:
+    """Problem that `check` finds; what it cannot read is one."""
+    try:
+        return check(run, plan, jobs)
+    except EitbenchError as error:
+        return str(error)
+    except (KeyError, TypeError, ValueError) as error:
+        return f"The {manifests.FILE_NAME} or a table lacks something ({error})."
 
 
 def _is_packaged(run: Run, plan: Plan, jobs: int) -> str:
@@ -80,13 +90,13 @@ def _is_complete(run: Run, plan: Plan, jobs: int) -> str:
         return f"The run is {run.manifest['status']}: resume it."
     if plan.limit != plan.suite.limit:
         return f"The run was limited to {plan.limit} samples a scenario."
-    told = {(cell["scenario"], cell["name"]) for cell in run.manifest["cells"]}
+    cells = {(cell["scenario"], cell["name"]) for cell in run.manifest["cells"]}
     for scenario in plan.suite.scenarios:
         for name in plan.names:
             # A method without weights for a sensor is left out by the run itself.
             if f"{scenario.name}/{name}" in run.manifest["skipped"]:
                 continue
-            if (scenario.name, name) not in told:
+            if (scenario.name, name) not in cells:
                 return f"{name!r} was not run on {scenario.name!r}."
     for cell in run.manifest["cells"]:
         rows = run.cell(cell["scenario"], cell["name"])
@@ -102,8 +112,7 @@ def _is_complete(run: Run, plan: Plan, jobs: int) -> str:
 def _frames_are_ours(run: Run, plan: Plan, jobs: int) -> str:
     for scenario in _scenarios(run, plan):
         data = load(scenario, "test", plan.limit, jobs=jobs)
-        told = run.manifest["data"][scenario.name]
-        if told["hash"] != data.data_hash:
+        if run.manifest["data"][scenario.name]["hash"] != data.data_hash:
             return f"The data of {scenario.name!r} are not those of this version of eitbench."
         for name, rows in run.samples[run.samples["scenario"] == scenario.name].groupby("method"):
             ordered = rows.sort_values("sample")
@@ -127,7 +136,7 @@ def _same(one: Any, other: Any) -> bool:
     return bool(one.astype(str).tolist() == other.astype(str).tolist())
 
 
-def _failures_are_told(run: Run, plan: Plan, jobs: int) -> str:
+def _failures_are_reported(run: Run, plan: Plan, jobs: int) -> str:
     for (scenario, method), rows in run.samples.groupby(["scenario", "method"], sort=False):
         ordered = rows.sort_values("sample")
         images = run.estimates(str(scenario), str(method), ordered["sample"].tolist())
@@ -155,13 +164,13 @@ def _scores_are_ours(run: Run, plan: Plan, jobs: int) -> str:
 
 def _leaderboard_follows(run: Run, plan: Plan, jobs: int) -> str:
     try:
-        told = json.loads((run.path / LEADERBOARD).read_text(encoding="utf-8"))
-        rows = {(row["scenario"], row["method"]): row for row in told}
+        stored = json.loads((run.path / LEADERBOARD).read_text(encoding="utf-8"))
+        rows = {(row["scenario"], row["method"]): row for row in stored}
     except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
         return f"{LEADERBOARD} cannot be read ({type(error).__name__})."
     expected = [row for standing in standings([run]) for row in standing.rows]
-    if len(told) != len(expected):
-        return f"{LEADERBOARD} has {len(told)} rows, and its samples make {len(expected)}."
+    if len(stored) != len(expected):
+        return f"{LEADERBOARD} has {len(stored)} rows, and its samples make {len(expected)}."
     for row in expected:
         there = rows.get((row["scenario"], row["method"]), {})
         for name, value in row.items():
@@ -174,22 +183,22 @@ def _leaderboard_follows(run: Run, plan: Plan, jobs: int) -> str:
     return ""
 
 
-def _agrees(told: Any, value: Any) -> bool:
-    if isinstance(value, float) and isinstance(told, float | int):
-        return bool(np.isclose(told, value, rtol=ROUNDING, atol=ROUNDING))
-    return bool(told == value)
+def _agrees(stored: Any, value: Any) -> bool:
+    if isinstance(value, float) and isinstance(stored, float | int):
+        return bool(np.isclose(stored, value, rtol=ROUNDING, atol=ROUNDING))
+    return bool(stored == value)
 
 
 def _notes_are_ours(run: Run, plan: Plan, jobs: int) -> str:
     for scenario in _scenarios(run, plan):
         if isinstance(scenario, RecordedScenario):
             n = run.manifest["data"][scenario.name]["n"]
-            told = run.notes.get(scenario.name, {})
+            stored = run.notes.get(scenario.name, {})
             for name, value in notes_of(scenario, n).items():
-                if not _agrees(told.get(name), value):
+                if not _agrees(stored.get(name), value):
                     return (
-                        f"{NOTES_FILE} says {name} {told.get(name)} of {scenario.name!r}, and its "
-                        f"data say {value}."
+                        f"{NOTES_FILE} says {name} {stored.get(name)} of {scenario.name!r}, and "
+                        f"its data say {value}."
                     )
     return ""
 
@@ -198,26 +207,12 @@ def _scenarios(run: Run, plan: Plan) -> Iterator[Scenario]:
     return (scenario for scenario in plan.suite.scenarios if scenario.name in run.manifest["data"])
 
 
-def _told(check: Callable[[Run, Plan, int], str]) -> Callable[[Run, Plan, int], str]:
-    """`check`, with what it cannot read told as its problem."""
-
-    def checked(run: Run, plan: Plan, jobs: int) -> str:
-        try:
-            return check(run, plan, jobs)
-        except EitbenchError as error:
-            return str(error)
-        except (KeyError, TypeError, ValueError) as error:
-            return f"The {manifests.FILE_NAME} or a table lacks something ({error})."
-
-    return checked
-
-
 CHECKS: dict[str, Callable[[Run, Plan, int], str]] = {
-    "the suite is one of eitbench's": _told(_is_packaged),
-    "every sample of every method has its row": _told(_is_complete),
-    "frames and truth are ours": _told(_frames_are_ours),
-    "figures are those of the stored images": _told(_scores_are_ours),
-    "failures are told": _told(_failures_are_told),
-    "notes on recordings are ours": _told(_notes_are_ours),
-    "the leaderboard follows from the figures": _told(_leaderboard_follows),
+    "the suite is one of eitbench's": _is_packaged,
+    "every sample of every method has its row": _is_complete,
+    "frames and truth are ours": _frames_are_ours,
+    "figures are those of the stored images": _scores_are_ours,
+    "failures are reported": _failures_are_reported,
+    "notes on recordings are ours": _notes_are_ours,
+    "the leaderboard follows from the figures": _leaderboard_follows,
 }

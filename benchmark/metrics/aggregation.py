@@ -17,7 +17,7 @@ from eitbench.benchmark.metrics.statistics import means, medians, spearman
 Array = NDArray[np.float64]
 
 LOAD_COLUMNS = ("pressure_pa", "depth_mm")
-"""How hard a press was; the first column that holds a number counts."""
+"""Columns of the load of a press; the first that holds a number counts."""
 _FEWEST_LOADS = 3
 
 

@@ -1,7 +1,11 @@
 """Figures of one method's estimates on one data set, by what is known of the truth."""
 
+from __future__ import annotations
+
 from collections.abc import Callable
-from typing import Literal, Protocol
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 import pandas as pd
@@ -16,6 +20,9 @@ from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.phantoms.contacts import Contacts, contacts, is_constant, locate
 from eitbench.scenarios.sensors.sensor import Sensor
 
+if TYPE_CHECKING:
+    from eitbench.scenarios.data.datasets import Dataset
+
 Array = NDArray[np.float64]
 Columns = dict[str, NDArray[np.float64] | NDArray[np.bool_]]
 
@@ -26,38 +33,31 @@ LEAST_PRESSES = 3
 """Fewer validation presses determine no registration."""
 
 
-class GroundTruth(Protocol):
-    """What is known of the frames of a scenario, as a `Dataset` has it."""
+@dataclass(frozen=True, eq=False)
+class GroundTruth:
+    """The part of a `Dataset` that scoring needs.
 
-    @property
-    def scenario(self) -> str:
-        """Its name."""
+    Attributes:
+        scenario: its name.
+        sensor: the nominal sensor.
+        samples: one row per frame.
+        truth: what is known of each frame.
+        conductivity: (n, H, W) [S/m], where it is known.
+        classes: (n, H, W), where they are known.
+    """
 
-    @property
-    def sensor(self) -> Sensor:
-        """The nominal sensor."""
-
-    @property
-    def samples(self) -> pd.DataFrame:
-        """One row per frame."""
-
-    @property
-    def truth(self) -> Literal["conductivity", "position", "classes", "none"]:
-        """What is known of each frame."""
-
-    @property
-    def conductivity(self) -> Array | None:
-        """(n, H, W) [S/m], where it is known."""
-
-    @property
-    def classes(self) -> NDArray[np.int8] | None:
-        """(n, H, W), where they are known."""
+    scenario: str
+    sensor: Sensor
+    samples: pd.DataFrame
+    truth: Literal["conductivity", "position", "classes", "none"]
+    conductivity: Array | None = None
+    classes: NDArray[np.int8] | None = None
 
 
 def evaluate(
-    dataset: GroundTruth, estimates: ArrayLike, registration: Similarity | None = None
+    dataset: Dataset | GroundTruth, estimates: ArrayLike, registration: Similarity | None = None
 ) -> pd.DataFrame:
-    """One row per sample with `sample`, `METRIC_COLUMNS` and `cc_undefined`.
+    """Return one row per sample with `sample`, `METRIC_COLUMNS` and `cc_undefined`.
 
     Estimates are scored as float32, the precision they are kept in. A frame with a value that is
     not finite inside the sensor is charged what an image of the untouched sensor gets: such an
@@ -73,11 +73,14 @@ def evaluate(
         InputError: estimates of the wrong shape, or no registration where it is needed.
     """
     images = _imputed(dataset, estimates)
-    if dataset.truth == "position" and registration is None:
-        raise InputError(
-            f"Scenario {dataset.scenario!r} knows positions in the robot's coordinates only: fit a "
-            "registration on its validation split first."
-        )
+    figures_of = _FIGURES.get(dataset.truth)
+    if figures_of is None:
+        if registration is None:
+            raise InputError(
+                f"Scenario {dataset.scenario!r} knows positions in the robot's coordinates only: "
+                "fit a registration on its validation split first."
+            )
+        figures_of = partial(_figures_of_positions, registration)
     n = len(images)
     table = pd.DataFrame({"sample": dataset.samples["sample"].to_numpy()})
     for name in METRIC_COLUMNS:
@@ -85,14 +88,13 @@ def evaluate(
     table["cc_undefined"] = False
     for start in range(0, n, _BLOCK):
         rows = np.arange(start, min(start + _BLOCK, n))
-        figures = _EVALUATIONS[dataset.truth](dataset, rows, images[rows], registration)
-        for name, values in figures.items():
+        for name, values in figures_of(dataset, rows, images[rows]).items():
             table.loc[rows, name] = values
     return table
 
 
-def fit_registration(validation: GroundTruth, estimates: ArrayLike) -> Similarity:
-    """The similarity from a method's images onto the robot's coordinates, from validation presses.
+def fit_registration(validation: Dataset | GroundTruth, estimates: ArrayLike) -> Similarity:
+    """Fit the similarity from a method's images onto the robot's coordinates by validation presses.
 
     Where the images do not determine one (nothing found, or always the same place), the sensor's
     centre is put on the mean press position, unturned: such a method gains nothing by it.
@@ -112,7 +114,7 @@ def fit_registration(validation: GroundTruth, estimates: ArrayLike) -> Similarit
     return Similarity(1.0, np.eye(2), presses.mean(axis=0) - centre)
 
 
-def _imputed(dataset: GroundTruth, estimates: ArrayLike) -> NDArray[np.float32]:
+def _imputed(dataset: Dataset | GroundTruth, estimates: ArrayLike) -> NDArray[np.float32]:
     """Estimates as float32, those that are not finite replaced by the untouched sensor."""
     images = np.array(estimates, dtype=np.float32)
     expected = (len(dataset.samples), *dataset.sensor.image_shape)
@@ -126,12 +128,12 @@ def _imputed(dataset: GroundTruth, estimates: ArrayLike) -> NDArray[np.float32]:
     return images
 
 
-def _presses(dataset: GroundTruth) -> Array:
+def _presses(dataset: Dataset | GroundTruth) -> Array:
     return dataset.samples[["x_m", "y_m"]].to_numpy(dtype=np.float64)
 
 
-def _evaluate_conductivity(
-    dataset: GroundTruth, rows: NDArray[np.intp], images: NDArray[np.float32], _: Similarity | None
+def _figures_of_conductivity(
+    dataset: Dataset | GroundTruth, rows: NDArray[np.intp], images: NDArray[np.float32]
 ) -> Columns:
     if dataset.conductivity is None:
         raise InputError(f"Scenario {dataset.scenario!r} holds no true conductivity.")
@@ -149,8 +151,8 @@ def _evaluate_conductivity(
     return figures | _tactile(true, contacts(contrast, sensor), sensor)
 
 
-def _evaluate_classes(
-    dataset: GroundTruth, rows: NDArray[np.intp], images: NDArray[np.float32], _: Similarity | None
+def _figures_of_classes(
+    dataset: Dataset | GroundTruth, rows: NDArray[np.intp], images: NDArray[np.float32]
 ) -> Columns:
     if dataset.classes is None:
         raise InputError(f"Scenario {dataset.scenario!r} holds no true classes.")
@@ -183,14 +185,12 @@ def _tactile(true: Contacts, found: Contacts, sensor: Sensor) -> Columns:
     }
 
 
-def _evaluate_position(
-    dataset: GroundTruth,
+def _figures_of_positions(
+    registration: Similarity,
+    dataset: Dataset | GroundTruth,
     rows: NDArray[np.intp],
     images: NDArray[np.float32],
-    registration: Similarity | None,
 ) -> Columns:
-    if registration is None:
-        raise InputError(f"Scenario {dataset.scenario!r} needs a registration.")
     sensor = dataset.sensor
     contrast = images.astype(np.float64) - sensor.background
     place = locate(contrast, sensor)
@@ -209,22 +209,18 @@ def _evaluate_position(
     }
 
 
-def _evaluate_response(
-    dataset: GroundTruth, rows: NDArray[np.intp], images: NDArray[np.float32], _: Similarity | None
+def _figures_of_response(
+    dataset: Dataset | GroundTruth, _: NDArray[np.intp], images: NDArray[np.float32]
 ) -> Columns:
     contrast = images[:, dataset.sensor.mask].astype(np.float64) - dataset.sensor.background
     return {"response": np.sqrt(np.mean(contrast**2, axis=1))}
 
 
-_EVALUATIONS: dict[
-    str,
-    Callable[
-        [GroundTruth, NDArray[np.intp], NDArray[np.float32], Similarity | None],
-        Columns,
-    ],
+_FIGURES: dict[
+    str, Callable[[Dataset | GroundTruth, NDArray[np.intp], NDArray[np.float32]], Columns]
 ] = {
-    "conductivity": _evaluate_conductivity,
-    "classes": _evaluate_classes,
-    "position": _evaluate_position,
-    "none": _evaluate_response,
+    "conductivity": _figures_of_conductivity,
+    "classes": _figures_of_classes,
+    "none": _figures_of_response,
 }
+"""By what is known of the frames; positions need a registration, too."""

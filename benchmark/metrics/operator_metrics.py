@@ -14,7 +14,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Standard:
-    """What voltages are standardised with: z = (v - mean) / std.
+    """Mean and spread by which voltages are standardised: z = (v - mean) / std.
 
     Attributes:
         mean, std: (M,) [V/A].

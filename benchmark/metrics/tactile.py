@@ -1,4 +1,4 @@
-"""How far the contacts that a method shows lie from the true ones, and how well they overlap.
+"""Distance of the contacts in estimates from the true ones, and their overlap.
 
 `eitbench.scenarios.phantoms.contacts` finds the contacts.
 """
@@ -86,12 +86,12 @@ class Similarity:
         return np.asarray((np.asarray(points, float) - self.shift) @ self.turn / self.scale)
 
     def to_json(self) -> str:
-        """As JSON that `from_json` reads, without loss."""
+        """Return JSON that `from_json` reads without loss."""
         return json.dumps([self.scale, self.turn.tolist(), self.shift.tolist()])
 
     @classmethod
     def from_json(cls, text: str) -> "Similarity":
-        """What `to_json` wrote."""
+        """Read what `to_json` wrote."""
         scale, turn, shift = json.loads(text)
         return cls(scale, np.array(turn), np.array(shift))
 

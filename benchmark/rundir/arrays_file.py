@@ -75,7 +75,7 @@ def _compression(shape: tuple[int, ...]) -> dict[str, Any]:
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """What is known of the images of a scenario.
+    """Geometry, background and truth of the images of a scenario.
 
     Attributes:
         bounds: (x_min, y_min, x_max, y_max) [m].

@@ -10,13 +10,13 @@ from eitbench.benchmark.metrics.specs import METRICS
 
 @dataclass(frozen=True)
 class RunKind:
-    """What a run ranks, and where its directory holds what of it.
+    """A kind of run: what it ranks, and the names of its files and columns.
 
     Attributes:
         name: "method" or "operator": the column of every table that says who is ranked.
         table: file with one row per scenario and method or operator.
-        arrays: file with what they returned.
-        array: name of that in the file.
+        arrays: file with their answers.
+        array: name of the answers in that file.
         labels: columns beside the name that tell rows of one scenario apart.
         metrics: the figures of accuracy by name, in the order of rows of leaderboards.
         costs: columns of times and memory.

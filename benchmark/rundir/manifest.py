@@ -139,7 +139,7 @@ class _Plan(_Part):
 
 
 class _Manifest(_Part):
-    """What results are shown from."""
+    """Values that results are shown from."""
 
     status: str = "finished"
     plan: _Plan = _Plan()
@@ -165,7 +165,7 @@ class _Cell(_Part):
 
 
 class _Resumable(_Part):
-    """What a run is continued from."""
+    """Values that a run is continued from."""
 
     status: str
     batch: int

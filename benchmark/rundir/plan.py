@@ -1,4 +1,4 @@
-"""What a run consists of: a suite, and what of it was chosen."""
+"""The plan of a run: a suite, and the methods, scenarios and samples chosen of it."""
 
 import hashlib
 from collections.abc import Iterable, Mapping, Sequence
@@ -18,7 +18,7 @@ TRACKS = ("default", "tuned", "oracle")
 
 @dataclass(frozen=True)
 class Plan:
-    """What is run: enough to continue it later.
+    """All that a run consists of, enough to continue it later.
 
     Attributes:
         names: the methods or operators, in the order they are run.
@@ -39,12 +39,12 @@ class Plan:
 
     @property
     def kind(self) -> RunKind:
-        """What is ranked."""
+        """The kind of run: of methods or of operators."""
         return RUN_KINDS[self.suite.ranks]
 
     @property
     def methods(self) -> tuple[str, ...]:
-        """The names, which must be methods'.
+        """The names, if the suite ranks methods.
 
         Raises:
             InputError: the suite ranks operators.
@@ -57,7 +57,7 @@ class Plan:
         return self.names
 
     def describe(self) -> Manifest:
-        """Plain values for the manifest."""
+        """Return plain values for the manifest."""
         return {
             "suite": self.suite.model_dump(mode="json"),
             "names": list(self.names),
@@ -76,7 +76,7 @@ class Plan:
 
     @classmethod
     def of(cls, manifest: Manifest, run: Path) -> "Plan":
-        """The plan that `manifest` of the directory `run` describes.
+        """Read the plan that `manifest` of the directory `run` describes.
 
         Raises:
             InputError: the manifest is incomplete, or a plugin has changed since.

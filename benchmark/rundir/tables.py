@@ -21,7 +21,7 @@ def write_parquet(table: pd.DataFrame, path: Path) -> None:
 
 
 def read_parquet(path: Path) -> pd.DataFrame:
-    """The table at `path`.
+    """Read the table at `path`.
 
     Raises:
         Exception: whatever the damage leads to, with its reason.
@@ -54,7 +54,7 @@ def _is_text(kind: pa.DataType) -> bool:
 
 
 def _length(column: pa.ChunkedArray) -> int:
-    """How many bytes the texts of a column take when each is written out."""
+    """Number of bytes that the texts of a column take when each is written out."""
     found = 0
     for chunk in column.chunks:
         if isinstance(chunk, pa.DictionaryArray):
@@ -66,7 +66,7 @@ def _length(column: pa.ChunkedArray) -> int:
 
 
 def wrong_kind(table: pd.DataFrame, texts: Iterable[str], numbers: Iterable[str]) -> str | None:
-    """The first of the columns that is there and holds something else; None if all are right."""
+    """Return the first column that holds something else; None if all that are there are right."""
     for names, right in (
         (texts, pd.api.types.is_string_dtype),
         (numbers, pd.api.types.is_numeric_dtype),

@@ -78,8 +78,9 @@ def printable(text: str) -> str:
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
-def _of(spec: MetricSpec) -> Column:
-    return Column(spec.name, spec.heading, spec.form, spec.best)
+def _metrics(specs: Mapping[str, MetricSpec], *names: str) -> list[Column]:
+    """Columns of the metrics called `names`."""
+    return [Column(s.name, s.heading, s.form, s.best) for s in (specs[name] for name in names)]
 
 
 @dataclass(frozen=True)
@@ -107,23 +108,14 @@ METHOD_LAYOUT = Layout(
         Column("rank", "#", "d", always=True),
         Column("method", "Method", always=True),
         Column("group", "Ties"),
-        _of(METRICS["score"]),
-        _of(METRICS["bounded"]),
-        _of(METRICS["ssim"]),
-        _of(METRICS["cc"]),
-        _of(METRICS["rie"]),
-        _of(METRICS["psnr"]),
+        *_metrics(METRICS, "score", "bounded", "ssim", "cc", "rie", "psnr"),
         Column("frame_solves", "Frame [calibration solves]", TIME, "min"),
         Column("frame_ms_p50", "Frame p50 [ms]", TIME, "min"),
         Column("frame_ms_p99", "p99 [ms]", TIME, "min"),
-        _of(METRICS["localisation_mm"]),
-        _of(METRICS["contact_count_error"]),
-        _of(METRICS["area_error"]),
-        _of(METRICS["iou"]),
-        _of(METRICS["iou_resistive"]),
-        _of(METRICS["iou_conductive"]),
-        _of(METRICS["strength_spearman"]),
-        _of(METRICS["repeatability_db"]),
+        *_metrics(
+            METRICS, "localisation_mm", "contact_count_error", "area_error", "iou",
+            "iou_resistive", "iou_conductive", "strength_spearman", "repeatability_db",
+        ),
         Column("setup_s", "Set-up [s]", TIME, "min"),
         Column("train_s", "Training [s]", TIME, "min"),
         Column("coverage", "Coverage", ".1%", always=True),
@@ -153,15 +145,8 @@ OPERATOR_LAYOUT = Layout(
         Column("rank", "#", "d", always=True),
         Column("operator", "Operator", always=True),
         Column("run", "Run"),
-        _of(OPERATOR_METRICS["mse"]),
-        _of(OPERATOR_METRICS["r"]),
-        _of(OPERATOR_METRICS["rel_error"]),
-        _of(OPERATOR_METRICS["grad_cosine"]),
-        _of(OPERATOR_COSTS["forward_ms"]),
-        _of(OPERATOR_COSTS["grad_ms"]),
-        _of(OPERATOR_COSTS["setup_s"]),
-        _of(OPERATOR_COSTS["memory_mb"]),
-        _of(OPERATOR_COSTS["train_s"]),
+        *_metrics(OPERATOR_METRICS, "mse", "r", "rel_error", "grad_cosine"),
+        *_metrics(OPERATOR_COSTS, "forward_ms", "grad_ms", "setup_s", "memory_mb", "train_s"),
         Column("trained_on", "Trained on"),
         Column("coverage", "Coverage", ".1%", always=True),
         Column("n", "n", "d", always=True),

@@ -7,8 +7,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from eitbench.benchmark.analysis.gaps import gaps
 from eitbench.benchmark.analysis.results import read_run
+from eitbench.benchmark.analysis.track_gaps import track_gaps
 from eitbench.benchmark.metrics.evaluation import evaluate
 from eitbench.benchmark.run.runner import start_run
 from eitbench.benchmark.rundir.plan import make_plan
@@ -113,7 +113,7 @@ def test_gaps_are_paired_and_larger_is_better() -> None:
         )
 
     others = pd.concat([cell("default", 3.0), cell("oracle", -1.0)])
-    found = gaps(others, cell("tuned", 0.0), tuned=True, by="localisation_mm")
+    found = track_gaps(others, cell("tuned", 0.0), "tuned", "localisation_mm")
     # Errors: what is smaller is gained. Medians of paired values differ as these do.
     assert found["tuning_gain"] == pytest.approx(3.0, abs=0.05)
     assert found["oracle_gap"] == pytest.approx(1.0, abs=0.05)
@@ -121,7 +121,7 @@ def test_gaps_are_paired_and_larger_is_better() -> None:
 
 
 def test_a_method_without_a_choice_has_one_track() -> None:
-    found = gaps(pd.DataFrame({"track": []}), _scores(), tuned=False, by="score")
+    found = track_gaps(pd.DataFrame({"track": []}), _scores(), "default", "score")
     assert found == {"default_figure": 2.0}
 
 
