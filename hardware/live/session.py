@@ -18,7 +18,7 @@ from eitbench.hardware.live.live_image import LiveImage
 from eitbench.hardware.live.live_recording import LiveRecording
 from eitbench.hardware.live.reference import FRAMES, reference_of
 from eitbench.hardware.recording.guided import MIN_TOUCHES, suite_path, write_suite
-from eitbench.hardware.recording.record import FrameRenumbering
+from eitbench.hardware.recording.loop import FrameRenumbering
 from eitbench.hardware.recording.recorder import Recorder
 from eitbench.hardware.recording.status import Monitor
 from eitbench.scenarios.errors import EitbenchError, InputError

@@ -9,7 +9,7 @@ from pathlib import Path
 from threading import Event, Thread
 
 from eitbench.hardware.board import Board, BoardError
-from eitbench.hardware.recording.record import record
+from eitbench.hardware.recording.loop import record
 from eitbench.hardware.recording.recorder import Recorder
 from eitbench.hardware.recording.status import Status
 from eitbench.scenarios.errors import InputError

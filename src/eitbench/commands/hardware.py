@@ -149,7 +149,7 @@ def _record_with_status(board: "Board", recorder: "Recorder", seconds: float | N
     from rich.live import Live
     from rich.text import Text
 
-    from eitbench.hardware.recording.record import record as record_frames
+    from eitbench.hardware.recording.loop import record as record_frames
 
     console = Console(stderr=True)
     # Without a terminal a line that moves would leave but fragments.

@@ -13,7 +13,7 @@ import pytest
 from eitbench.hardware.board import BoardError, Frame
 from eitbench.hardware.emulation.emulator import Emulator
 from eitbench.hardware.emulation.replay import Replay
-from eitbench.hardware.recording import record as loop
+from eitbench.hardware.recording import loop
 from eitbench.hardware.recording.guided import (
     SUITE_METHODS,
     GuidedSession,
@@ -21,7 +21,7 @@ from eitbench.hardware.recording.guided import (
     suite_path,
     write_suite,
 )
-from eitbench.hardware.recording.record import record
+from eitbench.hardware.recording.loop import record
 from eitbench.hardware.recording.recorder import Recorder, RecorderError
 from eitbench.hardware.recording.status import Monitor, Status
 from eitbench.methods.registry import methods
