@@ -1,1 +1,1 @@
-"""How it is shown: leaderboards and figures made from stored results."""
+"""Leaderboards, figures and pages, made from stored results."""

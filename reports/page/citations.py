@@ -1,4 +1,4 @@
-"""What to cite for the methods of a report, as BibTeX."""
+"""Citations for the methods of a report, as BibTeX."""
 
 import re
 from collections.abc import Iterable

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Sequence
+from functools import cache
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -88,6 +89,7 @@ def to_page(report: ReportData, ladders: Sequence[Ladder] = ()) -> str:
     )
 
 
+@cache
 def _plotly() -> Markup:
     """Return Plotly's own bundle, packed to a third of its size, so that nothing is downloaded."""
     return Markup(pack(files("plotly").joinpath("package_data", "plotly.min.js").read_bytes()))

@@ -1,4 +1,4 @@
-"""What was published, to be read beside what is measured here."""
+"""The published figures, which stand beside those that are measured here."""
 
 from collections.abc import Mapping, Sequence
 
@@ -48,7 +48,7 @@ def published_rows(board: Sequence[Row]) -> list[Row]:
 
 
 def comparison(board: Sequence[Row]) -> list[str]:
-    """How the figures of a board are to be read beside the published ones."""
+    """Return notes on reading the figures of a board beside the published ones."""
     name = _ranked(board)
     of_paper = board[0]["scenario"] in _TABLES[name][1]
     if name == "operator":
@@ -61,30 +61,30 @@ def _ranked(board: Sequence[Row]) -> str:
 
 
 def _of_methods(board: Sequence[Row]) -> list[str]:
-    said = [
+    notes = [
         f"published: {PAPER}, on its own data; only the figures shown are known to us, and that "
         f"the SSIM of NOSER and TV is {SSIM_IN_WORDS}"
     ]
     if board[0]["inverse_crime"]:
-        said.append("the data come from the mesh that methods invert with (inverse crime)")
-    return said
+        notes.append("the data come from the mesh that methods invert with (inverse crime)")
+    return notes
 
 
 def _of_operators(board: Sequence[Row], of_paper: bool) -> list[str]:
-    said = [
+    notes = [
         "MSE and R: every measurement standardised over the clean voltages of the validation split",
     ]
     if of_paper:
-        said.append(
+        notes.append(
             f"published: {PAPER}, on its own data, with a standardisation it does not state"
         )
     if board[0]["inverse_crime"]:
-        said.append("the data come from the exact operator's own mesh (inverse crime)")
+        notes.append("the data come from the exact operator's own mesh (inverse crime)")
     errors = {row["operator"]: row["mse"] for row in reversed(board)}
     surrogate, jacobian = errors.get("surrogate"), errors.get("jacobian")
     if surrogate and jacobian:
-        said.append(
+        notes.append(
             f"the surrogate's MSE is {jacobian / surrogate:.3g} times lower than the Jacobian's"
             + (f" (published: {RATIO:.1f})" if of_paper else "")
         )
-    return said
+    return notes

@@ -17,7 +17,7 @@ Report = dict[str, Any]
 
 
 def ask(service: str) -> Report:
-    """What pip-audit finds in the database `service`; empty where it cannot be asked."""
+    """Return the report of pip-audit on the database `service`; empty where it has none."""
     words = ["--local", "--progress-spinner", "off", "--timeout", "20", "--format", "json"]
     command = [sys.executable, "-m", "pip_audit", *words, "--vulnerability-service", service]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
@@ -29,16 +29,16 @@ def ask(service: str) -> Report:
 
 
 def audit(ask: Callable[[str], Report] = ask) -> tuple[list[str], int]:
-    """What is to be said, and the exit code."""
+    """Return sentences on the installed packages, and the exit code."""
     for service in SERVICES:
         packages = ask(service).get("dependencies", [])
         known = [package for package in packages if "vulns" in package]
         if known:
-            return _told(known, len(packages) - len(known), service)
+            return _sentences(known, len(packages) - len(known), service)
     return [UNREACHED], 0
 
 
-def _told(known: list[Report], unknown: int, service: str) -> tuple[list[str], int]:
+def _sentences(known: list[Report], unknown: int, service: str) -> tuple[list[str], int]:
     found = [
         f"{package['name']} {package['version']} has the known vulnerability {problem['id']}: "
         f"{_remedy(problem['fix_versions'])}."

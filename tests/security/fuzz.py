@@ -1,4 +1,4 @@
-"""Hands spoilt files to every reader: `nice -n 19 python -m tests.security.fuzz --out FOLDER`.
+"""Give spoilt files to every reader: `nice -n 19 python -m tests.security.fuzz --out FOLDER`.
 
 File k of a target is made from the seed, the target's name and k alone, so that any of them can be
 made again (`--again TARGET K`). A reader may take a file or refuse it with an `EitbenchError`;
@@ -41,7 +41,7 @@ CHUNK = 250
 
 @dataclass
 class Tally:
-    """What became of the files of a target.
+    """Results of reading the files of a target.
 
     Attributes:
         files: how many were read.
@@ -65,7 +65,7 @@ def spoilt(seed: int, name: str, target: Target, k: int) -> bytes:
 
 
 def read(target: Target, path: Path) -> tuple[bool, str]:
-    """Whether the spoilt file was taken, and what is wrong with that; "" where nothing is."""
+    """Return True if the spoilt file was taken, and a problem in reading it; "" without one."""
     try:
         target.read(path)
     except EitbenchError as error:
@@ -87,6 +87,8 @@ def _serve(folder: Path, seed: int, known: dict[str, Target], pipe: Connection) 
     resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
     # Where a core file would go is not ours.
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    warnings.simplefilter("ignore")
+    logging.disable()
     while True:
         name, k = pipe.recv()
         target = known[name]
@@ -160,20 +162,20 @@ class Reader:
 
 
 def drive(seed: int, files: int, out: Path, names: list[str] | None, part: slice) -> None:
-    """Read the files of every target of `part`, going on from what `out` tells of them."""
+    """Read the files of every target of `part`, going on from the tallies in `out`."""
     with tempfile.TemporaryDirectory() as place:
         known = targets(Path(place))
         sound(Path(place), known)
         reader = Reader(Path(place), seed, known)
         whole = sum(target.share for target in known.values())
         for name in [name for name in known if names is None or name in names][part]:
-            kept = out / f"{name}-{seed}.json"
-            tally = Tally(**json.loads(kept.read_text())) if kept.is_file() else Tally()
+            stored = out / f"{name}-{seed}.json"
+            tally = Tally(**json.loads(stored.read_text())) if stored.is_file() else Tally()
             wanted = -(-files * known[name].share // whole)
             while tally.files < wanted:
                 reader(name, range(tally.files, min(tally.files + CHUNK, wanted)), tally)
-                kept.with_suffix(".part").write_text(json.dumps(asdict(tally), indent=1))
-                kept.with_suffix(".part").replace(kept)
+                stored.with_suffix(".part").write_text(json.dumps(asdict(tally), indent=1))
+                stored.with_suffix(".part").replace(stored)
         reader.close()
 
 
@@ -209,8 +211,6 @@ def main() -> int:
     parser.add_argument("--only", nargs="+", metavar="TARGET", help="these targets alone")
     parser.add_argument("--again", nargs=2, metavar=("TARGET", "K"), help="read one file once more")
     asked = parser.parse_args()
-    warnings.simplefilter("ignore")
-    logging.disable()
     if asked.again:
         again(asked.seed, asked.again[0], int(asked.again[1]))
         return 0
@@ -231,13 +231,13 @@ def main() -> int:
 
 
 def report(seed: int, out: Path) -> int:
-    """Print what became of all files; 1 if anything was found."""
+    """Print a line for each target and its findings; return 1 if there is any."""
     found = 0
     print("target         files   taken  ms each slowest s  most MB")
     files = 0
-    for kept in sorted(out.glob(f"*-{seed}.json")):
-        tally = Tally(**json.loads(kept.read_text()))
-        name, each = kept.stem.removesuffix(f"-{seed}"), 1e3 * tally.seconds / max(tally.files, 1)
+    for stored in sorted(out.glob(f"*-{seed}.json")):
+        tally = Tally(**json.loads(stored.read_text()))
+        name, each = stored.stem.removesuffix(f"-{seed}"), 1e3 * tally.seconds / max(tally.files, 1)
         print(
             f"{name:<12} {tally.files:>7} {tally.taken:>7} {each:>8.2f} {tally.slowest_s:>9.2f} "
             f"{tally.most_mb:>8.0f}"

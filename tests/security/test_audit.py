@@ -1,4 +1,4 @@
-"""What the audit of dependencies says, and when it fails."""
+"""Sentences and exit codes of the audit of dependencies."""
 
 import importlib
 from pathlib import Path

@@ -53,7 +53,7 @@ def imported(tree: ast.AST) -> Iterator[str]:
 
 
 def offences(source: str) -> list[str]:
-    """What `source` does that no file of ours may do."""
+    """Imports and calls in `source` that no file of ours may have."""
     tree = ast.parse(source)
     found = [f"imports {name}" for name in imported(tree) if name in FORBIDDEN_MODULES]
     for node in ast.walk(tree):

@@ -1,4 +1,4 @@
-"""What the harness costs beside the methods, what a second core wins, and a plan of costs.
+"""Cost of the harness beside the methods, gain of a second core, and an estimate for large runs.
 
     python tests/speed/harness_cost.py paper --limit 120
 
@@ -50,10 +50,10 @@ class Clock:
                 self.fixed[self._here.name] += reply.seconds
             return reply
 
-        def timed_cell(subject: ScoredTask, progress: Bar, stop: threading.Event) -> None:
-            self._here.name = subject.plan.cell.name
+        def timed_cell(task: ScoredTask, progress: Bar, stop: threading.Event) -> None:
+            self._here.name = task.plan.cell.name
             start = time.perf_counter()
-            run_cell(subject, progress, stop)
+            run_cell(task, progress, stop)
             self.cell[self._here.name] += time.perf_counter() - start
 
         with (

@@ -1,8 +1,8 @@
-"""What is lost by each rule of tuning: a coordinate sweep then TPE, or TPE alone, of 16 trials.
+"""Loss of each rule of tuning with 16 trials: a coordinate sweep and then TPE, or TPE alone.
 
-Every set of parameters is judged once (minutes for each method), so that the loss of a rule is
-known: how far below the best of all sets its choice lies. Run by hand, with a folder to keep the
-figures in:
+Every set of parameters is evaluated once (minutes for each method), so that the loss of a rule is
+known: the distance of its choice from the best of all sets. Run by hand, with a folder for the
+figures:
 
     python tests/speed/tuning_rules.py runs/rules noser tikhonov laplacian tv
 """
@@ -31,18 +31,18 @@ Grid = dict[Point, float]
 
 
 class NeverPruned:
-    """Takes the reports of a trial that is judged on everything."""
+    """A trial that is evaluated on everything: it takes reports and never ends early."""
 
     def report(self, value: float, step: int) -> None:
-        """Nothing is done with them."""
+        """Ignore a report."""
 
     def should_prune(self) -> bool:
-        """Never."""
+        """Return False."""
         return False
 
 
 def search_space(method: str) -> SearchSpace:
-    """The space of a built-in method."""
+    """Return the search space of a built-in method."""
     search, made = methods()[method].search, create(method)
     return SearchSpace.of(search, {name: getattr(made, name) for name in search})
 
@@ -65,13 +65,13 @@ def grid(scenario: Scenario, method: str, space: SearchSpace, folder: Path) -> G
     return {tuple(point): -np.inf if f is None else f for point, f in figures_of}
 
 
-def best_found(space: SearchSpace, judged: Grid, sampler: BaseSampler) -> float:
+def best_found(space: SearchSpace, evaluated: Grid, sampler: BaseSampler) -> float:
     """The best figure of a study of `TRIALS` trials; what is suggested twice costs a trial."""
     study = optuna.create_study(direction="maximize", sampler=sampler)
     study.enqueue_trial(dict(zip(space.values, space.start, strict=True)))
     for _ in range(min(TRIALS, space.size)):
         trial = study.ask(space.distributions())
-        value = judged[tuple(trial.params[name] for name in space.values)]
+        value = evaluated[tuple(trial.params[name] for name in space.values)]
         if np.isfinite(value):
             study.tell(trial, value)
         else:
@@ -87,18 +87,18 @@ def main(folder: Path, names: list[str]) -> None:
     print("| --- | --- | ---: | ---: | ---: | ---: | ---: |")
     for name, scenario in itertools.product(names, load_suite("quick").scenarios):
         space = search_space(name)
-        judged = grid(scenario, name, space, folder)
-        best = max(judged.values())
+        evaluated = grid(scenario, name, space, folder)
+        best = max(evaluated.values())
         rules = (
             lambda seed, space=space: SweepSampler(space, str(seed)),
             lambda seed: TPESampler(seed=seed, multivariate=True),
             lambda seed: TPESampler(seed=seed, multivariate=True, n_startup_trials=5),
         )
-        told = []
+        losses = []
         for rule in rules:
-            lost = [best - best_found(space, judged, rule(seed)) for seed in range(SEEDS)]
-            told.append(f"{np.mean(lost):.3f} ({np.max(lost):.3f})")
-        print(f"| {scenario.name} | {name} | {space.size} | {best:.3f} | {' | '.join(told)} |")
+            lost = [best - best_found(space, evaluated, rule(seed)) for seed in range(SEEDS)]
+            losses.append(f"{np.mean(lost):.3f} ({np.max(lost):.3f})")
+        print(f"| {scenario.name} | {name} | {space.size} | {best:.3f} | {' | '.join(losses)} |")
 
 
 if __name__ == "__main__":

@@ -104,10 +104,10 @@ function drawBoard() {
   })));
   $("leaderboard").replaceChildren(el("caption", { class: "soft" }, `${board().suite} / ${board().scenario}, ${view().label}`),
     el("thead", {}, el("tr", {}, ...head)), el("tbody", {}, ...(body.length ? body : [el("tr", {}, el("td", { class: "text", colspan: columns.length }, "Nothing matches."))])));
-  const said = [view().phantoms ? `Intervals from ${view().phantoms} phantoms` : view().why_not.replace(/\.$/, ""), ...board().notes];
-  $("board-note").textContent = said.filter(Boolean).join("; ") + ".";
+  const notes = [view().phantoms ? `Intervals from ${view().phantoms} phantoms` : view().why_not.replace(/\.$/, ""), ...board().notes];
+  $("board-note").textContent = notes.filter(Boolean).join("; ") + ".";
   $("prior_knowledge").replaceChildren(...board().prior_knowledge.map((sentence) => el("li", {}, sentence)));
-  $("told-section").hidden = !board().prior_knowledge.length;
+  $("knowledge-section").hidden = !board().prior_knowledge.length;
   const [heads, ...tracks] = board().tracks.length ? board().tracks : [[]];
   const cells = (kind, texts) => texts.map((text, k) => el(kind, { class: k ? "" : "text", ...(kind === "th" && { scope: "col" }) }, text));
   $("tracks").replaceChildren(el("caption", { class: "soft" }, "On each track, with 95 % intervals of the gaps"),
@@ -292,15 +292,15 @@ function drawImages() {
   for (const c of cases) {
     cells.push(el("div", { class: "case" }, c.kind, el("br"), `sample ${c.sample}`));
     for (const name of shown) {
-      const said = figuresOf(name, c.sample);
+      const figures = figuresOf(name, c.sample);
       const buttons = modes().filter((mode) => name !== "truth" || mode !== "error" || modes().length === 1).map((mode) => {
         const shown_as = name === "truth" ? modes()[0] === "contrast" ? "contrast" : "conductivity" : mode;
         const canvas = el("canvas", { "aria-hidden": "true" });
-        const label = `${name}, ${c.family} ${c.kind} case, sample ${c.sample}, ${shown_as}${said ? ": " + said : ""}; enlarge`;
+        const label = `${name}, ${c.family} ${c.kind} case, sample ${c.sample}, ${shown_as}${figures ? ": " + figures : ""}; enlarge`;
         paint(canvas, name, c.sample, shown_as);
         return el("button", { type: "button", "aria-label": label, onclick: () => zoom(name, c, shown_as) }, canvas);
       });
-      cells.push(el("div", {}, ...buttons, el("div", { class: "note" }, said)));
+      cells.push(el("div", {}, ...buttons, el("div", { class: "note" }, figures)));
     }
   }
   $("images").replaceChildren(...cells);

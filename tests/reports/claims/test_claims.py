@@ -218,7 +218,7 @@ def test_a_frame_rate_that_was_not_timed(add: Callable[..., None], build: Any) -
     ("ratio", "verdict"),
     [(252.0, Verdict.holds), (5.7, Verdict.holds), (5.6, Verdict.in_part), (0.9, Verdict.fails)],
 )
-def test_only_the_ratio_of_table_i_is_judged(
+def test_only_the_ratio_of_table_i_is_tested(
     ratio: float, verdict: Verdict, build_operators: Callable[..., Path]
 ) -> None:
     run = build_operators({"surrogate": 1e-3, "jacobian": ratio * 1e-3})

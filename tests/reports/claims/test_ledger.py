@@ -77,6 +77,16 @@ class Page(HTMLParser):
         self.text += data
 
 
+@pytest.fixture(autouse=True)
+def no_curves(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No figure of losses: it takes seconds to draw."""
+
+    def refuse() -> None:
+        raise InputError("There are no weights.")
+
+    monkeypatch.setattr(curves, "paper_curves", refuse)
+
+
 def page_of(found: Ledger, runs: list[Path], folder: Path) -> Page:
     write_ledger(found, runs, folder)
     text = (folder / "claims.html").read_text(encoding="utf-8").replace("<br>", "")
@@ -103,7 +113,7 @@ def test_figures_of_studies_and_training_stand_beside_the_ledger(
         {"epoch": [1, 2], "train": [2.0, 1.0], "validation": [2.0, 1.5],
          "train_physical": [1.0, 0.5], "validation_physical": [1.0, 0.7]}
     )  # fmt: skip
-    monkeypatch.setattr(curves, "learning_curve", lambda name, sensor: curve)
+    monkeypatch.setattr(curves, "paper_curves", lambda: {"dnn": curve, "phydnn": curve})
     found = ledger(runs, [study])
     assert found["studies"] == [summary]
     (claim,) = (c for c in found["claims"] if c["id"] == "best-beta")
@@ -153,14 +163,9 @@ def test_the_files(found: Ledger, runs: list[Path], tmp_path: Path) -> None:
 
 
 def test_the_page_needs_nothing_else_and_shows_names_as_they_are(
-    found: Ledger, runs: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    found: Ledger, runs: list[Path], tmp_path: Path
 ) -> None:
-    """Without curves there are no pictures, so that every tag of one would be a name's."""
-
-    def no_curves() -> None:
-        raise InputError("There are no weights.")
-
-    monkeypatch.setattr(curves, "paper_curves", no_curves)
+    """Here are no figures, so that every tag of one would be a name's."""
     page = page_of(found, runs, tmp_path)
     assert page.open == []
     assert page.loaded == []

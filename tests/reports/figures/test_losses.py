@@ -1,4 +1,4 @@
-"""The picture of training, and the learning curves it is drawn from."""
+"""The figure of the losses in training, and the learning curves that it is drawn from."""
 
 import json
 from pathlib import Path

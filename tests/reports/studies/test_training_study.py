@@ -1,4 +1,4 @@
-"""What is reported of a study: paired differences, means, a figure."""
+"""Reports of studies: paired differences, means, a figure."""
 
 import json
 from pathlib import Path
@@ -32,7 +32,7 @@ def summary(folder: Path) -> Any:
 
 
 def test_differences_are_paired_by_seed_and_sample(tmp_path: Path) -> None:
-    """What differs between samples and seeds by far more than the effect does not hide it."""
+    """The effect shows, although samples and seeds differ by far more."""
     rows = []
     for scenario, effect in (("easy", 0.2), ("hard", -0.1)):
         for seed in range(3):

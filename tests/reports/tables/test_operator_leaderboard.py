@@ -29,7 +29,7 @@ CONTRACT = {
 
 @pytest.fixture(scope="module")
 def operator_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """What a finished run of operators leaves, of which "halved" lost half of its samples."""
+    """A finished run of operators, of which "halved" lost half of its samples."""
     path = tmp_path_factory.mktemp("runs") / "operators"
     path.mkdir()
     samples, cells = [], []
@@ -142,7 +142,7 @@ def test_small_numbers_are_legible(value: float | None, text: str) -> None:
     assert column.text({"mse": value}) == text
 
 
-def test_files_are_written_and_no_pictures(operator_run: Path, tmp_path: Path) -> None:
+def test_files_are_written_and_no_figures(operator_run: Path, tmp_path: Path) -> None:
     written = write_leaderboard(leaderboard([operator_run]), tmp_path)
     assert {path.name for path in written} == {f"leaderboard.{f}" for f in ("json", "csv", "md")}
     assert "(published)" in (tmp_path / "leaderboard.md").read_text()

@@ -1,6 +1,6 @@
 """Standings of 12 methods on 6,000 samples: 2,000 draws of every figure, ranks and pairs.
 
-`pytest tests/speed/test_bench_standings.py --benchmark-only` prints the time; the aim is 10 s
+`pytest tests/speed/test_speed_standings.py --benchmark-only` prints the time; the aim is 10 s
 on one core.
 """
 

@@ -1,6 +1,6 @@
-"""What recording costs: 10,000 frames of 208 values, a second of the fastest board.
+"""Cost of recording 10,000 frames of 208 values, a second of the fastest board.
 
-`pytest tests/speed/test_bench_recorder.py --benchmark-only` prints the times.
+`pytest tests/speed/test_speed_recorder.py --benchmark-only` prints the times.
 """
 
 from itertools import count

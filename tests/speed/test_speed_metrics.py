@@ -1,6 +1,6 @@
 """SSIM of 600 images at once against scikit-image called image by image, in one run.
 
-`pytest tests/speed/test_bench_metrics.py --benchmark-only` prints both.
+`pytest tests/speed/test_speed_metrics.py --benchmark-only` prints both.
 """
 
 from typing import Any
