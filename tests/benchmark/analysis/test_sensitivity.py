@@ -5,7 +5,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from eitbench.benchmark import metrics
 from eitbench.benchmark.analysis.results import read_run
 from eitbench.benchmark.analysis.sensitivity import METRIC_VARIANTS, sensitivity
 from eitbench.benchmark.run.runner import make_plan, start_run
@@ -34,15 +33,3 @@ def test_every_choice_is_computed_as_it_says(tmp_path: Path, tiny: Suite) -> Non
     assert len({round(choice.ssim["noser"], 6) for choice in found.values()}) == len(
         METRIC_VARIANTS
     )
-
-
-@pytest.mark.parametrize("window", [3, 5, 11])
-def test_other_windows_are_those_of_scikit_image(window: int) -> None:
-    skimage = pytest.importorskip("skimage.metrics")
-    rng = np.random.default_rng(0)
-    truth, estimate = rng.random((2, 3, 20, 24))
-    expected = [
-        skimage.structural_similarity(t, p, win_size=window, data_range=0.7)
-        for t, p in zip(truth, estimate, strict=True)
-    ]
-    np.testing.assert_allclose(metrics.ssim(truth, estimate, 0.7, window=window), expected)

@@ -28,20 +28,21 @@ def images(n: int, height: int, width: int, seed: int = 0) -> tuple[Array, Array
 
 @given(
     n=st.integers(1, 14),
-    height=st.integers(7, 30),
-    width=st.integers(7, 30),
+    height=st.integers(11, 30),
+    width=st.integers(11, 30),
     data_range=st.sampled_from([0.02, 1.0, 1.5, 300.0]),
+    window=st.sampled_from([7, 3, 5, 11]),
     seed=st.integers(0, 99),
 )
 def test_ssim_is_scikit_image_s(
-    n: int, height: int, width: int, data_range: float, seed: int
+    n: int, height: int, width: int, data_range: float, window: int, seed: int
 ) -> None:
     truth, estimate = images(n, height, width, seed)
     expected = [
-        structural_similarity(t, p, data_range=data_range)
+        structural_similarity(t, p, data_range=data_range, win_size=window)
         for t, p in zip(truth, estimate, strict=True)
     ]
-    ours = metrics.ssim(truth, estimate, data_range)
+    ours = metrics.ssim(truth, estimate, data_range, window=window)
     np.testing.assert_allclose(ours, expected, rtol=0, atol=1e-10)
 
 
