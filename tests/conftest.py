@@ -19,8 +19,8 @@ pytest_plugins = ["made_runs"]  # of tests/support
 SHARED = Path(__file__).resolve().parents[2] / "shared"
 
 
-# A shell starts what runs in the background with Ctrl-C ignored, and every child would inherit that;
-# some tests press Ctrl-C.
+# A shell starts what runs in the background with Ctrl-C ignored, and every child would inherit
+# that; some tests press Ctrl-C.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 

@@ -3,9 +3,9 @@
 from dataclasses import replace
 
 import numpy as np
-from eitbench.scenarios.recordings.catalogue import foam16
 from numpy.typing import NDArray
 
+from eitbench.scenarios.catalogue import foam16
 from eitbench.scenarios.sensors.outlines import Disc
 from eitbench.scenarios.sensors.sensor import Sensor, even_electrodes
 
