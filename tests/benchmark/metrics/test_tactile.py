@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from contact_images import FOAM, PIXEL, Array, blobs, disc_sensor
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.support.contact_images import FOAM, PIXEL, Array, blobs, disc_sensor
 
 from eitbench.benchmark.metrics import tactile
 from eitbench.scenarios.phantoms.contacts import contacts

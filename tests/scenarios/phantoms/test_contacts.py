@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from contact_images import FOAM, PIXEL, blobs, disc_sensor
+from tests.support.contact_images import FOAM, PIXEL, blobs, disc_sensor
 
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.phantoms.contacts import contacts, locate
