@@ -1,12 +1,10 @@
 """The emulated board: touched by script and by hand, unplugged, opened by another program."""
 
-import signal
-import subprocess
-import sys
 import threading
 import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -149,25 +147,27 @@ def test_closing_it_leaves_no_thread_and_no_file(sensed: None) -> None:
     assert held() == before
 
 
-def test_another_program_opens_it(tmp_path: Path) -> None:
+def test_the_command_emulates_until_ctrl_c(
+    sensed: None, tmp_path: Path, eitbench: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
     path = tmp_path / "touches.toml"
     path.write_text(SCRIPT)
-    command = [sys.executable, "-m", "eitbench.cli", "emulate", "--script", str(path)]
-    with subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    ) as process:
-        assert process.stdout is not None
-        assert process.stderr is not None
-        line = process.stdout.readline()
-        assert line.startswith("emulated board on /dev/pts/")
-        with TeensyBoard(foam16(), line.split()[3]) as board:
+    opened = []
+
+    def read_and_interrupt(self: Emulator) -> None:
+        with TeensyBoard(foam16(), self.port) as board:
             board.start()
-            assert board.frames(3.0)
-        process.send_signal(signal.SIGINT)
-        assert process.wait(10) == 130
-        assert process.stderr.read() == (
-            "Getting ready, which takes some seconds.\neitbench: Interrupted.\n"
-        )
+            while not board.frames(1.0):
+                pass
+        opened.append(self.port)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Emulator, "serve", read_and_interrupt)
+    code, out, err = eitbench("emulate", "--script", path)
+    assert code == 130
+    assert opened[0] in out
+    assert not Path(opened[0]).exists()
+    assert err.splitlines()[-1] == "eitbench: Interrupted."
 
 
 # Scripts

@@ -2,6 +2,7 @@
 
 import threading
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -44,7 +45,7 @@ def test_a_slow_viewer_never_delays_the_recording(running: Any, board: Any, wait
 
 
 def test_a_full_disk_ends_the_recording_only(
-    running: Any, wait_for: Any, monkeypatch: pytest.MonkeyPatch
+    running: Any, wait_for: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def full(self: Recorder, frame: Any) -> None:
         raise RecorderError("The recording was stopped, since the disk is full.")
@@ -58,7 +59,8 @@ def test_a_full_disk_ends_the_recording_only(
     assert not running.recording["running"]
     count = len(running.images)
     wait_for(lambda: len(running.images) > count + 3)
-    time.sleep(1.1)  # files are named by the second
+    running.session._out = tmp_path / "again"  # files are named by the second
+    running.session._out.mkdir()
     running.session.start_recording()
     wait_for(lambda: running.recording["frames"] > 2)
     assert len(running.recorded()) > 2
@@ -86,19 +88,33 @@ def test_only_one_recording_at_a_time(running: Any) -> None:
         running.session.start_recording()
 
 
+@pytest.fixture
+def hold(running: Any, wait_for: Any, monkeypatch: pytest.MonkeyPatch) -> Callable[[int], None]:
+    """Hold a touch until it has settled, here after 0.1 s, and for so many frames more."""
+    monkeypatch.setattr(StepDurations, "settle_s", 0.1)
+
+    def wait(count: int) -> None:
+        time.sleep(0.1)
+        frames = running.recording["frames"]
+        wait_for(lambda: running.recording["frames"] > frames + count)
+
+    return wait
+
+
 def test_touched_places_become_labels_and_the_recording_a_suite(
-    running: Any, wait_for: Any
+    running: Any, hold: Any, wait_for: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A touch counts once it has settled; what the page marks is what the board was pressed at."""
+    """A touch counts once it has settled; its label holds the place that was pressed."""
     running.session.start_recording()
     wait_for(lambda: not running.session.state()["reference_left"])
     for x, y in PLACES:
         running.session.touch(x, y, 0.008, 30e3)
-        time.sleep(StepDurations.settle_s + 0.3)
+        hold(10)
         running.session.touch(x + 1e-4, y, 0.008, 30e3)  # a hand trembles
         running.session.release()
-        time.sleep(0.1)
+    monkeypatch.setattr(StepDurations, "settle_s", 100.0)
     running.session.touch(0.05, 0.05, 0.008, 30e3)  # too short to settle
+    hold(3)
     running.session.release()
     assert running.recording["touches"] == 2
     content = running.recorded()
@@ -130,7 +146,7 @@ def test_nothing_is_touched_while_a_recording_takes_its_reference(
 
 
 def test_on_a_real_board_places_go_into_a_recording_alone(
-    running: Any, board: Any, wait_for: Any, monkeypatch: pytest.MonkeyPatch
+    running: Any, board: Any, hold: Any, wait_for: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(type(board), "can_be_pressed", False)
     with pytest.raises(InputError, match="Start a recording first"):
@@ -138,6 +154,6 @@ def test_on_a_real_board_places_go_into_a_recording_alone(
     running.session.start_recording()
     wait_for(lambda: not running.session.state()["reference_left"])
     running.session.touch(*PLACES[0], 0.008, None)
-    time.sleep(StepDurations.settle_s + 0.2)
+    hold(3)
     running.session.release()
     assert running.recording["touches"] == 1
