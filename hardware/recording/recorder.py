@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from eitbench.hardware.board import Frame
 from eitbench.scenarios.errors import EitbenchError, InputError
 from eitbench.scenarios.recordings.files import layout
-from eitbench.scenarios.sensors.described_sensor import describe_sensor
 from eitbench.scenarios.sensors.sensor import Sensor
+from eitbench.scenarios.sensors.sensor_json import sensor_to_json
 
 FLUSH_S = 0.25
 """Time until appended frames are on the disk, beside the time that writing takes [s]."""
@@ -95,7 +95,7 @@ class Recorder:
             "firmware": firmware,
             "emulated": emulated,
             "started": started or datetime.now(UTC).isoformat(timespec="milliseconds"),
-            "sensor": describe_sensor(sensor),
+            "sensor": sensor_to_json(sensor),
         }
         self._file = self._create()
         self._descriptor: int = self._file.id.get_vfd_handle()

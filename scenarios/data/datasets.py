@@ -133,7 +133,7 @@ def _is_count(value: object) -> bool:
 def _simulated(
     scenario: SimulatedScenario, split: Split, limit: int | None, jobs: int, progress: bool
 ) -> Dataset:
-    size = scenario.size(split)
+    size: int = getattr(scenario, split)
     if size == 0:
         raise InputError(f"Scenario {scenario.name!r} declares no {split} samples.")
     count = size if limit is None else min(limit, size)

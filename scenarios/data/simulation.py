@@ -8,7 +8,6 @@ noise are not stored: they are drawn again from their keys.
 import logging
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from pathlib import Path
 
 import joblib
 import numpy as np
@@ -101,13 +100,13 @@ def _chunks(scenario: SimulatedScenario, split: Split, count: int) -> list[_Chun
     parameters = scenario.clean_parameters(split)
     folder = cache_dir() / "simulated" / content_hash(parameters)
     return [
-        _Chunk(first, min(CHUNK, count - first), _file(folder, parameters, split, first))
+        _Chunk(
+            first,
+            min(CHUNK, count - first),
+            CacheFile(folder / f"{split}-{first:06d}.h5", {**parameters, "first": first}),
+        )
         for first in range(0, count, CHUNK)
     ]
-
-
-def _file(folder: Path, parameters: dict[str, object], split: Split, first: int) -> CacheFile:
-    return CacheFile(folder / f"{split}-{first:06d}.h5", {**parameters, "first": first})
 
 
 def _read(file: CacheFile) -> Array | None:

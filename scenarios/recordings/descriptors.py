@@ -83,19 +83,9 @@ class RecordedSet:
         return self.source.repository
 
     @property
-    def commit(self) -> str:
-        """The commit that the files belong to."""
-        return self.source.commit
-
-    @property
     def files(self) -> tuple[RecordedFile, ...]:
         """The upstream files of this set."""
         return self.source.files
-
-    @property
-    def licence(self) -> str:
-        """The licence stated upstream."""
-        return self.source.licence
 
     def read(self, folder: Path) -> RecordedFrames:
         """The frames in `folder`, which holds the repository's files at their upstream paths.

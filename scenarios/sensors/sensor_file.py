@@ -8,10 +8,10 @@ from pydantic import BeforeValidator, Field, model_validator
 
 from eitbench.scenarios.declaration import Declaration, Name, field_error, read_declaration
 from eitbench.scenarios.errors import InputError
-from eitbench.scenarios.sensors.described_sensor import Index, Number, Side
 from eitbench.scenarios.sensors.outlines import Disc, Outline, Polygon, rectangle
 from eitbench.scenarios.sensors.patterns import DrivePattern, offset_pattern, opposition_pattern
 from eitbench.scenarios.sensors.sensor import Electrode, Sensor, even_electrodes
+from eitbench.scenarios.sensors.sensor_json import Index, Number, Side
 
 _MM = 1e-3
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]

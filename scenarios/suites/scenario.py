@@ -16,8 +16,8 @@ from eitbench.scenarios.phantoms.families import Family, family
 from eitbench.scenarios.phantoms.press import FOAM
 from eitbench.scenarios.physics.forward import ForwardModel, forward_model
 from eitbench.scenarios.recordings import RecordedSet, is_recording, recorded_set
-from eitbench.scenarios.sensors.described_sensor import Side
 from eitbench.scenarios.sensors.sensor import Sensor, content_hash
+from eitbench.scenarios.sensors.sensor_json import Side
 
 # Raised by one whenever the same declared parameters give other numbers than before.
 GENERATOR_VERSION = 1
@@ -158,11 +158,6 @@ class SimulatedScenario(Declaration):
         noise: Noise = getattr(self.noise, split)
         return noise
 
-    def size(self, split: Split) -> int:
-        """Number of samples in `split`."""
-        size: int = getattr(self, split)
-        return size
-
     def clean_parameters(self, split: Split) -> dict[str, object]:
         """Parameters that decide the voltages of `split` before noise: the key of the cache."""
         model = self.data_model(split)
@@ -248,7 +243,7 @@ class RecordedScenario(Declaration):
                 # The content of a recording of one's own counts, not its name.
                 "scenario": _declared(self, {"recording"} if own else set()),
                 "files": [[*([] if own else [f.path]), f.sha256] for f in recorded.files],
-                "source": [recorded.repository, recorded.commit, recorded.truth],
+                "source": [recorded.repository, recorded.source.commit, recorded.truth],
                 "sensor": self.nominal_sensor.describe(),
                 "split": split,
             }

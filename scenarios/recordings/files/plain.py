@@ -15,8 +15,8 @@ from eitbench.scenarios.recordings.files.recording_file import (
     table_of,
     table_rows,
 )
-from eitbench.scenarios.sensors.described_sensor import described_sensor
 from eitbench.scenarios.sensors.sensor import Sensor
+from eitbench.scenarios.sensors.sensor_json import sensor_from_json
 
 COLUMNS = ("number", "time_s", "received_s")
 """Columns of every frame beside its values."""
@@ -43,7 +43,7 @@ def content_of(
     """
     try:
         content = Content(
-            sensor=described_sensor(head["sensor"]),
+            sensor=sensor_from_json(head["sensor"]),
             board=str(head["board"]),
             firmware=str(head["firmware"]),
             emulated=bool(head["emulated"]),

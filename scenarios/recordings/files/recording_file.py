@@ -13,8 +13,8 @@ from eitbench.scenarios.errors import DataCorruptError, InputError, UnreadableEr
 from eitbench.scenarios.limits import own_dataset
 from eitbench.scenarios.recordings.files import layout
 from eitbench.scenarios.recordings.files.unclosed import readable
-from eitbench.scenarios.sensors.described_sensor import describe_sensor, described_sensor
 from eitbench.scenarios.sensors.sensor import Sensor
+from eitbench.scenarios.sensors.sensor_json import sensor_from_json, sensor_to_json
 
 Array = NDArray[np.float64]
 
@@ -162,7 +162,7 @@ def header_of(content: Content) -> dict[str, Any]:
         "firmware": content.firmware,
         "emulated": content.emulated,
         "started": content.started,
-        "sensor": describe_sensor(content.sensor),
+        "sensor": sensor_to_json(content.sensor),
     }
 
 
@@ -247,7 +247,7 @@ def _datasets(file: Any, size: int) -> dict[str, NDArray[Any]]:
 
 def _sensor(path: Path, header: dict[str, Any], parts: dict[str, NDArray[Any]]) -> Sensor:
     try:
-        sensor = described_sensor(header["sensor"])
+        sensor = sensor_from_json(header["sensor"])
     except InputError as error:
         raise DataCorruptError(f"{path} is damaged: {error}") from error
     rows, columns = len(parts[layout.PATTERN]), parts[layout.VALUES].shape[1]

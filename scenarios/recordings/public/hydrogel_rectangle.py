@@ -12,6 +12,7 @@ Rows of `response` alternate; the second of each pair is the pressed one, as in 
 `ExtractResponses.m`, and it varies more from press to press.
 """
 
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -49,14 +50,6 @@ def _skin(name: str, n_electrodes: int) -> Sensor:
     return Sensor(
         name, outline, electrodes, pattern, image_shape=(48, 104), conductivity_range=(0.05, 1.0)
     )
-
-
-def _skin8() -> Sensor:
-    return _skin("hydrogel-rectangle", 8)
-
-
-def _skin16() -> Sensor:
-    return _skin("hydrogel-rectangle16", 16)
 
 
 def _read_presses(folder: Path, sensor: Sensor) -> RecordedFrames:
@@ -115,7 +108,7 @@ RECTANGLE = RecordedSet(
     name="hydrogel-rectangle",
     title="rectangular hydrogel skin, 8 electrodes, 10,000 robot presses",
     sensor_name="hydrogel-rectangle",
-    sensor=_skin8,
+    sensor=partial(_skin, "hydrogel-rectangle", 8),
     truth="position",
     source=source_of(REPOSITORY, _RANDOM, "lookup32.mat"),
     citation=CITATION,
@@ -126,7 +119,7 @@ FIXED_PRESS = RecordedSet(
     name="hydrogel-fixed",
     title="rectangular hydrogel skin, 16 electrodes, one press repeated 200 times",
     sensor_name="hydrogel-rectangle16",
-    sensor=_skin16,
+    sensor=partial(_skin, "hydrogel-rectangle16", 16),
     truth="none",
     source=source_of(REPOSITORY, _FIXED, "lookup192.mat"),
     citation=CITATION,
@@ -137,7 +130,7 @@ REPEATS = RecordedSet(
     name="hydrogel-repeats",
     title="rectangular hydrogel skin, 16 electrodes, 50 presses repeated 5 times",
     sensor_name="hydrogel-rectangle16",
-    sensor=_skin16,
+    sensor=partial(_skin, "hydrogel-rectangle16", 16),
     truth="none",
     source=source_of(REPOSITORY, _REPEATS, "lookup192.mat"),
     citation=CITATION,

@@ -71,7 +71,7 @@ def _recordings() -> list[Row]:
             "name": name,
             "title": recorded.title,
             "truth": recorded.truth,
-            "licence": recorded.licence,
+            "licence": recorded.source.licence,
             "source": recorded.repository,
             "citation": recorded.citation,
         }

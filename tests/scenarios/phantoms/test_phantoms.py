@@ -1,7 +1,6 @@
 """Phantoms: their ranges, their place inside any outline, and their image on any grid."""
 
 import re
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -239,10 +238,3 @@ def test_too_narrow_an_outline_is_refused_in_one_sentence() -> None:
 def test_unknown_family_suggests_the_nearest() -> None:
     with pytest.raises(InputError, match="did you mean 'triangle'"):
         family("triangel")
-
-
-def test_grid_does_not_change_the_phantom() -> None:
-    coarse = replace(SQUARE, image_shape=(16, 16))
-    assert draw(family("ring"), coarse, generator("g")) == draw(
-        family("ring"), SQUARE, generator("g")
-    )

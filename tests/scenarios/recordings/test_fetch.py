@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from eitbench.scenarios.errors import DataCorruptError, DataUnavailableError, InputError
+from eitbench.scenarios.errors import DataCorruptError, DataUnavailableError
 from eitbench.scenarios.recordings import RECORDED_SETS
 from eitbench.scenarios.recordings.descriptors import RecordedFrames, RecordedSet
 from eitbench.scenarios.recordings.fetch import (
@@ -261,11 +261,6 @@ def test_links_out_of_the_folder_are_refused(skin: RecordedSet, tmp_path: Path) 
     (folder / "a b.txt").symlink_to(secret)
     with pytest.raises(DataCorruptError, match="leads out"):
         altered(skin, folder)
-
-
-def test_unknown_name() -> None:
-    with pytest.raises(InputError, match="ktc2023"):
-        read_recording("ktc2024")
 
 
 CHILD = """

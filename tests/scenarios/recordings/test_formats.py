@@ -161,8 +161,8 @@ def test_unknown_set_suggests_the_nearest() -> None:
 def test_descriptors_are_complete_without_data(name: str) -> None:
     recorded = RECORDED_SETS[name]
     assert recorded.sensor().name == recorded.sensor_name
-    assert len(recorded.commit) == 40
-    assert recorded.licence
+    assert len(recorded.source.commit) == 40
+    assert recorded.source.licence
     assert recorded.citation
     assert all(len(file.sha256) == 64 and file.bytes > 0 for file in recorded.files)
 

@@ -8,9 +8,9 @@ import pytest
 
 from eitbench.scenarios import InputError, sensor
 from eitbench.scenarios.recordings import RECORDED_SETS
-from eitbench.scenarios.sensors.described_sensor import describe_sensor, described_sensor
 from eitbench.scenarios.sensors.outlines import Disc, Polygon
 from eitbench.scenarios.sensors.sensor import Sensor
+from eitbench.scenarios.sensors.sensor_json import sensor_from_json, sensor_to_json
 from eitbench.scenarios.suites.suite import load_suite
 
 GOOD = """
@@ -70,7 +70,7 @@ def test_every_kind_of_sensor_can_be_declared_and_described(
     if "centres_mm" in new:
         text = text.replace("offset = 3", "table = [[0, 1, 1, 2]]")
     made = sensor(str(write(tmp_path, text)))
-    again = described_sensor(describe_sensor(made))
+    again = sensor_from_json(sensor_to_json(made))
     assert (again, again.name) == (made, made.name)
 
 
@@ -129,13 +129,13 @@ def test_a_file_that_is_not_there_is_one_sentence(tmp_path: Path) -> None:
 )
 def test_every_known_sensor_survives_its_description(name: str) -> None:
     made: Sensor = sensor(name)
-    assert described_sensor(describe_sensor(made)) == made
+    assert sensor_from_json(sensor_to_json(made)) == made
 
 
 @pytest.mark.parametrize("text", ["", "{}", "[]", '{"name": 3}', "nonsense", '{"name": "a"}'])
 def test_wrong_descriptions_are_one_sentence(text: str) -> None:
     with pytest.raises(InputError, match="described wrongly"):
-        described_sensor(text)
+        sensor_from_json(text)
 
 
 def test_a_suite_simulates_a_sensor_of_ones_own(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Sensors written as text into recordings, and read from them again."""
+"""Sensors as JSON in SI units, as recordings store them; `sensor_file` is the form for people."""
 
 import json
 from typing import Annotated
@@ -48,13 +48,13 @@ class _Description(Declaration):
     conductivity_range: tuple[Number, Number]
 
 
-def describe_sensor(sensor: Sensor) -> str:
-    """All of `sensor` with its name, as JSON that `described_sensor` reads without loss."""
+def sensor_to_json(sensor: Sensor) -> str:
+    """Return all of `sensor` with its name as JSON, without loss."""
     return json.dumps({"name": sensor.name, **sensor.describe()}, allow_nan=False)
 
 
-def described_sensor(text: str) -> Sensor:
-    """The sensor that `describe_sensor` wrote.
+def sensor_from_json(text: str) -> Sensor:
+    """Read the sensor that `sensor_to_json` wrote.
 
     Raises:
         InputError: text of another kind, or a sensor that cannot be.
