@@ -36,7 +36,7 @@ class Entry:
 
 
 def leaderboard_rows(runs: Sequence[Run]) -> list[Row]:
-    """One row per run, scenario and method (or operator), ranked among those of the same data.
+    """Return a row per run, scenario and method (or operator), ranked among those of the same data.
 
     Figures are means over the samples (localisation: the median), of which failed ones are charged
     what an image of the untouched sensor gets; None where not defined, or where all failed. The
@@ -51,7 +51,7 @@ def leaderboard_rows(runs: Sequence[Run]) -> list[Row]:
 
 
 def ranked_boards(runs: Sequence[Run]) -> list[list[Entry]]:
-    """The rows of `leaderboard_rows` with what they come from, those of the same data together.
+    """Return the rows of `leaderboard_rows` with their runs and samples, grouped by data.
 
     Raises:
         InputError: some of the runs rank methods and others operators, or two share a name.
@@ -149,7 +149,7 @@ def is_whole(row: Row) -> bool:
 
 
 def ranking_figure(board: Iterable[Row], kind: RunKind) -> str | None:
-    """The name of the figure that ranks the rows of one scenario; None where none has one."""
+    """Name the figure that ranks the rows of one scenario; None where no row has one."""
     rows = list(board)
     return next((n for n in kind.ranked_by if any(row[n] is not None for row in rows)), None)
 

@@ -13,7 +13,7 @@ from eitbench.scenarios.recordings.fetch import read_recording
 from eitbench.scenarios.recordings.quality import quality
 from eitbench.scenarios.suites.scenario import RecordedScenario
 
-Figures = dict[str, float | None]
+Notes = dict[str, float | None]
 
 
 def write_notes(run: Path) -> None:
@@ -26,11 +26,11 @@ def write_notes(run: Path) -> None:
     """
     manifest = manifests.read(run)
     suite = manifests.suite_of(manifest)
-    noted: dict[str, Figures] = {}
+    noted: dict[str, Notes] = {}
     for scenario in suite.scenarios:
         if isinstance(scenario, RecordedScenario) and scenario.name in manifest["data"]:
             try:
-                noted[scenario.name] = figures(scenario, manifest["data"][scenario.name]["n"])
+                noted[scenario.name] = notes_of(scenario, manifest["data"][scenario.name]["n"])
             except (DataUnavailableError, DataCorruptError):
                 continue
     if noted:
@@ -38,7 +38,7 @@ def write_notes(run: Path) -> None:
         (run / NOTES_FILE).write_text(text, encoding="utf-8")
 
 
-def figures(scenario: RecordedScenario, n: int) -> Figures:
+def notes_of(scenario: RecordedScenario, n: int) -> Notes:
     """Quality of a recording, and the error of a blind guess on its first `n` test samples.
 
     `reciprocity_error` and `repeat_noise` are relative, see `quality`; `guess_mm` is the median

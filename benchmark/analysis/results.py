@@ -67,11 +67,11 @@ class Run:
     tracks: pd.DataFrame = field(default_factory=pd.DataFrame)
 
     def scenarios(self) -> list[str]:
-        """Names of the scenarios that have rows, in the order of the run."""
+        """Return the names of the scenarios that have rows, in the order of the run."""
         return [] if self.samples.empty else list(self.samples["scenario"].unique())
 
     def cell(self, scenario: str, method: str) -> pd.DataFrame:
-        """The sample rows of one method on one scenario."""
+        """Return the sample rows of one method on one scenario."""
         of = (self.samples["scenario"] == scenario) & (self.samples["method"] == method)
         return self.samples[of]
 
@@ -125,7 +125,7 @@ def read_run(path: Path) -> Run:
 
 
 def checked_table(path: Path, kind: RunKind, needed: Iterable[str] = ()) -> pd.DataFrame:
-    """A table of a run directory with all `needed` columns, and each of the right kind.
+    """Read a table of a run directory that has all `needed` columns, each of the right kind.
 
     Raises:
         DataCorruptError: it is none.
@@ -166,7 +166,7 @@ def failures(run: Run) -> list[str]:
 
 
 def read_json(path: Path) -> dict[str, Any]:
-    """A JSON object of a run directory.
+    """Read a JSON object of a run directory.
 
     Raises:
         DataCorruptError: it is none.
@@ -181,7 +181,7 @@ def read_json(path: Path) -> dict[str, Any]:
 
 
 def read_table(path: Path) -> pd.DataFrame:
-    """A Parquet file of a run directory.
+    """Read a Parquet file of a run directory.
 
     Raises:
         DataCorruptError: it cannot be read.

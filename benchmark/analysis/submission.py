@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from eitbench.benchmark.analysis.recording_notes import figures as notes_of
+from eitbench.benchmark.analysis.recording_notes import notes_of
 from eitbench.benchmark.analysis.rescore import ROUNDING, rescored
 from eitbench.benchmark.analysis.results import NOTES_FILE, Run, read_run
 from eitbench.benchmark.analysis.standings import standings

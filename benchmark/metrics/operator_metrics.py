@@ -73,7 +73,7 @@ def cosine(first: Array, second: Array) -> tuple[Array, NDArray[np.bool_]]:
 
 
 def coarse_gradient(gradient: Array, image_shape: tuple[int, int]) -> Array:
-    """A gradient (n, rH, rW) on r times finer pixels, with respect to pixels (n, H, W).
+    """Return a gradient (n, rH, rW) on r times finer pixels with respect to pixels (n, H, W).
 
     Each pixel is one variable of the r x r finer ones inside it, so that by the chain rule its
     derivative is the sum of theirs.

@@ -35,7 +35,7 @@ class Interval(NamedTuple):
 def draw(
     statistic: Callable[[Array], Array], clusters: ArrayLike, *, seed: int = 0, draws: int = DRAWS
 ) -> Array:
-    """`statistic` in `draws` bootstrap draws of whole clusters: (draws, ...).
+    """Compute `statistic` in `draws` bootstrap draws of whole clusters: (draws, ...).
 
     Source: Davison and Hinkley, Bootstrap Methods and their Application (1997), sec. 3.8.
 
@@ -59,7 +59,7 @@ def draw(
 
 
 def once(statistic: Callable[[Array], Array], n: int) -> Array:
-    """`statistic` of the `n` samples as they are, each once."""
+    """Compute `statistic` of the `n` samples as they are, each once."""
     value: Array = statistic(np.ones((1, n)))[0]
     return value
 
@@ -128,7 +128,7 @@ def intervals(value: Array, drawn: Array, clusters: int, level: float = LEVEL) -
 
 
 def bootstrap_means(values: ArrayLike, seed: int = 0) -> list[Interval]:
-    """The mean of each column of `values` (n, k) with its 95 % interval, rows being independent.
+    """Return the mean of each column of `values` (n, k), independent rows, with its 95 % interval.
 
     All columns share their draws. Paired differences as `values` give the interval of a
     difference between two methods on the same samples.
@@ -140,7 +140,7 @@ def bootstrap_means(values: ArrayLike, seed: int = 0) -> list[Interval]:
 
 
 def bootstrap_medians(values: ArrayLike, seed: int = 0) -> list[Interval]:
-    """As `bootstrap_means`, for medians.
+    """Return medians as `bootstrap_means` returns means.
 
     Raises:
         InputError: as for `bootstrap_means`.
@@ -167,7 +167,7 @@ def _rows(values: Array, ends: Array) -> list[Interval]:
 
 
 def nested_bootstrap_means(values: ArrayLike, seed: int = 0) -> list[Interval]:
-    """The mean of each column of `values` (g, n, k), with its 95 % interval over both.
+    """Return the mean of each column of `values` (g, n, k), with its 95 % interval over both.
 
     Groups (trainings with different seeds) are resampled first, samples within all of them alike.
 

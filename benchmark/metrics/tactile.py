@@ -97,7 +97,7 @@ class Similarity:
 
 
 def fit_similarity(source: ArrayLike, target: ArrayLike) -> Similarity | None:
-    """The similarity, with or without reflection, that maps `source` best onto `target`.
+    """Fit the similarity, with or without reflection, that maps `source` best onto `target`.
 
     It makes the sum of distances least over points (n, 2) [m], not that of their squares: a method
     that loses some contacts altogether keeps the registration of those it finds. Rows with NaN are

@@ -2,7 +2,7 @@
 
 from typing import Any, TypedDict
 
-from eitbench.benchmark.analysis.readings import (
+from eitbench.benchmark.analysis.difference_images import (
     FIGURES,
     Images,
     Reading,

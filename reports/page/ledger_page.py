@@ -9,7 +9,7 @@ from pathlib import Path
 from markupsafe import Markup
 
 from eitbench.benchmark import EitbenchError, InputError
-from eitbench.benchmark.analysis.readings import FIGURES
+from eitbench.benchmark.analysis.difference_images import FIGURES
 from eitbench.reports.claims.ledger import Ledger
 from eitbench.reports.claims.rules import title
 from eitbench.reports.page.rendering import render

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from eitbench.benchmark.analysis.recording_notes import figures, write_notes
+from eitbench.benchmark.analysis.recording_notes import notes_of, write_notes
 from eitbench.benchmark.analysis.results import NOTES
 from eitbench.scenarios import load
 from eitbench.scenarios.errors import DataUnavailableError
@@ -21,7 +21,7 @@ def scenario(name: str) -> RecordedScenario:
 
 
 def test_guessing_one_place_is_the_baseline_of_positions() -> None:
-    found = figures(scenario("hydrogel-rectangle"), 50)
+    found = notes_of(scenario("hydrogel-rectangle"), 50)
     assert set(found) == set(NOTES)
     places = load("hydrogel-rectangle", "validation").samples
     presses = load("hydrogel-rectangle", limit=50).samples
@@ -34,7 +34,7 @@ def test_guessing_one_place_is_the_baseline_of_positions() -> None:
 
 
 def test_a_tank_has_reciprocity_and_repeats_but_no_place() -> None:
-    found = figures(scenario("sciospec-tank"), 50)
+    found = notes_of(scenario("sciospec-tank"), 50)
     assert found["guess_mm"] is None
     assert found["reciprocity_error"] == pytest.approx(0.026, abs=0.002)
     assert found["repeat_noise"] == pytest.approx(3.2e-4, rel=0.1)
@@ -46,7 +46,7 @@ def test_notes_are_kept_for_the_recorded_scenarios_that_were_run(tmp_path: Path)
     (tmp_path / "manifest.json").write_text(json.dumps(manifest))
     write_notes(tmp_path)
     assert json.loads((tmp_path / "recordings.json").read_text()) == {
-        "ohmc16": figures(scenario("ohmc16"), 36)
+        "ohmc16": notes_of(scenario("ohmc16"), 36)
     }
 
 

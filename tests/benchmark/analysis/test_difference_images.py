@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from eitbench.benchmark import metrics
-from eitbench.benchmark.analysis import readings
-from eitbench.benchmark.analysis.readings import (
+from eitbench.benchmark.analysis import difference_images
+from eitbench.benchmark.analysis.difference_images import (
     FIGURES,
     Images,
     implied_rms,
@@ -55,7 +55,7 @@ def means(truth: Any, images: Any, dataset: Dataset) -> list[float]:
 def test_every_reading_is_what_its_name_says(
     block: int, run: Run, paper: Dataset, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(readings, "_BLOCK", block)
+    monkeypatch.setattr(difference_images, "_BLOCK", block)
     truth = np.array(paper.conductivity)
     contrast = (0.5 * (truth - 1) + 1).astype(np.float32).astype(float) - 1
     found = read_both_ways(Images(read_run(run), "paper", "noser"), 1.5)

@@ -1,9 +1,9 @@
-"""Two readings of one reconstruction: as an absolute map, and as a difference image.
+"""Scores of stored reconstructions, read as absolute maps and as difference images.
 
 The published NOSER and TV rows (RIE above 1, PSNR below 0 dB) are worse than the constant image 0.
 A difference image whose background was left out scores like that against an absolute map. Here the
-stored reconstructions are scored in both ways; what comes of it can be consistent with the
-published rows, and proves nothing.
+stored reconstructions are scored in both ways; the result can be consistent with the published
+rows, and proves nothing.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -58,14 +58,14 @@ class Readings:
 
     @property
     def all(self) -> tuple[Reading, ...]:
-        """Every reading there is."""
+        """All readings that are not None."""
         known = (self.absolute, self.difference, self.reversed, self.scaled)
         return tuple(reading for reading in known if reading is not None)
 
 
 @dataclass(frozen=True, eq=False)
 class Images:
-    """The reconstructions of one method on a scenario of known conductivity, as a run keeps them.
+    """The reconstructions of one method on a scenario of known conductivity, as a run stores them.
 
     Attributes:
         run, scenario, method: where they are; every sample must be valid.
@@ -132,7 +132,7 @@ def read_constants(images: Images) -> tuple[Reading, ...]:
 
 
 def matching_factor(tt: Array, td: Array, dd: Array, rie: float) -> float | None:
-    """The c > 0 for which the mean of ||t - c d|| / ||t|| is `rie`, given products <., .> (n,).
+    """Find c > 0 for which the mean of ||t - c d|| / ||t|| is `rie`, given products <., .> (n,).
 
     The mean is convex in c and 1 at c = 0, so that there is one such c where `rie` is above 1.
     None where that is not so or every d is zero.
