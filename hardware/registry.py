@@ -30,18 +30,16 @@ def boards() -> dict[str, type[Board]]:
         try:
             loaded = point.load()
         except Exception as error:  # a broken plugin must not take the others down
-            warnings.warn(
-                f"The installed board {point.value!r} does not import: {error}.", stacklevel=2
-            )
-            continue
-        if not (isinstance(loaded, type) and issubclass(loaded, Board)) or point.name in known:
-            warnings.warn(
-                f"The installed board {point.value!r} is no Board, or its name {point.name!r} is "
-                "taken.",
-                stacklevel=2,
-            )
-            continue
-        known[point.name] = loaded
+            problem = f"does not import: {error}"
+        else:
+            is_board = isinstance(loaded, type) and issubclass(loaded, Board)
+            problem = "" if is_board else "is no Board"
+            if point.name in known:
+                problem = f"is named {point.name!r}, and that name is taken"
+        if problem:
+            warnings.warn(f"The installed board {point.value!r} {problem}.", stacklevel=2)
+        else:
+            known[point.name] = loaded
     return known
 
 

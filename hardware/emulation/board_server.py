@@ -50,7 +50,6 @@ class BoardServer:
         self._number = 0
         self._unsent = b""
         self._off = threading.Event()
-        self._cut = False
         self._master, slave = pty.openpty()
         self.port = os.ttyname(slave)
         # Nothing is echoed, and bytes pass as they are, even before a program opens the port. It is
@@ -76,11 +75,6 @@ class BoardServer:
         """Return when it is switched off."""
         self._thread.join()
 
-    def cut(self) -> None:
-        """Switch it off in the middle of the next frame."""
-        self._cut = True
-        self._thread.join()
-
     def _serve(self) -> None:
         begin, tick = time.monotonic(), 0
         try:
@@ -89,13 +83,9 @@ class BoardServer:
                 self._attend(due)
                 if time.monotonic() < due:
                     continue
-                cut = self._cut  # read once: it may be asked for while a frame is sent
                 if self._listened() and self._device.running:
-                    self._send(tick / self.rate_hz, cut)
-                if cut:
-                    time.sleep(_WAKE_S)  # what was sent arrives, or the system would forget it
-                    break
-                # What could not be measured in time is left out; the grid stays.
+                    self._send(tick / self.rate_hz)
+                # Frames that could not be measured in time are left out; the grid stays.
                 tick = max(tick + 1, int((time.monotonic() - begin) * self.rate_hz))
         finally:
             os.close(self._master)
@@ -127,12 +117,10 @@ class BoardServer:
         elif events & select.POLLOUT:
             self._write(b"")
 
-    def _send(self, time_s: float, cut: bool) -> None:
+    def _send(self, time_s: float) -> None:
         frame = self._device.encode(self._number, time_s, self._measure(time_s))
         self._number += 1
-        if cut:
-            self._write(frame[: len(frame) // 2])
-        elif not self._unsent:
+        if not self._unsent:
             self._write(frame)
 
     def _write(self, data: bytes) -> None:

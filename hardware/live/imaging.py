@@ -4,8 +4,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Generic, TypeVar
+from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,9 +55,8 @@ class LatestValue(Generic[T]):
             return value
 
 
-@dataclass(frozen=True)
-class FittedMethod:
-    """A method that is ready."""
+class FittedMethod(NamedTuple):
+    """A method that is ready, and its name."""
 
     name: str
     method: Method

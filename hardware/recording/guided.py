@@ -201,24 +201,21 @@ def write_suite(path: Path, recording: Path, sensor: Sensor, board: str, *, emul
     name = re.sub(r"[^a-z0-9]+", "-", recording.stem.lower()).strip("-") or "own"
     # The name tells an emulated board from a real one, and this recording from the public set.
     own = f"emulated-{name}" if emulated else f"own-{name}" if name == "ohmc16" else name
-    text = "\n".join(
-        [
-            f"name = {json.dumps(name)}",
-            f"title = {json.dumps(title)}",
-            f"methods = {json.dumps(SUITE_METHODS)}",
-            "limit = 100",
-            "",
-            "[[scenarios]]",
-            'kind = "recorded"',
-            f"name = {json.dumps(own)}",
-            f"recording = {json.dumps(recording.name)}",
-            "",
-            "[[scenarios]]",
-            'kind = "recorded"',
-            'name = "ohmc16"',
-            'recording = "ohmc16"',
-            "",
-        ]
-    )
+    text = f"""\
+name = {json.dumps(name)}
+title = {json.dumps(title)}
+methods = {json.dumps(SUITE_METHODS)}
+limit = 100
+
+[[scenarios]]
+kind = "recorded"
+name = {json.dumps(own)}
+recording = {json.dumps(recording.name)}
+
+[[scenarios]]
+kind = "recorded"
+name = "ohmc16"
+recording = "ohmc16"
+"""
     with path.open("x", encoding="utf-8") as file:
         file.write(text)

@@ -48,7 +48,7 @@ def test_an_installed_board_is_made_from_a_sensor_and_a_port(
     [
         ("my-board", "no_such_package:Board", "does not import"),
         ("my-board", "pathlib:Path", "is no Board"),
-        ("teensy", "eitbench.hardware.emulation.emulator:Emulator", "'teensy' is taken"),
+        ("teensy", "eitbench.hardware.emulation.emulator:Emulator", "'teensy'"),
     ],
 )
 def test_a_broken_plugin_is_passed_over_with_a_warning(

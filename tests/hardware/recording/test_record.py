@@ -121,35 +121,6 @@ def test_a_board_that_goes_away_is_waited_for(
     assert not any("goes back" in problem for problem in check(tmp_path / "a.h5")[0])
 
 
-def test_an_emulated_board_is_switched_off_and_opened_again(tmp_path: Path) -> None:
-    emulator, stop = Emulator(sensor("foam16"), rate_hz=50.0), threading.Event()
-    said = list[str]()
-    with emulator, Recorder(tmp_path / "a.h5", emulator.sensor, "emulator") as recorder:
-
-        def at_least(n: int) -> None:
-            while recorder.count < n:
-                time.sleep(0.02)
-
-        def by_hand() -> None:
-            at_least(5)
-            emulator.switch_off()
-            while len(said) < 2:
-                time.sleep(0.02)
-            at_least(recorder.count + 5)
-            stop.set()
-
-        hand = threading.Thread(target=by_hand)
-        hand.start()
-        record(emulator, recorder, stop=stop, say=said.append)
-        hand.join()
-    content, _ = read_file(tmp_path / "a.h5")
-    assert content.events["text"].tolist() == said
-    assert said[-1] == "The board is back."
-    assert len(content) >= 10
-    assert (np.diff(content.number) > 0).all()
-    assert (np.diff(content.time_s) > 0).all()
-
-
 def test_a_board_that_stays_away_does_not_outlast_the_time(
     tmp_path: Path, skin: Sensor, board: Make, monkeypatch: pytest.MonkeyPatch
 ) -> None:
