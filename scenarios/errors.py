@@ -1,4 +1,4 @@
-"""Errors that speak to the user: one sentence that says what was wrong and what to do."""
+"""Errors for the user: one sentence each, with the mistake and the remedy."""
 
 import difflib
 from collections.abc import Iterable

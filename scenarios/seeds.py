@@ -1,4 +1,4 @@
-"""Random numbers from named axes: what is drawn depends on what it is for, never on when."""
+"""Random numbers from named axes: a draw depends on its name, never on the order of draws."""
 
 import hashlib
 import json

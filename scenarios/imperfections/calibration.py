@@ -88,7 +88,7 @@ class Calibration:
 
     @property
     def credible(self) -> bool:
-        """True if it explains at least half of what the nominal sensor leaves unexplained.
+        """True if it explains at least half of the misfit of the nominal sensor.
 
         Else there is nothing but noise to explain, or the sensor differs in other ways; frames are
         then left as they are.
@@ -295,7 +295,7 @@ class _Problem:
         return np.asarray(factor * (rows - np.outer(frame, frame @ rows) / (frame @ frame)))
 
     def _weights(self, values: Array) -> Array:
-        """Of the residuals (M,): one over the noise, and less for what fits no such sensor."""
+        """Weights (M,) of the residuals: one over the noise, less where no such sensor fits."""
         residual = self.reference - _factor(values, self.reference) * values
         noise = NOISE * float(np.sqrt(np.mean(self.reference**2)))
         typical = max(noise, float(np.median(np.abs(residual))))

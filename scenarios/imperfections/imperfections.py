@@ -149,7 +149,7 @@ class Imperfections(Declaration):
         Args:
             frames: ideal frames, measured `TOUCH_INTERVAL_S` apart.
             untouched: ideal frame (M,) of the untouched sensor, whose rms is the unit of offsets.
-            pattern: what is measured.
+            pattern: the drive pattern.
         """
         times = np.arange(len(frames)) * np.float64(TOUCH_INTERVAL_S)
         return self.analogue_at(times, frames, untouched, pattern)

@@ -1,4 +1,4 @@
-"""Contacts in an image of conductivity: how many, where, how large and how strong.
+"""Contacts in an image of conductivity: their number, places, sizes and strengths.
 
 One rule finds contacts in every image, true or reconstructed: the pixels whose |contrast| is at
 least a quarter of the image's largest (the "quarter-amplitude set" of GREIT), joined with the

@@ -1,4 +1,4 @@
-"""A phantom as a value: what lies on the sensor, how it is drawn, how it becomes an image."""
+"""Phantoms as values: inclusions on a sensor, drawn at random and rasterised."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Regions of a sensor as analytic shapes in metres: which points lie inside, how far outside."""
+"""Regions of a sensor as analytic shapes in metres."""
 
 from dataclasses import dataclass
 from functools import cached_property

@@ -1,4 +1,4 @@
-"""Numbers and text of MATLAB files of version 5 to 7, read without trusting what they claim.
+"""Numbers and text of MATLAB files of version 5 to 7, read without trusting their claims.
 
 SciPy's reader takes types and sizes of a damaged file on trust: it can crash the process, and
 unpacks whatever a few bytes claim. A process of its own with a limit of memory would need more code

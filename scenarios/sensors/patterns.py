@@ -1,4 +1,4 @@
-"""Drive patterns: which pair of electrodes drives, which pair is measured, as an (M, 4) table."""
+"""Drive patterns: driving and measuring pairs of electrodes, as an (M, 4) table."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Reciprocity: which measurements of a frame repeat one another, and what they say together."""
+"""Reciprocity: measurements of a frame that repeat one another, and their means."""
 
 from __future__ import annotations
 

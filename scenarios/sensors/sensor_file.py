@@ -150,7 +150,7 @@ class PatternDeclaration(Declaration):
 
 
 class SensorDeclaration(Declaration):
-    """A sensor file; see `Sensor` for what its fields mean."""
+    """A sensor file; `Sensor` explains the fields."""
 
     name: Name
     outline: OutlineDeclaration

@@ -1,4 +1,4 @@
-"""Turns and mirrors of the image under which a sensor is the same, and how they move its frames."""
+"""Symmetries of a sensor: turns and mirrors of its image, and the frames that they lead to."""
 
 from __future__ import annotations
 

@@ -107,7 +107,7 @@ def _head(lines: list[str], path: Path) -> dict[str, Any]:
 
 
 def _table(lines: Lines, path: Path, width: int | None = None) -> NDArray[np.float64]:
-    """The numbers (n, width) of `lines`; the first one says how many if nobody else does."""
+    """Read the numbers (n, width) of `lines`; by default each has as many as the first."""
     if width is None:
         width = len(lines[0][1].split(",")) if lines else 0
     rows = np.empty((len(lines), width))

@@ -178,7 +178,7 @@ def _parts(path: Path) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
 
 
 class _LayoutError(Exception):
-    """A part of a file is not what the layout says."""
+    """A part of a file that does not match the layout."""
 
 
 def _open(path: Path) -> Any:

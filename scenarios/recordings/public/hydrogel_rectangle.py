@@ -65,7 +65,7 @@ def _read_presses(folder: Path, sensor: Sensor) -> RecordedFrames:
 
 
 def _read_fixed(folder: Path, sensor: Sensor) -> RecordedFrames:
-    """Released and pressed frames as measured, not re-based: their drift is what is of interest."""
+    """Read released and pressed frames as measured: not re-based, since their drift matters."""
     check_lookup(folder, sensor.pattern)
     frames = read_arrays(folder / _FIXED, response=(400, sensor.n_measurements))["response"]
     touched = np.arange(400) % 2 == 1

@@ -12,7 +12,7 @@ from eitbench.scenarios.imperfections.noise import add_noise
 from eitbench.scenarios.physics.forward import forward_model
 from eitbench.scenarios.suites.scenario import SimulatedScenario
 
-FOAM = replace(sensor("foam16"), image_shape=(40, 40))  # a coarser grid is quicker
+FOAM = replace(sensor("foam16"), image_shape=(24, 24))  # a coarser grid is quicker
 BOARD = Imperfections(electrode_shift_m=5e-4, contact_impedance=0.5, gain=0.01)
 
 
@@ -58,7 +58,7 @@ def test_the_frame_it_was_made_from_becomes_the_nominal_one(found: Calibration) 
 def _changes(board: Imperfections, *, calibrated: bool) -> np.ndarray:
     scenario = SimulatedScenario(
         name="calibration-test",
-        image_shape=(40, 40),
+        image_shape=(24, 24),
         families=("circle", "l-shape"),
         train=0,
         validation=0,
@@ -123,7 +123,7 @@ def test_a_real_tank_that_differs_otherwise_is_left_alone(recorded_data: object)
     from eitbench.scenarios.recordings.fetch import read_recording
 
     recording = read_recording("sciospec-tank")
-    coarser = replace(sensor("sciospec-tank"), image_shape=(40, 40))
+    coarser = replace(sensor("sciospec-tank"), image_shape=(24, 24))
     tank = calibrate(coarser, recording.reference[None])
     assert tank.misfit_after <= tank.misfit_before
     assert not tank.credible
