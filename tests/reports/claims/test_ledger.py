@@ -124,7 +124,7 @@ def test_figures_of_studies_and_training_stand_beside_the_ledger(
     for stem in ("study-beta", "losses"):
         assert f"({stem}.png)" in (tmp_path / "out" / "claims.md").read_text()
         assert (tmp_path / "out" / f"{stem}.pdf").stat().st_size > 0
-    with pytest.raises(InputError, match="holds no finished study"):
+    with pytest.raises(InputError, match="eitbench study"):
         ledger(runs, [tmp_path])
 
 
@@ -158,7 +158,7 @@ def test_the_files(found: Ledger, runs: list[Path], tmp_path: Path) -> None:
     written = write_ledger(found, runs, tmp_path / "new" / "folder")
     assert {path.name for path in written} == set(FILES.values())
     assert json.loads(written[1].read_text()) == found
-    with pytest.raises(EitbenchError, match="Could not write the claim ledger into"):
+    with pytest.raises(EitbenchError, match="claim ledger"):
         write_ledger(found, runs, written[0] / "below")
 
 
@@ -209,5 +209,5 @@ def test_a_ledger_of_no_runs_and_of_no_run_directory(tmp_path: Path) -> None:
     found = ledger([])
     assert found["summary"]["not testable"] == len(CLAIMS)
     assert page_of(found, [], tmp_path).open == []
-    with pytest.raises(InputError, match="is not a run directory"):
+    with pytest.raises(InputError, match="nothing"):
         ledger([tmp_path / "nothing"])

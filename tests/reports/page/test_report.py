@@ -11,6 +11,7 @@ import matplotlib as mpl
 import numpy as np
 import pandas as pd
 import pytest
+from made_runs import RunBuilder, made
 
 from eitbench.methods import methods
 from eitbench.reports.figures.style import STYLE
@@ -24,19 +25,25 @@ from eitbench.scenarios.errors import DataCorruptError, InputError
 NASTY = "<img src=x onerror=alert(1)>"
 
 
-@pytest.fixture
-def many(build: Any, dataset_of: Any) -> Path:
+@pytest.fixture(scope="module")
+def made_once(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Enough samples for intervals: two methods that tie, one that is worse, a nasty name."""
     rng = np.random.default_rng(0)
-    dataset = dataset_of("conductivity", 24)
+    build, dataset = RunBuilder(tmp_path_factory.mktemp("many") / "run"), made("conductivity", 24)
+    truth = dataset.__dict__["conductivity"]
     for name, share in (("good", 0.9), ("as-good", 0.9), ("poor", 0.5), (NASTY, 0.2)):
-        noise = 0.02 * rng.standard_normal(dataset.conductivity.shape)
-        build.add(dataset, name, share * (dataset.conductivity - 1) + 1 + noise)
-    folder: Path = build.write()
-    return folder
+        noise = 0.02 * rng.standard_normal(truth.shape)
+        build.add(dataset, name, share * (truth - 1) + 1 + noise)
+    return build.write()
 
 
-def test_what_is_gathered_is_what_the_leaderboard_says(many: Path, full_run: Path) -> None:
+@pytest.fixture
+def many(made_once: Path, tmp_path: Path) -> Path:
+    run: Path = shutil.copytree(made_once, tmp_path / "run")
+    return run
+
+
+def test_the_data_are_those_of_the_leaderboard(many: Path, full_run: Path) -> None:
     found = report_data([many])
     (board,) = found["boards"]
     rows = {row["method"]: row for row in board["views"][0]["rows"]}
@@ -47,16 +54,12 @@ def test_what_is_gathered_is_what_the_leaderboard_says(many: Path, full_run: Pat
     assert rows["good"]["command"] == (
         "eitbench run bench --scenarios conductivity-set --methods good"
     )
-    assert shlex_safe(rows[NASTY]["command"])
+    assert f"'{NASTY}'" in rows[NASTY]["command"]
     assert board["phantoms"] == 24
     assert len(board["sensitivity"]) == 6
     assert found["missing"] == []
     json.dumps(found, allow_nan=False)
     assert len(report_data([full_run])["boards"]) == 4
-
-
-def shlex_safe(command: str) -> bool:
-    return f"'{NASTY}'" in command
 
 
 def test_the_answer_names_ties_and_the_fastest(many: Path) -> None:
@@ -191,8 +194,9 @@ def test_without_images_the_rest_is_shown(many: Path, tmp_path: Path) -> None:
     found = report_data([many])
     assert found["boards"][0]["images"] is None
     assert found["boards"][0]["sensitivity"] == []
-    assert found["missing"] == ["run holds no reconstructions.h5: its images are not shown."]
-    assert "holds no reconstructions.h5" in to_page(found)
+    (missing,) = found["missing"]
+    assert "reconstructions.h5" in missing
+    assert missing in to_page(found)
     assert len(write_report([many], tmp_path / "report")) == 8
 
 
@@ -202,7 +206,8 @@ def test_an_unfinished_run_says_so(many: Path) -> None:
     table = pd.read_parquet(many / "samples.parquet")
     table[(table["method"] != "poor") | (table["sample"] < 5)].to_parquet(many / "samples.parquet")
     found = report_data([many])
-    assert found["missing"] == ["The run run is interrupted: it has some of its samples only."]
+    (missing,) = found["missing"]
+    assert "interrupted" in missing
     rows = {row["method"]: row for row in found["boards"][0]["views"][0]["rows"]}
     assert rows["poor"]["group"] is None
     assert rows["good"]["group"] is not None
@@ -256,14 +261,13 @@ def test_other_data_under_the_same_name_get_a_board_of_their_own(
 
 @pytest.mark.parametrize(
     "column",
-    ["psnr", "score", "localisation_mm", "strength", "found_x_m", "response", "phantom",
-     "frame_ms", "family", "status"],
-)  # fmt: skip
+    ["psnr", "score", "localisation_mm", "found_x_m", "phantom", "frame_ms", "family", "status"],
+)
 def test_a_column_that_is_missing_costs_what_it_held(many: Path, column: str) -> None:
     table = pd.read_parquet(many / "samples.parquet")
     table.drop(columns=column, errors="ignore").to_parquet(many / "samples.parquet")
     if column == "status":
-        with pytest.raises(DataCorruptError, match="has no column 'status'"):
+        with pytest.raises(DataCorruptError, match="'status'"):
             report_data([many])
         return
     found = report_data([many])
@@ -277,10 +281,10 @@ def test_a_column_that_is_missing_costs_what_it_held(many: Path, column: str) ->
 
 def test_a_damaged_table_is_refused_with_one_sentence(many: Path, tmp_path: Path) -> None:
     (many / "samples.parquet").write_bytes(b"PAR1 and nothing else")
-    with pytest.raises(DataCorruptError, match="not a readable Parquet file"):
+    with pytest.raises(DataCorruptError, match=r"samples\.parquet"):
         write_report([many], tmp_path / "report")
     assert not (tmp_path / "report").exists()
-    with pytest.raises(InputError, match="is not a run directory"):
+    with pytest.raises(InputError):
         report_data([tmp_path])
 
 
@@ -301,11 +305,11 @@ def test_tables_of_operators_stand_beside_those_of_methods(
 
 def test_a_run_without_rows_is_refused(many: Path) -> None:
     pd.read_parquet(many / "samples.parquet")[:0].to_parquet(many / "samples.parquet")
-    with pytest.raises(InputError, match="There are no results in"):
+    with pytest.raises(InputError, match="no results"):
         report_data([many])
 
 
 def test_runs_of_the_same_name_are_refused(many: Path, tmp_path: Path) -> None:
     other = shutil.copytree(many, tmp_path / "elsewhere" / many.name)
-    with pytest.raises(InputError, match="2 of the runs are called 'run'"):
+    with pytest.raises(InputError, match="'run'"):
         report_data([many, other])

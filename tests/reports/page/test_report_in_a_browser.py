@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from made_runs import RunBuilder, made
 
 from eitbench.reports.page.report import write_report
 
@@ -25,16 +26,17 @@ def browser() -> Iterator[Any]:
         browser.close()
 
 
-@pytest.fixture
-def run(build: Any, dataset_of: Any) -> Path:
-    rng = np.random.default_rng(0)
-    simulated, presses = dataset_of("conductivity", 24), dataset_of("position", 24)
+@pytest.fixture(scope="module")
+def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("report")
+    build, rng = RunBuilder(folder / "run"), np.random.default_rng(0)
+    simulated, presses = made("conductivity", 24), made("position", 24)
+    truth = simulated.__dict__["conductivity"]
     for name, share in (("fair", 0.8), (NASTY, 0.2), ("good", 0.9)):
-        noise = 0.02 * rng.standard_normal(simulated.conductivity.shape)
-        build.add(simulated, name, share * (simulated.conductivity - 1) + 1 + noise)
-    build.add(presses, "good", presses.conductivity)
-    folder: Path = build.write()
-    return folder
+        noise = 0.02 * rng.standard_normal(truth.shape)
+        build.add(simulated, name, share * (truth - 1) + 1 + noise)
+    build.add(presses, "good", presses.__dict__["conductivity"])
+    return write_report([build.write()], folder / "report")[0].parent
 
 
 class Page:
@@ -57,12 +59,11 @@ class Page:
 
 
 @pytest.fixture
-def opened(browser: Any, run: Path, tmp_path: Path) -> Iterator[Any]:
-    write_report([run], tmp_path / "report")
+def opened(browser: Any, report: Path) -> Iterator[Any]:
     pages: list[Page] = []
 
     def open_page(**options: Any) -> Page:
-        pages.append(Page(browser, tmp_path / "report", **options))
+        pages.append(Page(browser, report, **options))
         return pages[-1]
 
     yield open_page

@@ -84,5 +84,5 @@ def stored_and_written(tmp_path: Path, name: str, rows: list[dict[str, Any]]) ->
 
 
 def test_what_is_no_finished_study_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="holds no finished study"):
+    with pytest.raises(InputError, match="eitbench study"):
         write_study(tmp_path)
