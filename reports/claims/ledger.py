@@ -64,7 +64,7 @@ class Ledger(TypedDict):
     runs: list[LedgerRun]
 
 
-def ledger(runs: Sequence[Path], studies: Sequence[Path] = ()) -> Ledger:
+def claim_ledger(runs: Sequence[Path], studies: Sequence[Path] = ()) -> Ledger:
     """Test every published claim on the run directories and studies.
 
     Raises:

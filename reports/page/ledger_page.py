@@ -14,7 +14,7 @@ from eitbench.reports.claims.ledger import Ledger
 from eitbench.reports.claims.rules import title
 from eitbench.reports.page.rendering import render
 from eitbench.reports.studies.summaries import training_budget
-from eitbench.reports.tables.leaderboard import FORMATS, leaderboard
+from eitbench.reports.tables.leaderboard import FORMATS, ranked_rows
 
 FILES = {"md": "claims.md", "json": "claims.json", "html": "claims.html"}
 _TITLES = {name: title(name) for name in FIGURES}
@@ -47,7 +47,7 @@ def write_ledger(ledger: Ledger, runs: Sequence[Path], folder: Path) -> list[Pat
     Raises:
         EitbenchError: they cannot be written.
     """
-    boards = [FORMATS["html"](leaderboard([run])) for run in runs]
+    boards = [FORMATS["html"](ranked_rows([run])) for run in runs]
     try:
         folder.mkdir(parents=True, exist_ok=True)
         figures = _draw_figures(ledger, folder)

@@ -12,7 +12,7 @@ from eitbench.benchmark.analysis.standings import standings
 from eitbench.reports.tables.formats import to_html, to_latex, to_markdown
 
 
-def leaderboard(runs: Sequence[Path]) -> list[Row]:
+def ranked_rows(runs: Sequence[Path]) -> list[Row]:
     """Return the ranked rows of run directories, those of a scenario together.
 
     They are plain values for JSON; see `Standing.rows`.

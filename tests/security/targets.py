@@ -29,7 +29,7 @@ from eitbench.hardware.board import Frame
 from eitbench.hardware.recording.recorder import Recorder
 from eitbench.methods.weights.tensor_file import read_tensors
 from eitbench.reports.page.report_data import report_data
-from eitbench.reports.tables.leaderboard import FORMATS, leaderboard, write_leaderboard
+from eitbench.reports.tables.leaderboard import FORMATS, ranked_rows, write_leaderboard
 from eitbench.scenarios.data.cache_file import CacheFile
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.recordings.checking import check
@@ -196,12 +196,12 @@ def _declarations() -> dict[str, Target]:
 def _runs(folder: Path, run: Path) -> dict[str, Target]:
     """The files of a run directory, each spoilt beside whole ones."""
     whole = read_run(run)
-    write_leaderboard(leaderboard([run]), run)
+    write_leaderboard(ranked_rows([run]), run)
     results = comparison.read_results(run)
     plan = Plan.of(whole.manifest, run)
 
     def shown(path: Path) -> None:
-        rows = leaderboard([path.parent])
+        rows = ranked_rows([path.parent])
         for write in FORMATS.values():
             write(rows)
 

@@ -254,6 +254,11 @@ def build_operators(tmp_path: Path) -> Callable[..., Path]:
     return lambda mse, **kind: write_operators(tmp_path / "operators-run", mse, **kind)
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
+def run_builder() -> type[RunBuilder]:
+    return RunBuilder
+
+
+@pytest.fixture(scope="session")
 def dataset_of() -> Callable[..., Dataset]:
     return made

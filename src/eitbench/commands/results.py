@@ -33,7 +33,7 @@ def leaderboard(
     from eitbench.reports.tables import leaderboard as reports
     from eitbench.reports.tables.terminal import table
 
-    rows = reports.leaderboard(runs)
+    rows = reports.ranked_rows(runs)
     if not rows:
         warn(f"There are no rows in {', '.join(map(str, runs))}: nothing was finished there.")
     if form is None:

@@ -166,10 +166,10 @@ def _complete(run: Path) -> tuple[list[dict[str, Any]], list[Path]]:
     from eitbench.benchmark.analysis.recording_notes import write_notes
     from eitbench.reports.figures.image_grid import write_figures
     from eitbench.reports.figures.ladder import write_ladder
-    from eitbench.reports.tables.leaderboard import leaderboard, write_leaderboard
+    from eitbench.reports.tables.leaderboard import ranked_rows, write_leaderboard
 
     write_notes(run)
-    rows = leaderboard([run])
+    rows = ranked_rows([run])
     write_leaderboard(rows, run)
     return rows, [*write_ladder(run), *write_figures(run)]
 
@@ -195,8 +195,7 @@ def reproduce(
     from eitbench.benchmark.run.progress import RunProgress
     from eitbench.benchmark.run.runner import RunInterruptedError
     from eitbench.benchmark.studies.reproduce import run_claims
-    from eitbench.reports.claims.ledger import ledger as claim_ledger
-    from eitbench.reports.claims.ledger import table
+    from eitbench.reports.claims.ledger import claim_ledger, table
     from eitbench.reports.page.ledger_page import write_ledger
 
     if runs and limit is not None:

@@ -13,7 +13,7 @@ import pytest
 from eitbench.benchmark.analysis import submission
 from eitbench.benchmark.analysis.submission import CHECKS, check_submission
 from eitbench.benchmark.run.runner import make_plan, start_run
-from eitbench.reports.tables.leaderboard import leaderboard, write_leaderboard
+from eitbench.reports.tables.leaderboard import ranked_rows, write_leaderboard
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.suites.suite import Suite, load_suite
 
@@ -22,7 +22,7 @@ from eitbench.scenarios.suites.suite import Suite, load_suite
 def submitted(tmp_path_factory: pytest.TempPathFactory, tiny: Suite) -> Path:
     out = tmp_path_factory.mktemp("runs") / "mine"
     run = start_run(make_plan(tiny, methods=["noser", "tikhonov"]), out).path
-    write_leaderboard(leaderboard([run]), run)
+    write_leaderboard(ranked_rows([run]), run)
     return run
 
 
@@ -91,7 +91,7 @@ def add_a_figure(run: Path) -> None:
     """Figures of methods come from their samples alone: this changes nothing."""
     table = pd.read_parquet(run / "methods.parquet")
     table.assign(score=99.0, repeatability_db=99.0).to_parquet(run / "methods.parquet")
-    row = leaderboard([run])[0]
+    row = ranked_rows([run])[0]
     assert row["score"] < 10
     assert row["repeatability_db"] is None
 

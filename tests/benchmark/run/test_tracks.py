@@ -13,7 +13,7 @@ from eitbench.benchmark.metrics.evaluation import evaluate
 from eitbench.benchmark.run.runner import start_run
 from eitbench.benchmark.rundir.plan import make_plan
 from eitbench.benchmark.tuning.selection import Selection, Trial, TuningBudget, record
-from eitbench.reports.tables.leaderboard import FORMATS, leaderboard
+from eitbench.reports.tables.leaderboard import FORMATS, ranked_rows
 from eitbench.reports.tables.notes import tracks_table
 from eitbench.scenarios.data.datasets import load
 from eitbench.scenarios.errors import InputError
@@ -71,7 +71,7 @@ def test_the_oracle_is_the_best_on_test_of_what_was_tried(run: Path) -> None:
 
 
 def test_the_gaps_stand_on_every_leaderboard(run: Path) -> None:
-    (row,) = leaderboard([run])
+    (row,) = ranked_rows([run])
     assert row["tuning_gain"] == pytest.approx(score(0.9) - score(1.4))
     assert row["oracle_gap"] == pytest.approx(score(1.0) - score(0.9))
     assert row["oracle_gap_low"] is row["oracle_gap_high"] is None  # of four phantoms

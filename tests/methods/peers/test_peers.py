@@ -18,7 +18,7 @@ from eitbench.methods import Problem, create, methods
 from eitbench.methods.peers.octave import FOLDER, ask_eidors, missing
 from eitbench.methods.peers.peer import interpolation
 from eitbench.methods.peers.pyeit_model import pyeit_mesh, pyeit_protocol, signed_distance
-from eitbench.reports.tables.leaderboard import FORMATS, leaderboard
+from eitbench.reports.tables.leaderboard import FORMATS, ranked_rows
 from eitbench.scenarios.catalogue import sensor
 from eitbench.scenarios.errors import EitbenchError, InputError
 from eitbench.scenarios.physics.forward import forward_model
@@ -257,7 +257,7 @@ def test_a_run_keeps_and_shows_what_differs(
     assert code == 0, err
     words = "pyeit-bp: run by pyEIT with point electrodes on a mesh of its own (897 triangles)"
     assert words in " ".join(out.split())
-    rows = leaderboard([run])
+    rows = ranked_rows([run])
     assert [f"pyeit-bp: {row['differs']}" for row in rows] == [words]
     for form, write in FORMATS.items():
         assert "point electrodes on a mesh of its own" in write(rows), form

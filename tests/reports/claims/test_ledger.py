@@ -12,7 +12,7 @@ import pytest
 
 from eitbench.benchmark import EitbenchError, InputError
 from eitbench.benchmark.studies import curves
-from eitbench.reports.claims.ledger import Ledger, ledger, table
+from eitbench.reports.claims.ledger import Ledger, claim_ledger, table
 from eitbench.reports.claims.published_claims import CLAIMS
 from eitbench.reports.claims.verdicts import Verdict
 from eitbench.reports.page.ledger_page import FILES, to_markdown, write_ledger
@@ -40,7 +40,7 @@ def runs(
 
 @pytest.fixture
 def found(runs: list[Path]) -> Ledger:
-    return ledger(runs)
+    return claim_ledger(runs)
 
 
 class Page(HTMLParser):
@@ -114,7 +114,7 @@ def test_figures_of_studies_and_training_stand_beside_the_ledger(
          "train_physical": [1.0, 0.5], "validation_physical": [1.0, 0.7]}
     )  # fmt: skip
     monkeypatch.setattr(curves, "paper_curves", lambda: {"dnn": curve, "phydnn": curve})
-    found = ledger(runs, [study])
+    found = claim_ledger(runs, [study])
     assert found["studies"] == [summary]
     (claim,) = (c for c in found["claims"] if c["id"] == "best-beta")
     assert claim["verdict"] != "not testable"
@@ -125,7 +125,7 @@ def test_figures_of_studies_and_training_stand_beside_the_ledger(
         assert f"({stem}.png)" in (tmp_path / "out" / "claims.md").read_text()
         assert (tmp_path / "out" / f"{stem}.pdf").stat().st_size > 0
     with pytest.raises(InputError, match="eitbench study"):
-        ledger(runs, [tmp_path])
+        claim_ledger(runs, [tmp_path])
 
 
 def test_plain_values_of_every_claim(found: Ledger) -> None:
@@ -206,8 +206,8 @@ def test_the_terminal_shows_every_verdict(found: Ledger) -> None:
 
 
 def test_a_ledger_of_no_runs_and_of_no_run_directory(tmp_path: Path) -> None:
-    found = ledger([])
+    found = claim_ledger([])
     assert found["summary"]["not testable"] == len(CLAIMS)
     assert page_of(found, [], tmp_path).open == []
     with pytest.raises(InputError, match="nothing"):
-        ledger([tmp_path / "nothing"])
+        claim_ledger([tmp_path / "nothing"])

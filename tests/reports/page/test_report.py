@@ -11,7 +11,6 @@ import matplotlib as mpl
 import numpy as np
 import pandas as pd
 import pytest
-from made_runs import RunBuilder, made
 
 from eitbench.methods import methods
 from eitbench.reports.figures.style import STYLE
@@ -26,15 +25,17 @@ NASTY = "<img src=x onerror=alert(1)>"
 
 
 @pytest.fixture(scope="module")
-def made_once(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def made_once(tmp_path_factory: pytest.TempPathFactory, run_builder: Any, dataset_of: Any) -> Path:
     """Enough samples for intervals: two methods that tie, one that is worse, a nasty name."""
     rng = np.random.default_rng(0)
-    build, dataset = RunBuilder(tmp_path_factory.mktemp("many") / "run"), made("conductivity", 24)
-    truth = dataset.__dict__["conductivity"]
+    build = run_builder(tmp_path_factory.mktemp("many") / "run")
+    dataset = dataset_of("conductivity", 24)
+    truth = dataset.conductivity
     for name, share in (("good", 0.9), ("as-good", 0.9), ("poor", 0.5), (NASTY, 0.2)):
         noise = 0.02 * rng.standard_normal(truth.shape)
         build.add(dataset, name, share * (truth - 1) + 1 + noise)
-    return build.write()
+    folder: Path = build.write()
+    return folder
 
 
 @pytest.fixture

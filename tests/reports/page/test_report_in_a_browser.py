@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from made_runs import RunBuilder, made
 
 from eitbench.reports.page.report import write_report
 
@@ -27,15 +26,15 @@ def browser() -> Iterator[Any]:
 
 
 @pytest.fixture(scope="module")
-def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def report(tmp_path_factory: pytest.TempPathFactory, run_builder: Any, dataset_of: Any) -> Path:
     folder = tmp_path_factory.mktemp("report")
-    build, rng = RunBuilder(folder / "run"), np.random.default_rng(0)
-    simulated, presses = made("conductivity", 24), made("position", 24)
-    truth = simulated.__dict__["conductivity"]
+    build, rng = run_builder(folder / "run"), np.random.default_rng(0)
+    simulated, presses = dataset_of("conductivity", 24), dataset_of("position", 24)
+    truth = simulated.conductivity
     for name, share in (("fair", 0.8), (NASTY, 0.2), ("good", 0.9)):
         noise = 0.02 * rng.standard_normal(truth.shape)
         build.add(simulated, name, share * (truth - 1) + 1 + noise)
-    build.add(presses, "good", presses.__dict__["conductivity"])
+    build.add(presses, "good", presses.conductivity)
     return write_report([build.write()], folder / "report")[0].parent
 
 

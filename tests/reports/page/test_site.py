@@ -12,7 +12,7 @@ import pandas as pd
 import pytest
 
 from eitbench.reports.page.site import write_site
-from eitbench.reports.tables.leaderboard import FORMATS, leaderboard
+from eitbench.reports.tables.leaderboard import FORMATS, ranked_rows
 from eitbench.scenarios.errors import InputError
 
 NASTY = "<img src=x>/..%2F"
@@ -76,10 +76,10 @@ def test_a_method_has_its_history(runs: Path, tmp_path: Path) -> None:
 
 
 def test_times_of_several_machines_are_shown_in_calibration_solves(runs: Path) -> None:
-    one = leaderboard([runs / "first", runs / "old"])
+    one = ranked_rows([runs / "first", runs / "old"])
     assert "Frame p50" in FORMATS["md"](one)
     assert "calibration solves" not in FORMATS["md"](one)
-    several = leaderboard([runs / "first", runs / "second"])
+    several = ranked_rows([runs / "first", runs / "second"])
     text = FORMATS["md"](several)
     assert "calibration solves" in text
     assert "Frame p50" not in text

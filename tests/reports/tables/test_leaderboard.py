@@ -12,7 +12,7 @@ from rich.console import Console
 
 from eitbench.benchmark.metrics.specs import METRICS
 from eitbench.reports.tables.columns import METHOD_LAYOUT as LAYOUT
-from eitbench.reports.tables.leaderboard import FORMATS, leaderboard, write_leaderboard
+from eitbench.reports.tables.leaderboard import FORMATS, ranked_rows, write_leaderboard
 from eitbench.reports.tables.notes import note
 from eitbench.reports.tables.terminal import table
 
@@ -28,11 +28,11 @@ def nasty(build: Any, dataset_of: Any) -> list[dict[str, Any]]:
     dataset = dataset_of("conductivity", 4)
     build.add(dataset, NASTY, dataset.conductivity)
     build.add(dataset, "plain", 0.5 * (dataset.conductivity - 1) + 1)
-    return leaderboard([build.write()])
+    return ranked_rows([build.write()])
 
 
 def test_rows_hold_the_contract_and_full_precision(full_run: Path) -> None:
-    rows = leaderboard([full_run])
+    rows = ranked_rows([full_run])
     assert len(rows) == 12
     assert all(set(row) >= CONTRACT for row in rows)
     assert json.loads(FORMATS["json"](rows)) == rows
@@ -43,7 +43,7 @@ def test_rows_hold_the_contract_and_full_precision(full_run: Path) -> None:
 
 
 def test_files_are_written_beside_the_run(full_run: Path, tmp_path: Path) -> None:
-    rows = leaderboard([full_run])
+    rows = ranked_rows([full_run])
     written = write_leaderboard(rows, tmp_path)
     assert {path.name for path in written} == {f"leaderboard.{f}" for f in ("json", "csv", "md")}
     assert json.loads((tmp_path / "leaderboard.json").read_text()) == rows
@@ -55,7 +55,7 @@ def test_an_empty_leaderboard_prints_in_every_format() -> None:
 
 
 def test_markdown_shows_one_table_per_scenario_with_the_best_in_bold(full_run: Path) -> None:
-    text = FORMATS["md"](leaderboard([full_run]))
+    text = FORMATS["md"](ranked_rows([full_run]))
     assert text.count("### ") == 4
     tables = dict(part.split("\n", 1) for part in text.split("### ")[1:])
     assert "SSIM" in tables["bench / conductivity-set"]
@@ -63,7 +63,7 @@ def test_markdown_shows_one_table_per_scenario_with_the_best_in_bold(full_run: P
     assert "Training" not in text
     assert "Run" not in text
     best = min(
-        (r for r in leaderboard([full_run]) if r["scenario"] == "position-set"),
+        (r for r in ranked_rows([full_run]) if r["scenario"] == "position-set"),
         key=lambda row: float(row["localisation_mm"]),
     )
     line = next(x for x in tables["bench / position-set"].splitlines() if best["method"] in x)
@@ -71,7 +71,7 @@ def test_markdown_shows_one_table_per_scenario_with_the_best_in_bold(full_run: P
 
 
 def test_an_undefined_figure_is_a_dash(full_run: Path) -> None:
-    text = FORMATS["md"](leaderboard([full_run])).split("none-set")[1]
+    text = FORMATS["md"](ranked_rows([full_run])).split("none-set")[1]
     line = next(x for x in text.splitlines() if "constant" in x)
     assert "–" in line
 
@@ -144,7 +144,7 @@ def test_unlike_data_get_tables_of_their_own(full_run: Path, tmp_path: Path) -> 
     content = json.loads((other / "manifest.json").read_text())
     content["data"]["conductivity-set"] = {"hash": "77c0ffee", "n": 8}
     (other / "manifest.json").write_text(json.dumps(content))
-    text = FORMATS["html"](leaderboard([full_run, other]))
+    text = FORMATS["html"](ranked_rows([full_run, other]))
     assert re.findall("<caption>(.*)</caption>", text) == [
         "bench / conductivity-set (n = 8, data 3f2a1b)",
         "bench / position-set",
@@ -161,7 +161,7 @@ def test_the_best_and_what_is_told_of_it(build: Any, dataset_of: Any) -> None:
         noise = 0.02 * rng.standard_normal(dataset.conductivity.shape)
         images = share * (dataset.conductivity - 1) + 1 + noise
         build.add(dataset, name, images, lost=24 if name == "broken" else 0)
-    rows = {row["method"]: row for row in leaderboard([build.write()])}
+    rows = {row["method"]: row for row in ranked_rows([build.write()])}
     text = FORMATS["md"](list(rows.values()))
     lines = {name: next(x for x in text.splitlines() if f" {name} " in x) for name in rows}
     assert rows["poor"]["group"] == "b"
@@ -181,7 +181,7 @@ NOTE = "guessing one place: 35.5 mm; reciprocity error of the reference frame: 2
 
 @pytest.mark.parametrize("form", ["md", "html", "latex", "terminal"])
 def test_what_is_known_of_recorded_data_stands_below_their_table(full_run: Path, form: str) -> None:
-    rows = leaderboard([full_run])
+    rows = ranked_rows([full_run])
     noted = [row | (NOTES if row["scenario"] == "position-set" else {}) for row in rows]
 
     def shown(board: list[dict[str, Any]]) -> str:
@@ -223,7 +223,7 @@ def test_times_have_no_exponent(value: float, text: str, nasty: list[dict[str, A
 
 def test_a_metric_has_one_name(full_run: Path) -> None:
     title = METRICS["repeatability_db"].title
-    assert title in FORMATS["md"](leaderboard([full_run]))
+    assert title in FORMATS["md"](ranked_rows([full_run]))
     assert LAYOUT.terminal["repeatability_db"].startswith(title)
     assert LAYOUT.terminal["coverage"] == "Done"
 
@@ -232,7 +232,7 @@ def test_what_failures_cost_is_said(build: Any, dataset_of: Any) -> None:
     dataset = dataset_of("conductivity", 12)
     for name, share, lost in (("good", 0.9, 6), ("fair", 0.8, 0)):
         build.add(dataset, name, share * (dataset.conductivity - 1) + 1, lost=lost)
-    rows = leaderboard([build.write()])
+    rows = ranked_rows([build.write()])
     assert [(row["method"], row["rank_valid"]) for row in rows] == [("fair", 2), ("good", 1)]
     assert "good would rank 1 if what failed were left out" in FORMATS["md"](rows)
     assert "fair would" not in FORMATS["md"](rows)

@@ -14,7 +14,7 @@ from rich.console import Console
 
 from eitbench.reports.figures.image_grid import write_figures
 from eitbench.reports.tables.columns import OPERATOR_LAYOUT as LAYOUT
-from eitbench.reports.tables.leaderboard import FORMATS, leaderboard, write_leaderboard
+from eitbench.reports.tables.leaderboard import FORMATS, ranked_rows, write_leaderboard
 from eitbench.reports.tables.published import RATIO, TABLE_I
 from eitbench.reports.tables.terminal import table
 from eitbench.scenarios.errors import InputError
@@ -73,7 +73,7 @@ def shown(rows: list[dict[str, Any]], form: str, width: int = 200) -> str:
 
 
 def test_rows_hold_the_contract_ranked_by_mse(operator_run: Path) -> None:
-    rows = leaderboard([operator_run])
+    rows = ranked_rows([operator_run])
     assert all(set(row) >= CONTRACT for row in rows)
     assert [row["operator"] for row in rows] == ["fem", "surrogate", "jacobian", "halved"]
     assert [row["rank"] for row in rows] == [1, 2, 3, 4]
@@ -88,7 +88,7 @@ def test_rows_hold_the_contract_ranked_by_mse(operator_run: Path) -> None:
 
 @pytest.mark.parametrize("form", ["md", "latex", "html", "terminal"])
 def test_the_published_table_stands_beside_ours(form: str, operator_run: Path) -> None:
-    text = shown(leaderboard([operator_run]), form)
+    text = shown(ranked_rows([operator_run]), form)
     for figure in ("1.62e-2", "8.00e-4", "3.00e-24", "2.57e-3", "0.99498", "0.97123", "0.97520"):
         assert figure in text
     plain = re.sub(r"\\", "", text)
@@ -101,7 +101,7 @@ def test_the_published_table_stands_beside_ours(form: str, operator_run: Path) -
 
 
 def test_published_figures_are_not_results(operator_run: Path) -> None:
-    rows = leaderboard([operator_run])
+    rows = ranked_rows([operator_run])
     for form in ("json", "csv"):
         assert "published" not in FORMATS[form](rows)
     assert pytest.approx(6.3, abs=0.01) == RATIO
@@ -111,7 +111,7 @@ def test_published_figures_are_not_results(operator_run: Path) -> None:
 
 
 def test_without_both_there_is_no_ratio(operator_run: Path) -> None:
-    rows = [row for row in leaderboard([operator_run]) if row["operator"] != "jacobian"]
+    rows = [row for row in ranked_rows([operator_run]) if row["operator"] != "jacobian"]
     text = shown(rows, "md")
     assert "times lower" not in text
     assert "(published)" in text
@@ -119,7 +119,7 @@ def test_without_both_there_is_no_ratio(operator_run: Path) -> None:
 
 @pytest.mark.parametrize("width", [60, 80, 120])
 def test_a_narrow_terminal_shows_the_ranking(width: int, operator_run: Path) -> None:
-    text = shown(leaderboard([operator_run]), "terminal", width)
+    text = shown(ranked_rows([operator_run]), "terminal", width)
     assert max(map(len, text.splitlines())) <= width
     assert "8.00e-4" in text
     assert "surrogate (published)" in text
@@ -143,7 +143,7 @@ def test_small_numbers_are_legible(value: float | None, text: str) -> None:
 
 
 def test_files_are_written_and_no_figures(operator_run: Path, tmp_path: Path) -> None:
-    written = write_leaderboard(leaderboard([operator_run]), tmp_path)
+    written = write_leaderboard(ranked_rows([operator_run]), tmp_path)
     assert {path.name for path in written} == {f"leaderboard.{f}" for f in ("json", "csv", "md")}
     assert "(published)" in (tmp_path / "leaderboard.md").read_text()
     assert write_figures(operator_run) == []
@@ -152,6 +152,6 @@ def test_files_are_written_and_no_figures(operator_run: Path, tmp_path: Path) ->
 
 def test_methods_and_operators_are_not_ranked_together(operator_run: Path, full_run: Path) -> None:
     with pytest.raises(InputError, match=r"operators ranks operators and .*full methods: ask for"):
-        leaderboard([operator_run, full_run])
+        ranked_rows([operator_run, full_run])
     with pytest.raises(InputError, match="2 of the runs are called 'operators'"):
-        leaderboard([operator_run, operator_run])
+        ranked_rows([operator_run, operator_run])

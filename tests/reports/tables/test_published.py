@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from eitbench.reports.tables.leaderboard import FORMATS, leaderboard
+from eitbench.reports.tables.leaderboard import FORMATS, ranked_rows
 from eitbench.reports.tables.notes import note
 from eitbench.reports.tables.published import TABLE_II, published_rows
 from eitbench.reports.tables.terminal import table
@@ -21,7 +21,7 @@ FORMS = ["md", "latex", "html", "terminal"]
 
 @pytest.fixture
 def rows(build: Any, paper: Dataset) -> list[dict[str, Any]]:
-    return leaderboard([of_scenario(build, paper, "paper")])
+    return ranked_rows([of_scenario(build, paper, "paper")])
 
 
 def of_scenario(build: Any, paper: Dataset, scenario: str) -> Path:
@@ -79,7 +79,7 @@ def test_they_are_no_results(rows: list[dict[str, Any]]) -> None:
 
 @pytest.mark.parametrize("scenario", ["paper-30db", "paper-finer", "conductivity-set"])
 def test_other_scenarios_have_none(scenario: str, build: Any, paper: Dataset) -> None:
-    rows = leaderboard([of_scenario(build, paper, scenario)])
+    rows = ranked_rows([of_scenario(build, paper, scenario)])
     assert published_rows(rows) == []
     assert note(rows) == ""
     assert "published" not in FORMATS["md"](rows)
