@@ -33,7 +33,7 @@ class LiveView:
     listening: socket.socket
 
     def serve(self) -> None:
-        """Answer pages until the server is told to stop."""
+        """Answer pages until Ctrl-C, or until the server is stopped."""
         self.server.run(sockets=[self.listening])
 
 

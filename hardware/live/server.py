@@ -3,8 +3,6 @@
 import asyncio
 import json
 import socket
-from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
 
 import uvicorn
 from starlette.applications import Starlette
@@ -59,18 +57,11 @@ def make_server(
 ) -> uvicorn.Server:
     """The server for `session`; run it with the socket that listens on `port`."""
     pages = _Pages(session, broadcast, access, port)
-
-    @asynccontextmanager
-    async def lifespan(_: Starlette) -> AsyncIterator[None]:
-        async with broadcast.open():
-            yield
-
     app = Starlette(
         routes=[
             Route("/", pages.show_page, methods=["GET"]),
             WebSocketRoute("/ws", pages.watch),
-        ],
-        lifespan=lifespan,
+        ]
     )
     return uvicorn.Server(
         uvicorn.Config(
@@ -130,7 +121,7 @@ class _Pages:
             await websocket.close(_TRY_LATER, f"{MOST_VIEWERS} pages are open already.")
             return
         viewer = Viewer()
-        self._broadcast.viewers.add(viewer)
+        self._broadcast.add(viewer)
         connection = _PageConnection(websocket, viewer, self._session, self._setup)
         tasks = [asyncio.create_task(work()) for work in (connection.send, connection.listen)]
         try:

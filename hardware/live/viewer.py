@@ -4,8 +4,6 @@ import asyncio
 import itertools
 import time
 from collections import deque
-from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
 from statistics import median
 from typing import NamedTuple
 
@@ -90,12 +88,10 @@ class Broadcast:
         self._numbers = itertools.count(1)
         self._loop: asyncio.AbstractEventLoop | None = None
 
-    @asynccontextmanager
-    async def open(self) -> AsyncIterator[None]:
-        """Accept live images as long as the event loop runs."""
+    def add(self, viewer: Viewer) -> None:
+        """Let `viewer` have the live images from now on; called in the event loop."""
         self._loop = asyncio.get_running_loop()
-        yield
-        self._loop = None
+        self.viewers.add(viewer)
 
     def show(self, live_image: LiveImage) -> None:
         """Offer `live_image` to every viewer; called by any thread, and never waits."""

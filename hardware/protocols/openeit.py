@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from eitbench.hardware.protocols.lines import LineProtocol, numbers
-from eitbench.hardware.protocols.protocol import Array, Commands, Device
+from eitbench.hardware.protocols.protocol import Array, CommandReader, Device
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.sensors.patterns import opposition_pattern
 from eitbench.scenarios.sensors.sensor import Sensor
@@ -23,8 +23,8 @@ class _OpenEitDevice(Device):
     def __init__(self, sensor: Sensor) -> None:
         super().__init__(sensor)
         self.running = True
-        self._commands = Commands()
-        self._electrodes = 8  # until it is told otherwise
+        self._commands = CommandReader()
+        self._electrodes = 8  # until a letter comes
 
     def obey(self, data: bytes) -> bytes:
         # It measures with the electrodes that the sensor has, whichever letter comes.

@@ -143,7 +143,7 @@ class Device(ABC):
         """
 
 
-class Commands:
+class CommandReader:
     """Commands of a host, cut out of its stream of bytes; an endless line is forgotten."""
 
     def __init__(self, longest: int = 64) -> None:

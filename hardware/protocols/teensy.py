@@ -9,7 +9,7 @@ import numpy as np
 
 from eitbench.hardware.board import Frame
 from eitbench.hardware.protocols.framing import Scanner
-from eitbench.hardware.protocols.protocol import Array, Commands, Device, Protocol
+from eitbench.hardware.protocols.protocol import Array, CommandReader, Device, Protocol
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.sensors.patterns import DrivePattern
 from eitbench.scenarios.sensors.sensor import Sensor
@@ -46,7 +46,7 @@ def encode(pattern: int, number: int, time_s: float, values: Array) -> bytes:
 class _TeensyDevice(Device):
     def __init__(self, sensor: Sensor) -> None:
         super().__init__(sensor)
-        self._commands = Commands()
+        self._commands = CommandReader()
         self._pattern = pattern_id(sensor.pattern)
 
     def obey(self, data: bytes) -> bytes:

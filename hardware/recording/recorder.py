@@ -316,13 +316,13 @@ class Recorder:
         except (OSError, RuntimeError, ValueError) as error:
             number = getattr(error, "errno", None)
             reason = "the disk is full" if number in _FULL else f"it cannot be written ({error})"
-            kept = (
+            rest = (
                 f"the {self._written} frames until then are in it."
                 if self._written
                 else "nothing is kept; make room, or record elsewhere."
             )
             raise RecorderError(
-                f"The recording {self.path} was stopped, since {reason}: {kept}"
+                f"The recording {self.path} was stopped, since {reason}: {rest}"
             ) from error
 
     def _append(self, name: str, rows: NDArray[Any]) -> None:
@@ -363,7 +363,7 @@ class Recorder:
         try:
             self._file.close()
         except (OSError, RuntimeError, ValueError) as error:
-            # A failure that was told already has this consequence.
+            # It follows from a failure that was raised already.
             if self._failure is None:
                 raise RecorderError(f"Cannot close the recording {self.path} ({error}).") from error
 

@@ -99,7 +99,7 @@ def train(
     ] = 1,
     jobs: Annotated[int, typer.Option(min=1, help="Processes to simulate with.")] = 1,
     out: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="Where it is kept (default: your cache).")
+        Path | None, typer.Option(metavar="DIR", help="Where it is stored (default: your cache).")
     ] = None,
 ) -> None:
     """Train on a suite's data, or continue a training that was stopped."""
@@ -134,7 +134,7 @@ def train(
 )
 def study(
     name: Annotated[str, typer.Argument(help="beta, physics or size.")],
-    out: Annotated[Path, typer.Option(metavar="DIR", help="Where it is kept, and continued.")],
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Where it is stored, and continued.")],
     suite: Annotated[str, typer.Option(help="The suite with the data.")] = "paper",
     epochs: Annotated[int | None, typer.Option(min=1, help="Of each training.")] = None,
     limit: Annotated[
