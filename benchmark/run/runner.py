@@ -1,13 +1,10 @@
 """Runs of a suite: all it ranks on every scenario, into a directory that can be resumed."""
 
-import signal
 import threading
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import FIRST_EXCEPTION, Future, ThreadPoolExecutor, wait
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from types import FrameType
 
 from eitbench.benchmark.run.cell import score_cell
 from eitbench.benchmark.run.cell_task import CellData, CellPlan
@@ -31,6 +28,7 @@ from eitbench.scenarios.errors import (
     EitbenchError,
     InputError,
 )
+from eitbench.scenarios.interrupts import termination_interrupts
 from eitbench.scenarios.suites.suite import Suite
 
 __all__ = ["Plan", "RunInterruptedError", "RunResult", "make_plan", "resume_run", "start_run"]
@@ -87,7 +85,7 @@ def start_run(
 def _start(
     plan: Plan, store: RunStore, where: Executor, jobs: int, progress: RunProgress
 ) -> RunResult:
-    with locked(store.path), _termination_interrupts():
+    with locked(store.path), termination_interrupts():
         try:
             data, skipped, refused = _load(plan, plan.scenarios, jobs, progress)
             skipped |= _unusable(plan, data, progress)
@@ -126,7 +124,7 @@ def resume_run(
             f"{suite.name!r}: leave the suite out to continue it, or start a new run."
         )
     progress = progress or RunProgress(quiet=True)
-    with locked(run), _termination_interrupts(), executor(jobs, scheduler) as where:
+    with locked(run), termination_interrupts(), executor(jobs, scheduler) as where:
         manifest = manifests.read_resumable(run)  # another process may just have finished it
         if manifest["status"] == "finished":
             RunStore(run, plan.kind).remove_parts()  # it may have been killed just before
@@ -141,23 +139,6 @@ def resume_run(
 
 def _result(run: Path, manifest: Manifest) -> RunResult:
     return RunResult(run, tuple(manifest["skipped"].values()), tuple(manifest["refused"].values()))
-
-
-@contextmanager
-def _termination_interrupts() -> Iterator[None]:
-    """Treat SIGTERM as Ctrl-C, so that finished rows are stored and no worker stays behind."""
-    if threading.current_thread() is not threading.main_thread():
-        yield  # only the main thread may say what a signal does
-        return
-
-    def interrupt(number: int, frame: FrameType | None) -> None:
-        raise KeyboardInterrupt
-
-    before = signal.signal(signal.SIGTERM, interrupt)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)
 
 
 def _load_again(

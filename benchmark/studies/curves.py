@@ -4,7 +4,7 @@ import json
 
 import pandas as pd
 
-from eitbench.methods.learned.image_networks import Learned
+from eitbench.methods.learned.image_networks import TrainedMethod
 from eitbench.methods.registry import methods
 from eitbench.scenarios.errors import DataCorruptError, InputError
 from eitbench.scenarios.sensors.sensor import Sensor
@@ -22,7 +22,7 @@ def learning_curve(method: str, sensor: Sensor) -> pd.DataFrame:
         DataCorruptError: the weights or the curve are damaged.
     """
     cls = methods().get(method)
-    if cls is None or not issubclass(cls, Learned):
+    if cls is None or not issubclass(cls, TrainedMethod):
         raise InputError(f"{method!r} is no method that is trained.")
     path = cls.files.load(sensor).path.with_suffix(".json")
     if not path.is_file():

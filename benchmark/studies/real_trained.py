@@ -19,7 +19,7 @@ from eitbench.methods import Problem
 from eitbench.methods.learned.linear_touch import unit_frames
 from eitbench.methods.places.kernel_ridge import Kernel, gaussians, kernel_ridge, linear
 from eitbench.methods.places.place_network import REAL, SIMULATED, PlaceNetwork
-from eitbench.methods.training.job import no_split
+from eitbench.methods.training.samples import no_split
 from eitbench.scenarios.data.datasets import load
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.phantoms.contacts import locate

@@ -22,9 +22,8 @@ from eitbench.benchmark.analysis.results import read_json, read_table
 from eitbench.benchmark.metrics.evaluation import evaluate
 from eitbench.benchmark.rundir.lock import locked
 from eitbench.methods import Problem, create
-from eitbench.methods.training import Request, train
-from eitbench.methods.training.job import no_split, training_scenario
-from eitbench.methods.training.keeper import DivergedError
+from eitbench.methods.training import DivergedError, TrainingRequest, train
+from eitbench.methods.training.samples import no_split, training_scenario
 from eitbench.methods.weights.weight_files import sensor_key
 from eitbench.scenarios.atomic_write import atomic_write
 from eitbench.scenarios.data.datasets import load
@@ -63,21 +62,21 @@ class TrainingStudy:
     grid: Mapping[str, Sequence[Any]]
     split: Split
     elsewhere: bool
-    request: Callable[[Request, Variant], Request]
+    request: Callable[[TrainingRequest, Variant], TrainingRequest]
 
 
-def _with_beta(request: Request, choice: Variant) -> Request:
+def _with_beta(request: TrainingRequest, choice: Variant) -> TrainingRequest:
     return replace(request, beta=choice["beta"])
 
 
-def _with_loss(request: Request, choice: Variant) -> Request:
+def _with_loss(request: TrainingRequest, choice: Variant) -> TrainingRequest:
     request = replace(request, seed=choice["seed"])
     if choice["physics"] == "none":
         return replace(request, name="dnn")
     return replace(request, operator=choice["physics"])
 
 
-def _with_size(request: Request, choice: Variant) -> Request:
+def _with_size(request: TrainingRequest, choice: Variant) -> TrainingRequest:
     return replace(request, name="dnn", limit=choice["samples"], backbone=choice["backbone"])
 
 
@@ -190,7 +189,7 @@ def _rows(
     folder = out / _label(choice)
     finished = folder / SAMPLES
     if not finished.is_file():
-        base = Request(
+        base = TrainingRequest(
             "phydnn",
             budget.suite,
             budget.epochs,
@@ -212,7 +211,7 @@ def _label(choice: Variant) -> str:
     return "-".join(f"{name}-{value}" for name, value in sorted(choice.items()))
 
 
-def _judged(study: TrainingStudy, request: Request, limit: int | None) -> pd.DataFrame:
+def _judged(study: TrainingStudy, request: TrainingRequest, limit: int | None) -> pd.DataFrame:
     """Train as asked and judge; the curve stays, the weights do not."""
     training = train(request)
     about = json.loads(training.weights.with_suffix(".json").read_text())

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from eitbench.methods.method import Method
 from eitbench.methods.registry import register
+from eitbench.methods.training import Recipe, Trainable
 from eitbench.methods.weights.weight_files import WeightFiles
 from eitbench.scenarios.errors import DataCorruptError, InputError
 from eitbench.scenarios.sensors.symmetry import asymmetry
@@ -22,6 +23,7 @@ if TYPE_CHECKING:  # torch takes a second to import, and listing methods does no
     from torch import Tensor
 
     from eitbench.methods.problem import Problem
+    from eitbench.methods.training.job import TrainingJob, TrainingResult
     from eitbench.scenarios.sensors.sensor import Sensor
 
 Array = NDArray[np.float64]
@@ -30,32 +32,25 @@ Images = NDArray[np.float32]
 BATCH = 64
 """Frames that go through a network at once: more would only take more memory."""
 
-MOVED = "touches that were turned and mirrored at random taught it symmetry, nearly"
-"""Why a network that was trained here has the sensor's symmetry in part."""
-
+LEARNED_SYMMETRY = (
+    "it learned symmetry only approximately, from samples turned and mirrored at random"
+)
+"""Reason why a network that was trained here has the sensor's symmetry in part."""
 
 TRAINED_ON = ("scenario", "train_data", "train_samples")
-"""What of the notes with weights says which data they come from."""
+"""Metadata of weights that name the data which they were trained on."""
 
 
 @dataclass
-class Learned(Method):
+class TrainedMethod(Trainable, Method):
     """Base of the methods whose networks `eitbench train` trains.
 
     Attributes:
         weights: a file of weights to use; by default those for the sensor, the user's own or those
             that come with the package.
-        files: where these are looked for.
     """
 
-    files: ClassVar[WeightFiles]
-
     weights: str = ""
-
-    @classmethod
-    def weights_hash(cls, sensor: Sensor) -> str:
-        """See `Method`."""
-        return cls.files.content_hash(sensor)
 
     @classmethod
     def unusable(cls, sensor: Sensor) -> str:
@@ -71,15 +66,15 @@ class Learned(Method):
         """
         self._problem = problem
         own = Path(self.weights) if self.weights else None
-        path, tensors, about = self.files.load(problem.sensor, own)
+        path, tensors, metadata = self.files.load(problem.sensor, own)
         import torch
 
         try:
-            self.train_s = float(about["train_s"])
-            self.trained_on = {name: about[name] for name in TRAINED_ON}
-            # Networks draw weights, to be replaced, from the generator that is everybody's.
+            self.train_s = float(metadata["train_s"])
+            self.trained_on = {name: metadata[name] for name in TRAINED_ON}
+            # New networks draw weights, to be replaced, from torch's global generator.
             with torch.random.fork_rng(devices=[]):
-                self.prepare(problem, tensors, about)
+                self.prepare(problem, tensors, metadata)
         except InputError:
             raise
         except (RuntimeError, KeyError, ValueError) as error:
@@ -99,7 +94,7 @@ class Learned(Method):
 
     @abstractmethod
     def prepare(
-        self, problem: Problem, tensors: Mapping[str, Tensor], about: Mapping[str, str]
+        self, problem: Problem, tensors: Mapping[str, Tensor], metadata: Mapping[str, str]
     ) -> None:
         """Make the networks of a problem and give them the weights `tensors` of a file.
 
@@ -109,27 +104,41 @@ class Learned(Method):
 
     @abstractmethod
     def relative(self, difference: Array) -> Images:
-        """Conductivity over background (n, H, W) from differences to the reference (n, M) [V/A]."""
+        """Return conductivity over background (n, H, W) of differences (n, M) [V/A]."""
 
 
 @dataclass
-class OneNetwork(Learned):
-    """Base of the methods that are one network from voltages to conductivity."""
+class ImageNetworkMethod(TrainedMethod):
+    """Base of the methods that are one network from voltages to conductivity.
+
+    Attributes:
+        beta: weight of the physical loss beside the data loss, as published; 0 for none.
+    """
 
     source: ClassVar[str] = "Physics-Driven Learning Framework for Tomographic Tactile Sensing"
+    recipe: ClassVar = Recipe(epochs=100, patience=25)
+    options: ClassVar = ("limit", "operator", "beta", "backbone")
+    beta: ClassVar[float] = 0.0
+
+    @classmethod
+    def train(cls, job: TrainingJob) -> TrainingResult:
+        """See `Trainable`."""
+        from eitbench.methods.learned.image_network_training import train_image_network
+
+        return train_image_network(cls, job)
 
     def prepare(
-        self, problem: Problem, tensors: Mapping[str, Tensor], about: Mapping[str, str]
+        self, problem: Problem, tensors: Mapping[str, Tensor], metadata: Mapping[str, str]
     ) -> None:
-        """See `Learned`."""
+        """See `TrainedMethod`."""
         from eitbench.methods.networks.image_network import ImageNetwork
 
-        self._network = ImageNetwork(problem.sensor, about["backbone"])
+        self._network = ImageNetwork(problem.sensor, metadata["backbone"])
         self._network.load_state_dict(tensors)
         self._network.eval().requires_grad_(requires_grad=False)
 
     def relative(self, difference: Array) -> Images:
-        """See `Learned`."""
+        """See `TrainedMethod`."""
         import torch
 
         images: Images = self._network(torch.from_numpy(difference).float()).numpy()
@@ -138,17 +147,18 @@ class OneNetwork(Learned):
 
 @register("dnn")
 @dataclass
-class Dnn(OneNetwork):
+class Dnn(ImageNetworkMethod):
     """A U-Net from voltages to conductivity, trained on simulated touches (DNN)."""
 
-    expected_failures: ClassVar = asymmetry(MOVED, 0.064, 0.048)
+    expected_failures: ClassVar = asymmetry(LEARNED_SYMMETRY, 0.064, 0.048)
     files: ClassVar = WeightFiles("dnn", version="1")
 
 
 @register("phydnn")
 @dataclass
-class PhyDnn(OneNetwork):
+class PhyDnn(ImageNetworkMethod):
     """The U-Net of `dnn`, trained to explain the measured voltages too (PhyDNN)."""
 
-    expected_failures: ClassVar = asymmetry(MOVED, 0.079, 0.060)
+    expected_failures: ClassVar = asymmetry(LEARNED_SYMMETRY, 0.079, 0.060)
     files: ClassVar = WeightFiles("phydnn", version="1")
+    beta: ClassVar = 0.0029

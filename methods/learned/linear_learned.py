@@ -24,8 +24,8 @@ Array = NDArray[np.float64]
 TRAINING, VALIDATION = 4000, 600
 """Samples that are learned from: a hundred inputs are known well, and simulating them is quick."""
 
-UNMOVED = "it learns from touches at random places, which it does not turn or mirror"
-"""Why what it learns lacks the sensor's symmetry: from the few that `eitbench check` has."""
+LEARNED_NO_SYMMETRY = "it learns from touches at random places, which it does not turn or mirror"
+"""Reason why it lacks the sensor's symmetry, on the few samples that `eitbench check` has."""
 
 
 @register("linear-learned")
@@ -34,7 +34,7 @@ class LinearLearned(Method):
     """Ridge regression of images on voltages, over the training split; the baseline of learning."""
 
     source: ClassVar[str] = "Hoerl and Kennard, Technometrics 12(1), 1970"
-    expected_failures: ClassVar = asymmetry(UNMOVED, 0.38, 0.33)
+    expected_failures: ClassVar = asymmetry(LEARNED_NO_SYMMETRY, 0.38, 0.33)
 
     def fit(self, problem: Problem) -> None:
         """Solve for the map; the validation split chooses its regularisation."""

@@ -12,14 +12,14 @@ from torch import Tensor, nn
 
 from eitbench.methods.operator import Operator
 from eitbench.methods.registry import register_operator
+from eitbench.methods.training import Recipe, Trainable
 from eitbench.methods.weights.weight_files import WeightFiles
 from eitbench.scenarios.errors import DataCorruptError
 from eitbench.scenarios.sensors.reciprocity import independent
 
 if TYPE_CHECKING:
+    from eitbench.methods.training.job import TrainingJob, TrainingResult
     from eitbench.scenarios.sensors.sensor import Sensor
-
-WEIGHTS = WeightFiles("surrogate", version="1")
 
 BATCH = 256
 """Images that go through the network at once: more would only take more memory."""
@@ -35,29 +35,33 @@ HIDDEN = 256
 
 
 @register_operator("surrogate")
-class Surrogate(Operator):
+class Surrogate(Trainable, Operator):
     """A network trained to predict the voltages; its weights come with the package or from you."""
 
     source: ClassVar[str] = "Physics-Driven Learning Framework for Tomographic Tactile Sensing"
     precision: ClassVar[str] = "float32"
+    files: ClassVar = WeightFiles("surrogate", version="1")
+    recipe: ClassVar = Recipe(epochs=40)
 
     def __init__(self, sensor: Sensor) -> None:
         super().__init__(sensor)
-        path, tensors, about = WEIGHTS.load(sensor)
+        path, tensors, metadata = self.files.load(sensor)
         self._network = SurrogateNetwork(sensor)
         try:
             self._network.load_state_dict(tensors)
-            self.train_s = float(about["train_s"])
-            self.trained_on = about["device"]
+            self.train_s = float(metadata["train_s"])
+            self.trained_on = metadata["device"]
         except (RuntimeError, KeyError, ValueError) as error:
             raise DataCorruptError(f"{path} does not hold the weights of a surrogate.") from error
         self._network.requires_grad_(requires_grad=False)
         self._copies: dict[tuple[torch.dtype, torch.device], SurrogateNetwork] = {}
 
     @classmethod
-    def weights_hash(cls, sensor: Sensor) -> str:
-        """SHA-256 (hex) of the file of weights that it loads for `sensor`; "" if there is none."""
-        return WEIGHTS.content_hash(sensor)
+    def train(cls, job: TrainingJob) -> TrainingResult:
+        """See `Trainable`."""
+        from eitbench.methods.operators.surrogate_training import train_surrogate
+
+        return train_surrogate(job)
 
     def tensor_voltages(self, sigma: Tensor) -> Tensor:
         """The network's voltages: (n, H, W) to (n, M), in the precision and place of `sigma`."""

@@ -1,43 +1,48 @@
-"""Training: what is learned from a scenario's data, by one loop that survives being killed."""
+"""Training of the networks that methods and operators use, by one loop that can be interrupted."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from eitbench.methods.training.learned import train_learned
-from eitbench.methods.training.loop import TrainingInterruptedError
-from eitbench.methods.training.recipe import Devices
-from eitbench.methods.training.refined import train_refined
-from eitbench.methods.training.request import Request
-from eitbench.methods.training.surrogate import train_surrogate
+from eitbench.methods.registry import METHOD_REGISTRY, OPERATOR_REGISTRY
+from eitbench.methods.training.errors import DivergedError, TrainingInterruptedError
+from eitbench.methods.training.recipe import Recipe
+from eitbench.methods.training.request import Devices, TrainingRequest
+from eitbench.methods.training.trainable import Trainable
 from eitbench.scenarios.errors import unknown_name
 
 if TYPE_CHECKING:
-    from eitbench.methods.training.job import Training
+    from eitbench.methods.training.job import TrainingResult
 
-__all__ = ["Devices", "Request", "TrainingInterruptedError", "train"]
+__all__ = [
+    "Devices",
+    "DivergedError",
+    "Recipe",
+    "Trainable",
+    "TrainingInterruptedError",
+    "TrainingRequest",
+    "train",
+]
 
-TRAINERS = {
-    "dnn": train_learned,
-    "phydnn": train_learned,
-    "coarse-to-fine": train_refined,
-    "learned-gn": train_refined,
-    "surrogate": train_surrogate,
-}
 
-
-def train(request: Request) -> Training:
+def train(request: TrainingRequest) -> TrainingResult:
     """Train what is asked for, or continue, and put the weights in use.
 
     Raises:
-        InputError: nothing of that name can be trained, or not with these choices; a suite without
+        InputError: nothing of that name can be trained, or not with these options; a suite without
             training samples or with several sensors; too few samples; `out` holds a training with
             other settings; weights that it builds on are missing.
-        DataCorruptError: what `out` holds is damaged.
+        DataCorruptError: the checkpoint in `out` is damaged.
         TrainingInterruptedError: Ctrl-C or SIGTERM; the same request continues.
-        DivergedError: a loss is not finite; the last good state is kept.
+        DivergedError: a loss is not finite; the last good state is stored.
         EitbenchError: a folder is not writable or full.
     """
-    if request.name not in TRAINERS:
-        raise unknown_name("name to train", request.name, TRAINERS)
-    return TRAINERS[request.name](request)
+    from eitbench.methods.training.job import TrainingJob
+
+    known = METHOD_REGISTRY.known() | OPERATOR_REGISTRY.known()
+    trainable = {name: cls for name, cls in known.items() if issubclass(cls, Trainable)}
+    if request.name not in trainable:
+        raise unknown_name("name to train", request.name, trainable)
+    model = trainable[request.name]
+    request.check_options(model.options)
+    return model.train(TrainingJob.of(request, model))

@@ -1,27 +1,30 @@
-"""A training's state after an epoch: all that is needed to go on as if it had never stopped."""
+"""Checkpoint of a training after an epoch: all that is needed to continue it."""
 
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING
 
+import torch
+from torch import Tensor
+
 from eitbench.methods.training.curve import Epoch
-from eitbench.methods.weights.tensor_file import read_tensors, write_tensors
+from eitbench.scenarios.array_file import read_arrays, write_arrays
 from eitbench.scenarios.errors import DataCorruptError, InputError
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
     from pathlib import Path
 
-    from torch import Tensor
+CHECKPOINT_FILE = "checkpoint.safetensors"
 
-FILE = "checkpoint.safetensors"
+Tensors = Mapping[str, Tensor]
 
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """The state of a training between two epochs.
+    """The state of a training between two epochs; empty before the first.
 
     Attributes:
         weights: of the network.
@@ -30,10 +33,10 @@ class Checkpoint:
         curve: the finished epochs.
     """
 
-    weights: Mapping[str, Tensor]
-    best: Mapping[str, Tensor]
-    optimizer: Mapping[str, Tensor]
-    curve: tuple[Epoch, ...]
+    weights: Tensors = field(default_factory=dict)
+    best: Tensors = field(default_factory=dict)
+    optimizer: Tensors = field(default_factory=dict)
+    curve: tuple[Epoch, ...] = ()
 
     def write(self, folder: Path, settings: Mapping[str, object]) -> None:
         """Replace the checkpoint in `folder`: a reader finds the old one or the new.
@@ -42,9 +45,13 @@ class Checkpoint:
             EitbenchError: the folder is not writable or full.
         """
         groups = {"weights": self.weights, "best": self.best, "optimizer": self.optimizer}
-        write_tensors(
-            folder / FILE,
-            {f"{group}/{name}": t for group, named in groups.items() for name, t in named.items()},
+        write_arrays(
+            folder / CHECKPOINT_FILE,
+            {
+                f"{group}/{name}": tensor.detach().cpu().numpy()
+                for group, named in groups.items()
+                for name, tensor in named.items()
+            },
             {
                 "settings": json.dumps(settings),
                 "curve": json.dumps([asdict(epoch) for epoch in self.curve]),
@@ -52,35 +59,50 @@ class Checkpoint:
         )
 
     @classmethod
-    def read(cls, folder: Path, settings: Mapping[str, object]) -> Checkpoint | None:
-        """The checkpoint in `folder`; None if there is none.
+    def read(cls, folder: Path, settings: Mapping[str, object]) -> Checkpoint:
+        """Return the checkpoint in `folder`; an empty one if there is none.
 
         Raises:
             InputError: the training there was begun with other `settings`.
             DataCorruptError: the file is damaged.
         """
-        path = folder / FILE
-        again = f"delete {path} to begin again"
+        path = folder / CHECKPOINT_FILE
+        remedy = f"delete {path} to begin again"
         try:
-            found = read_tensors(path)
+            found = read_arrays(path)
         except DataCorruptError as error:
-            raise DataCorruptError(f"{error} To train, {again}.") from error
+            raise DataCorruptError(f"{error} To train, {remedy}.") from error
         if found is None:
-            return None
-        tensors, about = found
+            return cls()
+        arrays, metadata = found
         try:
-            begun = json.loads(about["settings"])
-            curve = tuple(Epoch(**epoch) for epoch in json.loads(about["curve"]))
+            begun = json.loads(metadata["settings"])
+            curve = tuple(Epoch(**epoch) for epoch in json.loads(metadata["curve"]))
             groups: dict[str, dict[str, Tensor]] = {"weights": {}, "best": {}, "optimizer": {}}
-            for key, tensor in tensors.items():
+            for key, array in arrays.items():
                 group, name = key.split("/")
-                groups[group][name] = tensor
+                groups[group][name] = torch.from_numpy(array)
         except (KeyError, TypeError, ValueError) as error:
-            raise DataCorruptError(f"{path} is no checkpoint of a training: {again}.") from error
+            raise DataCorruptError(f"{path} is no checkpoint of a training: {remedy}.") from error
         for name, value in settings.items():
             if begun.get(name) != value:
                 raise InputError(
                     f"The training in {folder} was begun with {name} {begun.get(name)!r}, not "
-                    f"{value!r}: choose another folder with --out, or {again}."
+                    f"{value!r}: choose another folder with --out, or {remedy}."
                 )
         return cls(**groups, curve=curve)
+
+
+def optimizer_tensors(optimizer: torch.optim.Optimizer) -> dict[str, Tensor]:
+    """Return the state of an optimizer as named tensors."""
+    state = optimizer.state_dict()["state"]
+    return {f"{k}.{name}": value for k, named in state.items() for name, value in named.items()}
+
+
+def restore_optimizer(optimizer: torch.optim.Optimizer, tensors: Tensors) -> None:
+    """Give an optimizer the state that `optimizer_tensors` returned."""
+    state: dict[int, dict[str, Tensor]] = {}
+    for key, value in tensors.items():
+        number, name = key.split(".", 1)
+        state.setdefault(int(number), {})[name] = value
+    optimizer.load_state_dict({**optimizer.state_dict(), "state": state})

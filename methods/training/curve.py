@@ -1,4 +1,4 @@
-"""Learning curves, and what a training ends with."""
+"""Learning curves, and the network that a training ends with."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
     from torch import Tensor
 
-LOG = "curve.csv"
+CURVE_FILE = "curve.csv"
 
 
 @dataclass(frozen=True)
@@ -36,15 +36,15 @@ class Epoch:
     others: Mapping[str, float] = field(default_factory=dict)
 
     def row(self) -> dict[str, float]:
-        """All figures by name."""
+        """Return all figures by name."""
         figures = asdict(self)
         figures.update(figures.pop("others"))
         return figures
 
 
 @dataclass(frozen=True)
-class Trained:
-    """What came of a training.
+class FittedNetwork:
+    """The network that a training ends with.
 
     Attributes:
         weights: the network's, after the best epoch, on the CPU.
@@ -61,8 +61,8 @@ class Trained:
         """The epoch with the lowest validation loss."""
         return best(self.curve)
 
-    def about(self) -> dict[str, str]:
-        """What is noted with the weights."""
+    def metadata(self) -> dict[str, str]:
+        """Return the metadata of its weights that concern the training."""
         return {
             "epochs": str(len(self.curve)),
             "best_epoch": str(self.best.epoch),
@@ -72,14 +72,14 @@ class Trained:
 
 
 def best(curve: tuple[Epoch, ...]) -> Epoch:
-    """The epoch with the lowest validation loss, the first of equals."""
+    """Return the epoch with the lowest validation loss, the first of equals."""
     return min(curve, key=lambda epoch: epoch.validation)
 
 
-def write_log(folder: Path, curve: tuple[Epoch, ...]) -> None:
+def write_curve(folder: Path, curve: tuple[Epoch, ...]) -> None:
     """Write the curve as a table (`curve.csv`), one line for an epoch."""
     rows = [epoch.row() for epoch in curve]
-    with (folder / LOG).open("w", newline="") as file:
+    with (folder / CURVE_FILE).open("w", newline="") as file:
         table = csv.DictWriter(file, list(rows[-1]))
         table.writeheader()
         table.writerows(rows)

@@ -1,45 +1,47 @@
-"""What every training does before and after: find its data, keep weights, put them in use."""
+"""Steps that every training takes before and after its epochs: data, checkpoint, weights in use."""
 
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING
 
-import numpy as np
 import torch
-from torch import Tensor
 
 from eitbench import __version__
+from eitbench.methods.training.loop import fit, read_checkpoint
+from eitbench.methods.training.samples import training_scenario
 from eitbench.methods.weights.weight_files import sensor_key, user_weights
 from eitbench.scenarios.atomic_write import atomic_write
 from eitbench.scenarios.cache_dir import cache_dir
-from eitbench.scenarios.data.simulation import clean_voltages, phantom
 from eitbench.scenarios.errors import InputError
-from eitbench.scenarios.phantoms.phantom import rasterise
-from eitbench.scenarios.suites.scenario import SimulatedScenario
-from eitbench.scenarios.suites.suite import Suite
+from eitbench.scenarios.suites.suite import load_suite
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
-    from eitbench.methods.training.curve import Epoch
-    from eitbench.methods.training.request import Request
+    from torch import Tensor
+
+    from eitbench.methods.training.curve import Epoch, FittedNetwork
+    from eitbench.methods.training.recipe import Recipe
+    from eitbench.methods.training.request import TrainingRequest
+    from eitbench.methods.training.task import Data, TrainingTask
+    from eitbench.methods.training.trainable import Trainable
     from eitbench.methods.weights.weight_files import WeightFiles
-    from eitbench.scenarios.data.datasets import Dataset
     from eitbench.scenarios.sensors.sensor import Sensor
-    from eitbench.scenarios.suites.scenario import Split
+    from eitbench.scenarios.suites.scenario import SimulatedScenario
 
 
 @dataclass(frozen=True)
-class Training:
+class TrainingResult:
     """A finished training.
 
     Attributes:
         name: of the method or operator.
         weights: the file of weights.
-        in_use: whether they will be used from now on.
+        in_use: True if they will be used from now on.
         validation_mse: mean squared error on the validation split.
         baseline, baseline_mse: what to compare it with, and its error.
     """
@@ -52,138 +54,170 @@ class Training:
     baseline_mse: float
 
     def sentences(self) -> list[str]:
-        """What to tell the user."""
+        """Return sentences for the user."""
         ratio = self.baseline_mse / self.validation_mse
         beside = f"{ratio:.3g} times below" if ratio >= 1 else "not below"
-        said = [
+        sentences = [
             f"Validation MSE: {self.validation_mse:.3g}, {beside} the "
             f"{self.baseline_mse:.3g} of {self.baseline}.",
             f"Weights: {self.weights}",
         ]
         if self.in_use:
-            said.append(f"{self.name!r} uses them from now on; delete the file to go back.")
-        return said
+            sentences.append(f"{self.name!r} uses them from now on; delete the file to go back.")
+        return sentences
 
 
-def training_scenario(suite: Suite) -> SimulatedScenario:
-    """The suite's first simulated scenario with training and validation samples.
+@dataclass(frozen=True)
+class TrainingJob:
+    """A training on the data that its request names.
 
-    Raises:
-        InputError: there is none, or several sensors are simulated.
+    Attributes:
+        files: of the weights.
+        recipe: with the epochs and the seed that are asked for.
     """
-    simulated = [
-        scenario
-        for scenario in suite.scenarios
-        if isinstance(scenario, SimulatedScenario) and scenario.train and scenario.validation
-    ]
-    if not simulated:
-        raise InputError(
-            f"Suite {suite.name!r} has no simulated scenario with training and validation samples."
+
+    request: TrainingRequest
+    files: WeightFiles
+    recipe: Recipe
+    scenario: SimulatedScenario
+
+    @classmethod
+    def of(cls, request: TrainingRequest, model: type[Trainable]) -> TrainingJob:
+        """Return the job of training `model` as requested.
+
+        Raises:
+            InputError: no epoch, or a suite that cannot be trained on.
+        """
+        epochs = model.recipe.epochs if request.epochs is None else request.epochs
+        recipe = replace(model.recipe, epochs=epochs, seed=request.seed)
+        return cls(request, model.files, recipe, training_scenario(load_suite(request.suite)))
+
+    @property
+    def sensor(self) -> Sensor:
+        """The nominal sensor."""
+        return self.scenario.nominal_sensor
+
+    @property
+    def folder(self) -> Path:
+        """The folder of the training: as requested, by default one in the cache."""
+        name = self.files.file_name(self.sensor).removesuffix(".safetensors")
+        return self.request.out or cache_dir() / "training" / name
+
+    @cached_property
+    def settings(self) -> dict[str, object]:
+        """What decides the result beside the recipe: network, sensor and data."""
+        return {
+            "name": self.files.name,
+            "network_version": self.files.version,
+            "sensor_key": sensor_key(self.sensor),
+            "scenario": self.scenario.name,
+            "train_data": self.scenario.data_hash("train"),
+            "validation_data": self.scenario.data_hash("validation"),
+        }
+
+    def training_count(self) -> int:
+        """Return how many training samples are used.
+
+        Raises:
+            InputError: too few for an epoch of more than a step.
+        """
+        limit, declared, least = self.request.limit, self.scenario.train, 2 * self.recipe.batch
+        count = declared if limit is None else min(limit, declared)
+        if count < least:
+            raise InputError(
+                f"{count} training samples are too few: scenario {self.scenario.name!r} declares "
+                f"{declared}, and training takes at least {least}."
+            )
+        return count
+
+    def check(self, settings: Mapping[str, object], step: str = "") -> None:
+        """Check that `fit` can begin or continue, before minutes are spent on data.
+
+        Raises:
+            InputError: the folder holds a training with other settings.
+            DataCorruptError: its checkpoint is damaged.
+        """
+        read_checkpoint(self.folder / step, self.recipe, self.settings | dict(settings))
+
+    def fit(
+        self,
+        task: TrainingTask,
+        train: Data,
+        validation: Data,
+        settings: Mapping[str, object],
+        *,
+        compared: Data | None = None,
+        step: str = "",
+    ) -> FittedNetwork:
+        """Train a network, in the sub-folder `step`; see `loop.fit`.
+
+        `settings` decide the result beside those of the job.
+        """
+        return fit(
+            task,
+            self.recipe,
+            train,
+            validation,
+            self.folder / step,
+            self.settings | dict(settings),
+            compared=compared,
+            devices=self.request.devices,
+            progress=self.request.progress,
         )
-    others = {sensor_key(s.nominal_sensor): s.nominal_sensor.name for s in simulated}
-    if len(others) > 1:
-        raise InputError(
-            f"Suite {suite.name!r} simulates {len(others)} sensors ({', '.join(others.values())}): "
-            "a training is for one, so use a suite for each."
+
+    def finish(
+        self,
+        fitted: FittedNetwork,
+        metadata: Mapping[str, str],
+        baseline: str,
+        baseline_mse: float,
+        *,
+        weights: Mapping[str, Tensor] | None = None,
+        curve: Sequence[Epoch] | None = None,
+    ) -> TrainingResult:
+        """Write the weights with their learning curve (JSON) beside them, and put them in use.
+
+        The file in the result is the one that is used, or else the one in the training's folder.
+
+        Args:
+            fitted: the network, the last one if there are several.
+            metadata: of the weights, beside what concerns all trainings.
+            baseline, baseline_mse: see `TrainingResult`.
+            weights, curve: of all networks, if there are several.
+
+        Raises:
+            EitbenchError: a folder is not writable or full.
+        """
+        curve = fitted.curve if curve is None else curve
+        metadata = {
+            "seed": str(self.request.seed),
+            "scenario": self.scenario.name,
+            "train_data": str(self.settings["train_data"]),
+            "validation_data": str(self.settings["validation_data"]),
+            "command": self.request.command(self.recipe.epochs),
+            **metadata,
+            **fitted.metadata(),
+            "train_s": f"{sum(epoch.seconds for epoch in curve):.1f}",
+            "eitbench": __version__,
+            "torch": torch.__version__,
+        }
+        path = self.folder / self.files.file_name(self.sensor)
+        self.files.save(path, self.sensor, weights or fitted.weights, metadata)
+        content = {**metadata, "curve": [epoch.row() for epoch in curve]}
+        path.with_suffix(".json").write_text(json.dumps(content, indent=1) + "\n")
+        return TrainingResult(
+            self.request.name,
+            _put_in_use(path) if self.request.use else path,
+            self.request.use,
+            fitted.best.validation,
+            baseline,
+            baseline_mse,
         )
-    return simulated[0]
-
-
-def training_folder(files: WeightFiles, sensor: Sensor, out: Path | None) -> Path:
-    """Where a training is kept: `out`, by default a folder in the cache."""
-    return out or cache_dir() / "training" / files.file_name(sensor).removesuffix(".safetensors")
-
-
-def data_settings(files: WeightFiles, scenario: SimulatedScenario) -> dict[str, object]:
-    """What decides the result beside the recipe: network, sensor and data."""
-    return {
-        "name": files.name,
-        "network_version": files.version,
-        "sensor_key": sensor_key(scenario.nominal_sensor),
-        "scenario": scenario.name,
-        "train_data": scenario.data_hash("train"),
-        "validation_data": scenario.data_hash("validation"),
-    }
-
-
-def training_count(request: Request, scenario: SimulatedScenario, least: int) -> int:
-    """How many training samples are used.
-
-    Raises:
-        InputError: fewer than `least`.
-    """
-    count = scenario.train if request.limit is None else min(request.limit, scenario.train)
-    if count < least:
-        raise InputError(
-            f"{count} training samples are too few: scenario {scenario.name!r} declares "
-            f"{scenario.train}, and training takes at least {least}."
-        )
-    return count
-
-
-def no_split(split: str, limit: int | None) -> Dataset:
-    """What the problem of a training answers: the training reads its data itself."""
-    raise RuntimeError(f"Training reads the {split} split itself.")
-
-
-def clean_samples(
-    scenario: SimulatedScenario, split: Split, count: int, *, jobs: int, progress: bool
-) -> tuple[Tensor, Tensor]:
-    """Conductivities (n, H, W) [S/m] in float32 and clean voltages (n, M) [V/A] in float64."""
-    voltages = clean_voltages(scenario, split, count, jobs=jobs, progress=progress)
-    return images(scenario, split, count), torch.from_numpy(voltages)
-
-
-def images(scenario: SimulatedScenario, split: Split, count: int) -> Tensor:
-    """Conductivities (n, H, W) [S/m] in float32; the background outside the sensor."""
-    sensor = scenario.nominal_sensor
-    drawn = np.empty((count, *sensor.image_shape), dtype=np.float32)
-    for sample, image in enumerate(drawn):
-        image[:] = rasterise(phantom(scenario, split, sample), sensor)
-    drawn[:, ~sensor.mask] = sensor.background
-    return torch.from_numpy(drawn)
-
-
-def finish(
-    request: Request,
-    files: WeightFiles,
-    scenario: SimulatedScenario,
-    weights: Mapping[str, Tensor],
-    curve: Sequence[Epoch],
-    about: Mapping[str, str],
-) -> Path:
-    """Write the weights with their learning curve (JSON) beside them, and put them in use.
-
-    Returns the file that is used, or else the one in the training's folder.
-
-    Raises:
-        EitbenchError: a folder is not writable or full.
-    """
-    sensor = scenario.nominal_sensor
-    settings = data_settings(files, scenario)
-    about = {
-        "seed": str(request.seed),
-        "scenario": scenario.name,
-        "train_data": str(settings["train_data"]),
-        "validation_data": str(settings["validation_data"]),
-        **about,
-        "train_s": f"{sum(epoch.seconds for epoch in curve):.1f}",
-        "eitbench": __version__,
-        "torch": torch.__version__,
-    }
-    path = training_folder(files, sensor, request.out) / files.file_name(sensor)
-    files.save(path, sensor, weights, about)
-    content = json.dumps({**about, "curve": [epoch.row() for epoch in curve]}, indent=1) + "\n"
-    path.with_suffix(".json").write_text(content)
-    return _put_in_use(path) if request.use else path
 
 
 def _put_in_use(weights: Path) -> Path:
     """Copy weights and learning curve to where the user's own are looked for."""
     used = user_weights() / weights.name
-    for source, target in (
-        (weights.with_suffix(".json"), used.with_suffix(".json")),
-        (weights, used),
-    ):
-        atomic_write(target, source.read_bytes())
+    for suffix in (".json", used.suffix):
+        atomic_write(used.with_suffix(suffix), weights.with_suffix(suffix).read_bytes())
     return used

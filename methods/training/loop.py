@@ -1,40 +1,41 @@
-"""The training loop: seeded, kept after every epoch, and the same after an interruption."""
+"""The training loop: seeded, stored after every epoch, and the same after an interruption."""
 
 from __future__ import annotations
 
-import logging
-import os
-import signal
-import warnings
-from contextlib import contextmanager
+import math
+import time
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 import torch
-from lightning.pytorch import Trainer
+from torch import Tensor
 
-from eitbench.methods.training.checkpoint import Checkpoint
-from eitbench.methods.training.curve import Trained
-from eitbench.methods.training.keeper import Keeper
+from eitbench.methods.training.checkpoint import (
+    Checkpoint,
+    optimizer_tensors,
+    restore_optimizer,
+)
+from eitbench.methods.training.curve import Epoch, FittedNetwork, best, write_curve
+from eitbench.methods.training.errors import DivergedError, TrainingInterruptedError
 from eitbench.methods.training.progress import EpochProgress
-from eitbench.methods.training.recipe import ONE_DEVICE, Devices
-from eitbench.scenarios.errors import EitbenchError
+from eitbench.methods.training.replicas import Replica, replicas
+from eitbench.methods.training.request import Devices
+from eitbench.scenarios.interrupts import termination_interrupts
 from eitbench.scenarios.seeds import generator
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Callable, Iterator, Mapping
     from pathlib import Path
 
     from eitbench.methods.training.recipe import Recipe
-    from eitbench.methods.training.trainee import Data, Trainee
+    from eitbench.methods.training.task import Data, TrainingTask
 
-
-class TrainingInterruptedError(EitbenchError):
-    """The training was stopped by the user; finished epochs are kept."""
+LARGEST_GRADIENT = 1.0
+"""Norm to which the gradient of a step is shortened."""
 
 
 def fit(
-    trainee: Trainee,
+    task: TrainingTask,
     recipe: Recipe,
     train: Data,
     validation: Data,
@@ -42,76 +43,61 @@ def fit(
     settings: Mapping[str, object],
     *,
     compared: Data | None = None,
-    devices: Devices = ONE_DEVICE,
+    devices: Devices | None = None,
     progress: bool = False,
-) -> Trained:
-    """Train by `recipe`, or continue what was begun in `folder`, and keep every epoch there.
+) -> FittedNetwork:
+    """Train by `recipe`, or continue what was begun in `folder`, with a checkpoint every epoch.
 
-    On the CPU, a training that was continued gives the same weights as one that never stopped. The
-    network ends with the last epoch's weights; the best ones are returned.
+    On the CPU, a training that was continued gives the same weights as one that never stopped.
 
     Args:
         train: tensors with the training samples along their first axis.
         validation: likewise.
         settings: what else decides the result, as plain values: data, initial weights.
-        compared: samples that the trainee's validation step sees too, as those of data loader 1.
-        devices: to train on; each but the first is given to a copy of this process, which ends
-            here.
-        progress: show on stderr how far it is.
+        compared: training samples whose losses are to be compared with those of validation.
+        devices: to train on; each but the first is driven by a process of its own.
+        progress: show the progress on stderr.
 
     Raises:
         InputError: `folder` holds a training with other settings.
-        DataCorruptError: what it holds is damaged.
+        DataCorruptError: its checkpoint is damaged.
         TrainingInterruptedError: Ctrl-C or SIGTERM; the same call continues.
-        DivergedError: a loss is not finite; the last good state is kept.
+        DivergedError: a loss is not finite; the last good state is stored.
         EitbenchError: the folder is not writable or full.
     """
-    begun = begun_in(folder, recipe, settings)
-    if begun is not None:
-        trainee.network.load_state_dict(begun.weights)
-    done = 0 if begun is None else len(begun.curve)
-    copy = "LOCAL_RANK" in os.environ  # as Lightning starts them
-    with EpochProgress(recipe.epochs, quiet=copy or not progress) as bar, _without_noise():
-        keeper = Keeper(recipe, folder, {**settings, **asdict(recipe)}, begun, bar)
-        trainer = Trainer(
-            accelerator=devices.kind,
-            devices=devices.count,
-            strategy="auto" if devices.count == 1 else "ddp",
-            max_epochs=recipe.epochs - done,
-            gradient_clip_val=1.0,
-            num_sanity_val_steps=0,
-            logger=False,
-            enable_checkpointing=False,
-            enable_progress_bar=False,
-            enable_model_summary=False,
-            callbacks=[keeper],
-        )
-        place = trainer.strategy.root_device
-        if not recipe.over_after(keeper.curve):
-            shuffled = _Batches(
-                train,
-                recipe.batch,
-                place,
-                seed=recipe.seed,
-                epoch=done,
-                rank=trainer.global_rank,
-                devices=trainer.world_size,
-            )
-            watched = [
-                _Batches(data, recipe.batch, place)
-                for data in (validation, compared)
-                if data is not None
-            ]
-            with _interruption_is_an_error(folder), torch.random.fork_rng():
-                trainer.fit(trainee, shuffled, watched)
-            if copy:
-                raise SystemExit(0)
-    weights = {name: tensor.cpu() for name, tensor in keeper.best.items()}
-    return Trained(weights, keeper.curve, _name(place))
+    devices = devices or Devices()
+    state = read_checkpoint(folder, recipe, settings)
+    seen = {"validation": validation} | ({} if compared is None else {"train": compared})
+    arguments = (task, recipe, train, seen, state)
+    with EpochProgress(recipe.epochs, quiet=not progress) as bar:
+        bar.moved(len(state.curve))
+        try:
+            with (
+                termination_interrupts(),
+                torch.random.fork_rng(),
+                replicas(devices, run_epochs, arguments) as replica,
+            ):
+                for state in run_epochs(*arguments, replica, bar.moved):
+                    state.write(folder, {**settings, **asdict(recipe)})
+                    write_curve(folder, state.curve)
+                    bar.finished(state.curve[-1])
+        except KeyboardInterrupt as stop:
+            raise TrainingInterruptedError(
+                f"Interrupted: finished epochs are stored in {folder}; the same command continues."
+            ) from stop
+        except FloatingPointError as error:
+            done = len(state.curve)
+            stored = f"its state after epoch {done} is stored" if done else "nothing was stored"
+            raise DivergedError(
+                f"The training in {folder} diverged: a loss in epoch {done + 1} is not finite; "
+                f"{stored}."
+            ) from error
+    weights = {name: tensor.cpu() for name, tensor in state.best.items()}
+    return FittedNetwork(weights, state.curve, replica.device_name)
 
 
-def begun_in(folder: Path, recipe: Recipe, settings: Mapping[str, object]) -> Checkpoint | None:
-    """What `fit` would continue; also a quick way to learn that it cannot.
+def read_checkpoint(folder: Path, recipe: Recipe, settings: Mapping[str, object]) -> Checkpoint:
+    """Return what `fit` would continue; also a quick way to learn that it cannot.
 
     Raises:
         InputError, DataCorruptError: as for `fit`.
@@ -119,72 +105,91 @@ def begun_in(folder: Path, recipe: Recipe, settings: Mapping[str, object]) -> Ch
     return Checkpoint.read(folder, {**settings, **asdict(recipe)})
 
 
-class _Batches:
-    """Batches of samples that stay on the device; a new order each epoch if there is a seed."""
+def run_epochs(
+    task: TrainingTask,
+    recipe: Recipe,
+    train: Data,
+    seen: Mapping[str, Data],
+    state: Checkpoint,
+    replica: Replica,
+    moved: Callable[[float], None],
+) -> Iterator[Checkpoint]:
+    """Yield the state after every epoch that is to follow `state`.
 
-    def __init__(
-        self,
-        data: Data,
-        size: int,
-        device: torch.device,
-        *,
-        seed: int | None = None,
-        epoch: int = 0,
-        rank: int = 0,
-        devices: int = 1,
-    ) -> None:
-        """This process is given the share number `rank` of every batch, of `devices` shares."""
-        self.data = tuple(tensor.to(device) for tensor in data)
-        self.size, self.seed, self.epoch = size, seed, epoch
-        self.rank, self.devices = rank, devices
+    Args:
+        seen: samples by split, whose losses are worked out after every epoch.
+        replica: the device, and this process's share of every batch.
+        moved: is told how many epochs are done, after every step.
 
-    def __len__(self) -> int:
-        whole, rest = divmod(len(self.data[0]), self.size)
-        return whole + (rest >= self.devices)
+    Raises:
+        FloatingPointError: a loss is not finite.
+    """
+    device = replica.device
+    task.to(device)
+    train = tuple(tensor.to(device) for tensor in train)
+    seen = {split: tuple(tensor.to(device) for tensor in data) for split, data in seen.items()}
+    optimizer = task.optimizer()
+    if state.curve:
+        task.network.load_state_dict(state.weights)
+        restore_optimizer(optimizer, state.optimizer)
+    parameters = list(task.network.parameters())
+    while not recipe.over_after(state.curve):
+        done, started = len(state.curve), time.perf_counter()
+        torch.manual_seed(replica.seed(generator("training epoch", recipe.seed, done)))
+        order = generator("training order", recipe.seed, done).permutation(len(train[0]))
+        batches = replica.shares(torch.from_numpy(order).to(device), recipe.batch)
+        total, count = torch.zeros((), device=device), 0
+        for index, chosen in enumerate(batches):
+            progress = done + index / len(batches)
+            moved(progress)
+            rate = recipe.rate_at(progress / recipe.epochs)
+            for group in optimizer.param_groups:
+                group["lr"] = rate
+            objective, loss = task.objective(tuple(tensor[chosen] for tensor in train), done)
+            if replica.count == 1 and device.type == "cpu":  # elsewhere, asking would take time
+                _check_finite(float(objective.detach()))
+            optimizer.zero_grad()
+            objective.backward()  # type: ignore[no-untyped-call]
+            replica.average_gradients(parameters)
+            torch.nn.utils.clip_grad_norm_(parameters, LARGEST_GRADIENT)
+            optimizer.step()
+            total, count = total + loss.detach() * len(chosen), count + len(chosen)
+        losses = _mean_losses(task, seen, recipe.batch)
+        losses["train"] = replica.mean(total, count)
+        _check_finite(*losses.values())
+        epoch = Epoch(
+            epoch=done + 1,
+            train=losses.pop("train"),
+            validation=losses.pop("validation"),
+            rate=rate,
+            seconds=time.perf_counter() - started,
+            others=losses,
+        )
+        curve, weights = (*state.curve, epoch), task.network.state_dict()
+        kept = state.best
+        if best(curve) is epoch:
+            kept = {name: tensor.clone() for name, tensor in weights.items()}
+        state = Checkpoint(weights, kept, optimizer_tensors(optimizer), curve)
+        yield state
 
-    def __iter__(self) -> Iterator[Data]:
-        count = len(self.data[0])
-        order = torch.arange(count)
-        if self.seed is not None:
-            rng = generator("training order", self.seed, self.epoch)
-            order = torch.from_numpy(rng.permutation(count))
-        self.epoch += 1
-        parts = torch.split(order.to(self.data[0].device), self.size)
-        for part in parts[: len(self)]:
-            share = part[self.rank :: self.devices]
-            yield tuple(tensor[share] for tensor in self.data)
+
+def _mean_losses(task: TrainingTask, seen: Mapping[str, Data], batch: int) -> dict[str, float]:
+    """Return the mean losses over the samples of each split, by split and name of the loss."""
+    losses = {}
+    task.eval()
+    with torch.no_grad():  # operators may store tensors that are differentiated later
+        for split, data in seen.items():
+            totals: dict[str, Tensor] = {}
+            for first in range(0, len(data[0]), batch):
+                part = tuple(tensor[first : first + batch] for tensor in data)
+                for name, loss in task.losses(part).items():
+                    totals[name] = totals.get(name, 0) + loss * len(part[0])
+            for name, total in totals.items():
+                losses[f"{split}_{name}" if name else split] = float(total / len(data[0]))
+    task.train()
+    return losses
 
 
-def _name(device: torch.device) -> str:
-    if device.type == "cuda":
-        return torch.cuda.get_device_name(device)
-    return device.type
-
-
-@contextmanager
-def _interruption_is_an_error(folder: Path) -> Iterator[None]:
-    """Lightning answers Ctrl-C and SIGTERM with an exit, after which Ctrl-C is ignored."""
-    handler = signal.getsignal(signal.SIGINT)
-    try:
-        yield
-    except (KeyboardInterrupt, SystemExit) as stop:
-        signal.signal(signal.SIGINT, handler)
-        raise TrainingInterruptedError(
-            f"Interrupted: finished epochs are kept in {folder}; the same command continues."
-        ) from stop
-
-
-@contextmanager
-def _without_noise() -> Iterator[None]:
-    """Keep back Lightning's remarks on the machine and on what else one might use."""
-    logs = [logging.getLogger(f"lightning.{part}") for part in ("pytorch", "fabric")]
-    levels = [log.level for log in logs]
-    for log in logs:
-        log.setLevel(logging.ERROR)
-    try:
-        with warnings.catch_warnings():
-            warnings.filterwarnings("ignore", module=r"lightning\.")
-            yield
-    finally:
-        for log, level in zip(logs, levels, strict=True):
-            log.setLevel(level)
+def _check_finite(*losses: float) -> None:
+    if not all(map(math.isfinite, losses)):
+        raise FloatingPointError

@@ -8,7 +8,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from eitbench.methods.weights.tensor_file import read_tensors, write_tensors
+from eitbench.scenarios.array_file import read_arrays, write_arrays
 from eitbench.scenarios.cache_dir import cache_dir
 from eitbench.scenarios.errors import DataCorruptError, InputError
 from eitbench.scenarios.sensors.sensor import content_hash
@@ -26,7 +26,7 @@ class Weights(NamedTuple):
 
     path: Path
     tensors: dict[str, Tensor]
-    about: dict[str, str]
+    metadata: dict[str, str]
 
 
 @dataclass(frozen=True)
@@ -52,9 +52,9 @@ class WeightFiles:
         return f"{self.name}-{sensor.name}-{sensor_key(sensor)[:12]}.safetensors"
 
     def save(
-        self, path: Path, sensor: Sensor, tensors: Mapping[str, Tensor], about: Mapping[str, str]
+        self, path: Path, sensor: Sensor, tensors: Mapping[str, Tensor], metadata: Mapping[str, str]
     ) -> None:
-        """Write a file of weights for `sensor`, with what is known `about` their training.
+        """Write a file of weights for `sensor`, with what is known `metadata` their training.
 
         Raises:
             EitbenchError: the folder is not writable or full.
@@ -64,7 +64,8 @@ class WeightFiles:
             "sensor": sensor.name,
             "sensor_key": sensor_key(sensor),
         }
-        write_tensors(path, tensors, {**about, **fixed})
+        arrays = {name: tensor.detach().cpu().numpy() for name, tensor in tensors.items()}
+        write_arrays(path, arrays, {**metadata, **fixed})
 
     def load(self, sensor: Sensor, path: Path | None = None) -> Weights:
         """The weights for `sensor`: those in the file `path`, or the user's own, or the packaged.
@@ -103,23 +104,25 @@ class WeightFiles:
 
     def _read(self, path: Path, sensor: Sensor) -> Weights | None:
         try:
-            found = read_tensors(path)
+            found = read_arrays(path)
         except DataCorruptError as error:
             raise DataCorruptError(f"{error} {self._again(path)}") from error
         if found is None:
             return None
-        tensors, about = found
-        if about.get("sensor_key") != sensor_key(sensor):
+        arrays, metadata = found
+        if metadata.get("sensor_key") != sensor_key(sensor):
             raise InputError(
-                f"{path} holds weights for another sensor, {about.get('sensor')!r}, than "
+                f"{path} holds weights for another sensor, {metadata.get('sensor')!r}, than "
                 f"{sensor.name!r}. {self._again(path)}"
             )
-        if about.get("network_version") != self.version:
+        if metadata.get("network_version") != self.version:
             raise InputError(
-                f"{path} holds weights for version {about.get('network_version')} of "
+                f"{path} holds weights for version {metadata.get('network_version')} of "
                 f"{self.name!r}, and this is version {self.version}. {self._again(path)}"
             )
-        return Weights(path, tensors, about)
+        from torch import from_numpy
+
+        return Weights(path, {name: from_numpy(array) for name, array in arrays.items()}, metadata)
 
     def _again(self, path: Path) -> str:
         if path.parent == packaged_weights():

@@ -1,22 +1,24 @@
 """Simulated voltages before noise: made on demand, in parallel, and cached by content.
 
-The cache holds `simulated/<hash of the parameters>/<split>-<first sample>.h5`, files of up to
-CHUNK samples each. A file that holds fewer samples than are asked for is completed. Phantoms and
+The cache holds `simulated/<hash of the parameters>/<split>-<first sample>.safetensors`, files of up
+to CHUNK samples each. A file that holds fewer samples than are asked for is completed. Phantoms and
 noise are not stored: they are drawn again from their keys.
 """
 
+import json
 import logging
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 
 import joblib
 import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from eitbench.scenarios.array_file import read_arrays, write_arrays
 from eitbench.scenarios.cache_dir import cache_dir
-from eitbench.scenarios.data.cache_file import CacheFile
-from eitbench.scenarios.errors import DataCorruptError
+from eitbench.scenarios.errors import DataCorruptError, EitbenchError
 from eitbench.scenarios.guard import check_open
 from eitbench.scenarios.imperfections.imperfections import TOUCH_INTERVAL_S
 from eitbench.scenarios.phantoms.phantom import Phantom, draw, rasterise
@@ -56,7 +58,7 @@ def clean_voltages(
     chunks = _chunks(scenario, split, count)
     ready: dict[int, Array] = {}
     for chunk in chunks:
-        stored = _read(chunk.file)
+        stored = _read(chunk)
         if stored is not None and len(stored) >= chunk.count:
             ready[chunk.first] = stored[: chunk.count]
     missing = [chunk for chunk in chunks if chunk.first not in ready]
@@ -93,7 +95,50 @@ class _Chunk:
 
     first: int
     count: int
-    file: CacheFile
+    path: Path
+    parameters: Mapping[str, object]
+
+    def read(self) -> Array | None:
+        """Return the stored voltages (n, M), of any number of samples; None if there is no file.
+
+        Raises:
+            DataCorruptError: the file is damaged or was made from other parameters.
+            EitbenchError: the file may not be read.
+        """
+        try:
+            found = read_arrays(self.path)
+        except DataCorruptError:
+            raise
+        except EitbenchError as error:
+            raise _with_remedy(error) from error
+        if found is None:
+            return None
+        arrays, metadata = found
+        if metadata != self._metadata or arrays.keys() != {"voltages"}:
+            raise DataCorruptError(f"{self.path} was made from other parameters.")
+        return arrays["voltages"]
+
+    def write(self, voltages: Array) -> None:
+        """Store `voltages` (n, M); other processes see the old file or the new, nothing between.
+
+        Raises:
+            EitbenchError: the folder is not writable or full.
+        """
+        try:
+            write_arrays(self.path, {"voltages": voltages}, self._metadata)
+        except EitbenchError as error:
+            raise _with_remedy(error) from error
+
+    @property
+    def _metadata(self) -> dict[str, str]:
+        return {"parameters": json.dumps(self.parameters, sort_keys=True, allow_nan=False)}
+
+
+def _with_remedy(error: EitbenchError) -> EitbenchError:
+    return EitbenchError(
+        f"{error} Make room in the cache or give access there, or set EITBENCH_CACHE to another "
+        "folder."
+    )
 
 
 def _chunks(scenario: SimulatedScenario, split: Split, count: int) -> list[_Chunk]:
@@ -103,16 +148,17 @@ def _chunks(scenario: SimulatedScenario, split: Split, count: int) -> list[_Chun
         _Chunk(
             first,
             min(CHUNK, count - first),
-            CacheFile(folder / f"{split}-{first:06d}.h5", {**parameters, "first": first}),
+            folder / f"{split}-{first:06d}.safetensors",
+            {**parameters, "first": first},
         )
         for first in range(0, count, CHUNK)
     ]
 
 
-def _read(file: CacheFile) -> Array | None:
-    """Read a cache file; a corrupt one is named and counts as missing."""
+def _read(chunk: _Chunk) -> Array | None:
+    """Return the stored voltages of a chunk; a corrupt file is named and counts as missing."""
     try:
-        return file.read()
+        return chunk.read()
     except DataCorruptError as error:
         _log.warning("%s It is made again.", error)
         return None
@@ -140,7 +186,7 @@ def _simulate(scenario: SimulatedScenario, split: Split, chunk: _Chunk) -> tuple
     """
     try:
         # Read again: another process may have been faster.
-        stored = chunk.file.read()
+        stored = chunk.read()
     except DataCorruptError:
         stored = None
     with threadpool_limits(1):
@@ -150,7 +196,7 @@ def _simulate(scenario: SimulatedScenario, split: Split, chunk: _Chunk) -> tuple
             frames.append(model.voltages(conductivity(scenario, split, sample)))
     voltages = np.array(frames)
     if stored is None or len(stored) < len(voltages):
-        chunk.file.write(voltages)
+        chunk.write(voltages)
     return chunk, voltages[: chunk.count]
 
 

@@ -27,10 +27,9 @@ from eitbench.benchmark.rundir.store import SAMPLES, RunStore
 from eitbench.benchmark.tuning import selection as recorded
 from eitbench.hardware.board import Frame
 from eitbench.hardware.recording.recorder import Recorder
-from eitbench.methods.weights.tensor_file import read_tensors
 from eitbench.reports.page.report_data import report_data
 from eitbench.reports.tables.leaderboard import FORMATS, ranked_rows, write_leaderboard
-from eitbench.scenarios.data.cache_file import CacheFile
+from eitbench.scenarios.array_file import read_arrays
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.recordings.checking import check
 from eitbench.scenarios.recordings.files.csv_file import read_csv, write_csv
@@ -266,10 +265,8 @@ def _others(folder: Path, run: Path) -> dict[str, Target]:
         cell, "test", Batch(0, ["ok", "error"], ["", "no"], {"conductivity": images}, "{}")
     )
     (part,) = (folder / "parts-run").rglob("*.npz")
-    cached = CacheFile(folder / "cached.h5", {"a": 1})
-    cached.write(rng.normal(size=(3, 5)))
     tensors = {"a.b": torch.ones(3, 2), "c": torch.zeros(4, dtype=torch.int64)}
-    from eitbench.methods.training.checkpoint import Checkpoint  # Lightning takes seconds
+    from eitbench.methods.training.checkpoint import Checkpoint  # torch takes seconds
 
     Checkpoint(tensors, {}, {}, ()).write(folder / "training", {"epochs": 3})
     checkpoint = folder / "training" / "checkpoint.safetensors"
@@ -279,7 +276,7 @@ def _others(folder: Path, run: Path) -> dict[str, Target]:
     choices = recorded.record(scenario, {"tikhonov": choice}, recorded.user_choices())
 
     def weights(path: Path) -> None:
-        read_tensors(path)
+        read_arrays(path)
         Checkpoint.read(path.parent, {"epochs": 3})
 
     return {
@@ -291,21 +288,13 @@ def _others(folder: Path, run: Path) -> dict[str, Target]:
             lambda path: store.batch(cell, "test", 0),
             26,
         ),
-        "cache": Target(
-            "HDF5",
-            "cached.h5",
-            [(folder / "cached.h5").read_bytes()],
-            mutations.hdf5,
-            lambda path: cached.read(),
-            3,
-        ),
         "weights": Target(
             "safetensors",
             "training/checkpoint.safetensors",
             [checkpoint.read_bytes()],
             mutations.safetensors,
             weights,
-            40,
+            43,
         ),
         "choices": Target(
             "JSON",

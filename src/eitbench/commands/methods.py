@@ -72,7 +72,7 @@ def tune(
 def train(
     name: Annotated[
         str,
-        typer.Argument(help="What to train: dnn, phydnn, coarse-to-fine, learned-gn or surrogate."),
+        typer.Argument(help="What to train: a method such as dnn, or the operator surrogate."),
     ],
     suite: Annotated[
         str, typer.Option(help="The suite with the data: its name, or the path of its file.")
@@ -103,12 +103,12 @@ def train(
     ] = None,
 ) -> None:
     """Train on a suite's data, or continue a training that was stopped."""
-    from eitbench.methods.training import Devices, Request, TrainingInterruptedError
+    from eitbench.methods.training import Devices, TrainingInterruptedError, TrainingRequest
     from eitbench.methods.training import train as train_named
 
     try:
         result = train_named(
-            Request(
+            TrainingRequest(
                 name,
                 suite,
                 epochs=epochs,

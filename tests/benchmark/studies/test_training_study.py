@@ -15,9 +15,9 @@ from eitbench.benchmark.studies.training_study import (
     StudyBudget,
     run_study,
 )
-from eitbench.methods.training import Request, learned, train
-from eitbench.methods.training.job import Training
-from eitbench.methods.training.keeper import DivergedError
+from eitbench.methods.learned.image_networks import ImageNetworkMethod
+from eitbench.methods.training import DivergedError, TrainingRequest, train
+from eitbench.methods.training.job import TrainingResult
 from eitbench.scenarios.errors import InputError
 
 SUITE = """
@@ -41,7 +41,8 @@ test = 6
 @pytest.fixture
 def budget(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> StudyBudget:
     monkeypatch.setenv("EITBENCH_CACHE", str(tmp_path / "cache"))
-    monkeypatch.setattr(learned, "RATE", 1e-4)  # so that the last epoch is the best
+    slow = replace(ImageNetworkMethod.recipe, rate=1e-4)  # so that the last epoch is the best
+    monkeypatch.setattr(ImageNetworkMethod, "recipe", slow)
     path = tmp_path / "tiny.toml"
     path.write_text(SUITE)
     return StudyBudget(str(path), epochs=4, operator="jacobian")
@@ -57,7 +58,7 @@ def test_a_study_goes_on_where_it_stopped_and_to_the_same_figures(
     smaller(monkeypatch, "beta", beta=(0.0001, 0.01, 1.0))
     trained: list[float | None] = []
 
-    def stopping(request: Request) -> Training:
+    def stopping(request: TrainingRequest) -> TrainingResult:
         trained.append(request.beta)
         if len(trained) == 2:
             raise KeyboardInterrupt
@@ -99,7 +100,7 @@ def test_a_training_that_diverges_is_a_row_without_figures(
 ) -> None:
     smaller(monkeypatch, "size", samples=(128, 130), backbone=("mlp",))
 
-    def diverging(request: Request) -> Training:
+    def diverging(request: TrainingRequest) -> TrainingResult:
         if request.limit == 128:
             raise DivergedError("A loss is not finite.")
         return train(request)

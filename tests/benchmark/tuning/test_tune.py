@@ -348,7 +348,7 @@ def test_a_whole_tuning_opens_no_file_of_the_test_split(tmp_path: Path) -> None:
         return log.read_text().splitlines()
 
     def stored(split: str) -> list[Path]:
-        return list((tmp_path / "cache").rglob(f"{split}-*.h5"))
+        return list((tmp_path / "cache").rglob(f"{split}-*.safetensors"))
 
     tune_it = ("tune", "own.toml", "--trials", "3", "--out", "choices")
     opened = opened_by("from eitbench.cli import main; main()", *tune_it)

@@ -18,16 +18,21 @@ import torch
 
 from eitbench.cli import main
 from eitbench.methods import Problem, create
-from eitbench.methods.learned.image_networks import Dnn
-from eitbench.methods.training import Devices, Request, TrainingInterruptedError, learned, train
-from eitbench.methods.training.checkpoint import FILE
-from eitbench.methods.training.job import Training
-from eitbench.methods.training.keeper import DivergedError
-from eitbench.methods.training.learned import LearnedTrainee
+from eitbench.methods.learned.image_network_training import ImageTask
+from eitbench.methods.learned.image_networks import Dnn, ImageNetworkMethod
+from eitbench.methods.training import (
+    Devices,
+    DivergedError,
+    TrainingInterruptedError,
+    TrainingRequest,
+    train,
+)
+from eitbench.methods.training.checkpoint import CHECKPOINT_FILE as FILE
+from eitbench.methods.training.job import TrainingResult
 from eitbench.methods.training.recipe import Recipe
-from eitbench.methods.training.trainee import Data
+from eitbench.methods.training.task import Data
 from eitbench.methods.weights import weight_files
-from eitbench.methods.weights.tensor_file import read_tensors, write_tensors
+from eitbench.scenarios.array_file import read_arrays, write_arrays
 from eitbench.scenarios.data.datasets import Dataset, load
 from eitbench.scenarios.errors import DataCorruptError, InputError
 from eitbench.scenarios.sensors.sensor import Sensor
@@ -57,6 +62,10 @@ SENSOR = SCENARIO.nominal_sensor
 QUICK: dict[str, Any] = {"operator": "jacobian"}
 
 
+def recipe(**other: Any) -> Recipe:
+    return replace(ImageNetworkMethod.recipe, **other)
+
+
 def suite(folder: Path, scenario: str) -> str:
     path = folder / "tiny.toml"
     path.write_text(f'name = "tiny"\ntitle = "tiny"\nmethods = ["noser"]\n{scenario}')
@@ -82,8 +91,8 @@ def mse(method: Any) -> float:
     return float(np.mean((method.reconstruct(test.voltages) - test.conductivity) ** 2))
 
 
-def state(folder: Path) -> dict[str, torch.Tensor]:
-    found = read_tensors(folder / FILE)
+def state(folder: Path) -> dict[str, Any]:
+    found = read_arrays(folder / FILE)
     assert found is not None
     return found[0]
 
@@ -94,12 +103,12 @@ def rows(folder: Path) -> list[dict[str, float]]:
 
 
 @pytest.fixture(scope="module")
-def trained(tmp_path_factory: pytest.TempPathFactory) -> Training:
+def trained(tmp_path_factory: pytest.TempPathFactory) -> TrainingResult:
     folder = tmp_path_factory.mktemp("trained")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(learned, "BATCH", 32)
+        patch.setattr(ImageNetworkMethod, "recipe", recipe(batch=32))
         tiny = suite(folder, declared(SCENARIO))
-        request = Request("dnn", tiny, epochs=30, out=folder / "out", use=False, **QUICK)
+        request = TrainingRequest("dnn", tiny, epochs=30, out=folder / "out", use=False, **QUICK)
         return train(request)
 
 
@@ -110,14 +119,14 @@ def _own_weights(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("eitbench.methods.training.job.user_weights", weight_files.user_weights)
 
 
-def install(result: Training) -> Path:
+def install(result: TrainingResult) -> Path:
     path = weight_files.user_weights() / result.weights.name
     path.parent.mkdir(exist_ok=True)
     path.write_bytes(result.weights.read_bytes())
     return path
 
 
-def test_a_network_learns_what_no_linear_map_can(trained: Training) -> None:
+def test_a_network_learns_what_no_linear_map_can(trained: TrainingResult) -> None:
     linear, network = mse(create("linear-learned")), mse(Dnn(str(trained.weights)))
     assert network < 0.8 * linear
     assert trained.baseline_mse == pytest.approx(linear, rel=0.3)
@@ -135,7 +144,7 @@ def test_a_network_learns_what_no_linear_map_can(trained: Training) -> None:
 
 
 @pytest.mark.parametrize("name", ["dnn", "linear-learned"])
-def test_the_gain_of_a_board_does_not_matter(name: str, trained: Training) -> None:
+def test_the_gain_of_a_board_does_not_matter(name: str, trained: TrainingResult) -> None:
     install(trained)
     frames = load(SCENARIO, limit=3).voltages
     images = []
@@ -150,7 +159,7 @@ def test_the_gain_of_a_board_does_not_matter(name: str, trained: Training) -> No
     np.testing.assert_allclose(images[1], images[0], atol=1e-5)
 
 
-def test_the_reference_frame_gives_the_background(trained: Training) -> None:
+def test_the_reference_frame_gives_the_background(trained: TrainingResult) -> None:
     install(trained)
     p = problem()
     for name, allowed in (("linear-learned", 1e-12), ("dnn", 0.05)):
@@ -159,11 +168,11 @@ def test_the_reference_frame_gives_the_background(trained: Training) -> None:
         assert np.abs(method.reconstruct(p.reference[None]) - 1).max() <= allowed
 
 
-def test_the_users_own_weights_are_used_unless_a_file_is_named(trained: Training) -> None:
+def test_the_users_own_weights_are_used_unless_a_file_is_named(trained: TrainingResult) -> None:
     path = install(trained)
-    content = read_tensors(path)
+    content = read_arrays(path)
     assert content is not None
-    other = {name: 0.9 * tensor for name, tensor in content[0].items()}
+    other = {name: torch.from_numpy(0.9 * array) for name, array in content[0].items()}
     Dnn.files.save(path, SENSOR, other, content[1])
     frames = load(SCENARIO, limit=2).voltages
     images = []
@@ -176,7 +185,7 @@ def test_the_users_own_weights_are_used_unless_a_file_is_named(trained: Training
 
 
 def test_weights_that_do_not_belong_are_refused(
-    trained: Training, monkeypatch: pytest.MonkeyPatch
+    trained: TrainingResult, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with pytest.raises(InputError, match=r"'dnn' has no weights .*`eitbench train dnn --suite"):
         create("dnn").fit(problem())
@@ -198,7 +207,7 @@ def test_weights_that_do_not_belong_are_refused(
     monkeypatch.setattr(Dnn, "files", replace(Dnn.files, version="9"))
     with pytest.raises(InputError, match="version 1 of 'dnn', and this is version 9"):
         create("dnn").fit(problem())
-    write_tensors(path, {}, {})
+    write_arrays(path, {}, {})
     with pytest.raises(InputError, match="weights for another sensor, None"):
         create("dnn").fit(problem())
 
@@ -208,20 +217,20 @@ def test_an_interrupted_training_continues_as_if_it_had_not_been(
 ) -> None:
     """Of `phydnn`, whose loss changes on the way, with noise and symmetries that are drawn."""
     noisy = suite(tmp_path, NOISY)
-    step, calls = LearnedTrainee.training_step, []
+    step, calls = ImageTask.objective, []
 
-    def stopping(self: LearnedTrainee, batch: Data, index: int) -> torch.Tensor:
-        calls.append(index)
+    def stopping(self: ImageTask, batch: Data, epochs_done: int) -> Any:
+        calls.append(epochs_done)
         if len(calls) == 8:  # in the third of five epochs, and after the loss changed
             os.kill(os.getpid(), signal.SIGINT)
             time.sleep(0.01)
-        return step(self, batch, index)
+        return step(self, batch, epochs_done)
 
-    def run(name: str, seed: int = 4) -> Training:
+    def run(name: str, seed: int = 4) -> TrainingResult:
         out = tmp_path / name
-        return train(Request("phydnn", noisy, epochs=5, seed=seed, out=out, **QUICK))
+        return train(TrainingRequest("phydnn", noisy, epochs=5, seed=seed, out=out, **QUICK))
 
-    monkeypatch.setattr(LearnedTrainee, "training_step", stopping)
+    monkeypatch.setattr(ImageTask, "objective", stopping)
     with pytest.raises(TrainingInterruptedError):
         run("stopped")
     assert len(rows(tmp_path / "stopped")) == 2
@@ -229,8 +238,8 @@ def test_an_interrupted_training_continues_as_if_it_had_not_been(
     run("whole")
     run("other", seed=5)
     one, two, other = (state(tmp_path / name) for name in ("stopped", "whole", "other"))
-    assert all(torch.equal(one[name], two[name]) for name in two)
-    assert any(not torch.equal(one[name], other[name]) for name in two)
+    assert all(np.array_equal(one[name], two[name]) for name in two)
+    assert any(not np.array_equal(one[name], other[name]) for name in two)
     timeless = [
         [{k: v for k, v in row.items() if k != "seconds"} for row in rows(tmp_path / name)]
         for name in ("stopped", "whole")
@@ -270,12 +279,12 @@ def test_the_physical_loss_is_minimised_after_a_third_of_the_epochs_and_not_befo
 ) -> None:
     more = NOISY.replace("validation = 8", "validation = 100").replace("130", "512")
     clean = suite(tmp_path, more.replace('"mixture"', '"clean"'))
-    monkeypatch.setattr(learned, "RATE", 1e-4)
+    monkeypatch.setattr(ImageNetworkMethod, "recipe", recipe(rate=1e-4))
 
     def run(name: str, beta: float | None = None) -> list[dict[str, float]]:
         method = "dnn" if name == "dnn" else "phydnn"
         out = tmp_path / name
-        train(Request(method, clean, epochs=12, out=out, operator="fem", beta=beta))
+        train(TrainingRequest(method, clean, epochs=12, out=out, operator="fem", beta=beta))
         return rows(tmp_path / name)
 
     dnn, weak, strong = run("dnn"), run("weak"), run("strong", beta=0.3)
@@ -296,23 +305,23 @@ def test_the_gradient_is_that_of_both_losses(
     The physical loss is that of a quarter of them.
     """
     seen: list[tuple[float, float, float]] = []
-    step = LearnedTrainee.training_step
+    step = ImageTask.objective
 
-    def watched(self: LearnedTrainee, batch: Data, index: int) -> torch.Tensor:
+    def watched(self: ImageTask, batch: Data, epochs_done: int) -> Any:
         random = torch.get_rng_state()
-        objective = step(self, batch, index)
+        objective, shown = step(self, batch, epochs_done)
         torch.set_rng_state(random)
-        difference, truth, motion = self._augmentation(*batch)
-        relative = self._images(difference)
+        difference, truth, motion = self.augmentation(*batch)
+        relative = self.images(difference)
         data = (relative - truth).square().mean()
         part = slice(math.ceil(len(truth) / 4))
-        physical = self._physical(relative[part], difference[part], motion)
+        physical = self.physical(relative[part], difference[part], motion)
         seen.append((objective.item(), data.item(), physical.item()))
-        return objective
+        return objective, shown
 
-    monkeypatch.setattr(LearnedTrainee, "training_step", watched)
+    monkeypatch.setattr(ImageTask, "objective", watched)
     noisy = suite(tmp_path, NOISY)
-    train(Request("phydnn", noisy, epochs=3, out=tmp_path / "o", beta=0.5, **QUICK))
+    train(TrainingRequest("phydnn", noisy, epochs=3, out=tmp_path / "o", beta=0.5, **QUICK))
     assert len(seen) == 9
     for number, (objective, data, physical) in enumerate(seen):
         expected = data if number < 3 else data + 0.5 * physical
@@ -338,23 +347,22 @@ def test_a_training_that_diverges_says_so_and_keeps_what_was_good(
     kept = len(rows(out))
     assert kept >= 2
     assert lines[-1].endswith(
-        f"epoch {kept + 1} is not finite; its state after epoch {kept} is kept."
+        f"epoch {kept + 1} is not finite; its state after epoch {kept} is stored."
     )
     assert "Traceback" not in "".join(lines)
-    assert all(torch.isfinite(tensor).all() for tensor in state(out).values())
+    assert all(np.isfinite(array).all() for array in state(out).values())
     with pytest.raises(DivergedError):
-        train(Request("phydnn", noisy, epochs=6, out=out, operator="fem"))
+        train(TrainingRequest("phydnn", noisy, epochs=6, out=out, operator="fem"))
     assert len(rows(out)) == kept
 
 
 def test_it_ends_early_when_nothing_improves(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(learned, "PATIENCE", 3)
-    monkeypatch.setattr(learned, "RATE", 0.0)
+    monkeypatch.setattr(ImageNetworkMethod, "recipe", recipe(rate=0.0, patience=3))
     noisy = suite(tmp_path, NOISY)
     for _ in range(2):  # and is not taken up again
-        result = train(Request("dnn", noisy, epochs=50, out=tmp_path / "o", **QUICK))
+        result = train(TrainingRequest("dnn", noisy, epochs=50, out=tmp_path / "o", **QUICK))
         assert len(rows(tmp_path / "o")) == 4
     # Without a step the network is the best linear map.
     assert result.validation_mse == pytest.approx(result.baseline_mse, rel=1e-4)
@@ -386,7 +394,7 @@ def test_what_cannot_be_trained_is_said_before_anything_is_simulated(
     monkeypatch.setenv("EITBENCH_CACHE", str(tmp_path / "cache"))
     monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
     with pytest.raises(InputError, match=sentence):
-        train(Request(name, suite(tmp_path, NOISY), epochs=1, **options))
+        train(TrainingRequest(name, suite(tmp_path, NOISY), epochs=1, **options))
     assert not (tmp_path / "cache" / "simulated").exists()
 
 
@@ -427,7 +435,7 @@ def test_two_processes_train_one_network(tmp_path: Path) -> None:
 
 def test_another_choice_needs_another_folder(tmp_path: Path) -> None:
     noisy = suite(tmp_path, NOISY)
-    one = Request("dnn", noisy, epochs=1, out=tmp_path / "o", **QUICK)
+    one = TrainingRequest("dnn", noisy, epochs=1, out=tmp_path / "o", **QUICK)
     train(one)
     with pytest.raises(InputError, match="begun with limit 130, not 128"):
         train(replace(one, limit=128))

@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 
 from eitbench.methods import Problem, create
 from eitbench.methods.learned.gauss_newton_update import SNR_DB, GaussNewtonUpdate, expected_error
-from eitbench.methods.learned.refined import LearnedGaussNewton
+from eitbench.methods.learned.image_networks import ImageNetworkMethod
+from eitbench.methods.learned.refined import LearnedGaussNewton, RefinementMethod
+from eitbench.methods.learned.refiner_training import RefinerTask
 from eitbench.methods.networks.refiner import Refiner
-from eitbench.methods.training import Request, TrainingInterruptedError, learned, refined, train
-from eitbench.methods.training.refined import RefinerTrainee
-from eitbench.methods.training.trainee import Data
+from eitbench.methods.training import TrainingInterruptedError, TrainingRequest, train
+from eitbench.methods.training.task import Data
 from eitbench.scenarios.catalogue import sensor
 from eitbench.scenarios.data.datasets import Dataset, load
 from eitbench.scenarios.errors import InputError
@@ -138,8 +139,8 @@ def suite(folder: Path) -> str:
 @pytest.fixture
 def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv("EITBENCH_CACHE", str(tmp_path / "cache"))
-    monkeypatch.setattr(learned, "BATCH", 32)
-    monkeypatch.setattr(refined, "BATCH", 32)
+    for base in (ImageNetworkMethod, RefinementMethod):
+        monkeypatch.setattr(base, "recipe", replace(base.recipe, batch=32))
     return tmp_path
 
 
@@ -160,19 +161,19 @@ def test_steps_through_the_model_improve_the_image_of_a_network(
 ) -> None:
     tiny = suite(cache)
     monkeypatch.setattr(LearnedGaussNewton, "steps", 2)  # more than the packaged weights have
-    train(Request("dnn", tiny, epochs=6, operator="jacobian"))
-    request = Request("learned-gn", tiny, epochs=5, out=cache / "out")
+    train(TrainingRequest("dnn", tiny, epochs=6, operator="jacobian"))
+    request = TrainingRequest("learned-gn", tiny, epochs=5, out=cache / "out")
     calls = []
-    loss = RefinerTrainee.loss
+    loss = RefinerTask.loss
 
-    def stopping(self: RefinerTrainee, batch: Data) -> torch.Tensor:
+    def stopping(self: RefinerTask, batch: Data) -> torch.Tensor:
         calls.append(1)
         if len(calls) == 65:  # in the second step's training
             raise KeyboardInterrupt
         return loss(self, batch)
 
     with monkeypatch.context() as patch:
-        patch.setattr(RefinerTrainee, "loss", stopping)
+        patch.setattr(RefinerTask, "loss", stopping)
         with pytest.raises(TrainingInterruptedError):
             train(request)
     assert (cache / "out/step-2/curve.csv").is_file()
@@ -186,7 +187,7 @@ def test_steps_through_the_model_improve_the_image_of_a_network(
     assert result.baseline_mse == pytest.approx(begun, rel=0.3)
     assert result.validation_mse == pytest.approx(found, rel=0.3)
 
-    train(Request("dnn", tiny, epochs=1, operator="jacobian", out=cache / "other"))
+    train(TrainingRequest("dnn", tiny, epochs=1, operator="jacobian", out=cache / "other"))
     with pytest.raises(InputError, match="continue another network than the present one of 'dnn'"):
         mse("learned-gn")
     with pytest.raises(InputError, match="begun with begun_from"):
@@ -194,7 +195,7 @@ def test_steps_through_the_model_improve_the_image_of_a_network(
 
 
 def test_a_network_improves_a_coarse_image(cache: Path) -> None:
-    result = train(Request("coarse-to-fine", suite(cache), epochs=16))
+    result = train(TrainingRequest("coarse-to-fine", suite(cache), epochs=16))
     assert result.in_use
     coarse = mse("noser", variable="clausius-mossotti", weight=0.01)
     assert mse("coarse-to-fine") < 0.7 * coarse

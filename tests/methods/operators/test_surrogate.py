@@ -11,13 +11,12 @@ import torch
 from torch import Tensor
 
 from eitbench.methods import operator
-from eitbench.methods.operators import surrogate
-from eitbench.methods.operators.surrogate import WEIGHTS, Surrogate, SurrogateNetwork
+from eitbench.methods.operators.surrogate import Surrogate, SurrogateNetwork
 from eitbench.methods.weights import weight_files
-from eitbench.methods.weights.tensor_file import read_tensors, write_tensors
 from eitbench.methods.weights.weight_files import WeightFiles, sensor_key, user_weights
+from eitbench.scenarios.array_file import write_arrays
 from eitbench.scenarios.catalogue import sensor
-from eitbench.scenarios.errors import DataCorruptError, EitbenchError, InputError
+from eitbench.scenarios.errors import DataCorruptError, InputError
 from eitbench.scenarios.physics.forward import forward_model
 from eitbench.scenarios.sensors.outlines import Disc
 from eitbench.scenarios.sensors.patterns import DrivePattern, offset_pattern, pair_pattern
@@ -60,8 +59,8 @@ def network(s: Sensor, spread: float = 0.0) -> SurrogateNetwork:
 
 
 def install(s: Sensor, weights: SurrogateNetwork, folder: Path | None = None) -> Path:
-    path = (folder or user_weights()) / WEIGHTS.file_name(s)
-    WEIGHTS.save(path, s, weights.state_dict(), ABOUT)
+    path = (folder or user_weights()) / Surrogate.files.file_name(s)
+    Surrogate.files.save(path, s, weights.state_dict(), ABOUT)
     return path
 
 
@@ -208,13 +207,13 @@ def test_truncated_altered_or_foreign_files_are_named(no_packaged: Path) -> None
         path.write_bytes(content)
         with pytest.raises(DataCorruptError, match=rf"{path.name} is damaged.*train again"):
             operator("surrogate", s)
-    write_tensors(path, {"x": torch.zeros(2)}, {})
+    write_arrays(path, {"x": np.zeros(2)}, {})
     with pytest.raises(InputError, match="for another sensor"):
         operator("surrogate", s)
-    WEIGHTS.save(path, s, {"x": torch.zeros(2)}, ABOUT)
+    Surrogate.files.save(path, s, {"x": torch.zeros(2)}, ABOUT)
     with pytest.raises(DataCorruptError, match="does not hold the weights of a surrogate"):
         operator("surrogate", s)
-    WEIGHTS.save(path, s, network(s).state_dict(), {})
+    Surrogate.files.save(path, s, network(s).state_dict(), {})
     with pytest.raises(DataCorruptError, match="does not hold the weights of a surrogate"):
         operator("surrogate", s)
     path.unlink()
@@ -227,31 +226,13 @@ def test_truncated_altered_or_foreign_files_are_named(no_packaged: Path) -> None
 
 def test_weights_of_another_sensor_or_version_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     s, other = foam(), foam((12, 12))
-    install(s, network(s)).rename(user_weights() / WEIGHTS.file_name(other))
+    install(s, network(s)).rename(user_weights() / Surrogate.files.file_name(other))
     with pytest.raises(InputError, match="weights for another sensor"):
         operator("surrogate", other)
     install(s, network(s))
-    monkeypatch.setattr(surrogate, "WEIGHTS", WeightFiles("surrogate", "99"))
+    monkeypatch.setattr(Surrogate, "files", WeightFiles("surrogate", "99"))
     with pytest.raises(InputError, match="version 1 of 'surrogate', and this is version 99"):
         operator("surrogate", s)
-
-
-def test_a_folder_that_cannot_be_written_is_named(tmp_path: Path) -> None:
-    (tmp_path / "file").write_text("in the way")
-    with pytest.raises(EitbenchError, match="Could not write"):
-        write_tensors(tmp_path / "file" / "x.safetensors", {"x": torch.zeros(1)}, {})
-
-
-def test_stored_tensors_come_back_as_they_were(tmp_path: Path) -> None:
-    tensors = {"a": torch.arange(6.0).reshape(2, 3).T, "b": torch.tensor(3, dtype=torch.int64)}
-    path = tmp_path / "new" / "x.safetensors"
-    assert read_tensors(path) is None
-    write_tensors(path, tensors, {"made": "here"})
-    found = read_tensors(path)
-    assert found is not None
-    assert found[1] == {"made": "here"}
-    assert all(torch.equal(found[0][name], tensor) for name, tensor in tensors.items())
-    assert [p.name for p in path.parent.iterdir()] == [path.name]
 
 
 def test_packaged_weights_are_far_better_than_the_jacobian() -> None:
@@ -266,7 +247,7 @@ def test_packaged_weights_are_far_better_than_the_jacobian() -> None:
     learned = operator("surrogate", s)
     assert isinstance(learned, Surrogate)
     assert learned.train_s > 0
-    path = weight_files.packaged_weights() / WEIGHTS.file_name(s)
+    path = weight_files.packaged_weights() / Surrogate.files.file_name(s)
     assert path.stat().st_size < 10e6
     exact = forward_model(s).voltages(sigma)
     errors = {

@@ -1,7 +1,6 @@
 """Simulated voltages: the same bits however they are made, and a cache that cannot go wrong."""
 
 import errno
-import hashlib
 import logging
 import os
 import signal
@@ -11,12 +10,12 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-import h5py
 import joblib
 import numpy as np
 import pytest
+import safetensors.numpy
 
-from eitbench.scenarios.data.cache_file import DIGEST
+from eitbench.scenarios.array_file import read_arrays, write_arrays
 from eitbench.scenarios.data.datasets import load
 from eitbench.scenarios.data.simulation import CHUNK, clean_voltages, phantom
 from eitbench.scenarios.errors import EitbenchError
@@ -105,8 +104,8 @@ def test_a_file_with_fewer_samples_is_completed_and_one_with_more_is_kept(
     assert len(solves) == 8
     clean_voltages(SCENARIO, "test", CHUNK + 1)
     clean_voltages(SCENARIO, "train", 2)
-    names = [path.name for path in files(cache)]
-    assert names == ["test-000000.h5", "test-000032.h5", "train-000000.h5"]
+    names = [path.stem for path in files(cache)]
+    assert names == ["test-000000", "test-000032", "train-000000"]
 
 
 def test_scenarios_that_differ_in_noise_only_share_the_cache(solves: list[int]) -> None:
@@ -121,8 +120,7 @@ def test_scenarios_that_differ_in_noise_only_share_the_cache(solves: list[int]) 
 
 def flip_a_bit_of_the_voltages(path: Path) -> None:
     content = bytearray(path.read_bytes())
-    with h5py.File(path) as file:
-        content[file["voltages"].id.get_offset()] ^= 1
+    content[-1] ^= 1
     path.write_bytes(content)
 
 
@@ -134,27 +132,25 @@ def empty(path: Path) -> None:
     path.write_bytes(b"")
 
 
-def signed(path: Path, content: bytes) -> None:
-    path.write_bytes(content + hashlib.sha256(content).digest())
-
-
-def no_longer_hdf5(path: Path) -> None:
-    signed(path, b"\0" * 4000)
+def another_format(path: Path) -> None:
+    path.write_bytes(b"\0" * 4000)
 
 
 def other_parameters(path: Path) -> None:
-    with h5py.File(path, "r+") as file:
-        file.attrs["parameters"] = "{}"
-    signed(path, path.read_bytes())
+    found = read_arrays(path)
+    assert found is not None
+    write_arrays(path, found[0], {"parameters": "{}"})
 
 
 def no_checksum(path: Path) -> None:
-    path.write_bytes(path.read_bytes()[:-DIGEST])
+    found = read_arrays(path)
+    assert found is not None
+    path.write_bytes(safetensors.numpy.save(*found))
 
 
 @pytest.mark.parametrize(
     "damage",
-    [flip_a_bit_of_the_voltages, cut, empty, no_longer_hdf5, other_parameters, no_checksum],
+    [flip_a_bit_of_the_voltages, cut, empty, another_format, other_parameters, no_checksum],
 )
 def test_corrupt_cache_file_is_noticed_named_and_made_again(
     damage: object, cache: Path, caplog: pytest.LogCaptureFixture
@@ -193,11 +189,11 @@ def test_killed_generation_leaves_whole_files_that_are_used(
     slow = SCENARIO.model_copy(update={"test": 100_000})
     process = generating(slow, 100_000)
     deadline = time.monotonic() + 60
-    while len(list(cache.rglob("*.h5"))) < 3 and time.monotonic() < deadline:
+    while len(list(cache.rglob("*.safetensors"))) < 3 and time.monotonic() < deadline:
         time.sleep(0.01)
     process.send_signal(signal.SIGKILL)
     process.communicate()
-    whole = [path for path in files(cache) if path.suffix == ".h5"]
+    whole = [path for path in files(cache) if path.suffix == ".safetensors"]
     assert len(whole) >= 3
     made = clean_voltages(slow, "test", 3 * CHUNK)
     assert not caplog.records
@@ -210,8 +206,12 @@ def test_processes_that_generate_the_same_at_once_leave_one_good_copy(cache: Pat
     assert [process.wait(timeout=120) for process in processes] == [0, 0]
     for process in processes:
         process.communicate()
-    names = [path.name for path in files(cache)]
-    assert names == ["test-000000.h5", "test-000032.h5", "test-000064.h5"]
+    names = [path.stem for path in files(cache)]
+    assert names == [
+        "test-000000",
+        "test-000032",
+        "test-000064",
+    ]
     shared = clean_voltages(SCENARIO, "test", 70)
     for path in files(cache):
         path.unlink()
@@ -223,7 +223,7 @@ def test_threads_that_generate_the_same_at_once_agree(cache: Path) -> None:
         made = list(pool.map(lambda n: clean_voltages(SCENARIO, "test", n), (3, 20, 7, 20)))
     for frames in made:
         assert np.array_equal(frames, made[1][: len(frames)])
-    assert [path.name for path in files(cache)] == ["test-000000.h5"]
+    assert [path.stem for path in files(cache)] == ["test-000000"]
 
 
 def test_unwritable_cache_folder_is_one_clear_sentence(

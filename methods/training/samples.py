@@ -1,0 +1,67 @@
+"""Samples to train on: simulated voltages and the conductivities that belong to them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from eitbench.methods.weights.weight_files import sensor_key
+from eitbench.scenarios.data.simulation import clean_voltages, phantom
+from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.phantoms.phantom import rasterise
+from eitbench.scenarios.suites.scenario import SimulatedScenario
+from eitbench.scenarios.suites.suite import Suite
+
+if TYPE_CHECKING:
+    from eitbench.scenarios.data.datasets import Dataset
+    from eitbench.scenarios.suites.scenario import Split
+
+
+def training_scenario(suite: Suite) -> SimulatedScenario:
+    """Return the suite's first simulated scenario with training and validation samples.
+
+    Raises:
+        InputError: there is none, or several sensors are simulated.
+    """
+    simulated = [
+        scenario
+        for scenario in suite.scenarios
+        if isinstance(scenario, SimulatedScenario) and scenario.train and scenario.validation
+    ]
+    if not simulated:
+        raise InputError(
+            f"Suite {suite.name!r} has no simulated scenario with training and validation samples."
+        )
+    others = {sensor_key(s.nominal_sensor): s.nominal_sensor.name for s in simulated}
+    if len(others) > 1:
+        raise InputError(
+            f"Suite {suite.name!r} simulates {len(others)} sensors ({', '.join(others.values())}): "
+            "a training is for one, so use a suite for each."
+        )
+    return simulated[0]
+
+
+def no_split(split: str, limit: int | None) -> Dataset:
+    """Refuse to load a split, for problems whose data are read elsewhere."""
+    raise RuntimeError(f"The {split} split is read elsewhere.")
+
+
+def clean_samples(
+    scenario: SimulatedScenario, split: Split, count: int, *, jobs: int, progress: bool
+) -> tuple[Tensor, Tensor]:
+    """Return conductivities (n, H, W) [S/m], float32, and clean voltages (n, M) [V/A], float64."""
+    voltages = clean_voltages(scenario, split, count, jobs=jobs, progress=progress)
+    return images(scenario, split, count), torch.from_numpy(voltages)
+
+
+def images(scenario: SimulatedScenario, split: Split, count: int) -> Tensor:
+    """Return conductivities (n, H, W) [S/m] in float32; the background outside the sensor."""
+    sensor = scenario.nominal_sensor
+    drawn = np.empty((count, *sensor.image_shape), dtype=np.float32)
+    for sample, image in enumerate(drawn):
+        image[:] = rasterise(phantom(scenario, split, sample), sensor)
+    drawn[:, ~sensor.mask] = sensor.background
+    return torch.from_numpy(drawn)
