@@ -32,9 +32,7 @@ Images = NDArray[np.float32]
 BATCH = 64
 """Frames that go through a network at once: more would only take more memory."""
 
-LEARNED_SYMMETRY = (
-    "it learned symmetry only approximately, from samples turned and mirrored at random"
-)
+LEARNED_SYMMETRY = "learned symmetry only approximately, from samples turned and mirrored at random"
 """Reason why a network that was trained here has the sensor's symmetry in part."""
 
 TRAINED_ON = ("scenario", "train_data", "train_samples")
