@@ -1,4 +1,4 @@
-"""The learning curves that are kept beside trained weights."""
+"""Learning curves, which lie beside trained weights."""
 
 import json
 
@@ -12,7 +12,7 @@ from eitbench.scenarios.sensors.standard import foam16
 
 
 def learning_curve(method: str, sensor: Sensor) -> pd.DataFrame:
-    """One row per epoch of the training whose weights the learned `method` uses for `sensor`.
+    """Return the learning curve of the weights that `method` uses for `sensor`, a row per epoch.
 
     Columns: `epoch`, `train` and `validation` (data loss), `train_physical` and
     `validation_physical` where the training logged them, `rate`, `seconds`.
@@ -36,7 +36,7 @@ def learning_curve(method: str, sensor: Sensor) -> pd.DataFrame:
 
 
 def paper_curves() -> dict[str, pd.DataFrame]:
-    """The learning curves of "dnn" and "phydnn" on the sensor of the paper.
+    """Return the learning curves of "dnn" and "phydnn" on the sensor of the paper.
 
     Raises:
         InputError, DataCorruptError: as `learning_curve`.

@@ -1,8 +1,8 @@
-"""How many real presses a method needs: places straight from voltages, cross-validated.
+"""Positions of real presses from voltages, learned from few real presses and cross-validated.
 
-A second track beside the suites: here methods may learn from real presses of the sensor they are
-scored on. Presses are split into `FOLDS` parts in a random order; each part is scored by what was
-learned from the first 0, 25, ... presses of the other parts.
+Here estimators may learn from real presses of the sensor they are scored on. Presses are split into
+`FOLDS` parts in a random order; each part is scored with estimators that learned from the first
+0, 25, ... presses of the other parts.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -34,12 +34,12 @@ COUNTS = (0, 25, 100, 400)
 FOLDS = 5
 SIMULATED_PRESSES = 3000
 SEEDS = (0, 1, 2)
-"""Of the networks whose places are averaged."""
+"""Seeds of the networks whose places are averaged."""
 
 
 @dataclass(frozen=True, eq=False)
 class Presses:
-    """Frames and what is known of them.
+    """Frames and places of presses.
 
     Attributes:
         frames: (n, M) differences to the reference frame.
@@ -54,28 +54,28 @@ class Presses:
         return len(self.frames)
 
     def __getitem__(self, rows: NDArray[np.intp] | slice) -> "Presses":
-        """Some of them."""
+        """Return the presses at `rows`."""
         return Presses(self.frames[rows], self.places[rows])
 
 
 Estimator = Callable[[Array], Array]
-"""From differences (n, M) to places (n, 2) [m]."""
+"""A function from differences (n, M) to places (n, 2) [m]."""
 
 
 class Estimators:
-    """What learns places: from real presses, from simulated ones, or from both."""
+    """Estimators that learn places from real presses, from simulated ones, or from both."""
 
     def __init__(self, simulated: Presses, centre: Array, scale: float) -> None:
         m = simulated.frames.shape[1]
-        self._fresh = [PlaceNetwork(m, centre, scale, seed) for seed in SEEDS]
-        self._taught = [
+        self._untrained = [PlaceNetwork(m, centre, scale, seed) for seed in SEEDS]
+        self._pretrained = [
             network.trained(simulated.frames, simulated.places, SIMULATED)
-            for network in self._fresh
+            for network in self._untrained
         ]
         self._centre = centre
 
     def known(self, count: int) -> Mapping[str, Callable[[Presses], Estimator]]:
-        """Those that can learn from `count` real presses, by name."""
+        """Return the estimators that can learn from `count` real presses, by name."""
         if count == 0:
             return {"one place": self._guess, "simulated network": self._simulated}
         return {
@@ -83,8 +83,8 @@ class Estimators:
             "ridge": partial(self._regression, kernels=lambda _: [linear]),
             "kernel ridge": partial(self._regression, kernels=gaussians),
             "simulated network": self._simulated,
-            "network": partial(self._networks, self._fresh),
-            "fine-tuned network": partial(self._networks, self._taught),
+            "network": partial(self._networks, self._untrained),
+            "fine-tuned network": partial(self._networks, self._pretrained),
         }
 
     def _guess(self, presses: Presses) -> Estimator:
@@ -98,8 +98,8 @@ class Estimators:
         return lambda frames: found(unit_frames(frames))
 
     def _simulated(self, presses: Presses) -> Estimator:
-        """Real presses register the network's frame with the robot's, and teach nothing else."""
-        estimate = partial(_mean_place, self._taught)
+        """Register the network's coordinates with the robot's by real presses."""
+        estimate = partial(_mean_place, self._pretrained)
         register = fit_similarity(estimate(presses.frames), presses.places)
         if register is None:
             return estimate
@@ -116,11 +116,11 @@ def _mean_place(networks: list[PlaceNetwork], frames: Array) -> Array:
 
 
 def real_trained(recording: str, *, jobs: int = 1) -> pd.DataFrame:
-    """Errors of every estimator, count and press: `estimator`, `presses`, `press`, `error_mm`.
+    """Return the errors of every estimator: `estimator`, `presses`, `press`, `error_mm`.
 
     Raises:
-        InputError: unknown recorded set, or one that knows no places or has too few presses.
-        DataUnavailableError: it is neither here nor within reach.
+        InputError: unknown recorded set, or one without places or with too few presses.
+        DataUnavailableError: the set is not here and cannot be downloaded.
     """
     if recorded_set(recording).truth != "position":
         raise InputError(
@@ -158,7 +158,7 @@ def _fold(
 
 
 def _real(scenario: RecordedScenario) -> Presses:
-    """All presses of the set, whatever split of the suites they are in."""
+    """Return all presses of the set, of every split."""
     splits = [load(scenario, split) for split in ("validation", "test")]
     problem = Problem(splits[0].sensor, splits[0].reference, no_split)
     return Presses(

@@ -1,4 +1,4 @@
-"""Runs what the published claims are about, and nothing else."""
+"""Runs of the methods and operators that the published claims are about."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -20,8 +20,7 @@ def run_claims(
 ) -> list[Path]:
     """Run the methods and operators of the published tables, each suite into its folder in `out`.
 
-    A run that is there already is continued if it was stopped, and taken as it is if it is
-    finished.
+    A stopped run is continued; a finished one is taken as it is.
 
     Raises:
         InputError: `out` holds runs of other choices.
@@ -40,7 +39,7 @@ def run_claims(
         except RunInterruptedError as interrupted:
             again = "" if limit is None else f" --limit {limit}"
             raise RunInterruptedError(
-                f"Interrupted: finished rows are kept in {folder}. Continue with "
+                f"Interrupted: finished rows are in {folder}. Continue with "
                 f"`eitbench reproduce --out {out}{again}`."
             ) from interrupted
         folders.append(folder)
@@ -59,5 +58,5 @@ def _check_same(plan: Plan, folder: Path) -> None:
     if Plan.of(manifest.read_resumable(folder), folder) != plan:
         raise InputError(
             f"{folder} holds a run with another --limit or of another version: give another --out, "
-            f"or judge by what it holds with --runs {folder}."
+            f"or take its runs with --runs {folder}."
         )

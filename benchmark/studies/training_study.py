@@ -1,8 +1,8 @@
-"""Studies: many trainings that differ in what is asked about, scored alike, and resumable.
+"""Training studies: many trainings that differ in one respect, scored alike, and resumable.
 
-A study's folder holds `study.json` (what is asked), a folder for each training, with its learning
-curve and, once it is scored, its `samples.parquet`, and, when all are done, one `samples.parquet`
-of all their rows: one row per training, scenario and sample.
+The folder of a study holds `study.json` with its settings, a folder for each training with its
+learning curve and its `samples.parquet`, and at the end one `samples.parquet` of all: one row per
+training, scenario and sample.
 """
 
 from __future__ import annotations
@@ -40,10 +40,10 @@ SAMPLES = "samples.parquet"
 METRICS = ("ssim", "cc", "rie", "psnr", "score")
 
 BETAS = tuple(float(f"{beta:.3g}") for beta in np.geomspace(1e-4, 0.5, 52))
-"""As many values as published, between the same ends; how those were spaced is not stated."""
+"""As many values as published, between the same ends; the published spacing is not stated."""
 
 OTHER_SUITES = ("noise", "shapes")
-"""Where trainings are scored beside the data they were made for, if the sensor is the same."""
+"""Suites that trainings are scored on beside their own data, if the sensor is the same."""
 
 
 @dataclass(frozen=True)
@@ -52,10 +52,10 @@ class TrainingStudy:
 
     Attributes:
         title: the question.
-        grid: the values of what is chosen; every combination is trained.
-        split: that of the training's scenario which the trainings are scored on.
-        elsewhere: whether they are scored on the test splits of `OTHER_SUITES`, too.
-        request: the training of a choice.
+        grid: values by name; every combination is trained.
+        split: split of the training's scenario that is scored.
+        elsewhere: true if the test splits of `OTHER_SUITES` are scored, too.
+        request: makes the training request of a combination.
     """
 
     title: str
@@ -65,19 +65,19 @@ class TrainingStudy:
     request: Callable[[TrainingRequest, Variant], TrainingRequest]
 
 
-def _with_beta(request: TrainingRequest, choice: Variant) -> TrainingRequest:
-    return replace(request, beta=choice["beta"])
+def _with_beta(request: TrainingRequest, variant: Variant) -> TrainingRequest:
+    return replace(request, beta=variant["beta"])
 
 
-def _with_loss(request: TrainingRequest, choice: Variant) -> TrainingRequest:
-    request = replace(request, seed=choice["seed"])
-    if choice["physics"] == "none":
+def _with_loss(request: TrainingRequest, variant: Variant) -> TrainingRequest:
+    request = replace(request, seed=variant["seed"])
+    if variant["physics"] == "none":
         return replace(request, name="dnn")
-    return replace(request, operator=choice["physics"])
+    return replace(request, operator=variant["physics"])
 
 
-def _with_size(request: TrainingRequest, choice: Variant) -> TrainingRequest:
-    return replace(request, name="dnn", limit=choice["samples"], backbone=choice["backbone"])
+def _with_size(request: TrainingRequest, variant: Variant) -> TrainingRequest:
+    return replace(request, name="dnn", limit=variant["samples"], backbone=variant["backbone"])
 
 
 STUDIES: dict[str, TrainingStudy] = {
@@ -107,14 +107,14 @@ STUDIES: dict[str, TrainingStudy] = {
 
 @dataclass(frozen=True)
 class StudyBudget:
-    """What the trainings of a study may cost; the same for all.
+    """Settings of a study that are the same for all its trainings.
 
     Attributes:
-        suite: with the data.
+        suite: suite with the data.
         epochs: of each training.
         limit: training samples; all by default.
         scored: samples of each scenario that a training is scored on; all by default.
-        operator: forward operator of the physical loss, where the study does not choose it.
+        operator: forward operator of the physical loss, unless the study varies it.
     """
 
     suite: str
@@ -127,9 +127,9 @@ class StudyBudget:
 def run_study(
     name: str, budget: StudyBudget, out: Path, *, jobs: int = 1, progress: bool = False
 ) -> pd.DataFrame:
-    """Train and judge all of a study, or what is missing in the folder `out`.
+    """Train and score all of a study, or the rest of it in the folder `out`.
 
-    Returns one row per training, scenario and sample: the choice, `scenario`, `sample`, `METRICS`,
+    Returns one row per training, scenario and sample: the variant, `scenario`, `sample`, `METRICS`,
     `train_s`. A training that diverged has one row without figures.
 
     Raises:
@@ -145,15 +145,15 @@ def run_study(
     settings = {"study": name, **vars(budget), "data": scenario.data_hash("train")}
     _begin(out, settings)
     study = STUDIES[name]
-    choices = [
+    variants = [
         dict(zip(study.grid, values, strict=True))
         for values in itertools.product(*study.grid.values())
     ]
     with locked(out):
         # One training a task: a process that is free takes the next, and none is begun twice.
         tables = joblib.Parallel(n_jobs=jobs, batch_size=1)(
-            joblib.delayed(_rows)(study, choice, budget, out, progress and jobs == 1)
-            for choice in choices
+            joblib.delayed(_rows)(study, variant, budget, out, progress and jobs == 1)
+            for variant in variants
         )
     table: pd.DataFrame = pd.concat(tables, ignore_index=True)
     table.to_parquet(out / SAMPLES)
@@ -161,10 +161,10 @@ def run_study(
 
 
 def _begin(out: Path, settings: Mapping[str, Any]) -> None:
-    """Note what is studied in `out`, or check that it is this.
+    """Write the settings to `out`, or check that they are those of the study there.
 
     Raises:
-        InputError: it is something else.
+        InputError: they differ, or `out` holds something else.
     """
     file = out / "study.json"
     if file.is_file():
@@ -183,10 +183,10 @@ def _begin(out: Path, settings: Mapping[str, Any]) -> None:
 
 
 def _rows(
-    study: TrainingStudy, choice: Variant, budget: StudyBudget, out: Path, progress: bool
+    study: TrainingStudy, variant: Variant, budget: StudyBudget, out: Path, progress: bool
 ) -> pd.DataFrame:
-    """The rows of a training, which is done unless they are there; one without figures if lost."""
-    folder = out / _label(choice)
+    """Return the rows of a training; one row without figures if it diverged."""
+    folder = out / _label(variant)
     finished = folder / SAMPLES
     if not finished.is_file():
         base = TrainingRequest(
@@ -200,15 +200,15 @@ def _rows(
             progress=progress,
         )
         try:
-            table = _judged(study, study.request(base, choice), budget.scored)
+            table = _train_and_score(study, study.request(base, variant), budget.scored)
         except DivergedError:
             table = pd.DataFrame([{"scenario": ""}])
         atomic_write(finished, table.to_parquet())
-    return read_table(finished).assign(**choice)
+    return read_table(finished).assign(**variant)
 
 
-def _label(choice: Variant) -> str:
-    return "-".join(f"{name}-{value}" for name, value in sorted(choice.items()))
+def _label(variant: Variant) -> str:
+    return "-".join(f"{name}-{value}" for name, value in sorted(variant.items()))
 
 
 def _judged(study: TrainingStudy, request: TrainingRequest, limit: int | None) -> pd.DataFrame:
@@ -228,7 +228,7 @@ def _judged(study: TrainingStudy, request: TrainingRequest, limit: int | None) -
 
 
 def _scenarios(study: TrainingStudy, suite: str) -> list[tuple[SimulatedScenario, Split]]:
-    """What the trainings of a study are scored on."""
+    """Return the scenarios and splits that the trainings of a study are scored on."""
     own = training_scenario(load_suite(suite))
     found: list[tuple[SimulatedScenario, Split]] = [(own, study.split)]
     for name in OTHER_SUITES if study.elsewhere else ():

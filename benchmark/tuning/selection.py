@@ -1,4 +1,4 @@
-"""Hyper-parameters that were chosen on validation data: their records, and how they are found."""
+"""Records of hyper-parameters that were selected on validation data."""
 
 import json
 import logging
@@ -32,7 +32,7 @@ EndedBy = Literal["trials", "seconds", "space"]
 
 @dataclass(frozen=True)
 class TuningBudget:
-    """What a study may spend; whichever is reached first ends it.
+    """Budget of a study; whichever limit is reached first ends it.
 
     Attributes:
         trials: sets of parameters.
@@ -55,8 +55,8 @@ class Trial:
     Attributes:
         figure: on all validation samples, larger better; None where it was pruned or failed.
         status: "pruned" where it was given up as clearly worse than the best.
-        seconds: what it took [s].
-        message: why it failed; "" where it did not.
+        seconds: its time [s].
+        message: reason of its failure; "" where it did not fail.
     """
 
     parameters: dict[str, Any]
@@ -68,12 +68,12 @@ class Trial:
 
 @dataclass(frozen=True)
 class Selection:
-    """What was chosen for one method, every trial that led to it, and what they cost.
+    """Parameters selected for one method, with every trial that led to them and their cost.
 
     Attributes:
         figure: of the parameters; None where no trial gave one.
-        ended_by: what ended the search: a limit, or that all of the space was tried.
-        once_for: names of the scenarios that one choice was made for; empty for one of its own.
+        ended_by: the limit that ended the search, or "space" where all of the space was tried.
+        once_for: names of the scenarios that share the selection; empty for a single one.
     """
 
     parameters: dict[str, Any]
@@ -84,7 +84,7 @@ class Selection:
     once_for: tuple[str, ...] = ()
 
     def describe(self) -> dict[str, Any]:
-        """Plain values for a record."""
+        """Return plain values for a record."""
         statuses = [trial.status for trial in self.trials]
         spent = {
             "trials": len(statuses),
@@ -109,7 +109,7 @@ class Selection:
 
 
 def validation_scenario(scenario: Scenario) -> Scenario:
-    """The scenario whose validation split has the noise of the test split.
+    """Return the scenario whose validation split has the noise of the test split.
 
     A rung of the ladder from simulation to reality is tuned on what its user can simulate: the
     nominal sensor with the noise that is declared for the validation split.
@@ -121,10 +121,10 @@ def validation_scenario(scenario: Scenario) -> Scenario:
 
 
 def validation_key(scenario: Scenario) -> str:
-    """SHA-256 (hex) of what decides a choice: sensor, validation phantoms, noise; or the set.
+    """Return the SHA-256 (hex) of sensor, validation phantoms and noise, or of the recorded set.
 
-    Scenarios that differ in name, in sample numbers or in their test phantoms share their choices,
-    and so do a nominal and a calibrated one: what is compared is the calibration alone.
+    Scenarios that differ in name, in sample numbers or in their test phantoms share their
+    selections, and so do a nominal and a calibrated one: their calibration alone is compared.
     """
     seen = validation_scenario(scenario)
     if isinstance(seen, SimulatedScenario):
@@ -139,55 +139,55 @@ def validation_key(scenario: Scenario) -> str:
     return seen.model_copy(update=named).data_hash("validation")
 
 
-def record(scenario: Scenario, choices: Mapping[str, Selection], folder: Path) -> Path:
-    """Add `choices` to the file for the data of `scenario` in `folder`."""
+def record(scenario: Scenario, selections: Mapping[str, Selection], folder: Path) -> Path:
+    """Add `selections` to the file for the data of `scenario` in `folder`."""
     key = validation_key(scenario)
     path = folder / f"{key[:16]}.json"
-    added = {name: choice.describe() for name, choice in choices.items()}
+    added = {name: selection.describe() for name, selection in selections.items()}
     content = {
         "made_on": scenario.name,
         "validation_key": key,
         "rule": RULE,
-        "choices": dict(sorted((_choices(path) | added).items())),
+        "choices": dict(sorted((_records(path) | added).items())),
     }
     atomic_write(path, (json.dumps(content, indent=1) + "\n").encode())
     return path
 
 
 def recorded_selection(scenario: Scenario, method: str) -> dict[str, Any] | None:
-    """The record of the choice for `method` on data like `scenario`'s; None where there is none.
+    """Return the record of the selection for `method` on data like `scenario`'s; None without one.
 
-    The user's own choices (in the cache) come before the packaged ones.
+    The user's own selections (in the cache) come before the packaged ones.
     """
     key = validation_key(scenario)
-    for folder in (user_choices(), PACKAGED):
-        choice: dict[str, Any] | None = _choices(folder / f"{key[:16]}.json").get(method)
-        if choice is not None:
-            return choice
+    for folder in (user_selections(), PACKAGED):
+        selection: dict[str, Any] | None = _records(folder / f"{key[:16]}.json").get(method)
+        if selection is not None:
+            return selection
     return None
 
 
 def selected_parameters(scenario: Scenario, method: str) -> dict[str, Any] | None:
-    """The parameters of `recorded_selection`; None where there is none."""
-    choice = recorded_selection(scenario, method)
-    return None if choice is None else choice["parameters"]
+    """Return the parameters of `recorded_selection`; None without one."""
+    selection = recorded_selection(scenario, method)
+    return None if selection is None else selection["parameters"]
 
 
-def _choices(path: Path) -> dict[str, Any]:
-    """The choices that a file holds; a damaged file is named and counts as empty."""
+def _records(path: Path) -> dict[str, Any]:
+    """Return the records in a file by method; a damaged file is named and counts as empty."""
     if not path.is_file():
         return {}
     try:
-        choices: dict[str, Any] = json.loads(path.read_text())["choices"]
-        for choice in choices.values():
-            dict(choice["parameters"])
-            [(dict(trial["parameters"]), trial["status"]) for trial in choice["trials"]]
+        records: dict[str, Any] = json.loads(path.read_text())["choices"]
+        for selection in records.values():
+            dict(selection["parameters"])
+            [(dict(trial["parameters"]), trial["status"]) for trial in selection["trials"]]
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
         _log.warning("%s is damaged and is not used: delete it and tune again.", path)
         return {}
-    return choices
+    return records
 
 
-def user_choices() -> Path:
-    """Where the user's own choices are kept."""
+def user_selections() -> Path:
+    """Return the folder of the user's own selections."""
     return cache_dir() / "selected"

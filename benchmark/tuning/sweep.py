@@ -1,4 +1,4 @@
-"""Which parameters a study tries next: a sweep of one after the other, then Optuna's TPE.
+"""Search of parameters: a sweep of one after the other, then Optuna's TPE.
 
 Everything follows from the trials that the study holds and from its key, never from the state of a
 generator, so that a study that was stopped goes on as if it had not been.
@@ -28,7 +28,7 @@ INTERRUPTED = "interrupted"
 
 @dataclass(frozen=True)
 class SearchSpace:
-    """The values that each parameter may take, and where the search begins.
+    """Values that each parameter may take, and the start of the search.
 
     Attributes:
         values: by parameter; numbers rise.
@@ -40,7 +40,7 @@ class SearchSpace:
 
     @classmethod
     def of(cls, search: Mapping[str, Sequence[Any]], defaults: Mapping[str, Any]) -> "SearchSpace":
-        """The space of a method that declares `search`; its defaults belong to it."""
+        """Return the space of a method that declares `search`; its defaults belong to it."""
         values = {name: _ordered((*search[name], defaults[name])) for name in search}
         return cls(values, tuple(values[name].index(defaults[name]) for name in values))
 
@@ -50,12 +50,12 @@ class SearchSpace:
         return math.prod(len(values) for values in self.values.values())
 
     def parameters(self, point: Point) -> dict[str, Any]:
-        """What `point` stands for."""
+        """Return the parameters at `point`."""
         pairs = zip(self.values.items(), point, strict=True)
         return {name: values[k] for (name, values), k in pairs}
 
     def distributions(self) -> dict[str, BaseDistribution]:
-        """The space in Optuna's words: numbers have an order, other values have none."""
+        """Return the space for Optuna: numbers have an order, other values have none."""
         return {
             name: IntDistribution(0, len(values) - 1)
             if _is_numeric(values)
@@ -64,7 +64,7 @@ class SearchSpace:
         }
 
     def point(self, trial: FrozenTrial) -> Point | None:
-        """What `trial` tried; None where it was interrupted."""
+        """Return the point of `trial`; None where it was interrupted."""
         if INTERRUPTED in trial.user_attrs:
             return None
         return tuple(int(trial.params[name]) for name in self.values)
@@ -84,7 +84,7 @@ class SweepSampler(BaseSampler):
     def infer_relative_search_space(
         self, study: optuna.Study, trial: FrozenTrial
     ) -> dict[str, BaseDistribution]:
-        """All parameters: they are chosen together."""
+        """Return all parameters: they are chosen together."""
         return self.space.distributions()
 
     def sample_relative(
@@ -93,7 +93,7 @@ class SweepSampler(BaseSampler):
         trial: FrozenTrial,
         search_space: dict[str, BaseDistribution],
     ) -> dict[str, Any]:
-        """The next parameters of the sweep, or after it a suggestion of TPE, never one twice."""
+        """Return the next parameters of the sweep, then suggestions of TPE, never one twice."""
         tried = figures(study, self.space)
         point = next_in_sweep(self.space, tried)
         if point is None:
@@ -127,7 +127,7 @@ class SweepSampler(BaseSampler):
 
 
 def figures(study: optuna.Study, space: SearchSpace) -> dict[Point, float]:
-    """The figure of every set that was tried, in order; minus infinity if failed or pruned."""
+    """Return the figure of every point that was tried, in order; -inf if failed or pruned."""
     found: dict[Point, float] = {}
     for trial in study.get_trials(deepcopy=False, states=ENDED):
         point = space.point(trial)
@@ -138,7 +138,7 @@ def figures(study: optuna.Study, space: SearchSpace) -> dict[Point, float]:
 
 
 def next_in_sweep(space: SearchSpace, tried: Mapping[Point, float]) -> Point | None:
-    """What coordinate search asks for after the trials in `tried`; None once nothing improves."""
+    """Return the next point of coordinate search after those `tried`; None at the end."""
     if space.start not in tried:
         return space.start
     best, seen, improved = space.start, {space.start}, True
@@ -158,7 +158,7 @@ def next_in_sweep(space: SearchSpace, tried: Mapping[Point, float]) -> Point | N
 
 
 def _ordered(values: Sequence[Any]) -> tuple[Any, ...]:
-    """Each value once; numbers rising."""
+    """Return each value once; numbers rising."""
     different: list[Any] = []
     for value in values:
         if value not in different:

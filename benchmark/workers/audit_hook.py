@@ -1,8 +1,8 @@
-"""What a process writes, calls and starts, told by Python's own audit events.
+"""Notes of the files, connections and programs of a process, from Python's audit events.
 
 Python announces what its standard library is about to do (PEP 578). Code compiled from C, Fortran
-or Rust announces nothing, nor does a program that was started: this finds the careless, and holds
-back nobody.
+or Rust announces nothing, nor does a program that was started: this finds carelessness, and stops
+nobody.
 """
 
 import json
@@ -53,7 +53,7 @@ MAX_NOTES = 100
 
 @dataclass(frozen=True)
 class Watch:
-    """Notes what the process that begins it does; what it forks is watched too.
+    """Notes the actions of the process that begins it, and of those it forks.
 
     Attributes:
         folder: a folder that exists; temporary files of the process go to a folder in it, which is
@@ -74,7 +74,7 @@ class Watch:
         sys.addaudithook(_hook(notes, [str(place.resolve()) for place in (own, *_shared())]))
 
     def noted(self, kind: Kind) -> list[str]:
-        """What was noted of that kind, as parts of a sentence, in the order it was first done."""
+        """Return the notes of that kind, as parts of a sentence, each once, in order."""
         with suppress(FileNotFoundError):
             lines = self._notes.read_text().splitlines()
             found = (json.loads(line) for line in lines)
@@ -87,7 +87,7 @@ class Watch:
 
 
 def _shared() -> list[Path]:
-    """Caches that methods fill with what can be made again: eitbench's, and compiled loops."""
+    """Return caches that methods may fill: eitbench's, and that of compiled loops."""
     import pooch
 
     compiled = os.environ.get("NUMBA_CACHE_DIR") or pooch.os_cache("numba")
@@ -131,7 +131,7 @@ def _hook(notes: int, allowed: list[str]) -> Callable[[str, tuple[Any, ...]], No
 
 
 def _resolved(path: object, folder: object) -> str | None:
-    """The real path of `path`, in the open `folder` if it is relative; None if it has no name."""
+    """Return the real path of `path`, relative to the open `folder`; None without a name."""
     if not isinstance(path, str | bytes | os.PathLike):
         return None  # a file that is open already
     name = os.fsdecode(path)

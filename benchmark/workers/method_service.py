@@ -1,4 +1,4 @@
-"""The worker's side of a method: it is fitted and asked for images."""
+"""Service of a worker: a method, which is fitted and asked for images."""
 
 import json
 import time
@@ -28,7 +28,7 @@ Images = NDArray[np.float32]
 
 @dataclass(frozen=True, eq=False)
 class MethodSpec:
-    """What a worker is told: the problem without its test split, and the method to make.
+    """A method to make in a worker, and its problem without the test split.
 
     Attributes:
         plugin: the file that the method is registered in; no other is loaded, since loading one
@@ -44,7 +44,7 @@ class MethodSpec:
 
 
 class MethodService:
-    """Makes, fits and asks the method of a task."""
+    """Makes and fits the method of a task, and reconstructs images."""
 
     def __init__(self, task: MethodSpec) -> None:
         self.task = task
@@ -52,7 +52,7 @@ class MethodService:
 
     @cached_property
     def problem(self) -> Problem:
-        """The problem that the method is given."""
+        """The problem of the method."""
         return Problem(self.task.sensor, self.task.reference, self.task.splits)
 
     def load_plugin(self) -> None:
@@ -62,7 +62,7 @@ class MethodService:
             load_plugin(self.task.plugin)
 
     def set_up(self) -> Reply:
-        """Fit the method; the reply holds its `parameters` as JSON, and what it says of itself."""
+        """Fit the method; the reply holds its `parameters` as JSON, and attributes for the cell."""
         self.load_plugin()
         method, reply = self.fitted(self.task.parameters)
         declared = constructor_parameters(method) | dict(self.task.parameters)
@@ -71,7 +71,7 @@ class MethodService:
         return replace(reply, value={"parameters": parameters, **said})
 
     def fitted(self, parameters: Mapping[str, Any]) -> tuple[Method, Reply]:
-        """The method, made with `parameters` and fitted; and a reply with the time it took."""
+        """Return the method, fitted with `parameters`, and a reply with the time it took."""
         method = create(self.task.method, **parameters)
         start = time.perf_counter()
         method.fit(self.problem)
@@ -79,12 +79,12 @@ class MethodService:
         return method, Reply(None, time.perf_counter() - start)
 
     def prior_knowledge(self) -> Reply:
-        """What the method has read of its problem so far, and what its weights were trained on."""
+        """Return the method's record of access to its problem, and the data behind its weights."""
         trained_on = {} if self._method is None else dict(self._method.trained_on)
         return Reply((self.problem.access_record(), trained_on), 0.0)
 
     def reconstruct(self, frames: Frames) -> Reply:
-        """Images (n, H, W) of `frames` (n, M), in the precision they are kept in."""
+        """Return images (n, H, W) of `frames` (n, M), in float32."""
         if self._method is None:
             raise InputError("The method was not fitted.")
         given = frames.copy()
@@ -102,15 +102,15 @@ class MethodService:
 
 
 def constructor_parameters(method: Method) -> dict[str, Any]:
-    """Every constructor parameter of a method that is a dataclass, defaults included."""
+    """Return every constructor parameter of a method that is a dataclass, with defaults."""
     declared: dict[str, Field[Any]] = getattr(method, "__dataclass_fields__", {})
     return {name: getattr(method, name) for name, field in declared.items() if field.init}
 
 
 def learning_splits(scenario: Scenario, split: str, limit: int | None) -> Dataset:
-    """Training or validation data for `scenario`; a method is never given the test split.
+    """Return training or validation data for `scenario`; a method is never given the test split.
 
-    What is learned from recorded presses are simulated ones, see `learned_from`.
+    For recorded presses, simulated ones are learned from, see `learned_from`.
 
     Raises:
         InputError: any other split was asked for.
@@ -122,5 +122,5 @@ def learning_splits(scenario: Scenario, split: str, limit: int | None) -> Datase
 
 
 def scenario_splits(scenario: Scenario) -> Splits:
-    """`learning_splits` of one scenario, as a worker can be told it."""
+    """Return `learning_splits` of one scenario, as a function that can be sent to a worker."""
     return partial(learning_splits, scenario)

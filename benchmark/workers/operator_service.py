@@ -1,4 +1,4 @@
-"""The worker's side of a forward operator, and of the model it is compared with."""
+"""Services of a worker: a forward operator, and the model it is compared with."""
 
 import time
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ GRADIENTS_AT_ONCE = 8  # the fields of more images of a fine mesh would fill the
 
 @dataclass(frozen=True)
 class Evaluation:
-    """What an operator answers for n images.
+    """Answer of an operator for n images.
 
     Attributes:
         voltages: (n, M) [V/A].
@@ -40,7 +40,7 @@ class Evaluation:
 
 @dataclass(frozen=True, eq=False)
 class OperatorSpec:
-    """Which operator a worker makes, and for which sensor.
+    """An operator to make in a worker, and its sensor.
 
     Attributes:
         plugin: the file that the operator is registered in; no other is loaded.
@@ -51,7 +51,7 @@ class OperatorSpec:
     plugin: Path | None = None
 
     def make(self) -> tuple[Operator, float]:
-        """The operator, and the time it took to make it [s] without loading libraries."""
+        """Return the operator, and the time it took to make it [s] without loading libraries."""
         if self.plugin is not None:
             load_plugin(self.plugin)
         operators()  # imports their libraries
@@ -68,13 +68,13 @@ class OperatorService:
         self._operator: Operator | None = None
 
     def set_up(self) -> Reply:
-        """Make the operator; the reply says what its training cost."""
+        """Make the operator; the reply holds the cost of its training."""
         made, seconds = self.task.make()
         self._operator = made
         return Reply({"train_s": float(made.train_s), "trained_on": str(made.trained_on)}, seconds)
 
     def evaluate(self, images: Array, cotangents: Array) -> Reply:
-        """The `Evaluation` of `images` (n, H, W) with `cotangents` (n, M)."""
+        """Return the `Evaluation` of `images` (n, H, W) with `cotangents` (n, M)."""
         if self._operator is None:
             raise InputError("The operator was not made.")
         precision = self._operator.precision
@@ -114,9 +114,9 @@ class ReferenceModelService:
         return Reply({}, 0.0)
 
     def gradients(self, rows: slice, cotangents: Array) -> Reply:
-        """J(t)^T g (n, H, W) on the nominal grid for test samples `rows`, float32.
+        """Return J(t)^T g (n, H, W) on the nominal grid for test samples `rows`, float32.
 
-        The image t is the phantom on the model's own grid. What is kept as float32 here changes a
+        The image t is the phantom on the model's own grid. Rounding to float32 changes a
         cosine by less than 1e-14.
         """
         model, scenario = self.scenario.data_model("test"), self.scenario

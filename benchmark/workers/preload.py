@@ -1,4 +1,4 @@
-"""What every worker needs, made ready once in the server of processes that workers are forked from.
+"""Imports and compiled loops that every worker needs, made once in the server of processes.
 
 Imported there, see `process_context`; without it, each worker would spend half a second on it, and
 a method's set-up would be timed with it.
@@ -14,7 +14,7 @@ from eitbench.scenarios.physics.forward import ForwardModel
 from eitbench.scenarios.sensors.standard import foam16
 
 METHOD_REGISTRY.import_built_in()
-# What fails here fails again where it is needed, and is told there.
+# What fails here fails again where it is needed, with a message.
 with suppress(Exception):
     model = ForwardModel(replace(foam16(), image_shape=(16, 16)))
     model.jacobian(model.background)  # loads the compiled loops

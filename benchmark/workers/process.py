@@ -1,4 +1,4 @@
-"""Starting worker processes: from one server, on one thread, undisturbed by the terminal."""
+"""Worker processes: started from one server, on one thread, undisturbed by the terminal."""
 
 import ctypes
 import faulthandler
@@ -54,7 +54,7 @@ def start_process(
 
 
 def process_context() -> BaseContext:
-    """How worker processes are started: from a server that has imported eitbench, else afresh."""
+    """Return the context that starts workers: from a server with eitbench loaded, else anew."""
     if "forkserver" not in multiprocessing.get_all_start_methods():
         return multiprocessing.get_context("spawn")
     context = multiprocessing.get_context("forkserver")
@@ -69,7 +69,7 @@ def process_context() -> BaseContext:
 
 @contextmanager
 def _interrupts_blocked() -> Iterator[None]:
-    """Processes started meanwhile do not see Ctrl-C; the parent sees it afterwards."""
+    """Hide Ctrl-C from processes that start meanwhile; the parent sees it afterwards."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
@@ -82,7 +82,7 @@ def _interrupts_blocked() -> Iterator[None]:
 
 @contextmanager
 def _pinned_environment() -> Iterator[None]:
-    """Libraries read these variables once, when they are loaded in a new process."""
+    """Set variables that libraries read once, when they are loaded in a new process."""
     before = {name: os.environ.get(name) for name in PINNED}
     os.environ.update(PINNED)
     try:
@@ -102,7 +102,7 @@ def _enter(
     serve: Callable[..., None],
     arguments: tuple[Any, ...],
 ) -> None:
-    """First steps of a worker: own process group, own output, one thread."""
+    """Serve in a worker, with a process group and output of its own, on one thread."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's business
     if hasattr(os, "setsid"):
         os.setsid()  # so that what the method starts dies with it
@@ -123,7 +123,7 @@ def _enter(
 
 
 def _adopt_orphans() -> None:
-    """Have what is started from here stay below this process, whatever it does to get away."""
+    """Keep every process that is started from here below this one, whatever it does."""
     if sys.platform == "linux":
         # Else a process whose parent ends belongs to the system's first one, where none finds it.
         ctypes.CDLL(None).prctl(_PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0)

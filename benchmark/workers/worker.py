@@ -1,4 +1,4 @@
-"""A process of its own for code that is judged, so that whatever it does costs its own rows only.
+"""A process of its own for code that is scored, so that whatever it does costs its own rows only.
 
 The parent sends the name of one of the service's methods with its arguments, and waits for a
 `Reply`, up to a time limit; it never sends truth.
@@ -38,7 +38,7 @@ LOG_LIMIT, LOG_HEAD = 2**24, 2**20  # bytes: a log that is longer than the first
 
 @dataclass(frozen=True)
 class Failure:
-    """Why a method or operator gave no result.
+    """Reason why a method or operator gave no result.
 
     Attributes:
         message: a sentence for people.
@@ -52,10 +52,10 @@ class Failure:
 
 @dataclass(frozen=True, eq=False)
 class Reply:
-    """What a worker answers.
+    """Answer of a worker.
 
     Attributes:
-        value: what was asked for.
+        value: the result.
         seconds: time in the method or operator alone.
         failure: set where it gave no result.
         memory_mb: peak resident memory of the worker so far [MiB].
@@ -68,7 +68,7 @@ class Reply:
 
 
 class WorkerLostError(Exception):
-    """The worker is gone: past its limit, dead, or stopped; nothing more can be asked of it."""
+    """The worker is gone: past its limit, dead, or stopped."""
 
     def __init__(self, failure: Failure) -> None:
         super().__init__(failure.message)
@@ -200,15 +200,15 @@ def serve(connection: Connection, service: object) -> None:
         start = time.perf_counter()
         try:
             reply: Reply = getattr(service, operation)(*arguments)
-        except BaseException as error:  # what is judged may raise anything, SystemExit included
+        except BaseException as error:  # scored code may raise anything, SystemExit included
             reply = Reply(None, time.perf_counter() - start, describe_exception(error))
-        if os.getpid() != own:  # what is judged has forked, and its child came back, too
+        if os.getpid() != own:  # scored code has forked, and its child came back, too
             os._exit(0)
         connection.send(replace(reply, memory_mb=peak_memory_mb()))
 
 
 class _PluginReader:
-    """Tells what the file `plugin` registers."""
+    """Reads the names that the file `plugin` registers."""
 
     def __init__(self, plugin: Path) -> None:
         self._plugin = plugin
@@ -219,7 +219,9 @@ class _PluginReader:
 
 
 def plugin_names(path: Path) -> Plugin:
-    """Names of the methods and operators that the file `path` registers; a worker loads it.
+    """Return the names of the methods and operators that the file `path` registers.
+
+    A worker loads the file.
 
     Raises:
         InputError: the file does not load, or registers nothing.
@@ -238,9 +240,9 @@ def plugin_names(path: Path) -> Plugin:
 
 
 def as_array(answer: object) -> NDArray[Any] | None:
-    """`answer` as an array, waiting for a device that computes asynchronously; None if it is none.
+    """Return `answer` as an array, or None if it is none; a part of the answer's time.
 
-    A part of the answer's time.
+    It waits for a device that computes asynchronously.
     """
     try:
         return np.asarray(answer)
@@ -251,7 +253,7 @@ def as_array(answer: object) -> NDArray[Any] | None:
 def shortcoming(
     answer: object, array: NDArray[Any] | None, expected: tuple[int, ...]
 ) -> Failure | None:
-    """Why `array`, made of `answer`, holds no real numbers in the `expected` shape, if so."""
+    """Return the failure of an `array`, made of `answer`, without real numbers or another shape."""
     if array is None:
         message = f"returned a {type(answer).__name__} that is not an array"
         return Failure("invalid-output", message, ("shape",))
@@ -265,7 +267,7 @@ def shortcoming(
 
 
 def describe_exception(error: BaseException) -> Failure:
-    """The typed failure of an exception that judged code raised, its message fit for any file."""
+    """Return the failure of an exception that scored code raised, its message fit for any file."""
     status: Status = "out-of-memory" if isinstance(error, MemoryError) else "error"
     kinds = tuple(kind.__name__ for kind in type(error).__mro__)
     try:
@@ -285,7 +287,7 @@ def seed_everything() -> None:
 
 
 def tree_memory_mb(pid: int | None) -> float:
-    """Resident memory of the process `pid` and of all that it started [MiB]; 0 where it is gone."""
+    """Return the resident memory of `pid` and of all that it started [MiB]; 0 if it is gone."""
     total = 0
     with suppress(psutil.Error):
         parent = psutil.Process(pid)
@@ -296,7 +298,7 @@ def tree_memory_mb(pid: int | None) -> float:
 
 
 def peak_memory_mb() -> float:
-    """Peak resident memory of this process [MiB]."""
+    """Return the peak resident memory of this process [MiB]."""
     peak_on_windows = getattr(psutil.Process().memory_info(), "peak_wset", None)
     if peak_on_windows is not None:
         return float(peak_on_windows) / 2**20

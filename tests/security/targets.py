@@ -273,7 +273,7 @@ def _others(folder: Path, run: Path) -> dict[str, Target]:
     scenario = load_suite(folder / "suite.toml").scenarios[0]
     trials = (recorded.Trial({"a": 1.0}, 1.0),)
     choice = recorded.Selection({"a": 1.0}, 1.0, trials, recorded.TuningBudget(), "trials")
-    choices = recorded.record(scenario, {"tikhonov": choice}, recorded.user_choices())
+    choices = recorded.record(scenario, {"tikhonov": choice}, recorded.user_selections())
 
     def weights(path: Path) -> None:
         read_arrays(path)

@@ -45,11 +45,11 @@ def tune(
 
     Every method has the same budget. A tuning that was stopped goes on where it stood.
     """
-    from eitbench.benchmark.tuning.selection import TuningBudget, user_choices
-    from eitbench.benchmark.tuning.tune import tune as choose_all
+    from eitbench.benchmark.tuning.selection import TuningBudget, user_selections
+    from eitbench.benchmark.tuning.tuner import tune as choose_all
 
     plan = plan_of(suite, methods, scenarios, None, plugin)
-    folder = out or user_choices()
+    folder = out or user_selections()
     chosen = choose_all(plan, folder, budget=TuningBudget(trials, seconds), once=once, jobs=jobs)
     tuned: set[str] = set()
     for scenario, name, choice in chosen:

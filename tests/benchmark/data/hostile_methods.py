@@ -53,10 +53,8 @@ class TakesMemory(Untouched):
     def harm(self) -> None:
         if os.fork():
             os.wait()
-        taken = []
-        while True:
-            taken.append(np.ones(2**21))
-            time.sleep(0.01)
+        taken = np.ones(2**26)  # 512 MiB each
+        time.sleep(600 + taken[0])
 
 
 @register("forks")
@@ -79,11 +77,11 @@ class LeavesADaemon(Untouched):
             os._exit(0)
 
 
-@register("prints-a-gigabyte")
-class PrintsAGigabyte(Untouched):
+@register("prints-a-lot")
+class PrintsALot(Untouched):
     """Prints more than a disk should hold, once."""
 
-    left = 256
+    left = 32
 
     def harm(self) -> None:
         while self.left:

@@ -30,7 +30,16 @@ from eitbench.scenarios.errors import EitbenchError, InputError
 from eitbench.scenarios.suites.suite import Suite, load_suite
 
 SameResults = Callable[[Path, Path], None]
-START_SECONDS = 60
+START_SECONDS = 120
+
+
+def wait_for(condition: Callable[[], Any]) -> Any:
+    """Poll until `condition` holds, and return it."""
+    deadline = time.monotonic() + START_SECONDS
+    while not (found := condition()):
+        assert time.monotonic() < deadline, "it never happened"
+        time.sleep(0.05)
+    return found
 
 
 class Machines:
@@ -41,7 +50,7 @@ class Machines:
         scheduler = folder / "scheduler.json"
         self._scheduler = self._start("scheduler", "--port", "0", "--no-dashboard")
         self.workers = [self._start("worker", "--nthreads", "1", "--no-nanny") for _ in range(2)]
-        self._await(scheduler)
+        wait_for(scheduler.is_file)
         self.client = Client(scheduler_file=str(scheduler), set_as_default=False)
         self.client.wait_for_workers(2, timeout=START_SECONDS)
         self.address: str = self.client.scheduler.address
@@ -53,26 +62,20 @@ class Machines:
         with (self._folder / f"{role}.log").open("ab") as log:
             return subprocess.Popen(command, stdout=log, stderr=log, cwd=self._folder)
 
-    @staticmethod
-    def _await(path: Path) -> None:
-        deadline = time.monotonic() + START_SECONDS
-        while not path.is_file():
-            assert time.monotonic() < deadline, "the scheduler does not start"
-            time.sleep(0.1)
-
-    def kill_the_busy_one(self) -> None:
-        """Kill a machine that works on something, once it has for a while."""
-        pids = self.client.run(os.getpid)
-        while not any(self.client.processing().values()):
-            time.sleep(0.05)
-        time.sleep(1.0)
-        busy = next(address for address, tasks in self.client.processing().items() if tasks)
-        os.kill(pids[busy], signal.SIGKILL)
-
-    def processes(self) -> int:
-        """How many methods run: the processes that a machine's server of processes has started."""
+    def busy(self) -> list[int]:
+        """Machines that run a method: their servers of processes have started one."""
         living = [psutil.Process(worker.pid) for worker in self.workers if worker.poll() is None]
-        return sum(len(w.children(recursive=True)) - len(w.children()) for w in living)
+        return [m.pid for m in living if len(m.children(recursive=True)) > len(m.children())]
+
+    def once_busy(self, act: Callable[[int], object]) -> threading.Thread:
+        """Call `act` with the process of a machine as soon as it runs a method."""
+
+        def wait() -> None:
+            act(wait_for(self.busy)[0])
+
+        thread = threading.Thread(target=wait)
+        thread.start()
+        return thread
 
     def end_scheduler(self) -> None:
         """Leave the machines without one."""
@@ -95,7 +98,7 @@ def machines(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Machines]:
 def longer(suite: Suite) -> Suite:
     """Some seconds of work for a method that takes its time."""
     (scenario,) = suite.scenarios
-    return suite.model_copy(update={"scenarios": (scenario.model_copy(update={"test": 60}),)})
+    return suite.model_copy(update={"scenarios": (scenario.model_copy(update={"test": 40}),)})
 
 
 @pytest.fixture(scope="module")
@@ -131,10 +134,9 @@ def test_a_cluster_has_what_operators_are_compared_with(
     machines: Machines, same_results: SameResults, tmp_path: Path
 ) -> None:
     suite = load_suite(Path(__file__).parents[1] / "data" / "tiny-operators.toml")
-    one = start_run(make_plan(suite), tmp_path / "here").path
-    same_results(
-        one, start_run(make_plan(suite), tmp_path / "there", scheduler=machines.address).path
-    )
+    plan = make_plan(suite, scenarios=["tiny-same"], limit=2)
+    one = start_run(plan, tmp_path / "here").path
+    same_results(one, start_run(plan, tmp_path / "there", scheduler=machines.address).path)
 
 
 @pytest.mark.usefixtures("by_batch")
@@ -191,21 +193,17 @@ def test_what_is_stopped_here_stops_there(
         tiny.model_copy(update={"frame_limit_s": 600.0}), methods=["toy-hangs"], plugins=[toys]
     )
     out = tmp_path / "run"
-    threading.Timer(4.0, os.kill, [os.getpid(), signal.SIGINT]).start()
+    machines.once_busy(lambda _: os.kill(os.getpid(), signal.SIGINT))
     with pytest.raises(RunInterruptedError):
         start_run(hanging, out, scheduler=machines.address)
-    deadline = time.monotonic() + 20
-    while machines.processes():
-        assert time.monotonic() < deadline, "the method goes on"
-        time.sleep(0.2)
+    wait_for(lambda: not machines.busy())
 
 
 def test_a_machine_that_is_lost_costs_nothing(
     machines: Machines, plan: Plan, here: Path, same_results: SameResults, tmp_path: Path
 ) -> None:
     """The last test but one: the cluster has one machine less afterwards."""
-    killer = threading.Thread(target=machines.kill_the_busy_one)
-    killer.start()
+    killer = machines.once_busy(lambda machine: os.kill(machine, signal.SIGKILL))
     there = start_run(plan, tmp_path / "there", scheduler=machines.address).path
     killer.join()
     assert sum(process.poll() is not None for process in machines.workers) == 1
@@ -213,17 +211,9 @@ def test_a_machine_that_is_lost_costs_nothing(
 
 
 def test_a_scheduler_that_ends_is_one_sentence_and_loses_nothing(
-    machines: Machines, plan: Plan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    machines: Machines, plan: Plan, tmp_path: Path
 ) -> None:
     """The last test: there is no cluster afterwards."""
-    answer, begun = execution.DaskExecutor._answer, threading.Event()
-
-    def telling(*given: Any) -> execution.RemoteResult:
-        if not begun.is_set():
-            begun.set()
-            threading.Timer(1.0, machines.end_scheduler).start()
-        return answer(*given)
-
-    monkeypatch.setattr(execution.DaskExecutor, "_answer", telling)
+    machines.once_busy(lambda _: machines.end_scheduler())
     with pytest.raises(EitbenchError, match=r"no longer answers\. .*eitbench run --resume"):
         start_run(plan, tmp_path / "run", scheduler=machines.address)

@@ -23,7 +23,7 @@ HOSTILE = Path(__file__).parents[1] / "data" / "hostile_methods.py"
 def run(tiny: Suite, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A run of every hostile method but one that hangs, two at a time, beside one that behaves."""
     folder = tmp_path_factory.mktemp("hostile")
-    limits = {"frame_limit_s": 30.0, "memory_limit_mb": 1000.0, "limit": 3}
+    limits = {"frame_limit_s": 30.0, "memory_limit_mb": 1000.0, "limit": 2}
     plan = make_plan(tiny.model_copy(update=limits), plugins=[HOSTILE])
     plan = replace(plan, names=tuple(name for name in plan.names if name != "deadlocks"))
     with pytest.MonkeyPatch.context() as patch:
@@ -41,12 +41,12 @@ def run(tiny: Suite, tmp_path_factory: pytest.TempPathFactory) -> Path:
         ("takes-memory", "out-of-memory", "took more than 1000 MB of memory"),
         ("forks", "ok", ""),
         ("leaves-a-daemon", "ok", ""),
-        ("prints-a-gigabyte", "ok", ""),
+        ("prints-a-lot", "ok", ""),
     ],
 )
 def test_it_costs_its_rows_only(method: str, status: str, message: str, run: Path) -> None:
     rows = pd.read_parquet(run / "samples.parquet").set_index("method").loc[[method]]
-    assert rows["status"].tolist() == 3 * [status]
+    assert rows["status"].tolist() == 2 * [status]
     assert all(message in text for text in rows["message"])
     assert np.isfinite(rows["score"]).all()
 
@@ -59,7 +59,7 @@ def test_a_deadlock_costs_its_time(tiny: Suite, tmp_path: Path) -> None:
 
 
 def test_what_it_prints_does_not_fill_the_disk(run: Path) -> None:
-    (log,) = (run / "logs").glob("*prints-a-gigabyte.log")
+    (log,) = (run / "logs").glob("*prints-a-lot.log")
     assert log.stat().st_size <= LOG_LIMIT
     assert log.read_bytes()[:4] == b"xxxx"
 

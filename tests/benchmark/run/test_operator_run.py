@@ -1,10 +1,8 @@
 """A run of operators: figures that can be checked, misbehaviour as rows, resuming."""
 
 import json
-import os
-import signal
-import time
 from collections import Counter
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -215,7 +213,11 @@ def test_a_gradient_of_zero_has_no_direction(toys: pd.DataFrame) -> None:
 
 
 def test_a_terminated_run_resumes_to_the_same_figures(
-    suite: Suite, run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    suite: Suite,
+    run: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    terminate: Callable[[], None],
 ) -> None:
     """Ended by SIGTERM: once among the model's own gradients, once amid an operator."""
     cut, save, saved = tmp_path / "cut", RunStore.save_batch, []
@@ -224,8 +226,7 @@ def test_a_terminated_run_resumes_to_the_same_figures(
         save(store, cell, *arguments)
         saved.append(cell.name)
         if len(saved) in (2, 5):
-            os.kill(os.getpid(), signal.SIGTERM)
-            time.sleep(0.2)  # until the run has noticed
+            terminate()
 
     plan = make_plan(suite, operators=["fem"], scenarios=["tiny-finer"])
     with monkeypatch.context() as patch:

@@ -249,20 +249,23 @@ def wait_for(condition: Any, seconds: float = 60) -> Any:
     return found
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="signals")
-@pytest.mark.parametrize("name", ["SIGTERM", "SIGKILL"])
-def test_a_run_that_is_ended_leaves_no_process(name: str, toys: Path, tmp_path: Path) -> None:
-    script, plugin, run = tmp_path / "script.py", tmp_path / "plugin.py", tmp_path / "run"
+@pytest.mark.skipif(sys.platform == "win32", reason="needs signals")
+def test_a_run_that_is_ended_leaves_no_process(toys: Path, tmp_path: Path) -> None:
+    script, plugin = tmp_path / "script.py", tmp_path / "plugin.py"
     script.write_text(SCRIPT)
     plugin.write_text(SLEEPER)
-    process = subprocess.Popen(
-        [sys.executable, str(script), str(toys.with_name("tiny.toml")), str(plugin), str(run)]
-    )
-    log = run / "logs" / "tiny--sleeper.log"
-    worker = psutil.Process(int(wait_for(lambda: log.is_file() and log.read_text().strip())))
-    processes = [worker, *psutil.Process(process.pid).children(recursive=True)]
-    process.send_signal(signal.Signals[name])
-    assert process.wait(60) == (130 if name == "SIGTERM" else -signal.SIGKILL)
-    _, alive = psutil.wait_procs(processes, timeout=60)
-    assert not [p for p in alive if p.status() != psutil.STATUS_ZOMBIE]
-    assert (run / ".lock").exists() == (name == "SIGKILL")
+    command = [sys.executable, str(script), str(toys.with_name("tiny.toml")), str(plugin)]
+    runs = {
+        number: subprocess.Popen([*command, str(tmp_path / number.name)])
+        for number in (signal.SIGTERM, signal.SIGKILL)
+    }
+    for number, process in runs.items():
+        run = tmp_path / number.name
+        log = run / "logs" / "tiny--sleeper.log"
+        worker = psutil.Process(int(wait_for(lambda log=log: log.is_file() and log.read_text())))
+        processes = [worker, *psutil.Process(process.pid).children(recursive=True)]
+        process.send_signal(number)
+        assert process.wait(60) == (130 if number == signal.SIGTERM else -signal.SIGKILL)
+        _, alive = psutil.wait_procs(processes, timeout=60)
+        assert not [p for p in alive if p.status() != psutil.STATUS_ZOMBIE]
+        assert (run / ".lock").exists() == (number == signal.SIGKILL)

@@ -2,11 +2,8 @@
 
 import errno
 import json
-import os
-import signal
 import subprocess
 import sys
-import time
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
@@ -369,14 +366,13 @@ def test_what_lacks_weights_for_a_sensor_is_left_out_and_said(tiny: Suite, tmp_p
 
 
 def test_a_run_goes_on_with_the_weights_it_was_started_with(
-    tiny: Suite, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tiny: Suite, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, terminate: Callable[[], None]
 ) -> None:
     save = RunStore.save_batch
 
     def save_and_end(*arguments: Any) -> None:
         save(*arguments)
-        os.kill(os.getpid(), signal.SIGTERM)
-        time.sleep(0.2)  # until the run has noticed
+        terminate()
 
     with monkeypatch.context() as patch:
         patch.setattr(methods()["noser"], "weights_hash", lambda sensor: "those")

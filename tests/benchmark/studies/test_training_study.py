@@ -45,7 +45,7 @@ def budget(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> StudyBudget:
     monkeypatch.setattr(ImageNetworkMethod, "recipe", slow)
     path = tmp_path / "tiny.toml"
     path.write_text(SUITE)
-    return StudyBudget(str(path), epochs=4, operator="jacobian")
+    return StudyBudget(str(path), epochs=2, operator="jacobian")
 
 
 def smaller(monkeypatch: pytest.MonkeyPatch, name: str, **grid: tuple[object, ...]) -> None:
@@ -55,7 +55,7 @@ def smaller(monkeypatch: pytest.MonkeyPatch, name: str, **grid: tuple[object, ..
 def test_a_study_goes_on_where_it_stopped_and_to_the_same_figures(
     budget: StudyBudget, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    smaller(monkeypatch, "beta", beta=(0.0001, 0.01, 1.0))
+    smaller(monkeypatch, "beta", beta=(0.0001, 1.0))
     trained: list[float | None] = []
 
     def stopping(request: TrainingRequest) -> TrainingResult:
@@ -70,25 +70,26 @@ def test_a_study_goes_on_where_it_stopped_and_to_the_same_figures(
         with pytest.raises(KeyboardInterrupt):
             run_study("beta", budget, out)
         table = run_study("beta", budget, out)
-    assert len(trained) == 4  # the one that was finished is not trained again
-    assert set(trained) == {0.0001, 0.01, 1.0}
+    assert trained == [0.0001, 1.0, 1.0]  # the one that was finished is not trained again
     pd.testing.assert_frame_equal(table, pd.read_parquet(out / SAMPLES))
     whole = run_study("beta", budget, tmp_path / "whole")
     columns = ["beta", "scenario", "sample", "ssim", "cc", "rie", "psnr", "score"]
     pd.testing.assert_frame_equal(table[columns], whole[columns])
-    assert table.groupby("beta").size().to_dict() == {0.0001: 8, 0.01: 8, 1.0: 8}
-    assert table.groupby("beta")["psnr"].mean().nunique() == 3
+    assert table.groupby("beta").size().to_dict() == {0.0001: 8, 1.0: 8}
+    assert table.groupby("beta")["psnr"].mean().nunique() == 2
     assert not list(out.rglob("*.safetensors"))  # hundreds of megabytes in a study of full size
-    assert len(list(out.rglob("curve.csv"))) == 3
-    with pytest.raises(InputError, match="holds a study with epochs 4, not 3"):
+    assert len(list(out.rglob("curve.csv"))) == 2
+    with pytest.raises(InputError, match="epochs 2, not 3"):
         run_study("beta", replace(budget, epochs=3), out)
 
 
+# Processes of its own load PyTorch anew.
+@pytest.mark.parametrize("jobs", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_losses_are_compared_on_the_same_samples_for_every_seed(
-    budget: StudyBudget, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    jobs: int, budget: StudyBudget, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     smaller(monkeypatch, "physics", physics=("none", "jacobian"), seed=(0, 1))
-    table = run_study("physics", replace(budget, scored=5), tmp_path / "out", jobs=2)
+    table = run_study("physics", replace(budget, epochs=1, scored=5), tmp_path / "out", jobs=jobs)
     found = table.pivot_table(index="sample", columns=["physics", "seed"], values="psnr")
     assert found.shape == (5, 4)
     assert found.notna().all().all()

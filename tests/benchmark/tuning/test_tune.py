@@ -14,11 +14,11 @@ import optuna
 import pytest
 
 from eitbench.benchmark.rundir.plan import make_plan
-from eitbench.benchmark.tuning import tune as tuning
+from eitbench.benchmark.tuning import tuner as tuning
 from eitbench.benchmark.tuning.selection import Selection, Trial, TuningBudget
 from eitbench.benchmark.tuning.sweep import SearchSpace
 from eitbench.benchmark.tuning.trials import Limits, Validation, frame_figures
-from eitbench.benchmark.tuning.tune import TuningTask, choose, tune
+from eitbench.benchmark.tuning.tuner import TuningTask, select, tune
 from eitbench.scenarios.data.datasets import load
 from eitbench.scenarios.data.simulation import clean_voltages, phantom
 from eitbench.scenarios.errors import DataUnavailableError, InputError
@@ -147,7 +147,7 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list[dict[str, Any]]:
         return Trial(parameters, figure, "ok", 2.0)
 
     monkeypatch.setattr(tuning, "Validation", OneScenario)
-    monkeypatch.setattr(tuning, "_space", lambda *_: SPACE)
+    monkeypatch.setattr(tuning, "_search_space", lambda *_: SPACE)
     monkeypatch.setattr(tuning, "run_trial", run_trial)
     return done
 
@@ -157,7 +157,7 @@ def study(budget: TuningBudget) -> TuningTask:
 
 
 def the_choice(budget: TuningBudget, journals: Path) -> Selection:
-    choice = choose(study(budget), journals)
+    choice = select(study(budget), journals)
     assert choice is not None
     return choice
 
@@ -200,7 +200,7 @@ def test_a_study_that_was_stopped_goes_on_where_it_stood(
         the_choice(TuningBudget(trials=after), tmp_path / "cut")
     asked.append({"a": -1})
     with pytest.raises(KeyboardInterrupt):
-        choose(study(TuningBudget()), tmp_path / "cut")
+        select(study(TuningBudget()), tmp_path / "cut")
     (journal,) = (tmp_path / "cut").glob("*.log")
     with journal.open("a") as file:  # as a killed process leaves it: half a line, and its lock
         file.write('{"op_code": 4, "wor')
@@ -259,7 +259,7 @@ def test_tuning_leaves_out_data_that_cannot_be_had(
             raise DataUnavailableError("It is not on this machine.")
         return load(scenario, split=split, limit=limit)
 
-    monkeypatch.setattr("eitbench.benchmark.tuning.tune.load", spy)
+    monkeypatch.setattr("eitbench.benchmark.tuning.tuner.load", spy)
     plan = make_plan(suite(away, SMALL), methods=["noser"])
     assert [scenario for scenario, _, _ in tune(plan, tmp_path)] == ["small"]
     assert "'away' is left out" in caplog.text

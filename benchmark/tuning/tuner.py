@@ -1,8 +1,7 @@
-"""Hyper-parameters chosen on the validation split, with the same budget for every method.
+"""Selection of hyper-parameters on the validation split, with the same budget for every method.
 
-The rule is `choices.RULE`. Optuna keeps every trial in a journal beside the choices as soon as it
-is done, so that a tuning that was killed goes on where it stood; the journals are removed once all
-choices are recorded.
+The rule is `selection.RULE`. Optuna writes every trial to a journal beside the records as soon as
+it is done, so that a tuning that was killed continues; the journals are removed at the end.
 """
 
 import logging
@@ -58,7 +57,7 @@ JOURNALS = "journals"
 
 @dataclass(frozen=True)
 class TuningTask:
-    """What is chosen at once: one method, on one scenario or on several together."""
+    """One study: a method, tuned on one scenario or on several together."""
 
     scenarios: tuple[Scenario, ...]
     method: str
@@ -68,7 +67,7 @@ class TuningTask:
 
     @property
     def name(self) -> str:
-        """The scenario's name, or all of theirs."""
+        """Name of the scenario, or of all of them."""
         return ", ".join(scenario.name for scenario in self.scenarios)
 
 
@@ -80,19 +79,19 @@ def tune(
     once: bool = False,
     jobs: int = 1,
 ) -> Iterator[tuple[str, str, Selection]]:
-    """Choose for every scenario and method of `plan`, `jobs` at a time; yield what was found.
+    """Tune every method of `plan` on every scenario; yield scenario, method and selection.
 
-    Nothing is recorded of a method none of whose trials gave a figure.
+    A method none of whose trials gave a figure is not recorded.
     Scenarios with the same validation data are tuned once. A recorded set whose data cannot be had
     is left out, with a warning. Until the end the test split is closed in this process, as it is
     in the workers.
 
     Args:
-        plan: a suite of methods, and what of it was chosen.
-        folder: where choices are recorded; a tuning that was stopped there is continued.
+        plan: methods and scenarios of a suite.
+        folder: for the records; a tuning that was stopped there is continued.
         budget: of every study.
-        once: choose one set of parameters for all scenarios that are ranked by the same figure.
-        jobs: studies at a time.
+        once: select one set of parameters for all scenarios that are ranked by the same figure.
+        jobs: number of studies at a time.
 
     Raises:
         DataUnavailableError: no scenario is left.
@@ -102,46 +101,42 @@ def tune(
     folder.mkdir(parents=True, exist_ok=True)
     with closed_test_split(), locked(folder):
         asked = [s for s in plan.suite.scenarios if s.name in plan.scenarios]
-        different = {validation_key(s): s for s in reversed(asked) if _at_hand(s)}
+        different = {validation_key(s): s for s in reversed(asked) if _can_be_tuned_on(s)}
         if not different:
             raise DataUnavailableError(
                 "There is nothing to tune on: fetch the recorded sets first."
             )
-        at_once = _together(list(reversed(different.values())), once)
-        digests = dict(plan.plugins)
-        studies = []
-        for scenarios in at_once:
-            for name in names:
-                origin = plan.origins.get(name)
-                plugin = None if origin is None else (origin, digests[origin])
-                limits = Limits.of(plan.suite)
-                studies.append(
-                    TuningTask(scenarios, name, plugin, limits, budget or TuningBudget())
-                )
-        yield from _all(studies, folder, jobs)
+        digests, limits = dict(plan.plugins), Limits.of(plan.suite)
+        plugins = {name: (path, digests[path]) for name, path in plan.origins.items()}
+        studies = [
+            TuningTask(scenarios, name, plugins.get(name), limits, budget or TuningBudget())
+            for scenarios in _groups(list(reversed(different.values())), once)
+            for name in names
+        ]
+        yield from _run_all(studies, folder, jobs)
         shutil.rmtree(folder / JOURNALS, ignore_errors=True)
 
 
-def _all(
+def _run_all(
     studies: Sequence[TuningTask], folder: Path, jobs: int
 ) -> Iterator[tuple[str, str, Selection]]:
     stop = threading.Event()
     with ThreadPoolExecutor(jobs) as pool:
         try:
-            futures = [pool.submit(choose, study, folder / JOURNALS, stop) for study in studies]
+            futures = [pool.submit(select, study, folder / JOURNALS, stop) for study in studies]
             for study, future in zip(studies, futures, strict=True):
-                choice = future.result()
-                if choice is not None:
-                    for scenario in study.scenarios if choice.figure is not None else ():
-                        record(scenario, {study.method: choice}, folder)
-                    yield study.name, study.method, choice
+                selection = future.result()
+                if selection is not None:
+                    for scenario in study.scenarios if selection.figure is not None else ():
+                        record(scenario, {study.method: selection}, folder)
+                    yield study.name, study.method, selection
         finally:
             stop.set()
             pool.shutdown(cancel_futures=True)
 
 
-def _at_hand(scenario: Scenario) -> bool:
-    """Whether there are validation data by which something can be chosen."""
+def _can_be_tuned_on(scenario: Scenario) -> bool:
+    """True if there are validation data with a figure to select by."""
     try:
         return load(scenario, split="validation", limit=1).truth in FIGURES
     except DataUnavailableError as error:
@@ -151,8 +146,8 @@ def _at_hand(scenario: Scenario) -> bool:
     return False
 
 
-def _together(scenarios: Sequence[Scenario], once: bool) -> list[tuple[Scenario, ...]]:
-    """The scenarios that share one choice: each its own, or all that are ranked by one figure."""
+def _groups(scenarios: Sequence[Scenario], once: bool) -> list[tuple[Scenario, ...]]:
+    """Return groups of scenarios that share a selection: single ones, or all ranked by a figure."""
     if not once:
         return [(scenario,) for scenario in scenarios]
     found: dict[str, list[Scenario]] = {}
@@ -161,14 +156,14 @@ def _together(scenarios: Sequence[Scenario], once: bool) -> list[tuple[Scenario,
     return [tuple(group) for group in found.values()]
 
 
-def choose(
+def select(
     study: TuningTask, journals: Path, stop: threading.Event | None = None
 ) -> Selection | None:
-    """The choice of `study`, continued from its journal if there is one; None without a search.
+    """Run `study`, continued from its journal if there is one; None without a search space.
 
     Raises:
         InputError: the method cannot be tuned.
-        StoppedError: `stop` was set; what is done is in the journal.
+        StoppedError: `stop` was set; finished trials are in the journal.
     """
     known = methods().get(study.method)
     if study.plugin is None and known is not None and not known.search:
@@ -183,7 +178,7 @@ def choose(
             if len(study.scenarios) > 1:
                 validation.standardise()
             validations.append(validation)
-        space = _space(validations[0])
+        space = _search_space(validations[0])
         if space is None:
             return None
         key = _key(study, space)
@@ -192,13 +187,13 @@ def choose(
         return _selection(searched, space, study, ended_by)
 
 
-def _space(validation: Validation) -> SearchSpace | None:
+def _search_space(validation: Validation) -> SearchSpace | None:
     found = validation.search()
     return None if found is None else SearchSpace.of(*found)
 
 
 def _key(study: TuningTask, space: SearchSpace) -> str:
-    """SHA-256 (hex) of all that decides the trials of a study."""
+    """Return the SHA-256 (hex) of all that decides the trials of a study."""
     return content_hash(
         {
             "validation": [validation_key(scenario) for scenario in study.scenarios],
@@ -212,7 +207,7 @@ def _key(study: TuningTask, space: SearchSpace) -> str:
 
 
 def _opened(journal: Path, key: str, space: SearchSpace) -> optuna.Study:
-    """The study kept in the file `journal`; a trial that was interrupted is tried again."""
+    """Return the study in the file `journal`; a trial that was interrupted is tried again."""
     optuna.logging.set_verbosity(optuna.logging.WARNING)
     warnings.filterwarnings("ignore", category=optuna.exceptions.ExperimentalWarning)
     journal.parent.mkdir(parents=True, exist_ok=True)
@@ -243,7 +238,7 @@ def _search(
     budget: TuningBudget,
     stop: threading.Event,
 ) -> EndedBy:
-    """Try one set of parameters after the other; what ended it."""
+    """Try one set of parameters after the other; return the reason of the end."""
     while True:
         done = _trials(study, space)
         spent = sum(trial.seconds for trial in done)
@@ -265,7 +260,7 @@ def _search(
 
 
 def _trials(study: optuna.Study, space: SearchSpace) -> list[Trial]:
-    """The trials of the study, in order."""
+    """Return the trials of the study, in order."""
     statuses: dict[TrialState, Literal["ok", "pruned", "failed"]] = {
         TrialState.COMPLETE: "ok",
         TrialState.PRUNED: "pruned",
