@@ -57,11 +57,11 @@ class Hostile(Constant):
             time.sleep(60)
         if self.way == "die":
             os._exit(3)
-        if self.way == "grow":
-            taken = np.ones(2**27)  # 1 GiB
-            time.sleep(60 + taken[0])  # until that is seen
 
     def reconstruct(self, voltages: Array) -> Array:
         if self.way == "late":
             load("quick", split="test")
+        if self.way == "grow":
+            taken = np.ones(2**27)  # 1 GiB
+            time.sleep(60 + taken[0])  # until that is seen
         return super().reconstruct(voltages)
