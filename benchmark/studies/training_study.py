@@ -211,8 +211,10 @@ def _label(variant: Variant) -> str:
     return "-".join(f"{name}-{value}" for name, value in sorted(variant.items()))
 
 
-def _judged(study: TrainingStudy, request: TrainingRequest, limit: int | None) -> pd.DataFrame:
-    """Train as asked and judge; the curve stays, the weights do not."""
+def _train_and_score(
+    study: TrainingStudy, request: TrainingRequest, limit: int | None
+) -> pd.DataFrame:
+    """Train and score; the learning curve stays, the weights are deleted."""
     training = train(request)
     about = json.loads(training.weights.with_suffix(".json").read_text())
     tables = []
