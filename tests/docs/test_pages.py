@@ -2,9 +2,9 @@
 
 Fences by language:
 
-- none, `sh` or `bash`: commands, one a line, which have to end well. Boards on a port are emulated
-  ones, guided sessions get their answers, `record` lasts a second, commands that serve until Ctrl-C
-  get that. `commands.toml` lists the commands that a test runs with other options, or not.
+- none, `sh` or `bash`: commands, one a line, which have to end well. Boards are emulated, guided
+  sessions get their answers, `record` lasts a second, commands that serve until Ctrl-C get that.
+  `commands.toml` lists the commands that a test runs with other options, or not.
 - `python`: run, or, if its first line is a comment that names a file, written to that file.
 - `toml`: read by the reader of such files, and written if its first line names a file.
 - `text` and other listings: nothing.
@@ -49,6 +49,8 @@ EXCEPTIONS: dict[str, dict[str, dict[str, Any]]] = tomllib.loads(
 )
 SHELL = ("", "sh", "bash")
 REGISTRIES: tuple[Registry[Any], ...] = (METHOD_REGISTRY, OPERATOR_REGISTRY)
+# Of a guided session: sensor untouched, touches of a place, their depth; places; end.
+ANSWERS = "\n\n\n" + "".join(f"{x} {y}\n" for y in (20, 40, 60) for x in (20, 40, 60, 80)) + "\n"
 Command = Callable[..., tuple[int, str, str]]
 
 
@@ -194,17 +196,20 @@ class Reader:
                     self._run(before)
 
     def _run(self, command: str) -> None:
-        words = shlex.split(command)
-        words, file = (words[:-2], Path(words[-1])) if words[-2] == ">" else (words, None)
-        if words[1] == "record" and "--guided" not in words:
+        words = shlex.split(command)[1:]
+        words, file = (words[:-2], Path(words[-1])) if words[-2:-1] == [">"] else (words, None)
+        if "--port" in words:
+            board, port = words.index("--board") + 1, words.index("--port")
+            words[port : port + 2] = ["--protocol", words[board]]
+            words[board] = "emulator"
+        if words[0] == "record" and "--guided" not in words:
             words += ["--seconds", "1"]
-        with emulated_port(words) as arguments:
-            if words[1] in ("live", "emulate"):
-                with serving(arguments):
-                    return
-            self.patch.setattr(sys, "stdin", io.StringIO(answers("--port" in words)))
-            with forgetting_plugins():
-                code, out, err = self.eitbench(*arguments)
+        if words[0] in ("live", "emulate"):
+            serve(words)
+            return
+        self.patch.setattr(sys, "stdin", io.StringIO(ANSWERS))
+        with forgetting_plugins():
+            code, out, err = self.eitbench(*words)
         assert code == 0, f"{command} ended with {code}:\n{out}\n{err}"
         if file is not None:
             file.write_text(out)
@@ -265,9 +270,8 @@ def forgetting_plugins() -> Iterator[None]:
             del registry._registered[name]
 
 
-@contextmanager
-def serving(arguments: list[str]) -> Iterator[str]:
-    """A command that serves until Ctrl-C, as its first line of output; it has to end well."""
+def serve(arguments: list[str]) -> None:
+    """Run a command that serves until Ctrl-C, up to its first line; it has to end well."""
     free = ["--http-port", "0"] if arguments[0] == "live" else []
     process = subprocess.Popen(
         [sys.executable, "-c", "from eitbench.cli import main; main()", *arguments, *free],
@@ -275,34 +279,8 @@ def serving(arguments: list[str]) -> Iterator[str]:
         text=True,
     )
     assert process.stdout is not None
-    try:
-        line = process.stdout.readline()
-        assert line, f"{shlex.join(arguments)} printed nothing."
-        yield line
-    finally:
-        process.send_signal(signal.SIGINT)
-        process.communicate(timeout=60)
+    line = process.stdout.readline()
+    process.send_signal(signal.SIGINT)
+    process.communicate(timeout=60)
+    assert line, f"{shlex.join(arguments)} printed nothing."
     assert process.returncode in (0, 130), shlex.join(arguments)
-
-
-@contextmanager
-def emulated_port(words: list[str]) -> Iterator[list[str]]:
-    """The arguments of a command, with an emulated board on the port that it names."""
-    if "--port" not in words:
-        yield words[1:]
-        return
-    at = words.index("--port") + 1
-    chosen = ["--protocol", words[words.index("--board") + 1]]
-    if "--sensor" in words:
-        chosen += ["--sensor", words[words.index("--sensor") + 1]]
-    with serving(["emulate", *chosen]) as line:
-        port = re.search(r" on (\S+) \(", line)
-        assert port, line
-        yield [*words[1:at], port[1], *words[at + 1 :]]
-
-
-def answers(by_hand: bool) -> str:
-    """Input of a guided session of 12 touches; one by hand asks about every touch."""
-    places = [f"{x} {y}" for y in (20, 40, 60) for x in (20, 40, 60, 80)]
-    touch = "\n\n\n" if by_hand else "\n"
-    return "\n\n\n" + "".join(place + touch for place in places) + "\n"
