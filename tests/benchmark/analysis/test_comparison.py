@@ -116,14 +116,14 @@ def test_what_cannot_be_compared_is_said() -> None:
     found = compare(results(one, "old"), results({"b": one["b"], "c": one["a"]}, "new"))
     assert found.missing == ["'a' on 'one' is only in old."]
     assert found.added == ["'c' on 'one' is only in new."]
-    with pytest.raises(InputError, match="'a' on 'one' was given other frames in new"):
+    with pytest.raises(InputError, match=r"'a' on 'one' .* other frames"):
         compare(results(one, "old"), results(one, "new", frames="other-"))
-    with pytest.raises(InputError, match="same frames of 9 phantoms only"):
+    with pytest.raises(InputError, match="9 phantoms"):
         compare(*before_and_after(9))
     with pytest.raises(InputError, match="did you mean 'score'"):
         losses(results(one), results(one), {"scroe": 0.1})
     unknown = of_ssim(results(one))
-    with pytest.raises(InputError, match="no scenario of theirs has SSIM"):
+    with pytest.raises(InputError, match="SSIM"):
         compare(unknown, unknown, ["ssim"])
     # A figure that the baseline has not is nothing that could be lost.
     assert [c.figure for c in losses(unknown, unknown, {"ssim": 0.1, "rie": 0.1}).changes] == [
@@ -167,14 +167,14 @@ def test_times_are_compared_in_units_of_the_calibration_solve(tmp_path: Path) ->
 @pytest.mark.parametrize(
     ("spoil", "error", "words"),
     [
-        (lambda p: (p / "samples.parquet").unlink(), InputError, "neither a run directory nor"),
-        (lambda p: (p / "samples.parquet").write_bytes(b"x"), DataCorruptError, "not a readable"),
+        (lambda p: (p / "samples.parquet").unlink(), InputError, "run directory"),
+        (lambda p: (p / "samples.parquet").write_bytes(b"x"), DataCorruptError, "samples.parquet"),
         (
             lambda p: pd.DataFrame({"scenario": ["one"], "operator": ["fem"]}).to_parquet(
                 p / "samples.parquet"
             ),
             InputError,
-            "has no column 'method'",
+            "'method'",
         ),
     ],
 )

@@ -20,8 +20,6 @@ from eitbench.benchmark.analysis.difference_images import (
     read_constants,
 )
 from eitbench.benchmark.analysis.results import read_run
-from eitbench.reports.claims.classical_rows import classical_readings
-from eitbench.reports.claims.evidence import Evidence
 from eitbench.scenarios.data.datasets import Dataset
 
 Run = Path
@@ -39,16 +37,9 @@ def run(build: Any, paper: Dataset) -> Run:
 
 
 def means(truth: Any, images: Any, dataset: Dataset) -> list[float]:
-    mask, data_range = dataset.sensor.mask, dataset.sensor.data_range
-    return [
-        float(values.mean())
-        for values in (
-            metrics.ssim(truth, images, data_range, mask),
-            metrics.cc(truth, images, mask),
-            metrics.rie(truth, images, mask),
-            metrics.psnr(truth, images, data_range, mask),
-        )
-    ]
+    sensor = dataset.sensor
+    figures = metrics.image_figures(truth, images, sensor.data_range, sensor.mask)
+    return [float(values.mean()) for values in figures.values()]
 
 
 @pytest.mark.parametrize("block", [3, 500])
@@ -120,38 +111,3 @@ def test_the_published_classical_rows_imply_one_truth() -> None:
     """Both are about 0.94 of the data range, which no contrast of a touch is."""
     assert implied_rms(1.21, -1.08) == pytest.approx(0.936, abs=1e-3)
     assert implied_rms(1.57, -3.35) == pytest.approx(0.937, abs=1e-3)
-
-
-def test_readings_are_called_consistent_and_never_proven(run: Run) -> None:
-    readings = classical_readings(Evidence([read_run(run)]))
-    noser, tv = readings["methods"]
-    *names, scaled = (row["reading"] for row in noser["rows"])
-    assert names == [
-        "published", "absolute map", "difference image", "difference, sign reversed",
-    ]  # fmt: skip
-    assert "times as strong" in scaled
-    assert "is consistent with" in noser["says"]
-    assert "does not exclude other explanations" in noser["says"]
-    # An image that shows nothing has no strength that would give the published error.
-    assert len(tv["rows"]) == 4
-    assert "consistent" not in tv["says"]
-    assert "absolute maps" in readings["says"]
-    assert "prove" not in noser["says"] + tv["says"] + readings["says"]
-
-
-def test_figures_that_do_not_fit_are_not_called_consistent(build: Any, paper: Dataset) -> None:
-    """An image unlike any touch: the RIE can be had by its scale, the SSIM is not near 0."""
-    truth = np.array(paper.conductivity)
-    build.suite = "paper"
-    build.add(paper, "noser", 1 + truth)
-    noser, _ = classical_readings(Evidence([read_run(build.write())]))["methods"]
-    assert "is not consistent with that either" in noser["says"]
-
-
-def test_without_a_run_there_is_a_reason_for_no_reading() -> None:
-    readings = classical_readings(Evidence([]))
-    assert readings["constants"] == []
-    for method, name in zip(readings["methods"], ("noser", "tv"), strict=True):
-        assert [row["reading"] for row in method["rows"]] == ["published"]
-        assert method["says"] == ""
-        assert repr(name) in method["conditions"]

@@ -87,10 +87,10 @@ def test_without_images_nothing_is_touched(tmp_path: Path, tiny: Suite) -> None:
     with h5py.File(run / "reconstructions.h5", "a") as file:
         del file["tiny/noser"]
     before = (run / "samples.parquet").read_bytes()
-    with pytest.raises(DataCorruptError, match="holds no images of 'noser'"):
+    with pytest.raises(DataCorruptError, match="'noser'"):
         rescore(run)
     (run / "reconstructions.h5").unlink()
-    with pytest.raises(DataCorruptError, match="cannot be read"):
+    with pytest.raises(DataCorruptError, match=r"reconstructions\.h5"):
         rescore(run)
     assert (run / "samples.parquet").read_bytes() == before
 

@@ -110,14 +110,14 @@ Spoil = Callable[[Path], object]
 @pytest.mark.parametrize(
     ("spoil", "error", "words"),
     [
-        (lambda p: (p / "manifest.json").unlink(), InputError, "is not a run directory"),
+        (lambda p: (p / "manifest.json").unlink(), InputError, "run directory"),
         (lambda p: (p / "samples.parquet").unlink(), InputError, "--resume"),
         (lambda p: (p / "manifest.json").write_text("{"), DataCorruptError, "manifest"),
         (lambda p: (p / "manifest.json").write_text("[]"), DataCorruptError, "manifest"),
         (
             lambda p: (p / "methods.parquet").write_bytes(b"PAR1"),
             DataCorruptError,
-            "not a readable Parquet",
+            "methods.parquet",
         ),
     ],
 )
@@ -132,11 +132,11 @@ def test_a_damaged_run_is_refused(
 
 def test_damaged_or_missing_images_are_named(full_run: Path, tmp_path: Path) -> None:
     run = read_run(shutil.copytree(full_run, tmp_path / "spoilt"))
-    with pytest.raises(DataCorruptError, match="no images of 'nobody'"):
+    with pytest.raises(DataCorruptError, match="'nobody'"):
         run.estimates("none-set", "nobody", [0])
     images = run.path / "reconstructions.h5"
     images.write_bytes(images.read_bytes()[:500])
-    with pytest.raises(DataCorruptError, match=r"reconstructions\.h5 cannot be read"):
+    with pytest.raises(DataCorruptError, match=r"reconstructions\.h5"):
         run.scene("none-set", [0])
 
 

@@ -50,7 +50,7 @@ def test_relative_error_is_not_standardised() -> None:
 def test_a_measurement_that_never_changes_cannot_be_standardised() -> None:
     constant = VALIDATION.copy()
     constant[:, 1] = 2.0
-    with pytest.raises(InputError, match="Measurement 1 is the same in all 400 validation samples"):
+    with pytest.raises(InputError, match=r"Measurement 1 .* 400"):
         Standard.of(constant)
 
 

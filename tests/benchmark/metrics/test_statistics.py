@@ -102,7 +102,7 @@ def test_equal_values_have_no_spread() -> None:
 
 @pytest.mark.parametrize("values", [np.zeros((1, 4)), np.zeros(5), [[0.0], [np.nan]]])
 def test_too_little_is_refused(values: object) -> None:
-    with pytest.raises(InputError, match="at least 2 samples"):
+    with pytest.raises(InputError, match="2 samples"):
         bootstrap_means(values)  # type: ignore[arg-type]
 
 
@@ -123,5 +123,5 @@ def test_the_nested_interval_knows_how_much_groups_differ() -> None:
 
 @pytest.mark.parametrize("shape", [(1, 5, 2), (3, 1, 2), (3, 5)])
 def test_a_nested_interval_needs_groups_and_samples(shape: tuple[int, ...]) -> None:
-    with pytest.raises(InputError, match="at least 2 groups of 2 samples"):
+    with pytest.raises(InputError, match="2 groups"):
         nested_bootstrap_means(np.zeros(shape))
