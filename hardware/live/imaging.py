@@ -156,7 +156,7 @@ class Imaging:
                 _use_one_thread()  # what was loaded only now, too
                 self._fitted = FittedMethod(name, method)
             except Exception as error:  # a method may be anybody's: it must not end the view
-                self.failed = f"{name} cannot be used: {_sentence(error)}"
+                self.failed = f"{name} cannot be used: {sentence_of(error)}"
             if self._fitting == name:
                 self._fitting = None
 
@@ -177,7 +177,7 @@ class Imaging:
                 image = self._image(fitted.method, reference, frame)
                 found = self._contacts(image, reference, frame)
             except Exception as error:  # costs the image of this frame only
-                failed = f"{fitted.name} failed on this frame: {_sentence(error)}"
+                failed = f"{fitted.name} failed on this frame: {sentence_of(error)}"
         return LiveImage(
             frame=frame,
             method=fitted.name if fitted else "",
@@ -225,5 +225,6 @@ def _use_one_thread() -> threadpool_limits:
     return threadpool_limits(1)
 
 
-def _sentence(error: Exception) -> str:
+def sentence_of(error: Exception) -> str:
+    """Return the error's own sentence; for one that was not foreseen, its type, too."""
     return str(error) if isinstance(error, EitbenchError) else f"{type(error).__name__}: {error}."

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eitbench.hardware.board import Board, BoardError, Frame
-from eitbench.hardware.live.imaging import Imaging
+from eitbench.hardware.live.imaging import Imaging, sentence_of
 from eitbench.hardware.live.live_image import LiveImage
 from eitbench.hardware.live.live_recording import LiveRecording
 from eitbench.hardware.live.reference import FRAMES, reference_of
@@ -21,7 +21,7 @@ from eitbench.hardware.recording.guided import MIN_TOUCHES, suite_path, write_su
 from eitbench.hardware.recording.loop import FrameRenumbering
 from eitbench.hardware.recording.recorder import Recorder
 from eitbench.hardware.recording.status import Monitor
-from eitbench.scenarios.errors import EitbenchError, InputError
+from eitbench.scenarios.errors import InputError
 
 Array = NDArray[np.float64]
 
@@ -215,8 +215,7 @@ class Session:
         self.board.close()
 
     def _lose(self, error: Exception) -> None:
-        known = isinstance(error, EitbenchError)
-        sentence = str(error) if known else f"{type(error).__name__}: {error}."
+        sentence = sentence_of(error)
         if not self._lost:
             self._damaged_before += self.board.health.damaged
             self._note(f"The board was lost: {sentence}")

@@ -3,11 +3,14 @@
 from dataclasses import asdict
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from eitbench.commands.console import Json, names_in, print_json, print_renderable, warn, width
+
+if TYPE_CHECKING:
+    from eitbench.benchmark.analysis.comparison import RunComparison
 
 app = typer.Typer()
 
@@ -81,15 +84,12 @@ def compare(
     """Say what changed between two runs, and whether it matters."""
     from eitbench.benchmark.analysis.comparison import compare as compared
     from eitbench.benchmark.analysis.comparison import read_results
-    from eitbench.commands.tables import changes_table
 
     found = compared(read_results(before), read_results(after), names_in("--figures", figures))
     if as_json:
         print_json(asdict(found))
         return
-    print_renderable(changes_table(found))
-    for sentence in (*found.missing, *found.added):
-        typer.echo(sentence)
+    _print_changes(found)
 
 
 @app.command(epilog="Example: eitbench gate runs/new --baseline main.parquet --margin score=0.05")
@@ -110,7 +110,6 @@ def gate(
 ) -> None:
     """Exit with 1 if a method of the baseline is missing or surely worse by more than a margin."""
     from eitbench.benchmark.analysis.comparison import losses, read_results
-    from eitbench.commands.tables import changes_table
 
     margins: dict[str, float] = {}
     for name, allowed in map(_margin, margin or ()):
@@ -123,15 +122,21 @@ def gate(
     if as_json:
         print_json({"passed": passed, **asdict(found)})
     else:
-        print_renderable(changes_table(found))
-        for sentence in (*found.missing, *found.added):
-            typer.echo(sentence)
+        _print_changes(found)
         typer.echo(
             f"Gate {'passed' if passed else 'failed'}: {len(lost)} of {len(found.changes)} figures "
             f"are surely worse by more than is allowed; {len(found.missing)} things missing."
         )
     if not passed:
         raise typer.Exit(1)
+
+
+def _print_changes(found: "RunComparison") -> None:
+    from eitbench.commands.tables import changes_table
+
+    print_renderable(changes_table(found))
+    for sentence in (*found.missing, *found.added):
+        typer.echo(sentence)
 
 
 def _margin(text: str) -> tuple[str, float]:
