@@ -81,15 +81,15 @@ class Evidence:
             NotMeasuredError: no run holds it whole, or it failed.
             InputError: several runs hold it.
         """
-        found = [(run, row) for run, row in self._rows if row.get(kind.name) == name]
-        if not found:
+        holders = [(run, row) for run, row in self._rows if row.get(kind.name) == name]
+        if not holders:
             raise NotMeasuredError(self._why_missing(kind, name))
-        if len(found) > 1:
+        if len(holders) > 1:
             raise InputError(
-                f"{found[0][0].path} and {found[1][0].path} both hold the {kind.name} {name!r} on "
-                f"{SCENARIO!r}: give only one of them."
+                f"{holders[0][0].path} and {holders[1][0].path} both hold the {kind.name} "
+                f"{name!r} on {SCENARIO!r}: give only one of them."
             )
-        run, row = found[0]
+        run, row = holders[0]
         table = run.samples
         samples = table[(table["scenario"] == SCENARIO) & (table[kind.name] == name)]
         if row["coverage"] < 1:

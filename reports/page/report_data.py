@@ -10,7 +10,7 @@ import shlex
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NotRequired, TypedDict
+from typing import Any, NotRequired, TypedDict, cast
 
 import numpy as np
 import pandas as pd
@@ -99,7 +99,7 @@ class ClaimVerdict(TypedDict):
 
 
 class Provenance(TypedDict):
-    """Origin of a run, as its manifest has it; None where the manifest does not say."""
+    """Origin of a run: all but `run` and `kind` as in its manifest, None where that lacks it."""
 
     run: str
     kind: str
@@ -362,21 +362,6 @@ def _presses(label: str, cell: pd.DataFrame) -> Presses:
 
 
 def _provenance(run: Run) -> Provenance:
-    content = run.manifest
-    return Provenance(
-        run=printable(run.path.name),
-        kind=run.kind.name,
-        command_line=content.get("command_line"),
-        started=content.get("started"),
-        finished=content.get("finished"),
-        status=content.get("status"),
-        git_commit=content.get("git_commit"),
-        versions=content.get("versions"),
-        machine=content.get("machine"),
-        threads=content.get("threads"),
-        seeds=content.get("seeds"),
-        calibration_ms=content.get("calibration_ms"),
-        data=content.get("data"),
-        cells=content.get("cells"),
-        plan=content.get("plan"),
-    )
+    content = {name: run.manifest.get(name) for name in Provenance.__annotations__}
+    own = {"run": printable(run.path.name), "kind": run.kind.name}
+    return cast("Provenance", content | own)

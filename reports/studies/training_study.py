@@ -98,10 +98,10 @@ def _differences(table: pd.DataFrame) -> list[StudyRow]:
     rows = []
     for scenario, group in table.groupby("scenario", sort=False):
         arrays = {
-            physics: np.stack([of.sort_values("sample")[list(METRICS)] for _, of in found])
-            for physics, found in (
-                (str(name), of.groupby("seed")) for name, of in group.groupby("physics")
+            str(physics): np.stack(
+                [seed.sort_values("sample")[list(METRICS)] for _, seed in of_one.groupby("seed")]
             )
+            for physics, of_one in group.groupby("physics")
         }
         for physics, values in arrays.items():
             if physics == "none":
