@@ -8,7 +8,8 @@ import socket
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -69,18 +70,20 @@ def skin(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> RecordedSet:
 def served(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """The folder that a local server publishes in place of the public source."""
     root = lay_out(tmp_path / "served" / REPOSITORY / ("0" * 40), CONTENT)
-    handler = functools.partial(QuietHandler, directory=str(tmp_path / "served"))
-    server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), handler)
-    serve(server)
-    redirect(monkeypatch, server.server_address[1])
-    yield root
-    server.shutdown()
-    server.server_close()
+    with serving(functools.partial(QuietHandler, directory=str(tmp_path / "served"))) as port:
+        redirect(monkeypatch, port)
+        yield root
 
 
-def serve(server: http.server.HTTPServer) -> None:
-    """Answer in the background; `server.shutdown` returns at once."""
-    threading.Thread(target=server.serve_forever, args=(0.01,), daemon=True).start()
+@contextmanager
+def serving(handler: Callable[..., http.server.BaseHTTPRequestHandler]) -> Iterator[int]:
+    """Answer at a local port, which is yielded."""
+    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
+        threading.Thread(target=server.serve_forever, args=(0.01,), daemon=True).start()
+        try:
+            yield server.server_address[1]
+        finally:
+            server.shutdown()
 
 
 class QuietHandler(http.server.SimpleHTTPRequestHandler):
@@ -219,9 +222,8 @@ def test_a_trickling_server_is_stopped(skin: RecordedSet, monkeypatch: pytest.Mo
             except OSError:
                 stopped.set()
 
-    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), Trickle) as server:
-        serve(server)
-        redirect(monkeypatch, server.server_address[1])
+    with serving(Trickle) as port:
+        redirect(monkeypatch, port)
         with pytest.raises(DataUnavailableError, match="longer"):
             fetch_recording(skin, limit_s=0.2)
         worker = next(t for t in threading.enumerate() if t.name == "fetch skin")
@@ -229,7 +231,6 @@ def test_a_trickling_server_is_stopped(skin: RecordedSet, monkeypatch: pytest.Mo
         worker.join(60)
         assert not worker.is_alive()
         assert left_in_cache(skin) == set()
-        server.shutdown()
 
 
 @pytest.mark.skipif(os.name != "posix" or os.geteuid() == 0, reason="run as an ordinary user")
@@ -290,12 +291,10 @@ def test_several_processes_at_once_leave_no_broken_file(
             super().do_GET()
 
     handler = functools.partial(Gathering, directory=str(tmp_path / "served"))
-    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
-        serve(server)
-        command = [sys.executable, "-c", CHILD, str(Path(__file__).parent)]
-        children = [subprocess.Popen([*command, str(server.server_address[1])]) for _ in range(2)]
+    with serving(handler) as port:
+        command = [sys.executable, "-c", CHILD, str(Path(__file__).parent), str(port)]
+        children = [subprocess.Popen(command) for _ in range(2)]
         assert [child.wait(120) for child in children] == [0, 0]
-        server.shutdown()
     assert altered(skin, cached_folder(skin)) == []
     assert left_in_cache(skin) == set(CONTENT)
     assert served.is_dir()
@@ -318,12 +317,9 @@ def test_a_download_without_end_is_stopped(
             except OSError:
                 pass
 
-    server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), Endless)
-    serve(server)
-    redirect(monkeypatch, server.server_address[1])
-    with pytest.raises(DataCorruptError, match="longer"):
-        fetch_recording(skin)
-    server.shutdown()
-    server.server_close()
+    with serving(Endless) as port:
+        redirect(monkeypatch, port)
+        with pytest.raises(DataCorruptError, match="longer"):
+            fetch_recording(skin)
     assert sum(sent) < 50_000_000  # what the connection holds, not the 260 MB that were offered
     assert left_in_cache(skin) == set()
