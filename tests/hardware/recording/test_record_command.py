@@ -102,11 +102,11 @@ def test_guided_and_seconds_exclude_each_other(tmp_path: Path, eitbench: Run) ->
         "record", "--board", "fake", "--guided", "--seconds", "3", "--out", tmp_path / "a.h5"
     )
     assert code == 2
-    assert "leave out --seconds" in err
+    assert "--seconds" in err
     (tmp_path / "b.toml").write_text("")
     code, _, err = eitbench("record", "--board", "f", "--guided", "--out", tmp_path / "b.h5")
     assert code == 2
-    assert "b.toml exists already and is never overwritten" in err
+    assert "b.toml" in err
     assert not (tmp_path / "b.h5").exists()
 
 
@@ -169,7 +169,8 @@ def test_an_emulated_board_is_recorded_until_a_signal(tmp_path: Path, end: signa
     ) as process:
         os.close(slave)
         try:
-            while recorded(out) < 6:
+            while recorded(out) < 8:
+                assert process.poll() is None
                 time.sleep(0.05)
             process.send_signal(end)
             said, _ = process.communicate(timeout=30)
