@@ -1,4 +1,4 @@
-"""How it is inverted: methods and forward operators, their interfaces and registries."""
+"""Reconstruction methods and forward operators: their interfaces and registries."""
 
 from eitbench.methods.method import Method
 from eitbench.methods.operator import Operator

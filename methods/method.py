@@ -44,7 +44,7 @@ class Method(ABC):
 
     @classmethod
     def unusable(cls, sensor: Sensor) -> str:
-        """Why it cannot be used for `sensor` here, as a sentence; "" if it can.
+        """Return why it cannot be used for `sensor` here, as a sentence; "" if it can.
 
         Weights for the sensor, or a program that it runs, may be missing.
         """

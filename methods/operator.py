@@ -31,9 +31,9 @@ class Operator(ABC):
 
     Attributes:
         source: the publication it follows.
-        exact: whether it solves the model's equations, so that their laws must hold to rounding.
-        precision: "float64" or "float32", what it is judged and timed in: a network was trained in
-            float32, and is slower and no more accurate in float64.
+        exact: True if it solves the model's equations, so that their laws must hold to rounding.
+        precision: "float64" or "float32", the one it is scored and timed in: a network was trained
+            in float32, and is slower and no more accurate in float64.
         sensor: what is modelled.
         train_s: time its weights took to train [s]; 0 if there was nothing to train.
         trained_on: the device they were trained on; "" if there was nothing to train.
@@ -193,7 +193,7 @@ def _shape(values: Any) -> tuple[int, ...]:
 
 
 def _is_jax(values: object) -> bool:
-    """Whether `values` are JAX's, without importing JAX."""
+    """True if `values` are JAX's; does not import JAX."""
     return type(values).__module__.partition(".")[0] in ("jax", "jaxlib")
 
 

@@ -14,7 +14,7 @@ VARIABLES: tuple[Variable, ...] = get_args(Variable)
 
 
 class Linearisation:
-    """What is estimated, how measurements are weighted, and how images come of it.
+    """The linearised problem: the unknown, the weights of measurements, and images of unknowns.
 
     The unknown x is either the contrast sigma - sigma_0, as in the textbooks, or the 2-D
     Clausius-Mossotti factor x = 2 (sigma - sigma_0) / (sigma + sigma_0): a small disc of any

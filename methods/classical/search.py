@@ -1,4 +1,4 @@
-"""What the classical methods let the validation split choose."""
+"""Parameters of the classical methods that the validation split may choose, and their values."""
 
 from collections.abc import Mapping, Sequence
 

@@ -25,7 +25,7 @@ ANISOTROPY = (
     "the total variation of forward differences knows one diagonal of the pixels from the other "
     "(Condat, SIAM J. Imaging Sci. 10(3), 2017)"
 )
-"""Why methods that use it are not equivariant, however long they iterate."""
+"""Reason why methods that use it are not equivariant, however long they iterate."""
 
 # Penalties relative to the weight of the variation, and over-relaxation. They set the speed of
 # convergence only, not the solution.
@@ -36,7 +36,7 @@ RELAXATION = 1.7
 
 @dataclass
 class TVState:
-    """Where the iteration stands, for n images: pass it on to start warm. All (n, H, W)."""
+    """State of the iteration for n images, to start the next one from. All (n, H, W)."""
 
     image: Array
     image_dual: Array

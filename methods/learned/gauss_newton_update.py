@@ -1,4 +1,4 @@
-"""What the exact model says of a guessed image: the Gauss-Newton updates that explain the frame.
+"""Gauss-Newton updates of a guessed image, through the exact model, that explain the frame.
 
 At a guess x (conductivity over background, on the P pixels of the sensor) the model predicts F(x)
 with derivative J. If the guess is wrong by an error with covariance D, and the frame by noise of

@@ -1,4 +1,4 @@
-"""The best linear reconstruction that simulated data teach: what every network must beat."""
+"""The best linear reconstruction learned from simulated data, which every network must beat."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Ridge regression from voltages to images: the best linear map that data teach."""
+"""Ridge regression from voltages to images: the best linear map that can be learned."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What every backbone is: a linear map from voltages to an image, and a correction of it."""
+"""Base of the backbones: a linear map from voltages to an image, and a correction of it."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Backbone(nn.Module):
 
     @abstractmethod
     def correction(self, inputs: Tensor, image: Tensor) -> Tensor:
-        """What to add (n, H, W) to the linear `image` (n, H, W) of `inputs` (n, K)."""
+        """Return what to add (n, H, W) to the linear `image` (n, H, W) of `inputs` (n, K)."""
 
     def start_from(self, matrix: Tensor) -> None:
         """Make `matrix` (K, H * W) the linear map."""

@@ -81,7 +81,7 @@ class Eidors(Peer):
 
     @abstractmethod
     def parameters(self) -> dict[str, Any]:
-        """What `eidors_bridge.m` wants to know for this algorithm."""
+        """Return the parameters of this algorithm for `eidors_bridge.m`."""
 
     def ask(self, difference: Array) -> Array:
         """Contrast (n, P) of pixels from signed differences (n, M), by EIDORS."""

@@ -25,7 +25,7 @@ _LONGEST_REASON = 300
 
 
 def missing() -> str:
-    """What is missing to run EIDORS, as a sentence; "" where nothing is."""
+    """Return what is missing to run EIDORS, as a sentence; "" where nothing is."""
     if shutil.which("octave") is None:
         return "EIDORS is run in GNU Octave, and there is no program `octave` on the path."
     folder = os.environ.get(FOLDER, "")

@@ -1,4 +1,4 @@
-"""What the peers share: differences in, a scale that is found once, absolute images out."""
+"""Base of the peers: differences in, a scale that is fitted once, absolute images out."""
 
 from abc import abstractmethod
 from dataclasses import replace

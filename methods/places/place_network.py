@@ -32,7 +32,7 @@ HIDDEN = (256, 256)
 
 @dataclass(frozen=True)
 class TrainingPhase:
-    """How to learn from frames with known places.
+    """Hyper-parameters of learning from frames with known places.
 
     Attributes:
         steps: of the optimiser, AdamW with one cycle of its learning rate.

@@ -22,7 +22,7 @@ UNTOUCHED = 1 / 64
 
 @dataclass(frozen=True)
 class Augmentation:
-    """What a batch of simulated samples is turned into, differently each time.
+    """Random changes of a batch of simulated samples, drawn anew each time.
 
     Attributes:
         noise: that the scenario declares for its training split. It is drawn anew each time, so

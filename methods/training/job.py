@@ -105,7 +105,7 @@ class TrainingJob:
 
     @cached_property
     def settings(self) -> dict[str, object]:
-        """What decides the result beside the recipe: network, sensor and data."""
+        """Settings that decide the result beside the recipe: network, sensor and data."""
         return {
             "name": self.files.name,
             "network_version": self.files.version,

@@ -119,7 +119,7 @@ def run_epochs(
     Args:
         seen: samples by split, whose losses are worked out after every epoch.
         replica: the device, and this process's share of every batch.
-        moved: is told how many epochs are done, after every step.
+        moved: called before every step with the number of epochs done.
 
     Raises:
         FloatingPointError: a loss is not finite.
@@ -166,10 +166,10 @@ def run_epochs(
             others=losses,
         )
         curve, weights = (*state.curve, epoch), task.network.state_dict()
-        kept = state.best
+        best_weights = state.best
         if best(curve) is epoch:
-            kept = {name: tensor.clone() for name, tensor in weights.items()}
-        state = Checkpoint(weights, kept, optimizer_tensors(optimizer), curve)
+            best_weights = {name: tensor.clone() for name, tensor in weights.items()}
+        state = Checkpoint(weights, best_weights, optimizer_tensors(optimizer), curve)
         yield state
 
 

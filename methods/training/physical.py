@@ -1,4 +1,4 @@
-"""The physical loss: do the reconstructed images explain the measured voltages?"""
+"""The physical loss: the error of the voltages that reconstructed images predict."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a training tells the person in front of it, on stderr: a bar on a terminal, else lines."""
+"""Progress of a training on stderr: a bar on a terminal, else a line for each epoch."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 class EpochProgress:
-    """Where the training is, its last losses, and the time left; nothing at all if `quiet`."""
+    """Display of finished epochs, last losses and the time left; of nothing if `quiet`."""
 
     def __init__(self, epochs: int, *, quiet: bool) -> None:
         self._epochs = epochs
@@ -45,11 +45,11 @@ class EpochProgress:
         self._bar.stop()
 
     def moved(self, epochs: float) -> None:
-        """So many epochs are done."""
+        """Show that so many epochs are done."""
         self._bar.update(self._task, completed=epochs)
 
     def finished(self, epoch: Epoch) -> None:
-        """An epoch is done."""
+        """Show an epoch that is done."""
         losses = f"train {epoch.train:.3g}  validation {epoch.validation:.3g}"
         line = f"epoch {epoch.epoch}/{self._epochs}  {losses}"
         self._bar.update(self._task, description=line, completed=epoch.epoch)

@@ -49,7 +49,7 @@ class Devices:
 
 @dataclass(frozen=True)
 class TrainingRequest:
-    """What to train, and how; the defaults give the weights that are shipped.
+    """Request to train a method or an operator; the defaults give the weights that are shipped.
 
     Attributes:
         name: of the method or operator.

@@ -1,4 +1,4 @@
-"""Deep image prior: a network that has learnt nothing, fitted to the voltages of a single frame."""
+"""Deep image prior: an untrained network, fitted to the voltages of a single frame."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ WINDOW, PATIENCE = 100, 100
 """Of the early stopping, in steps."""
 
 NEAREST = 0.05
-"""How near to an end of its range the conductivity begins, as a fraction of the range."""
+"""Least distance of the first conductivity from the ends of its range, as a fraction of it."""
 
 SMOOTHING = 0.01
 """The total variation is rounded where the relative conductivity changes by less than this."""
@@ -105,7 +105,7 @@ class Dip(Method):
         return stopping.image
 
     def _relative(self, network: Decoder) -> Tensor:
-        """What the network makes of conductivity over background (H, W); 1 outside the sensor."""
+        """Return the network's conductivity over background (H, W); 1 outside the sensor."""
         import torch
 
         low, high = self._problem.sensor.conductivity_range

@@ -1,4 +1,4 @@
-"""When to stop fitting an untrained network: the windowed moving variance of its images."""
+"""Early stopping of untrained networks, by the windowed moving variance of their images."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class MovingVariance:
         self._seen = 0
 
     def stops(self, image: Array) -> bool:
-        """Take in the next image (H, W); whether it is time to stop."""
+        """Take in the next image (H, W); return True if it is time to stop."""
         if not self._images:
             self._total, self._squares = np.zeros_like(image), 0.0
         self._images.append(image)

@@ -1,4 +1,4 @@
-"""How badly an image explains a frame, in units of what its errors leave unexplained."""
+"""Misfit of an image to a frame, in units of the errors that are expected of the data."""
 
 from __future__ import annotations
 

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 class Weights(NamedTuple):
-    """Weights that were found, where, and what is known about their training."""
+    """Weights of a file, with its path and the metadata of their training."""
 
     path: Path
     tensors: dict[str, Tensor]
@@ -44,17 +44,17 @@ class WeightFiles:
 
     @property
     def command(self) -> str:
-        """The command that makes such a file."""
+        """Command that makes such a file."""
         return f"eitbench train {self.name} --suite SUITE"
 
     def file_name(self, sensor: Sensor) -> str:
-        """What the file with weights for `sensor` is called."""
+        """Return the name of the file with weights for `sensor`."""
         return f"{self.name}-{sensor.name}-{sensor_key(sensor)[:12]}.safetensors"
 
     def save(
         self, path: Path, sensor: Sensor, tensors: Mapping[str, Tensor], metadata: Mapping[str, str]
     ) -> None:
-        """Write a file of weights for `sensor`, with what is known `metadata` their training.
+        """Write a file of weights for `sensor`, with `metadata` of their training.
 
         Raises:
             EitbenchError: the folder is not writable or full.
@@ -68,7 +68,7 @@ class WeightFiles:
         write_arrays(path, arrays, {**metadata, **fixed})
 
     def load(self, sensor: Sensor, path: Path | None = None) -> Weights:
-        """The weights for `sensor`: those in the file `path`, or the user's own, or the packaged.
+        """Return weights for `sensor`: those in the file `path`, or the user's own, or the packaged.
 
         Raises:
             InputError: there are none, or they belong to another sensor or version of the network.
@@ -86,7 +86,7 @@ class WeightFiles:
         raise InputError(self.missing(sensor))
 
     def missing(self, sensor: Sensor) -> str:
-        """The sentence that says that there are no weights for `sensor`, and what to do."""
+        """Return the sentence that there are no weights for `sensor`, and what to do."""
         height, width = sensor.image_shape
         return (
             f"{self.name!r} has no weights for the sensor {sensor.name!r} with "
@@ -138,10 +138,10 @@ def sensor_key(sensor: Sensor) -> str:
 
 
 def user_weights() -> Path:
-    """Where the weights that the user trained are kept; they come before the packaged ones."""
+    """Return the folder of the weights that the user trained; they precede the packaged ones."""
     return cache_dir() / "weights"
 
 
 def packaged_weights() -> Path:
-    """Where the weights that come with the package are kept."""
+    """Return the folder of the weights that come with the package."""
     return Path(str(files("eitbench.methods"))) / "weights"

@@ -1,4 +1,4 @@
-"""What methods must reach with the packaged choices and weights, on 60 samples (10 a family)."""
+"""Figures that methods must reach with packaged choices and weights, on 60 samples."""
 
 from functools import cache
 

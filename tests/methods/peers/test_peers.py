@@ -43,7 +43,7 @@ def coarse(name: str) -> Sensor:
 
 
 def disc(of: Sensor, x: Array, y: Array) -> NDArray[np.bool_]:
-    """Which points lie in a disc that no turn or mirror image of the sensor leaves where it is."""
+    """Mask of the points in a disc that no turn or mirror image of the sensor leaves in place."""
     x0, y0, x1, y1 = of.outline.bounds
     apart = np.hypot(x - (x0 + 0.82 * (x1 - x0)), y - (y0 + 0.64 * (y1 - y0)))
     return np.asarray(apart < 0.12 * max(x1 - x0, y1 - y0))
