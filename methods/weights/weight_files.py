@@ -68,7 +68,7 @@ class WeightFiles:
         write_arrays(path, arrays, {**metadata, **fixed})
 
     def load(self, sensor: Sensor, path: Path | None = None) -> Weights:
-        """Return weights for `sensor`: those in the file `path`, or the user's own, or the packaged.
+        """Return weights for `sensor`: of the file `path`, or the user's own, or the packaged ones.
 
         Raises:
             InputError: there are none, or they belong to another sensor or version of the network.
