@@ -3,18 +3,17 @@ import io
 import json
 import re
 import shutil
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from rich.console import Console
 
 from eitbench.benchmark.metrics.specs import METRICS
 from eitbench.reports.tables.columns import METHOD_LAYOUT as LAYOUT
 from eitbench.reports.tables.leaderboard import FORMATS, ranked_rows, write_leaderboard
 from eitbench.reports.tables.notes import note
-from eitbench.reports.tables.terminal import table
 
 NASTY = "a|b_<img src=x>$\\%&`\x1b[31m\nend"
 CONTRACT = {
@@ -105,11 +104,11 @@ def test_names_are_data_in_html_csv_and_json(nasty: list[dict[str, Any]]) -> Non
     assert json.loads(FORMATS["json"](nasty))[0]["method"] == NASTY
 
 
-def test_the_terminal_shows_names_as_they_are_and_no_markup(nasty: list[dict[str, Any]]) -> None:
-    console = Console(record=True, width=200, file=io.StringIO())
+def test_the_terminal_shows_names_as_they_are_and_no_markup(
+    nasty: list[dict[str, Any]], printed: Callable[..., str]
+) -> None:
     nasty[1]["method"] = "[bold]odd[/bold]"
-    console.print(table(nasty, 200))
-    text = console.export_text()
+    text = printed(nasty, "terminal")
     assert "[bold]odd[/bold]" in text
     assert "\x1b" not in text
     assert "bench / conductivity-set" in text
@@ -118,12 +117,10 @@ def test_the_terminal_shows_names_as_they_are_and_no_markup(nasty: list[dict[str
 
 @pytest.mark.parametrize("width", [60, 80, 100, 150])
 def test_a_narrow_terminal_shows_fewer_columns_but_whole_ones(
-    nasty: list[dict[str, Any]], width: int
+    nasty: list[dict[str, Any]], width: int, printed: Callable[..., str]
 ) -> None:
     nasty[0]["method"] = "gauss-newton-noser"
-    console = Console(record=True, width=width, file=io.StringIO())
-    console.print(table(nasty, width))
-    text = console.export_text()
+    text = printed(nasty, "terminal", width)
     assert max(map(len, text.splitlines())) <= width
     assert "gauss-newton-noser" in text
     assert format(nasty[0]["score"], ".3f") in text
@@ -180,19 +177,13 @@ NOTE = "guessing one place: 35.5 mm; reciprocity error of the reference frame: 2
 
 
 @pytest.mark.parametrize("form", ["md", "html", "latex", "terminal"])
-def test_what_is_known_of_recorded_data_stands_below_their_table(full_run: Path, form: str) -> None:
+def test_what_is_known_of_recorded_data_stands_below_their_table(
+    full_run: Path, form: str, printed: Callable[..., str]
+) -> None:
     rows = ranked_rows([full_run])
     noted = [row | (NOTES if row["scenario"] == "position-set" else {}) for row in rows]
-
-    def shown(board: list[dict[str, Any]]) -> str:
-        if form != "terminal":
-            return FORMATS[form](board).replace("\\", "")
-        console = Console(record=True, width=200, file=io.StringIO())
-        console.print(table(board, 200))
-        return console.export_text()
-
-    assert "guessing" not in shown(rows)
-    text = shown(noted)
+    assert "guessing" not in printed(rows, form)
+    text = printed(noted, form).replace("\\", "")
     assert text.count(f"{NOTE}noise between repeats: 0.032%.") == 1
     after = text.index("guessing")
     assert text.index("position-set") < after < text.index("classes-set")

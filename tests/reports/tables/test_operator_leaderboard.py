@@ -4,19 +4,17 @@ import csv
 import io
 import json
 import re
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
-from rich.console import Console
 
 from eitbench.reports.figures.image_grid import write_figures
 from eitbench.reports.tables.columns import OPERATOR_LAYOUT as LAYOUT
 from eitbench.reports.tables.leaderboard import FORMATS, ranked_rows, write_leaderboard
 from eitbench.reports.tables.published import RATIO, TABLE_I
-from eitbench.reports.tables.terminal import table
 from eitbench.scenarios.errors import InputError
 
 N = 4
@@ -64,14 +62,6 @@ def operator_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def shown(rows: list[dict[str, Any]], form: str, width: int = 200) -> str:
-    if form != "terminal":
-        return FORMATS[form](rows)
-    console = Console(record=True, width=width, file=io.StringIO())
-    console.print(table(rows, width))
-    return console.export_text()
-
-
 def test_rows_hold_the_contract_ranked_by_mse(operator_run: Path) -> None:
     rows = ranked_rows([operator_run])
     assert all(set(row) >= CONTRACT for row in rows)
@@ -87,8 +77,10 @@ def test_rows_hold_the_contract_ranked_by_mse(operator_run: Path) -> None:
 
 
 @pytest.mark.parametrize("form", ["md", "latex", "html", "terminal"])
-def test_the_published_table_stands_beside_ours(form: str, operator_run: Path) -> None:
-    text = shown(ranked_rows([operator_run]), form)
+def test_the_published_table_stands_beside_ours(
+    form: str, operator_run: Path, printed: Callable[..., str]
+) -> None:
+    text = printed(ranked_rows([operator_run]), form)
     for figure in ("1.62e-2", "8.00e-4", "3.00e-24", "2.57e-3", "0.99498", "0.97123", "0.97520"):
         assert figure in text
     plain = re.sub(r"\\", "", text)
@@ -110,16 +102,18 @@ def test_published_figures_are_not_results(operator_run: Path) -> None:
     assert "**" not in line
 
 
-def test_without_both_there_is_no_ratio(operator_run: Path) -> None:
+def test_without_both_there_is_no_ratio(operator_run: Path, printed: Callable[..., str]) -> None:
     rows = [row for row in ranked_rows([operator_run]) if row["operator"] != "jacobian"]
-    text = shown(rows, "md")
+    text = printed(rows, "md")
     assert "times lower" not in text
     assert "(published)" in text
 
 
 @pytest.mark.parametrize("width", [60, 80, 120])
-def test_a_narrow_terminal_shows_the_ranking(width: int, operator_run: Path) -> None:
-    text = shown(ranked_rows([operator_run]), "terminal", width)
+def test_a_narrow_terminal_shows_the_ranking(
+    width: int, operator_run: Path, printed: Callable[..., str]
+) -> None:
+    text = printed(ranked_rows([operator_run]), "terminal", width)
     assert max(map(len, text.splitlines())) <= width
     assert "8.00e-4" in text
     assert "surrogate (published)" in text
