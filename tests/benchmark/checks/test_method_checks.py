@@ -53,7 +53,6 @@ MISBEHAVING = {
     "toy-hangs": EVERYTHING,
     "toy-raises": EVERYTHING,
     "toy-shape": EVERYTHING - REFUSES,
-    "toy-complex": EVERYTHING - REFUSES,
     "toy-mutates": EVERYTHING - REFUSES,
 }
 

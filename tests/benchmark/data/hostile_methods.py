@@ -4,7 +4,6 @@ import ctypes
 import os
 import signal
 import sys
-import threading
 import time
 from pathlib import Path
 from typing import Any
@@ -87,16 +86,6 @@ class PrintsALot(Untouched):
         while self.left:
             sys.stdout.write(4 * 2**20 * "x")
             self.left -= 1
-
-
-@register("deadlocks")
-class Deadlocks(Untouched):
-    """Waits for itself."""
-
-    def harm(self) -> None:
-        lock = threading.Lock()
-        lock.acquire()
-        lock.acquire()
 
 
 @register("behaves")

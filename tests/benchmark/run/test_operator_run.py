@@ -193,16 +193,6 @@ def test_an_operator_costs_its_own_rows_only(
         assert bad["sample"].tolist() == [3]
 
 
-def test_an_operator_that_hangs_is_given_up(suite: Suite, tmp_path: Path) -> None:
-    quick = suite.model_copy(update={"frame_limit_s": 0.5})
-    plan = make_plan(
-        quick, operators=["toy-hangs"], scenarios=["tiny-same"], limit=1, plugins=[TOYS]
-    )
-    samples = pd.read_parquet(start_run(plan, tmp_path / "run").path / "samples.parquet")
-    assert samples["status"].tolist() == ["timeout"]
-    assert samples["message"].tolist() == ["the first frame took longer than 0.5 s"]
-
-
 def test_a_gradient_of_zero_has_no_direction(toys: pd.DataFrame) -> None:
     rows = toys[toys["operator"] == "toy-flat"]
     assert rows["grad_undefined"].all()

@@ -272,14 +272,6 @@ def test_resuming_refuses_changed_data(cut_run: Path, monkeypatch: pytest.Monkey
         resume_run(cut_run)
 
 
-def test_resuming_refuses_a_manifest_without_a_plan(cut_run: Path) -> None:
-    manifest = json.loads((cut_run / "manifest.json").read_text())
-    del manifest["plan"]["names"]
-    (cut_run / "manifest.json").write_text(json.dumps(manifest))
-    with pytest.raises(InputError, match="its manifest is incomplete"):
-        resume_run(cut_run)
-
-
 def test_resuming_needs_a_run(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="is not a run directory"):
         resume_run(tmp_path)
@@ -344,7 +336,7 @@ def test_a_run_is_finished_only_with_every_cell(
     assert len(pd.read_parquet(tmp_path / "run" / "samples.parquet")) == 2 * N
 
 
-@pytest.mark.parametrize("name", ["cells", "data", "skipped", "batch"])
+@pytest.mark.parametrize("name", ["plan", "cells", "data", "skipped", "batch"])
 def test_resuming_refuses_a_manifest_without(name: str, cut_run: Path) -> None:
     manifest = json.loads((cut_run / "manifest.json").read_text())
     del manifest[name]

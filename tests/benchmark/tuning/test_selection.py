@@ -96,11 +96,6 @@ def test_packaged_choices_record_their_rule_what_they_cost_and_every_trial() -> 
             )
 
 
-def test_default_methods_of_all_suites_exist() -> None:
-    for name in suites():
-        assert set(load_suite(name).methods or ()) <= set(methods())
-
-
 def test_a_damaged_file_of_choices_is_named_and_not_used(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:

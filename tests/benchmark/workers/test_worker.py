@@ -7,7 +7,6 @@ import threading
 import time
 from pathlib import Path
 
-import numpy as np
 import psutil
 import pytest
 
@@ -18,7 +17,6 @@ from eitbench.benchmark.workers.method_service import (
     scenario_splits,
 )
 from eitbench.benchmark.workers.worker import (
-    Failure,
     StoppedError,
     Worker,
     WorkerLostError,
@@ -67,34 +65,6 @@ def fitted(
     reply = worker.ask("set_up", limit=60, what="set-up")
     assert reply.failure is None
     return worker
-
-
-def test_images_come_back_as_float32(tiny: Suite, data: Dataset, toys: Path) -> None:
-    with fitted(tiny, data, "toy-good", toys) as worker:
-        reply = worker.ask("reconstruct", data.voltages, limit=60, what="it")
-    assert reply.failure is None
-    assert reply.value.shape == (5, 40, 40)
-    assert reply.value.dtype == np.float32
-    assert reply.seconds > 0
-    assert reply.memory_mb > 10
-
-
-def test_a_hanging_method_is_given_up(tiny: Suite, data: Dataset, toys: Path) -> None:
-    with fitted(tiny, data, "toy-hangs", toys) as worker:
-        with pytest.raises(WorkerLostError, match=r"a frame took longer than 0\.2 s") as lost:
-            worker.ask("reconstruct", data.voltages[:1], limit=0.2, what="a frame")
-        assert lost.value.failure.status == "timeout"
-
-
-def test_a_killed_process_ran_out_of_memory(tiny: Suite, data: Dataset, toys: Path) -> None:
-    with (
-        fitted(tiny, data, "toy-killed", toys) as worker,
-        pytest.raises(WorkerLostError) as lost,
-    ):
-        worker.ask("reconstruct", data.voltages, limit=60, what="a batch")
-    assert lost.value.failure == Failure(
-        "out-of-memory", "its process was killed (out of memory, or by hand) during a batch"
-    )
 
 
 def test_a_stopped_run_does_not_wait_for_a_method(tiny: Suite, data: Dataset, toys: Path) -> None:
