@@ -26,7 +26,7 @@ class Untouched(Method):
         return np.repeat(self.image[None], len(voltages), axis=0)
 
     def harm(self) -> None:
-        """What it does."""
+        """Do harm."""
 
 
 @register("segfaults")

@@ -113,12 +113,12 @@ def here(plan: Plan, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def by_batch(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A piece for each batch."""
+    """A remote task for each batch."""
     monkeypatch.setattr(execution, "REMOTE_TASK_SECONDS", 0.0)
 
 
 @pytest.mark.usefixtures("by_batch")
-def test_a_cluster_gives_the_same_bits_piece_by_piece(
+def test_a_cluster_gives_the_same_bits_batch_by_batch(
     machines: Machines,
     plan: Plan,
     here: Path,

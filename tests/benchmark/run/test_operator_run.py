@@ -70,14 +70,14 @@ def test_figures_are_what_the_operator_gives(name: str, suite: Suite, run: Path)
     jacobian, model = operator("jacobian", of.nominal_sensor), of.data_model("test")
     sigma = load(of).conductivity
     assert sigma is not None
-    clean, untouched = clean_voltages(of, "test", N), clean_reference(of, "test")
+    clean, reference = clean_voltages(of, "test", N), clean_reference(of, "test")
     known = clean_voltages(of, "validation", 8)
     mean, std = known.mean(axis=0), known.std(axis=0)
     voltages = jacobian.voltages(np.array(sigma))
     z, y = (clean - mean) / std, (voltages - mean) / std
     factor = of.mesh_refinement
     cosines = []
-    for image, fine, response in zip(sigma, fine_images(of), clean - untouched, strict=True):
+    for image, fine, response in zip(sigma, fine_images(of), clean - reference, strict=True):
         finest = np.tensordot(response, model.jacobian(fine), axes=1)
         blocks = [finest[i::factor, j::factor] for i in range(factor) for j in range(factor)]
         exact = np.sum(blocks, axis=0)
@@ -94,7 +94,7 @@ def test_figures_are_what_the_operator_gives(name: str, suite: Suite, run: Path)
     with h5py.File(run / "voltages.h5") as file:
         np.testing.assert_allclose(file[f"{name}/jacobian/voltages"][:], voltages, rtol=1e-12)
         np.testing.assert_array_equal(file[f"{name}/truth/voltages"][:], clean)
-        np.testing.assert_array_equal(file[f"{name}/truth/reference"][:], untouched)
+        np.testing.assert_array_equal(file[f"{name}/truth/reference"][:], reference)
         np.testing.assert_array_equal(file[f"{name}/truth/mean"][:], mean)
 
 

@@ -1,4 +1,4 @@
-"""What a method reads is noted, and what it was taught on is held against the test split."""
+"""Prior knowledge: recorded reads of a problem, and the overlap with the test split."""
 
 import copy
 import json
@@ -149,21 +149,21 @@ def test_an_honest_training_split_overlaps_nowhere() -> None:
     problem = a_problem()
     problem.training()
     problem.validation()
-    told = columns(problem.access_record(), {}, SMALL, own("test", None), spent={})
-    assert told["overlap"] == 0
+    found = columns(problem.access_record(), {}, SMALL, own("test", None), spent={})
+    assert found["overlap"] == 0
     assert (
-        describe_prior_knowledge(told["prior_knowledge"])
+        describe_prior_knowledge(found["prior_knowledge"])
         == "6 training samples; 8 validation samples"
     )
 
 
-def test_what_tuning_told_is_told() -> None:
+def test_knowledge_by_tuning_is_reported() -> None:
     trials = tuple(Trial({"weight": float(k)}, 1.0) for k in range(12))
     choice = Selection({"weight": 0.0}, 1.0, trials, TuningBudget(), "seconds")
     problem, test = a_problem(), own("test", None)
     create("noser").fit(problem)
-    told = columns(problem.access_record(), {}, SMALL, test, spent=choice.describe()["spent"])
-    assert describe_prior_knowledge(told["prior_knowledge"]) == (
+    found = columns(problem.access_record(), {}, SMALL, test, spent=choice.describe()["spent"])
+    assert describe_prior_knowledge(found["prior_knowledge"]) == (
         "nominal contact impedance; conductivity range; noise level through tuning; "
         "12 trials of tuning"
     )
@@ -177,8 +177,8 @@ def test_noise_is_known_from_data_that_have_it() -> None:
     problem = a_problem(lambda split, limit: load(same, split=split, limit=limit))
     problem.training()
     problem.validation()
-    told = columns(problem.access_record(), {}, same, load(same, split="test"), spent={})
-    assert json.loads(told["prior_knowledge"])["noise"] == ["train"]
+    found = columns(problem.access_record(), {}, same, load(same, split="test"), spent={})
+    assert json.loads(found["prior_knowledge"])["noise"] == ["train"]
 
 
 def test_weights_are_held_against_the_data_they_come_from(

@@ -1,4 +1,4 @@
-"""What enters a run and what may go wrong around it: names, plugins, recorded sets, signals."""
+"""Inputs of a run and failures around it: names, plugins, recorded sets, signals."""
 
 import json
 import signal
@@ -94,7 +94,7 @@ def test_data_out_of_reach_is_skipped(
     assert not (tmp_path / "nothing").exists()
 
 
-def test_positions_are_judged_after_registration(
+def test_positions_are_scored_after_registration(
     with_skin: Suite, tmp_path: Path, data: Dataset, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A made-up press data set: where conductivity falls most is where it was pressed, shifted."""

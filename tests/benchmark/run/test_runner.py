@@ -103,10 +103,10 @@ def test_a_method_costs_its_own_rows_only(
     bad = rows[rows["status"] != "ok"]
     assert all(message in text for text in bad["message"])
     assert (rows.loc[rows["status"] == "ok", "message"] == "").all()
-    untouched = evaluate(data, np.full((N, *data.sensor.image_shape), data.sensor.background))
+    background = evaluate(data, np.full((N, *data.sensor.image_shape), data.sensor.background))
     figures = list(METRIC_COLUMNS)
     pd.testing.assert_frame_equal(
-        bad.set_index("sample")[figures], untouched.loc[bad["sample"], figures], check_names=False
+        bad.set_index("sample")[figures], background.loc[bad["sample"], figures], check_names=False
     )
     assert rows["score"].notna().all()
     assert table.loc[method, "n"] == N

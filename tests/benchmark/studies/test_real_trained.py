@@ -1,4 +1,4 @@
-"""The track that learns from real presses: every press judged once, by what never saw it."""
+"""The track that learns from real presses: every press is scored once, without learning from it."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -52,7 +52,9 @@ def test_errors_fall_with_the_presses_that_are_learned_from(tmp_path: Path) -> N
     assert "| ridge | – |" in to_markdown(summary(errors))
 
 
-def test_no_press_is_judged_by_what_learned_from_it(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_press_is_learned_from_and_scored(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """Frames without information: only a press that was seen could be placed right."""
     rng = np.random.default_rng(0)
     blind = Presses(rng.standard_normal((150, 40)), rng.uniform(-0.06, 0.06, (150, 2)))

@@ -1,4 +1,4 @@
-"""What is run for the claim ledger, and how it goes on where it was stopped."""
+"""Runs for the claim ledger, which continue where they were stopped."""
 
 import re
 from collections.abc import Sequence

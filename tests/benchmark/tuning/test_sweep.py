@@ -1,4 +1,4 @@
-"""What a study tries next: the sweep, TPE after it, and what an interruption changes."""
+"""Search of a study: the sweep, TPE after it, and interruptions."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any

@@ -52,14 +52,14 @@ def test_a_trial_that_hangs_dies_or_reaches_for_the_test_split_costs_itself_only
     ((scenario, method, choice),) = tune(plan, tmp_path)
     assert (scenario, method, choice.ended_by) == ("small", "hostile", "space")
     assert choice.parameters == {"way": "fine"}
-    told = {trial.parameters["way"]: trial for trial in choice.trials}
-    assert {way for way, trial in told.items() if trial.status == "ok"} == {"fine"}
+    trials = {trial.parameters["way"]: trial for trial in choice.trials}
+    assert {way for way, trial in trials.items() if trial.status == "ok"} == {"fine"}
     for way in ("load", "phantom", "voltages", "late"):
-        assert "The test split is closed" in told[way].message
-    assert "longer than 5 s" in told["hang"].message
-    assert told["hang"].seconds >= 5
-    assert "exit code 3" in told["die"].message
-    assert "took more than 800 MB of memory" in told["grow"].message
+        assert "The test split is closed" in trials[way].message
+    assert "longer than 5 s" in trials["hang"].message
+    assert trials["hang"].seconds >= 5
+    assert "exit code 3" in trials["die"].message
+    assert "took more than 800 MB of memory" in trials["grow"].message
     spent = choices_in(tmp_path)["hostile"]["spent"]
     assert (spent["trials"], spent["failed"]) == (8, 7)
     assert not (tmp_path / "journals").exists()
@@ -99,7 +99,7 @@ def test_nothing_is_chosen_where_no_trial_gave_a_figure(
 
 
 def test_the_choice_is_the_best_of_what_is_known(tmp_path: Path) -> None:
-    """A constant image of the untouched sensor is the best constant; its figure is judged here."""
+    """A constant image of the untouched sensor is the best constant; its figure is known."""
     plan = make_plan(suite(SMALL), methods=["constant"], plugins=[PLUGIN])
     ((_, _, choice),) = tune(plan, tmp_path)
     assert choice.parameters == {"factor": 1.0}
@@ -227,8 +227,8 @@ def test_scenarios_of_unlike_spread_weigh_alike() -> None:
     validation = Validation(SMALL, "noser", None, Limits(60.0, 10.0, 8192.0), threading.Event())
     validation.standardise()
     offset, scale = validation.standard
-    untouched = frame_figures(validation.data, np.ones((8, 16, 16), np.float32))
-    assert (offset, scale) == pytest.approx((untouched.mean(), untouched.std()))
+    background = frame_figures(validation.data, np.ones((8, 16, 16), np.float32))
+    assert (offset, scale) == pytest.approx((background.mean(), background.std()))
 
 
 def test_a_search_over_a_parameter_that_does_not_exist_is_refused(tmp_path: Path) -> None:

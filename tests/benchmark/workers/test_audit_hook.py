@@ -1,4 +1,4 @@
-"""What a process is seen to do, and what is not seen."""
+"""Actions of a process that the audit hook notes, and those that it cannot see."""
 
 import json
 import os
@@ -10,7 +10,7 @@ import pytest
 
 from eitbench.benchmark.workers.audit_hook import Watch
 
-# Each piece of code runs in a process of its own, in a folder with `file`, `folder/` and `open`, a
+# Each program runs in a process of its own, in a folder with `file`, `folder/` and `open`, a
 # descriptor of `folder`.
 WRITES = {
     "open": "open('new', 'w')",
