@@ -281,9 +281,8 @@ def test_where_the_test_split_is_closed_nothing_gives_it() -> None:
     assert len(load(SMALL, split="test", limit=2)) == 2
 
 
-def test_recordings_have_no_test_frames_where_these_are_closed(tmp_path: Path) -> None:
-    if "EITBENCH_DATA" not in os.environ:
-        pytest.skip("Recorded sets are found through EITBENCH_DATA.")
+@pytest.mark.usefixtures("recorded_data")
+def test_recordings_have_no_test_frames_where_these_are_closed() -> None:
     whole = read_recording("ohmc16")
     with closed_test_split():
         kept = read_recording("ohmc16")
