@@ -64,7 +64,7 @@ def disc_frames(n: int) -> tuple[Array, Array]:
     return RNG.uniform(0.1, 2, (n, 1)) * np.exp(-((distance / 0.04) ** 2)), places
 
 
-def test_a_network_learns_places_and_a_lesson_leaves_its_teacher_as_it_was() -> None:
+def test_a_network_learns_places_and_further_training_leaves_it_as_it_was() -> None:
     frames, places = disc_frames(600)
     phase = replace(SIMULATED, steps=400, gain=0.1, noise=0.05)
     fresh = PlaceNetwork(40, (0, 0), 0.05, seed=1)
