@@ -57,3 +57,10 @@ def test_files_of_the_repository_that_pages_name_are_there() -> None:
         for name in re.findall(r"`([\w./-]+/[\w.-]+\.(?:py|m|toml|json))`", page.read_text()):
             if name.split("/")[0] not in ("runs", "DIR"):
                 assert (ROOT / name).exists(), f"{page.name}: {name}"
+
+
+def test_every_subpackage_has_its_line_in_contributing() -> None:
+    lines = (ROOT / "CONTRIBUTING.md").read_text()
+    for folder in ("scenarios", "methods", "benchmark", "hardware", "reports"):
+        for face in (ROOT / folder).glob("*/__init__.py"):
+            assert f"| `{folder}/{face.parent.name}` |" in lines
