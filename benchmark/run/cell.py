@@ -1,21 +1,43 @@
-"""One cell of a run: one method or operator on one scenario, run in a worker and scored."""
+"""One cell of a run: one method or operator on one scenario, run in a worker and scored.
 
+It answers all samples, whatever it does. Answers are stored at once, with the state of the cell: a
+run that is killed at any moment and resumed has the rows that it would have had.
+"""
+
+import json
 import threading
+import time
 from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
+import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
+from pydantic import TypeAdapter
 
-from eitbench.benchmark.run.batch_result import StoredBatches
-from eitbench.benchmark.run.batch_runner import BatchRunner
-from eitbench.benchmark.run.cell_task import CellTask, ScoredTask
-from eitbench.benchmark.run.progress import Bar
+from eitbench.benchmark.run.cell_task import NAN, Blank, CellTask, ScoredTask, StoredBatches
+from eitbench.benchmark.run.progress import Advance
 from eitbench.benchmark.run.timing import calibration
 from eitbench.benchmark.rundir import manifest
-from eitbench.scenarios.errors import EitbenchError
+from eitbench.benchmark.rundir.cells import Batch, Values
+from eitbench.benchmark.workers.restarting import RestartingWorker, WorkerHistory
+from eitbench.benchmark.workers.worker import (
+    Failure,
+    Reply,
+    StoppedError,
+    WorkerLostError,
+    describe_exception,
+)
+from eitbench.scenarios.errors import DataCorruptError, EitbenchError
+
+PRIOR_KNOWLEDGE_LIMIT_S = 60.0
+SAVE_SECONDS = 1.0  # samples that are asked for one by one are stored as often as this
+# Failures that asking again sample by sample would not mend.
+BROKEN_CONTRACT = frozenset({"mutated", "shape", "dtype"})
 
 
-def run_cell(task: ScoredTask, progress: Bar, stop: threading.Event) -> None:
+def run_cell(task: ScoredTask, progress: Advance, stop: threading.Event) -> None:
     """Run the batches that are not stored yet, then score the cell; whatever it does is a row.
 
     Raises:
@@ -27,7 +49,7 @@ def run_cell(task: ScoredTask, progress: Bar, stop: threading.Event) -> None:
         task.store.forget_answers(task.plan.cell)
 
 
-def prepare(task: CellTask, progress: Bar, stop: threading.Event) -> None:
+def prepare(task: CellTask, progress: Advance, stop: threading.Event) -> None:
     """Run a task that other cells need, unless its answers are stored already.
 
     Raises:
@@ -84,3 +106,252 @@ def score_cell(task: ScoredTask, row: Mapping[str, Any] | None) -> None:
         "complete": row is not None and len(table) == len(test),
     }
     store.save_cell(plan.cell, table, cell_row)
+
+
+@dataclass
+class CellState(WorkerHistory):
+    """State of a cell, stored with each of its batches.
+
+    Attributes:
+        row: figures of the cell from its set-up and its first sample.
+        failure: the reason why nothing more is asked for, if so.
+        working: true if there is a worker.
+        first_lost: the failure of the first sample, if it alone cost a worker.
+        alone: true if samples are asked for one by one from the start.
+        suspected: number of losses when a whole batch cost a worker and its samples are tried.
+        done, seconds: samples answered in whole batches, and the time that took.
+    """
+
+    row: dict[str, Any] = field(default_factory=dict)
+    failure: Failure | None = None
+    working: bool = False
+    first_lost: Failure | None = None
+    alone: bool = False
+    suspected: int | None = None
+    done: int = 0
+    seconds: float = 0.0
+
+
+_STATE = TypeAdapter(CellState)
+
+
+class BatchResult:
+    """The samples of one batch in order, good and bad, as they are collected."""
+
+    def __init__(self, blank: Blank) -> None:
+        self._blank = blank
+        self._values: list[Values | None] = []
+        self._status: list[str] = []
+        self._message: list[str] = []
+
+    def __len__(self) -> int:
+        return len(self._status)
+
+    def add(self, values: Values, good: NDArray[np.bool_]) -> None:
+        """Add answered samples, of which those that are not `good` hold no valid output."""
+        for k, valid in enumerate(good):
+            self._values.append({name: array[k] for name, array in values.items()})
+            self._status.append("ok" if valid else "invalid-output")
+            self._message.append("" if valid else "returned values that are not finite")
+
+    def take(self, batch: Batch) -> None:
+        """Add samples that are stored already."""
+        names = batch.values.keys()
+        self._values += [{name: batch.values[name][k] for name in names} for k in range(len(batch))]
+        self._status += batch.status
+        self._message += batch.message
+
+    def fail(self, count: int, failure: Failure) -> "BatchResult":
+        """Add `count` samples that were lost to `failure`."""
+        self._values += [None] * count
+        self._status += [failure.status] * count
+        self._message += [failure.message] * count
+        return self
+
+    def batch(self, start: int, state: str) -> Batch:
+        """Return the batch that is stored, with the `state` of its cell."""
+        arrays = self._blank(len(self))
+        for k, values in enumerate(self._values):
+            for name, value in (values or {}).items():
+                arrays[name][k] = value
+        return Batch(start, self._status, self._message, arrays, state)
+
+
+class BatchRunner:
+    """Runs the pending batches of one cell.
+
+    Attributes:
+        pending: batches that are not stored yet, or not whole.
+    """
+
+    def __init__(self, task: CellTask, progress: Advance, stop: threading.Event) -> None:
+        self.task, self.progress = task, progress
+        self.plan, self.store = task.plan, task.store
+        batches = [
+            (split, slice(start, min(start + self.plan.batch, size)))
+            for split, size in task.sizes.items()
+            for start in range(0, size, self.plan.batch)
+        ]
+        stored = [self.store.batch_length(self.plan.cell, s, rows.start) for s, rows in batches]
+        self._stored = sum(stored)
+        self.pending = [
+            (split, rows)
+            for (split, rows), count in zip(batches, stored, strict=True)
+            if count < rows.stop - rows.start
+        ]
+        self._state = CellState()
+        if self._stored:
+            split, rows = batches[np.flatnonzero(stored)[-1]]
+            self._state = _read_state(self.store.batch(self.plan.cell, split, rows.start).state)
+        self._worker = RestartingWorker(
+            task.service(),
+            set_up_limit_s=self.plan.fit_limit_s,
+            history=self._state,
+            log=self.store.log(self.plan.cell),
+            stop=stop,
+            memory_limit_mb=self.plan.memory_limit_mb,
+        )
+
+    def run(self) -> dict[str, Any]:
+        """Run the pending batches and return figures of the cell as a whole.
+
+        Raises:
+            StoppedError: the run was interrupted; finished batches are stored.
+            EitbenchError: the store could not be written or read.
+        """
+        state = self._state
+        self.progress(self._stored)
+        measured: dict[str, Any] = {}
+        try:
+            if state.failure is not None:
+                raise WorkerLostError(state.failure)
+            if not self._stored:
+                ready = self._worker.start()
+                state.row = {**ready.value, "setup_s": ready.seconds}
+                state.row["first_frame_ms"] = self._first_sample()
+            elif state.working:
+                self._worker.start()
+            self._run_pending()
+            measured = self.task.warm(lambda what, rows: self._ask("test", rows, what))
+            measured |= self._prior_knowledge()
+        except WorkerLostError as lost:
+            state.failure = lost.failure
+        except (StoppedError, EitbenchError):
+            raise
+        except Exception as error:  # whatever else goes wrong here costs this cell only
+            state.failure = describe_exception(error)
+        finally:
+            self._worker.close()
+        if state.failure is not None:
+            for split, rows in self.pending:
+                result = self._stored_part(split, rows)
+                missing = int(rows.stop - rows.start) - len(result)
+                self._finish(split, rows, result.fail(missing, state.failure))
+        fps = state.done / state.seconds if state.seconds > 0 else NAN
+        return state.row | measured | {"batch_fps": fps, "memory_mb": self._worker.memory_mb}
+
+    def _first_sample(self) -> float:
+        """Return the time of the first sample that the task sees [ms]; NaN where it fails."""
+        try:
+            first = self._ask("test", slice(0, 1), "the first frame")
+        except WorkerLostError as lost:
+            self._state.first_lost = lost.failure
+            return NAN
+        return NAN if first.failure else first.seconds * 1e3
+
+    def _prior_knowledge(self) -> dict[str, Any]:
+        """Return figures on the task's prior knowledge, if it reports them and still runs."""
+        if not (self._worker.running and self.task.reports_prior_knowledge):
+            return {}
+        what = "the report of its prior knowledge"
+        reply = self._worker.ask("prior_knowledge", limit=PRIOR_KNOWLEDGE_LIMIT_S, what=what)
+        return {} if reply.failure is not None else self.task.prior_knowledge(reply.value)
+
+    def _run_pending(self) -> None:
+        """Store the answers to the pending batches; each leaves the list."""
+        state = self._state
+        while self.pending:
+            split, rows = self.pending[0]
+            result = self._stored_part(split, rows)
+            begun = bool(len(result))
+            if not begun and (split, rows.start) == ("test", 0) and state.first_lost is not None:
+                result.fail(1, state.first_lost)
+                begun = True
+            if begun or state.alone or not self._ask_batch(split, rows, result):
+                self._ask_samples(split, rows, result)
+            self._finish(split, rows, result)
+            self.pending.pop(0)
+
+    def _ask_batch(self, split: str, rows: slice, result: BatchResult) -> bool:
+        """Ask for a whole batch; False where its samples have to be asked for one by one."""
+        state, n = self._state, rows.stop - rows.start
+        try:
+            reply = self._ask(split, rows, f"a batch of {n} frames")
+        except WorkerLostError:
+            state.suspected = state.losses
+            return False
+        if reply.failure is None:
+            state.done, state.seconds = state.done + n, state.seconds + reply.seconds
+            result.add(*self.task.values(split, rows, reply))
+            return True
+        if BROKEN_CONTRACT.intersection(reply.failure.kinds):
+            result.fail(n, reply.failure)
+            return True
+        return False
+
+    def _ask_samples(self, split: str, rows: slice, result: BatchResult) -> None:
+        """Ask sample by sample for the rest of a batch, so that only bad ones are lost."""
+        state, saved = self._state, time.monotonic()
+        for k in range(rows.start + len(result), rows.stop):
+            if time.monotonic() - saved > SAVE_SECONDS:
+                self._save(split, rows, result)
+                saved = time.monotonic()
+            row = slice(k, k + 1)
+            try:
+                reply = self._ask(split, row, "a frame")
+            except WorkerLostError as lost:
+                result.fail(1, lost.failure)
+                continue
+            if reply.failure is None:
+                result.add(*self.task.values(split, row, reply))
+            else:
+                result.fail(1, reply.failure)
+        # Where no sample was to blame the batch was: the next would cost a worker as well.
+        state.alone = state.alone or state.suspected == state.losses
+        state.suspected = None
+
+    def _ask(self, split: str, rows: slice, what: str) -> Reply:
+        """Ask for some samples; raises `WorkerLostError` if that costs the worker."""
+        limit = self.plan.frame_limit_s * (rows.stop - rows.start)
+        return self._worker.ask(*self.task.request(split, rows), limit=limit, what=what)
+
+    def _stored_part(self, split: str, rows: slice) -> BatchResult:
+        """Return the samples of a batch that are stored already."""
+        cell, result = self.plan.cell, BatchResult(self.task.blank)
+        if self.store.batch_length(cell, split, rows.start):
+            result.take(self.store.batch(cell, split, rows.start))
+        return result
+
+    def _save(self, split: str, rows: slice, result: BatchResult) -> None:
+        self._state.working = self._worker.running
+        batch = result.batch(rows.start, json.dumps(asdict(self._state)))
+        self.store.save_batch(self.plan.cell, split, batch)
+
+    def _finish(self, split: str, rows: slice, result: BatchResult) -> None:
+        before = self.store.batch_length(self.plan.cell, split, rows.start)
+        self._save(split, rows, result)
+        self.progress(rows.stop - rows.start - before)
+
+
+def _read_state(text: str) -> CellState:
+    """Return the state that was stored with a batch.
+
+    Raises:
+        DataCorruptError: it is damaged.
+    """
+    try:
+        return _STATE.validate_python(json.loads(text))
+    except ValueError as error:
+        raise DataCorruptError(
+            "A part of the run does not say where its cell stood: start a new run."
+        ) from error

@@ -1,7 +1,7 @@
 """Interfaces of what runs in a cell: the task, its plan and its data, of methods and operators."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, Self
@@ -10,11 +10,10 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from eitbench.benchmark.run.batch_result import StoredBatches
 from eitbench.benchmark.rundir.arrays_file import Truth
 from eitbench.benchmark.rundir.cells import Cell, Values
 from eitbench.benchmark.rundir.store import RunStore
-from eitbench.benchmark.workers.worker import Reply
+from eitbench.benchmark.workers.worker import Reply, WorkerLostError
 from eitbench.scenarios.data.datasets import Dataset
 from eitbench.scenarios.suites.scenario import Scenario
 from eitbench.scenarios.suites.suite import Suite
@@ -22,6 +21,8 @@ from eitbench.scenarios.suites.suite import Suite
 NAN = float("nan")
 
 Ask = Callable[[str, slice], Reply]
+Blank = Callable[[int], dict[str, NDArray[Any]]]
+"""Makes the stored arrays of so many samples without an answer."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,6 +101,46 @@ class CellTask(ABC):
             [b.start + k for b in stored for k, status in enumerate(b.status) if status == "ok"],
             dtype=np.intp,
         )
+
+
+def warm_replies(
+    ask: Ask, what: str, rows: Sequence[slice], enough: Callable[[int, float], bool]
+) -> list[Reply]:
+    """Return the answers to some of the `rows`, in turn, until one fails or there are enough.
+
+    Args:
+        enough: given the number of answers and the seconds they took, True if they suffice.
+    """
+    found: list[Reply] = []
+    while rows and not enough(len(found), sum(reply.seconds for reply in found)):
+        try:
+            reply = ask(what, rows[len(found) % len(rows)])
+        except WorkerLostError:  # every sample is stored by now
+            break
+        if reply.failure is not None:
+            break
+        found.append(reply)
+    return found
+
+
+class StoredBatches:
+    """All stored samples of one split of a cell, in the order of the data set.
+
+    Attributes:
+        values: arrays (n, ...).
+        status, message: n texts; status "" where nothing is stored.
+    """
+
+    def __init__(self, store: RunStore, cell: Cell, split: str, n: int, blank: Blank) -> None:
+        self.values = blank(n)
+        self.status = np.full(n, "", dtype=object)
+        self.message = np.full(n, "", dtype=object)
+        for batch in store.batches(cell, split):
+            rows = slice(batch.start, batch.stop)
+            self.status[rows] = batch.status
+            self.message[rows] = batch.message
+            for name, array in self.values.items():
+                array[rows] = batch.values[name]
 
 
 class ScoredTask(CellTask):

@@ -5,6 +5,7 @@ continues as a resumed run does, and sends the stored batches back: after each t
 here, and safe. The scheduler gives a task whose machine is lost to another one.
 """
 
+import itertools
 import logging
 import multiprocessing
 import re
@@ -19,7 +20,7 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 from eitbench.benchmark.run.cell import prepare, run_cell
 from eitbench.benchmark.run.cell_task import CellData, CellPlan, CellTask, ScoredTask
-from eitbench.benchmark.run.progress import Bar
+from eitbench.benchmark.run.progress import Advance
 from eitbench.benchmark.rundir import manifest
 from eitbench.benchmark.rundir.kinds import RunKind
 from eitbench.benchmark.rundir.store import Files, RunStore
@@ -59,7 +60,7 @@ class CellJob:
         assert task is not None
         return task
 
-    def run(self, store: RunStore, progress: Bar, stop: threading.Event) -> None:
+    def run(self, store: RunStore, progress: Advance, stop: threading.Event) -> None:
         """Run the batches that are not stored yet.
 
         Raises:
@@ -80,7 +81,7 @@ class Executor(Protocol):
     def slots(self) -> int:
         """Number of jobs that may run at a time."""
 
-    def run(self, job: CellJob, store: RunStore, progress: Bar, stop: threading.Event) -> None:
+    def run(self, job: CellJob, store: RunStore, progress: Advance, stop: threading.Event) -> None:
         """See `CellJob.run`."""
 
 
@@ -90,7 +91,7 @@ class LocalExecutor:
 
     slots: int
 
-    def run(self, job: CellJob, store: RunStore, progress: Bar, stop: threading.Event) -> None:
+    def run(self, job: CellJob, store: RunStore, progress: Advance, stop: threading.Event) -> None:
         """See `CellJob.run`."""
         job.run(store, progress, stop)
 
@@ -144,7 +145,7 @@ class DaskExecutor:
         self._lock = threading.Lock()
         self._scattered: dict[str, Future] = {}
 
-    def run(self, job: CellJob, store: RunStore, progress: Bar, stop: threading.Event) -> None:
+    def run(self, job: CellJob, store: RunStore, progress: Advance, stop: threading.Event) -> None:
         """See `CellJob.run`."""
         task = job.task(store)
         cell, done = task.plan.cell, 0
@@ -159,7 +160,7 @@ class DaskExecutor:
                 for split, size in task.sizes.items()
                 for start in range(0, size, job.plan.batch)
             )
-            progress.advance(max(0, stored - done))
+            progress(max(0, stored - done))
             done = stored
             if answer.finished:
                 return
@@ -313,7 +314,7 @@ def _run_remote_task(data: CellData, task: RemoteTask) -> RemoteResult:
             store.unpack(waits_for.plan.cell, task.prepared)
         with _cancellation() as stop:
             try:
-                job.run(store, _Deadline(time.monotonic() + task.seconds), stop)
+                job.run(store, _deadline(task.seconds), stop)
                 finished = True
             except StoppedError:
                 finished = False
@@ -323,22 +324,16 @@ def _run_remote_task(data: CellData, task: RemoteTask) -> RemoteResult:
         return RemoteResult(store.pack(cell), log.read_bytes() if log.exists() else b"", finished)
 
 
-class _Deadline:
-    """A progress bar that stops its job after a deadline, but not before a batch is stored."""
+def _deadline(seconds: float) -> Advance:
+    """Return a progress bar that stops its job after `seconds`, once a batch is stored."""
+    deadline, calls = time.monotonic() + seconds, itertools.count()
 
-    def __init__(self, deadline: float) -> None:
-        self._deadline = deadline
-        self._begun = False
-
-    def advance(self, frames: int) -> None:
-        """Count `frames` more.
-
-        Raises:
-            StoppedError: the deadline is over.
-        """
-        if self._begun and time.monotonic() > self._deadline:
+    def advance(_: int) -> None:
+        # The first call counts what was stored before.
+        if next(calls) and time.monotonic() > deadline:
             raise StoppedError
-        self._begun = True  # the first call counts what was stored before
+
+    return advance
 
 
 @contextmanager

@@ -14,10 +14,16 @@ from eitbench.benchmark.metrics.evaluation import (
     evaluate,
     fit_registration,
 )
-from eitbench.benchmark.run.batch_result import StoredBatches
-from eitbench.benchmark.run.cell_task import NAN, Ask, CellData, CellPlan, ScoredTask
+from eitbench.benchmark.run.cell_task import (
+    NAN,
+    Ask,
+    CellData,
+    CellPlan,
+    ScoredTask,
+    StoredBatches,
+    warm_replies,
+)
 from eitbench.benchmark.run.prior_knowledge import prior_knowledge_columns
-from eitbench.benchmark.run.timing import WARM_FRAMES, WARM_SECONDS, warm_percentiles
 from eitbench.benchmark.rundir.arrays_file import Truth
 from eitbench.benchmark.rundir.cells import Values
 from eitbench.benchmark.rundir.store import RunStore
@@ -28,7 +34,7 @@ from eitbench.benchmark.workers.method_service import (
     MethodSpec,
     scenario_splits,
 )
-from eitbench.benchmark.workers.worker import Reply, WorkerLostError
+from eitbench.benchmark.workers.worker import Reply
 from eitbench.methods import Method, methods
 from eitbench.methods.problem import AccessRecord
 from eitbench.scenarios.data.datasets import Dataset, load
@@ -36,6 +42,8 @@ from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.recordings.fetch import fetch_recording
 from eitbench.scenarios.suites.scenario import RecordedScenario, Scenario
 from eitbench.scenarios.suites.suite import Suite
+
+WARM_FRAMES, WARM_SECONDS = 100, 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,20 +195,15 @@ class MethodCellTask(ScoredTask):
         """Return times of single valid frames, up to a number and a time; the first comes last."""
         if self.plan.cell.variant:
             return {}  # the parameters that are ranked are those that are timed
-        good = self.valid_samples()
-        warm: list[float] = []
-        spent = 0.0
-        while len(good) and len(warm) < WARM_FRAMES and (spent < WARM_SECONDS or not warm):
-            k = int(good[(len(warm) + 1) % len(good)])
-            try:
-                reply = ask("a single frame", slice(k, k + 1))
-            except WorkerLostError:  # every frame is stored by now
-                break
-            if reply.failure is not None:
-                break
-            warm.append(reply.seconds * 1e3)
-            spent += reply.seconds
-        p50, p99 = warm_percentiles(warm)
+        good = [slice(k, k + 1) for k in self.valid_samples().tolist()]
+        replies = warm_replies(
+            ask,
+            "a single frame",
+            good[1:] + good[:1],
+            lambda n, spent: n >= WARM_FRAMES or (n > 0 and spent >= WARM_SECONDS),
+        )
+        times = [reply.seconds * 1e3 for reply in replies]
+        p50, p99 = np.percentile(times, [50, 99]).tolist() if times else (NAN, NAN)
         return {"frame_ms_p50": p50, "frame_ms_p99": p99}
 
     def prior_knowledge(self, value: tuple[AccessRecord, dict[str, str]]) -> dict[str, Any]:

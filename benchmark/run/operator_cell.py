@@ -17,8 +17,16 @@ from eitbench.benchmark.metrics.operator_metrics import (
     mse,
     relative_error,
 )
-from eitbench.benchmark.run.batch_result import StoredBatches
-from eitbench.benchmark.run.cell_task import NAN, Ask, CellData, CellPlan, CellTask, ScoredTask
+from eitbench.benchmark.run.cell_task import (
+    NAN,
+    Ask,
+    CellData,
+    CellPlan,
+    CellTask,
+    ScoredTask,
+    StoredBatches,
+    warm_replies,
+)
 from eitbench.benchmark.rundir.arrays_file import TRUTH, Truth
 from eitbench.benchmark.rundir.cells import Cell, Values
 from eitbench.benchmark.rundir.store import RunStore
@@ -28,7 +36,7 @@ from eitbench.benchmark.workers.operator_service import (
     OperatorSpec,
     ReferenceModelService,
 )
-from eitbench.benchmark.workers.worker import Reply, WorkerLostError
+from eitbench.benchmark.workers.worker import Reply
 from eitbench.methods.registry import operators
 from eitbench.scenarios.data.datasets import load
 from eitbench.scenarios.data.simulation import clean_reference, clean_voltages
@@ -235,25 +243,18 @@ class OperatorCellTask(ScoredTask):
         """Return the time of a sample in whole valid batches: the median over batches [ms]."""
         good = self.valid_samples()
         size = min(self.plan.batch, len(self.data.clean))
-        starts = [
-            start
+        batches = [
+            slice(start, start + size)
             for start in range(0, len(self.data.clean) - size + 1, size)
             if np.isin(np.arange(start, start + size), good).all()
         ]
-        found: list[Evaluation] = []
-        spent = 0.0
-        while starts and (
-            len(found) < WARM_BATCHES or (spent < WARM_SECONDS and len(found) < ENOUGH_BATCHES)
-        ):
-            start = starts[len(found) % len(starts)]
-            try:
-                reply = ask("a warm batch", slice(start, start + size))
-            except WorkerLostError:  # every sample is stored by now
-                break
-            if reply.failure is not None:
-                break
-            found.append(reply.value)
-            spent += reply.seconds
+        replies = warm_replies(
+            ask,
+            "a warm batch",
+            batches,
+            lambda n, spent: n >= WARM_BATCHES and (spent >= WARM_SECONDS or n >= ENOUGH_BATCHES),
+        )
+        found: list[Evaluation] = [reply.value for reply in replies]
         if not found:
             return {}
         return {

@@ -1,9 +1,9 @@
 """Progress of a run on stderr: bars on a terminal, lines elsewhere."""
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Protocol
+from functools import partial
 
 from rich.console import Console
 from rich.progress import (
@@ -15,24 +15,8 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
-
-class Bar(Protocol):
-    """Counts the frames of one cell."""
-
-    def advance(self, frames: int) -> None:
-        """Count `frames` more."""
-
-
-class CellProgress:
-    """The bar of one cell."""
-
-    def __init__(self, bars: Progress, description: str, total: int) -> None:
-        self._bars = bars
-        self._task = bars.add_task(description, total=total)
-
-    def advance(self, frames: int) -> None:
-        """Count `frames` more."""
-        self._bars.advance(self._task, frames)
+Advance = Callable[[int], None]
+"""Counts so many more frames of one cell."""
 
 
 class RunProgress:
@@ -60,11 +44,11 @@ class RunProgress:
             yield
 
     @contextmanager
-    def cell(self, name: str, frames: int) -> Iterator[CellProgress]:
+    def cell(self, name: str, frames: int) -> Iterator[Advance]:
         """Show the cell `name` of so many `frames` being worked on."""
-        bar = CellProgress(self._bars, name, frames)
-        yield bar
-        self._bars.remove_task(bar._task)
+        task = self._bars.add_task(name, total=frames)
+        yield partial(self._bars.advance, task)
+        self._bars.remove_task(task)
         self._bars.advance(self._all, 1)
         self._finished += 1
         if self._bars.disable:

@@ -13,7 +13,7 @@ from eitbench.benchmark.run.method_cell import MethodData
 from eitbench.benchmark.run.operator_cell import OperatorData
 from eitbench.benchmark.run.progress import RunProgress
 from eitbench.benchmark.run.timing import calibration
-from eitbench.benchmark.run.tracks import other_cells, write_tracks
+from eitbench.benchmark.run.tracks import cell_entries, write_tracks
 from eitbench.benchmark.rundir import manifest as manifests
 from eitbench.benchmark.rundir.cells import Cell
 from eitbench.benchmark.rundir.lock import locked
@@ -236,7 +236,7 @@ def _new_manifest(
             for there in data.values()
             for name in plan.names
             if not there.unusable(name)
-            for entry in (_ranked_cell(there, name), *other_cells(plan, there, name))
+            for entry in cell_entries(plan, there, name)
         ],
     }
 
@@ -258,20 +258,6 @@ def _unusable(plan: Plan, data: Mapping[str, CellData], progress: RunProgress) -
     for sentence in found.values():
         progress.say(sentence)
     return found
-
-
-def _ranked_cell(data: CellData, name: str) -> Manifest:
-    selection = data.selection(name)
-    track = "default" if selection is None else "tuned"
-    return {
-        "scenario": data.scenario.name,
-        "name": name,
-        "variant": "",
-        "track": "calibrated" if data.scenario.calibrated else track,
-        "parameters": selection["parameters"] if selection else {},
-        "spent": selection["spent"] if selection else {},
-        "weights": data.weights(name),
-    }
 
 
 def _execute(

@@ -1,24 +1,12 @@
-"""Comparable times: percentiles of single frames, and a calibration solve of the machine."""
+"""A calibration solve of the machine, which makes times comparable."""
 
 import time
-from collections.abc import Sequence
 from functools import cache
 
 import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import splu
 from threadpoolctl import threadpool_limits
-
-WARM_FRAMES = 100
-WARM_SECONDS = 1.0
-
-
-def warm_percentiles(frame_ms: Sequence[float]) -> tuple[float, float]:
-    """Return the median and 99th percentile of single-frame times; NaN without any."""
-    if not frame_ms:
-        return float("nan"), float("nan")
-    p50, p99 = np.percentile(frame_ms, [50, 99])
-    return float(p50), float(p99)
 
 
 @cache

@@ -23,30 +23,34 @@ if TYPE_CHECKING:
     from eitbench.benchmark.rundir.plan import Plan
 
 
-def other_cells(plan: "Plan", data: CellData, name: str) -> list[Manifest]:
-    """Return manifest entries for the cells of `name` on the tracks beside the ranked one."""
+def cell_entries(plan: "Plan", data: CellData, name: str) -> list[Manifest]:
+    """Return manifest entries for the cells of `name`, the ranked one first."""
     selection = data.selection(name)
-    if selection is None:
-        return []  # its one track is the default
-    wanted: dict[str, dict[str, Any]] = {}
-    if "default" in plan.tracks:
-        wanted["default"] = {}
+    own: dict[str, Any] = selection or {"parameters": {}, "spent": {}, "trials": []}
+    track = "default" if selection is None else "tuned"
+    if data.scenario.calibrated:
+        track = "calibrated"
+    cells = [("", track, own["parameters"], own["spent"])]
+    if selection is not None and "default" in plan.tracks:  # without one the ranked track is it
+        cells.append(("default", "default", {}, {}))
     if "oracle" in plan.tracks:
         # The first trial is that of the defaults.
-        tried = [t["parameters"] for t in selection["trials"] if t["status"] != "failed"]
-        others = [parameters for parameters in tried if parameters != selection["parameters"]]
-        wanted |= {f"trial-{k:02d}": parameters for k, parameters in enumerate(others)}
+        tried = [t["parameters"] for t in own["trials"] if t["status"] != "failed"]
+        others = [parameters for parameters in tried if parameters != own["parameters"]]
+        cells += [
+            (f"trial-{k:02d}", "oracle", parameters, {}) for k, parameters in enumerate(others)
+        ]
     return [
         {
             "scenario": data.scenario.name,
             "name": name,
             "variant": variant,
-            "track": "default" if variant == "default" else "oracle",
+            "track": track,
             "parameters": parameters,
-            "spent": {},
+            "spent": spent,
             "weights": data.weights(name),
         }
-        for variant, parameters in wanted.items()
+        for variant, track, parameters, spent in cells
     ]
 
 

@@ -57,7 +57,7 @@ class Batch:
         start: position of its first sample in the data set.
         status, message: k texts each.
         values: arrays (k, ...), NaN where there is no valid answer.
-        state: what its cell remembers by then, as JSON; see `batch_runner.CellState`.
+        state: what its cell remembers by then, as JSON; see `run.cell.CellState`.
     """
 
     start: int
