@@ -1,4 +1,4 @@
-"""How it is judged: metrics, runner, result store, timing and method checks."""
+"""How it is evaluated: metrics, runs, their directory, tuning, checks and analyses."""
 
 from eitbench.scenarios.errors import DataCorruptError, EitbenchError, InputError
 

@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from eitbench.benchmark.analysis.prior_knowledge_text import describe_prior_knowledge
-from eitbench.benchmark.analysis.results import NOTES, Run
+from eitbench.benchmark.analysis.results import NOTES, Run, describe_prior_knowledge
 from eitbench.benchmark.metrics.aggregation import aggregate
 from eitbench.benchmark.metrics.statistics import once
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS, RunKind

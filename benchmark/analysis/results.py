@@ -4,14 +4,13 @@ import json
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from pydantic import ConfigDict, TypeAdapter, ValidationError
+from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
 
-from eitbench.benchmark.analysis.prior_knowledge_text import describe_prior_knowledge
 from eitbench.benchmark.metrics.aggregation import LOAD_COLUMNS
 from eitbench.benchmark.metrics.specs import METRIC_COLUMNS
 from eitbench.benchmark.rundir import manifest
@@ -25,6 +24,8 @@ from eitbench.scenarios.errors import DataCorruptError, InputError
 NOTES = ("reciprocity_error", "repeat_noise", "guess_mm")
 NOTES_FILE = "recordings.json"
 _NOTES = TypeAdapter(dict[str, dict[str, float | None]], config=ConfigDict(strict=True))
+
+_NOISE = {"tuning": "tuning", "train": "training data", "validation": "validation data"}
 
 # Columns beside labels, metrics and costs, by what they hold.
 TEXTS = (
@@ -146,6 +147,56 @@ def checked_table(path: Path, kind: RunKind, needed: Iterable[str] = ()) -> pd.D
                 f"The column 'prior_knowledge' of {path} is damaged: run again."
             ) from error
     return table
+
+
+class _Given(BaseModel):
+    split: str
+    samples: int
+
+
+class _Tuned(BaseModel):
+    trials: int = 0
+
+
+class _Weights(BaseModel):
+    train_samples: int = 0
+
+
+class _Account(BaseModel):
+    """The part of `eitbench.benchmark.run.prior_knowledge.account` that is put in words."""
+
+    model: bool
+    conductivity_range: bool
+    noise: list[Literal["tuning", "train", "validation"]]
+    tuned: _Tuned
+    given: list[_Given]
+    trained_on: _Weights
+
+
+def describe_prior_knowledge(account: object) -> str:
+    """Return the column `prior_knowledge` of a cell as a phrase; "" where it holds no text.
+
+    Raises:
+        ValueError: its text is no such account.
+    """
+    if not isinstance(account, str) or not account:
+        return ""
+    known = _Account.model_validate_json(account)
+    parts = []
+    if known.model:
+        parts.append("nominal contact impedance")
+    if known.conductivity_range:
+        parts.append("conductivity range")
+    if known.noise:
+        parts.append(f"noise level through {' and '.join(_NOISE[way] for way in known.noise)}")
+    if known.tuned.trials:
+        parts.append(f"{known.tuned.trials} trials of tuning")
+    for given in known.given:
+        kind = "training" if given.split == "train" else given.split
+        parts.append(f"{given.samples:,} {kind} samples")
+    if known.trained_on.train_samples:
+        parts.append(f"weights of {known.trained_on.train_samples:,} training samples")
+    return "; ".join(parts) or "the reference frame only"
 
 
 def _read_notes(path: Path) -> dict[str, dict[str, float | None]]:

@@ -11,7 +11,7 @@ from scipy.ndimage import binary_erosion
 from scipy.stats import kendalltau
 
 from eitbench.benchmark.metrics.image_metrics import WINDOW, image_figures
-from eitbench.benchmark.metrics.scores import score
+from eitbench.benchmark.metrics.specs import score
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

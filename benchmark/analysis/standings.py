@@ -27,11 +27,9 @@ from eitbench.benchmark.analysis.leaderboard import (
     ranking_figure,
 )
 from eitbench.benchmark.analysis.results import Run
-from eitbench.benchmark.analysis.track_gaps import COLUMNS, track_gaps
 from eitbench.benchmark.metrics.aggregation import aggregate, numbers
 from eitbench.benchmark.metrics.metric_spec import MetricSpec
-from eitbench.benchmark.metrics.scores import anchored
-from eitbench.benchmark.metrics.specs import ANCHORS
+from eitbench.benchmark.metrics.specs import ANCHORS, anchored
 from eitbench.benchmark.metrics.statistics import LEVEL, MIN_PHANTOMS, draw, holm, intervals, once
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
 
@@ -40,6 +38,14 @@ Array = NDArray[np.float64]
 WEIGHTINGS = 20_000
 SIGNIFICANT = 1 - LEVEL
 _DIGITS = 9  # that count in a draw: sums of equal numbers may differ in their last ones
+
+_GAPS = {"tuning_gain": ("tuned", "default"), "oracle_gap": ("oracle", "tuned")}
+_GAP_COLUMNS = (
+    *("default_figure", "tuned_figure", "oracle_figure"),
+    *(f"{gap}{end}" for gap in _GAPS for end in ("", "_low", "_high")),
+)
+"""Of a row of a leaderboard, None where other tracks were not run: the ranked figure on each track,
+tuned over default, and oracle over tuned; gaps are never negative where they help."""
 
 
 @dataclass(frozen=True)
@@ -108,7 +114,7 @@ def _standing(board: Sequence[Entry]) -> Standing:
         row |= {"ranked_by": by, "group": None, "rank_low": None, "rank_high": None}
         row |= {"first": None, "rank_valid": rank, "weights_won": None}
         row |= {f"{name}_{end}": None for name in METHOD_RUNS.metrics for end in ("low", "high")}
-        row |= dict.fromkeys(COLUMNS)
+        row |= dict.fromkeys(_GAP_COLUMNS)
     if by is None:
         return Standing(rows, [], 0, "Nothing that methods are ranked by is known here.")
     for row, entry in zip(rows, board, strict=True):
@@ -155,6 +161,45 @@ def _gaps(entry: Entry, by: str) -> dict[str, float]:
         return {}
     of = (others["scenario"] == row["scenario"]) & (others["method"] == row["method"])
     return track_gaps(others[of], entry.cell, row["track"], by) if of.any() else {}
+
+
+def track_gaps(
+    tracks: pd.DataFrame, main: pd.DataFrame, main_track: str, by: str
+) -> dict[str, float]:
+    """Compute the columns of gaps between tracks that are known of a method on a scenario.
+
+    The intervals are of a paired bootstrap over phantoms; fewer than `MIN_PHANTOMS` give none.
+
+    Args:
+        tracks: its rows of the tracks beside the ranked one.
+        main: its rows of the ranked track.
+        main_track: name of that track; all but "default" are of chosen parameters.
+        by: the name of the figure that ranks.
+    """
+    spec = METHOD_RUNS.metrics[by]
+    cells = {str(track): rows for track, rows in tracks.groupby("track")}
+    cells["default" if main_track == "default" else "tuned"] = main
+    cells = {track: rows.sort_values("sample") for track, rows in cells.items()}
+    if len({tuple(rows["sample"]) for rows in cells.values()}) > 1:
+        return {}
+
+    def figures(counts: Array) -> Array:
+        return np.stack([aggregate(rows, [spec], counts)[:, 0] for rows in cells.values()], axis=1)
+
+    names, values = list(cells), once(figures, len(main))
+    found = {f"{track}_figure": value for track, value in zip(cells, values, strict=True)}
+    phantoms = next(iter(cells.values()))["phantom"] if "phantom" in main else pd.Series(dtype=str)
+    many = phantoms.nunique() >= MIN_PHANTOMS
+    drawn = draw(figures, phantoms) if many else None
+    for gap, (better, worse) in _GAPS.items():
+        if better in cells and worse in cells:
+            one, other = names.index(better), names.index(worse)
+            found[gap] = spec.sign * (values[one] - values[other])
+            if drawn is not None:
+                each = spec.sign * (drawn[:, one] - drawn[:, other])
+                ends = intervals(np.array([found[gap]]), each[:, None], phantoms.nunique())
+                found[f"{gap}_low"], found[f"{gap}_high"] = ends[:, 0]
+    return {name: float(value) for name, value in found.items() if np.isfinite(value)}
 
 
 def _whole(board: Sequence[Entry]) -> list[int]:

@@ -5,8 +5,7 @@ from eitbench.benchmark.metrics.evaluation import evaluate, fit_registration
 from eitbench.benchmark.metrics.image_metrics import cc, image_figures, psnr, rie, ssim
 from eitbench.benchmark.metrics.metric_spec import MetricSpec
 from eitbench.benchmark.metrics.operator_metrics import OPERATOR_METRICS
-from eitbench.benchmark.metrics.scores import bounded_score, score
-from eitbench.benchmark.metrics.specs import METRICS
+from eitbench.benchmark.metrics.specs import METRICS, bounded_score, score
 
 __all__ = [
     "METRICS",

@@ -13,8 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from eitbench.benchmark.metrics import tactile
 from eitbench.benchmark.metrics.image_metrics import cc, image_figures
-from eitbench.benchmark.metrics.scores import bounded_score, score
-from eitbench.benchmark.metrics.specs import METRIC_COLUMNS
+from eitbench.benchmark.metrics.specs import METRIC_COLUMNS, bounded_score, score
 from eitbench.benchmark.metrics.tactile import Similarity
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.phantoms.contacts import Contacts, contacts, is_constant, locate

@@ -1,7 +1,17 @@
-"""The metrics of methods, each declared once: what it says, where it is defined, what it hides."""
+"""The metrics of methods, each declared once, and the scores that sum SSIM, CC, RIE and PSNR up.
+
+The scores are S as published, and the bounded B.
+"""
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from eitbench.benchmark.metrics.aggregation import repeatability_db, strength_spearman
 from eitbench.benchmark.metrics.metric_spec import MetricSpec
+
+Array = NDArray[np.float64]
 
 _SIMULATED = "scenarios with a true conductivity"
 _TRUE_CLASSES = "scenarios with true classes"
@@ -193,3 +203,23 @@ METRIC_COLUMNS = (
 ANCHORS = {spec.name: spec.anchors for spec in _SPECS if spec.anchors is not None}
 """Values that count as 0 and as 1 in the bounded score: nothing in common with the truth and all of
 it; an error as large as the truth and none; an error of the whole data range and of 1 % of it."""
+
+
+def score(ssim: ArrayLike, cc: ArrayLike, rie: ArrayLike, psnr: ArrayLike) -> Array:
+    """Weighted score S = 0.25 (SSIM + CC + PSNR) - 0.25 RIE as published, with PSNR in dB."""
+    total = np.asarray(ssim, float) + np.asarray(cc, float) + np.asarray(psnr, float)
+    return np.asarray(0.25 * (total - np.asarray(rie, float)))
+
+
+def anchored(figures: Mapping[str, ArrayLike]) -> Array:
+    """SSIM, CC, RIE and PSNR (n,) between their `ANCHORS` as numbers from 0 to 1: (n, 4)."""
+    columns = [
+        (np.asarray(figures[name], float) - low) / (high - low)
+        for name, (low, high) in ANCHORS.items()
+    ]
+    return np.stack(columns, axis=-1).clip(0.0, 1.0)
+
+
+def bounded_score(figures: Mapping[str, ArrayLike]) -> Array:
+    """Mean of SSIM, CC, RIE and PSNR (n,), each between its `ANCHORS`: (n,), from 0 to 1."""
+    return np.asarray(anchored(figures).mean(axis=-1))

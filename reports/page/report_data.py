@@ -21,8 +21,7 @@ from eitbench.benchmark.analysis.results import Run, failures, read_run
 from eitbench.benchmark.analysis.sensitivity import SAMPLES, sensitivity
 from eitbench.benchmark.analysis.standings import Standing, score_weights, standings
 from eitbench.benchmark.metrics.aggregation import numbers
-from eitbench.benchmark.metrics.scores import anchored
-from eitbench.benchmark.metrics.specs import ANCHORS, METRIC_COLUMNS, METRICS
+from eitbench.benchmark.metrics.specs import ANCHORS, METRIC_COLUMNS, METRICS, anchored
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
 from eitbench.reports.claims.evidence import Evidence
 from eitbench.reports.claims.published_claims import CLAIMS

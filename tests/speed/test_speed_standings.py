@@ -13,7 +13,7 @@ import pytest
 
 from eitbench.benchmark.analysis.results import Run
 from eitbench.benchmark.analysis.standings import standings
-from eitbench.benchmark.metrics.scores import bounded_score, score
+from eitbench.benchmark.metrics.specs import bounded_score, score
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
 
 SAMPLES, CONTESTANTS = 6000, 12

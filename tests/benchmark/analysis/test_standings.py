@@ -18,7 +18,7 @@ from eitbench.benchmark.analysis.standings import (
     standings,
     weights_won,
 )
-from eitbench.benchmark.metrics.scores import bounded_score, score
+from eitbench.benchmark.metrics.specs import bounded_score, score
 from eitbench.benchmark.metrics.statistics import MIN_PHANTOMS
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS, OPERATOR_RUNS
 

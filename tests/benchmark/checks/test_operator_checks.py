@@ -10,7 +10,7 @@ import pytest
 from eitbench.benchmark.checks import check as checks
 from eitbench.benchmark.checks.check import OPERATOR_CHECKS, check_operator
 from eitbench.benchmark.checks.harness import CheckReport, CheckResult, run_checks
-from eitbench.benchmark.checks.operator_interface import jax_arrays, jax_transforms
+from eitbench.benchmark.checks.operator_checks import jax_arrays, jax_transforms
 from eitbench.benchmark.checks.operator_under_test import OperatorUnderTest
 from eitbench.methods.registry import OPERATOR_REGISTRY, load_plugin, operator
 from eitbench.scenarios.errors import InputError

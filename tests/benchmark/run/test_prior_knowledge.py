@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from eitbench.benchmark.analysis.prior_knowledge_text import describe_prior_knowledge
+from eitbench.benchmark.analysis.results import describe_prior_knowledge
 from eitbench.benchmark.run.prior_knowledge import prior_knowledge_columns as columns
 from eitbench.benchmark.run.prior_knowledge import training_contents
 from eitbench.benchmark.tuning.selection import Selection, Trial, TuningBudget

@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 from eitbench.benchmark.analysis.results import read_run
-from eitbench.benchmark.analysis.track_gaps import track_gaps
+from eitbench.benchmark.analysis.standings import track_gaps
 from eitbench.benchmark.metrics.evaluation import evaluate
 from eitbench.benchmark.run.runner import start_run
 from eitbench.benchmark.rundir.plan import make_plan
