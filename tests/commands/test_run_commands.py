@@ -1,10 +1,8 @@
 """Commands on runs: run and resume, leaderboard, compare, gate, rescore, reproduce."""
 
 import json
-import os
 import shutil
 import signal
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -120,7 +118,10 @@ def test_a_run_without_rows_is_told(
 
 
 def test_ctrl_c_keeps_finished_rows_and_resume_continues(
-    tmp_path: Path, eitbench: Run, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path,
+    eitbench: Run,
+    monkeypatch: pytest.MonkeyPatch,
+    end_run: Callable[[int], None],
 ) -> None:
     cut, whole = tmp_path / "cut", tmp_path / "whole"
     choice = (TINY, "--plugin", TOYS, "--methods", "toy-random,noser")
@@ -131,8 +132,7 @@ def test_ctrl_c_keeps_finished_rows_and_resume_continues(
         save(store, cell, *arguments)
         saved.append(cell.name)
         if len(saved) == 7:
-            os.kill(os.getpid(), signal.SIGINT)
-            time.sleep(0.2)  # until the run has noticed
+            end_run(signal.SIGINT)
 
     monkeypatch.setattr(MethodData, "batch", 1)
     with monkeypatch.context() as patch:

@@ -152,7 +152,7 @@ def test_what_a_cluster_finished_is_kept_and_the_run_goes_on_here(
     answered: list[execution.RemoteResult] = []
 
     def fails_in_the_end(*given: object) -> object:
-        if len(answered) == 3:
+        if len(answered) >= 3:  # several cells ask at a time
             raise EitbenchError("The cluster is gone.")
         answered.append(answer(*given))  # type: ignore[arg-type]
         return answered[-1]

@@ -1,6 +1,7 @@
 """A run of operators: figures that can be checked, misbehaviour as rows, resuming."""
 
 import json
+import signal
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
@@ -207,7 +208,7 @@ def test_a_terminated_run_resumes_to_the_same_figures(
     run: Path,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
-    terminate: Callable[[], None],
+    end_run: Callable[[int], None],
 ) -> None:
     """Ended by SIGTERM: once among the model's own gradients, once amid an operator."""
     cut, save, saved = tmp_path / "cut", RunStore.save_batch, []
@@ -216,7 +217,7 @@ def test_a_terminated_run_resumes_to_the_same_figures(
         save(store, cell, *arguments)
         saved.append(cell.name)
         if len(saved) in (2, 5):
-            terminate()
+            end_run(signal.SIGTERM)
 
     plan = make_plan(suite, operators=["fem"], scenarios=["tiny-finer"])
     with monkeypatch.context() as patch:

@@ -2,6 +2,7 @@
 
 import errno
 import json
+import signal
 import subprocess
 import sys
 from collections import Counter
@@ -358,13 +359,13 @@ def test_what_lacks_weights_for_a_sensor_is_left_out_and_said(tiny: Suite, tmp_p
 
 
 def test_a_run_goes_on_with_the_weights_it_was_started_with(
-    tiny: Suite, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, terminate: Callable[[], None]
+    tiny: Suite, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, end_run: Callable[[int], None]
 ) -> None:
     save = RunStore.save_batch
 
     def save_and_end(*arguments: Any) -> None:
         save(*arguments)
-        terminate()
+        end_run(signal.SIGTERM)
 
     with monkeypatch.context() as patch:
         patch.setattr(methods()["noser"], "weights_hash", lambda sensor: "those")

@@ -88,7 +88,7 @@ def test_one_thread_own_environment_no_orphans_no_test_split(
     assert threads == 1
     assert environment == 42
     assert not knows_test
-    for _ in range(100):
+    for _ in range(1200):
         if not psutil.pid_exists(int(child)) or _is_zombie(int(child)):
             break
         time.sleep(0.05)

@@ -61,7 +61,8 @@ def test_a_board_measures_while_it_is_told_to(name: str, serve: Serve, stream: A
         assert times == sorted(times)
         board.stop()
         assert board.frames(0.1) == []
-        assert (board.health.frames, board.health.damaged) == (len(frames), 0)
+        assert board.health.frames >= len(frames)  # one may arrive while it stops
+        assert board.health.damaged == 0
         dropped = board.health.dropped
         board.start()
         until(board, 1)
