@@ -21,8 +21,8 @@ LOADED = re.compile(
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    pytest.importorskip("material", reason="needs the extra `docs`")
-    pytest.importorskip("latex2mathml", reason="needs the extra `docs`")
+    pytest.importorskip("material", reason="needs the extra `docs`: run `make docs` before")
+    pytest.importorskip("latex2mathml", reason="needs the extra `docs`: run `make docs` before")
     folder = tmp_path_factory.mktemp("site")
     built = subprocess.run(
         [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(folder)],
@@ -63,9 +63,11 @@ def test_every_command_has_its_reference(site: Path) -> None:
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[object]:
-    playwright = pytest.importorskip("playwright.sync_api", reason="needs Playwright")
+    playwright = pytest.importorskip(
+        "playwright.sync_api", reason="needs Playwright: install the extra `test`"
+    )
     if CHROMIUM is None:
-        pytest.skip("needs Chromium")
+        pytest.skip("needs Chromium: install the program `chromium`")
     with playwright.sync_playwright() as started:
         browser = started.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
         yield browser

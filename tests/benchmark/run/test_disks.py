@@ -35,7 +35,7 @@ def test_a_full_disk_is_one_sentence_and_breaks_nothing(
     own = ["unshare", "--user", "--map-root-user", "--mount"]
     probe = [*own, "mount", "-t", "tmpfs", "tmpfs", str(disk)]
     if shutil.which("unshare") is None or subprocess.run(probe, capture_output=True).returncode:
-        pytest.skip("needs to mount a small disk")
+        pytest.skip("needs to mount a small disk: run as root on Linux")
     start_run(make_plan(load_suite(str(TINY)), methods=METHODS), tmp_path / "whole")
     names = {"DISK": disk, "SAID": said, "KEPT": kept}
     environment = os.environ | {name: str(path) for name, path in names.items()}

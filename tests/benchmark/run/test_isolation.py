@@ -14,7 +14,7 @@ from eitbench.benchmark.workers.process import start_process
 from eitbench.benchmark.workers.worker import LOG_LIMIT, _PluginReader, serve
 from eitbench.scenarios.suites.suite import Suite
 
-pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
+pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork: run on Linux or macOS")
 HOSTILE = Path(__file__).parents[1] / "data" / "hostile_methods.py"
 
 

@@ -249,7 +249,7 @@ def wait_for(condition: Any, seconds: float = 60) -> Any:
     return found
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="needs signals")
+@pytest.mark.skipif(sys.platform == "win32", reason="needs signals: run on Linux or macOS")
 def test_a_run_that_is_ended_leaves_no_process(toys: Path, tmp_path: Path) -> None:
     script, plugin = tmp_path / "script.py", tmp_path / "plugin.py"
     script.write_text(SCRIPT)

@@ -303,7 +303,7 @@ def test_a_lock_holds_as_long_as_its_process(cut_run: Path, apart: bool) -> None
     """Also of one whose number nobody here knows, as in another container or on another machine."""
     own = ["unshare", "--user", "--map-root-user", "--pid", "--fork", "--kill-child"]
     if apart and subprocess.run([*own, "true"], capture_output=True).returncode:
-        pytest.skip("needs process numbers of its own")
+        pytest.skip("needs a namespace of process numbers: run as root on Linux")
     command = [*(own if apart else ()), sys.executable, "-c", HOLDER, str(cut_run)]
     with subprocess.Popen(command, stdout=subprocess.PIPE) as holder:
         assert holder.stdout is not None

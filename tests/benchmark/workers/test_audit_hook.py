@@ -97,7 +97,7 @@ for number, code in enumerate(json.loads(sys.argv[1])):
 @pytest.fixture(scope="module")
 def seen(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Watch]:
     if not hasattr(os, "fork"):
-        pytest.skip("needs fork")
+        pytest.skip("needs fork: run on Linux or macOS")
     folder = tmp_path_factory.mktemp("watched")
     codes = [*WRITES.values(), *CALLS.values(), *PROGRAMS.values()]
     codes += [*INNOCENT.values(), *UNSEEN.values()]

@@ -190,7 +190,7 @@ def test_a_plugin_cannot_have_any_name(name: str, sentence: str, tmp_path: Path)
         plugin_names(plugin)
 
 
-@pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="reads /proc")
+@pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="reads /proc: run on Linux")
 def test_ctrl_c_does_not_reach_what_a_run_starts(toys: Path) -> None:
     plugin_names(toys)
     with Worker(operator.methodcaller("recv")) as worker:

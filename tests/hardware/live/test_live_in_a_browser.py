@@ -17,9 +17,13 @@ from eitbench.methods import Method, register
 from eitbench.scenarios.recordings.checking import check
 from eitbench.scenarios.recordings.files.recording_file import read_file
 
-playwright = pytest.importorskip("playwright.sync_api", reason="needs Playwright")
+playwright = pytest.importorskip(
+    "playwright.sync_api", reason="needs Playwright: install the extra `test`"
+)
 CHROMIUM = shutil.which("chromium")
-pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium")
+pytestmark = pytest.mark.skipif(
+    CHROMIUM is None, reason="needs Chromium: install the program `chromium`"
+)
 
 PLACE = (0.03, 0.06)
 

@@ -51,7 +51,7 @@ def test_a_file_is_no_port(tmp_path: Any) -> None:
             teensy(port).open()
 
 
-@pytest.mark.skipif(os.geteuid() != 0, reason="only root can become somebody else")
+@pytest.mark.skipif(os.geteuid() != 0, reason="becomes another user: run as root")
 def test_a_port_that_may_not_be_used_names_its_group(terminal: tuple[int, str]) -> None:
     port = terminal[1]
     group = next(g for g in grp.getgrall() if g.gr_gid not in (0, os.getegid()))

@@ -209,7 +209,9 @@ def test_shapes_and_batches(name: str) -> None:
         )
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="asks Linux for the peak of memory")
+@pytest.mark.skipif(
+    sys.platform != "linux", reason="asks Linux for the peak of memory: run on Linux"
+)
 def test_a_batch_of_256_stays_within_2_gb() -> None:
     """Peak memory of a process that solves and differentiates images of foam16 at once.
 

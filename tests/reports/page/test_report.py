@@ -151,7 +151,9 @@ DOCUMENT = r"""\documentclass[twocolumn]{article}
 """
 
 
-@pytest.mark.skipif(shutil.which("pdflatex") is None, reason="needs LaTeX")
+@pytest.mark.skipif(
+    shutil.which("pdflatex") is None, reason="needs LaTeX: install the program `pdflatex`"
+)
 def test_the_tables_compile_and_fit_the_page(many: Path, full_run: Path, tmp_path: Path) -> None:
     write_report([many, full_run], tmp_path)
     (tmp_path / "paper.tex").write_text(DOCUMENT)

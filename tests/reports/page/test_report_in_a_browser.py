@@ -10,9 +10,13 @@ import pytest
 
 from eitbench.reports.page.report import write_report
 
-playwright = pytest.importorskip("playwright.sync_api", reason="needs Playwright")
+playwright = pytest.importorskip(
+    "playwright.sync_api", reason="needs Playwright: install the extra `test`"
+)
 CHROMIUM = shutil.which("chromium")
-pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium")
+pytestmark = pytest.mark.skipif(
+    CHROMIUM is None, reason="needs Chromium: install the program `chromium`"
+)
 
 NASTY = "<img src=x onerror=alert(1)>"
 
