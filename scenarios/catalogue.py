@@ -7,9 +7,8 @@ from eitbench.scenarios.errors import unknown_name
 from eitbench.scenarios.recordings import RECORDED_SETS, is_recording
 from eitbench.scenarios.recordings.files.recording_file import recorded_sensor
 from eitbench.scenarios.sensors.patterns import offset_pattern
-from eitbench.scenarios.sensors.sensor import Sensor, SensorBuilder
+from eitbench.scenarios.sensors.sensor import Sensor, SensorBuilder, foam16
 from eitbench.scenarios.sensors.sensor_file import read_sensor
-from eitbench.scenarios.sensors.standard import foam16
 
 
 def sensors() -> dict[str, SensorBuilder]:

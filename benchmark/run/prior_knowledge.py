@@ -16,7 +16,7 @@ from eitbench.scenarios.atomic_write import atomic_write
 from eitbench.scenarios.cache_dir import cache_dir
 from eitbench.scenarios.data.datasets import Dataset
 from eitbench.scenarios.data.simulation import phantom
-from eitbench.scenarios.phantoms.contents import Contents, contents
+from eitbench.scenarios.phantoms.phantom import Contents, contents
 from eitbench.scenarios.suites.scenario import Scenario, SimulatedScenario
 from eitbench.scenarios.suites.suite import learned_from, scenarios
 

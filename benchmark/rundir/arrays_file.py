@@ -19,7 +19,7 @@ from eitbench.benchmark.rundir.cells import Batch, Cell, Values
 from eitbench.methods.registry import RESERVED
 from eitbench.scenarios.errors import DataCorruptError, EitbenchError
 from eitbench.scenarios.limits import GZIP_EXPANSION, most_bytes, own_dataset
-from eitbench.scenarios.sensors.sensor_json import MAX_PIXELS
+from eitbench.scenarios.sensors.sensor_file import MAX_PIXELS
 
 TRUTH = RESERVED
 CHUNK = 6400  # values read at once: one image of 80 x 80 pixels

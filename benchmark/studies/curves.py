@@ -7,8 +7,7 @@ import pandas as pd
 from eitbench.methods.learned.image_networks import TrainedMethod
 from eitbench.methods.registry import methods
 from eitbench.scenarios.errors import DataCorruptError, InputError
-from eitbench.scenarios.sensors.sensor import Sensor
-from eitbench.scenarios.sensors.standard import foam16
+from eitbench.scenarios.sensors.sensor import Sensor, foam16
 
 
 def learning_curve(method: str, sensor: Sensor) -> pd.DataFrame:

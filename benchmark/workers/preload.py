@@ -11,7 +11,7 @@ from dataclasses import replace
 import eitbench.benchmark.workers.method_service  # noqa: F401
 from eitbench.methods.registry import METHOD_REGISTRY
 from eitbench.scenarios.physics.forward import ForwardModel
-from eitbench.scenarios.sensors.standard import foam16
+from eitbench.scenarios.sensors.sensor import foam16
 
 METHOD_REGISTRY.import_built_in()
 # What fails here fails again where it is needed, with a message.

@@ -17,7 +17,7 @@ from eitbench.hardware.board import Frame
 from eitbench.hardware.protocols.framing import Scanner
 from eitbench.hardware.protocols.protocol import Array, Device, Protocol
 from eitbench.scenarios.errors import InputError
-from eitbench.scenarios.recordings.public.potentials import Drives, places
+from eitbench.scenarios.sensors.patterns import Drives, places
 from eitbench.scenarios.sensors.sensor import Sensor
 
 CHANNELS = 16

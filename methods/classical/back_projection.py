@@ -6,8 +6,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from eitbench.methods.classical.linearisation import Linearisation, Variable
-from eitbench.methods.classical.search import ROWS, UNKNOWN
+from eitbench.methods.classical.linearisation import ROWS, UNKNOWN, Linearisation, Variable
 from eitbench.methods.method import Method
 from eitbench.methods.problem import Problem
 from eitbench.methods.registry import register

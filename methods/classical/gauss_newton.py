@@ -16,9 +16,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
-from eitbench.methods.classical.linearisation import Linearisation, Variable, damping
+from eitbench.methods.classical.linearisation import (
+    ROWS,
+    UNKNOWN,
+    VARIATION,
+    WEIGHTS,
+    Linearisation,
+    Variable,
+    damping,
+)
 from eitbench.methods.classical.noser import noser_covariance
-from eitbench.methods.classical.search import ROWS, UNKNOWN, VARIATION, WEIGHTS
 from eitbench.methods.classical.tv_solver import ANISOTROPY, TVSolver
 from eitbench.methods.method import Method
 from eitbench.methods.problem import Problem

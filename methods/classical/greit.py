@@ -7,9 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
-from eitbench.methods.classical.linearisation import damping
+from eitbench.methods.classical.linearisation import ROWS, UNKNOWN, WEIGHTS, damping
 from eitbench.methods.classical.one_step import OneStep
-from eitbench.methods.classical.search import ROWS, UNKNOWN, WEIGHTS
 from eitbench.methods.problem import Problem
 from eitbench.methods.registry import register
 

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
+from eitbench.methods.classical.linearisation import ONE_STEP
 from eitbench.methods.classical.one_step import OneStep, regularised_inverse
-from eitbench.methods.classical.search import ONE_STEP
 from eitbench.methods.problem import Problem
 from eitbench.methods.registry import register
 

@@ -1,5 +1,6 @@
 """The linearised problem that the classical methods share: J x = dv on the sensor's pixels."""
 
+from collections.abc import Mapping, Sequence
 from typing import Literal, get_args
 
 import numpy as np
@@ -87,3 +88,12 @@ class Linearisation:
 def damping(gram: Array, weight: float) -> Array:
     """weight * mean(diag(gram)) * identity: a regularisation that does not depend on units."""
     return np.asarray(weight * np.trace(gram) / len(gram) * np.eye(len(gram)))
+
+
+Search = Mapping[str, Sequence[object]]
+
+WEIGHTS: Search = {"weight": (1e-5, 1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 3e-2, 0.1, 0.3, 1.0, 3.0)}
+ROWS: Search = {"row_exponent": (0.0, 0.5, 1.0)}
+UNKNOWN: Search = {"variable": VARIABLES}
+ONE_STEP: Search = {**UNKNOWN, **WEIGHTS, **ROWS}
+VARIATION: Search = {"weight": (1e-5, 3e-5, 1e-4, 3e-4, 1e-3, 2e-3, 5e-3, 1e-2)}

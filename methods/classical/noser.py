@@ -6,8 +6,8 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from eitbench.methods.classical.linearisation import ONE_STEP
 from eitbench.methods.classical.one_step import OneStep, regularised_inverse
-from eitbench.methods.classical.search import ONE_STEP
 from eitbench.methods.problem import Problem
 from eitbench.methods.registry import register
 

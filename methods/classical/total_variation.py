@@ -6,8 +6,13 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from eitbench.methods.classical.linearisation import Linearisation, Variable
-from eitbench.methods.classical.search import ROWS, UNKNOWN, VARIATION
+from eitbench.methods.classical.linearisation import (
+    ROWS,
+    UNKNOWN,
+    VARIATION,
+    Linearisation,
+    Variable,
+)
 from eitbench.methods.classical.tv_solver import ANISOTROPY, TVSolver
 from eitbench.methods.method import Method
 from eitbench.methods.problem import Problem

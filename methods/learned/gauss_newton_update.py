@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg, ndimage
 
-from eitbench.scenarios.sensors.reciprocity import averaging, independent
+from eitbench.scenarios.sensors.patterns import averaging, independent
 
 if TYPE_CHECKING:
     from eitbench.methods.problem import Problem

@@ -7,23 +7,22 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
-from eitbench.methods.learned.ridge import Ridge, ridge
+from eitbench.methods.learned.linear_learned import Ridge, ridge
 from eitbench.methods.networks.image_network import ImageNetwork
 from eitbench.methods.problem import Problem
 from eitbench.methods.registry import operator
-from eitbench.methods.training.augmentation import Augmentation
-from eitbench.methods.training.physical import PhysicalLoss
-from eitbench.methods.training.precision import working_precision
+from eitbench.methods.training.augmentation import Augmentation, symmetries
 from eitbench.methods.training.samples import clean_samples, images, no_split
-from eitbench.methods.training.symmetry import symmetries
-from eitbench.methods.training.task import Data, TrainingTask
+from eitbench.methods.training.task import Data, TrainingTask, working_precision
 from eitbench.scenarios.data.datasets import load
 from eitbench.scenarios.errors import InputError
 
 if TYPE_CHECKING:
     from eitbench.methods.learned.image_networks import ImageNetworkMethod
+    from eitbench.methods.operator import Operator
+    from eitbench.methods.training.augmentation import Symmetry
     from eitbench.methods.training.job import TrainingJob, TrainingResult
     from eitbench.scenarios.suites.scenario import SimulatedScenario
 
@@ -187,3 +186,36 @@ def _tensors(problem: Problem, voltages: np.ndarray, relative: Tensor) -> Data:
     rms = np.sqrt(np.mean(voltages**2, axis=1)) / problem.gain
     difference = torch.from_numpy(problem.difference(voltages))
     return difference.float(), torch.from_numpy(rms).float(), relative
+
+
+class PhysicalLoss(nn.Module):
+    """Mean over frames and measurements of ((F(sigma_p) - V) / s)^2.
+
+    F is a forward operator, V the frame that the network saw, in model units, and s (M,) the
+    standard deviation of each measurement over the training frames, by which the published work
+    standardises voltages too. sigma_p is kept within the sensor's range of conductivity, for
+    outside it F need not exist; there its gradient is 0.
+    """
+
+    reference: Tensor
+    std: Tensor
+
+    def __init__(self, operator: Operator, reference: Tensor, std: Tensor) -> None:
+        """`reference` frame (M,) and `std` (M,) are in model units [V/A]."""
+        super().__init__()
+        self.operator = operator
+        sensor = operator.sensor
+        self.background, self.range = sensor.background, sensor.conductivity_range
+        self.register_buffer("reference", reference, persistent=False)
+        self.register_buffer("std", std, persistent=False)
+
+    def forward(self, relative: Tensor, difference: Tensor, motion: Symmetry | None) -> Tensor:
+        """Loss () of images `relative` to the background (n, H, W).
+
+        `difference` (n, M) [V/A] is what the network saw, moved by `motion` if that is given.
+        """
+        sigma = relative.clamp(*self.range) * self.background
+        reference = self.reference if motion is None else motion.voltages(self.reference)
+        with torch.autocast(sigma.device.type, enabled=False):
+            error = (self.operator.voltages(sigma) - reference - difference) / self.std
+        return error.square().mean()

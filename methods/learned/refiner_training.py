@@ -13,10 +13,9 @@ from threadpoolctl import threadpool_limits
 from torch import Tensor
 
 from eitbench.methods.problem import Problem
-from eitbench.methods.training.precision import working_precision
+from eitbench.methods.training.augmentation import symmetries
 from eitbench.methods.training.samples import images, no_split
-from eitbench.methods.training.symmetry import symmetries
-from eitbench.methods.training.task import Data, OneLossTask
+from eitbench.methods.training.task import Data, OneLossTask, working_precision
 from eitbench.scenarios.data.datasets import load
 from eitbench.scenarios.data.simulation import clean_reference
 
@@ -25,10 +24,10 @@ if TYPE_CHECKING:
 
     from eitbench.methods.learned.refined import RefinementMethod
     from eitbench.methods.networks.refiner import Refiner
+    from eitbench.methods.training.augmentation import Symmetry
     from eitbench.methods.training.curve import Epoch
     from eitbench.methods.training.job import TrainingJob, TrainingResult
     from eitbench.methods.training.request import TrainingRequest
-    from eitbench.methods.training.symmetry import Symmetry
     from eitbench.scenarios.suites.scenario import SimulatedScenario
 
 Array = NDArray[np.float64]

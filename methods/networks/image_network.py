@@ -7,13 +7,12 @@ from typing import TYPE_CHECKING
 import torch
 from torch import Tensor, nn
 
-from eitbench.methods.networks.mlp import Mlp
-from eitbench.methods.networks.unet import SmallUNet, UNet
+from eitbench.methods.networks.backbones import Mlp, SmallUNet, UNet
 from eitbench.scenarios.errors import unknown_name
-from eitbench.scenarios.sensors.reciprocity import averaging
+from eitbench.scenarios.sensors.patterns import averaging
 
 if TYPE_CHECKING:
-    from eitbench.methods.networks.backbone import Backbone
+    from eitbench.methods.networks.backbones import Backbone
     from eitbench.scenarios.sensors.sensor import Sensor
 
 BACKBONES: dict[str, type[Backbone]] = {

@@ -10,12 +10,13 @@ from typing import TYPE_CHECKING, ClassVar
 import torch
 from torch import Tensor, nn
 
+from eitbench.methods.networks.backbones import Block
 from eitbench.methods.operator import Operator
 from eitbench.methods.registry import register_operator
 from eitbench.methods.training import Recipe, Trainable
 from eitbench.methods.weights.weight_files import WeightFiles
 from eitbench.scenarios.errors import DataCorruptError
-from eitbench.scenarios.sensors.reciprocity import independent
+from eitbench.scenarios.sensors.patterns import independent
 
 if TYPE_CHECKING:
     from eitbench.methods.training.job import TrainingJob, TrainingResult
@@ -144,9 +145,9 @@ class Correction(nn.Module):
     def __init__(self, image_shape: tuple[int, int], n_outputs: int) -> None:
         super().__init__()
         height, width = (math.ceil(size / STEM) for size in image_shape)
-        layers: list[nn.Module] = [_Coarser(2, CHANNELS[0], STEM), _Block(CHANNELS[0])]
+        layers: list[nn.Module] = [_Coarser(2, CHANNELS[0], STEM), Block(CHANNELS[0])]
         for before, after in itertools.pairwise(CHANNELS):
-            layers += [_Coarser(before, after, 2), _Block(after)]
+            layers += [_Coarser(before, after, 2), Block(after)]
             height, width = math.ceil(height / 2), math.ceil(width / 2)
         self.maps = nn.Sequential(*layers)
         self.head = nn.Sequential(
@@ -178,20 +179,3 @@ class _Coarser(nn.Module):
         missing = (0, -width % self.factor, 0, -height % self.factor)
         patches: Tensor = self.convolution(nn.functional.pad(x, missing))
         return patches
-
-
-class _Block(nn.Module):
-    """A residual block of two 3 x 3 convolutions, near the identity at first.
-
-    There is no normalisation: how strong a contrast is must not be divided away.
-    """
-
-    def __init__(self, channels: int) -> None:
-        super().__init__()
-        self.first = nn.Conv2d(channels, channels, 3, padding=1)
-        self.second = nn.Conv2d(channels, channels, 3, padding=1)
-        nn.init.zeros_(self.second.weight)
-
-    def forward(self, x: Tensor) -> Tensor:
-        change: Tensor = self.second(nn.functional.gelu(self.first(nn.functional.gelu(x))))
-        return x + change

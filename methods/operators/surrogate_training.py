@@ -9,15 +9,15 @@ from torch import Tensor
 
 from eitbench.methods.operators.jacobian import Jacobian
 from eitbench.methods.operators.surrogate import SurrogateNetwork
+from eitbench.methods.training.augmentation import symmetries
 from eitbench.methods.training.samples import clean_samples
-from eitbench.methods.training.symmetry import symmetries
 from eitbench.methods.training.task import Data, OneLossTask
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from eitbench.methods.training.augmentation import Symmetry
     from eitbench.methods.training.job import TrainingJob, TrainingResult
-    from eitbench.methods.training.symmetry import Symmetry
 
 
 class SurrogateTask(OneLossTask):

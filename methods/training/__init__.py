@@ -5,10 +5,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from eitbench.methods.registry import METHOD_REGISTRY, OPERATOR_REGISTRY
-from eitbench.methods.training.errors import DivergedError, TrainingInterruptedError
-from eitbench.methods.training.recipe import Recipe
-from eitbench.methods.training.request import Devices, TrainingRequest
-from eitbench.methods.training.trainable import Trainable
+from eitbench.methods.training.recipe import Recipe, Trainable
+from eitbench.methods.training.request import (
+    Devices,
+    DivergedError,
+    TrainingInterruptedError,
+    TrainingRequest,
+)
 from eitbench.scenarios.errors import unknown_name
 
 if TYPE_CHECKING:

@@ -25,10 +25,9 @@ if TYPE_CHECKING:
     from torch import Tensor
 
     from eitbench.methods.training.curve import Epoch, FittedNetwork
-    from eitbench.methods.training.recipe import Recipe
+    from eitbench.methods.training.recipe import Recipe, Trainable
     from eitbench.methods.training.request import TrainingRequest
     from eitbench.methods.training.task import Data, TrainingTask
-    from eitbench.methods.training.trainable import Trainable
     from eitbench.methods.weights.weight_files import WeightFiles
     from eitbench.scenarios.sensors.sensor import Sensor
     from eitbench.scenarios.suites.scenario import SimulatedScenario

@@ -16,10 +16,9 @@ from eitbench.methods.training.checkpoint import (
     restore_optimizer,
 )
 from eitbench.methods.training.curve import Epoch, FittedNetwork, best, write_curve
-from eitbench.methods.training.errors import DivergedError, TrainingInterruptedError
 from eitbench.methods.training.progress import EpochProgress
 from eitbench.methods.training.replicas import Replica, replicas
-from eitbench.methods.training.request import Devices
+from eitbench.methods.training.request import Devices, DivergedError, TrainingInterruptedError
 from eitbench.scenarios.interrupts import termination_interrupts
 from eitbench.scenarios.seeds import generator
 

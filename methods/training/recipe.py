@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 from eitbench.methods.training.curve import best
 from eitbench.scenarios.errors import InputError
 
 if TYPE_CHECKING:
     from eitbench.methods.training.curve import Epoch
+    from eitbench.methods.training.job import TrainingJob, TrainingResult
+    from eitbench.methods.weights.weight_files import WeightFiles
+    from eitbench.scenarios.sensors.sensor import Sensor
 
 WARM_UP = 0.05
 """Share of all steps in which the learning rate rises."""
@@ -52,3 +56,27 @@ class Recipe:
         if not curve or self.patience is None:
             return len(curve) >= self.epochs
         return len(curve) >= min(self.epochs, best(curve).epoch + self.patience)
+
+
+class Trainable(ABC):
+    """Base of the methods and operators whose networks `eitbench train` trains.
+
+    Attributes:
+        files: where weights are looked for.
+        recipe: hyper-parameters of the training, unless others are asked for.
+        options: those of `TrainingRequest` that its training takes, among `request.OPTIONS`.
+    """
+
+    files: ClassVar[WeightFiles]
+    recipe: ClassVar[Recipe]
+    options: ClassVar[tuple[str, ...]] = ()
+
+    @classmethod
+    def weights_hash(cls, sensor: Sensor) -> str:
+        """SHA-256 (hex) of the weights that it loads for `sensor`; "" if there are none."""
+        return cls.files.content_hash(sensor)
+
+    @classmethod
+    @abstractmethod
+    def train(cls, job: TrainingJob) -> TrainingResult:
+        """Train its networks; see `eitbench.methods.training.train`."""

@@ -6,10 +6,19 @@ from collections.abc import Iterable
 from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING
 
-from eitbench.scenarios.errors import InputError, unknown_name
+from eitbench.scenarios.errors import EitbenchError, InputError, unknown_name
 
 if TYPE_CHECKING:
     from pathlib import Path
+
+
+class TrainingInterruptedError(EitbenchError):
+    """The training was stopped by the user; finished epochs are stored."""
+
+
+class DivergedError(EitbenchError):
+    """A loss is not finite; the state after the last good epoch is stored."""
+
 
 OPTIONS = ("limit", "operator", "beta", "backbone")
 """Options that not every training takes, and that decide its result."""

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy import linalg
 from torch import Tensor
 
-from eitbench.scenarios.sensors.reciprocity import averaging, independent
+from eitbench.scenarios.sensors.patterns import averaging, independent
 
 if TYPE_CHECKING:
     from eitbench.methods.operator import Operator

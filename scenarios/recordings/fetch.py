@@ -12,12 +12,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from eitbench.scenarios.cache_dir import cache_dir
-from eitbench.scenarios.errors import DataCorruptError, DataUnavailableError
+from eitbench.scenarios.errors import DataCorruptError, DataUnavailableError, InputError
 from eitbench.scenarios.guard import is_closed
-from eitbench.scenarios.recordings.descriptors import RecordedFrames, RecordedSet
-from eitbench.scenarios.recordings.registry import recorded_set
-from eitbench.scenarios.recordings.sources import RecordedFile
+from eitbench.scenarios.recordings import recorded_set
+from eitbench.scenarios.recordings.descriptors import RecordedFile, RecordedFrames, RecordedSet
+from eitbench.scenarios.recordings.files.own import is_recording, undamaged
+from eitbench.scenarios.sensors.sensor import Sensor
 
 _CHUNK = 1 << 14
 _SILENCE_S = 30.0  # a server that sends nothing for so long is given up
@@ -203,3 +207,21 @@ def _unavailable(recorded: RecordedSet, reason: str) -> DataUnavailableError:
         f"recordings fetch {recorded.name}` with a network, or set EITBENCH_DATA to a folder "
         f"that holds {recorded.repository}."
     )
+
+
+def reference_frames(name: str) -> tuple[Sensor, NDArray[np.float64]]:
+    """The nominal sensor, and reference frames (n, M) in the board's units; of a public set one.
+
+    Raises:
+        InputError: unknown name, or a recording (.h5) without reference frames.
+        DataUnavailableError, DataCorruptError: the data cannot be had, or are damaged.
+    """
+    if not is_recording(name):
+        return recorded_set(name).sensor(), read_recording(name).reference[None]
+    content, _ = undamaged(Path(name))
+    if not len(content.reference):
+        raise InputError(
+            f"{name} marks no reference frames: record with --guided, or take a new reference "
+            "on the live page while it records."
+        )
+    return content.sensor, content.values[content.reference]

@@ -7,8 +7,7 @@ from eitbench.scenarios.sensors.patterns import (
     opposition_pattern,
     pair_pattern,
 )
-from eitbench.scenarios.sensors.sensor import Electrode, Sensor, even_electrodes
-from eitbench.scenarios.sensors.standard import foam16
+from eitbench.scenarios.sensors.sensor import Electrode, Sensor, even_electrodes, foam16
 
 __all__ = [
     "Disc",

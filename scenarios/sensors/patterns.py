@@ -1,5 +1,7 @@
 """Drive patterns: driving and measuring pairs of electrodes, as an (M, 4) table."""
 
+from __future__ import annotations
+
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -101,3 +103,55 @@ def opposition_pattern(n_electrodes: int) -> DrivePattern:
         [((j + 1) % n_electrodes, j) for j in range(n_electrodes)],
     )
     return DrivePattern(pattern.table, magnitudes=True)
+
+
+def independent(
+    pattern: DrivePattern,
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float32]]:
+    """Find the measurements that reciprocity leaves independent, and the map from them to all.
+
+    Returns `first` (K,), the independent measurements' numbers, and `owner` and `sign` (M,), such
+    that `v = v[first][owner] * sign`.
+    """
+    root, sign = np.arange(pattern.n_measurements), np.ones(pattern.n_measurements, np.float32)
+    pairs = pattern.reciprocal_pairs()
+    # In ascending order of the second, so that the first of a pair is resolved before it is used.
+    for (earlier, later), pair_sign in zip(pairs, pattern.reciprocal_signs(pairs), strict=True):
+        root[later] = root[earlier]
+        sign[later] = sign[earlier] * pair_sign
+    first, owner = np.unique(root, return_inverse=True)
+    return first, owner, sign
+
+
+def averaging(pattern: DrivePattern) -> NDArray[np.float64]:
+    """(M, K): frames @ averaging are the independent values (K,), each the mean of its repetitions.
+
+    The mean of two measurements has half of the variance of their noise.
+    """
+    first, owner, sign = independent(pattern)
+    matrix = np.zeros((pattern.n_measurements, len(first)))
+    matrix[np.arange(pattern.n_measurements), owner] = sign
+    return np.asarray(matrix / np.bincount(owner))
+
+
+Drives = list[tuple[int, int]]
+Index = NDArray[np.int64]
+
+
+def in_phase_differences(
+    potentials: NDArray[np.complex128], drives: Drives, pattern: DrivePattern
+) -> NDArray[np.float64]:
+    """Re(U[a] - U[b]) as (..., M) from potentials U (..., drives, electrodes).
+
+    The in-phase part carries the resistive field; a model with real conductivity has no other.
+    """
+    drive, a, b = places(drives, pattern)
+    return np.real(potentials[..., drive, a] - potentials[..., drive, b])
+
+
+def places(drives: Drives, pattern: DrivePattern) -> tuple[Index, Index, Index]:
+    """Indices of the values of a frame in an array (drives, electrodes): drives, a and b."""
+    row = {drive: k for k, drive in enumerate(drives)}
+    src, sink, a, b = pattern.table.T
+    drive = [row[pair] for pair in zip(src.tolist(), sink.tolist(), strict=True)]
+    return np.array(drive), a, b

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eitbench.scenarios.errors import InputError
-from eitbench.scenarios.sensors.outlines import Outline
-from eitbench.scenarios.sensors.patterns import DrivePattern
+from eitbench.scenarios.sensors.outlines import Outline, rectangle
+from eitbench.scenarios.sensors.patterns import DrivePattern, offset_pattern
 
 
 def content_hash(value: object) -> str:
@@ -184,3 +184,17 @@ def even_electrodes(
 
 
 SensorBuilder = Callable[[], Sensor]
+
+
+def foam16() -> Sensor:
+    """The default sensor: a 0.1 m square of conductive foam with 16 electrodes, offset 3.
+
+    Electrodes are 10 mm wide, four a side, centred at 12.5, 37.5, 62.5 and 87.5 mm, numbered
+    counter-clockwise from the lower-left corner; contact impedance 1e-3 Ohm*m, background 1 S/m,
+    which a touch can only lower.
+    """
+    outline = rectangle(0.1, 0.1)
+    electrodes = even_electrodes(outline, 16, 0.01, 1e-3, start=0.0125)
+    return Sensor(
+        "foam16", outline, electrodes, offset_pattern(16, 3), conductivity_range=(0.05, 1.0)
+    )

@@ -17,7 +17,7 @@ from eitbench.scenarios.phantoms.press import FOAM
 from eitbench.scenarios.physics.forward import ForwardModel, forward_model
 from eitbench.scenarios.recordings import RecordedSet, is_recording, recorded_set
 from eitbench.scenarios.sensors.sensor import Sensor, content_hash
-from eitbench.scenarios.sensors.sensor_json import Side
+from eitbench.scenarios.sensors.sensor_file import Side
 
 # Raised by one whenever the same declared parameters give other numbers than before.
 GENERATOR_VERSION = 1

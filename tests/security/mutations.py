@@ -18,7 +18,7 @@ import numpy as np
 import pandas as pd
 import scipy.io
 
-from eitbench.scenarios.recordings.files.unclosed import _lookup3
+from eitbench.scenarios.recordings.files.recording_file import _lookup3
 
 NUMBERS = (0, 1, 2, 0x7F, 0x80, 0xFF, 0x7FFF, 0xFFFF, 2**31 - 1, 2**31, 2**32 - 1, 2**40, 2**63 - 1,
            2**64 - 1)  # fmt: skip

@@ -6,8 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eitbench.scenarios.sensors.outlines import Disc
-from eitbench.scenarios.sensors.sensor import Sensor, even_electrodes
-from eitbench.scenarios.sensors.standard import foam16
+from eitbench.scenarios.sensors.sensor import Sensor, even_electrodes, foam16
 
 Array = NDArray[np.float64]
 FOAM = foam16()

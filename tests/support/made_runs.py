@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from eitbench.benchmark.metrics.evaluation import evaluate, fit_registration
 from eitbench.scenarios.data.datasets import Dataset
 from eitbench.scenarios.sensors.outlines import Disc
-from eitbench.scenarios.sensors.sensor import Sensor, even_electrodes
-from eitbench.scenarios.sensors.standard import foam16
+from eitbench.scenarios.sensors.sensor import Sensor, even_electrodes, foam16
 
 Array = NDArray[np.float64]
 FOAM = replace(foam16(), image_shape=(40, 40))

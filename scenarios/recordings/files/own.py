@@ -10,13 +10,14 @@ import pandas as pd
 
 from eitbench.scenarios.errors import DataCorruptError, InputError, UnreadableError
 from eitbench.scenarios.recordings.descriptors import (
+    RecordedFile,
     RecordedFrames,
     RecordedSet,
+    Source,
     Truth,
     validation_every_fifth,
 )
 from eitbench.scenarios.recordings.files.recording_file import Condition, Content, read_file
-from eitbench.scenarios.recordings.sources import RecordedFile, Source
 from eitbench.scenarios.sensors.sensor import Sensor
 
 

@@ -16,7 +16,7 @@ from eitbench.scenarios.recordings.files.recording_file import (
     table_rows,
 )
 from eitbench.scenarios.sensors.sensor import Sensor
-from eitbench.scenarios.sensors.sensor_json import sensor_from_json
+from eitbench.scenarios.sensors.sensor_file import sensor_from_json
 
 COLUMNS = ("number", "time_s", "received_s")
 """Columns of every frame beside its values."""

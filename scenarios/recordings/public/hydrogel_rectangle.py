@@ -22,6 +22,7 @@ from eitbench.scenarios.recordings.descriptors import (
     RecordedFrames,
     RecordedSet,
     is_validation,
+    source_of,
     validation_every_fifth,
 )
 from eitbench.scenarios.recordings.matlab import read_arrays
@@ -31,7 +32,6 @@ from eitbench.scenarios.recordings.public.hydrogel import (
     check_lookup,
     rebased,
 )
-from eitbench.scenarios.recordings.sources import source_of
 from eitbench.scenarios.sensors.outlines import rectangle
 from eitbench.scenarios.sensors.patterns import opposition_pattern
 from eitbench.scenarios.sensors.sensor import Sensor, even_electrodes

@@ -20,12 +20,12 @@ from eitbench.scenarios.errors import DataCorruptError
 from eitbench.scenarios.recordings.descriptors import (
     RecordedFrames,
     RecordedSet,
+    Source,
+    source,
     validation_every_fifth,
 )
-from eitbench.scenarios.recordings.public.potentials import Drives, in_phase_differences
-from eitbench.scenarios.recordings.sources import Source, source
 from eitbench.scenarios.sensors.outlines import rectangle
-from eitbench.scenarios.sensors.patterns import pair_pattern
+from eitbench.scenarios.sensors.patterns import Drives, in_phase_differences, pair_pattern
 from eitbench.scenarios.sensors.sensor import Electrode, Sensor
 
 _ELECTRODES = 16

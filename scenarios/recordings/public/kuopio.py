@@ -18,10 +18,10 @@ from eitbench.scenarios.errors import DataCorruptError
 from eitbench.scenarios.recordings.descriptors import (
     RecordedFrames,
     RecordedSet,
+    source_of,
     validation_every_fifth,
 )
 from eitbench.scenarios.recordings.matlab import read_arrays
-from eitbench.scenarios.recordings.sources import source_of
 from eitbench.scenarios.sensors.outlines import Disc
 from eitbench.scenarios.sensors.patterns import DrivePattern, pair_pattern
 from eitbench.scenarios.sensors.sensor import Sensor, even_electrodes

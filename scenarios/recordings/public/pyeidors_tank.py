@@ -19,10 +19,10 @@ from eitbench.scenarios.errors import DataCorruptError
 from eitbench.scenarios.recordings.descriptors import (
     RecordedFrames,
     RecordedSet,
+    source,
     validation_every_fifth,
 )
 from eitbench.scenarios.recordings.public.hydrogel import rebased
-from eitbench.scenarios.recordings.sources import source
 from eitbench.scenarios.sensors.outlines import Disc
 from eitbench.scenarios.sensors.patterns import DrivePattern
 from eitbench.scenarios.sensors.sensor import Sensor, even_electrodes

@@ -19,12 +19,11 @@ from eitbench.scenarios.errors import DataCorruptError
 from eitbench.scenarios.recordings.descriptors import (
     RecordedFrames,
     RecordedSet,
+    source,
     validation_every_fifth,
 )
-from eitbench.scenarios.recordings.public.potentials import in_phase_differences
-from eitbench.scenarios.recordings.sources import source
 from eitbench.scenarios.sensors.outlines import Disc
-from eitbench.scenarios.sensors.patterns import offset_pattern
+from eitbench.scenarios.sensors.patterns import in_phase_differences, offset_pattern
 from eitbench.scenarios.sensors.sensor import Sensor, even_electrodes
 
 _ELECTRODES, _OFFSET = 16, 3

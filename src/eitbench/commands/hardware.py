@@ -43,7 +43,7 @@ def calibrate(
     """Estimate gains, electrode places and contacts from the reference frames of a recording."""
     from eitbench.commands.tables import calibration_table
     from eitbench.scenarios.imperfections.calibration import calibrate as calibrate_frames
-    from eitbench.scenarios.recordings.reference_frames import reference_frames
+    from eitbench.scenarios.recordings.fetch import reference_frames
 
     found = calibrate_frames(*reference_frames(recording)).describe()
     if as_json:

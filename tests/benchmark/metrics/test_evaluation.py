@@ -13,8 +13,7 @@ from eitbench.benchmark.metrics.image_metrics import PSNR_CEILING_DB
 from eitbench.scenarios.data.datasets import Dataset
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.sensors.outlines import Disc
-from eitbench.scenarios.sensors.sensor import even_electrodes
-from eitbench.scenarios.sensors.standard import foam16
+from eitbench.scenarios.sensors.sensor import even_electrodes, foam16
 
 Array = NDArray[np.float64]
 # Not exactly a float32, as real backgrounds are.

@@ -18,7 +18,7 @@ from eitbench.methods import Problem, create
 from eitbench.methods.learned.image_networks import Dnn
 from eitbench.reports.tables.notes import overlaps
 from eitbench.scenarios.data.datasets import Dataset, load
-from eitbench.scenarios.phantoms.contents import contents
+from eitbench.scenarios.phantoms.phantom import contents
 from eitbench.scenarios.physics.forward import forward_model
 from eitbench.scenarios.suites.scenario import SimulatedScenario, SplitNoise
 from eitbench.scenarios.suites.suite import scenarios

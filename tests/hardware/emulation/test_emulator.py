@@ -18,8 +18,7 @@ from eitbench.hardware.registry import make_board
 from eitbench.hardware.serial.serial_board import TeensyBoard
 from eitbench.scenarios.catalogue import sensor
 from eitbench.scenarios.errors import InputError
-from eitbench.scenarios.sensors.sensor import Sensor
-from eitbench.scenarios.sensors.standard import foam16
+from eitbench.scenarios.sensors.sensor import Sensor, foam16
 
 SCRIPT = """
 [[touches]]

@@ -14,7 +14,7 @@ from eitbench.scenarios.catalogue import sensor
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.recordings import RecordedFrames
 from eitbench.scenarios.recordings.fetch import read_recording
-from eitbench.scenarios.sensors.standard import foam16
+from eitbench.scenarios.sensors.sensor import foam16
 
 N = 20
 

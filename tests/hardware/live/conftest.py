@@ -19,7 +19,7 @@ from eitbench.hardware.live.session import Session
 from eitbench.scenarios.phantoms.press import FOAM
 from eitbench.scenarios.physics.forward import forward_model
 from eitbench.scenarios.recordings.files.recording_file import Content, read_file
-from eitbench.scenarios.sensors.standard import foam16
+from eitbench.scenarios.sensors.sensor import foam16
 
 Array = NDArray[np.float64]
 

@@ -15,7 +15,7 @@ from eitbench.hardware.registry import make_board, make_emulator
 from eitbench.methods import Method, Problem, create, register
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.physics.forward import forward_model
-from eitbench.scenarios.sensors.standard import foam16
+from eitbench.scenarios.sensors.sensor import foam16
 
 PLACE = (0.03, 0.06)
 

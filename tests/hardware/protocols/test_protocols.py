@@ -25,9 +25,8 @@ from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.recordings import recorded_set
 from eitbench.scenarios.recordings.public.hydrogel import check_lookup
 from eitbench.scenarios.recordings.public.jku_tank import DRIVES, read_txt
-from eitbench.scenarios.recordings.public.potentials import in_phase_differences
-from eitbench.scenarios.sensors.patterns import offset_pattern
-from eitbench.scenarios.sensors.standard import foam16
+from eitbench.scenarios.sensors.patterns import in_phase_differences, offset_pattern
+from eitbench.scenarios.sensors.sensor import foam16
 
 MakeStream = Callable[..., Any]
 

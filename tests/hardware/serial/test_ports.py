@@ -15,7 +15,7 @@ from eitbench.hardware.board import BoardError
 from eitbench.hardware.emulation.board_server import BoardServer
 from eitbench.hardware.serial import ports
 from eitbench.hardware.serial.serial_board import TeensyBoard
-from eitbench.scenarios.sensors.standard import foam16
+from eitbench.scenarios.sensors.sensor import foam16
 
 Serve = Callable[..., BoardServer]
 

@@ -14,7 +14,7 @@ from eitbench.hardware.protocols import PROTOCOLS
 from eitbench.hardware.serial import serial_board
 from eitbench.hardware.serial.serial_board import SERIAL_BOARDS, SerialBoard, TeensyBoard
 from eitbench.scenarios.catalogue import sensor
-from eitbench.scenarios.sensors.standard import foam16
+from eitbench.scenarios.sensors.sensor import foam16
 
 Serve = Callable[..., BoardServer]
 

@@ -9,11 +9,10 @@ import torch
 from torch import nn
 
 from eitbench.methods import operator
-from eitbench.methods.learned.ridge import ridge
+from eitbench.methods.learned.image_network_training import PhysicalLoss
+from eitbench.methods.learned.linear_learned import ridge
 from eitbench.methods.networks.image_network import BACKBONES, ImageNetwork
-from eitbench.methods.training.augmentation import UNTOUCHED, Augmentation
-from eitbench.methods.training.physical import PhysicalLoss
-from eitbench.methods.training.symmetry import Symmetry, symmetries
+from eitbench.methods.training.augmentation import UNTOUCHED, Augmentation, Symmetry, symmetries
 from eitbench.scenarios.catalogue import sensor
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.imperfections.noise import Noise

@@ -19,8 +19,13 @@ from eitbench.scenarios.catalogue import sensor
 from eitbench.scenarios.errors import DataCorruptError, InputError
 from eitbench.scenarios.physics.forward import forward_model
 from eitbench.scenarios.sensors.outlines import Disc
-from eitbench.scenarios.sensors.patterns import DrivePattern, offset_pattern, pair_pattern
-from eitbench.scenarios.sensors.reciprocity import averaging, independent
+from eitbench.scenarios.sensors.patterns import (
+    DrivePattern,
+    averaging,
+    independent,
+    offset_pattern,
+    pair_pattern,
+)
 from eitbench.scenarios.sensors.sensor import Sensor, even_electrodes
 
 ABOUT = {"train_s": "12.5", "device": "abacus"}

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from eitbench.commands.listing import LISTINGS
 from eitbench.methods import Problem, create, methods
-from eitbench.methods.peers.octave import FOLDER, ask_eidors, missing
+from eitbench.methods.peers.eidors import FOLDER, ask_eidors, missing
 from eitbench.methods.peers.peer import interpolation
-from eitbench.methods.peers.pyeit_model import pyeit_mesh, pyeit_protocol, signed_distance
+from eitbench.methods.peers.pyeit_methods import pyeit_mesh, pyeit_protocol, signed_distance
 from eitbench.reports.tables.leaderboard import FORMATS, ranked_rows
 from eitbench.scenarios.catalogue import sensor
 from eitbench.scenarios.errors import EitbenchError, InputError

@@ -24,11 +24,11 @@ from eitbench.methods import operator
 from eitbench.methods.operators.surrogate import Surrogate, SurrogateNetwork
 from eitbench.methods.operators.surrogate_training import SurrogateTask
 from eitbench.methods.training import TrainingInterruptedError, TrainingRequest, train
+from eitbench.methods.training.augmentation import symmetries
 from eitbench.methods.training.checkpoint import CHECKPOINT_FILE as FILE
 from eitbench.methods.training.curve import FittedNetwork
 from eitbench.methods.training.loop import fit
 from eitbench.methods.training.recipe import Recipe
-from eitbench.methods.training.symmetry import symmetries
 from eitbench.methods.training.task import Data, OneLossTask
 from eitbench.methods.weights.weight_files import user_weights
 from eitbench.scenarios.array_file import read_arrays, write_arrays

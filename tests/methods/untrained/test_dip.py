@@ -7,8 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from eitbench.methods import Problem, create
-from eitbench.methods.untrained.dip import Dip
-from eitbench.methods.untrained.early_stopping import MovingVariance
+from eitbench.methods.untrained.dip import Dip, MovingVariance
 from eitbench.scenarios.catalogue import sensor
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.imperfections.noise import add_noise

@@ -15,8 +15,8 @@ from eitbench.scenarios.imperfections.imperfections import Imperfections
 from eitbench.scenarios.phantoms.families import FAMILIES, PUBLISHED_FAMILIES
 from eitbench.scenarios.physics.forward import forward_model
 from eitbench.scenarios.recordings import RECORDED_SETS, RecordedFrames, RecordedSet, fetch
-from eitbench.scenarios.recordings.sources import RecordedFile, Source
-from eitbench.scenarios.sensors.standard import foam16
+from eitbench.scenarios.recordings.descriptors import RecordedFile, Source
+from eitbench.scenarios.sensors.sensor import foam16
 from eitbench.scenarios.suites.scenario import RecordedScenario, SimulatedScenario, SplitNoise
 
 SMALL: dict[str, Any] = {

@@ -15,8 +15,7 @@ from eitbench.scenarios.phantoms.regions import Circle, Ellipse, Polygonal, Pose
 from eitbench.scenarios.seeds import generator
 from eitbench.scenarios.sensors.outlines import Disc, Outline, Polygon, rectangle
 from eitbench.scenarios.sensors.patterns import offset_pattern
-from eitbench.scenarios.sensors.sensor import Sensor, even_electrodes
-from eitbench.scenarios.sensors.standard import foam16
+from eitbench.scenarios.sensors.sensor import Sensor, even_electrodes, foam16
 
 L_OUTLINE = Polygon(
     ((0.0, 0.0), (0.16, 0.0), (0.16, 0.08), (0.08, 0.08), (0.08, 0.16), (0.0, 0.16))

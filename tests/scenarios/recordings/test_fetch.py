@@ -18,14 +18,18 @@ import pytest
 
 from eitbench.scenarios.errors import DataCorruptError, DataUnavailableError
 from eitbench.scenarios.recordings import RECORDED_SETS
-from eitbench.scenarios.recordings.descriptors import RecordedFrames, RecordedSet
+from eitbench.scenarios.recordings.descriptors import (
+    RecordedFile,
+    RecordedFrames,
+    RecordedSet,
+    Source,
+)
 from eitbench.scenarios.recordings.fetch import (
     altered,
     cached_folder,
     fetch_recording,
     read_recording,
 )
-from eitbench.scenarios.recordings.sources import RecordedFile, Source
 from eitbench.scenarios.sensors.sensor import Sensor
 
 REPOSITORY = "owner/skin"
@@ -267,7 +271,7 @@ def test_links_out_of_the_folder_are_refused(skin: RecordedSet, tmp_path: Path) 
 CHILD = """
 import sys
 from pathlib import Path
-from eitbench.scenarios.recordings.sources import Source
+from eitbench.scenarios.recordings.descriptors import Source
 sys.path.insert(0, sys.argv[1])
 import test_fetch as shared
 public = Source.url

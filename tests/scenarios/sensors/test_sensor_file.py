@@ -10,7 +10,7 @@ from eitbench.scenarios import InputError, sensor
 from eitbench.scenarios.recordings import RECORDED_SETS
 from eitbench.scenarios.sensors.outlines import Disc, Polygon
 from eitbench.scenarios.sensors.sensor import Sensor
-from eitbench.scenarios.sensors.sensor_json import sensor_from_json, sensor_to_json
+from eitbench.scenarios.sensors.sensor_file import sensor_from_json, sensor_to_json
 from eitbench.scenarios.suites.suite import load_suite
 
 GOOD = """

@@ -1,15 +1,45 @@
-"""A U-Net on patches of an image: encoder, decoder and skips on grids that processors like."""
+"""Backbones: a linear map from voltages to an image, corrected by a U-Net or a perceptron."""
 
 from __future__ import annotations
 
 import itertools
+from abc import abstractmethod
 from typing import ClassVar
 
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from eitbench.methods.networks.backbone import Backbone
+
+class Backbone(nn.Module):
+    """Relative contrasts (n, H, W) from standardised differences (n, K).
+
+    It begins as a linear map, for the correction begins at zero. The map is computed in full
+    precision whatever the autocast: what is lost on voltages comes back magnified in the image.
+    """
+
+    def __init__(self, n_inputs: int, image_shape: tuple[int, int]) -> None:
+        super().__init__()
+        self.image_shape = image_shape
+        self.linear = nn.Linear(n_inputs, image_shape[0] * image_shape[1])
+
+    def forward(self, inputs: Tensor) -> Tensor:
+        """The linear image plus its correction."""
+        with torch.autocast(inputs.device.type, enabled=False):
+            image = self.linear(inputs).view(-1, *self.image_shape)
+        corrected: Tensor = image + self.correction(inputs, image).float()
+        return corrected
+
+    @abstractmethod
+    def correction(self, inputs: Tensor, image: Tensor) -> Tensor:
+        """Return what to add (n, H, W) to the linear `image` (n, H, W) of `inputs` (n, K)."""
+
+    def start_from(self, matrix: Tensor) -> None:
+        """Make `matrix` (K, H * W) the linear map."""
+        with torch.no_grad():
+            self.linear.weight.copy_(matrix.T)
+            self.linear.bias.zero_()
+
 
 PATCH = 4
 """Side [pixels] of the patches that are the finest grid's cells."""
@@ -126,3 +156,24 @@ class Block(nn.Module):
         """(n, C, h, w) to the same."""
         change: Tensor = self.second(functional.gelu(self.first(functional.gelu(x))))
         return x + change
+
+
+WIDTH = 256
+
+
+class Mlp(Backbone):
+    """Two hidden layers beside the linear map."""
+
+    def __init__(self, n_inputs: int, image_shape: tuple[int, int]) -> None:
+        super().__init__(n_inputs, image_shape)
+        last = nn.Linear(WIDTH, image_shape[0] * image_shape[1])
+        nn.init.zeros_(last.weight)
+        nn.init.zeros_(last.bias)
+        self.layers = nn.Sequential(
+            nn.Linear(n_inputs, WIDTH), nn.GELU(), nn.Linear(WIDTH, WIDTH), nn.GELU(), last
+        )
+
+    def correction(self, inputs: Tensor, image: Tensor) -> Tensor:
+        """See `Backbone`."""
+        change: Tensor = self.layers(inputs)
+        return change.view(image.shape)
