@@ -11,10 +11,14 @@ from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.recordings import is_recording, recorded_set
 from eitbench.scenarios.recordings.fetch import read_recording
 from eitbench.scenarios.recordings.files import layout
-from eitbench.scenarios.recordings.files.csv_file import read_csv, write_csv
-from eitbench.scenarios.recordings.files.mat_recording import read_mat_recording, write_mat
+from eitbench.scenarios.recordings.files.csv_mat import (
+    NO_TIMES,
+    read_csv,
+    read_mat_recording,
+    write_csv,
+    write_mat,
+)
 from eitbench.scenarios.recordings.files.own import undamaged
-from eitbench.scenarios.recordings.files.plain import NO_TIMES
 from eitbench.scenarios.recordings.files.recording_file import Content
 from eitbench.scenarios.sensors.sensor import Sensor
 

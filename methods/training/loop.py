@@ -79,7 +79,7 @@ def fit(
                 for state in run_epochs(*arguments, replica, bar.moved):
                     state.write(folder, {**settings, **asdict(recipe)})
                     write_curve(folder, state.curve)
-                    bar.finished(state.curve[-1])
+                    bar.epoch_done(state.curve[-1])
         except KeyboardInterrupt as stop:
             raise TrainingInterruptedError(
                 f"Interrupted: finished epochs are stored in {folder}; the same command continues."

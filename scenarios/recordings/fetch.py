@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 from eitbench.scenarios.cache_dir import cache_dir
 from eitbench.scenarios.errors import DataCorruptError, DataUnavailableError, InputError
 from eitbench.scenarios.guard import is_closed
-from eitbench.scenarios.recordings import recorded_set
 from eitbench.scenarios.recordings.descriptors import RecordedFile, RecordedFrames, RecordedSet
 from eitbench.scenarios.recordings.files.own import is_recording, undamaged
+from eitbench.scenarios.recordings.registry import recorded_set
 from eitbench.scenarios.sensors.sensor import Sensor
 
 _CHUNK = 1 << 14

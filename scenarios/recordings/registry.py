@@ -5,8 +5,7 @@ from pathlib import Path
 from eitbench.scenarios.errors import unknown_name
 from eitbench.scenarios.recordings.descriptors import RecordedSet
 from eitbench.scenarios.recordings.files.own import is_recording, own_set
-from eitbench.scenarios.recordings.public.hydrogel import MULTITOUCH, OHMC8, OHMC16
-from eitbench.scenarios.recordings.public.hydrogel_rectangle import FIXED_PRESS, RECTANGLE, REPEATS
+from eitbench.scenarios.recordings.public.hydrogel import HYDROGEL
 from eitbench.scenarios.recordings.public.jku_tank import JKU_TANKS
 from eitbench.scenarios.recordings.public.kuopio import KTC2023
 from eitbench.scenarios.recordings.public.pyeidors_tank import PYEIDORS_TANK
@@ -15,12 +14,7 @@ from eitbench.scenarios.recordings.public.sciospec_tank import SCIOSPEC_TANK
 RECORDED_SETS: dict[str, RecordedSet] = {
     recorded.name: recorded
     for recorded in (
-        OHMC16,
-        OHMC8,
-        MULTITOUCH,
-        RECTANGLE,
-        FIXED_PRESS,
-        REPEATS,
+        *HYDROGEL,
         KTC2023,
         SCIOSPEC_TANK,
         *JKU_TANKS,

@@ -31,11 +31,15 @@ from eitbench.reports.page.report_data import report_data
 from eitbench.reports.tables.leaderboard import FORMATS, ranked_rows, write_leaderboard
 from eitbench.scenarios.array_file import read_arrays
 from eitbench.scenarios.errors import InputError
-from eitbench.scenarios.recordings.checking import check
-from eitbench.scenarios.recordings.files.csv_file import read_csv, write_csv
-from eitbench.scenarios.recordings.files.mat_recording import read_mat_recording, write_mat
+from eitbench.scenarios.recordings.files.csv_mat import (
+    read_csv,
+    read_mat_recording,
+    write_csv,
+    write_mat,
+)
 from eitbench.scenarios.recordings.files.own import own_set
 from eitbench.scenarios.recordings.files.recording_file import read_file
+from eitbench.scenarios.recordings.quality import check
 from eitbench.scenarios.sensors.sensor_file import read_sensor
 from eitbench.scenarios.suites.suite import load_suite, read_suite, suites
 

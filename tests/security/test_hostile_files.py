@@ -21,7 +21,7 @@ from eitbench.hardware.board import Frame
 from eitbench.hardware.recording.recorder import Recorder
 from eitbench.scenarios import sensor
 from eitbench.scenarios.errors import DataCorruptError, InputError
-from eitbench.scenarios.recordings.files.csv_file import read_csv
+from eitbench.scenarios.recordings.files.csv_mat import read_csv
 from eitbench.scenarios.recordings.files.recording_file import read_file
 from eitbench.scenarios.sensors.sensor_file import read_sensor
 

@@ -1,1 +1,1 @@
-"""Public recorded sets: a descriptor and a reader each; `potentials` is shared by two."""
+"""Public recorded sets: descriptors and readers, a module for each source."""

@@ -1,6 +1,6 @@
-"""Hydrogel disc e-skins of the HydrogelEIT project, pressed by a robot.
+"""Hydrogel e-skins of the HydrogelEIT project, pressed by a robot: discs and rectangles.
 
-From upstream: opposition drive, the pattern table (checked against `lookup192.mat` and
+The discs. From upstream: opposition drive, the pattern table (checked against `lookup192.mat` and
 `lookup32.mat`), magnitudes only, a skin 171 mm across (the scale of upstream's `calcEIT.m`),
 presses within 70 mm of its centre. Ours: electrodes a quarter of their spacing wide, contact
 impedance 1e-3 Ohm*m, electrode 0 at 281.25 degrees, numbers counter-clockwise in the robot's
@@ -14,8 +14,21 @@ larger in the first half of the rim than in the second, so that a homogeneous di
 with the reference (0.19 for 16 electrodes, -0.03 for 8). Common-mode voltage that leaks into the
 difference, V = U[a] - U[b] - 0.46 ((U[a] + U[b]) / 2 - U[sink]), explains most of it on both boards
 (0.74 and 0.73), including the last values of each drive, which answer with the opposite sign.
+
+The rectangles, 130 x 60 mm. From upstream: the pressed area, the pattern (as for the discs), the
+robot's coordinates, which start at the lower-left corner. Ours: the pressed area taken for the
+whole skin; electrodes every 23.75 mm (16) or 47.5 mm (8) along the rim, counter-clockwise, the
+first 17.5 mm from the lower-left corner, each a third of its spacing wide, contact impedance
+1e-3 Ohm*m. This layout (for 8
+electrodes three on each long side, one on each short side) is where the 10,000 presses show each
+drive pair to be most sensitive; nothing confirms it for 16. In the 8-electrode recording several
+electrodes conduct badly: a third of the values are saturated, drives (0, 4) and (1, 5) show little.
+
+Rows of `response` alternate; the second of each pair is the pressed one, as in upstream's
+`ExtractResponses.m`, and it varies more from press to press.
 """
 
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
@@ -27,12 +40,13 @@ from eitbench.scenarios.errors import DataCorruptError
 from eitbench.scenarios.recordings.descriptors import (
     RecordedFrames,
     RecordedSet,
+    Truth,
     is_validation,
     source_of,
     validation_every_fifth,
 )
 from eitbench.scenarios.recordings.matlab import read_arrays
-from eitbench.scenarios.sensors.outlines import Disc
+from eitbench.scenarios.sensors.outlines import Disc, rectangle
 from eitbench.scenarios.sensors.patterns import DrivePattern, opposition_pattern
 from eitbench.scenarios.sensors.sensor import Sensor, even_electrodes
 
@@ -45,6 +59,10 @@ CITATION = (
 DISTANCES_MM = {"A": 108.0, "B": 75.0, "C": 20.0}
 """Distance between the two probes of each multi-touch file."""
 
+_RECTANGLE = "Extracted/Rectangle"
+_RANDOM = f"{_RECTANGLE}/random_f_d_8_10k.mat"
+_FIXED = f"{_RECTANGLE}/fixed_f_d_16_200.mat"
+_REPEATS = f"{_RECTANGLE}/repeats_r_s_16_50_5.mat"
 _RADIUS = 0.0855
 _FIRST_ELECTRODE = np.deg2rad(281.25)
 
@@ -122,39 +140,133 @@ def _read_multitouch(folder: Path, sensor: Sensor) -> RecordedFrames:
     return rebased(np.concatenate(pressed), np.concatenate(released), samples)
 
 
-OHMC16 = RecordedSet(
-    name="ohmc16",
-    title="hydrogel disc skin, 16 electrodes, 500 robot presses of 10, 15 and 20 mm",
-    sensor_name="ohmc16",
-    sensor=partial(_disc_skin, "ohmc16", 16),
-    truth="position",
-    source=source_of(REPOSITORY, "Extracted/ohmc16.mat", "lookup192.mat"),
-    citation=CITATION,
-    reader=partial(_read_presses, "Extracted/ohmc16.mat"),
-)
+def _rectangular_skin(name: str, n_electrodes: int) -> Sensor:
+    outline = rectangle(0.13, 0.06)
+    width = outline.perimeter / n_electrodes / 3
+    electrodes = even_electrodes(outline, n_electrodes, width, 1e-3, start=0.0175)
+    pattern = opposition_pattern(n_electrodes)
+    return Sensor(
+        name, outline, electrodes, pattern, image_shape=(48, 104), conductivity_range=(0.05, 1.0)
+    )
 
-OHMC8 = RecordedSet(
-    name="ohmc8",
-    title="hydrogel disc skin, 8 electrodes, 500 robot presses of 10, 15 and 20 mm",
-    sensor_name="ohmc8",
-    sensor=partial(_disc_skin, "ohmc8", 8),
-    truth="position",
-    source=source_of(REPOSITORY, "Extracted/ohmc8.mat", "lookup32.mat"),
-    citation=CITATION,
-    reader=partial(_read_presses, "Extracted/ohmc8.mat"),
-)
 
-MULTITOUCH = RecordedSet(
-    name="hydrogel-multitouch",
-    title="hydrogel disc skin, 16 electrodes, two probes 108, 75 and 20 mm apart",
-    sensor_name="ohmc16",
-    sensor=partial(_disc_skin, "ohmc16", 16),
-    truth="none",
-    source=source_of(
-        REPOSITORY,
-        "lookup192.mat",
+def _read_rectangle_presses(folder: Path, sensor: Sensor) -> RecordedFrames:
+    check_lookup(folder, sensor.pattern)
+    mat = read_arrays(
+        folder / _RANDOM, positions=(10000, 2), response=(20000, sensor.n_measurements)
+    )
+    x, y = mat["positions"].T
+    samples = pd.DataFrame(
+        {"split": validation_every_fifth(10000), "x_m": x, "y_m": y, "touched": True}
+    )
+    return rebased(mat["response"][1::2], mat["response"][::2], samples)
+
+
+def _read_fixed(folder: Path, sensor: Sensor) -> RecordedFrames:
+    """Read released and pressed frames as measured: not re-based, since their drift matters."""
+    check_lookup(folder, sensor.pattern)
+    frames = read_arrays(folder / _FIXED, response=(400, sensor.n_measurements))["response"]
+    touched = np.arange(400) % 2 == 1
+    # Both frames of a press share its split.
+    split = np.repeat(validation_every_fifth(200), 2)
+    samples = pd.DataFrame({"split": split, "touched": touched, "state": touched.astype(int)})
+    return _without_own_reference(frames, samples, released=~touched)
+
+
+def _read_repeats(folder: Path, sensor: Sensor) -> RecordedFrames:
+    """Pressed frames only: the reference is their median, since no released frame was recorded."""
+    check_lookup(folder, sensor.pattern)
+    mat = read_arrays(
+        folder / _REPEATS, positions=(50, 3), responses=(50, 5, sensor.n_measurements)
+    )
+    press = np.repeat(np.arange(50), 5)
+    x, y, depth = mat["positions"][press].T
+    samples = pd.DataFrame(
+        {
+            "split": np.repeat(validation_every_fifth(50), 5),
+            "x_m": x,
+            "y_m": y,
+            "depth_mm": np.round(depth * 1e3, 3),
+            "touched": True,
+            "state": press,
+        }
+    )
+    frames = mat["responses"].reshape(250, -1)
+    return _without_own_reference(frames, samples, released=np.ones(250, dtype=bool))
+
+
+def _without_own_reference(
+    frames: np.ndarray, samples: pd.DataFrame, released: np.ndarray
+) -> RecordedFrames:
+    reference = np.median(frames[released & is_validation(samples)], axis=0)
+    return RecordedFrames(frames, reference, samples)
+
+
+def _recorded_set(
+    name: str,
+    title: str,
+    skin: Callable[[str, int], Sensor],
+    sensor_name: str,
+    n_electrodes: int,
+    reader: Callable[[Path, Sensor], RecordedFrames],
+    *files: str,
+    truth: Truth = "none",
+) -> RecordedSet:
+    lookup = {16: "lookup192.mat", 8: "lookup32.mat"}[n_electrodes]
+    sensor = partial(skin, sensor_name, n_electrodes)
+    source = source_of(REPOSITORY, *files, lookup)
+    return RecordedSet(name, title, sensor_name, sensor, truth, source, CITATION, reader)
+
+
+HYDROGEL = (
+    *(
+        _recorded_set(
+            f"ohmc{n}",
+            f"hydrogel disc skin, {n} electrodes, 500 robot presses of 10, 15 and 20 mm",
+            _disc_skin,
+            f"ohmc{n}",
+            n,
+            partial(_read_presses, f"Extracted/ohmc{n}.mat"),
+            f"Extracted/ohmc{n}.mat",
+            truth="position",
+        )
+        for n in (16, 8)
+    ),
+    _recorded_set(
+        "hydrogel-multitouch",
+        "hydrogel disc skin, 16 electrodes, two probes 108, 75 and 20 mm apart",
+        _disc_skin,
+        "ohmc16",
+        16,
+        _read_multitouch,
         *(f"Extracted/MultiTouch/multitouch{part}.mat" for part in DISTANCES_MM),
     ),
-    citation=CITATION,
-    reader=_read_multitouch,
+    _recorded_set(
+        "hydrogel-rectangle",
+        "rectangular hydrogel skin, 8 electrodes, 10,000 robot presses",
+        _rectangular_skin,
+        "hydrogel-rectangle",
+        8,
+        _read_rectangle_presses,
+        _RANDOM,
+        truth="position",
+    ),
+    _recorded_set(
+        "hydrogel-fixed",
+        "rectangular hydrogel skin, 16 electrodes, one press repeated 200 times",
+        _rectangular_skin,
+        "hydrogel-rectangle16",
+        16,
+        _read_fixed,
+        _FIXED,
+    ),
+    _recorded_set(
+        "hydrogel-repeats",
+        "rectangular hydrogel skin, 16 electrodes, 50 presses repeated 5 times",
+        _rectangular_skin,
+        "hydrogel-rectangle16",
+        16,
+        _read_repeats,
+        _REPEATS,
+    ),
 )

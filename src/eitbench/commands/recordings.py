@@ -30,7 +30,7 @@ def check(
     file: Annotated[Path, typer.Argument(metavar="FILE.h5", help="A recording of your own.")],
 ) -> None:
     """Say what a recording holds and what is wrong with it; exits 1 if anything is."""
-    from eitbench.scenarios.recordings.checking import check as check_recording
+    from eitbench.scenarios.recordings.quality import check as check_recording
 
     problems, facts = check_recording(file)
     for sentence in (*facts, *problems):

@@ -14,8 +14,8 @@ from eitbench.hardware.board import Board
 from eitbench.hardware.recording.guided import StepDurations
 from eitbench.hardware.registry import make_emulator
 from eitbench.methods import Method, register
-from eitbench.scenarios.recordings.checking import check
 from eitbench.scenarios.recordings.files.recording_file import read_file
+from eitbench.scenarios.recordings.quality import check
 
 playwright = pytest.importorskip(
     "playwright.sync_api", reason="needs Playwright: install the extra `test`"

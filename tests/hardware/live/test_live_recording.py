@@ -13,7 +13,7 @@ from eitbench.hardware.live.live_image import LiveImage
 from eitbench.hardware.recording.guided import StepDurations
 from eitbench.hardware.recording.recorder import Recorder, RecorderError
 from eitbench.scenarios.errors import InputError
-from eitbench.scenarios.recordings.checking import check
+from eitbench.scenarios.recordings.quality import check
 from eitbench.scenarios.suites.scenario import RecordedScenario
 from eitbench.scenarios.suites.suite import load_suite
 

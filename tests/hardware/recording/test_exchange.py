@@ -21,9 +21,9 @@ from eitbench.scenarios.errors import (
     InputError,
 )
 from eitbench.scenarios.recordings import RECORDED_SETS, recorded_set
-from eitbench.scenarios.recordings.checking import check
 from eitbench.scenarios.recordings.fetch import read_recording, reference_frames
 from eitbench.scenarios.recordings.files.recording_file import Content, read_file
+from eitbench.scenarios.recordings.quality import check
 from eitbench.scenarios.sensors.sensor import Sensor
 
 Frames = Callable[[int], list[Frame]]

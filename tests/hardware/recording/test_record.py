@@ -28,8 +28,8 @@ from eitbench.methods.registry import methods
 from eitbench.scenarios import forward_model, load_suite, sensor
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.recordings import recorded_set
-from eitbench.scenarios.recordings.checking import check
 from eitbench.scenarios.recordings.files.recording_file import read_file
+from eitbench.scenarios.recordings.quality import check
 from eitbench.scenarios.sensors.sensor import Sensor
 from eitbench.scenarios.suites.scenario import RecordedScenario
 

@@ -14,9 +14,8 @@ from eitbench.hardware.board import Frame
 from eitbench.hardware.recording.recorder import Recorder
 from eitbench.scenarios import forward_model, sensor
 from eitbench.scenarios.errors import DataCorruptError, DataUnavailableError, EitbenchError
-from eitbench.scenarios.recordings.checking import check
 from eitbench.scenarios.recordings.files.recording_file import read_file
-from eitbench.scenarios.recordings.quality import suspect_electrodes
+from eitbench.scenarios.recordings.quality import check, suspect_electrodes
 from eitbench.scenarios.sensors.sensor import Sensor
 
 Array = np.ndarray[Any, np.dtype[np.float64]]

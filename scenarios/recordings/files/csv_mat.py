@@ -1,0 +1,289 @@
+"""Recordings as files of other programs: CSV and MATLAB, our own or plain frames.
+
+Our CSV files hold lines `# name: JSON`, a line of column names and a line for each frame; the last
+line, `# frames: n`, shows that nothing was cut off. Our MATLAB files hold arrays by the names of
+the layout, and a header as JSON.
+"""
+
+import csv
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from eitbench.scenarios.errors import DataCorruptError, InputError, UnreadableError
+from eitbench.scenarios.recordings.files import layout
+from eitbench.scenarios.recordings.files.recording_file import (
+    Content,
+    header_of,
+    table_of,
+    table_rows,
+)
+from eitbench.scenarios.recordings.matlab import Variable, variables
+from eitbench.scenarios.sensors.sensor import Sensor
+from eitbench.scenarios.sensors.sensor_file import sensor_from_json
+
+COLUMNS = ("number", "time_s", "received_s")
+"""Columns of every frame beside its values."""
+NO_TIMES = "imported without times: 1 s between frames is assumed"
+
+
+def head_of(content: Content) -> dict[str, Any]:
+    """All of a recording but its frames, as values that JSON has."""
+    return {
+        **header_of(content),
+        "reference": content.reference.tolist(),
+        "labels": content.labels.to_dict("list"),
+        "events": content.events.to_dict("list"),
+    }
+
+
+def content_of(
+    head: dict[str, Any], columns: dict[str, NDArray[Any]], values: NDArray[Any], path: Path
+) -> Content:
+    """Return the recording of a header by `head_of`, columns and values (n, M) of its frames.
+
+    Raises:
+        DataCorruptError: something is missing, or of another kind.
+    """
+    try:
+        content = Content(
+            sensor=sensor_from_json(head["sensor"]),
+            board=str(head["board"]),
+            firmware=str(head["firmware"]),
+            emulated=bool(head["emulated"]),
+            started=str(head["started"]),
+            number=columns["number"].astype(np.int64),
+            time_s=columns["time_s"].astype(np.float64),
+            received_s=columns["received_s"].astype(np.float64),
+            values=values.astype(np.float64),
+            reference=np.array(head["reference"], dtype=np.int64).reshape(-1),
+            labels=table_of(table_rows(pd.DataFrame(head["labels"]), layout.LABEL)),
+            events=table_of(table_rows(pd.DataFrame(head["events"]), layout.EVENT)),
+        )
+    except InputError as error:
+        raise DataCorruptError(f"{path} cannot be imported: {error}") from error
+    except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
+        raise DataCorruptError(
+            f"{path} cannot be imported: its header is not complete ({error})."
+        ) from error
+    check_width(content.values, content.sensor, path)
+    return content
+
+
+def frames_alone(values: NDArray[np.float64], sensor: Sensor | None, path: Path) -> Content:
+    """Return a recording of frames (n, M) alone.
+
+    Raises:
+        InputError: no sensor, or one of another number of values.
+    """
+    if sensor is None:
+        raise InputError(f"{path} does not say on which sensor it was measured: give --sensor.")
+    check_width(values, sensor, path)
+    count = np.arange(len(values))
+    return Content(
+        sensor=sensor,
+        board="imported",
+        firmware="",
+        emulated=False,
+        started="unknown",
+        number=count,
+        time_s=count.astype(np.float64),
+        received_s=count.astype(np.float64),
+        values=values,
+        reference=np.empty(0, dtype=np.int64),
+        labels=table_of(np.empty(0, dtype=layout.LABEL)),
+        events=pd.DataFrame({"time_s": [0.0], "text": [NO_TIMES]}),
+    )
+
+
+def check_width(values: NDArray[np.float64], sensor: Sensor, path: Path) -> None:
+    """Refuse frames (n, M) that `sensor` does not measure.
+
+    Raises:
+        InputError: another number of values.
+    """
+    if values.ndim != 2 or values.shape[1] != sensor.n_measurements:
+        raise InputError(
+            f"{path} has values of shape {values.shape}, and a frame of sensor {sensor.name!r} "
+            f"has {sensor.n_measurements}: name the sensor that it was measured on."
+        )
+
+
+_FIRST, _COUNT = "# eitbench recording 1", "# frames: "
+
+Lines = list[tuple[int, str]]
+"""Lines of a file by their numbers, from 1."""
+
+
+def write_csv(content: Content, path: Path) -> None:
+    """Write `content` to the new file `path`; `read_csv` reads it without loss."""
+    values = (f"v{k}" for k in range(content.sensor.n_measurements))
+    with path.open("x", encoding="utf-8", newline="") as file:
+        file.write(f"{_FIRST}\n")
+        for name, value in head_of(content).items():
+            file.write(f"# {name}: {json.dumps(value)}\n")
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow([*COLUMNS, *values])
+        columns = (getattr(content, name).tolist() for name in COLUMNS)
+        # Python writes a float with as many digits as it takes to read the same one again.
+        for *known, frame in zip(*columns, content.values.tolist(), strict=True):
+            writer.writerow([*known, *frame])
+        file.write(f"{_COUNT}{len(content)}\n")
+
+
+def read_csv(path: Path, sensor: Sensor | None) -> Content:
+    """The recording in the CSV file at `path`: our own, or lines of M values, named or not.
+
+    Args:
+        path: of the file.
+        sensor: that lines of values were measured on; our own files know it.
+
+    Raises:
+        InputError: no sensor where one is needed, or one where none is.
+        UnreadableError: the file cannot be read.
+        DataCorruptError: something in it is not what it should be.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = getattr(error, "strerror", None) or "it is not UTF-8 text"
+        raise UnreadableError(f"Cannot read {path}: {reason}.") from error
+    lines = text.splitlines()
+    body = [(k, line) for k, line in enumerate(lines, 1) if line.strip() and line[0] != "#"]
+    if not lines or lines[0] != _FIRST:
+        rows = body[_are_names(body[:1]) :]
+        table = _table(rows, path)
+        if (wrong := ~np.isfinite(table).all(axis=1)).any():
+            raise DataCorruptError(
+                f"{path} cannot be imported: line {rows[int(np.argmax(wrong))][0]} holds a value "
+                "that is not a finite number."
+            )
+        return frames_alone(table, sensor, path)
+    if sensor is not None:
+        raise InputError(f"{path} says on which sensor it was measured: leave out --sensor.")
+    head = _head(
+        [line for line in lines[1:] if line.startswith("#") and not line.startswith(_COUNT)], path
+    )
+    names = body[0][1].split(",") if body else []
+    if names[: len(COLUMNS)] != list(COLUMNS):
+        raise DataCorruptError(f"{path} cannot be imported: its columns are not {COLUMNS} and v0.")
+    table = _table(body[1:], path, len(names))
+    if lines[-1] != f"{_COUNT}{len(table)}":
+        raise DataCorruptError(
+            f"{path} cannot be imported: it was cut short or edited, since its last line, "
+            f"{len(lines)}, is not '{_COUNT}{len(table)}'; export it again."
+        )
+    columns = {name: table[:, k] for k, name in enumerate(COLUMNS)}
+    return content_of(head, columns, table[:, len(COLUMNS) :], path)
+
+
+def _are_names(lines: Lines) -> bool:
+    """True if the first line holds names of columns, not numbers."""
+    try:
+        [float(cell) for _, line in lines for cell in line.split(",")]
+    except ValueError:
+        return True
+    return False
+
+
+def _head(lines: list[str], path: Path) -> dict[str, Any]:
+    head = {}
+    for line in lines:
+        name, _, value = line.removeprefix("# ").partition(": ")
+        try:
+            head[name] = json.loads(value)
+        except (ValueError, RecursionError) as error:
+            raise DataCorruptError(
+                f"{path} cannot be imported: its {name[:20]} is damaged."
+            ) from error
+    return head
+
+
+def _table(lines: Lines, path: Path, width: int | None = None) -> NDArray[np.float64]:
+    """Read the numbers (n, width) of `lines`; by default each has as many as the first."""
+    if width is None:
+        width = len(lines[0][1].split(",")) if lines else 0
+    rows = np.empty((len(lines), width))
+    for row, (number, line) in zip(rows, lines, strict=True):
+        cells = line.split(",")
+        if len(cells) != width:
+            raise DataCorruptError(
+                f"{path} cannot be imported: line {number} has {len(cells)} values, and those "
+                f"before it have {width}."
+            )
+        try:
+            row[:] = [float(cell) for cell in cells]
+        except ValueError as error:
+            raise DataCorruptError(
+                f"{path} cannot be imported: line {number} holds something else than numbers."
+            ) from error
+    return rows
+
+
+def write_mat(content: Content, path: Path) -> None:
+    """Write `content` to the new file `path`; `read_mat_recording` reads it without loss."""
+    import scipy.io
+
+    arrays: dict[str, Any] = {name: getattr(content, name) for name in COLUMNS}
+    arrays["values"] = content.values
+    arrays["header"] = json.dumps(head_of(content))
+    # What follows stands in the header too; it is for people who work in MATLAB.
+    arrays["pattern"] = content.sensor.pattern.table
+    arrays["reference"] = content.reference
+    for name in layout.LABEL.names or ():
+        if name != "state":
+            arrays[f"label_{name}"] = content.labels[name].to_numpy()
+    path.touch(exist_ok=False)
+    scipy.io.savemat(str(path), arrays, appendmat=False, do_compression=True, oned_as="column")
+
+
+def read_mat_recording(path: Path, sensor: Sensor | None) -> Content:
+    """The recording in the MATLAB file at `path`: our own, or an array `values` (n, M).
+
+    Args:
+        path: of the file.
+        sensor: that `values` were measured on; our own files know it.
+
+    Raises:
+        InputError: no sensor where one is needed, or one where none is.
+        UnreadableError: the file cannot be read.
+        DataCorruptError: something in it is not what it should be.
+    """
+    found = _variables(path, (*COLUMNS, "values", "header"))
+    values = _numbers(found, "values", path)
+    if values.ndim != 2:
+        raise DataCorruptError(f"Array 'values' of {path} has {values.ndim} dimensions, not 2.")
+    if "header" not in found:
+        return frames_alone(values.astype(np.float64), sensor, path)
+    if sensor is not None:
+        raise InputError(f"{path} says on which sensor it was measured: leave out --sensor.")
+    try:
+        head = json.loads(str(found["header"]))
+    except (ValueError, RecursionError) as error:
+        raise DataCorruptError(f"{path} cannot be imported: its header is damaged.") from error
+    columns = {name: _numbers(found, name, path).reshape(-1) for name in COLUMNS}
+    if {len(column) for column in columns.values()} != {len(values)}:
+        raise DataCorruptError(f"{path} cannot be imported: its arrays are of unlike lengths.")
+    return content_of(head if isinstance(head, dict) else {}, columns, values, path)
+
+
+def _variables(path: Path, names: tuple[str, ...]) -> dict[str, Variable]:
+    try:
+        return variables(path, names)
+    except OSError as error:
+        raise UnreadableError(f"Cannot read {path}: {error.strerror}.") from error
+    except Exception as error:
+        raise DataCorruptError(
+            f"{path} is not a readable MATLAB file: save it with -v7, or again."
+        ) from error
+
+
+def _numbers(found: dict[str, Variable], name: str, path: Path) -> NDArray[Any]:
+    array = found.get(name)
+    if array is None or isinstance(array, str):
+        raise DataCorruptError(f"{path} holds no array {name!r}, so it cannot be imported.")
+    return array
