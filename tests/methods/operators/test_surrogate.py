@@ -13,7 +13,7 @@ from torch import Tensor
 from eitbench.methods import operator
 from eitbench.methods.operators.surrogate import Surrogate, SurrogateNetwork
 from eitbench.methods.weights import weight_files
-from eitbench.methods.weights.weight_files import WeightFiles, sensor_key, user_weights
+from eitbench.methods.weights.weight_files import sensor_key, user_weights
 from eitbench.scenarios.array_file import write_arrays
 from eitbench.scenarios.catalogue import sensor
 from eitbench.scenarios.errors import DataCorruptError, InputError
@@ -226,17 +226,6 @@ def test_truncated_altered_or_foreign_files_are_named(no_packaged: Path) -> None
     packaged.parent.mkdir()
     packaged.write_bytes(whole[:-1])
     with pytest.raises(DataCorruptError, match="Install eitbench again"):
-        operator("surrogate", s)
-
-
-def test_weights_of_another_sensor_or_version_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    s, other = foam(), foam((12, 12))
-    install(s, network(s)).rename(user_weights() / Surrogate.files.file_name(other))
-    with pytest.raises(InputError, match="weights for another sensor"):
-        operator("surrogate", other)
-    install(s, network(s))
-    monkeypatch.setattr(Surrogate, "files", WeightFiles("surrogate", "99"))
-    with pytest.raises(InputError, match="version 1 of 'surrogate', and this is version 99"):
         operator("surrogate", s)
 
 

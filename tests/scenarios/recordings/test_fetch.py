@@ -3,7 +3,6 @@
 import functools
 import hashlib
 import http.server
-import os
 import socket
 import subprocess
 import sys
@@ -235,14 +234,6 @@ def test_a_trickling_server_is_stopped(skin: RecordedSet, monkeypatch: pytest.Mo
         worker.join(60)
         assert not worker.is_alive()
         assert left_in_cache(skin) == set()
-
-
-@pytest.mark.skipif(os.name != "posix" or os.geteuid() == 0, reason="run as an ordinary user")
-@pytest.mark.usefixtures("served")
-def test_a_read_only_cache_says_so(skin: RecordedSet, tmp_path: Path) -> None:
-    (tmp_path / "cache").mkdir(mode=0o500)
-    with pytest.raises(DataUnavailableError, match="could not be stored"):
-        fetch_recording(skin)
 
 
 @pytest.mark.usefixtures("served")

@@ -40,38 +40,28 @@ def csv_text() -> str:
     return "\n".join(["1.5,2.5,3.5,4.5"] * 208) + "\n"
 
 
-def test_eit_files_are_read_per_ampere(tmp_path: Path) -> None:
-    path = tmp_path / "setup_00001.eit"
-    path.write_text(eit_text())
-    np.testing.assert_allclose(read_eit(path), np.full((16, 16), (0.25 - 0.5j) / 0.005))
-
-
-def test_jku_files_are_read_per_ampere(tmp_path: Path) -> None:
-    path = tmp_path / "x_1-(1).txt"
-    path.write_text(jku_text())
-    frames = read_txt(path, DRIVES["opposite"])
-    np.testing.assert_allclose(frames, np.full((10, 16), (0.25 - 0.5j) / 0.01))
-
-
-def test_csv_files_are_read_per_ampere(tmp_path: Path) -> None:
-    path = tmp_path / "2026_1_10.00_50uA_1000Hz.csv"
-    path.write_text(csv_text())
-    empty, filled = read_csv(path)
-    np.testing.assert_allclose(empty, np.full(208, 1.5 / 50e-6))
-    np.testing.assert_allclose(filled, np.full(208, 3.5 / 50e-6))
-
-
 READERS = {
-    "a.eit": (eit_text, read_eit),
-    "b.txt": (jku_text, lambda path: read_txt(path, DRIVES["opposite"])),
-    "c_50uA_1.csv": (csv_text, read_csv),
+    "a.eit": (eit_text, read_eit, np.full((16, 16), (0.25 - 0.5j) / 0.005)),
+    "b.txt": (
+        jku_text,
+        lambda path: read_txt(path, DRIVES["opposite"]),
+        np.full((10, 16), (0.25 - 0.5j) / 0.01),
+    ),
+    "c_50uA_1.csv": (csv_text, read_csv, np.full((2, 208), [[1.5 / 50e-6], [3.5 / 50e-6]])),
 }
+
+
+@pytest.mark.parametrize("name", READERS)
+def test_files_are_read_per_ampere(name: str, tmp_path: Path) -> None:
+    text, reader, expected = READERS[name]
+    (tmp_path / name).write_text(text())
+    np.testing.assert_allclose(reader(tmp_path / name), expected)
 
 
 @pytest.mark.parametrize("name", READERS)
 @pytest.mark.parametrize("share", [0.0, 0.01, 0.3, 0.7, 0.97])
 def test_truncated_text_is_refused_by_name(name: str, share: float, tmp_path: Path) -> None:
-    text, reader = READERS[name]
+    text, reader, _ = READERS[name]
     whole = text()
     path = tmp_path / name
     path.write_text(whole[: int(share * len(whole))])

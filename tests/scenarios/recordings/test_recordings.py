@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from scipy.io import loadmat
 
 from eitbench.scenarios.physics.forward import forward_model
-from eitbench.scenarios.recordings import RECORDED_SETS, RecordedFrames
-from eitbench.scenarios.recordings.descriptors import is_validation
+from eitbench.scenarios.recordings import RECORDED_SETS
 from eitbench.scenarios.recordings.fetch import read_recording
 from eitbench.scenarios.recordings.public.pyeidors_tank import read_csv
 from eitbench.scenarios.recordings.quality import quality, reciprocity_error
@@ -64,11 +63,6 @@ def test_every_set_is_read_and_split(name: str) -> None:
     assert recording.samples["touched"].dtype == bool
     if RECORDED_SETS[name].truth == "position":
         assert {"x_m", "y_m"} <= set(recording.samples)
-
-
-def test_the_split_of_ohmc16_is_fixed() -> None:
-    validation = np.flatnonzero(is_validation(read("ohmc16").samples))
-    np.testing.assert_array_equal(validation, np.arange(0, 500, 5))
 
 
 @pytest.mark.parametrize(
@@ -251,10 +245,3 @@ def test_quality_is_silent_without_repeats() -> None:
     assert np.isnan(figures.noise)
     assert np.isnan(figures.spread)
     assert np.isfinite(figures.signal)
-
-
-def test_reading_is_the_same_twice() -> None:
-    first: RecordedFrames = read_recording("pyeidors-tank")
-    second = read_recording("pyeidors-tank")
-    np.testing.assert_array_equal(first.voltages, second.voltages)
-    assert first.samples.equals(second.samples)
