@@ -1,10 +1,13 @@
 """Readers of recordings refuse what is not the upstream format; no real data needed."""
 
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
+from numpy.typing import NDArray
 from scipy.io import savemat
 
 from eitbench.scenarios.errors import DataCorruptError, InputError
@@ -40,7 +43,7 @@ def csv_text() -> str:
     return "\n".join(["1.5,2.5,3.5,4.5"] * 208) + "\n"
 
 
-READERS = {
+READERS: dict[str, tuple[Callable[[], str], Callable[[Path], Any], NDArray[Any]]] = {
     "a.eit": (eit_text, read_eit, np.full((16, 16), (0.25 - 0.5j) / 0.005)),
     "b.txt": (
         jku_text,
