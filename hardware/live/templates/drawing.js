@@ -1,5 +1,5 @@
 "use strict";
-// Draws what live.js was told: the image with its scale and contacts, and the voltages.
+// Draws what live.js received: the image with its scale and contacts, and the voltages.
 
 const $ = (id) => document.getElementById(id);
 const COLOURS = JSON.parse($("colours").textContent);

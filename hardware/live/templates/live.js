@@ -1,5 +1,5 @@
 "use strict";
-// What the page is told and asks for; drawing.js, which stands before it, draws.
+// Messages of the page, both ways; drawing.js, which stands before it, draws.
 
 const PLOT_EVERY_MS = 100;
 const RETRY_MS = 1000;

@@ -1,4 +1,4 @@
-"""Recordings to other formats and back: not a bit is lost, and what is wrong is told."""
+"""Recordings to other formats and back: no bit is lost, and damage is reported."""
 
 import time
 from collections.abc import Callable

@@ -104,6 +104,6 @@ def test_what_simulated_presses_teach_beats_greit_on_a_real_skin() -> None:
         splits = scenario_splits(scenarios()["ohmc16"])
         method.fit(Problem(test.sensor, test.reference, splits))
         registration = fit_registration(validation, method.reconstruct(validation.voltages))
-        judged = evaluate(test, method.reconstruct(test.voltages), registration)
-        errors[name] = np.median(judged["localisation_mm"])
+        scores = evaluate(test, method.reconstruct(test.voltages), registration)
+        errors[name] = np.median(scores["localisation_mm"])
     assert errors["linear-touch"] < 0.95 * errors["greit"]
