@@ -133,10 +133,9 @@ def compare(before: Results, after: Results, figures: Sequence[str] = ()) -> Run
         InputError: an unknown figure, or nothing that can be compared.
     """
     tests, missing, added = _paired(before, after, dict.fromkeys(figures, 0.0))
-    adjusted = holm([test.change_p for test in tests])
     changes = [
-        replace(test.change, p=float(p), verdict=_verdict(test, p < SIGNIFICANT))
-        for test, p in zip(tests, adjusted, strict=True)
+        replace(test.change, p=p, verdict=_verdict(test, p < SIGNIFICANT))
+        for test, p in zip(tests, holm([test.change_p for test in tests]).tolist(), strict=True)
     ]
     return RunComparison(changes, missing, added)
 
@@ -150,10 +149,9 @@ def losses(before: Results, after: Results, margins: Mapping[str, float]) -> Run
         InputError: an unknown figure, or nothing that can be compared.
     """
     tests, missing, added = _paired(before, after, margins)
-    adjusted = holm([test.loss_p for test in tests])
     changes = [
-        replace(test.change, p=float(p), verdict="worse" if p < SIGNIFICANT else _verdict(test))
-        for test, p in zip(tests, adjusted, strict=True)
+        replace(test.change, p=p, verdict="worse" if p < SIGNIFICANT else _verdict(test))
+        for test, p in zip(tests, holm([test.loss_p for test in tests]).tolist(), strict=True)
     ]
     return RunComparison(changes, missing, added)
 

@@ -8,10 +8,10 @@ import math
 import threading
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal, Protocol
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,9 @@ from eitbench.scenarios.data.datasets import Dataset, load
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.suites.scenario import RecordedScenario, Scenario
 from eitbench.scenarios.suites.suite import Suite
+
+if TYPE_CHECKING:  # the worker does without
+    import optuna
 
 Array = NDArray[np.float64]
 
@@ -66,32 +69,8 @@ class TrialService(MethodService):
         return self.fitted(parameters)[1]
 
 
-class Reporter(Protocol):
-    """Receiver of the reports of a trial; one of Optuna's."""
-
-    def report(self, value: float, step: int) -> None:
-        """Note the figure of one frame."""
-
-    def should_prune(self) -> bool:
-        """Return True if the trial is clearly worse than the best so far."""
-
-
 class TrialFailedError(Exception):
     """The method gave no images; the message gives the reason."""
-
-
-@dataclass(frozen=True)
-class Limits:
-    """Limits of a method: for its set-up and for one frame [s], and of memory [MiB]."""
-
-    fit_s: float
-    frame_s: float
-    memory_mb: float
-
-    @classmethod
-    def of(cls, suite: Suite) -> "Limits":
-        """Return the limits of a run of `suite`."""
-        return cls(suite.fit_limit_s, suite.frame_limit_s, suite.memory_limit_mb)
 
 
 class Clock:
@@ -127,6 +106,7 @@ class Validation:
     """The validation frames of one scenario and the worker that answers them.
 
     Attributes:
+        suite: declares the limits of set-up, frames and memory.
         data: the frames, with the noise of the test split.
         standard: (offset, scale): figures count as (figure - offset) / scale.
     """
@@ -136,12 +116,12 @@ class Validation:
         scenario: Scenario,
         method: str,
         plugin: Path | None,
-        limits: Limits,
+        suite: Suite,
         stop: threading.Event,
     ) -> None:
         # Presses also fit the registration, which takes more of them.
         limit = REGISTRATION_FRAMES if isinstance(scenario, RecordedScenario) else FRAMES
-        self.scenario, self.limits = scenario, limits
+        self.scenario, self.suite = scenario, suite
         self.data = load(validation_scenario(scenario), split="validation", limit=limit)
         self.standard = (0.0, 1.0)
         splits = partial(_training_split, scenario)
@@ -150,7 +130,7 @@ class Validation:
             TrialService(self._task),
             set_up_limit_s=SET_UP_LIMIT_S,
             stop=stop,
-            memory_limit_mb=limits.memory_mb,
+            memory_limit_mb=suite.memory_limit_mb,
         )
         self._images: NDArray[np.float32] = np.empty(0, np.float32)
 
@@ -196,7 +176,7 @@ class Validation:
             TrialFailedError: it cannot be fitted.
         """
         self._images = np.full((len(self.data), *self.data.sensor.image_shape), np.nan, np.float32)
-        self._ask(clock, "fit", parameters, limit=self.limits.fit_s, what="set-up")
+        self._ask(clock, "fit", parameters, limit=self.suite.fit_limit_s, what="set-up")
 
     def part(self, k: int, clock: Clock) -> Array:
         """Return figures of the frames of part `k`, larger better; the parts come in order.
@@ -209,7 +189,7 @@ class Validation:
         if rows.start == rows.stop:
             return np.empty(0)
         count = rows.stop - rows.start
-        limit, what = self.limits.frame_s * count, f"{count} frames"
+        limit, what = self.suite.frame_limit_s * count, f"{count} frames"
         found = self._ask(
             clock, "reconstruct", self.data.voltages[rows].copy(), limit=limit, what=what
         )
@@ -236,7 +216,7 @@ class Validation:
 
 
 def run_trial(
-    trial: Reporter,
+    trial: "optuna.trial.BaseTrial",
     parameters: dict[str, Any],
     validations: Sequence[Validation],
     seconds: float,

@@ -35,7 +35,6 @@ from eitbench.benchmark.tuning.trials import (
     FIGURES,
     FRAMES,
     PARTS,
-    Limits,
     Validation,
     run_trial,
 )
@@ -46,6 +45,7 @@ from eitbench.scenarios.errors import DataUnavailableError, InputError
 from eitbench.scenarios.guard import closed_test_split
 from eitbench.scenarios.sensors.sensor import content_hash
 from eitbench.scenarios.suites.scenario import Scenario
+from eitbench.scenarios.suites.suite import Suite
 
 _log = logging.getLogger(__name__)
 
@@ -62,7 +62,7 @@ class TuningTask:
     scenarios: tuple[Scenario, ...]
     method: str
     plugin: tuple[Path, str] | None
-    limits: Limits
+    suite: Suite
     budget: TuningBudget
 
     @property
@@ -106,10 +106,10 @@ def tune(
             raise DataUnavailableError(
                 "There is nothing to tune on: fetch the recorded sets first."
             )
-        digests, limits = dict(plan.plugins), Limits.of(plan.suite)
+        digests = dict(plan.plugins)
         plugins = {name: (path, digests[path]) for name, path in plan.origins.items()}
         studies = [
-            TuningTask(scenarios, name, plugins.get(name), limits, budget or TuningBudget())
+            TuningTask(scenarios, name, plugins.get(name), plan.suite, budget or TuningBudget())
             for scenarios in _groups(list(reversed(different.values())), once)
             for name in names
         ]
@@ -173,7 +173,7 @@ def select(
     with ExitStack() as stack:
         validations = []
         for scenario in study.scenarios:
-            validation = Validation(scenario, study.method, plugin, study.limits, stop)
+            validation = Validation(scenario, study.method, plugin, study.suite, stop)
             stack.callback(validation.close)
             if len(study.scenarios) > 1:
                 validation.standardise()

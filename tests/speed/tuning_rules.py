@@ -20,7 +20,7 @@ from optuna.samplers import BaseSampler, TPESampler
 
 from eitbench.benchmark.tuning.selection import TuningBudget
 from eitbench.benchmark.tuning.sweep import Point, SearchSpace, SweepSampler, figures
-from eitbench.benchmark.tuning.trials import Limits, Validation, run_trial
+from eitbench.benchmark.tuning.trials import Validation, run_trial
 from eitbench.methods import create, methods
 from eitbench.scenarios.suites.scenario import Scenario
 from eitbench.scenarios.suites.suite import load_suite
@@ -28,17 +28,6 @@ from eitbench.scenarios.suites.suite import load_suite
 SEEDS = 50
 TRIALS = TuningBudget().trials
 Grid = dict[Point, float]
-
-
-class NeverPruned:
-    """A trial that is evaluated on everything: it takes reports and never ends early."""
-
-    def report(self, value: float, step: int) -> None:
-        """Ignore a report."""
-
-    def should_prune(self) -> bool:
-        """Return False."""
-        return False
 
 
 def search_space(method: str) -> SearchSpace:
@@ -51,12 +40,13 @@ def grid(scenario: Scenario, method: str, space: SearchSpace, folder: Path) -> G
     """The figure of every set of parameters, minus infinity where the method fails."""
     path = folder / f"{scenario.name}--{method}.json"
     if not path.is_file():
-        validation = Validation(
-            scenario, method, None, Limits(600.0, 10.0, 8192.0), threading.Event()
-        )
+        suite = load_suite("quick").model_copy(update={"fit_limit_s": 600.0})
+        validation = Validation(scenario, method, None, suite, threading.Event())
         found = []
         for point in itertools.product(*(range(len(v)) for v in space.values.values())):
-            result = run_trial(NeverPruned(), space.parameters(point), [validation], 1e9)
+            result = run_trial(
+                optuna.trial.FixedTrial({}), space.parameters(point), [validation], 1e9
+            )
             found.append([point, result.figure])
         validation.close()
         folder.mkdir(parents=True, exist_ok=True)

@@ -5,9 +5,10 @@ import random
 import signal
 import socket
 import time
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from threadpoolctl import threadpool_info
@@ -31,44 +32,86 @@ class Sound(Method):
         return self.problem.background + contrast.reshape(-1, *self.problem.mask.shape)
 
 
-@register("contract-kept")
-class StoredBatches(Sound):
-    """Keeps every promise."""
+Bend = Callable[[Problem, Array, Array], Array]
+"""Makes another contrast (n, H, W) of a problem, the contrast and the voltages (n, M)."""
 
 
-@register("contract-contrast")
-class Contrast(Sound):
-    """Forgets the background."""
+def bent(name: str, bend: Bend, expected: Any = None) -> None:
+    """Register a method that does something to the contrast of a sound one."""
 
-    def reconstruct(self, voltages: Array) -> Array:
-        return super().reconstruct(voltages) - self.problem.background
+    class Bent(Sound):
+        expected_failures = expected or {}
 
+        def reconstruct(self, voltages: Array) -> Array:
+            background = self.problem.background
+            contrast = super().reconstruct(voltages) - background
+            return background + bend(self.problem, contrast, voltages)
 
-@register("contract-inverted")
-class Inverted(Sound):
-    """Has the sign wrong."""
-
-    def reconstruct(self, voltages: Array) -> Array:
-        return 2 * self.problem.background - super().reconstruct(voltages)
+    register(name)(Bent)
 
 
-@register("contract-unsigned")
-class Unsigned(Sound):
-    """Sees every contact as resistive."""
-
-    def reconstruct(self, voltages: Array) -> Array:
-        background = self.problem.background
-        return background - np.abs(super().reconstruct(voltages) - background)
+def halved_glitches(problem: Problem, contrast: Array, voltages: Array) -> Array:
+    """Take a frame that is suddenly stronger for a glitch."""
+    strength = np.linalg.norm(problem.difference(voltages), axis=1)
+    glitch = np.append(False, strength[1:] > 2 * strength[:-1])
+    return contrast * np.where(glitch, 0.5, 1.0)[:, None, None]
 
 
-@register("contract-batch")
-class Batch(Sound):
-    """Scales by what else is in the batch."""
+def saturated(_: Problem, contrast: Array, __: Array) -> Array:
+    """Show every contact as strong as any other."""
+    largest = np.abs(contrast).max(axis=(1, 2), keepdims=True)
+    return np.asarray(contrast / np.maximum(largest, 1e-9))
 
-    def reconstruct(self, voltages: Array) -> Array:
-        background = self.problem.background
-        contrast = super().reconstruct(voltages) - background
-        return background + contrast * len(voltages)
+
+def stronger_at_the_top(_: Problem, contrast: Array, __: Array) -> Array:
+    return contrast * np.linspace(0.9, 1.1, contrast.shape[1])[:, None]
+
+
+def without_mirrors(_: Problem, contrast: Array, __: Array) -> Array:
+    """Have a pattern with the turns of a square, and without its mirrors."""
+    y, x = (np.indices(contrast.shape[1:]) + 0.5) / contrast.shape[1] - 0.5
+    return np.asarray(contrast * (1 + 0.1 * np.sin(4 * np.arctan2(y, x))))
+
+
+def noise(problem: Problem, voltages: Array) -> Array:
+    """Noise that is seen: as much of a frame (n, 1, 1) as breaks reciprocity."""
+    pattern = problem.sensor.pattern
+    pairs = pattern.reciprocal_pairs()
+    first, second = voltages[:, pairs[:, 0]], voltages[:, pairs[:, 1]]
+    broken = np.linalg.norm(second - first * pattern.reciprocal_signs(pairs), axis=1)
+    return np.asarray((broken / np.linalg.norm(voltages, axis=1))[:, None, None])
+
+
+def sharper_where_quiet(problem: Problem, contrast: Array, voltages: Array) -> Array:
+    """Add detail where there is little noise."""
+    seen = noise(problem, voltages)
+    return contrast + 0.1 * np.exp(-seen / 0.003) * (seen > 1e-6)
+
+
+BENDS: dict[str, Bend] = {
+    "kept": lambda p, contrast, v: contrast,
+    "contrast": lambda p, contrast, v: contrast - p.background,  # forgets the background
+    "inverted": lambda p, contrast, v: -contrast,
+    "unsigned": lambda p, contrast, v: -np.abs(contrast),  # sees every contact as resistive
+    "batch": lambda p, contrast, v: contrast * len(v),  # looks at what else is in the batch
+    "order": halved_glitches,
+    "saturated": saturated,
+    "squared": lambda p, contrast, v: contrast * np.abs(contrast),
+    "turned": stronger_at_the_top,
+    "mirrored": without_mirrors,
+    "exploding": lambda p, contrast, v: contrast + 50 * noise(p, v),  # in proportion
+    "diverging": lambda p, contrast, v: contrast + 200 * noise(p, v) ** 2,
+    "overconfident": sharper_where_quiet,
+}
+for name, bend in BENDS.items():
+    bent(f"contract-{name}", bend)
+# Those that say what they cannot do: rightly, no more, of no check, without a reason, unreadably.
+TURNED = "rotation_equivariance"
+bent("contract-excused", stronger_at_the_top, {TURNED: "sees more at the top"})
+bent("contract-outdated", BENDS["kept"], {TURNED: "saw more at the top"})
+bent("contract-no-such-check", BENDS["kept"], {"rotation_equivarance": "wrong"})
+bent("contract-no-reason", BENDS["kept"], {TURNED: " "})
+bent("contract-no-mapping", BENDS["kept"], [TURNED])
 
 
 @register("contract-random")
@@ -117,27 +160,6 @@ class Hole(Sound):
         return images
 
 
-class Bent(Sound):
-    """Base of those that do something to the contrast (n, H, W) of voltages (n, M)."""
-
-    def bent(self, contrast: Array, voltages: Array) -> Array:
-        raise NotImplementedError
-
-    def reconstruct(self, voltages: Array) -> Array:
-        background = self.problem.background
-        return background + self.bent(super().reconstruct(voltages) - background, voltages)
-
-
-@register("contract-order")
-class Order(Bent):
-    """Takes a frame that is suddenly stronger for a glitch, and halves it."""
-
-    def bent(self, contrast: Array, voltages: Array) -> Array:
-        strength = np.linalg.norm(self.problem.difference(voltages), axis=1)
-        glitch = np.append(False, strength[1:] > 2 * strength[:-1])
-        return contrast * np.where(glitch, 0.5, 1.0)[:, None, None]
-
-
 @register("contract-seed")
 class Seed(Sound):
     """Draws from a global generator, and puts it back."""
@@ -159,83 +181,12 @@ class Leak(Sound):
         self.spread = self.spread * (1 + np.random.rand())  # noqa: NPY002
 
 
-@register("contract-saturated")
-class Saturated(Bent):
-    """Shows every contact as strong as any other."""
-
-    def bent(self, contrast: Array, voltages: Array) -> Array:
-        return np.asarray(
-            contrast / np.maximum(np.abs(contrast).max(axis=(1, 2), keepdims=True), 1e-9)
-        )
-
-
-@register("contract-squared")
-class Squared(Bent):
-    """Shows twice the contrast as four times as much."""
-
-    def bent(self, contrast: Array, voltages: Array) -> Array:
-        return contrast * np.abs(contrast)
-
-
-@register("contract-turned")
-class Turned(Bent):
-    """Sees more at the top than at the bottom."""
-
-    def bent(self, contrast: Array, voltages: Array) -> Array:
-        return contrast * np.linspace(0.9, 1.1, contrast.shape[1])[:, None]
-
-
-@register("contract-mirrored")
-class Mirrored(Bent):
-    """Has a pattern with the turns of a square, and without its mirrors."""
-
-    def bent(self, contrast: Array, voltages: Array) -> Array:
-        y, x = (np.indices(contrast.shape[1:]) + 0.5) / contrast.shape[1] - 0.5
-        return np.asarray(contrast * (1 + 0.1 * np.sin(4 * np.arctan2(y, x))))
-
-
 @register("contract-gain")
 class Gain(Sound):
     """Takes a board's numbers for V/A."""
 
     def reconstruct(self, voltages: Array) -> Array:
         return super().reconstruct(voltages) * self.problem.gain - (self.problem.gain - 1)
-
-
-class Noisy(Bent):
-    """Base of those that see noise: as much of a frame (n,) as breaks reciprocity."""
-
-    def noise(self, voltages: Array) -> Array:
-        pattern = self.problem.sensor.pattern
-        pairs = pattern.reciprocal_pairs()
-        first, second = voltages[:, pairs[:, 0]], voltages[:, pairs[:, 1]]
-        broken = np.linalg.norm(second - first * pattern.reciprocal_signs(pairs), axis=1)
-        return np.asarray((broken / np.linalg.norm(voltages, axis=1))[:, None, None])
-
-
-@register("contract-exploding")
-class Exploding(Noisy):
-    """Blows noise up, in proportion."""
-
-    def bent(self, contrast: Array, voltages: Array) -> Array:
-        return contrast + 50 * self.noise(voltages)
-
-
-@register("contract-diverging")
-class Diverging(Noisy):
-    """Suffers from the square of the noise."""
-
-    def bent(self, contrast: Array, voltages: Array) -> Array:
-        return contrast + 200 * self.noise(voltages) ** 2
-
-
-@register("contract-overconfident")
-class Overconfident(Noisy):
-    """Adds detail where there is little noise."""
-
-    def bent(self, contrast: Array, voltages: Array) -> Array:
-        noise = self.noise(voltages)
-        return contrast + 0.1 * np.exp(-noise / 0.003) * (noise > 1e-6)
 
 
 @register("contract-threads")
@@ -299,38 +250,3 @@ class Slow(Sound):
             while True:
                 time.sleep(1)
         return super().reconstruct(voltages)
-
-
-@register("contract-excused")
-class Excused(Turned):
-    """Says what it cannot do."""
-
-    expected_failures: ClassVar = {"rotation_equivariance": "sees more at the top"}
-
-
-@register("contract-outdated")
-class Outdated(Sound):
-    """Says that it cannot do what it can."""
-
-    expected_failures: ClassVar = {"rotation_equivariance": "saw more at the top"}
-
-
-@register("contract-no-such-check")
-class NoSuchCheck(Sound):
-    """Expects to fail a check that does not exist."""
-
-    expected_failures: ClassVar = {"rotation_equivarance": "sees more at the top"}
-
-
-@register("contract-no-reason")
-class NoReason(Sound):
-    """Expects to fail, and does not say why."""
-
-    expected_failures: ClassVar = {"rotation_equivariance": " "}
-
-
-@register("contract-no-mapping")
-class NoMapping(Sound):
-    """Expects to fail in a form that cannot be read."""
-
-    expected_failures: ClassVar = ["rotation_equivariance"]  # type: ignore[assignment]

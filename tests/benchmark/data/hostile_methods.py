@@ -5,6 +5,7 @@ import os
 import signal
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -15,79 +16,49 @@ from eitbench.methods import Method, Problem, register
 Array = np.ndarray[Any, np.dtype[np.float64]]
 
 
-class Untouched(Method):
-    """Sees nothing, after it has done what its name says."""
+def untouched(name: str, harm: Callable[[], object]) -> None:
+    """Register a method that sees nothing, after it has done harm."""
 
-    def fit(self, problem: Problem) -> None:
-        self.image = np.full(problem.mask.shape, problem.background)
+    class Untouched(Method):
+        def fit(self, problem: Problem) -> None:
+            self.image = np.full(problem.mask.shape, problem.background)
 
-    def reconstruct(self, voltages: Array) -> Array:
-        self.harm()
-        return np.repeat(self.image[None], len(voltages), axis=0)
+        def reconstruct(self, voltages: Array) -> Array:
+            harm()
+            return np.repeat(self.image[None], len(voltages), axis=0)
 
-    def harm(self) -> None:
-        """Do harm."""
-
-
-@register("segfaults")
-class Segfaults(Untouched):
-    """Reads from nowhere."""
-
-    def harm(self) -> None:
-        ctypes.string_at(0)
+    register(name)(Untouched)
 
 
-@register("is-killed")
-class IsKilled(Untouched):
-    """Is killed, as the system does when memory runs out."""
-
-    def harm(self) -> None:
-        os.kill(os.getpid(), signal.SIGKILL)
-
-
-@register("takes-memory")
-class TakesMemory(Untouched):
-    """Takes all the memory there is, in its own process and in a child's."""
-
-    def harm(self) -> None:
-        if os.fork():
-            os.wait()
-        taken = np.ones(2**26)  # 512 MiB each
-        time.sleep(600 + taken[0])
+def takes_memory() -> None:
+    """Take all the memory there is, in its own process and in a child's."""
+    os.fork()
+    taken = np.ones(2**26)  # 512 MiB each
+    time.sleep(600 + taken[0])
 
 
-@register("forks")
-class Forks(Untouched):
-    """Comes back twice."""
-
-    def harm(self) -> None:
-        os.fork()
-
-
-@register("leaves-a-daemon")
-class LeavesADaemon(Untouched):
-    """Leaves a process behind, in a session of its own."""
-
-    def harm(self) -> None:
-        if os.fork() == 0:
-            os.setsid()
-            Path(os.environ["HOSTILE_PID"]).write_text(str(os.getpid()))
-            time.sleep(600)
-            os._exit(0)
+def leaves_a_daemon() -> None:
+    """Leave a process behind, in a session of its own."""
+    if os.fork() == 0:
+        os.setsid()
+        Path(os.environ["HOSTILE_PID"]).write_text(str(os.getpid()))
+        time.sleep(600)
+        os._exit(0)
 
 
-@register("prints-a-lot")
-class PrintsALot(Untouched):
-    """Prints more than a disk should hold, once."""
-
-    left = 32
-
-    def harm(self) -> None:
-        while self.left:
-            sys.stdout.write(4 * 2**20 * "x")
-            self.left -= 1
+written: list[int] = []
 
 
-@register("behaves")
-class Behaves(Untouched):
-    """Does no harm."""
+def prints_a_lot() -> None:
+    """Print more than a disk should hold, once."""
+    while len(written) < 32:
+        written.append(sys.stdout.write(4 * 2**20 * "x"))
+
+
+untouched("segfaults", lambda: ctypes.string_at(0))
+untouched("is-killed", lambda: os.kill(os.getpid(), signal.SIGKILL))  # as without memory
+untouched("takes-memory", takes_memory)
+untouched("forks", os.fork)  # comes back twice
+untouched("leaves-a-daemon", leaves_a_daemon)
+untouched("prints-a-lot", prints_a_lot)
+untouched("behaves", list)

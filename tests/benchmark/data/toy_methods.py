@@ -3,7 +3,8 @@
 import os
 import signal
 import time
-from typing import Any
+from collections.abc import Callable
+from typing import Any, NoReturn
 
 import numpy as np
 
@@ -25,72 +26,6 @@ class Toy(Method):
         return self.problem.background + contrast.reshape(-1, *self.problem.mask.shape)
 
 
-@register("toy-good")
-class Good(Toy):
-    """Behaves."""
-
-
-@register("toy-raises")
-class Raises(Toy):
-    """Raises always."""
-
-    def reconstruct(self, voltages: Array) -> Array:
-        raise RuntimeError("the sky is falling")
-
-
-@register("toy-nan")
-class Nan(Toy):
-    """Returns NaN in the second frame of a batch."""
-
-    def reconstruct(self, voltages: Array) -> Array:
-        images = super().reconstruct(voltages)
-        images[1:2, 3, 3] = np.nan
-        return images
-
-
-@register("toy-shape")
-class Shape(Toy):
-    """Returns flat images."""
-
-    def reconstruct(self, voltages: Array) -> Array:
-        return super().reconstruct(voltages).reshape(len(voltages), -1)
-
-
-@register("toy-complex")
-class Complex(Toy):
-    """Returns complex numbers."""
-
-    def reconstruct(self, voltages: Array) -> Array:
-        return super().reconstruct(voltages) + 1j  # type: ignore[return-value]
-
-
-@register("toy-ragged")
-class Ragged(Toy):
-    """Returns something that is no array."""
-
-    def reconstruct(self, voltages: Array) -> Array:
-        return [[1.0], [1.0, 2.0]]  # type: ignore[return-value]
-
-
-@register("toy-prints")
-class Prints(Toy):
-    """Prints, from Python and from below it."""
-
-    def reconstruct(self, voltages: Array) -> Array:
-        print("hello from the plugin")
-        os.write(1, b"hello from the system\n")
-        return super().reconstruct(voltages)
-
-
-@register("toy-hangs")
-class Hangs(Toy):
-    """Never answers."""
-
-    def reconstruct(self, voltages: Array) -> Array:
-        time.sleep(1000)
-        return super().reconstruct(voltages)
-
-
 @register("toy-fit-raises")
 class FitRaises(Toy):
     """Cannot be set up."""
@@ -99,102 +34,72 @@ class FitRaises(Toy):
         raise ValueError("no licence for this sensor")
 
 
-@register("toy-mutates")
-class Mutates(Toy):
-    """Subtracts the reference in place."""
+def toy(
+    name: str, before: Callable[[Array], object] = len, after: Callable[[Array], Any] = np.asarray
+) -> None:
+    """Register a toy that does something to its frames before it reconstructs, or to its images."""
 
-    def reconstruct(self, voltages: Array) -> Array:
-        images = super().reconstruct(voltages)
-        voltages -= self.problem.reference
-        return images
+    class Misbehaving(Toy):
+        def reconstruct(self, voltages: Array) -> Any:
+            before(voltages)
+            return after(super().reconstruct(voltages))
 
-
-@register("toy-killed")
-class Killed(Toy):
-    """Is killed, as the system does when memory runs out."""
-
-    def reconstruct(self, voltages: Array) -> Array:
-        if len(voltages) > 1:
-            os.kill(os.getpid(), signal.SIGKILL)
-        return super().reconstruct(voltages)
+    register(name)(Misbehaving)
 
 
-@register("toy-dies-on-one")
-class DiesOnOne(Toy):
-    """Ends the process on a frame whose largest voltage passes a limit from the environment."""
-
-    def reconstruct(self, voltages: Array) -> Array:
-        if (voltages.max(axis=1) > float(os.environ["TOY_LIMIT"])).any():
-            os._exit(5)
-        return super().reconstruct(voltages)
+def fail(error: Exception) -> NoReturn:
+    raise error
 
 
-@register("toy-dies-on-first")
-class DiesOnFirst(Toy):
-    """Ends the process on the frame with a largest voltage from the environment."""
-
-    def reconstruct(self, voltages: Array) -> Array:
-        if (voltages.max(axis=1) == float(os.environ["TOY_FIRST"])).any():
-            os._exit(5)
-        return super().reconstruct(voltages)
+def prints(_: Array) -> None:
+    """Print, from Python and from below it."""
+    print("hello from the plugin")
+    os.write(1, b"hello from the system\n")
 
 
-@register("toy-strange-error")
-class StrangeError(Toy):
-    """Raises a message that is long and no valid Unicode."""
-
-    def reconstruct(self, voltages: Array) -> Array:
-        raise ValueError("\ud800" + 10000 * "x")
+def is_killed_by_a_batch(voltages: Array) -> None:
+    """As the system does when memory runs out."""
+    if len(voltages) > 1:
+        os.kill(os.getpid(), signal.SIGKILL)
 
 
-@register("toy-memory")
-class Memory(Toy):
-    """Asks for too much in a batch."""
-
-    def reconstruct(self, voltages: Array) -> Array:
-        if len(voltages) > 1:
-            raise MemoryError("batch too large")
-        return super().reconstruct(voltages)
+def beyond_limit(voltages: Array) -> bool:
+    """True for a frame whose largest voltage passes a limit from the environment."""
+    return bool((voltages.max(axis=1) > float(os.environ["TOY_LIMIT"])).any())
 
 
-@register("toy-no-memory")
-class NoMemory(Toy):
-    """Asks for too much always."""
-
-    def reconstruct(self, voltages: Array) -> Array:
-        raise MemoryError("image too large")
+def is_first(voltages: Array) -> bool:
+    """True for the frame with a largest voltage from the environment."""
+    return bool((voltages.max(axis=1) == float(os.environ["TOY_FIRST"])).any())
 
 
-@register("toy-exits")
-class Exits(Toy):
-    """Ends the process."""
-
-    def reconstruct(self, voltages: Array) -> Array:
-        os._exit(3)
+def with_hole(images: Array) -> Array:
+    """Have a NaN in the second image of a batch."""
+    images[1:2, 3, 3] = np.nan
+    return images
 
 
-@register("toy-one-bad")
-class OneBad(Toy):
-    """Raises on a frame whose largest voltage passes a limit from the environment."""
-
-    def reconstruct(self, voltages: Array) -> Array:
-        if (voltages.max(axis=1) > float(os.environ["TOY_LIMIT"])).any():
-            raise ArithmeticError("this frame diverges")
-        return super().reconstruct(voltages)
+def with_noise(images: Array) -> Array:
+    """Draw from the global generator."""
+    return np.asarray(images + 0.01 * np.random.rand())  # noqa: NPY002
 
 
-@register("toy-random")
-class Random(Toy):
-    """Draws from the global generator."""
-
-    def reconstruct(self, voltages: Array) -> Array:
-        return super().reconstruct(voltages) + 0.01 * np.random.rand()  # noqa: NPY002
-
-
-@register("toy-slow")
-class Slow(Random):
-    """Takes its time."""
-
-    def reconstruct(self, voltages: Array) -> Array:
-        time.sleep(0.02 * len(voltages))
-        return super().reconstruct(voltages)
+toy("toy-good")
+toy("toy-raises", lambda v: fail(RuntimeError("the sky is falling")))
+toy("toy-nan", after=with_hole)
+toy("toy-shape", after=lambda images: images.reshape(len(images), -1))
+toy("toy-complex", after=lambda images: images + 1j)
+toy("toy-ragged", after=lambda images: [[1.0], [1.0, 2.0]])
+toy("toy-prints", prints)
+toy("toy-hangs", lambda v: time.sleep(1000))
+toy("toy-mutates", lambda v: np.subtract(v, 1.0, out=v))
+toy("toy-killed", is_killed_by_a_batch)
+toy("toy-dies-on-one", lambda v: beyond_limit(v) and os._exit(5))
+toy("toy-dies-on-first", lambda v: is_first(v) and os._exit(5))
+toy("toy-strange-error", lambda v: fail(ValueError("\ud800" + 10000 * "x")))
+toy("toy-memory", lambda v: len(v) > 1 and fail(MemoryError("batch too large")))
+toy("toy-no-memory", lambda v: fail(MemoryError("image too large")))
+toy("toy-exits", lambda v: os._exit(3))
+toy("toy-one-bad", lambda v: beyond_limit(v) and fail(ArithmeticError("this frame diverges")))
+toy("toy-random", after=with_noise)
+toy("toy-slow", lambda v: time.sleep(0.02 * len(v)), with_noise)

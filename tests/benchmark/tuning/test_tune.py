@@ -17,7 +17,7 @@ from eitbench.benchmark.rundir.plan import make_plan
 from eitbench.benchmark.tuning import tuner as tuning
 from eitbench.benchmark.tuning.selection import Selection, Trial, TuningBudget
 from eitbench.benchmark.tuning.sweep import SearchSpace
-from eitbench.benchmark.tuning.trials import Limits, Validation, frame_figures
+from eitbench.benchmark.tuning.trials import Validation, frame_figures
 from eitbench.benchmark.tuning.tuner import TuningTask, select, tune
 from eitbench.scenarios.data.datasets import load
 from eitbench.scenarios.data.simulation import clean_voltages, phantom
@@ -153,7 +153,7 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list[dict[str, Any]]:
 
 
 def study(budget: TuningBudget) -> TuningTask:
-    return TuningTask((SMALL,), "noser", None, Limits(60.0, 10.0, 8192.0), budget)
+    return TuningTask((SMALL,), "noser", None, suite(SMALL), budget)
 
 
 def the_choice(budget: TuningBudget, journals: Path) -> Selection:
@@ -224,7 +224,7 @@ def test_one_choice_for_several_scenarios(tmp_path: Path) -> None:
 
 
 def test_scenarios_of_unlike_spread_weigh_alike() -> None:
-    validation = Validation(SMALL, "noser", None, Limits(60.0, 10.0, 8192.0), threading.Event())
+    validation = Validation(SMALL, "noser", None, suite(SMALL), threading.Event())
     validation.standardise()
     offset, scale = validation.standard
     background = frame_figures(validation.data, np.ones((8, 16, 16), np.float32))
