@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from tests.support.small_sensors import no_split, suite_of
 
 from eitbench.cli import main
 from eitbench.methods import Problem, create
@@ -66,17 +67,6 @@ def recipe(**other: Any) -> Recipe:
     return replace(ImageNetworkMethod.recipe, **other)
 
 
-def suite(folder: Path, scenario: str) -> str:
-    path = folder / "tiny.toml"
-    path.write_text(f'name = "tiny"\ntitle = "tiny"\nmethods = ["noser"]\n{scenario}')
-    return str(path)
-
-
-def declared(scenario: SimulatedScenario) -> str:
-    fields = scenario.model_dump(mode="json", exclude_defaults=True) | {"kind": "simulated"}
-    return "\n".join(["[[scenarios]]", *(f"{k} = {json.dumps(v)}" for k, v in fields.items())])
-
-
 def problem(gain: float = 1.0, s: Sensor = SENSOR) -> Problem:
     def splits(split: str, limit: int | None) -> Dataset:
         data = load(SCENARIO, split, limit)
@@ -107,7 +97,7 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> TrainingResult:
     folder = tmp_path_factory.mktemp("trained")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(ImageNetworkMethod, "recipe", recipe(batch=32))
-        tiny = suite(folder, declared(SCENARIO))
+        tiny = suite_of(folder, SCENARIO)
         request = TrainingRequest("dnn", tiny, epochs=30, out=folder / "out", use=False, **QUICK)
         return train(request)
 
@@ -216,7 +206,7 @@ def test_an_interrupted_training_continues_as_if_it_had_not_been(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Of `phydnn`, whose loss changes on the way, with noise and symmetries that are drawn."""
-    noisy = suite(tmp_path, NOISY)
+    noisy = suite_of(tmp_path, NOISY)
     step, calls = ImageTask.objective, []
 
     def stopping(self: ImageTask, batch: Data, epochs_done: int) -> Any:
@@ -269,16 +259,12 @@ def sensor_and_reference(path: str) -> tuple[Sensor, Any]:
     return scenario_of(path).nominal_sensor, load_noisy(path).reference
 
 
-def no_split(split: str, limit: int | None) -> Dataset:
-    raise AssertionError(f"a trained method asked for the {split} split")
-
-
 @pytest.mark.slow
 def test_the_physical_loss_is_minimised_after_a_third_of_the_epochs_and_not_before(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     more = NOISY.replace("validation = 8", "validation = 100").replace("130", "512")
-    clean = suite(tmp_path, more.replace('"mixture"', '"clean"'))
+    clean = suite_of(tmp_path, more.replace('"mixture"', '"clean"'))
     monkeypatch.setattr(ImageNetworkMethod, "recipe", recipe(rate=1e-4))
 
     def run(name: str, beta: float | None = None) -> list[dict[str, float]]:
@@ -320,7 +306,7 @@ def test_the_gradient_is_that_of_both_losses(
         return objective, shown
 
     monkeypatch.setattr(ImageTask, "objective", watched)
-    noisy = suite(tmp_path, NOISY)
+    noisy = suite_of(tmp_path, NOISY)
     train(TrainingRequest("phydnn", noisy, epochs=3, out=tmp_path / "o", beta=0.5, **QUICK))
     assert len(seen) == 9
     for number, (objective, data, physical) in enumerate(seen):
@@ -336,7 +322,7 @@ def test_a_training_that_diverges_says_so_and_keeps_what_was_good(
     monkeypatch.setattr(
         Recipe, "rate_at", lambda self, share: 1e30 if share > 0.45 else rate_at(self, share)
     )
-    noisy, out = suite(tmp_path, NOISY), tmp_path / "out"
+    noisy, out = suite_of(tmp_path, NOISY), tmp_path / "out"
     command = ["eitbench", "train", "phydnn", "--suite", noisy, "--operator", "fem"]
     monkeypatch.setattr(sys, "argv", [*command, "--epochs", "6", "--out", str(out)])
     with pytest.raises(SystemExit) as stop:
@@ -360,7 +346,7 @@ def test_it_ends_early_when_nothing_improves(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(ImageNetworkMethod, "recipe", recipe(rate=0.0, patience=3))
-    noisy = suite(tmp_path, NOISY)
+    noisy = suite_of(tmp_path, NOISY)
     for _ in range(2):  # and is not taken up again
         result = train(TrainingRequest("dnn", noisy, epochs=50, out=tmp_path / "o", **QUICK))
         assert len(rows(tmp_path / "o")) == 4
@@ -394,7 +380,7 @@ def test_what_cannot_be_trained_is_said_before_anything_is_simulated(
     monkeypatch.setenv("EITBENCH_CACHE", str(tmp_path / "cache"))
     monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
     with pytest.raises(InputError, match=sentence):
-        train(TrainingRequest(name, suite(tmp_path, NOISY), epochs=1, **options))
+        train(TrainingRequest(name, suite_of(tmp_path, NOISY), epochs=1, **options))
     assert not (tmp_path / "cache" / "simulated").exists()
 
 
@@ -414,7 +400,7 @@ def test_devices_that_are_not_there_are_refused(monkeypatch: pytest.MonkeyPatch)
 @pytest.mark.slow
 def test_two_processes_train_one_network(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "eitbench.cli", "train", "dnn", "--operator", "jacobian"]
-    noisy = suite(tmp_path, NOISY)
+    noisy = suite_of(tmp_path, NOISY)
     many = ["--device", "cpu", "--devices", "2", "--epochs", "3", "--out", str(tmp_path / "o")]
     done = subprocess.run(
         [*command, "--suite", noisy, *many],
@@ -434,7 +420,7 @@ def test_two_processes_train_one_network(tmp_path: Path) -> None:
 
 
 def test_another_choice_needs_another_folder(tmp_path: Path) -> None:
-    noisy = suite(tmp_path, NOISY)
+    noisy = suite_of(tmp_path, NOISY)
     one = TrainingRequest("dnn", noisy, epochs=1, out=tmp_path / "o", **QUICK)
     train(one)
     with pytest.raises(InputError, match="begun with limit 130, not 128"):

@@ -1,6 +1,5 @@
 """Methods that refine an image: what physics says of it, and what is learned from that."""
 
-import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -9,6 +8,7 @@ import numpy as np
 import pytest
 import torch
 from numpy.typing import NDArray
+from tests.support.small_sensors import foam, no_split, round_board, suite_of
 
 from eitbench.methods import Problem, create
 from eitbench.methods.learned.gauss_newton_update import SNR_DB, GaussNewtonUpdate, expected_error
@@ -18,13 +18,10 @@ from eitbench.methods.learned.refiner_training import RefinerTask
 from eitbench.methods.networks.refiner import Refiner
 from eitbench.methods.training import TrainingInterruptedError, TrainingRequest, train
 from eitbench.methods.training.task import Data
-from eitbench.scenarios.catalogue import sensor
 from eitbench.scenarios.data.datasets import Dataset, load
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.physics.forward import forward_model
-from eitbench.scenarios.sensors.outlines import Disc
-from eitbench.scenarios.sensors.patterns import pair_pattern
-from eitbench.scenarios.sensors.sensor import Sensor, even_electrodes
+from eitbench.scenarios.sensors.sensor import Sensor
 from eitbench.scenarios.suites.scenario import SimulatedScenario
 
 Array = NDArray[np.float64]
@@ -33,21 +30,7 @@ SCENARIO = SimulatedScenario(
 )
 
 
-def foam() -> Sensor:
-    return replace(sensor("foam16"), image_shape=(12, 14))
-
-
-def disc() -> Sensor:
-    pairs = [(i, (i + 1) % 8) for i in range(8)]
-    electrodes = even_electrodes(Disc(0.07), 8, 0.01, 1e-3)
-    pattern = replace(pair_pattern(pairs[:5], pairs), magnitudes=True)
-    return Sensor("round", Disc(0.07), electrodes, pattern, background=0.4, image_shape=(13, 11))
-
-
 def problem_of(s: Sensor) -> Problem:
-    def no_split(split: str, limit: int | None) -> Dataset:
-        raise AssertionError(f"asked for the {split} split")
-
     model = forward_model(s)
     return Problem(s, model.voltages(model.background), no_split)
 
@@ -64,7 +47,7 @@ def difference(problem: Problem, relative: Array) -> Array:
     return np.asarray(problem.model.voltages(sigma) - problem.background_voltages)
 
 
-@pytest.mark.parametrize("make", [foam, disc])
+@pytest.mark.parametrize("make", [lambda: foam((12, 14)), round_board])
 def test_an_update_is_the_textbook_step(make: Callable[[], Sensor]) -> None:
     """Over all measurements, in the pixels: (J^T J / s^2 + D^-1)^-1 J^T (dv - (F(x) - F(1)))."""
     s = make()
@@ -88,7 +71,7 @@ def test_an_update_is_the_textbook_step(make: Callable[[], Sensor]) -> None:
         np.testing.assert_allclose(update[level], expected, atol=2e-3 * scale)
 
 
-@pytest.mark.parametrize("make", [foam, disc])
+@pytest.mark.parametrize("make", [lambda: foam((12, 14)), round_board])
 def test_an_update_explains_more_of_the_frame(make: Callable[[], Sensor]) -> None:
     s = make()
     problem = problem_of(s)
@@ -127,15 +110,6 @@ def test_a_refiner_begins_as_the_identity_and_sees_all_its_images() -> None:
     assert all(p.grad is not None and p.grad.abs().max() > 0 for p in network.parameters())
 
 
-def suite(folder: Path) -> str:
-    path = folder / "tiny.toml"
-    fields = SCENARIO.model_dump(mode="json", exclude_defaults=True) | {"kind": "simulated"}
-    lines = [f"{name} = {json.dumps(value)}" for name, value in fields.items()]
-    header = ['name = "tiny"', 'title = "tiny"', 'methods = ["noser"]', "[[scenarios]]"]
-    path.write_text("\n".join([*header, *lines]))
-    return str(path)
-
-
 @pytest.fixture
 def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv("EITBENCH_CACHE", str(tmp_path / "cache"))
@@ -159,7 +133,7 @@ def mse(name: str, **parameters: object) -> float:
 def test_steps_through_the_model_improve_the_image_of_a_network(
     cache: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    tiny = suite(cache)
+    tiny = suite_of(cache, SCENARIO)
     monkeypatch.setattr(LearnedGaussNewton, "steps", 2)  # more than the packaged weights have
     train(TrainingRequest("dnn", tiny, epochs=6, operator="jacobian"))
     request = TrainingRequest("learned-gn", tiny, epochs=5, out=cache / "out")
@@ -195,7 +169,7 @@ def test_steps_through_the_model_improve_the_image_of_a_network(
 
 
 def test_a_network_improves_a_coarse_image(cache: Path) -> None:
-    result = train(TrainingRequest("coarse-to-fine", suite(cache), epochs=16))
+    result = train(TrainingRequest("coarse-to-fine", suite_of(cache, SCENARIO), epochs=16))
     assert result.in_use
     coarse = mse("noser", variable="clausius-mossotti", weight=0.01)
     assert mse("coarse-to-fine") < 0.7 * coarse

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from tests.support.small_sensors import foam, round_board
 from torch import nn
 
 from eitbench.methods import operator
@@ -17,20 +18,7 @@ from eitbench.scenarios.catalogue import sensor
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.imperfections.noise import Noise
 from eitbench.scenarios.physics.forward import forward_model
-from eitbench.scenarios.sensors.outlines import Disc
-from eitbench.scenarios.sensors.patterns import pair_pattern
-from eitbench.scenarios.sensors.sensor import Sensor, even_electrodes
-
-
-def foam(pixels: tuple[int, int] = (12, 12)) -> Sensor:
-    return replace(sensor("foam16"), image_shape=pixels)
-
-
-def disc() -> Sensor:
-    pairs = [(i, (i + 1) % 8) for i in range(8)]
-    electrodes = even_electrodes(Disc(0.07), 8, 0.01, 1e-3)
-    pattern = replace(pair_pattern(pairs[:5], pairs), magnitudes=True)
-    return Sensor("round", Disc(0.07), electrodes, pattern, background=0.4, image_shape=(13, 11))
+from eitbench.scenarios.sensors.sensor import Sensor
 
 
 def moved(network: nn.Module, spread: float = 0.1) -> None:
@@ -40,7 +28,7 @@ def moved(network: nn.Module, spread: float = 0.1) -> None:
             parameter.add_(spread * torch.randn_like(parameter))
 
 
-@pytest.mark.parametrize("make", [foam, disc, lambda: foam((37, 50))])
+@pytest.mark.parametrize("make", [foam, round_board, lambda: foam((37, 50))])
 @pytest.mark.parametrize("backbone", BACKBONES)
 def test_a_network_begins_as_a_linear_map_for_any_sensor(
     backbone: str, make: Callable[[], Sensor]

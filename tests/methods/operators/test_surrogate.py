@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from tests.support.small_sensors import PAIRS, foam, round_board
 from torch import Tensor
 
 from eitbench.methods import operator
@@ -18,35 +19,20 @@ from eitbench.scenarios.array_file import write_arrays
 from eitbench.scenarios.catalogue import sensor
 from eitbench.scenarios.errors import DataCorruptError, InputError
 from eitbench.scenarios.physics.forward import forward_model
-from eitbench.scenarios.sensors.outlines import Disc
 from eitbench.scenarios.sensors.patterns import (
     DrivePattern,
     averaging,
     independent,
     offset_pattern,
-    pair_pattern,
 )
 from eitbench.scenarios.sensors.sensor import Sensor, even_electrodes
 
 ABOUT = {"train_s": "12.5", "device": "abacus"}
 
 
-def foam(pixels: tuple[int, int] = (10, 10)) -> Sensor:
-    return replace(sensor("foam16"), image_shape=pixels)
-
-
-def disc() -> Sensor:
+def reversed_board() -> Sensor:
     """A round board that drives some pairs only, measures them reversed and reports magnitudes."""
-    pairs = [(i, (i + 1) % 8) for i in range(8)]
-    pattern = pair_pattern(pairs[:5], [(b, a) for a, b in pairs])
-    return Sensor(
-        "round",
-        Disc(0.07),
-        even_electrodes(Disc(0.07), 8, 0.01, 1e-3),
-        replace(pattern, magnitudes=True),
-        background=0.4,
-        image_shape=(13, 11),
-    )
+    return round_board(senses=[(b, a) for a, b in PAIRS])
 
 
 def network(s: Sensor, spread: float = 0.0) -> SurrogateNetwork:
@@ -87,7 +73,7 @@ def no_packaged(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path / "packaged"
 
 
-@pytest.mark.parametrize("make", [foam, disc])
+@pytest.mark.parametrize("make", [foam, reversed_board])
 def test_an_untrained_network_is_the_jacobian(make: Callable[[], Sensor]) -> None:
     s = make()
     install(s, network(s))
@@ -121,7 +107,7 @@ def test_measurements_without_partner_reversed_or_repeated_follow_their_own() ->
     assert (magnitudes[2] == 1).all()
 
 
-@pytest.mark.parametrize("make", [foam, disc])
+@pytest.mark.parametrize("make", [foam, reversed_board])
 def test_averages_keep_the_signal_and_halve_the_noise(make: Callable[[], Sensor]) -> None:
     s = make()
     first, owner, _ = independent(s.pattern)
@@ -132,7 +118,7 @@ def test_averages_keep_the_signal_and_halve_the_noise(make: Callable[[], Sensor]
     np.testing.assert_allclose(variance, 1 / np.bincount(owner), rtol=0.12)
 
 
-@pytest.mark.parametrize("make", [foam, disc])
+@pytest.mark.parametrize("make", [foam, reversed_board])
 def test_reciprocity_holds_whatever_the_weights(make: Callable[[], Sensor]) -> None:
     s = make()
     install(s, network(s, spread=0.3))
@@ -196,7 +182,7 @@ def test_the_users_own_weights_come_before_the_packaged(no_packaged: Path) -> No
 
 
 def test_without_weights_one_sentence_says_how_to_train_them() -> None:
-    with pytest.raises(InputError, match=r"'foam16'.*10 x 10.*`eitbench train surrogate --suite"):
+    with pytest.raises(InputError, match=r"'foam16'.*12 x 12.*`eitbench train surrogate --suite"):
         operator("surrogate", foam())
 
 

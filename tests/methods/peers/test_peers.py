@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from tests.support.small_sensors import no_split
 
 from eitbench.commands.listing import LISTINGS
 from eitbench.methods import Problem, create, methods
@@ -60,12 +61,8 @@ def touched(of: Sensor, factor: float = 0.5) -> tuple[Problem, Array, Array]:
     model = forward_model(of)
     sigma = of.background * np.where(disc(of, *of.pixel_centres), factor, 1.0)
     gain = 250.0
-    problem = Problem(of, gain * model.voltages(model.background), _no_data)
+    problem = Problem(of, gain * model.voltages(model.background), no_split)
     return problem, gain * model.voltages(sigma)[None], sigma
-
-
-def _no_data(split: str, limit: int | None) -> Any:
-    raise AssertionError(f"a peer asked for the {split} split")
 
 
 def assert_in_place(
@@ -210,7 +207,7 @@ def test_the_scale_does_not_depend_on_gain_or_background() -> None:
         electrodes=tuple(replace(e, contact_impedance=5e-3) for e in of.electrodes),
     )
     model = forward_model(other_sensor)
-    other = Problem(other_sensor, 0.01 * model.voltages(model.background), _no_data)
+    other = Problem(other_sensor, 0.01 * model.voltages(model.background), no_split)
     again = create("pyeit-greit")
     again.fit(other)
     sigma = 0.2 * np.where(disc(of, *of.pixel_centres), 0.5, 1.0)

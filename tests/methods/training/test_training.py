@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from tests.support.small_sensors import suite_of
 from torch import nn
 
 from eitbench.cli import main
@@ -50,12 +51,6 @@ validation = 60
 test = 6
 """
 WEIGHTS = "weights/"
-
-
-def suite(folder: Path, *scenarios: str) -> str:
-    path = folder / "tiny.toml"
-    path.write_text('name = "tiny"\ntitle = "tiny"\nmethods = ["noser"]\n' + "".join(scenarios))
-    return str(path)
 
 
 def tiny(pixels: int = 16, train: int = 60, name: str = "tiny") -> str:
@@ -122,7 +117,7 @@ def interrupt() -> None:
 def test_the_surrogate_learns_what_a_linear_branch_cannot(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    tiny_suite = suite(tmp_path, tiny(train=600))
+    tiny_suite = suite_of(tmp_path, tiny(train=600))
     result = train(TrainingRequest("surrogate", tiny_suite, epochs=8))
     assert result.validation_mse < 0.6 * result.baseline_mse
     sentences = " ".join(result.sentences())
@@ -177,7 +172,7 @@ def test_the_command_ends_with_130_on_ctrl_c(
         return loss(self, batch)
 
     monkeypatch.setattr(SurrogateTask, "loss", stopping)
-    arguments = ["train", "surrogate", "--suite", suite(tmp_path, tiny()), "--epochs", "3"]
+    arguments = ["train", "surrogate", "--suite", suite_of(tmp_path, tiny()), "--epochs", "3"]
     monkeypatch.setattr(sys, "argv", ["eitbench", *arguments, "--out", str(tmp_path / "out")])
     with pytest.raises(SystemExit) as stop:
         main()
@@ -239,7 +234,7 @@ def test_a_folder_begun_with_other_settings_is_refused(tmp_path: Path) -> None:
         toy_fit(tmp_path, Toy(), epochs=7)
     with pytest.raises(InputError, match=r"begun with rate 0\.1, not 0\.2"):
         toy_fit(tmp_path, Toy(), rate=0.2)
-    tiny_suite = suite(tmp_path, tiny())
+    tiny_suite = suite_of(tmp_path, tiny())
     train(TrainingRequest("surrogate", tiny_suite, epochs=1, out=tmp_path / "out"))
     shutil.rmtree(tmp_path / "cache" / "simulated")
     with pytest.raises(InputError, match="begun with seed 0, not 1"):
@@ -279,8 +274,8 @@ def test_what_cannot_be_trained_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="did you mean 'surrogate'"):
         train(TrainingRequest("surogate", "paper"))
     with pytest.raises(InputError, match="no simulated scenario with training"):
-        train(TrainingRequest("surrogate", suite(tmp_path, tiny(train=0))))
-    two = suite(tmp_path, tiny(), tiny(pixels=12, name="coarse"))
+        train(TrainingRequest("surrogate", suite_of(tmp_path, tiny(train=0))))
+    two = suite_of(tmp_path, tiny(), tiny(pixels=12, name="coarse"))
     with pytest.raises(InputError, match="simulates 2 sensors"):
         train(TrainingRequest("surrogate", two))
 

@@ -1,38 +1,23 @@
 """The deep image prior: it fits the voltages, stops in time, and keeps to itself."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from tests.support.small_sensors import PAIRS, foam, no_split, round_board
 
 from eitbench.methods import Problem, create
 from eitbench.methods.untrained.dip import Dip, MovingVariance
-from eitbench.scenarios.catalogue import sensor
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.imperfections.noise import add_noise
 from eitbench.scenarios.physics.forward import forward_model
-from eitbench.scenarios.sensors.outlines import Disc
-from eitbench.scenarios.sensors.patterns import pair_pattern
-from eitbench.scenarios.sensors.sensor import Sensor, even_electrodes
+from eitbench.scenarios.sensors.sensor import Sensor
 
 Array = NDArray[np.float64]
 
 
-def no_splits(split: str, limit: int | None) -> object:
-    raise AssertionError(f"an untrained method asked for the {split} split")
-
-
-def foam(pixels: tuple[int, int] = (16, 16)) -> Sensor:
-    return replace(sensor("foam16"), image_shape=pixels)
-
-
 def disc() -> Sensor:
     """Magnitudes only, no two of them equal by reciprocity, and contacts of both signs."""
-    pairs = [(i, (i + 1) % 8) for i in range(8)]
-    electrodes = even_electrodes(Disc(0.07), 8, 0.01, 1e-3)
-    pattern = replace(pair_pattern(pairs[:4], pairs[4:]), magnitudes=True)
-    return Sensor("round", Disc(0.07), electrodes, pattern, background=0.4, image_shape=(13, 11))
+    return round_board(PAIRS[:4], PAIRS[4:])
 
 
 def touch(s: Sensor, at: tuple[float, float] = (0.065, 0.04), factor: float = 0.4) -> Array:
@@ -44,7 +29,7 @@ def touch(s: Sensor, at: tuple[float, float] = (0.065, 0.04), factor: float = 0.
 def problem(s: Sensor, gain: float = 1.0, snr_db: float = np.inf) -> Problem:
     reference = forward_model(s).voltages(forward_model(s).background)
     noisy = add_noise(reference, snr_db, np.random.default_rng(99))
-    return Problem(s, gain * noisy, no_splits)  # type: ignore[arg-type]
+    return Problem(s, gain * noisy, no_split)
 
 
 def image(method: Dip, p: Problem, frame: Array) -> Array:
@@ -58,7 +43,7 @@ def error(found: Array, truth: Array) -> float:
 
 
 def test_an_inclusion_is_recovered_better_than_in_one_linear_step() -> None:
-    s = foam()
+    s = foam((16, 16))
     truth = touch(s)
     frame = forward_model(s).voltages(truth)
     noser = create("noser", weight=1e-4)
@@ -69,7 +54,7 @@ def test_an_inclusion_is_recovered_better_than_in_one_linear_step() -> None:
 
 
 def test_the_image_explains_the_frame() -> None:
-    s = foam()
+    s = foam((16, 16))
     model = forward_model(s)
     p = problem(s, snr_db=50)
     frame = add_noise(model.voltages(touch(s)), 50, np.random.default_rng(1))
