@@ -8,7 +8,6 @@ from eitbench.methods.registry import (
     load_plugin,
     methods,
     operator,
-    operators,
     register,
     register_operator,
 )
@@ -21,7 +20,6 @@ __all__ = [
     "load_plugin",
     "methods",
     "operator",
-    "operators",
     "register",
     "register_operator",
 ]

@@ -82,7 +82,7 @@ class EmulatedSensor:
 
     def _measured(self, time_s: float, clean: Array) -> Array:
         board, untouched, pattern = self.imperfections, self._untouched, self._pattern
-        (analogue,) = board.analogue_at(np.array([time_s]), clean[None], untouched, pattern)
+        (analogue,) = board.analogue(clean[None], untouched, pattern, np.array([time_s]))
         rng = generator("emulated sensor", board.unit, self._count)
         self._count += 1
         noisy = add_noise(analogue, SNR_DB, rng)

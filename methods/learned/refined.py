@@ -58,7 +58,11 @@ class RefinementMethod(TrainedMethod):
     ) -> None:
         """See `TrainedMethod`."""
         self.start(problem)
-        self.check(metadata)
+        if metadata["begun_from"] != self.begun_from():
+            raise InputError(
+                f"The weights of {self.files.name!r} continue another network than the present "
+                f"one of 'dnn': train them again with `{self.files.command}`."
+            )
         self._networks = []
         for step in range(self.steps):
             prefix = f"{step}."
@@ -85,21 +89,9 @@ class RefinementMethod(TrainedMethod):
             images = network(torch.from_numpy(self.inputs(difference, images))).numpy()
         return images
 
-    def check(self, metadata: Mapping[str, str]) -> None:
-        """Check that the weights continue what `start` prepared.
-
-        Raises:
-            InputError: they do not.
-        """
-        if metadata["begun_from"] != self.begun_from():
-            raise InputError(
-                f"The weights of {self.files.name!r} continue another network than the present "
-                f"one of 'dnn': train them again with `{self.files.command}`."
-            )
-
-    @abstractmethod
     def begun_from(self) -> str:
         """Return the SHA-256 of the weights that the first guesses need; "" if they need none."""
+        return ""
 
     @abstractmethod
     def start(self, problem: Problem) -> None:
@@ -131,10 +123,6 @@ class CoarseToFine(RefinementMethod):
 
     regularisations: ClassVar = (0.01, 0.001, 0.1)
     """NOSER's weights, the first for the image that is refined: what suits 30 dB to clean."""
-
-    def begun_from(self) -> str:
-        """See `RefinementMethod`."""
-        return ""
 
     def start(self, problem: Problem) -> None:
         """See `RefinementMethod`."""

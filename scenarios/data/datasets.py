@@ -185,7 +185,7 @@ def _reference(scenario: SimulatedScenario, split: Split) -> Array:
     board, pattern = scenario.split_imperfections(split), scenario.nominal_sensor.pattern
     clean = clean_reference(scenario, split)
     times = np.array([-board.reference_age_s])
-    (analogue,) = board.analogue_at(times, clean[None], clean, pattern)
+    (analogue,) = board.analogue(clean[None], clean, pattern, times)
     noise = scenario.split_noise("test" if scenario.imperfections is None else split)
     noisy = measured_reference(analogue, noise, scenario=scenario.name)
     (sent,) = board.digital(noisy[None], clean, pattern)

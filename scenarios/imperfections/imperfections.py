@@ -143,21 +143,23 @@ class Imperfections(Declaration):
         share = min(self._scaled(self.relaxation), 1.0)
         return touch if last is None or not share else touch * last**share
 
-    def analogue(self, frames: Array, untouched: Array, pattern: DrivePattern) -> Array:
+    def analogue(
+        self,
+        frames: Array,
+        untouched: Array,
+        pattern: DrivePattern,
+        times_s: Array | None = None,
+    ) -> Array:
         """Return `frames` (n, M) [V/A] as they reach the converter of the board, without noise.
 
         Args:
-            frames: ideal frames, measured `TOUCH_INTERVAL_S` apart.
+            frames: ideal frames.
             untouched: ideal frame (M,) of the untouched sensor, whose rms is the unit of offsets.
             pattern: the drive pattern.
+            times_s: (n,) when they are measured [s]; by default `TOUCH_INTERVAL_S` apart.
         """
-        times = np.arange(len(frames)) * np.float64(TOUCH_INTERVAL_S)
-        return self.analogue_at(times, frames, untouched, pattern)
-
-    def analogue_at(
-        self, times_s: Array, frames: Array, untouched: Array, pattern: DrivePattern
-    ) -> Array:
-        """`analogue` of frames measured at `times_s` (n,) [s]."""
+        if times_s is None:
+            times_s = np.arange(len(frames)) * np.float64(TOUCH_INTERVAL_S)
         values = frames.copy()
         values[:, self._without_contact(pattern)] = 0.0
         channel, count = channels(pattern)

@@ -24,7 +24,8 @@ from eitbench.benchmark.run.runner import (
     start_run,
 )
 from eitbench.benchmark.rundir.store import RunStore
-from eitbench.methods import operator, operators
+from eitbench.methods import operator
+from eitbench.methods.registry import operators
 from eitbench.scenarios.data.datasets import load
 from eitbench.scenarios.data.simulation import clean_reference, clean_voltages
 from eitbench.scenarios.errors import EitbenchError, InputError

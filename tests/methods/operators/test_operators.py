@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_info
 from torch import Tensor
 
-from eitbench.methods import Operator, operator, operators, register_operator
-from eitbench.methods.registry import OPERATOR_REGISTRY
+from eitbench.methods import Operator, operator, register_operator
+from eitbench.methods.registry import OPERATOR_REGISTRY, operators
 from eitbench.scenarios.catalogue import sensor
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.physics.forward import forward_model
