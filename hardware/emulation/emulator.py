@@ -6,8 +6,7 @@ from typing import ClassVar
 
 from eitbench.hardware.board import Board, BoardError, Frame
 from eitbench.hardware.emulation.board_server import BoardServer
-from eitbench.hardware.emulation.emulated_sensor import EmulatedSensor, Touch
-from eitbench.hardware.emulation.touch_script import read_script
+from eitbench.hardware.emulation.emulated_sensor import EmulatedSensor, Touch, read_script
 from eitbench.hardware.serial.serial_board import SERIAL_BOARDS, SerialBoard
 from eitbench.scenarios.sensors.sensor import Sensor
 

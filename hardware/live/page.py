@@ -1,4 +1,4 @@
-"""The page: one HTML document with its style and script inside, which fetches nothing."""
+"""The page: one HTML document with its style and script inside, and the first message to it."""
 
 import base64
 import hashlib
@@ -6,6 +6,12 @@ import json
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
+
+import numpy as np
+
+from eitbench.hardware.live.imaging import usable_methods
+from eitbench.hardware.live.session import Session
+from eitbench.scenarios.sensors.sensor import Sensor
 
 
 @dataclass(frozen=True)
@@ -52,3 +58,64 @@ def _colours() -> list[list[int]]:
     table = colormaps["viridis_r"](range(256), bytes=True)
     rows: list[list[int]] = table[:, :3].tolist()
     return rows
+
+
+# A range that reaches far above the background would leave a touch a sliver of the scale.
+MOST_ABOVE = 2.0
+_RIM_POINTS = 256
+_ELECTRODE_POINTS = 5
+PRESSURES_PA = {"light": 5e3, "medium": 20e3, "hard": 60e3}
+
+
+def page_setup(session: Session) -> dict[str, object]:
+    """Return the first message to a page, as plain values."""
+    sensor = session.board.sensor
+    return {
+        "board": session.name,
+        "sensor": sensor.name,
+        "bounds_m": list(sensor.outline.bounds),
+        "outline_m": _outline(sensor),
+        "electrodes_m": _electrodes(sensor),
+        "background": sensor.background,
+        "scale": colour_range(sensor),
+        "methods": [
+            {"name": name, "about": about} for name, about in usable_methods(sensor).items()
+        ],
+        "emulated": session.board.emulated,
+        "touch": _touch(sensor, PRESSURES_PA if session.board.can_be_pressed else {}),
+    }
+
+
+def colour_range(sensor: Sensor) -> list[float]:
+    """Least and greatest conductivity [S/m] of the fixed colour scale."""
+    low, high = sensor.conductivity_range
+    return [low * sensor.background, min(high, MOST_ABOVE) * sensor.background]
+
+
+def _outline(sensor: Sensor) -> list[list[float]]:
+    outline = sensor.outline
+    around = np.linspace(0.0, outline.perimeter, _RIM_POINTS, endpoint=False)
+    points: list[list[float]] = outline.point(
+        np.unique(np.concatenate([around, outline.corners]))
+    ).tolist()
+    return points
+
+
+def _electrodes(sensor: Sensor) -> list[list[list[float]]]:
+    """Points along each electrode [m]."""
+    lines: list[list[list[float]]] = [
+        sensor.outline.point(
+            np.linspace(e.centre - e.width / 2, e.centre + e.width / 2, _ELECTRODE_POINTS)
+        ).tolist()
+        for e in sensor.electrodes
+    ]
+    return lines
+
+
+def _touch(sensor: Sensor, pressures_pa: dict[str, float]) -> dict[str, object]:
+    """Size and pressures of a touch on the page: a fingertip, if the sensor is 10 cm wide.
+
+    Without `pressures_pa` the sensor is real: the place of a touch goes into the recording only.
+    """
+    x0, y0, x1, y1 = sensor.outline.bounds
+    return {"radius_m": 0.08 * min(x1 - x0, y1 - y0), "pressures_pa": pressures_pa}

@@ -9,8 +9,7 @@ from pathlib import Path
 import uvicorn
 
 from eitbench.hardware.board import Board
-from eitbench.hardware.live.access import Access
-from eitbench.hardware.live.server import listen, make_server
+from eitbench.hardware.live.server import Access, listen, make_server
 from eitbench.hardware.live.session import Session
 from eitbench.hardware.live.viewer import Broadcast
 from eitbench.scenarios.errors import InputError

@@ -1,33 +1,163 @@
-"""The server of the live view: one page, and one WebSocket for each page that is open."""
+"""The server of the live view: one page, and one WebSocket for each page that is open.
+
+Visitors are programs on this machine, or everybody who has the token. Requests of a page are small
+JSON messages; everything else is refused.
+"""
 
 import asyncio
+import hmac
+import ipaddress
 import json
+import re
 import socket
+from dataclasses import dataclass
+from typing import Annotated, Literal
 
 import uvicorn
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 from starlette.applications import Starlette
 from starlette.requests import HTTPConnection, Request
 from starlette.responses import HTMLResponse, PlainTextResponse, RedirectResponse, Response
 from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from eitbench.hardware.live.access import Access
-from eitbench.hardware.live.page import page
-from eitbench.hardware.live.page_setup import page_setup
-from eitbench.hardware.live.requests import (
-    MAX_BYTES,
-    ChooseMethod,
-    PageRequest,
-    Painted,
-    Press,
-    Record,
-    Release,
-    TakeReference,
-    read_request,
-)
+from eitbench.hardware.live.page import page, page_setup
 from eitbench.hardware.live.session import Session
 from eitbench.hardware.live.viewer import Broadcast, Viewer
-from eitbench.scenarios.errors import EitbenchError
+from eitbench.scenarios.errors import EitbenchError, InputError
+
+LOCAL = "127.0.0.1"
+_TOKEN = re.compile(r"[A-Za-z0-9_-]{16,128}")
+
+
+@dataclass(frozen=True)
+class Access:
+    """Address and token of the server.
+
+    Attributes:
+        host: the address it listens on.
+        token: shared secret of the visitors; "" if only this machine can connect.
+    """
+
+    host: str = LOCAL
+    token: str = ""
+
+    def has_token(self, given: str | None) -> bool:
+        """True if `given` is the token; takes a time that does not depend on it."""
+        return not self.token or hmac.compare_digest((given or "").encode(), self.token.encode())
+
+    def is_ours(self, host: str | None, port: int) -> bool:
+        """True if a request's Host header names this server.
+
+        A foreign page may make its own name point here (DNS rebinding); its name is none of ours.
+        """
+        name, _, given_port = (host or "").rpartition(":")
+        if not name:
+            name, given_port = host or "", "80"
+        if given_port != str(port):
+            return False
+        name = name.strip("[]").lower()
+        if name in {LOCAL, "localhost", "::1"}:
+            return True
+        if not self.token:
+            return False
+        return name in {self.host.lower(), socket.gethostname().lower()} or _is_address(name)
+
+
+def access_to(host: str | None, token: str | None) -> Access:
+    """Return the access that the options `--host` and `--token` describe; both or none.
+
+    Raises:
+        InputError: one without the other, or a token that is too easily guessed.
+    """
+    if host is None and token is None:
+        return Access()
+    if token is None:
+        raise InputError(
+            f"--host {host} lets other machines look and press buttons: give them a --token, too, "
+            "of at least 16 characters."
+        )
+    if host is None:
+        raise InputError("--token is for other machines: say with --host where they connect.")
+    if not _TOKEN.fullmatch(token):
+        raise InputError("A token has 16 to 128 letters, digits, hyphens and underscores.")
+    return Access(host, token)
+
+
+def _is_address(name: str) -> bool:
+    try:
+        ipaddress.ip_address(name)
+    except ValueError:
+        return False
+    return True
+
+
+MAX_BYTES = 4096
+
+
+class _PageRequest(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
+
+
+class Painted(_PageRequest):
+    """A live image is on the canvas."""
+
+    do: Literal["painted"]
+    number: int
+
+
+class ChooseMethod(_PageRequest):
+    """Use another method."""
+
+    do: Literal["method"]
+    name: Annotated[str, Field(max_length=80)]
+
+
+class TakeReference(_PageRequest):
+    """Take the next frames as reference frames."""
+
+    do: Literal["reference"]
+
+
+class Record(_PageRequest):
+    """Begin or end a recording."""
+
+    do: Literal["record"]
+    on: bool
+
+
+class Press(_PageRequest):
+    """Press an emulated sensor at a place [m]; say where a real one is touched."""
+
+    do: Literal["touch"]
+    x_m: Annotated[float, Field(ge=-10, le=10)]
+    y_m: Annotated[float, Field(ge=-10, le=10)]
+    radius_m: Annotated[float, Field(gt=0, le=1)]
+    pressure_pa: Annotated[float, Field(gt=0, le=1e6)] | None = None
+
+
+class Release(_PageRequest):
+    """End the touch."""
+
+    do: Literal["release"]
+
+
+PageRequest = Painted | ChooseMethod | TakeReference | Record | Press | Release
+_ANY: TypeAdapter[PageRequest] = TypeAdapter(Annotated[PageRequest, Field(discriminator="do")])
+
+
+def read_request(text: str) -> PageRequest:
+    """Return the request in a message.
+
+    Raises:
+        InputError: it holds no request.
+    """
+    try:
+        return _ANY.validate_json(text)
+    except ValidationError as error:
+        first = error.errors(include_url=False, include_input=False, include_context=False)[0]
+        raise InputError(f"This is no request of the live view: {first['msg']}.") from error
+
 
 STATE_EVERY_S = 0.25
 MOST_VIEWERS = 16

@@ -13,14 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eitbench.hardware.board import Board, BoardError, Frame
-from eitbench.hardware.live.imaging import Imaging, sentence_of
-from eitbench.hardware.live.live_image import LiveImage
+from eitbench.hardware.live.imaging import REFERENCE_FRAMES, Imaging, reference_of, sentence_of
 from eitbench.hardware.live.live_recording import LiveRecording
-from eitbench.hardware.live.reference import FRAMES, reference_of
+from eitbench.hardware.live.viewer import LiveImage
 from eitbench.hardware.recording.guided import MIN_TOUCHES, suite_path, write_suite
-from eitbench.hardware.recording.loop import FrameRenumbering
+from eitbench.hardware.recording.loop import FrameRenumbering, Monitor
 from eitbench.hardware.recording.recorder import Recorder
-from eitbench.hardware.recording.status import Monitor
 from eitbench.scenarios.errors import InputError
 
 Array = NDArray[np.float64]
@@ -156,7 +154,7 @@ class Session:
             "fitting": self.imaging.fitting,
             "method_failed": self.imaging.failed,
             # With its last frame it is not there yet.
-            "reference_left": 0 if taken is None else max(FRAMES - len(taken), 1),
+            "reference_left": 0 if taken is None else max(REFERENCE_FRAMES - len(taken), 1),
             "rate_hz": _known(status.rate_hz) if board == "running" else 0.0,
             "snr_db": _known(status.snr_db),
             "dropped": status.dropped,
@@ -236,7 +234,7 @@ class Session:
             taken = self._reference_frames
             if taken is not None:
                 taken.append(frame.values)
-                if len(taken) == FRAMES:
+                if len(taken) == REFERENCE_FRAMES:
                     self._finish_reference(taken)
             self.imaging.add(frame)
 
@@ -244,7 +242,7 @@ class Session:
         try:
             self.imaging.reference = reference_of(self.board.sensor, frames)
             if self._recording is not None:
-                self._recording.mark_reference(FRAMES)
+                self._recording.mark_reference(REFERENCE_FRAMES)
         except InputError as error:
             self._reference_failed = str(error)
         # Unless it was asked for again meanwhile.

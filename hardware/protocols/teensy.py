@@ -8,8 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from eitbench.hardware.board import Frame
-from eitbench.hardware.protocols.framing import Scanner
-from eitbench.hardware.protocols.protocol import Array, CommandReader, Device, Protocol
+from eitbench.hardware.protocols.protocol import Array, CommandReader, Device, Protocol, Scanner
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.sensors.patterns import DrivePattern
 from eitbench.scenarios.sensors.sensor import Sensor

@@ -9,9 +9,8 @@ from pathlib import Path
 from threading import Event, Thread
 
 from eitbench.hardware.board import Board, BoardError
-from eitbench.hardware.recording.loop import record
+from eitbench.hardware.recording.loop import Status, record
 from eitbench.hardware.recording.recorder import Recorder
-from eitbench.hardware.recording.status import Status
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.sensors.sensor import Sensor
 

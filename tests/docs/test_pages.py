@@ -31,7 +31,7 @@ from typer.main import get_command
 
 from eitbench import cli
 from eitbench.benchmark.run.runner import make_plan
-from eitbench.hardware.emulation.touch_script import read_script
+from eitbench.hardware.emulation.emulated_sensor import read_script
 from eitbench.hardware.recording import guided
 from eitbench.hardware.recording.guided import StepDurations
 from eitbench.methods.registry import METHOD_REGISTRY, OPERATOR_REGISTRY, Registry

@@ -27,8 +27,8 @@ if sys.argv[1] == "one":
 import psutil
 from playwright.sync_api import Page, sync_playwright
 
-from eitbench.hardware.live.access import Access
 from eitbench.hardware.live.run import live_view
+from eitbench.hardware.live.server import Access
 from eitbench.hardware.registry import make_emulator
 
 # The emulated sensor's own physics takes 20 ms of the core for each frame; a real board takes none.

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from eitbench.hardware.board import Frame
+from eitbench.hardware.recording.loop import Monitor
 from eitbench.hardware.recording.recorder import Recorder
-from eitbench.hardware.recording.status import Monitor
 from eitbench.scenarios import sensor
 from eitbench.scenarios.recordings.files.recording_file import read_file
 

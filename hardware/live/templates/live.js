@@ -9,7 +9,7 @@ const OLD_S = 1;
 let state = null, pending = null, scheduled = false, socket = null;
 const paints = [];
 
-// ---- The server: setup and state as JSON, images as bytes (hardware/live/live_image.py) ----
+// ---- The server: setup and state as JSON, images as bytes (hardware/live/viewer.py) ----
 
 function connect() {
   socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/ws`);

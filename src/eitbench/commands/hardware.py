@@ -194,8 +194,8 @@ def live(
     ] = True,
 ) -> None:
     """Watch a board on a page in the browser: images, contacts, voltages; record what it sends."""
-    from eitbench.hardware.live.access import access_to
     from eitbench.hardware.live.run import live_view
+    from eitbench.hardware.live.server import access_to
 
     access = access_to(host, token)
     made = _board(

@@ -11,9 +11,8 @@ import pytest
 
 from eitbench.hardware.board import BoardError, BoardLostError, Frame
 from eitbench.hardware.emulation import emulator
-from eitbench.hardware.emulation.emulated_sensor import EmulatedSensor, Touch
+from eitbench.hardware.emulation.emulated_sensor import EmulatedSensor, Touch, read_script
 from eitbench.hardware.emulation.emulator import Emulator
-from eitbench.hardware.emulation.touch_script import read_script
 from eitbench.hardware.registry import make_board
 from eitbench.hardware.serial.serial_board import TeensyBoard
 from eitbench.scenarios.catalogue import sensor

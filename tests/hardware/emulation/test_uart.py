@@ -2,7 +2,7 @@
 
 import pytest
 
-from eitbench.hardware.emulation.uart import received_bytes
+from eitbench.hardware.emulation.board_server import received_bytes
 
 TEXT = bytes(range(256)) * 3
 

@@ -12,10 +12,10 @@ import pytest
 from numpy.typing import NDArray
 
 from eitbench.hardware.board import Board, BoardLostError, Frame
-from eitbench.hardware.live.access import Access
-from eitbench.hardware.live.live_image import LiveImage
 from eitbench.hardware.live.run import LiveView, live_view
+from eitbench.hardware.live.server import Access
 from eitbench.hardware.live.session import Session
+from eitbench.hardware.live.viewer import LiveImage
 from eitbench.scenarios.phantoms.press import FOAM
 from eitbench.scenarios.physics.forward import forward_model
 from eitbench.scenarios.recordings.files.recording_file import Content, read_file

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from eitbench.hardware.live.live_image import LiveImage
+from eitbench.hardware.live.viewer import LiveImage
 from eitbench.hardware.recording.guided import StepDurations
 from eitbench.hardware.recording.recorder import Recorder, RecorderError
 from eitbench.scenarios.errors import InputError

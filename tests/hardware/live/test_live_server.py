@@ -13,9 +13,7 @@ import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
-from eitbench.hardware.live.access import Access, access_to
-from eitbench.hardware.live.requests import MAX_BYTES
-from eitbench.hardware.live.server import MOST_VIEWERS, listen
+from eitbench.hardware.live.server import MAX_BYTES, MOST_VIEWERS, Access, access_to, listen
 from eitbench.hardware.live.viewer import MOST_UNPAINTED
 from eitbench.scenarios.errors import EitbenchError, InputError
 from eitbench.scenarios.recordings.files.recording_file import read_file

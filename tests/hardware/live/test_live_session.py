@@ -9,8 +9,7 @@ from threadpoolctl import threadpool_info, threadpool_limits
 
 from eitbench.hardware.board import BoardError, BoardLostError
 from eitbench.hardware.live import session
-from eitbench.hardware.live.imaging import NEED_TRAINING_DATA, LatestValue
-from eitbench.hardware.live.reference import NO_DATA, no_data
+from eitbench.hardware.live.imaging import NEED_TRAINING_DATA, NO_DATA, LatestValue, no_data
 from eitbench.hardware.registry import make_board, make_emulator
 from eitbench.methods import Method, Problem, create, register
 from eitbench.scenarios.errors import InputError

@@ -21,9 +21,8 @@ from eitbench.hardware.recording.guided import (
     suite_path,
     write_suite,
 )
-from eitbench.hardware.recording.loop import record
+from eitbench.hardware.recording.loop import Monitor, Status, record
 from eitbench.hardware.recording.recorder import Recorder, RecorderError
-from eitbench.hardware.recording.status import Monitor, Status
 from eitbench.methods.registry import methods
 from eitbench.scenarios import forward_model, load_suite, sensor
 from eitbench.scenarios.errors import InputError

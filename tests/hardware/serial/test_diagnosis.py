@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from eitbench.hardware.emulation.uart import received_bytes
+from eitbench.hardware.emulation.board_server import received_bytes
 from eitbench.hardware.protocols import PROTOCOLS
 from eitbench.hardware.serial.diagnosis import diagnose
 
