@@ -5,7 +5,7 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Generic, NamedTuple, TypeVar
+from typing import Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -104,13 +104,6 @@ class LatestValue(Generic[T]):
             return value
 
 
-class FittedMethod(NamedTuple):
-    """A method that is ready, and its name."""
-
-    name: str
-    method: Method
-
-
 def usable_methods(sensor: Sensor) -> dict[str, str]:
     """Return names and descriptions of the methods that can be used on `sensor`."""
     return {name: first_line(cls) for name, cls in methods().items() if not _unusable(name, sensor)}
@@ -143,7 +136,7 @@ class Imaging:
         self._show = show
         self._model = forward_model(sensor)
         self._untouched = self._model.voltages(self._model.background)
-        self._fitted: FittedMethod | None = None
+        self._fitted: tuple[str, Method] | None = None
         self._fitting: str | None = None
         self._frames: LatestValue[Frame] = LatestValue()
         self._chosen: LatestValue[str] = LatestValue()
@@ -168,7 +161,7 @@ class Imaging:
     @property
     def method(self) -> str:
         """Name of the method that makes the images; "" before the first is ready."""
-        return self._fitted.name if self._fitted else ""
+        return self._fitted[0] if self._fitted else ""
 
     @property
     def fitting(self) -> str:
@@ -203,7 +196,7 @@ class Imaging:
                 method = create(name)
                 method.fit(Problem(self.sensor, self._untouched, no_data))
                 _use_one_thread()  # what was loaded only now, too
-                self._fitted = FittedMethod(name, method)
+                self._fitted = (name, method)
             except Exception as error:  # a method may be anybody's: it must not end the view
                 self.failed = f"{name} cannot be used: {sentence_of(error)}"
             if self._fitting == name:
@@ -217,19 +210,19 @@ class Imaging:
 
     def _live_image(self, frame: Frame) -> LiveImage:
         began = time.perf_counter()
-        fitted, reference = self._fitted, self.reference
+        (name, method), reference = self._fitted or ("", None), self.reference
         image: Array | None = None
         found: tuple[Contact, ...] = ()
         failed = ""
-        if fitted is not None and reference is not None:
+        if method is not None and reference is not None:
             try:
-                image = self._image(fitted.method, reference, frame)
+                image = self._image(method, reference, frame)
                 found = self._contacts(image, reference, frame)
             except Exception as error:  # costs the image of this frame only
-                failed = f"{fitted.name} failed on this frame: {sentence_of(error)}"
+                failed = f"{name} failed on this frame: {sentence_of(error)}"
         return LiveImage(
             frame=frame,
-            method=fitted.name if fitted else "",
+            method=name,
             image=image,
             reference=reference.values if reference else None,
             contacts=found,

@@ -70,10 +70,11 @@ PRESSURES_PA = {"light": 5e3, "medium": 20e3, "hard": 60e3}
 def page_setup(session: Session) -> dict[str, object]:
     """Return the first message to a page, as plain values."""
     sensor = session.board.sensor
+    x0, y0, x1, y1 = sensor.outline.bounds
     return {
         "board": session.name,
         "sensor": sensor.name,
-        "bounds_m": list(sensor.outline.bounds),
+        "bounds_m": [x0, y0, x1, y1],
         "outline_m": _outline(sensor),
         "electrodes_m": _electrodes(sensor),
         "background": sensor.background,
@@ -82,7 +83,12 @@ def page_setup(session: Session) -> dict[str, object]:
             {"name": name, "about": about} for name, about in usable_methods(sensor).items()
         ],
         "emulated": session.board.emulated,
-        "touch": _touch(sensor, PRESSURES_PA if session.board.can_be_pressed else {}),
+        # A fingertip, if the sensor is 10 cm wide. Without pressures the sensor is real: the place
+        # of a touch goes into the recording only.
+        "touch": {
+            "radius_m": 0.08 * min(x1 - x0, y1 - y0),
+            "pressures_pa": PRESSURES_PA if session.board.can_be_pressed else {},
+        },
     }
 
 
@@ -110,12 +116,3 @@ def _electrodes(sensor: Sensor) -> list[list[list[float]]]:
         for e in sensor.electrodes
     ]
     return lines
-
-
-def _touch(sensor: Sensor, pressures_pa: dict[str, float]) -> dict[str, object]:
-    """Size and pressures of a touch on the page: a fingertip, if the sensor is 10 cm wide.
-
-    Without `pressures_pa` the sensor is real: the place of a touch goes into the recording only.
-    """
-    x0, y0, x1, y1 = sensor.outline.bounds
-    return {"radius_m": 0.08 * min(x1 - x0, y1 - y0), "pressures_pa": pressures_pa}

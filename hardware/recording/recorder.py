@@ -72,6 +72,10 @@ class Recorder:
         emulated: no real sensor is measured.
         started: when the recording began, ISO 8601 in UTC; now by default.
 
+    Attributes:
+        count: frames appended.
+        written: frames that are in the file.
+
     Raises:
         InputError: the file exists already, or its name does not end in .h5.
         RecorderError: it cannot be written, or (at the end of a `with`) holds no frame and is
@@ -101,8 +105,7 @@ class Recorder:
         self._descriptor: int = self._file.id.get_vfd_handle()
         self._reserved = 0
         self._digest = hashlib.sha256()
-        self._written = 0
-        self._appended = 0
+        self.count = self.written = 0
         self._failure: RecorderError | None = None
         self._pending, self._lock = _Pending(), threading.Lock()
         self._stopping = threading.Event()
@@ -115,16 +118,6 @@ class Recorder:
             path.unlink()
             raise
         self._thread.start()
-
-    @property
-    def count(self) -> int:
-        """Number of frames appended."""
-        return self._appended
-
-    @property
-    def written(self) -> int:
-        """Number of frames that are in the file."""
-        return self._written
 
     def append(self, frame: Frame) -> None:
         """Append `frame`.
@@ -141,7 +134,7 @@ class Recorder:
         self._check()
         with self._lock:
             self._pending.frames.append(frame)
-            self._appended += 1
+            self.count += 1
 
     def event(self, text: str, time_s: float) -> None:
         """Note `text`, which happened at `time_s` on the clock of `Frame.received_s` [s].
@@ -203,9 +196,9 @@ class Recorder:
             self.close()
         finally:
             # What holds no frame must not be in the way of another attempt.
-            if not self._written:
+            if not self.written:
                 self.path.unlink()
-        if kind is None and not self._written:
+        if kind is None and not self.written:
             raise RecorderError(
                 f"Not one frame arrived, so that there is no recording {self.path}: see whether "
                 "the board measures, and record for longer."
@@ -297,7 +290,7 @@ class Recorder:
                 for name, values in columns.items():
                     self._append(name, values)
                 self._digest.update(packed.tobytes())
-                self._written += len(frames)
+                self.written += len(frames)
             for name, rows in tables.items():
                 self._append(name, rows)
             self._flush()
@@ -317,8 +310,8 @@ class Recorder:
             number = getattr(error, "errno", None)
             reason = "the disk is full" if number in _FULL else f"it cannot be written ({error})"
             rest = (
-                f"the {self._written} frames until then are in it."
-                if self._written
+                f"the {self.written} frames until then are in it."
+                if self.written
                 else "nothing is kept; make room, or record elsewhere."
             )
             raise RecorderError(

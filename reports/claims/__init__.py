@@ -1,8 +1,7 @@
 """Published claims, the rules that test them, and the ledger of their verdicts."""
 
-from eitbench.reports.claims.claim import Claim, Figure, Finding
+from eitbench.reports.claims.claim import Claim, Figure, Finding, Verdict
 from eitbench.reports.claims.ledger import Ledger, claim_ledger
 from eitbench.reports.claims.published_claims import CLAIMS
-from eitbench.reports.claims.verdicts import Verdict
 
 __all__ = ["CLAIMS", "Claim", "Figure", "Finding", "Ledger", "Verdict", "claim_ledger"]

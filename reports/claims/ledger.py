@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any, TypedDict
 
 from eitbench.benchmark.analysis.results import Run, read_run
 from eitbench.benchmark.rundir import manifest
+from eitbench.reports.claims.claim import Verdict
 from eitbench.reports.claims.classical_rows import ClassicalReadings, classical_readings
 from eitbench.reports.claims.evidence import SCENARIO, Evidence
 from eitbench.reports.claims.published_claims import CLAIMS
-from eitbench.reports.claims.verdicts import Verdict
 from eitbench.reports.studies.summaries import StudySummary, read_study
 from eitbench.reports.tables.columns import printable
 from eitbench.reports.tables.published import PAPER

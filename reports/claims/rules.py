@@ -8,10 +8,10 @@ import numpy as np
 from eitbench.benchmark.metrics.specs import METRICS
 from eitbench.benchmark.metrics.statistics import Interval, bootstrap_means
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS, OPERATOR_RUNS
-from eitbench.reports.claims.claim import Figure, Finding
-from eitbench.reports.claims.evidence import SCENARIO, Evidence, Measured, NotMeasuredError
-from eitbench.reports.claims.verdicts import (
+from eitbench.reports.claims.claim import (
     Best,
+    Figure,
+    Finding,
     Tolerance,
     Verdict,
     agrees,
@@ -19,6 +19,7 @@ from eitbench.reports.claims.verdicts import (
     surely_better,
     together,
 )
+from eitbench.reports.claims.evidence import SCENARIO, Evidence, Measured, NotMeasuredError
 from eitbench.reports.studies.summaries import training_budget
 from eitbench.reports.tables.published import BETA, RATIO, SSIM_IN_WORDS, TABLE_I, TABLE_II
 
@@ -35,16 +36,11 @@ _BETA_FACTOR = 2.0
 _NETWORKS = {"dnn": "DNN", "phydnn": "PhyDNN"}
 
 
-def title(name: str) -> str:
-    """Return the title of an image metric with its unit."""
-    return METRICS[name].heading
-
-
 def published_row(method: str) -> tuple[Figure, ...]:
     """Return the figures of a row of Table II, as far as they are known to us."""
     known = TABLE_II[method]
-    row = tuple(Figure(title(name), published) for name, published in known.items())
-    return row if "ssim" in known else (Figure(title("ssim"), SSIM_IN_WORDS), *row)
+    row = tuple(Figure(METRICS[name].heading, published) for name, published in known.items())
+    return row if "ssim" in known else (Figure(METRICS["ssim"].heading, SSIM_IN_WORDS), *row)
 
 
 def operator_figures(name: str) -> tuple[Figure, ...]:
@@ -55,7 +51,7 @@ def operator_figures(name: str) -> tuple[Figure, ...]:
 
 BETA_FIGURE = Figure("best beta", BETA)
 RATIO_FIGURE = Figure("MSE of the Jacobian / of the surrogate", round(RATIO, 2))
-DIFFERENCES = tuple(Figure(f"{title(name)} difference", None) for name in IMAGE_METRICS)
+DIFFERENCES = tuple(Figure(f"{METRICS[name].heading} difference", None) for name in IMAGE_METRICS)
 RATES = tuple(Figure(f"{name} [frames/s]", FRAMES_PER_SECOND) for name in _NETWORKS.values())
 
 

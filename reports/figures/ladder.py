@@ -18,7 +18,6 @@ from eitbench.reports.tables.columns import printable
 from eitbench.reports.tables.formats import escape_markdown, markdown_table
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
     from pathlib import Path
 
     from matplotlib.axes import Axes
@@ -151,16 +150,14 @@ def _titled(rung: str, figure: str) -> str:
     return printable(f"{rung}: {METHOD_RUNS.metrics[figure].heading}")
 
 
-def short(rung: str, rungs: Sequence[str]) -> str:
-    """Return a rung's name without the word and hyphen that all names begin with."""
-    first = rung.split("-")[0] + "-"
-    common = len(rungs) > 1 and all(name.startswith(first) for name in rungs)
-    return rung.removeprefix(first) if common else rung
-
-
 def label(ladder: Ladder, rung: str) -> str:
-    """Return the name of a rung in tables, with its severity if it is on the curve."""
-    name = printable(short(rung, ladder.rungs))
+    """Return the name of a rung in tables, with its severity if it is on the curve.
+
+    The word and hyphen that the names of all rungs begin with are left out.
+    """
+    first = rung.split("-")[0] + "-"
+    common = len(ladder.rungs) > 1 and all(name.startswith(first) for name in ladder.rungs)
+    name = printable(rung.removeprefix(first) if common else rung)
     if rung not in ladder.severities or name.startswith("severity"):
         return name
     return f"{name} (severity {ladder.severities[rung]:g})"

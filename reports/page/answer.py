@@ -21,7 +21,7 @@ def answer(board: Board) -> str:
     """Return the best method of a board with its lead, or the methods that it is tied with."""
     rows, kind, by = board["views"][0]["rows"], board["kind"], board["ranked_by"]
     where = f"On {board['suite']} / {board['scenario']} ({board['n']:,} samples)"
-    column = next((c for c in layout(rows[0]).columns if c.name == by), None)
+    column = layout(rows[0]).column(by)
     first = rows[0]
     if column is None or first.get(by) is None:
         return printable(f"{where}, no {kind} has a figure to rank by.")

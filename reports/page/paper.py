@@ -1,7 +1,10 @@
-"""Files for a paper: tables, vector figures in the widths of IEEE's columns, citations."""
+"""Files for a paper: tables, vector figures in the widths of IEEE's columns, BibTeX."""
 
 from __future__ import annotations
 
+import re
+from collections.abc import Iterable, Sequence
+from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING
 from urllib.parse import quote
@@ -19,19 +22,63 @@ from eitbench.reports.figures.style import (
     new_figure,
     save,
 )
-from eitbench.reports.page.citations import bibliography
 from eitbench.reports.page.report_data import PAGE_COLUMNS
 from eitbench.reports.tables.columns import layout, printable
 from eitbench.reports.tables.leaderboard import write_leaderboard
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from eitbench.benchmark.analysis.leaderboard import Row
     from eitbench.reports.page.report_data import Board, ReportData
+KEYS = {
+    "back-projection": "kotre1989",
+    "coarse-to-fine": "hamilton2018",
+    "dip": "liu2023",
+    "dnn": "phydnn",
+    "eidors-greit": "adler2006",
+    "eidors-noser": "adler2006",
+    "eidors-tv-pdipm": "adler2006",
+    "gauss-newton-noser": "yorkey1987",
+    "gauss-newton-tv": "borsic2010",
+    "greit": "adler2009",
+    "laplacian": "polydorides2002",
+    "learned-gn": "adler2017",
+    "linear-learned": "hoerl1970",
+    "linear-touch": "hoerl1970",
+    "noser": "cheney1990",
+    "phydnn": "phydnn",
+    "pyeit-bp": "liu2018",
+    "pyeit-greit": "liu2018",
+    "pyeit-jac": "liu2018",
+    "tikhonov": "vauhkonen1998",
+    "tv": "borsic2010",
+}
+"""The entry of each method of ours."""
+
+SELF = "eitbench"
+
+
+def bibliography(methods: Iterable[str]) -> str:
+    """BibTeX of eitbench and of what the given methods come from; a comment where none is known."""
+    names = sorted(set(methods))
+    known = entries()
+    keys = dict.fromkeys([SELF, *(KEYS[name] for name in names if name in KEYS)])
+    # A name stays in its comment.
+    lines = [name.encode("unicode_escape").decode() for name in names if name not in KEYS]
+    parts = [f"% {line}: no reference is known here." for line in lines]
+    return "\n\n".join([*parts, *(known[key] for key in keys)]) + "\n"
+
+
+def entries() -> dict[str, str]:
+    """All entries by key."""
+    text = files("eitbench.reports.page").joinpath("references.bib").read_text(encoding="utf-8")
+    return {
+        match[1]: match[0].strip()
+        for match in re.finditer(r"^@\w+\{(\w+),.*?^\}$", text, re.MULTILINE | re.DOTALL)
+    }
+
 
 FRAMES_PER_SECOND_MS = 100.0
 
@@ -92,7 +139,8 @@ def frontier(board: Board) -> Figure:
     """Quality against the time of a frame, in a column's width, a legend beside it."""
     rows = board["views"][0]["rows"]
     by = board["ranked_by"]
-    column = next(c for c in layout(rows[0]).columns if c.name == by)
+    column = layout(rows[0]).column(by)
+    assert column is not None
     shown = [row for row in rows if row[by] is not None and row["frame_ms_p50"]]
     figure, axes = _blank(COLUMN, 2.3 + 0.08 * len(shown))
     for k, row in enumerate(shown):

@@ -23,12 +23,12 @@ from eitbench.benchmark.analysis.standings import Standing, score_weights, stand
 from eitbench.benchmark.metrics.aggregation import numbers
 from eitbench.benchmark.metrics.specs import ANCHORS, METRIC_COLUMNS, METRICS, anchored
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
+from eitbench.reports.claims.claim import Verdict
 from eitbench.reports.claims.evidence import Evidence
 from eitbench.reports.claims.published_claims import CLAIMS
-from eitbench.reports.claims.verdicts import Verdict
 from eitbench.reports.page.images import PackedImages, packed_images
+from eitbench.reports.tables.boards import notes, prior_knowledge, tracks_table
 from eitbench.reports.tables.columns import printable, shown_columns
-from eitbench.reports.tables.notes import notes, prior_knowledge, tracks_table
 
 PRESSES = 150
 """Drawn of a recorded scenario; more would hide each other."""

@@ -124,18 +124,14 @@ def _method_file(name: str) -> str:
     return f"methods/{quote(name, safe='')}.html"
 
 
-def _link(path: str) -> str:
-    """Return `path` as a link: what is quoted in a file's name is quoted once more."""
-    return quote(path)
-
-
 def _front(editions: Sequence[_Edition], methods: Sequence[str], left_out: Sequence[str]) -> str:
     latest: dict[str, _Edition] = {}
     for edition in editions:
         latest.setdefault(edition.suite, edition)
+    # In links, what is quoted in a file's name is quoted once more.
     suites = [
         [
-            TableCell(edition.suite, _link(edition.file)),
+            TableCell(edition.suite, quote(edition.file)),
             TableCell(" ".join(answer(board) for board in edition.report["boards"])),
         ]
         for edition in latest.values()
@@ -143,14 +139,15 @@ def _front(editions: Sequence[_Edition], methods: Sequence[str], left_out: Seque
     archive = [
         [
             TableCell(e.suite),
-            TableCell(e.version, _link(e.file)),
+            TableCell(e.version, quote(e.file)),
             TableCell(str(len(e.report["runs"]))),
         ]
         for e in editions
     ]
+    links = [TableCell(printable(name), quote(_method_file(name))) for name in methods]
     sections = [
         Section("Suites", heads=("Suite", "The answer"), rows=suites),
-        Section("Methods", heads=("Method",), rows=[[_to_method(name)] for name in methods]),
+        Section("Methods", heads=("Method",), rows=[[of] for of in links]),
         Section("All versions", heads=("Suite", "eitbench", "Runs"), rows=archive),
         Section("Send yours", rows=[[TableCell("How to submit a run", "guide.html")]], heads=("",)),
     ]
@@ -158,10 +155,6 @@ def _front(editions: Sequence[_Edition], methods: Sequence[str], left_out: Seque
         sections.append(Section("Left out", sentences=[printable(reason) for reason in left_out]))
     lead = "Methods of electrical impedance tomography for touch, compared."
     return _page("Leaderboards", lead, sections, home="")
-
-
-def _to_method(name: str) -> TableCell:
-    return TableCell(printable(name), _link(_method_file(name)))
 
 
 def _guide() -> str:
@@ -182,12 +175,10 @@ def _method(name: str, editions: Sequence[_Edition]) -> str:
         for board in edition.report["boards"]:
             for row in board["views"][0]["rows"]:
                 if row.get("method") == name:
-                    column = next(
-                        (c for c in layout(row).columns if c.name == row["ranked_by"]), None
-                    )
+                    column = layout(row).column(row["ranked_by"])
                     figure = "–" if column is None else f"{column.title} {column.whole_text(row)}"
                     rows.append([
-                        TableCell(edition.suite, _link(f"../{edition.file}")),
+                        TableCell(edition.suite, quote(f"../{edition.file}")),
                         TableCell(row["scenario"]),
                         TableCell(edition.version),
                         TableCell(starts.get(row["run"], "")),

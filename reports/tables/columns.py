@@ -98,9 +98,9 @@ class Layout:
     paper: frozenset[str]
     terminal: Mapping[str, str]
 
-    def column(self, name: str) -> Column:
-        """The column called `name`."""
-        return next(column for column in self.columns if column.name == name)
+    def column(self, name: str) -> Column | None:
+        """The column called `name`; None without one."""
+        return next((column for column in self.columns if column.name == name), None)
 
 
 METHOD_LAYOUT = Layout(

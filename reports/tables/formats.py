@@ -4,9 +4,14 @@ import html
 from collections.abc import Iterable, Sequence
 
 from eitbench.benchmark.analysis.leaderboard import Row
-from eitbench.reports.tables.boards import PrintedBoard, printed_boards
+from eitbench.reports.tables.boards import (
+    PrintedBoard,
+    note,
+    printed_boards,
+    prior_knowledge,
+    tracks_table,
+)
 from eitbench.reports.tables.columns import Column, layout
-from eitbench.reports.tables.notes import note, prior_knowledge, tracks_table
 
 
 def to_markdown(rows: Sequence[Row]) -> str:
@@ -14,15 +19,10 @@ def to_markdown(rows: Sequence[Row]) -> str:
     parts = []
     for board in printed_boards(rows):
         columns = board.columns()
-
-        def cell(column: Column, row: Row, board: PrintedBoard = board) -> str:
-            text = escape_markdown(column.whole_text(row))
-            return f"**{text}**" if board.is_best(column, row) else text
-
         lines = [f"### {escape_markdown(board.title)}", ""]
         lines += markdown_table(
             [escape_markdown(c.title) for c in columns],
-            [[cell(c, row) for c in columns] for row in board.rows],
+            board.texts(escape_markdown, "**{}**".format),
             [c.form != "" for c in columns],
         )
         if text := note(board.rows):
@@ -130,16 +130,9 @@ def to_html(rows: Sequence[Row]) -> str:
     """One table per scenario, the best values in bold: a fragment to put into a page."""
     lines = []
     for board in printed_boards(rows):
-        columns = board.columns()
-
-        def cell(column: Column, row: Row, board: PrintedBoard = board) -> str:
-            text = html.escape(column.whole_text(row))
-            return f"<strong>{text}</strong>" if board.is_best(column, row) else text
-
-        body = [[cell(c, row) for c in columns] for row in board.rows]
-        lines += _html_table(
-            html.escape(board.title), [html.escape(c.title) for c in columns], body
-        )
+        titles = [html.escape(c.title) for c in board.columns()]
+        body = board.texts(html.escape, "<strong>{}</strong>".format)
+        lines += _html_table(html.escape(board.title), titles, body)
         if text := note(board.rows):
             lines.append(f"<p>{html.escape(text)}</p>")
         if tracks := tracks_table(board.rows):

@@ -4,9 +4,14 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from eitbench.benchmark.analysis.leaderboard import Row
-from eitbench.reports.tables.boards import PrintedBoard, printed_boards
+from eitbench.reports.tables.boards import (
+    PrintedBoard,
+    note,
+    printed_boards,
+    prior_knowledge,
+    tracks_table,
+)
 from eitbench.reports.tables.columns import Column, layout
-from eitbench.reports.tables.notes import note, prior_knowledge, tracks_table
 
 if TYPE_CHECKING:
     from rich.console import Group

@@ -29,16 +29,10 @@ app = typer.Typer(
 )
 
 
-class Listing(StrEnum):
-    """Kinds of things that can be listed."""
-
-    methods = "methods"
-    operators = "operators"
-    scenarios = "scenarios"
-    sensors = "sensors"
-    suites = "suites"
-    recordings = "recordings"
-    boards = "boards"
+Listing = StrEnum(
+    "Listing",
+    ["methods", "operators", "scenarios", "sensors", "suites", "recordings", "boards"],
+)
 
 
 def _version(asked: bool) -> None:

@@ -15,14 +15,7 @@ if TYPE_CHECKING:
 app = typer.Typer()
 
 
-class Format(StrEnum):
-    """Formats of a printed leaderboard."""
-
-    md = "md"
-    csv = "csv"
-    json = "json"
-    latex = "latex"
-    html = "html"
+Format = StrEnum("Format", ["md", "csv", "json", "latex", "html"])
 
 
 @app.command(epilog="Example: eitbench leaderboard runs/first --format latex > table.tex")

@@ -16,7 +16,7 @@ from eitbench.benchmark.tuning.selection import Selection, Trial, TuningBudget
 from eitbench.benchmark.workers.method_service import MethodService, MethodSpec
 from eitbench.methods import Problem, create
 from eitbench.methods.learned.image_networks import Dnn
-from eitbench.reports.tables.notes import overlaps
+from eitbench.reports.tables.boards import overlaps
 from eitbench.scenarios.data.datasets import Dataset, load
 from eitbench.scenarios.phantoms.phantom import contents
 from eitbench.scenarios.physics.forward import forward_model

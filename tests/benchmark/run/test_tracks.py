@@ -13,8 +13,8 @@ from eitbench.benchmark.metrics.evaluation import evaluate
 from eitbench.benchmark.run.runner import start_run
 from eitbench.benchmark.rundir.plan import make_plan
 from eitbench.benchmark.tuning.selection import Selection, Trial, TuningBudget, record
+from eitbench.reports.tables.boards import tracks_table
 from eitbench.reports.tables.leaderboard import FORMATS, ranked_rows
-from eitbench.reports.tables.notes import tracks_table
 from eitbench.scenarios.data.datasets import load
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.suites.scenario import SimulatedScenario

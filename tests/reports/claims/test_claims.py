@@ -9,11 +9,10 @@ import pytest
 
 from eitbench.benchmark import InputError
 from eitbench.benchmark.analysis.results import read_run
-from eitbench.reports.claims.claim import Finding
+from eitbench.reports.claims.claim import Finding, Verdict
 from eitbench.reports.claims.evidence import Evidence
 from eitbench.reports.claims.published_claims import CLAIMS
 from eitbench.reports.claims.rules import IMAGE_METRICS
-from eitbench.reports.claims.verdicts import Verdict
 from eitbench.reports.studies.summaries import StudySummary
 from eitbench.reports.tables.published import TABLE_II
 from eitbench.scenarios.data.datasets import Dataset

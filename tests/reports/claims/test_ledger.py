@@ -12,9 +12,9 @@ import pytest
 
 from eitbench.benchmark import EitbenchError, InputError
 from eitbench.benchmark.studies import curves
+from eitbench.reports.claims.claim import Verdict
 from eitbench.reports.claims.ledger import Ledger, claim_ledger, table
 from eitbench.reports.claims.published_claims import CLAIMS
-from eitbench.reports.claims.verdicts import Verdict
 from eitbench.reports.page.ledger_page import FILES, to_markdown, write_ledger
 from eitbench.scenarios.data.datasets import Dataset
 

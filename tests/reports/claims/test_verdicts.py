@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from eitbench.benchmark.metrics.statistics import Interval
-from eitbench.reports.claims.verdicts import (
+from eitbench.reports.claims.claim import (
     Tolerance,
     Verdict,
     agrees,

@@ -15,8 +15,7 @@ import pytest
 from eitbench.methods import methods
 from eitbench.reports.figures.style import STYLE
 from eitbench.reports.page.answer import answer
-from eitbench.reports.page.citations import KEYS, bibliography, entries
-from eitbench.reports.page.paper import frontier, noise
+from eitbench.reports.page.paper import KEYS, bibliography, entries, frontier, noise
 from eitbench.reports.page.report import to_page, write_report
 from eitbench.reports.page.report_data import report_data
 from eitbench.scenarios.errors import DataCorruptError, InputError

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from eitbench.benchmark.metrics.specs import METRICS
+from eitbench.reports.tables.boards import note
 from eitbench.reports.tables.columns import METHOD_LAYOUT as LAYOUT
 from eitbench.reports.tables.leaderboard import FORMATS, ranked_rows, write_leaderboard
-from eitbench.reports.tables.notes import note
 
 NASTY = "a|b_<img src=x>$\\%&`\x1b[31m\nend"
 CONTRACT = {

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from eitbench.reports.tables.boards import note
 from eitbench.reports.tables.leaderboard import FORMATS, ranked_rows
-from eitbench.reports.tables.notes import note
 from eitbench.reports.tables.published import TABLE_II, published_rows
 from eitbench.scenarios.data.datasets import Dataset
 
