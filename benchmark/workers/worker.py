@@ -117,7 +117,8 @@ class Worker:
         deadline = time.monotonic() + limit
         try:
             self._connection.send(request)
-            while not self._connection.poll():
+            # However fast it answers, a stop is noticed with the next request.
+            while self._stop.is_set() or not self._connection.poll():
                 if self._stop.is_set():
                     self.close()
                     raise StoppedError

@@ -126,18 +126,18 @@ class Imaging:
     Attributes:
         sensor: the nominal sensor.
         reference: of the untouched sensor; without it live images hold no image.
+        fitting: name of the method that is being fitted; "" if none is.
         failed: reason why the last method chosen cannot be used; "" if it can.
     """
 
     def __init__(self, sensor: Sensor, show: Callable[[LiveImage], None]) -> None:
         self.sensor = sensor
         self.reference: Reference | None = None
-        self.failed = ""
+        self.fitting = self.failed = ""
         self._show = show
         self._model = forward_model(sensor)
         self._untouched = self._model.voltages(self._model.background)
         self._fitted: tuple[str, Method] | None = None
-        self._fitting: str | None = None
         self._frames: LatestValue[Frame] = LatestValue()
         self._chosen: LatestValue[str] = LatestValue()
         self._ended = threading.Event()
@@ -163,11 +163,6 @@ class Imaging:
         """Name of the method that makes the images; "" before the first is ready."""
         return self._fitted[0] if self._fitted else ""
 
-    @property
-    def fitting(self) -> str:
-        """Name of the method that is being fitted; "" if none is."""
-        return self._fitting or ""
-
     def choose(self, name: str) -> None:
         """Use the method `name` as soon as it is fitted.
 
@@ -180,7 +175,7 @@ class Imaging:
         if why := _unusable(name, self.sensor):
             raise InputError(why)
         self.failed = ""
-        self._fitting = name
+        self.fitting = name
         self._chosen.put(name)
 
     def add(self, frame: Frame) -> None:
@@ -199,8 +194,8 @@ class Imaging:
                 self._fitted = (name, method)
             except Exception as error:  # a method may be anybody's: it must not end the view
                 self.failed = f"{name} cannot be used: {sentence_of(error)}"
-            if self._fitting == name:
-                self._fitting = None
+            if self.fitting == name:
+                self.fitting = ""
 
     def _make_images(self) -> None:
         while not self._ended.is_set():

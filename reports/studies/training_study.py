@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
@@ -18,7 +19,6 @@ from eitbench.reports.tables.formats import markdown_table
 from eitbench.reports.tables.published import BETA
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
     from pathlib import Path
 
     from matplotlib.axes import Axes
@@ -38,7 +38,7 @@ def write_study(folder: Path) -> list[Path]:
     options = read_json(folder / "study.json")
     table = read_table(folder / SAMPLES)
     hours = float(table.groupby(_choices(table))["train_s"].first().sum()) / 3600
-    rows = SUMMARIES[options["study"]](table)
+    rows = STUDIES[options["study"]][0](table)
     summary = cast("StudySummary", options | {"training_hours": round(hours, 2), "rows": rows})
     written = [folder / "summary.json", folder / "summary.md"]
     written[0].write_text(json.dumps(summary, indent=1) + "\n")
@@ -50,7 +50,7 @@ def draw(summary: StudySummary) -> Figure:
     """Draw the figure of a study."""
     figure = new_figure(6.4, 3.6)
     axes = figure.subplots()
-    DRAWINGS[summary["study"]](axes, summary)
+    STUDIES[summary["study"]][1](axes, summary)
     axes.legend(fontsize=NOTE, frameon=False)
     return figure
 
@@ -164,13 +164,10 @@ def _draw_size(axes: Axes, summary: StudySummary) -> None:
     label_axes(axes, "Data and size of the network", "training samples", "PSNR [dB]")
 
 
-SUMMARIES: dict[str, Callable[[pd.DataFrame], list[StudyRow]]] = {
-    "beta": _means,
-    "physics": _differences,
-    "size": _means,
-}
-DRAWINGS: dict[str, Callable[[Axes, StudySummary], None]] = {
-    "beta": _draw_beta,
-    "physics": _draw_physics,
-    "size": _draw_size,
+Summarise = Callable[[pd.DataFrame], list[StudyRow]]
+Draw = Callable[["Axes", StudySummary], None]
+STUDIES: dict[str, tuple[Summarise, Draw]] = {
+    "beta": (_means, _draw_beta),
+    "physics": (_differences, _draw_physics),
+    "size": (_means, _draw_size),
 }

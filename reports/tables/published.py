@@ -53,14 +53,8 @@ def comparison(board: Sequence[Row]) -> list[str]:
     of_paper = board[0]["scenario"] in _TABLES[name][1]
     if name == "operator":
         return _of_operators(board, of_paper)
-    return _of_methods(board) if of_paper else []
-
-
-def _ranked(board: Sequence[Row]) -> str:
-    return "operator" if "operator" in board[0] else "method"
-
-
-def _of_methods(board: Sequence[Row]) -> list[str]:
+    if not of_paper:
+        return []
     notes = [
         f"published: {PAPER}, on its own data; only the figures shown are known to us, and that "
         f"the SSIM of NOSER and TV is {SSIM_IN_WORDS}"
@@ -68,6 +62,10 @@ def _of_methods(board: Sequence[Row]) -> list[str]:
     if board[0]["inverse_crime"]:
         notes.append("the data come from the mesh that methods invert with (inverse crime)")
     return notes
+
+
+def _ranked(board: Sequence[Row]) -> str:
+    return "operator" if "operator" in board[0] else "method"
 
 
 def _of_operators(board: Sequence[Row], of_paper: bool) -> list[str]:

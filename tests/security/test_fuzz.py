@@ -45,18 +45,6 @@ def test_a_hundred_thousand_spoilt_files(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stdout + done.stderr
 
 
-def fill(path: Path) -> None:
-    np.ones(2**26)  # 512 MB
-
-
-def hang(path: Path) -> None:
-    time.sleep(60)
-
-
-def dawdle(path: Path) -> None:
-    time.sleep(0.7)
-
-
 def crash(path: Path) -> None:
     faulthandler.disable()  # nothing to tell the reader of the log
     os.kill(os.getpid(), signal.SIGSEGV)
@@ -69,9 +57,9 @@ def fail(path: Path) -> None:
 @pytest.mark.parametrize(
     ("read", "limit_s", "problem"),
     [
-        (fill, 10.0, "memory: 5"),
-        (hang, 1.0, "hang: more than 1 s"),
-        (dawdle, 0.6, "time: 1 s"),
+        (lambda path: np.ones(2**26), 10.0, "memory: 5"),
+        (lambda path: time.sleep(60), 1.0, "hang: more than 1 s"),
+        (lambda path: time.sleep(0.7), 0.6, "time: 1 s"),
         (crash, 10.0, "crash: ended with -11"),
         (fail, 10.0, "KeyError at test_fuzz.py:fail: 'x'"),
     ],

@@ -20,6 +20,9 @@ from eitbench.commands.console import (
 if TYPE_CHECKING:
     from eitbench.benchmark.run.runner import Plan, RunResult
 
+Limit = Annotated[int | None, typer.Option(min=1, help="Test samples of each scenario.")]
+Jobs = Annotated[int, typer.Option(min=1, help="Cells (scenario x method) at a time.")]
+
 app = typer.Typer()
 submission_app = typer.Typer(
     help="Runs for a public leaderboard.",
@@ -44,7 +47,7 @@ def run(
     scenarios: Annotated[
         str | None, typer.Option(metavar="X,Y", help="Run these scenarios only.")
     ] = None,
-    limit: Annotated[int | None, typer.Option(min=1, help="Test samples of each scenario.")] = None,
+    limit: Limit = None,
     plugin: Annotated[
         list[Path] | None,
         typer.Option(metavar="FILE.py", help="A file with more methods or operators."),
@@ -55,7 +58,7 @@ def run(
             metavar="A,B", help="Run these tracks beside the ranked one: default, tuned, oracle."
         ),
     ] = None,
-    jobs: Annotated[int, typer.Option(min=1, help="Cells (scenario x method) at a time.")] = 1,
+    jobs: Jobs = 1,
     scheduler: Annotated[
         str | None,
         typer.Option(metavar="ADDRESS", help="Run the cells on the cluster of a Dask scheduler."),
@@ -184,8 +187,8 @@ def reproduce(
         list[Path] | None,
         typer.Option(metavar="DIR", help="Use this study, too (repeatable)."),
     ] = None,
-    limit: Annotated[int | None, typer.Option(min=1, help="Test samples of each scenario.")] = None,
-    jobs: Annotated[int, typer.Option(min=1, help="Cells (scenario x method) at a time.")] = 1,
+    limit: Limit = None,
+    jobs: Jobs = 1,
     out: Annotated[
         Path | None,
         typer.Option(metavar="DIR", help="Where all goes; what is run there is not run again."),

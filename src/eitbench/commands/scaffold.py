@@ -27,11 +27,10 @@ def new_method(name: str, folder: Path | None = None) -> list[Path]:
             f"{folder} exists and is not an empty folder: give another, nothing is written."
         )
     module = "eitbench_" + name.replace("-", "_")
-    values = {
-        "name": name,
-        "module": module,
-        "class_name": _class_name(name),
-    }
+    # MyMethod of my-method, LandweberMethod of landweber.
+    words = name.removesuffix("-method").split("-")
+    class_name = "".join(word.capitalize() for word in words) + "Method"
+    values = {"name": name, "module": module, "class_name": class_name}
     templates = files("eitbench.commands") / "templates"
     written = []
     try:
@@ -59,8 +58,3 @@ def _check_name(name: str) -> None:
         )
     if name in known_methods():
         raise InputError(f"There is a method {name!r} already: choose another name.")
-
-
-def _class_name(name: str) -> str:
-    """MyMethod of my-method, LandweberMethod of landweber."""
-    return "".join(part.capitalize() for part in name.removesuffix("-method").split("-")) + "Method"

@@ -13,7 +13,6 @@ from eitbench.hardware.board import BoardError, BoardLostError, Frame
 from eitbench.hardware.emulation import emulator
 from eitbench.hardware.emulation.emulated_sensor import EmulatedSensor, Touch, read_script
 from eitbench.hardware.emulation.emulator import Emulator
-from eitbench.hardware.registry import make_board
 from eitbench.hardware.serial.serial_board import TeensyBoard
 from eitbench.scenarios.catalogue import sensor
 from eitbench.scenarios.errors import InputError
@@ -192,8 +191,3 @@ def test_the_documented_script_is_read(tmp_path: Path) -> None:
     script = read_script(path)
     assert script.at(4.9) == script.at(8.0) == []
     assert script.at(5.0) == [Touch(0.03, 0.06, 0.006, 20e3)]
-
-
-def test_a_script_that_is_missing_is_named(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="Cannot read the touch script"):
-        make_board("emulator", script=tmp_path / "no.toml", sensor=sensor("foam16"))

@@ -35,25 +35,20 @@ def collect(board: Replay, seconds: float) -> list[Frame]:
     return frames
 
 
-def test_frames_come_in_order_after_a_second_of_the_reference(recorded: RecordedFrames) -> None:
+def test_frames_come_in_order_and_in_time_after_the_reference(
+    recorded: RecordedFrames,
+) -> None:
     with Replay("ohmc16", speed=20) as board:
+        begin = time.monotonic()
         board.start()
         frames = collect(board, 5.0)
+    assert all(frame.received_s - begin >= frame.time_s - 1e-6 for frame in frames)
     assert [frame.number for frame in frames] == list(range(10 + N))
     assert all((frame.values == recorded.reference).all() for frame in frames[:10])
     np.testing.assert_array_equal([f.values for f in frames[10:]], recorded.voltages)
     np.testing.assert_allclose(np.diff([f.time_s for f in frames]), 0.1 / 20)
     assert board.health.frames == 10 + N
     assert board.ended
-
-
-def test_frames_come_at_their_times(recorded: RecordedFrames) -> None:
-    with Replay("ohmc16", speed=4) as board:
-        begin = time.monotonic()
-        board.start()
-        frames = collect(board, 5.0)
-    for frame in frames:
-        assert frame.received_s - begin >= frame.time_s - 1e-6
 
 
 def test_it_pauses_and_goes_on_where_it_was(recorded: RecordedFrames) -> None:
@@ -92,11 +87,6 @@ def test_another_sensor_is_refused(recorded: RecordedFrames) -> None:
     with pytest.raises(InputError, match="on sensor 'ohmc16', not on 'foam16'"):
         Replay("ohmc16", sensor=foam16())
     assert Replay("ohmc16", sensor=sensor("ohmc16")).sensor == sensor("ohmc16")
-
-
-def test_an_unknown_set_is_named() -> None:
-    with pytest.raises(InputError, match="Unknown recorded set 'ohmc61'"):
-        Replay("ohmc61")
 
 
 def test_a_real_set_is_played(recorded_data: Path) -> None:

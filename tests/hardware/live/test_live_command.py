@@ -17,8 +17,6 @@ import pytest
     ("options", "sentence"),
     [
         (["--host", "0.0.0.0"], "give them a --token, too"),
-        (["--host", "0.0.0.0", "--token", "short"], "16 to 128"),
-        (["--token", "long-enough-to-be-one"], "--host"),
         (["--method", "nose"], "did you mean 'noser'"),
         (["--method", "linear-touch"], "learns from simulated touches before its first image"),
         (["--out", "/dev/null/here"], "--out"),

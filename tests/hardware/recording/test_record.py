@@ -134,15 +134,15 @@ def test_a_board_that_stays_away_does_not_outlast_the_time(
     assert made.calls.count("open") >= 1
 
 
+def another_protocol(wait_s: float) -> list[Frame]:
+    raise BoardError("It speaks another protocol.")
+
+
 def test_a_board_of_another_kind_ends_the_recording(
     tmp_path: Path, skin: Sensor, frames: Frames, board: Make
 ) -> None:
     made = board(frames(2))
-
-    def wrong(wait_s: float) -> list[Frame]:
-        raise BoardError("It speaks another protocol.")
-
-    made.frames = wrong
+    made.frames = another_protocol
     with (
         pytest.raises(BoardError, match="another protocol"),
         Recorder(tmp_path / "a.h5", skin, "fake") as recorder,
@@ -280,11 +280,7 @@ def test_a_session_says_how_it_goes(
 def test_a_board_that_fails_ends_the_session(tmp_path: Path, board: Make) -> None:
     made = board([])
     made.sensor, made.endless = sensor("foam16"), True
-
-    def wrong(wait_s: float) -> list[Frame]:
-        raise BoardError("It speaks another protocol.")
-
-    made.frames = wrong
+    made.frames = another_protocol
     with (
         pytest.raises(BoardError, match="another protocol"),
         Recorder(tmp_path / "a.h5", made.sensor, "fake") as recorder,
@@ -295,7 +291,7 @@ def test_a_board_that_fails_ends_the_session(tmp_path: Path, board: Make) -> Non
 
 def test_a_board_that_ends_ends_the_session(tmp_path: Path, board: Make) -> None:
     with pytest.raises(BoardError, match="last frame"):
-        guided(tmp_path / "a.h5", board, [""], n=4)
+        guided(tmp_path / "a.h5", board, ["", "", "", "30 20", ""], n=4)
 
 
 def test_an_emulated_recording_never_counts_as_real(tmp_path: Path, frames: Frames) -> None:
