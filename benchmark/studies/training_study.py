@@ -1,5 +1,7 @@
 """Training studies: many trainings that differ in one respect, scored alike, and resumable.
 
+And the learning curves that lie beside trained weights.
+
 The folder of a study holds `study.json` with its settings, a folder for each training with its
 learning curve and its `samples.parquet`, and at the end one `samples.parquet` of all: one row per
 training, scenario and sample.
@@ -22,12 +24,15 @@ from eitbench.benchmark.analysis.results import read_json, read_table
 from eitbench.benchmark.metrics.evaluation import evaluate
 from eitbench.benchmark.rundir.lock import locked
 from eitbench.methods import Problem, create
+from eitbench.methods.learned.image_networks import TrainedMethod
+from eitbench.methods.registry import methods
 from eitbench.methods.training import DivergedError, TrainingRequest, train
 from eitbench.methods.training.samples import no_split, training_scenario
 from eitbench.methods.weights.weight_files import sensor_key
 from eitbench.scenarios.atomic_write import atomic_write
 from eitbench.scenarios.data.datasets import load
-from eitbench.scenarios.errors import InputError, unknown_name
+from eitbench.scenarios.errors import DataCorruptError, InputError, unknown_name
+from eitbench.scenarios.sensors.sensor import Sensor, foam16
 from eitbench.scenarios.suites.scenario import SimulatedScenario
 from eitbench.scenarios.suites.suite import load_suite
 
@@ -241,3 +246,36 @@ def _scenarios(study: TrainingStudy, suite: str) -> list[tuple[SimulatedScenario
             and sensor_key(scenario.nominal_sensor) == sensor_key(own.nominal_sensor)
         ]
     return found
+
+
+def learning_curve(method: str, sensor: Sensor) -> pd.DataFrame:
+    """Return the learning curve of the weights that `method` uses for `sensor`, a row per epoch.
+
+    Columns: `epoch`, `train` and `validation` (data loss), `train_physical` and
+    `validation_physical` where the training logged them, `rate`, `seconds`.
+
+    Raises:
+        InputError: there are no weights, or no curve beside them, or the method learns nothing.
+        DataCorruptError: the weights or the curve are damaged.
+    """
+    cls = methods().get(method)
+    if cls is None or not issubclass(cls, TrainedMethod):
+        raise InputError(f"{method!r} is no method that is trained.")
+    path = cls.files.load(sensor).path.with_suffix(".json")
+    if not path.is_file():
+        raise InputError(f"There is no learning curve {path} beside the weights of {method!r}.")
+    try:
+        return pd.DataFrame(json.loads(path.read_text())["curve"])
+    except (ValueError, KeyError, TypeError, RecursionError) as error:
+        raise DataCorruptError(
+            f"{path} holds no learning curve: train {method!r} again."
+        ) from error
+
+
+def paper_curves() -> dict[str, pd.DataFrame]:
+    """Return the learning curves of "dnn" and "phydnn" on the sensor of the paper.
+
+    Raises:
+        InputError, DataCorruptError: as `learning_curve`.
+    """
+    return {name: learning_curve(name, foam16()) for name in ("dnn", "phydnn")}

@@ -67,7 +67,7 @@ def write_ledger(ledger: Ledger, runs: Sequence[Path], folder: Path) -> list[Pat
 
 def _draw_figures(ledger: Ledger, folder: Path) -> list[LedgerFigure]:
     # Imported here: what draws and trains takes seconds to load.
-    from eitbench.benchmark.studies.curves import paper_curves
+    from eitbench.benchmark.studies.training_study import paper_curves
     from eitbench.reports.figures.losses import write_losses
     from eitbench.reports.figures.style import save
     from eitbench.reports.studies.training_study import draw

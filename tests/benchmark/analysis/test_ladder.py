@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from eitbench.benchmark.analysis.ladder import read_ladder
+from eitbench.benchmark.analysis.ladder import Ladder, read_ladder
 from eitbench.benchmark.analysis.results import Run
 from eitbench.benchmark.metrics.statistics import MIN_PHANTOMS
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
@@ -63,9 +63,14 @@ def made(names: tuple[str, ...] = tuple(RUNGS)) -> Run:
     return Run(Path("run"), METHOD_RUNS, manifest, pd.concat(rows), pd.DataFrame(), {})
 
 
-def test_losses_are_against_the_ideal_sensor_and_paired() -> None:
-    ladder = read_ladder(made())
+def ladder_of(run: Run) -> Ladder:
+    ladder = read_ladder(run)
     assert ladder is not None
+    return ladder
+
+
+def test_losses_are_against_the_ideal_sensor_and_paired() -> None:
+    ladder = ladder_of(made())
     assert ladder.rungs == ("ideal", "gain", "none", "all", "triple")
     step = ladder.steps["all", "good"]
     assert step.loss is not None
@@ -75,8 +80,7 @@ def test_losses_are_against_the_ideal_sensor_and_paired() -> None:
 
 
 def test_a_rung_is_compared_with_its_calibrated_twin_alone() -> None:
-    ladder = read_ladder(made())
-    assert ladder is not None
+    ladder = ladder_of(made())
     gain = ladder.steps["gain", "good"].gain
     assert gain
     assert gain.value == pytest.approx(0.05, abs=1e-3)
@@ -85,8 +89,7 @@ def test_a_rung_is_compared_with_its_calibrated_twin_alone() -> None:
 
 
 def test_areas_follow_the_trapezoidal_rule_over_the_span() -> None:
-    ladder = read_ladder(made())
-    assert ladder is not None
+    ladder = ladder_of(made())
     assert ladder.severities == {"none": 0, "all": 1, "triple": 3}
     good = (0.5 * (0.9 + 0.7) * 1 + 0.5 * (0.7 + 0.3) * 2) / 3
     assert ladder.areas["good", False].value == pytest.approx(good, abs=1e-3)
@@ -96,8 +99,7 @@ def test_areas_follow_the_trapezoidal_rule_over_the_span() -> None:
 
 
 def test_without_a_curve_or_an_ideal_rung_there_is_less() -> None:
-    ladder = read_ladder(made(("gain", "all")))
-    assert ladder is not None
+    ladder = ladder_of(made(("gain", "all")))
     assert not ladder.severities
     assert not ladder.areas
     assert not ladder.steps["all", "good"].loss
@@ -108,16 +110,14 @@ def test_one_rung_is_no_ladder() -> None:
 
 
 def test_rungs_of_the_curve_follow_each_other() -> None:
-    ladder = read_ladder(made(("none", "gain", "triple", "ideal", "all")))
-    assert ladder is not None
+    ladder = ladder_of(made(("none", "gain", "triple", "ideal", "all")))
     assert ladder.rungs == ("none", "all", "triple", "gain", "ideal")
 
 
 def test_few_touches_give_no_intervals() -> None:
     run = made()
     few = replace(run, samples=run.samples[run.samples["sample"] < MIN_PHANTOMS - 1])
-    ladder = read_ladder(few)
-    assert ladder is not None
+    ladder = ladder_of(few)
     assert np.isnan(ladder.steps["all", "good"].value.low)
 
 
@@ -128,6 +128,5 @@ def test_rungs_that_lack_different_touches_are_not_compared() -> None:
         s not in lacking or k != lacking[s]
         for s, k in zip(run.samples["scenario"], run.samples["sample"], strict=True)
     ]
-    ladder = read_ladder(replace(run, samples=run.samples[kept]))
-    assert ladder is not None
+    ladder = ladder_of(replace(run, samples=run.samples[kept]))
     assert not ladder.steps["all", "good"].loss

@@ -112,8 +112,6 @@ Spoil = Callable[[Path], object]
     [
         (lambda p: (p / "manifest.json").unlink(), InputError, "run directory"),
         (lambda p: (p / "samples.parquet").unlink(), InputError, "--resume"),
-        (lambda p: (p / "manifest.json").write_text("{"), DataCorruptError, "manifest"),
-        (lambda p: (p / "manifest.json").write_text("[]"), DataCorruptError, "manifest"),
         (
             lambda p: (p / "methods.parquet").write_bytes(b"PAR1"),
             DataCorruptError,

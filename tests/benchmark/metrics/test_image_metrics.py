@@ -89,12 +89,6 @@ def test_pixel_metrics_follow_their_formulas_on_a_mask() -> None:
     np.testing.assert_allclose(metrics.psnr(truth, estimate, 0.9, mask), psnr, rtol=1e-12)
 
 
-def test_score_is_the_published_sum() -> None:
-    assert metrics.score([0.8], [0.9], [0.1], [24.0])[0] == pytest.approx(
-        0.25 * (0.8 + 0.9 + 24.0) - 0.25 * 0.1
-    )
-
-
 def test_a_perfect_image_has_the_best_finite_figures() -> None:
     truth, _ = images(3, 16, 16)
     np.testing.assert_allclose(metrics.ssim(truth, truth, 1.0), 1.0)

@@ -5,10 +5,8 @@ import signal
 import subprocess
 import sys
 import threading
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
 
 import psutil
 import pytest
@@ -16,6 +14,7 @@ import pytest
 pytest.importorskip("distributed")
 
 from distributed import Client
+from tests.benchmark.waiting import wait_for
 
 from eitbench.benchmark.run import executors as execution
 from eitbench.benchmark.run.runner import (
@@ -31,15 +30,6 @@ from eitbench.scenarios.suites.suite import Suite, load_suite
 
 SameResults = Callable[[Path, Path], None]
 START_SECONDS = 120
-
-
-def wait_for(condition: Callable[[], Any]) -> Any:
-    """Poll until `condition` holds, and return it."""
-    deadline = time.monotonic() + START_SECONDS
-    while not (found := condition()):
-        assert time.monotonic() < deadline, "it never happened"
-        time.sleep(0.05)
-    return found
 
 
 class Machines:

@@ -1,13 +1,13 @@
 """Whatever a plugin does to its process costs its own rows only."""
 
 import os
-import time
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import psutil
 import pytest
+from tests.benchmark.waiting import has_ended, wait_for
 
 from eitbench.benchmark.run.runner import make_plan, start_run
 from eitbench.benchmark.workers.process import start_process
@@ -56,7 +56,8 @@ def test_what_it_prints_does_not_fill_the_disk(run: Path) -> None:
 
 
 def test_what_it_leaves_behind_is_ended(run: Path) -> None:
-    assert ends(int((run.parent / "daemon").read_text()))
+    daemon = int((run.parent / "daemon").read_text())
+    wait_for(lambda: has_ended(daemon))
 
 
 # As it is loaded: a process out of the worker's group.
@@ -91,14 +92,4 @@ def test_a_worker_that_nobody_asks_any_more_ends_what_it_started(text: str, tmp_
     assert psutil.pid_exists(started)
     connection.close()
     process.join(60)
-    assert ends(started)
-
-
-def ends(pid: int) -> bool:
-    """True once the process `pid` is gone; False after a minute."""
-    deadline = time.monotonic() + 60
-    while time.monotonic() < deadline:
-        if not psutil.pid_exists(pid) or psutil.Process(pid).status() == psutil.STATUS_ZOMBIE:
-            return True
-        time.sleep(0.1)
-    return False
+    wait_for(lambda: has_ended(started))

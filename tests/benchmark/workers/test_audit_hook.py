@@ -120,19 +120,18 @@ def test_what_is_written_elsewhere_is_seen(what: str, seen: dict[str, Watch]) ->
     assert len(noted) == len(set(noted))
 
 
-@pytest.mark.parametrize("what", CALLS)
-def test_what_is_called_is_seen(what: str, seen: dict[str, Watch]) -> None:
-    assert kinds(seen[CALLS[what]]) == {"network"}
-
-
-@pytest.mark.parametrize("what", PROGRAMS)
-def test_what_is_started_is_seen(what: str, seen: dict[str, Watch]) -> None:
-    assert kinds(seen[PROGRAMS[what]]) == {"program"}
-
-
-@pytest.mark.parametrize("what", INNOCENT)
-def test_what_is_a_methods_own_is_nobodys_business(what: str, seen: dict[str, Watch]) -> None:
-    assert kinds(seen[INNOCENT[what]]) == set()
+@pytest.mark.parametrize(
+    ("code", "kind"),
+    [
+        pytest.param(code, kind, id=what)
+        for table, kind in ((CALLS, {"network"}), (PROGRAMS, {"program"}), (INNOCENT, set()))
+        for what, code in table.items()
+    ],
+)
+def test_calls_and_programs_are_seen_and_what_is_a_methods_own_is_not(
+    code: str, kind: set[str], seen: dict[str, Watch]
+) -> None:
+    assert kinds(seen[code]) == kind
 
 
 @pytest.mark.parametrize("what", UNSEEN)

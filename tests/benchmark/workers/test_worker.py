@@ -4,11 +4,11 @@ import operator
 import os
 import signal
 import threading
-import time
 from pathlib import Path
 
 import psutil
 import pytest
+from tests.benchmark.waiting import has_ended, wait_for
 
 from eitbench.benchmark.workers.method_service import (
     MethodService,
@@ -88,19 +88,7 @@ def test_one_thread_own_environment_no_orphans_no_test_split(
     assert threads == 1
     assert environment == 42
     assert not knows_test
-    for _ in range(1200):
-        if not psutil.pid_exists(int(child)) or _is_zombie(int(child)):
-            break
-        time.sleep(0.05)
-    else:
-        pytest.fail("a process that the method started survives it")
-
-
-def _is_zombie(pid: int) -> bool:
-    try:
-        return psutil.Process(pid).status() == psutil.STATUS_ZOMBIE
-    except psutil.NoSuchProcess:
-        return True
+    wait_for(lambda: has_ended(int(child)))
 
 
 def test_a_method_is_never_given_the_test_split(tiny: Suite) -> None:
@@ -179,6 +167,8 @@ class Mine(Method):
     [
         ("noser", "'noser' is taken"),
         ("ü" * 41, "cannot name a method: use 1 to 80 bytes"),
+        ("truth", "cannot name a method"),  # result files use it
+        ("..", "cannot name a method"),
     ],
 )
 def test_a_plugin_cannot_have_any_name(name: str, sentence: str, tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 
 from eitbench.benchmark import EitbenchError, InputError
-from eitbench.benchmark.studies import curves
+from eitbench.benchmark.studies import training_study
 from eitbench.reports.claims.claim import Verdict
 from eitbench.reports.claims.ledger import Ledger, claim_ledger, table
 from eitbench.reports.claims.published_claims import CLAIMS
@@ -84,7 +84,7 @@ def no_curves(monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse() -> None:
         raise InputError("There are no weights.")
 
-    monkeypatch.setattr(curves, "paper_curves", refuse)
+    monkeypatch.setattr(training_study, "paper_curves", refuse)
 
 
 def page_of(found: Ledger, runs: list[Path], folder: Path) -> Page:
@@ -113,7 +113,7 @@ def test_figures_of_studies_and_training_stand_beside_the_ledger(
         {"epoch": [1, 2], "train": [2.0, 1.0], "validation": [2.0, 1.5],
          "train_physical": [1.0, 0.5], "validation_physical": [1.0, 0.7]}
     )  # fmt: skip
-    monkeypatch.setattr(curves, "paper_curves", lambda: {"dnn": curve, "phydnn": curve})
+    monkeypatch.setattr(training_study, "paper_curves", lambda: {"dnn": curve, "phydnn": curve})
     found = claim_ledger(runs, [study])
     assert found["studies"] == [summary]
     (claim,) = (c for c in found["claims"] if c["id"] == "best-beta")

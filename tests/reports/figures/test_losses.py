@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 import torch
 
-from eitbench.benchmark.studies.curves import learning_curve
+from eitbench.benchmark.studies.training_study import learning_curve
 from eitbench.methods.learned.image_networks import Dnn
 from eitbench.reports.figures.losses import difference_percent, write_losses
 from eitbench.scenarios.catalogue import sensor
