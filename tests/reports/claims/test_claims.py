@@ -1,4 +1,4 @@
-"""Verdicts on the published claims, from runs that were made to deserve them."""
+"""Verdicts on the published claims: their rules, and runs that were made to deserve them."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -6,10 +6,23 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from eitbench.benchmark import InputError
 from eitbench.benchmark.analysis.results import read_run
-from eitbench.reports.claims.claim import Finding, Verdict
+from eitbench.benchmark.metrics.statistics import Interval
+from eitbench.reports.claims.claim import (
+    Best,
+    Finding,
+    Tolerance,
+    Verdict,
+    agrees,
+    reaches,
+    surely_better,
+    together,
+)
+from eitbench.reports.claims.classical_rows import classical_readings
 from eitbench.reports.claims.evidence import Evidence
 from eitbench.reports.claims.published_claims import CLAIMS
 from eitbench.reports.claims.rules import IMAGE_METRICS
@@ -283,3 +296,101 @@ def test_two_runs_of_one_method_are_refused(add: Callable[..., None], build: Any
     build.path = one.parent / "other"
     with pytest.raises(InputError, match=r"run and .*other both hold the method 'phydnn'"):
         findings(one, build.write())
+
+
+@pytest.fixture
+def run(build: Any, paper: Dataset) -> Path:
+    """NOSER with half of the contrast, TV that saw nothing."""
+    truth = np.array(paper.conductivity)
+    build.suite = "paper"
+    build.add(paper, "noser", 0.5 * (truth - 1) + 1)
+    build.add(paper, "tv", np.ones_like(truth))
+    path: Path = build.write()
+    return path
+
+
+def test_readings_are_called_consistent_and_never_proven(run: Path) -> None:
+    readings = classical_readings(Evidence([read_run(run)]))
+    noser, tv = readings["methods"]
+    *names, scaled = (row["reading"] for row in noser["rows"])
+    assert names == [
+        "published", "absolute map", "difference image", "difference, sign reversed",
+    ]  # fmt: skip
+    assert "times as strong" in scaled
+    assert "is consistent with" in noser["says"]
+    assert "does not exclude other explanations" in noser["says"]
+    # An image that shows nothing has no strength that would give the published error.
+    assert len(tv["rows"]) == 4
+    assert "consistent" not in tv["says"]
+    assert "absolute maps" in readings["says"]
+    assert "prove" not in noser["says"] + tv["says"] + readings["says"]
+
+
+def test_figures_that_do_not_fit_are_not_called_consistent(build: Any, paper: Dataset) -> None:
+    """An image unlike any touch: the RIE can be had by its scale, the SSIM is not near 0."""
+    truth = np.array(paper.conductivity)
+    build.suite = "paper"
+    build.add(paper, "noser", 1 + truth)
+    noser, _ = classical_readings(Evidence([read_run(build.write())]))["methods"]
+    assert "is not consistent with that either" in noser["says"]
+
+
+def test_without_a_run_there_is_a_reason_for_no_reading() -> None:
+    readings = classical_readings(Evidence([]))
+    assert readings["constants"] == []
+    for method, name in zip(readings["methods"], ("noser", "tv"), strict=True):
+        assert [row["reading"] for row in method["rows"]] == ["published"]
+        assert method["says"] == ""
+        assert repr(name) in method["conditions"]
+
+
+NUMBERS = st.floats(-1e3, 1e3)
+TOLERANCES = st.builds(Tolerance, st.floats(0, 10), st.floats(0, 1))
+
+
+@given(NUMBERS, NUMBERS, TOLERANCES)
+def test_only_what_agrees_reaches_in_both_directions(
+    ours: float, published: float, tolerance: Tolerance
+) -> None:
+    both = all(reaches(ours, published, tolerance, best) for best in ("max", "min"))
+    assert both == agrees(ours, published, tolerance)
+
+
+@pytest.mark.parametrize(
+    ("ours", "published", "tolerance", "best", "kept"),
+    [
+        (0.966, 0.9754, Tolerance(absolute=0.01), "max", True),
+        (0.965, 0.9754, Tolerance(absolute=0.01), "max", False),
+        (0.99, 0.9754, Tolerance(absolute=0.01), "max", True),
+        (0.0324, 0.0295, Tolerance(relative=0.1), "min", True),
+        (0.0325, 0.0295, Tolerance(relative=0.1), "min", False),
+        (0.01, 0.0295, Tolerance(relative=0.1), "min", True),
+        (-2.0, -1.08, Tolerance(absolute=1.0), "max", True),
+        (-2.1, -1.08, Tolerance(absolute=1.0), "max", False),
+    ],
+)
+def test_margins(
+    ours: float, published: float, tolerance: Tolerance, best: Best, kept: bool
+) -> None:
+    assert reaches(ours, published, tolerance, best) is kept
+
+
+@given(st.lists(st.booleans(), min_size=1))
+def test_all_some_or_none(kept: list[bool]) -> None:
+    expected = {len(kept): Verdict.holds, 0: Verdict.fails}.get(sum(kept), Verdict.in_part)
+    assert together(kept) is expected
+
+
+@pytest.mark.parametrize(
+    ("interval", "up", "down"),
+    [
+        (Interval(0.2, 0.1, 0.3), True, False),
+        (Interval(-0.2, -0.3, -0.1), False, True),
+        (Interval(0.2, -0.1, 0.5), False, False),
+        (Interval(0.2, 0.0, 0.5), False, False),
+        (Interval(0.0, 0.0, 0.0), False, False),
+    ],
+)
+def test_only_a_whole_interval_is_sure(interval: Interval, up: bool, down: bool) -> None:
+    assert surely_better(interval, "max") is up
+    assert surely_better(interval, "min") is down
