@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from eitbench.benchmark.metrics.tactile import fit_similarity
 from eitbench.methods import Problem
-from eitbench.methods.learned.linear_touch import unit_frames
+from eitbench.methods.learned.linear_maps import unit_frames
 from eitbench.methods.places.kernel_ridge import Kernel, gaussians, kernel_ridge, linear
 from eitbench.methods.places.place_network import REAL, SIMULATED, PlaceNetwork
 from eitbench.methods.training.samples import no_split

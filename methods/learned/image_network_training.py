@@ -9,7 +9,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from eitbench.methods.learned.linear_learned import Ridge, ridge
+from eitbench.methods.learned.linear_maps import Ridge, ridge
 from eitbench.methods.networks.image_network import ImageNetwork
 from eitbench.methods.problem import Problem
 from eitbench.methods.registry import operator

@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor, nn
 
-from eitbench.methods.networks.backbones import PatchUNet
+from eitbench.methods.networks.image_network import PatchUNet
 
 
 class Refiner(nn.Module):

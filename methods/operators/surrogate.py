@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, ClassVar
 import torch
 from torch import Tensor, nn
 
-from eitbench.methods.networks.backbones import Block
+from eitbench.methods.networks.image_network import Block
 from eitbench.methods.operator import Operator
 from eitbench.methods.registry import register_operator
 from eitbench.methods.training import Recipe, Trainable

@@ -19,7 +19,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from eitbench.methods.learned.linear_touch import unit_frames
+from eitbench.methods.learned.linear_maps import unit_frames
 from eitbench.scenarios.errors import InputError
 
 if TYPE_CHECKING:

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 from tests.support.small_sensors import no_split
 
-from eitbench.methods import Problem, create, methods
+from eitbench.methods import Problem, create
 from eitbench.methods.classical.noser import noser_covariance
 from eitbench.scenarios.catalogue import sensor
 from eitbench.scenarios.errors import InputError
@@ -44,10 +44,6 @@ def touch(s: Sensor, at: tuple[float, float], radius: float, contrast: float) ->
     x, y = s.pixel_centres
     inside = np.hypot(x - at[0], y - at[1]) < radius
     return np.where(inside & s.mask, s.background + contrast, s.background)
-
-
-def test_all_classical_methods_are_built_in() -> None:
-    assert set(ALL) <= set(methods())
 
 
 @pytest.mark.parametrize("name", ALL)

@@ -38,6 +38,7 @@ from eitbench.scenarios.data.datasets import Dataset, load
 from eitbench.scenarios.errors import DataCorruptError, InputError
 from eitbench.scenarios.sensors.sensor import Sensor
 from eitbench.scenarios.suites.scenario import SimulatedScenario
+from eitbench.scenarios.suites.suite import load_suite
 
 SCENARIO = SimulatedScenario(
     name="tiny",
@@ -239,24 +240,9 @@ def test_an_interrupted_training_continues_as_if_it_had_not_been(
     assert result.weights.parent == weight_files.user_weights()
     assert "'phydnn' uses them from now on" in " ".join(result.sentences())
     method = create("phydnn")
-    method.fit(Problem(*sensor_and_reference(noisy), splits=no_split))
-    assert method.reconstruct(load_noisy(noisy).voltages).shape == (1, 12, 12)
-
-
-def scenario_of(path: str) -> SimulatedScenario:
-    from eitbench.scenarios.suites.suite import load_suite
-
-    scenario = load_suite(path).scenarios[0]
-    assert isinstance(scenario, SimulatedScenario)
-    return scenario
-
-
-def load_noisy(path: str) -> Dataset:
-    return load(scenario_of(path), "test")
-
-
-def sensor_and_reference(path: str) -> tuple[Sensor, Any]:
-    return scenario_of(path).nominal_sensor, load_noisy(path).reference
+    data = load(load_suite(noisy).scenarios[0], "test")
+    method.fit(Problem(data.sensor, data.reference, no_split))
+    assert method.reconstruct(data.voltages).shape == (1, 12, 12)
 
 
 @pytest.mark.slow

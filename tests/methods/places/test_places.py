@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from eitbench.methods import Problem, create
-from eitbench.methods.learned.linear_touch import unit_frames
+from eitbench.methods.learned.linear_maps import unit_frames
 from eitbench.methods.places.kernel_ridge import WEIGHTS, gaussians, kernel_ridge, linear
 from eitbench.methods.places.place_network import SIMULATED, PlaceNetwork
 from eitbench.scenarios import InputError, RecordedScenario, load

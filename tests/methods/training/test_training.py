@@ -271,8 +271,6 @@ def test_a_log_has_one_line_for_an_epoch(
 
 
 def test_what_cannot_be_trained_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="did you mean 'surrogate'"):
-        train(TrainingRequest("surogate", "paper"))
     with pytest.raises(InputError, match="no simulated scenario with training"):
         train(TrainingRequest("surrogate", suite_of(tmp_path, tiny(train=0))))
     two = suite_of(tmp_path, tiny(), tiny(pixels=12, name="coarse"))

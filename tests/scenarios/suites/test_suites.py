@@ -41,6 +41,17 @@ noise = { test = 50 }
 """
 
 
+RECORDED = """\
+name = "r"
+title = "r"
+methods = ["noser"]
+[[scenarios]]
+kind = "recorded"
+name = "r"
+recording = "ohmc16"
+"""
+
+
 def simulated(suite: str) -> list[SimulatedScenario]:
     return [s for s in load_suite(suite).scenarios if isinstance(s, SimulatedScenario)]
 
@@ -124,7 +135,6 @@ def test_own_suite_by_path(tmp_path: Path) -> None:
     [
         ('title = "My suite"', 'titel = "My suite"', "titel", "'title'"),
         ('name = "mine"', 'name = "My Suite"', "name", "small letters"),
-        ('name = "mine"', 'name = "../mine"', "name", "small letters"),
         ('methods = ["noser"]', 'methods = "noser"', "methods", "array"),
         ("", 'fit_limit_s = "3"\n', "fit_limit_s", "valid number"),
         ("", "limit = true\n", "limit", "valid integer"),
@@ -132,7 +142,6 @@ def test_own_suite_by_path(tmp_path: Path) -> None:
         ("", "frame_limit_s = inf\n", "frame_limit_s", "finite"),
         ("train = 0", 'train = "0"', "scenarios[0].train", "valid integer"),
         ("test = 6", "test = 0", "scenarios[0].test", "at least 1 test sample"),
-        ("test = 6", "test = 6\nimage_shape = [5, 5]", "scenarios[0].image_shape", "7 x 7"),
         ("test = 6", "test = 6\nimage_shape = [40, 6]", "scenarios[0].image_shape", "7 x 7"),
         ('methods = ["noser"]', "methods = []", "methods", "at least 1"),
         ("", "limit = 0\n", "limit", "greater than or equal to 1"),
@@ -200,10 +209,7 @@ def test_operators_need_samples_to_be_evaluated_and_standardised_on(
 
 def test_operators_are_not_run_on_recordings(tmp_path: Path) -> None:
     path = tmp_path / "bad.toml"
-    path.write_text(
-        'name = "r"\ntitle = "r"\noperators = ["fem"]\n[[scenarios]]\nkind = "recorded"\n'
-        'name = "r"\nrecording = "ohmc16"\n'
-    )
+    path.write_text(RECORDED.replace("methods", "operators"))
     with pytest.raises(InputError, match=r"field 'scenarios\[0\].kind' of 'r'.*only simulated"):
         read_suite(path)
 
@@ -228,10 +234,7 @@ def test_operators_are_ranked_on_the_paper_and_on_a_finer_mesh() -> None:
 
 def test_unknown_recording_suggests_the_nearest(tmp_path: Path) -> None:
     path = tmp_path / "bad.toml"
-    path.write_text(
-        'name = "r"\ntitle = "r"\nmethods = ["noser"]\n[[scenarios]]\nkind = "recorded"\n'
-        'name = "r"\nrecording = "omhc16"\n'
-    )
+    path.write_text(RECORDED.replace("ohmc16", "omhc16"))
     with pytest.raises(InputError, match=r"field 'scenarios\[0\].recording'.*'ohmc16'"):
         read_suite(path)
 
