@@ -25,12 +25,7 @@ def disc_sensor(pixels: int) -> Sensor:
     outline = Disc(RADIUS)
     electrodes = even_electrodes(outline, 16, WIDTH, IMPEDANCE, start=0.003)
     return Sensor(
-        "disc",
-        outline,
-        electrodes,
-        offset_pattern(16, 3),
-        background=BACKGROUND,
-        image_shape=(pixels, pixels),
+        "disc", outline, electrodes, offset_pattern(16, 3), BACKGROUND, image_shape=(pixels, pixels)
     )
 
 

@@ -20,6 +20,17 @@ from eitbench.scenarios.sensors.sensor import Electrode, Sensor, even_electrodes
 Array = NDArray[np.float64]
 
 
+def sensor_on(
+    outline: Outline,
+    shape: tuple[int, int],
+    width: float = 0.007,
+    contact_impedance: float = 1e-3,
+    start: float = 0.0125,
+) -> Sensor:
+    electrodes = even_electrodes(outline, 16, width, contact_impedance, start=start)
+    return Sensor("small", outline, electrodes, offset_pattern(16, 3), image_shape=shape)
+
+
 def small(name: str) -> Sensor:
     outlines: dict[str, Outline] = {
         "square": rectangle(0.1, 0.1),
@@ -28,10 +39,7 @@ def small(name: str) -> Sensor:
         "disc": Disc(0.05),
         "polygon": Polygon(((0, 0), (0.1, 0), (0.1, 0.05), (0.05, 0.05), (0.05, 0.1), (0, 0.1))),
     }
-    outline = outlines[name]
-    shape = {"wide": (12, 26), "tall": (26, 12)}.get(name, (20, 20))
-    electrodes = even_electrodes(outline, 16, 0.007, 1e-3, start=0.0125)
-    return Sensor(name, outline, electrodes, offset_pattern(16, 3), image_shape=shape)
+    return sensor_on(outlines[name], {"wide": (12, 26), "tall": (26, 12)}.get(name, (20, 20)))
 
 
 SENSORS = ["square", "wide", "tall", "disc", "polygon"]
@@ -85,16 +93,9 @@ def test_independent_measurements(offset: int, values: int, rank: int) -> None:
 
 def test_voltages_converge_at_second_order_under_refinement() -> None:
     """Between grids of n, 2n and 4n pixels the differences of a smooth sigma fall by 2^2."""
-    outline = rectangle(0.1, 0.1)
     # A contact impedance of a tenth of the side: with foam16's the asymptotic range starts
     # where pixels are much smaller than z sigma = 1 mm.
-    s = Sensor(
-        "square",
-        outline,
-        even_electrodes(outline, 16, 0.0125, 1e-2, start=0.0125),
-        offset_pattern(16, 3),
-        image_shape=(16, 16),
-    )
+    s = sensor_on(rectangle(0.1, 0.1), (16, 16), 0.0125, 1e-2)
     solutions = []
     for factor in (1, 2, 4, 8):
         fine = s.refined(factor)
@@ -111,9 +112,8 @@ def test_quarter_turn_of_the_sensor_permutes_the_frame() -> None:
     foam = replace(sensor("foam16"), image_shape=(20, 20))
     sigma = rough_image(foam)
     v = forward_model(foam).voltages(sigma)
-    turned = forward_model(foam).voltages(
-        np.rot90(sigma, -1)
-    )  # rows grow upwards: counter-clockwise
+    # Rows grow upwards: counter-clockwise.
+    turned = forward_model(foam).voltages(np.rot90(sigma, -1))
     order = {tuple(row): k for k, row in enumerate(foam.pattern.table.tolist())}
     shifted = [order[tuple((np.array(row) + 4) % 16)] for row in foam.pattern.table.tolist()]
     np.testing.assert_allclose(turned[shifted], v, rtol=1e-10)
@@ -141,14 +141,7 @@ def test_electrode_across_the_start_of_the_rim() -> None:
     """Turning a disc's electrodes past the start of its rim changes nothing but the mesh."""
     frames = []
     for start in (0.0, 0.02):
-        outline = Disc(0.05)
-        s = Sensor(
-            "disc",
-            outline,
-            even_electrodes(outline, 16, 0.008, 1e-3, start=start),
-            offset_pattern(16, 3),
-            image_shape=(48, 48),
-        )
+        s = sensor_on(Disc(0.05), (48, 48), 0.008, start=start)
         frames.append(ForwardModel(s).voltages(np.ones(s.image_shape)))
     assert np.linalg.norm(frames[0] - frames[1]) < 2e-3 * np.linalg.norm(frames[0])
 

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy import sparse
 
 from eitbench.scenarios.catalogue import sensor
 from eitbench.scenarios.physics.forward import ForwardModel, forward_model
@@ -46,11 +47,8 @@ def split_grid_model() -> ForwardModel:
     a, b, c, d = grid.elements.T
     triangles = np.stack([[a, b, d], [b, c, d]]).transpose(2, 0, 1).reshape(-1, 3)
     pixels = np.repeat(np.eye(len(grid.elements), dtype=np.float32), 2, axis=0)
-    from scipy import sparse
-
-    return ForwardModel(
-        foam, replace(grid, elements=triangles, pixel_shares=sparse.csr_array(pixels, dtype=float))
-    )
+    shares = sparse.csr_array(pixels, dtype=float)
+    return ForwardModel(foam, replace(grid, elements=triangles, pixel_shares=shares))
 
 
 def test_pattern_is_the_references(reference: Reference) -> None:
