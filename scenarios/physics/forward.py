@@ -65,11 +65,6 @@ class ForwardModel:
         """Number of finite elements."""
         return len(self.mesh.elements)
 
-    @property
-    def operations(self) -> int:
-        """Multiplications and additions that eliminating the nodes of one image takes."""
-        return self._parts.operations
-
     def voltages(self, sigma: ArrayLike) -> Array:
         """Voltages (..., M) [V/A] of conductivities `sigma` (..., H, W) [S/m].
 

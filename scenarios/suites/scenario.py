@@ -278,27 +278,21 @@ def _nominal_sensor(
     conductivity_range: tuple[float, float] | None = None,
 ) -> Sensor:
     if not is_file(name):
-        return _registered_sensor(name, image_shape, conductivity_range)
-    sensor = _adapted(sensor_by_name(name), image_shape, conductivity_range)
+        return _adapted_sensor(name, image_shape, conductivity_range)
+    # The file may have changed since.
+    sensor = _adapted_sensor.__wrapped__(name, image_shape, conductivity_range)
     return _first_equal(sensor.name, sensor)
 
 
 # Forward models, pixel centres and masks are cached per sensor object, so equal scenarios should
 # share one; making one takes as long as solving it.
 @lru_cache(maxsize=64)
-def _registered_sensor(
+def _adapted_sensor(
     name: str,
     image_shape: tuple[int, int] | None,
     conductivity_range: tuple[float, float] | None,
 ) -> Sensor:
-    return _adapted(sensor_by_name(name), image_shape, conductivity_range)
-
-
-def _adapted(
-    nominal: Sensor,
-    image_shape: tuple[int, int] | None,
-    conductivity_range: tuple[float, float] | None,
-) -> Sensor:
+    nominal = sensor_by_name(name)
     return replace(
         nominal,
         image_shape=image_shape or nominal.image_shape,

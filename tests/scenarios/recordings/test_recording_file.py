@@ -13,7 +13,7 @@ import pytest
 from eitbench.hardware.board import Frame
 from eitbench.hardware.recording.recorder import Recorder
 from eitbench.scenarios import forward_model, sensor
-from eitbench.scenarios.errors import DataCorruptError, DataUnavailableError, EitbenchError
+from eitbench.scenarios.errors import DataUnavailableError, EitbenchError
 from eitbench.scenarios.recordings.files.recording_file import read_file
 from eitbench.scenarios.recordings.quality import check, suspect_electrodes
 from eitbench.scenarios.sensors.sensor import Sensor
@@ -284,8 +284,3 @@ def test_suspects_are_named_by_the_check(tmp_path: Path) -> None:
     frames, _ = spoilt(6, "dead")
     problems, _ = check(record(tmp_path / "a.h5", frames))
     assert "Suspect electrodes: 6 (noisy, or without contact)." in problems
-
-
-def test_damaged_recordings_raise_where_they_are_read(sound: Path, tmp_path: Path) -> None:
-    with pytest.raises(DataCorruptError, match="it has no 'pattern'"):
-        read_file(altered(sound, tmp_path, delete("pattern")))
