@@ -206,13 +206,6 @@ def test_distance_is_that_to_the_nearest_point_of_the_rim(indenter: Circle | Pol
     assert np.allclose(indenter.distance(x, y), expected, atol=2e-5)
 
 
-def test_phantom_is_a_function_of_its_key() -> None:
-    first, again = (draw(family("l-shape"), SQUARE, generator("key", 7)) for _ in range(2))
-    other = draw(family("l-shape"), SQUARE, generator("key", 8))
-    assert first == again
-    assert first != other
-
-
 def test_first_phantom_of_the_paper_is_pinned() -> None:
     # A change here changes every data set: raise GENERATOR_VERSION.
     p = draw(family("circle"), SQUARE, generator("phantom", "paper", "test", 0)).parameters
