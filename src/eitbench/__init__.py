@@ -19,10 +19,10 @@ if TYPE_CHECKING:
         create,
         load_plugin,
         operator,
-        operators,
         register,
         register_operator,
     )
+    from eitbench.methods.registry import operators
     from eitbench.scenarios import (
         Dataset,
         EitbenchError,
