@@ -93,7 +93,8 @@ def read_ladder(run: Run) -> Ladder | None:
     if len(nominal) < 2:
         return None
     twins = {s.name: twin.name for s in scenarios if (twin := _twin(s, scenarios))}
-    ideal = next((s.name for s in nominal if _is_ideal(s)), None)
+    clean = [s for s in nominal if s.noise.test == "clean"]
+    ideal = next((s.name for s in clean if s.imperfections == Imperfections()), None)
     table = _Table(run)
     steps = {
         (rung.name, method): Step(
@@ -113,7 +114,9 @@ def read_ladder(run: Run) -> Ladder | None:
             values = table.together([(name, method) for name in names]) if curve else None
             if values is not None:
                 curves[method, calibrated] = values.mean(axis=0)
-                areas[method, calibrated] = _area(values, list(severities.values()))
+                at = list(severities.values())
+                area = np.asarray(np.trapezoid(values, at, axis=1))
+                areas[method, calibrated] = _mean(area / (at[-1] - at[0]))
 
     def merit(method: str) -> float:
         if (method, False) in areas:
@@ -146,11 +149,8 @@ class _Table:
     def has(self, scenario: str | None, method: str) -> bool:
         return (scenario, method) in self._cells
 
-    def values(self, scenario: str, method: str) -> Array:
-        return numbers(self._cells[scenario, method], FIGURE)
-
     def mean(self, scenario: str, method: str) -> Interval:
-        return _mean(self.values(scenario, method))
+        return _mean(numbers(self._cells[scenario, method], FIGURE))
 
     def together(self, cells: Sequence[tuple[str | None, str]]) -> Array | None:
         """B (touches, cells) of several cells; None where one is missing or lacks other touches."""
@@ -173,16 +173,6 @@ def _mean(values: Array) -> Interval:
     if len(values) < MIN_PHANTOMS:
         return Interval(float(values.mean()), np.nan, np.nan)
     return bootstrap_means(values[:, None])[0]
-
-
-def _area(values: Array, severities: Sequence[float]) -> Interval:
-    """Area under B (n, points) over the span of the severities, by the trapezoidal rule."""
-    span = severities[-1] - severities[0]
-    return _mean(np.asarray(np.trapezoid(values, severities, axis=1)) / span)
-
-
-def _is_ideal(scenario: SimulatedScenario) -> bool:
-    return scenario.imperfections == Imperfections() and scenario.noise.test == "clean"
 
 
 def _twin(scenario: Scenario, scenarios: Sequence[Scenario]) -> Scenario | None:

@@ -72,7 +72,10 @@ def ranked_boards(runs: Sequence[Run]) -> list[list[Entry]]:
         ranked.setdefault(_data_of(entry.row), []).append(entry)
     for board in ranked.values():
         kind = runs[0].kind
-        _rank([entry.row for entry in board], kind)
+        name = ranking_figure([entry.row for entry in board], kind)
+        keys = [_place(entry.row, name, kind) for entry in board]
+        for entry, key in zip(board, keys, strict=True):
+            entry.row["rank"] = 1 + sum(other < key for other in keys)
         board.sort(key=lambda entry: (entry.row["rank"], entry.row[kind.name]))
     return list(ranked.values())
 
@@ -151,14 +154,6 @@ def ranking_figure(board: Iterable[Row], kind: RunKind) -> str | None:
     """Name the figure that ranks the rows of one scenario; None where no row has one."""
     rows = list(board)
     return next((n for n in kind.ranked_by if any(row[n] is not None for row in rows)), None)
-
-
-def _rank(board: list[Row], kind: RunKind) -> None:
-    """Give the rows of one scenario their ranks, 1 the best."""
-    name = ranking_figure(board, kind)
-    keys = [_place(row, name, kind) for row in board]
-    for row, key in zip(board, keys, strict=True):
-        row["rank"] = 1 + sum(other < key for other in keys)
 
 
 def _place(row: Row, name: str | None, kind: RunKind) -> tuple[bool, bool, float]:

@@ -13,8 +13,6 @@ from eitbench.scenarios.recordings.fetch import read_recording
 from eitbench.scenarios.recordings.quality import quality
 from eitbench.scenarios.suites.scenario import RecordedScenario
 
-Notes = dict[str, float | None]
-
 
 def write_notes(run: Path) -> None:
     """Write `recordings.json`: the figures of every recorded scenario of the run directory `run`.
@@ -26,7 +24,7 @@ def write_notes(run: Path) -> None:
     """
     manifest = manifests.read(run)
     suite = manifests.suite_of(manifest)
-    noted: dict[str, Notes] = {}
+    noted: dict[str, dict[str, float | None]] = {}
     for scenario in suite.scenarios:
         if isinstance(scenario, RecordedScenario) and scenario.name in manifest["data"]:
             try:
@@ -38,7 +36,7 @@ def write_notes(run: Path) -> None:
         (run / NOTES_FILE).write_text(text, encoding="utf-8")
 
 
-def notes_of(scenario: RecordedScenario, n: int) -> Notes:
+def notes_of(scenario: RecordedScenario, n: int) -> dict[str, float | None]:
     """Quality of a recording, and the error of a blind guess on its first `n` test samples.
 
     `reciprocity_error` and `repeat_noise` are relative, see `quality`; `guess_mm` is the median

@@ -295,15 +295,10 @@ def groups(count: int, pairs: Sequence[Pair]) -> list[str]:
         together = rest
     letters = [""] * count
     for number, members in enumerate(sorted(map(sorted, together))):
+        turn, place = divmod(number, 26)  # a to z, then a2 to z2, and so on
         for k in members:
-            letters[k] += _letter(number)
+            letters[k] += chr(ord("a") + place) + (str(turn + 1) if turn else "")
     return letters
-
-
-def _letter(number: int) -> str:
-    """a to z, then a2 to z2, and so on."""
-    turn, place = divmod(number, 26)
-    return chr(ord("a") + place) + (str(turn + 1) if turn else "")
 
 
 def weights_won(cells: Sequence[pd.DataFrame]) -> Array | None:

@@ -112,7 +112,7 @@ def _ranks(counts: Array, values: Array) -> Array:
     return ranks
 
 
-def intervals(value: Array, drawn: Array, clusters: int, level: float = LEVEL) -> Array:
+def intervals(value: Array, drawn: Array, clusters: int) -> Array:
     """Ends (2, ...) of the interval of each `value` (...) from its `drawn` values (draws, ...).
 
     The percentile interval, widened for few clusters as Student's interval is; NaN where a draw
@@ -121,7 +121,7 @@ def intervals(value: Array, drawn: Array, clusters: int, level: float = LEVEL) -
     Source: Hesterberg, What Teachers Should Know About the Bootstrap, The American Statistician
     69(4), 2015, sec. 3.2.2 (expanded percentile interval).
     """
-    quantile = special.stdtrit(clusters - 1, (1 - level) / 2) * np.sqrt(clusters / (clusters - 1))
+    quantile = special.stdtrit(clusters - 1, (1 - LEVEL) / 2) * np.sqrt(clusters / (clusters - 1))
     low = float(special.ndtr(quantile))
     ends: Array = np.quantile(drawn, [low, 1 - low], axis=0)
     return np.where(np.isnan(value), np.nan, ends)

@@ -35,7 +35,7 @@ from eitbench.benchmark.workers.method_service import (
     scenario_splits,
 )
 from eitbench.benchmark.workers.worker import Reply
-from eitbench.methods import Method, methods
+from eitbench.methods import methods
 from eitbench.methods.problem import AccessRecord
 from eitbench.scenarios.data.datasets import Dataset, load
 from eitbench.scenarios.errors import InputError
@@ -103,17 +103,14 @@ class MethodData(CellData):
 
     def weights(self, name: str) -> str:
         """See `CellData.weights`."""
-        cls = self._class(name)
-        return "" if cls is None else cls.weights_hash(self.test.sensor)
+        # Those of plugin files are known in their workers alone; a run remembers the file.
+        known = methods()
+        return known[name].weights_hash(self.test.sensor) if name in known else ""
 
     def unusable(self, name: str) -> str:
         """See `CellData.unusable`."""
-        cls = self._class(name)
-        return "" if cls is None else cls.unusable(self.test.sensor)
-
-    def _class(self, name: str) -> type[Method] | None:
-        # Those of plugin files are known in their workers alone; a run remembers the file.
-        return methods().get(name)
+        known = methods()
+        return known[name].unusable(self.test.sensor) if name in known else ""
 
     def selection(self, name: str) -> dict[str, Any] | None:
         """See `CellData.selection`."""
