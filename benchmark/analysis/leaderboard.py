@@ -72,8 +72,8 @@ def ranked_boards(runs: Sequence[Run]) -> list[list[Entry]]:
         ranked.setdefault(_data_of(entry.row), []).append(entry)
     for board in ranked.values():
         kind = runs[0].kind
-        name = ranking_figure([entry.row for entry in board], kind)
-        keys = [_place(entry.row, name, kind) for entry in board]
+        by = ranking_figure([entry.row for entry in board], kind)
+        keys = [_place(entry.row, by, kind) for entry in board]
         for entry, key in zip(board, keys, strict=True):
             entry.row["rank"] = 1 + sum(other < key for other in keys)
         board.sort(key=lambda entry: (entry.row["rank"], entry.row[kind.name]))

@@ -40,26 +40,25 @@ def test_a_tank_has_reciprocity_and_repeats_but_no_place() -> None:
     assert found["repeat_noise"] == pytest.approx(3.2e-4, rel=0.1)
 
 
-def test_notes_are_kept_for_the_recorded_scenarios_that_were_run(tmp_path: Path) -> None:
+@pytest.fixture
+def run(tmp_path: Path) -> Path:
+    """A run directory of the recorded suite, of which one scenario was run."""
     suite = load_suite("recorded").model_dump(mode="json")
     manifest = {"plan": {"suite": suite}, "data": {"ohmc16": {"n": 36}}}
     (tmp_path / "manifest.json").write_text(json.dumps(manifest))
-    write_notes(tmp_path)
-    assert json.loads((tmp_path / "recordings.json").read_text()) == {
-        "ohmc16": notes_of(scenario("ohmc16"), 36)
-    }
+    return tmp_path
 
 
-def test_without_data_there_are_no_notes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("EITBENCH_DATA", str(tmp_path / "nothing"))
-    monkeypatch.setenv("EITBENCH_CACHE", str(tmp_path / "cache"))
-    monkeypatch.setattr("eitbench.scenarios.recordings.fetch._download", _no_network)
-    suite = load_suite("recorded").model_dump(mode="json")
-    manifest = {"plan": {"suite": suite}, "data": {"ohmc16": {"n": 36}}}
-    (tmp_path / "manifest.json").write_text(json.dumps(manifest))
-    write_notes(tmp_path)
-    assert not (tmp_path / "recordings.json").exists()
+def test_notes_are_kept_for_the_recorded_scenarios_that_were_run(run: Path) -> None:
+    write_notes(run)
+    known = {"ohmc16": notes_of(scenario("ohmc16"), 36)}
+    assert json.loads((run / "recordings.json").read_text()) == known
 
 
-def _no_network(*_: object, **__: object) -> Path:
-    raise DataUnavailableError("no network")
+def test_without_data_there_are_no_notes(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def no_data(*_: object) -> None:
+        raise DataUnavailableError("no network")
+
+    monkeypatch.setattr("eitbench.benchmark.analysis.recording_notes.read_recording", no_data)
+    write_notes(run)
+    assert not (run / "recordings.json").exists()

@@ -163,19 +163,9 @@ def test_a_method_that_lacks_samples_or_failed_on_all_has_no_interval() -> None:
 
 
 def test_operators_get_no_intervals() -> None:
-    samples = pd.DataFrame(
-        {
-            "suite": "s",
-            "scenario": "one",
-            "operator": "o",
-            "sample": [0],
-            "status": "ok",
-            "mse": 1.0,
-        }
-    )
-    run = Run(
-        Path("run"), OPERATOR_RUNS, {}, samples, pd.DataFrame(columns=["scenario", "operator"]), {}
-    )
+    names = {"suite": "s", "scenario": "one", "operator": "o"}
+    samples = pd.DataFrame({**names, "sample": [0], "status": "ok", "mse": 1.0})
+    run = Run(Path("run"), OPERATOR_RUNS, {}, samples, pd.DataFrame(columns=list(names)), {})
     (found,) = standings([run])
     assert found.why_not.startswith("Operators are deterministic")
 

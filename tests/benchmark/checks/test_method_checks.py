@@ -15,11 +15,7 @@ from eitbench.scenarios.physics.forward import forward_model
 EVERYTHING = {check.__name__ for check in METHOD_CHECKS}
 BROKEN = {
     "contract-kept": set(),
-    "contract-contrast": {
-        "zero_contrast",
-        "conductive_contact",
-        "linearity",
-    },
+    "contract-contrast": {"zero_contrast", "conductive_contact", "linearity"},
     "contract-inverted": {"resistive_contact", "conductive_contact"},
     "contract-unsigned": {"conductive_contact"},
     "contract-batch": {"batch_equals_single"},

@@ -103,14 +103,8 @@ def test_gaps_are_paired_and_larger_is_better() -> None:
     def cell(track: str, shift: float) -> pd.DataFrame:
         values = shared + shift + rng.normal(0, 0.01, frames)
         phantoms = [f"p{k}" for k in range(frames)]
-        return pd.DataFrame(
-            {
-                "track": track,
-                "sample": range(frames),
-                "phantom": phantoms,
-                "localisation_mm": values,
-            }
-        )
+        columns = {"sample": range(frames), "phantom": phantoms, "localisation_mm": values}
+        return pd.DataFrame({"track": track, **columns})
 
     others = pd.concat([cell("default", 3.0), cell("oracle", -1.0)])
     found = track_gaps(others, cell("tuned", 0.0), "tuned", "localisation_mm")
@@ -121,12 +115,9 @@ def test_gaps_are_paired_and_larger_is_better() -> None:
 
 
 def test_a_method_without_a_choice_has_one_track() -> None:
-    found = track_gaps(pd.DataFrame({"track": []}), _scores(), "default", "score")
+    scores = pd.DataFrame({"sample": [0, 1], "phantom": ["a", "b"], "score": [1.0, 3.0]})
+    found = track_gaps(pd.DataFrame({"track": []}), scores, "default", "score")
     assert found == {"default_figure": 2.0}
-
-
-def _scores() -> pd.DataFrame:
-    return pd.DataFrame({"sample": [0, 1], "phantom": ["a", "b"], "score": [1.0, 3.0]})
 
 
 def test_an_unknown_track_is_refused_and_operators_have_none() -> None:
