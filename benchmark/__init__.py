@@ -1,4 +1,4 @@
-"""How it is evaluated: metrics, runs, their directory, tuning, checks and analyses."""
+"""Evaluation: metrics, runs, their directory, tuning, checks and analyses."""
 
 from eitbench.scenarios.errors import DataCorruptError, EitbenchError, InputError
 

@@ -6,13 +6,9 @@ from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import ClassVar
 
-import numpy as np
-from numpy.typing import NDArray
-
 from eitbench.methods.problem import Problem
+from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.sensors.sensor import Sensor
-
-Array = NDArray[np.float64]
 
 
 class Method(ABC):

@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.data.datasets import Dataset
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.phantoms.phantom import Contents, contents
@@ -54,7 +55,6 @@ def tracked(sensor: Sensor, read: set[str]) -> Sensor:
     return copied
 
 
-Array = NDArray[np.float64]
 Splits = Callable[[str, int | None], Dataset]
 
 

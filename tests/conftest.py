@@ -1,4 +1,4 @@
-"""What all tests share: where independent reference data lie, a cache of their own, the command."""
+"""Fixtures of all tests: independent reference data, a cache of their own, the command."""
 
 import os
 import signal

@@ -9,7 +9,6 @@ from typing import Literal
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from scipy import special
 
 from eitbench.benchmark.analysis.results import checked_table
@@ -21,9 +20,9 @@ from eitbench.benchmark.metrics.statistics import MIN_PHANTOMS, draw, holm, inte
 from eitbench.benchmark.rundir import manifest
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
 from eitbench.benchmark.rundir.store import SAMPLES
+from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.errors import InputError, unknown_name
 
-Array = NDArray[np.float64]
 Verdict = Literal["better", "worse", "no difference found", "negligible", "equal"]
 
 _NEEDED = ("scenario", "method", "sample", "phantom", "input_hash", "status")

@@ -10,15 +10,14 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from eitbench.benchmark.analysis.results import Run
 from eitbench.benchmark.metrics.image_metrics import image_figures
 from eitbench.benchmark.rundir.arrays_file import Scene
+from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.errors import DataCorruptError
 
-Array = NDArray[np.float64]
 Way = Callable[[Array, float], Array]
 """Makes what is scored of images (k, H, W) over a background [S/m]."""
 FIGURES = ("ssim", "cc", "rie", "psnr")

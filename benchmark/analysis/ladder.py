@@ -14,17 +14,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from eitbench.benchmark.analysis.leaderboard import leaderboard_rows
 from eitbench.benchmark.analysis.results import Run
 from eitbench.benchmark.metrics.aggregation import numbers
 from eitbench.benchmark.metrics.statistics import MIN_PHANTOMS, Interval, bootstrap_means
 from eitbench.benchmark.rundir.manifest import suite_of
+from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.imperfections.imperfections import Imperfections
 from eitbench.scenarios.suites.scenario import RecordedScenario, Scenario, SimulatedScenario
-
-Array = NDArray[np.float64]
 
 FIGURE = "bounded"
 _LEAST_POINTS = 3

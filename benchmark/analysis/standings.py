@@ -16,7 +16,6 @@ from itertools import combinations
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from scipy import special
 
 from eitbench.benchmark.analysis.leaderboard import (
@@ -32,8 +31,7 @@ from eitbench.benchmark.metrics.metric_spec import MetricSpec
 from eitbench.benchmark.metrics.specs import ANCHORS, anchored
 from eitbench.benchmark.metrics.statistics import LEVEL, MIN_PHANTOMS, draw, holm, intervals, once
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
-
-Array = NDArray[np.float64]
+from eitbench.scenarios.arrays import Array
 
 WEIGHTINGS = 20_000
 SIGNIFICANT = 1 - LEVEL

@@ -4,17 +4,15 @@ import itertools
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from eitbench.benchmark.checks.harness import SkippedError, require
 from eitbench.benchmark.checks.method_interface import SAME_FRAME
 from eitbench.benchmark.checks.method_under_test import CONTRAST, MethodUnderTest, disc
 from eitbench.benchmark.workers.method_service import Frames
+from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.imperfections.noise import add_noise
 from eitbench.scenarios.seeds import generator
 from eitbench.scenarios.sensors.symmetry import Motion
-
-Array = NDArray[np.float64]
 
 NO_CONTRAST = 0.05
 """Largest contrast that counts as none, as a fraction of the data range; contacts have more."""

@@ -21,7 +21,6 @@ from eitbench.benchmark.checks.harness import BrokenError, CheckWorker, require,
 from eitbench.benchmark.workers.audit_hook import Watch
 from eitbench.benchmark.workers.method_service import (
     Frames,
-    Images,
     MethodService,
     MethodSpec,
     scenario_splits,
@@ -29,6 +28,7 @@ from eitbench.benchmark.workers.method_service import (
 from eitbench.benchmark.workers.process import PINNED, THREADS
 from eitbench.benchmark.workers.worker import Failure, Reply
 from eitbench.methods.registry import methods
+from eitbench.scenarios.arrays import Images
 from eitbench.scenarios.physics.forward import forward_model
 from eitbench.scenarios.sensors.symmetry import Motion, motions
 from eitbench.scenarios.suites.scenario import SimulatedScenario

@@ -14,15 +14,13 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from eitbench.benchmark.checks.harness import BrokenError, SkippedError, require
 from eitbench.benchmark.checks.operator_under_test import OperatorUnderTest, close
+from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.docstrings import first_line
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.physics.forward import forward_model
-
-Array = NDArray[np.float64]
 
 # Relative differences: of float64 rounded in another order; of float32 from float64, in the
 # voltages' response to a touch and in the gradient.

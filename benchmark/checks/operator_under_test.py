@@ -6,20 +6,18 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from eitbench.benchmark.checks.harness import BrokenError, SkippedError, require
 from eitbench.benchmark.workers.worker import Reply, describe_exception
 from eitbench.methods.operator import Operator
 from eitbench.methods.registry import load_plugin, operator
+from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.catalogue import sensor as sensor_by_name
 from eitbench.scenarios.data.simulation import phantom
 from eitbench.scenarios.errors import EitbenchError
 from eitbench.scenarios.phantoms.phantom import rasterise
 from eitbench.scenarios.sensors.sensor import Sensor
 from eitbench.scenarios.suites.scenario import SimulatedScenario
-
-Array = NDArray[np.float64]
 
 # Coarse, so that checks take seconds. Operators that exist for one image grid only are checked on
 # the sensor's own.

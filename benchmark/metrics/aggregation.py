@@ -8,13 +8,11 @@ from collections.abc import Sequence
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from eitbench.benchmark.metrics.image_metrics import PSNR_CEILING_DB
 from eitbench.benchmark.metrics.metric_spec import MetricSpec
 from eitbench.benchmark.metrics.statistics import means, medians, spearman
-
-Array = NDArray[np.float64]
+from eitbench.scenarios.arrays import Array
 
 LOAD_COLUMNS = ("pressure_pa", "depth_mm")
 """Columns of the load of a press; the first that holds a number counts."""

@@ -15,6 +15,7 @@ from eitbench.benchmark.metrics import tactile
 from eitbench.benchmark.metrics.image_metrics import cc, image_figures
 from eitbench.benchmark.metrics.specs import METRIC_COLUMNS, bounded_score, score
 from eitbench.benchmark.metrics.tactile import Similarity
+from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.phantoms.contacts import Contacts, contacts, is_constant, locate
 from eitbench.scenarios.sensors.sensor import Sensor
@@ -22,7 +23,6 @@ from eitbench.scenarios.sensors.sensor import Sensor
 if TYPE_CHECKING:
     from eitbench.scenarios.data.datasets import Dataset
 
-Array = NDArray[np.float64]
 Columns = dict[str, NDArray[np.float64] | NDArray[np.bool_]]
 
 _BLOCK = 256

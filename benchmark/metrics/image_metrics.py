@@ -12,11 +12,9 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from eitbench.scenarios.arrays import Array, Mask
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.phantoms.contacts import is_constant
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 WINDOW = 7
 PSNR_CEILING_DB = float(-20 * np.log10(np.finfo(np.float32).eps))

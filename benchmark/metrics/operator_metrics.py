@@ -7,9 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eitbench.benchmark.metrics.metric_spec import SMALL, TIME, MetricSpec
+from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.errors import InputError
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

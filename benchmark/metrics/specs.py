@@ -6,12 +6,11 @@ The scores are S as published, and the bounded B.
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from eitbench.benchmark.metrics.aggregation import repeatability_db, strength_spearman
 from eitbench.benchmark.metrics.metric_spec import MetricSpec
-
-Array = NDArray[np.float64]
+from eitbench.scenarios.arrays import Array
 
 _SIMULATED = "scenarios with a true conductivity"
 _TRUE_CLASSES = "scenarios with true classes"

@@ -9,12 +9,11 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy import special
 
+from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.errors import InputError
-
-Array = NDArray[np.float64]
 
 LEVEL = 0.95
 

@@ -11,10 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist, pdist
 
+from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.phantoms.contacts import Contacts
 from eitbench.scenarios.sensors.sensor import Sensor
-
-Array = NDArray[np.float64]
 
 _WEISZFELD_STEPS = 30
 

@@ -38,14 +38,13 @@ from eitbench.benchmark.workers.operator_service import (
 )
 from eitbench.benchmark.workers.worker import Reply
 from eitbench.methods.registry import operators
+from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.data.datasets import load
 from eitbench.scenarios.data.simulation import clean_reference, clean_voltages
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.phantoms.phantom import rasterise
 from eitbench.scenarios.suites.scenario import Scenario, SimulatedScenario
 from eitbench.scenarios.suites.suite import Suite
-
-Array = NDArray[np.float64]
 
 # A median of fewer says little; more of a slow operator is not worth the wait.
 WARM_BATCHES, WARM_SECONDS, ENOUGH_BATCHES = 3, 2.0, 20

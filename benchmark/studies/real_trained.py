@@ -20,6 +20,7 @@ from eitbench.methods.learned.linear_maps import unit_frames
 from eitbench.methods.places.kernel_ridge import Kernel, gaussians, kernel_ridge, linear
 from eitbench.methods.places.place_network import REAL, SIMULATED, PlaceNetwork
 from eitbench.methods.training.samples import no_split
+from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.data.datasets import load
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.phantoms.contacts import locate
@@ -27,8 +28,6 @@ from eitbench.scenarios.recordings import recorded_set
 from eitbench.scenarios.seeds import generator
 from eitbench.scenarios.suites.scenario import RecordedScenario
 from eitbench.scenarios.suites.suite import learned_from
-
-Array = NDArray[np.float64]
 
 COUNTS = (0, 25, 100, 400)
 FOLDS = 5

@@ -22,6 +22,7 @@ from eitbench.benchmark.workers.method_service import MethodService, MethodSpec,
 from eitbench.benchmark.workers.restarting import RestartingWorker, SetUpFailedError
 from eitbench.benchmark.workers.worker import Reply, WorkerLostError
 from eitbench.methods.registry import create, methods
+from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.data.datasets import Dataset, load
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.suites.scenario import RecordedScenario, Scenario
@@ -30,7 +31,6 @@ from eitbench.scenarios.suites.suite import Suite
 if TYPE_CHECKING:  # the worker does without
     import optuna
 
-Array = NDArray[np.float64]
 
 FRAMES = 18
 PARTS = 3

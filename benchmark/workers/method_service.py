@@ -23,7 +23,6 @@ from eitbench.scenarios.suites.scenario import Scenario
 from eitbench.scenarios.suites.suite import learned_from
 
 Frames = NDArray[np.float64]
-Images = NDArray[np.float32]
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,19 +5,17 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from eitbench.benchmark.metrics.operator_metrics import coarse_gradient
 from eitbench.benchmark.workers.worker import Failure, Reply, as_array, shortcoming
 from eitbench.methods.operator import Operator
 from eitbench.methods.registry import load_plugin, operator, operators
+from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.data.simulation import phantom
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.phantoms.phantom import rasterise
 from eitbench.scenarios.sensors.sensor import Sensor
 from eitbench.scenarios.suites.scenario import SimulatedScenario
-
-Array = NDArray[np.float64]
 
 GRADIENTS_AT_ONCE = 8  # the fields of more images of a fine mesh would fill the memory
 

@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field, ValidationInfo, field_validator
 
+from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.declaration import Declaration, read_declaration
 from eitbench.scenarios.imperfections.imperfections import TYPICAL
 from eitbench.scenarios.imperfections.noise import add_noise
@@ -17,8 +17,6 @@ from eitbench.scenarios.phantoms.regions import Circle, Pose
 from eitbench.scenarios.physics.forward import ForwardModel
 from eitbench.scenarios.seeds import generator
 from eitbench.scenarios.sensors.sensor import Sensor
-
-Array = NDArray[np.float64]
 
 SNR_DB = 60.0
 RELAXATION_S = 3.0

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 from typing import Generic, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from eitbench.hardware.board import Frame
 from eitbench.hardware.live.viewer import Contact, LiveImage
 from eitbench.methods import Method, Problem, create, methods
+from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.data.datasets import Dataset
 from eitbench.scenarios.docstrings import first_line
 from eitbench.scenarios.errors import EitbenchError, InputError, unknown_name
@@ -21,7 +21,6 @@ from eitbench.scenarios.phantoms.contacts import contacts
 from eitbench.scenarios.physics.forward import forward_model
 from eitbench.scenarios.sensors.sensor import Sensor
 
-Array = NDArray[np.float64]
 T = TypeVar("T")
 
 REFERENCE_FRAMES = 10

@@ -10,7 +10,6 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from eitbench.hardware.board import Board, BoardError, Frame
 from eitbench.hardware.live.imaging import REFERENCE_FRAMES, Imaging, reference_of, sentence_of
@@ -19,9 +18,8 @@ from eitbench.hardware.live.viewer import LiveImage
 from eitbench.hardware.recording.guided import MIN_TOUCHES, suite_path, write_suite
 from eitbench.hardware.recording.loop import FrameRenumbering, Monitor
 from eitbench.hardware.recording.recorder import Recorder
+from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.errors import InputError
-
-Array = NDArray[np.float64]
 
 RETRY_S = 1.0
 SILENT_S = 3.0

@@ -17,12 +17,10 @@ from statistics import median
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from eitbench.hardware.board import Frame
+from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.sensors.sensor import Sensor
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eitbench.hardware.protocols.lines import NUMBERS, LineProtocol, numbers
-from eitbench.hardware.protocols.protocol import Array, Device
+from eitbench.hardware.protocols.protocol import Device
+from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.sensors.sensor import Sensor
 

@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eitbench.hardware.board import Frame
-from eitbench.hardware.protocols.protocol import Array, Protocol
+from eitbench.hardware.protocols.protocol import Protocol
+from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.compiling import compiled
 from eitbench.scenarios.sensors.sensor import Sensor
 

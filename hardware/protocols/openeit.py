@@ -6,7 +6,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from eitbench.hardware.protocols.lines import LineProtocol, numbers
-from eitbench.hardware.protocols.protocol import Array, CommandReader, Device
+from eitbench.hardware.protocols.protocol import CommandReader, Device
+from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.sensors.patterns import opposition_pattern
 from eitbench.scenarios.sensors.sensor import Sensor

@@ -10,12 +10,10 @@ from collections.abc import Callable, Sequence
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from eitbench.hardware.board import Frame, Health
+from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.sensors.sensor import Sensor
-
-Array = NDArray[np.float64]
 
 # So many frames in a row that are not the sensor's are no accident; fewer may still be under way
 # from before the board was set up.

@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eitbench.hardware.board import Frame
-from eitbench.hardware.protocols.protocol import Array, Device, Protocol, Scanner
+from eitbench.hardware.protocols.protocol import Device, Protocol, Scanner
+from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.sensors.patterns import Drives, places
 from eitbench.scenarios.sensors.sensor import Sensor

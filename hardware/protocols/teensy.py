@@ -8,7 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from eitbench.hardware.board import Frame
-from eitbench.hardware.protocols.protocol import Array, CommandReader, Device, Protocol, Scanner
+from eitbench.hardware.protocols.protocol import CommandReader, Device, Protocol, Scanner
+from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.sensors.patterns import DrivePattern
 from eitbench.scenarios.sensors.sensor import Sensor

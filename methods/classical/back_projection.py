@@ -4,14 +4,12 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from eitbench.methods.classical.linearisation import ROWS, UNKNOWN, Linearisation, Variable
 from eitbench.methods.method import Method
 from eitbench.methods.problem import Problem
 from eitbench.methods.registry import register
-
-Array = NDArray[np.float64]
+from eitbench.scenarios.arrays import Array
 
 
 @register("back-projection")

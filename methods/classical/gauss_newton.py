@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import linalg
 
 from eitbench.methods.classical.linearisation import (
@@ -30,9 +29,8 @@ from eitbench.methods.classical.tv_solver import ANISOTROPY, TVSolver
 from eitbench.methods.method import Method
 from eitbench.methods.problem import Problem
 from eitbench.methods.registry import register
+from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.sensors.symmetry import asymmetry
-
-Array = NDArray[np.float64]
 
 # ADMM steps between two linearisations; the solver goes on from where it stood.
 TV_ITERATIONS = 30

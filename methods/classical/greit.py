@@ -4,15 +4,13 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import linalg
 
 from eitbench.methods.classical.linearisation import ROWS, UNKNOWN, WEIGHTS, damping
 from eitbench.methods.classical.one_step import OneStep
 from eitbench.methods.problem import Problem
 from eitbench.methods.registry import register
-
-Array = NDArray[np.float64]
+from eitbench.scenarios.arrays import Array
 
 # Training targets: discs of this radius on a square lattice of this many across the sensor.
 TARGET_RADIUS = 0.05

@@ -12,8 +12,7 @@ from eitbench.methods.classical.linearisation import ONE_STEP
 from eitbench.methods.classical.one_step import OneStep, regularised_inverse
 from eitbench.methods.problem import Problem
 from eitbench.methods.registry import register
-
-Array = NDArray[np.float64]
+from eitbench.scenarios.arrays import Array
 
 # The Laplacian of a sensor has the constants as its kernel; this share of the identity, about
 # (pixels across)^-2, bounds them without changing the smoothness on shorter lengths.

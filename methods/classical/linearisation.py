@@ -4,12 +4,11 @@ from collections.abc import Mapping, Sequence
 from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
 from eitbench.methods.problem import Problem
+from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.errors import InputError
 
-Array = NDArray[np.float64]
 Variable = Literal["conductivity", "clausius-mossotti"]
 VARIABLES: tuple[Variable, ...] = get_args(Variable)
 

@@ -4,14 +4,12 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from eitbench.methods.classical.linearisation import ONE_STEP
 from eitbench.methods.classical.one_step import OneStep, regularised_inverse
 from eitbench.methods.problem import Problem
 from eitbench.methods.registry import register
-
-Array = NDArray[np.float64]
+from eitbench.scenarios.arrays import Array
 
 # Between 0 (Tikhonov) and 1 (as first published); the usual choice, which keeps the rim calm.
 EXPONENT = 0.5

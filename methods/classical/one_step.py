@@ -4,14 +4,12 @@ from abc import abstractmethod
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import linalg
 
 from eitbench.methods.classical.linearisation import Linearisation, Variable, damping
 from eitbench.methods.method import Method
 from eitbench.methods.problem import Problem
-
-Array = NDArray[np.float64]
+from eitbench.scenarios.arrays import Array
 
 
 @dataclass

@@ -3,15 +3,11 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
-import numpy as np
-from numpy.typing import NDArray
-
 from eitbench.methods.classical.linearisation import ONE_STEP
 from eitbench.methods.classical.one_step import OneStep, regularised_inverse
 from eitbench.methods.problem import Problem
 from eitbench.methods.registry import register
-
-Array = NDArray[np.float64]
+from eitbench.scenarios.arrays import Array
 
 
 @register("tikhonov")

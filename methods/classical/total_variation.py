@@ -4,7 +4,6 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from eitbench.methods.classical.linearisation import (
     ROWS,
@@ -17,9 +16,8 @@ from eitbench.methods.classical.tv_solver import ANISOTROPY, TVSolver
 from eitbench.methods.method import Method
 from eitbench.methods.problem import Problem
 from eitbench.methods.registry import register
+from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.sensors.symmetry import asymmetry
-
-Array = NDArray[np.float64]
 
 # ADMM steps: on clean foam16 frames 100 and 300 give the same SSIM to 0.002.
 ITERATIONS = 100

@@ -15,11 +15,10 @@ Pixels outside a round sensor have no sensitivity; they are filled in and ignore
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import linalg
 from scipy.fft import dctn, idctn
 
-Array = NDArray[np.float64]
+from eitbench.scenarios.arrays import Array
 
 ANISOTROPY = (
     "the total variation of forward differences knows one diagonal of the pixels from the other "

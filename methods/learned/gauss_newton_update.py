@@ -16,16 +16,14 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import linalg, ndimage
 
+from eitbench.scenarios.arrays import Array, Images
 from eitbench.scenarios.sensors.patterns import averaging, independent
 
 if TYPE_CHECKING:
     from eitbench.methods.problem import Problem
 
-Array = NDArray[np.float64]
-Images = NDArray[np.float32]
 
 SNR_DB = (70.0, 50.0, 35.0)
 """Noise levels that updates are made for; the first stands for clean frames."""

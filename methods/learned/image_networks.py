@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from eitbench.methods.method import Method
 from eitbench.methods.registry import register
 from eitbench.methods.training import Recipe, Trainable
 from eitbench.methods.weights.weight_files import WeightFiles
+from eitbench.scenarios.arrays import Array, Images
 from eitbench.scenarios.errors import DataCorruptError, InputError
 from eitbench.scenarios.sensors.symmetry import asymmetry
 
@@ -26,8 +26,6 @@ if TYPE_CHECKING:  # torch takes a second to import, and listing methods does no
     from eitbench.methods.training.job import TrainingJob, TrainingResult
     from eitbench.scenarios.sensors.sensor import Sensor
 
-Array = NDArray[np.float64]
-Images = NDArray[np.float32]
 
 BATCH = 64
 """Frames that go through a network at once: more would only take more memory."""

@@ -12,6 +12,7 @@ from eitbench.methods.classical.linearisation import damping
 from eitbench.methods.method import Method
 from eitbench.methods.problem import Problem
 from eitbench.methods.registry import register
+from eitbench.scenarios.arrays import Array, Images
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.sensors.patterns import averaging
 from eitbench.scenarios.sensors.symmetry import asymmetry
@@ -19,9 +20,6 @@ from eitbench.scenarios.sensors.symmetry import asymmetry
 if TYPE_CHECKING:
     from eitbench.scenarios.data.datasets import Dataset
 
-Array = NDArray[np.float64]
-
-Images = NDArray[np.float32]
 
 WEIGHTS = (1e-6, 1e-5, 1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 3e-2, 0.1, 0.3)
 """Regularisations to choose from, relative to the mean variance of the inputs."""

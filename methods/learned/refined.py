@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from eitbench.methods.classical.noser import Noser
 from eitbench.methods.learned.gauss_newton_update import SNR_DB, GaussNewtonUpdate
@@ -15,6 +14,7 @@ from eitbench.methods.learned.image_networks import LEARNED_SYMMETRY, Dnn, Train
 from eitbench.methods.registry import register
 from eitbench.methods.training import Recipe
 from eitbench.methods.weights.weight_files import WeightFiles
+from eitbench.scenarios.arrays import Array, Images
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.sensors.symmetry import asymmetry
 
@@ -27,9 +27,6 @@ if TYPE_CHECKING:  # torch takes a second to import, and listing methods does no
     from eitbench.methods.problem import Problem
     from eitbench.methods.training.job import TrainingJob, TrainingResult
     from eitbench.scenarios.sensors.sensor import Sensor
-
-Array = NDArray[np.float64]
-Images = NDArray[np.float32]
 
 
 @dataclass

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Literal
 import joblib
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 from torch import Tensor
 
@@ -16,6 +15,7 @@ from eitbench.methods.problem import Problem
 from eitbench.methods.training.augmentation import symmetries
 from eitbench.methods.training.samples import images, no_split
 from eitbench.methods.training.task import Data, OneLossTask, working_precision
+from eitbench.scenarios.arrays import Array, Images
 from eitbench.scenarios.data.datasets import load
 from eitbench.scenarios.data.simulation import clean_reference
 
@@ -30,8 +30,6 @@ if TYPE_CHECKING:
     from eitbench.methods.training.request import TrainingRequest
     from eitbench.scenarios.suites.scenario import SimulatedScenario
 
-Array = NDArray[np.float64]
-Images = NDArray[np.float32]
 
 TOGETHER = 100
 """Samples that a process works on before it hands them over."""

@@ -2,18 +2,15 @@
 
 from typing import Any, ClassVar, NoReturn
 
-import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
 from eitbench.methods.operator import Operator
 from eitbench.methods.registry import register_operator
+from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.physics.forward import ForwardModel, forward_model
 from eitbench.scenarios.sensors.sensor import Sensor
-
-Array = NDArray[np.float64]
 
 
 @register_operator("fem")

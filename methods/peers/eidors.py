@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from eitbench.methods.peers.peer import Peer, interpolation, pixels_inside
 from eitbench.methods.registry import register
+from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.errors import EitbenchError
 from eitbench.scenarios.physics.mesh import Mesh, triangle_mesh
 
@@ -26,7 +27,6 @@ if TYPE_CHECKING:
     from eitbench.methods.problem import Problem
     from eitbench.scenarios.sensors.sensor import Sensor
 
-Array = NDArray[np.float64]
 
 FOLDER = "EITBENCH_EIDORS"
 """The environment variable that names EIDORS' folder, the one that holds `startup.m`."""

@@ -10,11 +10,10 @@ from scipy.spatial import Delaunay, cKDTree
 
 from eitbench.methods.method import Method
 from eitbench.methods.problem import Problem
+from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.physics.forward import forward_model
 from eitbench.scenarios.sensors.patterns import DrivePattern
-
-Array = NDArray[np.float64]
 
 # The scale is found on discs of this radius (of the sensor's longer side), on a square lattice of
 # this many across, each with this multiple of the background's conductivity.

@@ -14,10 +14,10 @@ from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from eitbench.methods.peers.peer import Peer, interpolation, pixels_inside
 from eitbench.methods.registry import register
+from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.sensors.outlines import Disc, Outline, Polygon
 from eitbench.scenarios.sensors.symmetry import asymmetry
@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     from eitbench.scenarios.sensors.patterns import DrivePattern
     from eitbench.scenarios.sensors.sensor import Sensor
 
-Array = NDArray[np.float64]
 
 # pyEIT's default distance between nodes, of half the sensor's longer side.
 NODE_DISTANCE = 0.1

@@ -14,12 +14,11 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
 
+from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.errors import InputError
 
-Array = NDArray[np.float64]
 Kernel = Callable[[Array, Array], Array]
 
 WIDTHS = (0.5, 1.0, 2.0, 4.0, 8.0)

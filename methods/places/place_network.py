@@ -16,16 +16,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from eitbench.methods.learned.linear_maps import unit_frames
+from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.errors import InputError
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
 
 HIDDEN = (256, 256)
 

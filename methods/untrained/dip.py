@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from eitbench.methods.method import Method
 from eitbench.methods.registry import OPERATOR_REGISTRY, register
+from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.sensors.symmetry import asymmetry
 
@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from eitbench.methods.networks.decoder import Decoder
     from eitbench.methods.problem import Problem
 
-Array = NDArray[np.float64]
 
 LEARNING_RATE = 0.01
 

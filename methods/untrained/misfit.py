@@ -8,17 +8,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from scipy import linalg
 from torch import Tensor
 
+from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.sensors.patterns import averaging, independent
 
 if TYPE_CHECKING:
     from eitbench.methods.operator import Operator
     from eitbench.methods.problem import Problem
 
-Array = NDArray[np.float64]
 
 CONTRAST = 0.2
 """Standard deviation of a pixel's contrast that is expected, as a fraction of the background."""

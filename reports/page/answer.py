@@ -12,12 +12,12 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from eitbench.benchmark.analysis.leaderboard import Row
-    from eitbench.reports.page.report_data import Board
+    from eitbench.reports.page.report_data import BoardData
 
 _MOST_NAMES = 3
 
 
-def answer(board: Board) -> str:
+def answer(board: BoardData) -> str:
     """Return the best method of a board with its lead, or the methods that it is tied with."""
     rows, kind, by = board["views"][0]["rows"], board["kind"], board["ranked_by"]
     where = f"On {board['suite']} / {board['scenario']} ({board['n']:,} samples)"
@@ -43,7 +43,7 @@ def answer(board: Board) -> str:
     )
 
 
-def _fastest(board: Board, rows: Sequence[Row]) -> str:
+def _fastest(board: BoardData, rows: Sequence[Row]) -> str:
     """Name the row with the least time for a frame, in a unit that all their machines share."""
     shown = {column["name"] for column in board["columns"]}
     unit = {"frame_ms_p50": "ms", "frame_solves": "calibration solves"}
@@ -55,7 +55,7 @@ def _fastest(board: Board, rows: Sequence[Row]) -> str:
     return f"; the fastest of them is {fastest['label']} ({fastest[name]:.3g} {unit[name]} a frame)"
 
 
-def _lead(board: Board, column: Column) -> str:
+def _lead(board: BoardData, column: Column) -> str:
     """Describe the difference between the first and the second."""
     rows = board["views"][0]["rows"]
     pair = next((p for p in board["pairs"] if p["first"] == 0), None)

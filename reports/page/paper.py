@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from eitbench.benchmark.analysis.leaderboard import Row
-    from eitbench.reports.page.report_data import Board, ReportData
+    from eitbench.reports.page.report_data import BoardData, ReportData
 KEYS = {
     "back-projection": "kotre1989",
     "coarse-to-fine": "hamilton2018",
@@ -111,7 +111,7 @@ def write_paper(report: ReportData, out: Path) -> list[Path]:
     return [*written, references]
 
 
-def _figures(boards: Sequence[Board]) -> list[tuple[str, Figure]]:
+def _figures(boards: Sequence[BoardData]) -> list[tuple[str, Figure]]:
     """Return the figures with the stems of their files."""
     figures = []
     for board in boards:
@@ -135,7 +135,7 @@ def _blank(width: float, height: float) -> tuple[Figure, Axes]:
     return figure, axes
 
 
-def frontier(board: Board) -> Figure:
+def frontier(board: BoardData) -> Figure:
     """Quality against the time of a frame, in a column's width, a legend beside it."""
     rows = board["views"][0]["rows"]
     by = board["ranked_by"]
@@ -168,10 +168,10 @@ def frontier(board: Board) -> Figure:
     return figure
 
 
-def noise(boards: Sequence[Board]) -> Figure:
+def noise(boards: Sequence[BoardData]) -> Figure:
     """S of every method against SNR with bands, in the width of a page."""
 
-    def level(board: Board) -> float:
+    def level(board: BoardData) -> float:
         snr_db = board["snr_db"]
         return snr_db if isinstance(snr_db, float) else float("inf")
 

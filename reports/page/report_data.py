@@ -48,7 +48,7 @@ class View(TypedDict):
     rows: list[Row]
 
 
-class Presses(TypedDict):
+class PressErrors(TypedDict):
     """Places of presses and those that a method found [m], in the coordinates of its image."""
 
     method: str
@@ -59,7 +59,7 @@ class Presses(TypedDict):
     localisation_mm: list[float | None]
 
 
-class Board(TypedDict):
+class BoardData(TypedDict):
     """Methods, or operators, on the same data of a scenario.
 
     `kind` is "method" or "operator". `columns`, `pairs` and `sensitivity` hold the fields of
@@ -85,7 +85,7 @@ class Board(TypedDict):
     snr_db: float | str | None
     sensitivity: list[dict[str, Any]]
     images: PackedImages | None
-    presses: list[Presses]
+    presses: list[PressErrors]
     sensitivity_samples: NotRequired[int]
 
 
@@ -124,7 +124,7 @@ class ReportData(TypedDict):
     what the runs lack.
     """
 
-    boards: list[Board]
+    boards: list[BoardData]
     cards: list[dict[str, Any]]
     score_weights: dict[str, float]
     claims: list[ClaimVerdict]
@@ -208,7 +208,7 @@ def _plain(value: Any) -> Any:
     return value.item() if isinstance(value, np.generic) else value
 
 
-def _any_has(boards: Sequence[Board], name: str) -> bool:
+def _any_has(boards: Sequence[BoardData], name: str) -> bool:
     return any(row.get(name) is not None for board in boards for row in board["views"][0]["rows"])
 
 
@@ -221,11 +221,11 @@ def _incomplete(run: Run) -> list[str]:
     return sentences
 
 
-def _board(standing: Standing, runs: Sequence[Run], missing: list[str]) -> Board:
+def _board(standing: Standing, runs: Sequence[Run], missing: list[str]) -> BoardData:
     first = standing.rows[0]
     scenario, kind = first["scenario"], "operator" if "operator" in first else "method"
     view = _view("all samples", standing, runs)
-    board = Board(
+    board = BoardData(
         suite=first["suite"],
         scenario=scenario,
         kind=kind,
@@ -344,13 +344,13 @@ def _command(run: Run, row: Row) -> str:
     return shlex.join(words)
 
 
-def _presses(label: str, cell: pd.DataFrame) -> Presses:
+def _presses(label: str, cell: pd.DataFrame) -> PressErrors:
     rows = cell.sort_values("sample")[:PRESSES]
 
     def column(name: str) -> list[float | None]:
         return [float(f"{v:.5g}") if np.isfinite(v) else None for v in numbers(rows, name)]
 
-    return Presses(
+    return PressErrors(
         method=label,
         expected_x_m=column("expected_x_m"),
         expected_y_m=column("expected_y_m"),

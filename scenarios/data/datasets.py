@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.data.simulation import clean_reference, clean_voltages, phantom
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.guard import check_open
@@ -22,8 +23,6 @@ from eitbench.scenarios.suites.scenario import (
     checked_split,
 )
 from eitbench.scenarios.suites.suite import scenario_by_name
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,10 +13,10 @@ from pathlib import Path
 
 import joblib
 import numpy as np
-from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from eitbench.scenarios.array_file import read_arrays, write_arrays
+from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.cache_dir import cache_dir
 from eitbench.scenarios.errors import DataCorruptError, EitbenchError
 from eitbench.scenarios.guard import check_open
@@ -25,8 +25,6 @@ from eitbench.scenarios.phantoms.phantom import Phantom, draw, rasterise
 from eitbench.scenarios.seeds import generator
 from eitbench.scenarios.sensors.sensor import content_hash
 from eitbench.scenarios.suites.scenario import SimulatedScenario, Split
-
-Array = NDArray[np.float64]
 
 CHUNK = 32
 

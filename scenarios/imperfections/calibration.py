@@ -30,12 +30,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import linalg
 
+from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.imperfections.imperfections import channel_pairs, channels
 from eitbench.scenarios.physics.forward import ForwardModel, forward_model
 from eitbench.scenarios.sensors.sensor import Electrode, Sensor
-
-Array = NDArray[np.float64]
 
 GAIN_DEVIATION = 0.02
 """Prior standard deviation of the logarithm of a channel's gain."""

@@ -25,12 +25,11 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, NonNegativeFloat
 
+from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.declaration import Declaration
 from eitbench.scenarios.seeds import generator
 from eitbench.scenarios.sensors.patterns import DrivePattern
 from eitbench.scenarios.sensors.sensor import Electrode, Sensor
-
-Array = NDArray[np.float64]
 
 TOUCH_INTERVAL_S = 10.0
 """Time from one touch of a simulated session to the next [s]."""

@@ -3,11 +3,10 @@
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.seeds import generator
-
-Array = NDArray[np.float64]
 
 # SNR in dB, no noise, or the published training mixture.
 Noise = float | Literal["clean", "mixture"]

@@ -12,11 +12,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import label
 
+from eitbench.scenarios.arrays import Array, Mask
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.sensors.sensor import Sensor
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 AMPLITUDE_FRACTION = 0.25
 """Adler et al., Physiol. Meas. 30 (2009) S35, section 3.1: the quarter-amplitude set."""

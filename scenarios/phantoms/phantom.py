@@ -8,14 +8,13 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.phantoms.families import Family, Shape
 from eitbench.scenarios.phantoms.press import FOAM
 from eitbench.scenarios.phantoms.regions import Indenter, Pose, Region
 from eitbench.scenarios.sensors.outlines import Outline
 from eitbench.scenarios.sensors.sensor import Sensor
-
-Array = NDArray[np.float64]
 
 # Four contacts on foam16 need about 20 tries; a hundred times more means there is no place.
 MAX_TRIES = 10_000

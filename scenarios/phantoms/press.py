@@ -30,9 +30,9 @@ It falls strictly with pressure: 2 kPa leave 0.91 of the background, 60 kPa leav
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
+from eitbench.scenarios.arrays import Array
 
 
 @dataclass(frozen=True)

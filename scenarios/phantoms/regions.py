@@ -7,9 +7,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.sensors.outlines import Polygon
-
-Array = NDArray[np.float64]
 
 # Points on the rim of a curved region: the corners of a polygon drawn around it, so that a region
 # whose rim points all lie in a convex outline lies in it wholly.

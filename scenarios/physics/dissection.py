@@ -16,11 +16,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from eitbench.scenarios.arrays import Array, Index
 from eitbench.scenarios.physics.elements import ElectrodeTerms, stiffness
 from eitbench.scenarios.physics.mesh import Mesh
 
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 Place = NDArray[np.uint32]  # unsigned: compiled loops need not look for negative indices
 
 # Parts of this many elements are not cut further: smaller ones spend their time on bookkeeping,

@@ -13,10 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.physics.mesh import Mesh
 from eitbench.scenarios.sensors.sensor import Electrode
-
-Array = NDArray[np.float64]
 
 # Two-point Gauss rule on [0, 1]: exact for the products of bilinear gradients on a rectangle.
 GAUSS = (0.5 - 0.5 / np.sqrt(3), 0.5 + 0.5 / np.sqrt(3))

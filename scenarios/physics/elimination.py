@@ -5,12 +5,10 @@ depend on nothing beside it.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eitbench.scenarios.arrays import Array, Index
 from eitbench.scenarios.compiling import compiled
-from eitbench.scenarios.physics.dissection import Dissection, Index, Place, stride
-
-Array = NDArray[np.float64]
+from eitbench.scenarios.physics.dissection import Dissection, Place, stride
 
 PIVOTS = 4  # rows eliminated at a time
 

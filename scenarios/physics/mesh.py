@@ -8,11 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage, sparse
 
+from eitbench.scenarios.arrays import Array, Index
 from eitbench.scenarios.sensors.outlines import is_rectangle
 from eitbench.scenarios.sensors.sensor import Sensor
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 # A triangle straddles pixels; its share in each is counted on SUBDIVISION**2 equal sub-triangles.
 SUBDIVISION = 4

@@ -7,9 +7,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.errors import InputError
-
-Array = NDArray[np.float64]
 
 
 class Outline(Protocol):

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from eitbench.scenarios.arrays import Index
 from eitbench.scenarios.errors import InputError
 
 
@@ -135,7 +136,6 @@ def averaging(pattern: DrivePattern) -> NDArray[np.float64]:
 
 
 Drives = list[tuple[int, int]]
-Index = NDArray[np.int64]
 
 
 def in_phase_differences(

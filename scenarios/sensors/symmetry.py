@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from eitbench.scenarios.arrays import Array
+
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from eitbench.scenarios.sensors.sensor import Sensor
 
-Array = NDArray[np.float64]
 
 TOLERANCE = 1e-6
 """Greatest change of the Jacobian under a symmetry, relative to its largest entry."""

@@ -1,4 +1,4 @@
-"""What the tests of the runner share: a tiny suite, misbehaving methods, a cache of their own."""
+"""Fixtures of the tests of benchmark: a tiny suite, misbehaving methods, equal results."""
 
 from collections.abc import Callable
 from pathlib import Path

@@ -12,6 +12,7 @@ from eitbench.benchmark.studies.real_trained import Presses, real_trained
 from eitbench.methods.places.place_network import REAL, SIMULATED
 from eitbench.reports.studies.real_trained import summary, to_markdown, write_real_trained
 from eitbench.scenarios import RecordedScenario
+from eitbench.scenarios.arrays import Array
 
 
 def presses(n: int, seed: int, gain: float) -> Presses:
@@ -70,7 +71,7 @@ def test_no_press_is_learned_from_and_scored(
     assert real_trained("ohmc16")["error_mm"].min() > 0
 
 
-def _nearest(seen: Presses, frames: track.Array) -> track.Array:
+def _nearest(seen: Presses, frames: Array) -> Array:
     distance = np.linalg.norm(frames[:, None] - seen.frames, axis=2)
     return np.asarray(seen.places[distance.argmin(axis=1)])
 
