@@ -23,7 +23,7 @@ from eitbench.benchmark.rundir.store import SAMPLES
 from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.errors import InputError, unknown_name
 
-Verdict = Literal["better", "worse", "no difference found", "negligible", "equal"]
+ChangeVerdict = Literal["better", "worse", "no difference found", "negligible", "equal"]
 
 _NEEDED = ("scenario", "method", "sample", "phantom", "input_hash", "status")
 _NEEDED_OF_CELL = ("scenario", "method", "frame_ms_p50", "calibration_ms")
@@ -41,7 +41,7 @@ class Change:
     Attributes:
         n, phantoms: samples that both runs hold, and of how many phantoms.
         difference, low, high: after minus before with its 95 % interval.
-        p: of a change (`compare`), or of a loss beyond the margin (`losses`), adjusted for all
+        p: of a change (`compare`), or of a loss beyond the margin (`regressions`), adjusted for all
             that were tested together (Holm).
         verdict: "equal" to the last digit; "negligible", see `NEGLIGIBLE`; "better" or "worse"
             beyond chance; or none of these.
@@ -60,7 +60,7 @@ class Change:
     low: float
     high: float
     p: float
-    verdict: Verdict
+    verdict: ChangeVerdict
     time_ratio: float | None
 
 
@@ -139,8 +139,8 @@ def compare(before: Results, after: Results, figures: Sequence[str] = ()) -> Run
     return RunComparison(changes, missing, added)
 
 
-def losses(before: Results, after: Results, margins: Mapping[str, float]) -> RunComparison:
-    """Find losses by the figures of `margins`: "worse" where surely by more than the margin.
+def regressions(before: Results, after: Results, margins: Mapping[str, float]) -> RunComparison:
+    """Find the figures of `margins` that are significantly worse by more than their margin.
 
     Without margins: by the figure that ranks each scenario, and any loss counts.
 
@@ -166,7 +166,7 @@ class _Test:
     loss_p: float
 
 
-def _verdict(test: _Test, significant: bool = False) -> Verdict:
+def _verdict(test: _Test, significant: bool = False) -> ChangeVerdict:
     if abs(test.change.difference) < _EQUAL and test.change.low == test.change.high:
         return "equal"
     if abs(test.change.difference) <= test.negligible:

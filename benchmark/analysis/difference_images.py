@@ -14,7 +14,7 @@ from scipy.optimize import brentq
 
 from eitbench.benchmark.analysis.results import Run
 from eitbench.benchmark.metrics.image_metrics import image_figures
-from eitbench.benchmark.rundir.arrays_file import Scene
+from eitbench.benchmark.rundir.run_arrays import Scene
 from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.errors import DataCorruptError
 
@@ -63,7 +63,7 @@ class Readings:
 
 
 @dataclass(frozen=True, eq=False)
-class Images:
+class ImagePairs:
     """The reconstructions of one method on a scenario of known conductivity, as a run stores them.
 
     Attributes:
@@ -93,7 +93,7 @@ class Images:
             yield scene, scene.truth, images.astype(np.float64)
 
 
-def read_both_ways(images: Images, published_rie: float) -> Readings:
+def read_both_ways(images: ImagePairs, published_rie: float) -> Readings:
     """Score what a method reconstructed as absolute maps and as difference images.
 
     Raises:
@@ -115,7 +115,7 @@ def read_both_ways(images: Images, published_rie: float) -> Readings:
     return Readings(absolute, difference, reverse, scaled, factor)
 
 
-def read_constants(images: Images) -> tuple[Reading, ...]:
+def read_constants(images: ImagePairs) -> tuple[Reading, ...]:
     """Scores of constant images on the same truths, which say what the figures are worth.
 
     Raises:
@@ -159,7 +159,7 @@ def implied_rms(rie: float, psnr: float) -> float:
     return float(10 ** (-psnr / 20) / rie)
 
 
-def _read(images: Images, ways: Mapping[str, Way]) -> tuple[Reading, ...]:
+def _read(images: ImagePairs, ways: Mapping[str, Way]) -> tuple[Reading, ...]:
     parts: dict[str, list[dict[str, Array]]] = {name: [] for name in ways}
     for scene, truth, estimate in images.blocks():
         for name, way in ways.items():
@@ -171,7 +171,7 @@ def _read(images: Images, ways: Mapping[str, Way]) -> tuple[Reading, ...]:
     )
 
 
-def _products(images: Images) -> tuple[Array, Array, Array]:
+def _products(images: ImagePairs) -> tuple[Array, Array, Array]:
     """<t, t>, <t, d> and <d, d> (n,) over the sensor, of truth t and difference image d."""
     parts = []
     for scene, truth, estimate in images.blocks():

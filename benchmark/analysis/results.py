@@ -14,8 +14,8 @@ from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
 from eitbench.benchmark.metrics.aggregation import LOAD_COLUMNS
 from eitbench.benchmark.metrics.specs import METRIC_COLUMNS
 from eitbench.benchmark.rundir import manifest
-from eitbench.benchmark.rundir.arrays_file import Scene, read_estimates, read_scene
 from eitbench.benchmark.rundir.kinds import RUN_KINDS, RunKind
+from eitbench.benchmark.rundir.run_arrays import Scene, read_estimates, read_scene
 from eitbench.benchmark.rundir.store import SAMPLES, TRACKS
 from eitbench.benchmark.rundir.tables import read_parquet, wrong_kind
 from eitbench.scenarios.errors import DataCorruptError, InputError
@@ -140,8 +140,8 @@ def checked_table(path: Path, kind: RunKind, needed: Iterable[str] = ()) -> pd.D
         raise DataCorruptError(f"The column {wrong!r} of {path} is damaged: run again.")
     if "prior_knowledge" in table:
         try:
-            for account in table["prior_knowledge"].unique():
-                describe_prior_knowledge(account)
+            for text in table["prior_knowledge"].unique():
+                describe_prior_knowledge(text)
         except ValueError as error:
             raise DataCorruptError(
                 f"The column 'prior_knowledge' of {path} is damaged: run again."
@@ -162,8 +162,8 @@ class _Weights(BaseModel):
     train_samples: int = 0
 
 
-class _Account(BaseModel):
-    """The part of `eitbench.benchmark.run.prior_knowledge.account` that is put in words."""
+class _PriorKnowledge(BaseModel):
+    """The part of `prior_knowledge_columns` (`eitbench.benchmark.run`) that is shown in words."""
 
     model: bool
     conductivity_range: bool
@@ -173,15 +173,15 @@ class _Account(BaseModel):
     trained_on: _Weights
 
 
-def describe_prior_knowledge(account: object) -> str:
-    """Return the column `prior_knowledge` of a cell as a phrase; "" where it holds no text.
+def describe_prior_knowledge(text: object) -> str:
+    """Return the column `prior_knowledge` of a cell as a phrase; "" where it is empty.
 
     Raises:
-        ValueError: its text is no such account.
+        ValueError: the text is no such JSON.
     """
-    if not isinstance(account, str) or not account:
+    if not isinstance(text, str) or not text:
         return ""
-    known = _Account.model_validate_json(account)
+    known = _PriorKnowledge.model_validate_json(text)
     parts = []
     if known.model:
         parts.append("nominal contact impedance")

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from eitbench.benchmark.analysis.results import Run
-    from eitbench.benchmark.rundir.arrays_file import Scene
+    from eitbench.benchmark.rundir.run_arrays import Scene
 
 SAMPLES = 100
 """Of a scenario, spread evenly over it: enough to order methods, and read in a second."""

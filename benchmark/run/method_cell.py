@@ -24,8 +24,8 @@ from eitbench.benchmark.run.cell_task import (
     warm_replies,
 )
 from eitbench.benchmark.run.prior_knowledge import prior_knowledge_columns
-from eitbench.benchmark.rundir.arrays_file import Truth
 from eitbench.benchmark.rundir.cells import Values
+from eitbench.benchmark.rundir.run_arrays import Truth
 from eitbench.benchmark.rundir.store import RunStore
 from eitbench.benchmark.tuning.selection import recorded_selection
 from eitbench.benchmark.workers.method_service import (

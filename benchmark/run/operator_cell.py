@@ -27,8 +27,8 @@ from eitbench.benchmark.run.cell_task import (
     StoredBatches,
     warm_replies,
 )
-from eitbench.benchmark.rundir.arrays_file import TRUTH, Truth
 from eitbench.benchmark.rundir.cells import Cell, Values
+from eitbench.benchmark.rundir.run_arrays import TRUTH, Truth
 from eitbench.benchmark.rundir.store import RunStore
 from eitbench.benchmark.workers.operator_service import (
     Evaluation,

@@ -1,4 +1,4 @@
-"""The tracks that are run beside the ranked one; `gaps` compares them.
+"""Tracks that are run beside the ranked one; `analysis.standings.track_gaps` compares them.
 
 `default` are a method's own parameters, `tuned` those selected on validation data, and `oracle` the
 best on the test split among all that were tried: the limit of tuning. The oracle has seen the

@@ -18,9 +18,9 @@ import numpy as np
 import pandas as pd
 
 from eitbench.benchmark.rundir import lock, manifest
-from eitbench.benchmark.rundir.arrays_file import Truth, write_arrays
 from eitbench.benchmark.rundir.cells import Batch, Cell, batch_length
 from eitbench.benchmark.rundir.kinds import RunKind
+from eitbench.benchmark.rundir.run_arrays import Truth, write_arrays
 from eitbench.benchmark.rundir.tables import read_parquet, write_parquet
 from eitbench.scenarios.atomic_write import atomic_write
 from eitbench.scenarios.errors import DataCorruptError, EitbenchError, InputError

@@ -1,4 +1,4 @@
-"""Writes frames to a recording that stays readable whatever happens; see `recordings.layout`."""
+"""Recorder of frames into a file that stays readable; see `recordings.files.layout`."""
 
 import errno
 import hashlib

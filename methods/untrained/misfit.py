@@ -36,7 +36,7 @@ FAINTEST = 1e-3
 class Misfit:
     """The squared error of an operator's voltages, weighted by what is expected of the data.
 
-    For K independent differences d [V/A] (`reciprocity.averaging`) it is
+    For K independent differences d [V/A] (`patterns.averaging`) it is
 
         1/K (p - d)^T C^-1 (p - d),    p = F(sigma) - F(background),    C = c^2 J J^T + E,
 

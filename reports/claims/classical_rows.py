@@ -4,7 +4,7 @@ from typing import Any, TypedDict
 
 from eitbench.benchmark.analysis.difference_images import (
     FIGURES,
-    Images,
+    ImagePairs,
     Reading,
     Readings,
     implied_rms,
@@ -66,7 +66,7 @@ def classical_readings(evidence: Evidence) -> ClassicalReadings:
         except NotMeasuredError as missing:
             readings["conditions"] = str(missing)
             continue
-        images = Images(measured.run, SCENARIO, method)
+        images = ImagePairs(measured.run, SCENARIO, method)
         ours = read_both_ways(images, TABLE_II[method]["rie"])
         constants = constants or read_constants(images)
         readings["conditions"] = measured.conditions

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from eitbench.benchmark import EitbenchError
 from eitbench.benchmark.analysis.leaderboard import leaderboard_rows
 from eitbench.benchmark.analysis.results import Run, read_run
-from eitbench.benchmark.rundir.arrays_file import Scene
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
+from eitbench.benchmark.rundir.run_arrays import Scene
 from eitbench.reports.figures.style import HEADING, NOTE, TITLE, save
 from eitbench.reports.tables.columns import printable
 

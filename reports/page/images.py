@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from eitbench.benchmark.analysis.results import Run
 from eitbench.benchmark.metrics.aggregation import numbers
 from eitbench.benchmark.metrics.specs import METRICS
-from eitbench.benchmark.rundir.arrays_file import TRUTH, Scene
+from eitbench.benchmark.rundir.run_arrays import TRUTH, Scene
 
 _MOST_FAMILIES = 6
 _OUTSIDE = 255

@@ -1,4 +1,4 @@
-"""The command line: reads arguments, calls the rooms, prints; it decides nothing by itself.
+"""The command line: it reads arguments, calls the folders' functions and prints.
 
 Libraries that take long to import are imported by the command that needs them, so that
 `eitbench --help` answers at once.

@@ -109,7 +109,12 @@ def record(
     """Record a board into a file, free-running or guided."""
     import signal
 
-    from eitbench.hardware.recording.guided import GuidedSession, suite_path, write_suite
+    from eitbench.hardware.recording.guided import (
+        MIN_TOUCHES,
+        GuidedSession,
+        suite_path,
+        write_suite,
+    )
     from eitbench.hardware.recording.recorder import Recorder, check_new
 
     if guided and seconds is not None:
@@ -135,7 +140,8 @@ def record(
                 typer.echo(f"{count} frames are in {out}: eitbench recordings check {out}")
             if suite is not None and session.touches:
                 write_suite(suite, out, made.sensor, board, emulated=made.emulated)
-                typer.echo(f"Score methods on them: eitbench run {suite}")
+                if session.touches >= MIN_TOUCHES:
+                    typer.echo(f"Score methods on them: eitbench run {suite}")
 
 
 def _ask(question: str) -> str:

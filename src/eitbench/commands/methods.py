@@ -38,10 +38,11 @@ def tune(
     ] = False,
     jobs: Annotated[int, typer.Option(min=1, help="Methods at a time.")] = 1,
     out: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="Where choices go (default: your cache).")
+        Path | None,
+        typer.Option(metavar="DIR", help="Where the selected ones go (default: your cache)."),
     ] = None,
 ) -> None:
-    """Choose hyper-parameters on the validation split; later runs use them (track `tuned`).
+    """Select hyper-parameters on the validation split; later runs use them (track `tuned`).
 
     Every method has the same budget. A tuning that was stopped goes on where it stood.
     """
@@ -57,15 +58,15 @@ def tune(
         spent = choice.describe()["spent"]
         if choice.figure is None:
             why = next((f": {t.message}" for t in choice.trials if t.message), "")
-            typer.echo(f"{scenario}  {name}  nothing chosen, as no trial gave a figure{why}")
+            typer.echo(f"{scenario}  {name}  nothing selected, as no trial gave a figure{why}")
             continue
         typer.echo(
             f"{scenario}  {name}  {json.dumps(choice.parameters)}  {spent['trials']} trials"
             f" ({spent['pruned']} pruned, {spent['failed']} failed), {spent['seconds']:.0f} s"
         )
     if left := [name for name in plan.names if name not in tuned]:
-        typer.echo(f"Nothing to choose for {', '.join(left)}: see `search` in docs/tuning.md.")
-    typer.echo(f"Choices: {folder}")
+        typer.echo(f"Nothing to select for {', '.join(left)}: see `search` in docs/tuning.md.")
+    typer.echo(f"Selected hyper-parameters: {folder}")
 
 
 @app.command(epilog="Example: eitbench train dnn --suite paper --jobs 2")

@@ -101,15 +101,15 @@ def gate(
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Exit with 1 if a method of the baseline is missing or surely worse by more than a margin."""
-    from eitbench.benchmark.analysis.comparison import losses, read_results
+    """Exit with 1 if a method of the baseline is missing, or worse by more than a margin."""
+    from eitbench.benchmark.analysis.comparison import read_results, regressions
 
     margins: dict[str, float] = {}
     for name, allowed in map(_margin, margin or ()):
         if name in margins:
             raise typer.BadParameter(f"--margin names {name!r} twice")
         margins[name] = allowed
-    found = losses(read_results(baseline), read_results(run), margins)
+    found = regressions(read_results(baseline), read_results(run), margins)
     lost = [change for change in found.changes if change.verdict == "worse"]
     passed = not lost and not found.missing
     if as_json:
@@ -118,7 +118,7 @@ def gate(
         _print_changes(found)
         typer.echo(
             f"Gate {'passed' if passed else 'failed'}: {len(lost)} of {len(found.changes)} figures "
-            f"are surely worse by more than is allowed; {len(found.missing)} things missing."
+            f"are significantly worse by more than is allowed; {len(found.missing)} things missing."
         )
     if not passed:
         raise typer.Exit(1)

@@ -8,7 +8,13 @@ import pandas as pd
 import pytest
 from numpy.typing import NDArray
 
-from eitbench.benchmark.analysis.comparison import Change, Results, compare, losses, read_results
+from eitbench.benchmark.analysis.comparison import (
+    Change,
+    Results,
+    compare,
+    read_results,
+    regressions,
+)
 from eitbench.scenarios.errors import DataCorruptError, InputError
 
 Array = NDArray[np.float64]
@@ -72,11 +78,11 @@ def test_less_is_better_where_the_card_says_so() -> None:
 def test_a_gate_lets_through_what_the_margin_allows() -> None:
     old, new = before_and_after()
     verdicts = [
-        by_method(losses(old, new, margins).changes)["worse"].verdict
+        by_method(regressions(old, new, margins).changes)["worse"].verdict
         for margins in ({}, {"score": 0.02}, {"score": 0.1}, {"score": 0.3})
     ]
     assert verdicts == ["worse", "worse", "no difference found", "no difference found"]
-    changes = by_method(losses(old, new, {}).changes)
+    changes = by_method(regressions(old, new, {}).changes)
     assert changes["noisy"].verdict == changes["better"].verdict == "no difference found"
     assert changes["same"].verdict == "equal"
 
@@ -86,7 +92,7 @@ def test_what_rounding_changes_is_negligible_however_sure() -> None:
     old, new = results({"m": values}), results({"m": values - 1e-6})
     assert compare(old, new).changes[0].p < 1e-6
     assert compare(old, new).changes[0].verdict == "negligible"
-    assert losses(old, new, {}).changes[0].verdict == "negligible"
+    assert regressions(old, new, {}).changes[0].verdict == "negligible"
 
 
 def test_a_gate_is_seldom_shut_by_chance() -> None:
@@ -95,7 +101,7 @@ def test_a_gate_is_seldom_shut_by_chance() -> None:
     for _ in range(40):
         old = {f"m{k}": rng.normal(size=30) for k in range(4)}
         new = {name: values + rng.normal(size=30) for name, values in old.items()}
-        found = losses(results(old), results(new), {})
+        found = regressions(results(old), results(new), {})
         shut += any(change.verdict == "worse" for change in found.changes)
     assert shut <= 6  # 2 are expected; more than 6 happen in 4 of 1000 such tests
 
@@ -121,12 +127,12 @@ def test_what_cannot_be_compared_is_said() -> None:
     with pytest.raises(InputError, match="9 phantoms"):
         compare(*before_and_after(9))
     with pytest.raises(InputError, match="did you mean 'score'"):
-        losses(results(one), results(one), {"scroe": 0.1})
+        regressions(results(one), results(one), {"scroe": 0.1})
     unknown = of_ssim(results(one))
     with pytest.raises(InputError, match="SSIM"):
         compare(unknown, unknown, ["ssim"])
     # A figure that the baseline has not is nothing that could be lost.
-    assert [c.figure for c in losses(unknown, unknown, {"ssim": 0.1, "rie": 0.1}).changes] == [
+    assert [c.figure for c in regressions(unknown, unknown, {"ssim": 0.1, "rie": 0.1}).changes] == [
         "rie", "rie",
     ]  # fmt: skip
 
@@ -134,7 +140,7 @@ def test_what_cannot_be_compared_is_said() -> None:
 def test_frames_that_are_gone_are_missed() -> None:
     old, new = before_and_after()
     rows = new.samples[(new.samples["method"] != "same") | (new.samples["sample"] >= 20)]
-    found = losses(old, Results(new.path, rows, {}), {"score": 9.0})
+    found = regressions(old, Results(new.path, rows, {}), {"score": 9.0})
     assert found.missing == [
         "'same' on 'one' lacks 20 of the 60 frames of old in new: the others are compared."
     ]

@@ -13,7 +13,7 @@ from eitbench.benchmark import metrics
 from eitbench.benchmark.analysis import difference_images
 from eitbench.benchmark.analysis.difference_images import (
     FIGURES,
-    Images,
+    ImagePairs,
     implied_rms,
     matching_factor,
     read_both_ways,
@@ -49,7 +49,7 @@ def test_every_reading_is_what_its_name_says(
     monkeypatch.setattr(difference_images, "_BLOCK", block)
     truth = np.array(paper.conductivity)
     contrast = (0.5 * (truth - 1) + 1).astype(np.float32).astype(float) - 1
-    found = read_both_ways(Images(read_run(run), "paper", "noser"), 1.5)
+    found = read_both_ways(ImagePairs(read_run(run), "paper", "noser"), 1.5)
     assert found.factor is not None
     expected = [contrast + 1, contrast, -contrast, found.factor * contrast]
     for reading, images in zip(found.all, expected, strict=True):
@@ -61,7 +61,7 @@ def test_every_reading_is_what_its_name_says(
 
 
 def test_constants_on_the_same_truth(run: Run, paper: Dataset) -> None:
-    zero, background = read_constants(Images(read_run(run), "paper", "tv"))
+    zero, background = read_constants(ImagePairs(read_run(run), "paper", "tv"))
     truth = np.array(paper.conductivity)
     assert zero.figures["rie"] == 1
     level = np.sqrt(np.mean(truth**2, axis=(1, 2)))

@@ -215,10 +215,8 @@ def test_a_guided_session_that_is_interrupted_keeps_its_touches(
         found, said, err = interrupted_by(error, out)
         content, condition = read_file(out)
         assert (found, err) == (code, f"eitbench: {sentence}\n")
-        assert said.splitlines()[-2:] == [
-            f"{len(content)} frames are in {out}: eitbench recordings check {out}",
-            f"Score methods on them: eitbench run {out.with_suffix('.toml')}",
-        ]
+        kept = f"{len(content)} frames are in {out}: eitbench recordings check {out}"
+        assert said.splitlines()[-1] == kept  # one touch is too few to score methods on
         assert condition.sealed
         assert len(content.labels) == 1
         assert load_suite(out.with_suffix(".toml")).scenarios[0].name == f"a{k}"
