@@ -236,10 +236,10 @@ def test_nothing_is_left_of_a_recording_without_frames(
 @pytest.mark.slow
 def test_a_guided_session_with_an_emulated_board_is_ready_for_a_suite(tmp_path: Path) -> None:
     out = tmp_path / "touch.h5"
-    answers = "\n1\n\n" + "30 30\n70 30\n50 60\n" + "\n"
+    answers = "\n4\n\n" + "30 30\n70 30\n50 60\n" + "\n"
     command = [sys.executable, "-m", "eitbench.cli", "record", "--board", "emulator", "--guided"]
     done = subprocess.run(
-        [*command, "--out", str(out)], input=answers, capture_output=True, text=True, timeout=120
+        [*command, "--out", str(out)], input=answers, capture_output=True, text=True, timeout=240
     )
     assert done.returncode == 0, done.stderr
     suite_file = out.with_suffix(".toml")
