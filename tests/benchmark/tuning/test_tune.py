@@ -90,7 +90,9 @@ def test_nothing_is_chosen_where_no_trial_gave_a_figure(
     out = tmp_path / "out"
     code, said, _ = eitbench(*words, "--methods", "fails", "--trials", "2", "--out", out)
     assert code == 0
-    assert "fails  nothing chosen, as no trial gave a figure: " in said
+    assert (
+        "fails  nothing selected, as no trial gave a figure: RuntimeError: it cannot work" in said
+    )
     assert "it cannot work" in said
     assert not list(out.glob("*.json"))
     code, _, err = eitbench(*words, "--seconds", "inf", "--out", out)
