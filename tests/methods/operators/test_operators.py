@@ -84,6 +84,23 @@ def test_vjp_is_the_transposed_jacobian(kind: str) -> None:
     assert np.linalg.norm(rows - jacobian) < 1e-12 * np.linalg.norm(jacobian)
 
 
+def test_vjp_is_the_transposed_jacobian_on_foam16() -> None:
+    foam = sensor("foam16")
+    sigma, g = rough(foam, 1)[0], np.random.default_rng(1).standard_normal(208)
+    expected = np.tensordot(g, forward_model(foam).jacobian(sigma), 1)
+    found = operator("fem", foam).vjp(sigma, g)
+    assert np.linalg.norm(found - expected) < 1e-6 * np.linalg.norm(expected)
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("kind", ["square", "disc"])
+def test_torch_gradcheck(name: str, kind: str) -> None:
+    s = replace(SENSORS[kind](), image_shape=(6, 6))
+    f = operator(name, s)
+    sigma = torch.from_numpy(rough(s, 2)).requires_grad_()
+    assert torch.autograd.gradcheck(f.voltages, sigma, eps=1e-6, atol=1e-6, rtol=1e-6)
+
+
 def test_exact_and_linear_agree_to_first_order() -> None:
     """Halving a contrast quarters the difference: both share the value and the slope."""
     s = square()

@@ -5,6 +5,7 @@ import logging
 import os
 import shutil
 import signal
+import subprocess
 import sys
 import time
 import warnings
@@ -142,6 +143,46 @@ def test_the_surrogate_learns_what_a_linear_branch_cannot(
     monkeypatch.setattr(SurrogateNetwork, "forward", frozen)
     alone = train(TrainingRequest("surrogate", tiny_suite, epochs=8, out=tmp_path / "alone"))
     assert result.validation_mse < 0.7 * alone.validation_mse
+
+
+@pytest.mark.slow
+def test_a_killed_training_continues_as_if_it_had_never_stopped(tmp_path: Path) -> None:
+    tiny_suite, killed, whole = suite_of(tmp_path, tiny()), tmp_path / "killed", tmp_path / "whole"
+    command = [sys.executable, "-m", "eitbench.cli", "train", "surrogate", "--suite", tiny_suite]
+    with subprocess.Popen(
+        [*command, "--epochs", "15", "--seed", "7", "--out", str(killed)],
+        cwd=tmp_path,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as process:
+        while not (killed / FILE).exists() and process.poll() is None:
+            time.sleep(0.005)
+        process.kill()
+        out, log = process.communicate()
+    done = epochs_done(killed)
+    assert 1 <= done < 15, log
+    # In a log there is one line for an epoch, and nothing else.
+    assert out == ""
+    assert [line.split("  ")[0] for line in log.splitlines()][:done] == [
+        f"epoch {k + 1}/15" for k in range(len(log.splitlines()))
+    ][:done]
+    train(TrainingRequest("surrogate", tiny_suite, epochs=15, seed=7, out=killed))
+    train(TrainingRequest("surrogate", tiny_suite, epochs=15, seed=7, out=whole))
+    assert epochs_done(killed) == 15
+    for group in (WEIGHTS, "best/", "optimizer/"):
+        assert equal(stored(killed, group), stored(whole, group))
+    train(TrainingRequest("surrogate", tiny_suite, epochs=15, seed=8, out=tmp_path / "other"))
+    assert not equal(stored(whole), stored(tmp_path / "other"))
+    # Nothing is written but into the folder and the cache.
+    assert {p.name for p in tmp_path.iterdir()} == {
+        "tiny.toml",
+        "killed",
+        "whole",
+        "other",
+        "cache",
+    }
+    assert not list(tmp_path.rglob(".*"))
 
 
 def test_ctrl_c_keeps_finished_epochs_and_the_same_call_continues(tmp_path: Path) -> None:

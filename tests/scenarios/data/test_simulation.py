@@ -3,6 +3,7 @@
 import errno
 import logging
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -82,17 +83,25 @@ def test_sample_is_the_same_whatever_the_count_the_order_and_the_number_of_proce
     assert np.array_equal(made("few", 41), at_once[:41])
 
 
+def test_second_time_nothing_is_solved(cache: Path, solves: list[int]) -> None:
+    first = clean_voltages(SCENARIO, "test", 40)
+    assert len(solves) == 40
+    before = {path: path.stat().st_mtime_ns for path in files(cache)}
+    again = clean_voltages(SCENARIO, "test", 40)
+    assert len(solves) == 40
+    assert np.array_equal(first, again)
+    assert {path: path.stat().st_mtime_ns for path in files(cache)} == before
+
+
 def test_a_file_with_fewer_samples_is_completed_and_one_with_more_is_kept(
     cache: Path, solves: list[int]
 ) -> None:
     clean_voltages(SCENARIO, "test", 5)
     clean_voltages(SCENARIO, "test", 8)
     assert len(solves) == 8
-    before = {path: path.stat().st_mtime_ns for path in files(cache)}
     clean_voltages(SCENARIO, "test", 3)
     clean_voltages(SCENARIO, "test", 8)
     assert len(solves) == 8
-    assert {path: path.stat().st_mtime_ns for path in files(cache)} == before
     clean_voltages(SCENARIO, "test", CHUNK + 1)
     clean_voltages(SCENARIO, "train", 2)
     names = [path.stem for path in files(cache)]
@@ -174,13 +183,35 @@ def generating(scenario: SimulatedScenario, count: int) -> subprocess.Popen[byte
     return subprocess.Popen(command, stdout=subprocess.PIPE)
 
 
+def test_killed_generation_leaves_whole_files_that_are_used(
+    cache: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    slow = SCENARIO.model_copy(update={"test": 100_000})
+    process = generating(slow, 100_000)
+    deadline = time.monotonic() + 60
+    while len(list(cache.rglob("*.safetensors"))) < 3 and time.monotonic() < deadline:
+        time.sleep(0.01)
+    process.send_signal(signal.SIGKILL)
+    process.communicate()
+    whole = [path for path in files(cache) if path.suffix == ".safetensors"]
+    assert len(whole) >= 3
+    made = clean_voltages(slow, "test", 3 * CHUNK)
+    assert not caplog.records
+    assert made.shape == (3 * CHUNK, 208)
+    assert np.array_equal(made[:2], clean_voltages(slow, "test", 2))
+
+
 def test_processes_that_generate_the_same_at_once_leave_one_good_copy(cache: Path) -> None:
     processes = [generating(SCENARIO, 70) for _ in range(2)]
     assert [process.wait(timeout=120) for process in processes] == [0, 0]
     for process in processes:
         process.communicate()
     names = [path.stem for path in files(cache)]
-    assert names == ["test-000000", "test-000032", "test-000064"]
+    assert names == [
+        "test-000000",
+        "test-000032",
+        "test-000064",
+    ]
     shared = clean_voltages(SCENARIO, "test", 70)
     for path in files(cache):
         path.unlink()

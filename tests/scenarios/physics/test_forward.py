@@ -108,6 +108,24 @@ def test_voltages_converge_at_second_order_under_refinement() -> None:
     assert (rates < 2.2).all()
 
 
+@pytest.mark.parametrize("name", SENSORS)
+def test_scaling_law(name: str) -> None:
+    """V(c sigma, z / c) = V(sigma, z) / c: twice the conductance, half the voltage."""
+    s, sigma = small(name), rough_image(small(name))
+    softer = replace(
+        s,
+        electrodes=tuple(
+            replace(e, contact_impedance=e.contact_impedance / 2) for e in s.electrodes
+        ),
+    )
+    np.testing.assert_allclose(
+        ForwardModel(softer).voltages(2 * sigma),
+        ForwardModel(s).voltages(sigma) / 2,
+        rtol=1e-9,
+        atol=1e-12,
+    )
+
+
 def test_quarter_turn_of_the_sensor_permutes_the_frame() -> None:
     foam = replace(sensor("foam16"), image_shape=(20, 20))
     sigma = rough_image(foam)
