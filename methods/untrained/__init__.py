@@ -1,5 +1,1 @@
 """Reconstruction by untrained networks (deep image prior)."""
-
-from eitbench.methods.untrained.dip import Dip
-
-__all__ = ["Dip"]

@@ -1,0 +1,12 @@
+from .catalogue import sensor as sensor
+from .data.datasets import Dataset as Dataset
+from .data.datasets import load as load
+from .errors import EitbenchError as EitbenchError
+from .errors import InputError as InputError
+from .physics.forward import ForwardModel as ForwardModel
+from .physics.forward import forward_model as forward_model
+from .sensors.sensor import Sensor as Sensor
+from .suites.scenario import RecordedScenario as RecordedScenario
+from .suites.scenario import SimulatedScenario as SimulatedScenario
+from .suites.suite import Suite as Suite
+from .suites.suite import load_suite as load_suite
