@@ -16,6 +16,9 @@ from eitbench.scenarios.sensors.sensor import Sensor
 SUBDIVISION = 4
 # The current density is singular at the ends of electrodes: triangles there are this much smaller.
 ELECTRODE_END_REFINEMENT = 4
+# The mesher answers a change in the last bit of a rim point with another mesh, and sines differ in
+# that bit between processors: rim points are multiples of a length [m] that all of them agree on.
+RIM_GRID = 2.0**-30
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +90,8 @@ def triangle_mesh(sensor: Sensor) -> Mesh:
     size = min(sensor.pixel_size)
     arcs, is_end = _rim_points(sensor, size)
     geometry = SplineGeometry()
-    for (x, y), end in zip(sensor.outline.point(arcs), is_end, strict=True):
+    rim = np.round(sensor.outline.point(arcs) / RIM_GRID) * RIM_GRID
+    for (x, y), end in zip(rim, is_end, strict=True):
         geometry.AppendPoint(x, y, maxh=size / ELECTRODE_END_REFINEMENT if end else size)
     for k in range(len(arcs)):
         following = (k + 1) % len(arcs)
@@ -101,7 +105,7 @@ def triangle_mesh(sensor: Sensor) -> Mesh:
     edges = np.array([[v.nr - 1 for v in e.vertices] for e in made.Elements1D()], dtype=np.int64)
     side = np.array([e.index - 1 for e in made.Elements1D()], dtype=np.int64)
 
-    rim_arcs = _arc_lengths(nodes[edges], side, arcs, sensor)
+    rim_arcs = _arc_lengths(nodes[edges], side, arcs, rim, sensor.outline.perimeter)
     backwards = rim_arcs[:, 0] > rim_arcs[:, 1]
     edges[backwards] = edges[backwards, ::-1]
     rim_arcs[backwards] = rim_arcs[backwards, ::-1]
@@ -129,11 +133,11 @@ def _rim_points(sensor: Sensor, size: float) -> tuple[Array, NDArray[np.bool_]]:
     return np.concatenate(arcs), np.concatenate(flags)
 
 
-def _arc_lengths(ends: Array, side: Index, arcs: Array, sensor: Sensor) -> Array:
+def _arc_lengths(ends: Array, side: Index, arcs: Array, rim: Array, perimeter: float) -> Array:
     """Arc lengths (r, 2) of rim edges with `ends` (r, 2, 2) on the straight pieces `side` (r,)."""
-    start, stop = arcs[side], np.append(arcs[1:], arcs[0] + sensor.outline.perimeter)[side]
-    origin, target = sensor.outline.point(start), sensor.outline.point(stop)
-    along = target - origin
+    start, stop = arcs[side], np.append(arcs[1:], arcs[0] + perimeter)[side]
+    origin = rim[side]
+    along = np.roll(rim, -1, axis=0)[side] - origin
     fraction = (
         np.einsum("rpx,rx->rp", ends - origin[:, None], along) / np.sum(along**2, axis=1)[:, None]
     )

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy.special import spherical_jn
 
 from eitbench.scenarios.physics.forward import ForwardModel
+from eitbench.scenarios.physics.mesh import triangle_mesh
 from eitbench.scenarios.sensors.outlines import Disc
 from eitbench.scenarios.sensors.patterns import offset_pattern
 from eitbench.scenarios.sensors.sensor import Sensor, even_electrodes
@@ -114,3 +115,20 @@ def test_conductivity_outside_the_disc_is_ignored() -> None:
     elsewhere = np.where(sensor.mask, sigma, np.nan)
     np.testing.assert_array_equal(model.voltages(elsewhere), model.voltages(sigma))
     assert (model.jacobian(sigma)[:, ~sensor.mask] == 0).all()
+
+
+def test_the_mesh_does_not_depend_on_the_last_bits_of_sines(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Processors with other vector units round sines otherwise, which changed meshes and hashes."""
+    expected = triangle_mesh(disc_sensor(24)).content_hash
+    exact = Disc.point
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+
+        def rounded(outline: Disc, arc: Array, rng: np.random.Generator = rng) -> Array:
+            points = exact(outline, arc)
+            return points * (1 + np.finfo(float).eps * rng.integers(-1, 2, points.shape))
+
+        monkeypatch.setattr(Disc, "point", rounded)
+        assert triangle_mesh(disc_sensor(24)).content_hash == expected
