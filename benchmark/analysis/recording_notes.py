@@ -42,9 +42,9 @@ def notes_of(scenario: RecordedScenario, n: int) -> dict[str, float | None]:
     `reciprocity_error` and `repeat_noise` are relative, see `quality`; `guess_mm` is the median
     distance from a press to the mean press of the validation split. None where not defined.
     """
-    found = quality(read_recording(scenario.recording), scenario.nominal_sensor.pattern)
     guess = _guess_mm(scenario, n) if scenario.recorded_set.truth == "position" else None
-    values = (found.reciprocity, found.noise, guess)
+    found = quality(read_recording(scenario.recording), scenario.nominal_sensor.pattern)
+    values = (*found, guess)
     return {
         name: value if value is not None and np.isfinite(value) else None
         for name, value in zip(NOTES, values, strict=True)

@@ -93,7 +93,6 @@ def load(
     *,
     jobs: int = 1,
     progress: bool = False,
-    download_limit_s: float | None = None,
 ) -> Dataset:
     """The first `limit` samples of a scenario's split, simulated or fetched if need be.
 
@@ -103,7 +102,6 @@ def load(
         limit: number of samples; all by default.
         jobs: number of processes to simulate with.
         progress: show a progress bar on stderr.
-        download_limit_s: how long a recorded set may take to download [s]; no limit by default.
 
     Raises:
         InputError: unknown scenario or split, a limit or number of jobs that is no whole number of
@@ -121,7 +119,7 @@ def load(
     part = checked_split(split)
     check_open(part)
     if isinstance(scenario, RecordedScenario):
-        return _recorded(scenario, part, limit, download_limit_s, progress)
+        return _recorded(scenario, part, limit, progress)
     return _simulated(scenario, part, limit, jobs, progress)
 
 
@@ -208,7 +206,6 @@ def _recorded(
     scenario: RecordedScenario,
     split: Split,
     limit: int | None,
-    download_limit_s: float | None,
     progress: bool,
 ) -> Dataset:
     if split == "train":
@@ -220,7 +217,7 @@ def _recorded(
     from eitbench.scenarios.recordings.fetch import read_recording
 
     recorded = scenario.recorded_set
-    recording = read_recording(scenario.recording, limit_s=download_limit_s, progress=progress)
+    recording = read_recording(scenario.recording, progress=progress)
     rows = np.flatnonzero(recording.samples["split"] == split)[:limit]
     if len(rows) == 0:
         raise InputError(f"Recorded scenario {scenario.name!r} has no {split} samples.")

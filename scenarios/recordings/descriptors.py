@@ -2,7 +2,8 @@
 
 import json
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from fnmatch import fnmatchcase
 from functools import cache
 from importlib import resources
 from pathlib import Path
@@ -13,7 +14,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from eitbench.scenarios.errors import DataCorruptError, InputError
+from eitbench.scenarios.errors import DataCorruptError
 from eitbench.scenarios.sensors.sensor import Sensor, SensorBuilder
 
 
@@ -34,7 +35,6 @@ class Source:
         repository: `owner/name`.
         commit: 40 hexadecimal digits.
         licence: as stated upstream.
-        files: the files that are needed.
     """
 
     repository: str
@@ -50,36 +50,20 @@ class Source:
 
 
 @cache
-def _listing() -> dict[str, Any]:
+def _listing() -> Any:
     text = resources.files("eitbench.scenarios.recordings").joinpath("sources.json").read_text()
-    listing: dict[str, Any] = json.loads(text)
-    return listing
+    return json.loads(text)
 
 
-def source(repository: str, wanted: Callable[[str], bool]) -> Source:
-    """The files of `repository` whose path is `wanted`, in order of their paths.
-
-    Raises:
-        InputError: no such file is listed.
-    """
+def source(repository: str, *patterns: str) -> Source:
+    """The files of `repository` whose paths match any of `patterns`, such as "data/*.mat"."""
     entry = _listing()[repository]
-    files = tuple(RecordedFile(**f) for f in entry["files"] if wanted(f["path"]))
-    if not files:
-        raise InputError(f"sources.json lists no such file of {repository}.")
+    files = tuple(
+        RecordedFile(**file)
+        for file in entry["files"]
+        if any(fnmatchcase(file["path"], pattern) for pattern in patterns)
+    )
     return Source(repository, entry["commit"], entry["licence"], files)
-
-
-def source_of(repository: str, *paths: str) -> Source:
-    """The named files of `repository`.
-
-    Raises:
-        InputError: a path that is not listed.
-    """
-    found = source(repository, lambda path: path in paths)
-    if len(found.files) != len(paths):
-        missing = set(paths) - {f.path for f in found.files}
-        raise InputError(f"sources.json does not list {sorted(missing)} of {repository}.")
-    return found
 
 
 Truth = Literal["position", "classes", "none"]
@@ -111,11 +95,11 @@ class RecordedFrames:
     def without_test(self) -> "RecordedFrames":
         """The same without the frames of the test split."""
         kept = (self.samples["split"] != "test").to_numpy()
-        return RecordedFrames(
-            self.voltages[kept],
-            self.reference,
-            self.samples[kept].reset_index(drop=True),
-            None if self.classes is None else self.classes[kept],
+        return replace(
+            self,
+            voltages=self.voltages[kept],
+            samples=self.samples[kept].reset_index(drop=True),
+            classes=None if self.classes is None else self.classes[kept],
         )
 
 
@@ -157,30 +141,20 @@ class RecordedSet:
         return self.source.files
 
     def read(self, folder: Path) -> RecordedFrames:
-        """The frames in `folder`, which holds the repository's files at their upstream paths.
+        """The frames in `folder`, which holds the repository's files, verified, at their paths.
 
         Raises:
-            DataCorruptError: a file that is not what the reader expects.
+            DataCorruptError: frames that are not finite, or of another shape than the sensor's.
         """
         nominal = self.sensor()
         recording = self.reader(folder, nominal)
-        self._check(recording, nominal)
+        frames = np.vstack([recording.reference, recording.voltages])
+        shape = (1 + len(recording.samples), nominal.n_measurements)
+        if frames.shape != shape or not np.isfinite(frames).all():
+            raise DataCorruptError(
+                f"The frames of {self.name!r} are not {shape} finite numbers: fetch it again."
+            )
         return recording
-
-    def _check(self, recording: RecordedFrames, nominal: Sensor) -> None:
-        n, m = len(recording.samples), nominal.n_measurements
-        wanted = {"voltages": (n, m), "reference": (m,)}
-        for label, shape in wanted.items():
-            values = getattr(recording, label)
-            if values.shape != shape:
-                raise DataCorruptError(
-                    f"The {label} of {self.name!r} have shape {values.shape} where {shape} is "
-                    "expected: fetch its files again."
-                )
-            if not np.isfinite(values).all():
-                raise DataCorruptError(
-                    f"The {label} of {self.name!r} are not all finite: fetch its files again."
-                )
 
 
 def validation_every_fifth(n: int) -> list[str]:

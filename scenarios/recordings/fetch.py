@@ -4,7 +4,6 @@ Files are looked for in the folder named by the environment variable `EITBENCH_D
 `<owner>/<repository>/<path>`, then in the user's cache of the same layout, then downloaded to it.
 """
 
-import hashlib
 import logging
 import os
 import threading
@@ -19,7 +18,7 @@ from eitbench.scenarios.cache_dir import cache_dir
 from eitbench.scenarios.errors import DataCorruptError, DataUnavailableError, InputError
 from eitbench.scenarios.guard import is_closed
 from eitbench.scenarios.recordings.descriptors import RecordedFile, RecordedFrames, RecordedSet
-from eitbench.scenarios.recordings.files.own import is_recording, undamaged
+from eitbench.scenarios.recordings.files.own import is_recording, sha256_of, undamaged
 from eitbench.scenarios.recordings.registry import recorded_set
 from eitbench.scenarios.sensors.sensor import Sensor
 
@@ -27,24 +26,17 @@ _CHUNK = 1 << 14
 _SILENCE_S = 30.0  # a server that sends nothing for so long is given up
 
 
-def read_recording(
-    name: str, *, limit_s: float | None = None, progress: bool = False
-) -> RecordedFrames:
+def read_recording(name: str, *, progress: bool = False) -> RecordedFrames:
     """Fetch, verify, read and check the frames of the set called `name`.
 
     Where the test split is closed (see `guard`), its frames are left out.
-
-    Args:
-        name: of the set.
-        limit_s: how long a download may take in all [s]; no limit by default.
-        progress: show a progress bar while downloading.
 
     Raises:
         InputError: unknown name.
         DataUnavailableError, DataCorruptError: as for `fetch_recording`.
     """
     recorded = recorded_set(name)
-    recording = recorded.read(fetch_recording(recorded, limit_s=limit_s, progress=progress))
+    recording = recorded.read(fetch_recording(recorded, progress=progress))
     return recording.without_test() if is_closed() else recording
 
 
@@ -95,7 +87,11 @@ def altered(recorded: RecordedSet, folder: Path) -> list[RecordedFile]:
     Raises:
         DataCorruptError: a path that leads out of the folder.
     """
-    return [file for file in recorded.files if _sha256(_inside(folder, file)) != file.sha256]
+    return [
+        file
+        for file in recorded.files
+        if not (path := _inside(folder, file)).is_file() or sha256_of(path) != file.sha256
+    ]
 
 
 def _inside(folder: Path, file: RecordedFile) -> Path:
@@ -103,13 +99,6 @@ def _inside(folder: Path, file: RecordedFile) -> Path:
     if not target.resolve().is_relative_to(folder.resolve()):
         raise DataCorruptError(f"{target} leads out of {folder}: remove it or the link.")
     return target
-
-
-def _sha256(path: Path) -> str | None:
-    if not path.is_file():
-        return None
-    with path.open("rb") as stream:
-        return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
 def _download(
@@ -155,23 +144,27 @@ def _download(
         worker.join(limit_s)
     finally:
         abandoned.set()
-    if worker.is_alive():
-        raise _unavailable(recorded, f"the download took longer than {limit_s:g} s")
-    for error in failures:
-        # Some errors of requests are ValueErrors or OSErrors, too; they hold their request.
-        network = hasattr(error, "request")
-        if isinstance(error, ValueError) and not network:
-            raise DataCorruptError(
-                f"The source of {recorded.name!r} offers another file than was published: {error} "
-                "It is not used; try again or report it."
-            ) from error
-        status = getattr(getattr(error, "response", None), "status_code", None)
-        reason = f"its source answered with HTTP status {status}"
-        if status is None:
-            reason = "could not be downloaded"
-            if isinstance(error, OSError) and not network:
-                reason = f"could not be stored in {cache_dir()} ({error.strerror})"
-        raise _unavailable(recorded, reason) from error
+    error = failures[0] if failures else None
+    if error is None and not worker.is_alive():
+        return
+    # Some errors of requests are ValueErrors or OSErrors, too; they hold their request.
+    network = hasattr(error, "request")
+    if isinstance(error, ValueError) and not network:
+        raise DataCorruptError(
+            f"The source of {recorded.name!r} offers another file than was published: {error} "
+            "It is not used; try again or report it."
+        ) from error
+    status = getattr(getattr(error, "response", None), "status_code", None)
+    reason = "could not be downloaded" + (f" (HTTP status {status})" if status else "")
+    if error is None:
+        reason = f"the download took longer than {limit_s:g} s"
+    elif isinstance(error, OSError) and not network:
+        reason = f"could not be stored in {cache_dir()} ({error.strerror})"
+    raise DataUnavailableError(
+        f"The recorded set {recorded.name!r} is not on this machine and {reason}: run `eitbench "
+        f"recordings fetch {recorded.name}` with a network, or set EITBENCH_DATA to a folder that "
+        f"holds {recorded.repository}."
+    ) from error
 
 
 @dataclass
@@ -199,14 +192,6 @@ class _Meter:
 
     def close(self) -> None:
         pass
-
-
-def _unavailable(recorded: RecordedSet, reason: str) -> DataUnavailableError:
-    return DataUnavailableError(
-        f"The recorded set {recorded.name!r} is not on this machine and {reason}: run `eitbench "
-        f"recordings fetch {recorded.name}` with a network, or set EITBENCH_DATA to a folder "
-        f"that holds {recorded.repository}."
-    )
 
 
 def reference_frames(name: str) -> tuple[Sensor, NDArray[np.float64]]:

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from eitbench.scenarios.errors import DataCorruptError
+from eitbench.scenarios.errors import DataCorruptError, UnreadableError
 from eitbench.scenarios.limits import most_bytes
 
 _HEADER = 128
@@ -35,12 +35,29 @@ def variables(path: Path, names: Collection[str]) -> dict[str, Variable]:
     """Read those of the variables `names` in the file at `path` that are real arrays or text.
 
     Raises:
-        OSError: the file cannot be read.
-        ValueError, LookupError, struct.error, zlib.error: it is damaged, or of another kind.
+        UnreadableError: the file cannot be read.
+        DataCorruptError: it is damaged, or of another kind.
     """
+    try:
+        return _variables(path, names)
+    except OSError as error:
+        raise UnreadableError(f"Cannot read {path}: {error.strerror}.") from error
+    except Exception as error:
+        raise DataCorruptError(
+            f"{path} is not a readable MATLAB file ({error}): save it with -v7, or again."
+        ) from error
+
+
+def read_arrays(path: Path, *names: str) -> dict[str, NDArray[np.float64]]:
+    """Read the numeric arrays `names` of the MATLAB file at `path` of a public set."""
+    found = variables(path, names)
+    return {name: np.asarray(found[name], dtype=np.float64) for name in names}
+
+
+def _variables(path: Path, names: Collection[str]) -> dict[str, Variable]:
     content = path.read_bytes()
     if content[124:_HEADER] != b"\x00\x01IM":  # little-endian, as every MATLAB of today writes
-        raise ValueError("it is no MATLAB file of version 5 to 7")
+        raise ValueError("it is not of version 5 to 7")
     found, place = {}, _HEADER
     while place < len(content):
         kind, size = struct.unpack_from("<II", content, place)
@@ -56,25 +73,6 @@ def variables(path: Path, names: Collection[str]) -> dict[str, Variable]:
             if name in names and value is not None:
                 found[name] = value
     return found
-
-
-def read_arrays(path: Path, **shapes: tuple[int, ...]) -> dict[str, NDArray[np.float64]]:
-    """Read the numeric arrays named in `shapes` of the MATLAB file at `path` of a public set.
-
-    Raises:
-        DataCorruptError: an unreadable file, a missing array, or one of another shape or kind.
-    """
-    try:
-        found = variables(path, shapes)
-    except (ValueError, LookupError, struct.error, zlib.error) as error:
-        raise DataCorruptError(f"{path} is not a readable MATLAB file: fetch it again.") from error
-    arrays = {}
-    for name, shape in shapes.items():
-        array = found.get(name)
-        if array is None or isinstance(array, str) or array.shape != shape:
-            raise DataCorruptError(f"{path} holds no array {name!r} {shape}: fetch it again.")
-        arrays[name] = array.astype(np.float64)
-    return arrays
 
 
 def _unpacked(data: bytes, most: int) -> bytes:

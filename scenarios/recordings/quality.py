@@ -1,6 +1,5 @@
-"""Quality of recordings: reciprocity, noise, drift, size of the signal, suspect electrodes."""
+"""Quality of recordings: reciprocity, noise, suspect electrodes, what is wrong with a file."""
 
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -33,57 +32,26 @@ def reciprocity_error(frames: ArrayLike, pattern: DrivePattern) -> NDArray[np.fl
     return np.asarray(np.linalg.norm(difference, axis=-1) / np.linalg.norm(first, axis=-1))
 
 
-@dataclass(frozen=True)
-class Quality:
-    """Figures of one recording.
+def quality(recording: RecordedFrames, pattern: DrivePattern) -> tuple[float, float]:
+    """Reciprocity error of the reference, and noise from frame to frame within one state.
 
-    All but `reciprocity` are taken value by value, relative to the reference's value, and the
-    median over the M values is given: a few saturated channels would rule every mean.
-
-    Attributes:
-        signal: rms change of touched frames against the reference.
-        noise: standard deviation from frame to frame within one state; NaN without repeats.
-        spread: standard deviation of all frames of one state, so noise and drift together; NaN
-            without repeats.
-        reciprocity: relative reciprocity error of the reference; NaN if nothing is measured twice.
+    The noise is the standard deviation value by value, relative to the reference's value; the
+    median over the M values is given, as a few saturated channels would rule every mean. NaN where
+    nothing is measured twice, and without repeats.
     """
-
-    signal: float
-    noise: float
-    spread: float
-    reciprocity: float
-
-
-def quality(recording: RecordedFrames, pattern: DrivePattern) -> Quality:
-    """The figures of `recording`, measured with `pattern`."""
     reference, samples = recording.reference, recording.samples
-    touched = samples["touched"].to_numpy(dtype=bool)
-    steps = [np.empty((0, len(reference)))]
-    variances = []
+    reciprocity = noise = float("nan")
+    if len(pattern.reciprocal_pairs()):
+        reciprocity = float(reciprocity_error(reference, pattern))
     if "state" in samples:
-        state = samples["state"].to_numpy()
-        for label in np.unique(state):
-            frames = recording.voltages[state == label]
-            if len(frames) > 1:
-                steps.append(np.diff(frames, axis=0))
-                variances.append(frames.var(axis=0, ddof=1))
-
-    def typical(deviations: NDArray[np.float64]) -> float:
-        """The median over the values of rms(deviations (k, M)) relative to the reference."""
-        if len(deviations) == 0:
-            return float("nan")
+        frames, state = recording.voltages, samples["state"].to_numpy()
+        steps = np.concatenate([np.diff(frames[state == k], axis=0) for k in np.unique(state)])
         used = reference != 0
-        rms = np.sqrt(np.mean(deviations[:, used] ** 2, axis=0))
-        return float(np.median(rms / np.abs(reference[used])))
-
-    twice = len(pattern.reciprocal_pairs()) > 0
-    return Quality(
-        signal=typical(recording.voltages[touched] - reference),
-        # The difference of two frames has twice the variance of one.
-        noise=typical(np.concatenate(steps) / np.sqrt(2)),
-        spread=typical(np.sqrt(np.array(variances))),
-        reciprocity=float(reciprocity_error(reference, pattern)) if twice else float("nan"),
-    )
+        if len(steps):
+            # The difference of two frames has twice the variance of one.
+            rms = np.sqrt(np.mean((steps[:, used] / np.sqrt(2)) ** 2, axis=0))
+            noise = float(np.median(rms / np.abs(reference[used])))
+    return reciprocity, noise
 
 
 def typical_noise(frames: ArrayLike) -> NDArray[np.float64]:
@@ -191,7 +159,10 @@ def check(path: Path) -> tuple[list[str], list[str]]:
     except DataCorruptError as error:
         return [str(error)], []
     problems = [*_condition(content, condition), *_frames(content), *_marks(content)]
-    facts = [_summary(content), *_missing_for_a_set(content)]
+    facts = [_summary(content)]
+    needs = {"reference frames": content.reference, "labelled touches": content.labels}
+    if missing := " and ".join(what for what, marked in needs.items() if not len(marked)):
+        facts.append(f"To be a set for suites it needs {missing}: record with --guided.")
     # Frames that hold no numbers say nothing about electrodes.
     if len(content) and np.isfinite(content.values).all() and not outside(content):
         more_problems, more_facts = _electrodes(content)
@@ -214,12 +185,10 @@ def _frames(content: Content) -> list[str]:
     if len(content) == 0:
         return ["It holds no frames."]
     problems = []
-    bad = ~np.isfinite(content.values).all(axis=1)
-    if bad.any():
-        first = int(np.flatnonzero(bad)[0])
+    if (bad := np.flatnonzero(~np.isfinite(content.values).all(axis=1))).size:
         problems.append(
-            f"{_count(int(bad.sum()), 'frame')} with values that are not numbers, the first is "
-            f"frame {first}."
+            f"{_count(len(bad), 'frame')} with values that are not numbers, the first is "
+            f"frame {bad[0]}."
         )
     for name, times in (("time_s", content.time_s), ("received_s", content.received_s)):
         if not np.isfinite(times).all():
@@ -257,16 +226,6 @@ def _marks(content: Content) -> list[str]:
             f"({x:.4g}, {y:.4g}) mm."
         )
     return problems
-
-
-def _missing_for_a_set(content: Content) -> list[str]:
-    needs = {
-        "reference frames": len(content.reference),
-        "labelled touches": len(content.labels),
-    }
-    if missing := " and ".join(what for what, count in needs.items() if not count):
-        return [f"To be a set for suites it needs {missing}: record with --guided."]
-    return []
 
 
 def _electrodes(content: Content) -> tuple[list[str], list[str]]:

@@ -253,7 +253,7 @@ def read_mat_recording(path: Path, sensor: Sensor | None) -> Content:
         UnreadableError: the file cannot be read.
         DataCorruptError: something in it is not what it should be.
     """
-    found = _variables(path, (*COLUMNS, "values", "header"))
+    found = variables(path, (*COLUMNS, "values", "header"))
     values = _numbers(found, "values", path)
     if values.ndim != 2:
         raise DataCorruptError(f"Array 'values' of {path} has {values.ndim} dimensions, not 2.")
@@ -269,17 +269,6 @@ def read_mat_recording(path: Path, sensor: Sensor | None) -> Content:
     if {len(column) for column in columns.values()} != {len(values)}:
         raise DataCorruptError(f"{path} cannot be imported: its arrays are of unlike lengths.")
     return content_of(head if isinstance(head, dict) else {}, columns, values, path)
-
-
-def _variables(path: Path, names: tuple[str, ...]) -> dict[str, Variable]:
-    try:
-        return variables(path, names)
-    except OSError as error:
-        raise UnreadableError(f"Cannot read {path}: {error.strerror}.") from error
-    except Exception as error:
-        raise DataCorruptError(
-            f"{path} is not a readable MATLAB file: save it with -v7, or again."
-        ) from error
 
 
 def _numbers(found: dict[str, Variable], name: str, path: Path) -> NDArray[Any]:

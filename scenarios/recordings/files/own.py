@@ -1,7 +1,6 @@
 """Recordings of one's own as recorded sets, beside the public ones."""
 
 import hashlib
-from collections.abc import Callable
 from functools import lru_cache, partial
 from pathlib import Path
 
@@ -26,6 +25,12 @@ def is_recording(name: str) -> bool:
     return name.endswith(".h5")
 
 
+def sha256_of(path: Path) -> str:
+    """SHA-256 (hex) of the file at `path`."""
+    with path.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
 def own_set(path: Path) -> RecordedSet:
     """Return the recording at `path` as a recorded set.
 
@@ -46,17 +51,14 @@ def own_set(path: Path) -> RecordedSet:
 def _own_set(path: Path, changed_ns: int, size: int) -> RecordedSet:
     """`own_set`, read again when the file has changed."""
     content = _usable(path)
-    with path.open("rb") as stream:
-        digest = hashlib.file_digest(stream, "sha256").hexdigest()
     board = "an emulated board" if content.emulated else f"the board {content.board}"
-    sensor: Callable[[], Sensor] = partial(_same, content.sensor)
     return RecordedSet(
         name=path.stem,
         title=f"own recording with {board}, touches: {len(content.labels)}",
         sensor_name=str(path),
-        sensor=sensor,
+        sensor=partial(_same, content.sensor),
         truth=_truth(content),
-        source=Source("", "", "", (RecordedFile(path.name, size, digest),)),
+        source=Source("", "", "", (RecordedFile(path.name, size, sha256_of(path)),)),
         citation="",
         reader=partial(_read, path),
         own=path,
@@ -94,13 +96,11 @@ def undamaged(path: Path) -> tuple[Content, Condition]:
 def _usable(path: Path) -> Content:
     """The content of the file at `path`, if methods can be evaluated on it."""
     content, _ = undamaged(path)
-    if not len(content.labels):
-        raise InputError(f"{path} has no labels, so it is no set: record with --guided.")
-    if not len(content.reference):
-        raise InputError(f"{path} has no reference frames, so it is no set: record with --guided.")
+    for name, marked in (("labels", content.labels), ("reference frames", content.reference)):
+        if not len(marked):
+            raise InputError(f"{path} has no {name}, so it is no set: record with --guided.")
     if not np.isfinite(content.values).all():
-        row = int(np.flatnonzero(~np.isfinite(content.values).all(axis=1))[0])
-        raise DataCorruptError(f"Frame {row} of {path} holds a value that is not a number.")
+        raise DataCorruptError(f"{path} holds values that are not numbers.")
     return content
 
 

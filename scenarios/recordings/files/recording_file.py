@@ -81,29 +81,22 @@ def read_file(path: Path) -> tuple[Content, Condition]:
     """
     header, parts = _parts(path)
     sensor = _sensor(path, header, parts)
-    values, crc = parts[layout.VALUES], parts[layout.CRC]
-    number, time_s, received_s = (
-        parts[name] for name in (layout.NUMBER, layout.TIME, layout.RECEIVED)
-    )
+    columns = [parts[n] for n in (layout.NUMBER, layout.TIME, layout.RECEIVED, layout.VALUES)]
     # What the columns share is whole: a crash may leave some of them longer than others.
-    lengths = [len(column) for column in (number, time_s, received_s, values, crc)]
+    lengths = [len(column) for column in (*columns, parts[layout.CRC])]
     n = min(lengths)
-    frames = layout.packed(number[:n], time_s[:n], received_s[:n], values[:n])
-    wrong = layout.checksums(frames) != crc[:n]
+    frames = layout.packed(*(column[:n] for column in columns))
+    wrong = layout.checksums(frames) != parts[layout.CRC][:n]
     complete = bool(parts[layout.COMPLETE])
-    kept = n if complete else n - _trailing(wrong)
-    tables = {name: parts[name] for name in layout.TABLE_TYPES}
-    digest = layout.content_digest(header, hashlib.sha256(frames[:kept].tobytes()).digest(), tables)
+    kept = n if complete else max(np.flatnonzero(~wrong), default=-1) + 1
+    number, time_s, received_s, values = (column[:kept] for column in columns)
+    digest = layout.content_digest(header, hashlib.sha256(frames[:kept].tobytes()).digest(), parts)
     content = Content(
-        sensor=sensor,
-        board=header["board"],
-        firmware=header["firmware"],
-        emulated=header["emulated"],
-        started=header["started"],
-        number=number[:kept],
-        time_s=time_s[:kept],
-        received_s=received_s[:kept],
-        values=values[:kept],
+        **(header | {"sensor": sensor}),
+        number=number,
+        time_s=time_s,
+        received_s=received_s,
+        values=values,
         reference=parts[layout.REFERENCE],
         labels=table_of(parts[layout.LABELS]),
         events=table_of(parts[layout.EVENTS]),
@@ -124,12 +117,6 @@ def recorded_sensor(path: Path) -> Sensor:
         UnreadableError, DataCorruptError: as for `read_file`.
     """
     return read_file(path)[0].sensor
-
-
-def _trailing(wrong: NDArray[np.bool_]) -> int:
-    """Number of rows at the end that are wrong."""
-    right = np.flatnonzero(~wrong)
-    return len(wrong) - (int(right[-1]) + 1 if len(right) else 0)
 
 
 def table_of(rows: NDArray[Any]) -> pd.DataFrame:
@@ -172,12 +159,8 @@ def _parts(path: Path) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
             return _header(file), _datasets(file, path.stat().st_size)
         # HDF5 fails in whatever way the damage leads to.
         except Exception as error:
-            reason = str(error) if isinstance(error, _LayoutError) else "a part cannot be read"
+            reason = str(error) if isinstance(error, ValueError) else "a part cannot be read"
             raise DataCorruptError(f"{path} is damaged: {reason}.") from error
-
-
-class _LayoutError(Exception):
-    """A part of a file that does not match the layout."""
 
 
 def _open(path: Path) -> Any:
@@ -186,7 +169,7 @@ def _open(path: Path) -> Any:
     try:
         with path.open("rb") as stream:
             head = stream.read(8)
-        source = readable(path)
+        source = _readable(path)
     except OSError as error:
         raise UnreadableError(f"Cannot read the recording {path}: {error.strerror}.") from error
     if head != b"\x89HDF\r\n\x1a\n":
@@ -198,19 +181,16 @@ def _open(path: Path) -> Any:
         reason = "it was cut short" if cut else "HDF5 cannot open it"
         raise DataCorruptError(f"{path} is damaged: {reason}.") from error
     try:
-        known = bytes(file.attrs["format"]) == layout.FORMAT.encode()
-        version = int(file.attrs["version"])
+        found = bytes(file.attrs["format"]).decode(), int(file.attrs["version"])
     except Exception:
-        known, version = False, 0
-    if known and version == layout.VERSION:
-        return file
-    file.close()
-    if known:
+        found = "", 0
+    if found != (layout.FORMAT, layout.VERSION):
+        file.close()
         raise DataCorruptError(
-            f"{path} has layout {version}, and this eitbench reads {layout.VERSION}: use the "
-            "eitbench that recorded it."
+            f"{path} is no recording of eitbench's of layout {layout.VERSION}, which this eitbench "
+            "reads."
         )
-    raise DataCorruptError(f"{path} is an HDF5 file, but no recording of eitbench's.")
+    return file
 
 
 def _header(file: Any) -> dict[str, Any]:
@@ -234,12 +214,9 @@ def _datasets(file: Any, size: int) -> dict[str, NDArray[Any]]:
     found = {}
     for name, (kind, dimensions) in kinds.items():
         # Nothing is compressed, so that a damaged size cannot ask for more memory than there is.
-        try:
-            part = own_dataset(file, name, size + (1 << 20))
-        except ValueError as error:
-            raise _LayoutError(str(error)) from error
+        part = own_dataset(file, name, size + (1 << 20))
         if part.dtype != np.dtype(kind) or len(part.shape) != dimensions:
-            raise _LayoutError(f"{name!r} is not of the right type")
+            raise ValueError(f"{name!r} is not of the right type")
         found[name] = np.asarray(part[()])
     return found
 
@@ -249,12 +226,10 @@ def _sensor(path: Path, header: dict[str, Any], parts: dict[str, NDArray[Any]]) 
         sensor = sensor_from_json(header["sensor"])
     except InputError as error:
         raise DataCorruptError(f"{path} is damaged: {error}") from error
-    rows, columns = len(parts[layout.PATTERN]), parts[layout.VALUES].shape[1]
-    if rows != columns:
-        raise DataCorruptError(
-            f"{path} is damaged: its pattern has {rows} rows, and its frames have {columns} values."
-        )
-    if not np.array_equal(parts[layout.PATTERN], sensor.pattern.table):
+    if not (
+        np.array_equal(parts[layout.PATTERN], sensor.pattern.table)
+        and parts[layout.VALUES].shape[1] == sensor.n_measurements
+    ):
         raise DataCorruptError(f"{path} is damaged: its pattern is not that of its sensor.")
     return sensor
 
@@ -263,11 +238,10 @@ _FLAGS, _END, _CHECKSUM = 11, slice(28, 36), slice(44, 48)
 _VERSION, _OPEN = 8, 0b101  # being written to, by one writer beside readers
 
 
-def readable(path: Path) -> Path | io.BytesIO:
+def _readable(path: Path) -> Path | io.BytesIO:
     """`path`, or the content of the file there where it was not closed.
 
-    Raises:
-        OSError: the file cannot be read.
+    HDF5's own mode for that tries again and again where a file is damaged.
     """
     with path.open("rb") as file:
         head = file.read(_CHECKSUM.stop)

@@ -36,18 +36,17 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from eitbench.scenarios.errors import DataCorruptError
 from eitbench.scenarios.recordings.descriptors import (
     RecordedFrames,
     RecordedSet,
     Truth,
     is_validation,
-    source_of,
+    source,
     validation_every_fifth,
 )
 from eitbench.scenarios.recordings.matlab import read_arrays
 from eitbench.scenarios.sensors.outlines import Disc, rectangle
-from eitbench.scenarios.sensors.patterns import DrivePattern, opposition_pattern
+from eitbench.scenarios.sensors.patterns import opposition_pattern
 from eitbench.scenarios.sensors.sensor import Sensor, even_electrodes
 
 REPOSITORY = "DSHardman/HydrogelEIT"
@@ -65,19 +64,6 @@ _FIXED = f"{_RECTANGLE}/fixed_f_d_16_200.mat"
 _REPEATS = f"{_RECTANGLE}/repeats_r_s_16_50_5.mat"
 _RADIUS = 0.0855
 _FIRST_ELECTRODE = np.deg2rad(281.25)
-
-
-def check_lookup(folder: Path, pattern: DrivePattern) -> None:
-    """Compare `pattern` with upstream's table, which numbers 32 half electrodes.
-
-    Raises:
-        DataCorruptError: they differ.
-    """
-    m = pattern.n_measurements
-    path = folder / f"lookup{m}.mat"
-    lookup = read_arrays(path, lookup=(m, 4))["lookup"]
-    if not np.array_equal(lookup, pattern.table * (32 // (pattern.table.max() + 1))):
-        raise DataCorruptError(f"{path} lists another pattern than the sensor: fetch it again.")
 
 
 def rebased(
@@ -102,13 +88,11 @@ def _disc_skin(name: str, n_electrodes: int) -> Sensor:
 
 
 def _read_presses(file: str, folder: Path, sensor: Sensor) -> RecordedFrames:
-    check_lookup(folder, sensor.pattern)
-    shape = (500, sensor.n_measurements)
-    mat = read_arrays(folder / file, positions=(500, 3), responsedowns=shape, responseups=shape)
+    mat = read_arrays(folder / file, "positions", "responsedowns", "responseups")
     x, y, depth = mat["positions"].T
     samples = pd.DataFrame(
         {
-            "split": validation_every_fifth(500),
+            "split": validation_every_fifth(len(x)),
             "x_m": x,
             "y_m": y,
             "depth_mm": np.round(depth * 1e3, 3),
@@ -119,16 +103,13 @@ def _read_presses(file: str, folder: Path, sensor: Sensor) -> RecordedFrames:
 
 
 def _read_multitouch(folder: Path, sensor: Sensor) -> RecordedFrames:
-    check_lookup(folder, sensor.pattern)
-    pressed, released, distances = [], [], []
+    pressed, released, distances = [], [], list[float]()
     for part, distance in DISTANCES_MM.items():
-        n = 10 if part == "C" else 8
-        shape = (n, sensor.n_measurements)
         path = folder / f"Extracted/MultiTouch/multitouch{part}.mat"
-        mat = read_arrays(path, responsedowns=shape, responseups=shape)
+        mat = read_arrays(path, "responsedowns", "responseups")
         pressed.append(mat["responsedowns"])
         released.append(mat["responseups"])
-        distances += [distance] * n
+        distances += [distance] * len(pressed[-1])
     samples = pd.DataFrame(
         {
             "split": validation_every_fifth(len(distances)),
@@ -151,34 +132,27 @@ def _rectangular_skin(name: str, n_electrodes: int) -> Sensor:
 
 
 def _read_rectangle_presses(folder: Path, sensor: Sensor) -> RecordedFrames:
-    check_lookup(folder, sensor.pattern)
-    mat = read_arrays(
-        folder / _RANDOM, positions=(10000, 2), response=(20000, sensor.n_measurements)
-    )
+    mat = read_arrays(folder / _RANDOM, "positions", "response")
     x, y = mat["positions"].T
-    samples = pd.DataFrame(
-        {"split": validation_every_fifth(10000), "x_m": x, "y_m": y, "touched": True}
-    )
+    split = validation_every_fifth(len(x))
+    samples = pd.DataFrame({"split": split, "x_m": x, "y_m": y, "touched": True})
     return rebased(mat["response"][1::2], mat["response"][::2], samples)
 
 
 def _read_fixed(folder: Path, sensor: Sensor) -> RecordedFrames:
     """Read released and pressed frames as measured: not re-based, since their drift matters."""
-    check_lookup(folder, sensor.pattern)
-    frames = read_arrays(folder / _FIXED, response=(400, sensor.n_measurements))["response"]
+    frames = read_arrays(folder / _FIXED, "response")["response"]
     touched = np.arange(400) % 2 == 1
     # Both frames of a press share its split.
     split = np.repeat(validation_every_fifth(200), 2)
     samples = pd.DataFrame({"split": split, "touched": touched, "state": touched.astype(int)})
-    return _without_own_reference(frames, samples, released=~touched)
+    reference = np.median(frames[~touched & is_validation(samples)], axis=0)
+    return RecordedFrames(frames, reference, samples)
 
 
 def _read_repeats(folder: Path, sensor: Sensor) -> RecordedFrames:
     """Pressed frames only: the reference is their median, since no released frame was recorded."""
-    check_lookup(folder, sensor.pattern)
-    mat = read_arrays(
-        folder / _REPEATS, positions=(50, 3), responses=(50, 5, sensor.n_measurements)
-    )
+    mat = read_arrays(folder / _REPEATS, "positions", "responses")
     press = np.repeat(np.arange(50), 5)
     x, y, depth = mat["positions"][press].T
     samples = pd.DataFrame(
@@ -192,81 +166,70 @@ def _read_repeats(folder: Path, sensor: Sensor) -> RecordedFrames:
         }
     )
     frames = mat["responses"].reshape(250, -1)
-    return _without_own_reference(frames, samples, released=np.ones(250, dtype=bool))
-
-
-def _without_own_reference(
-    frames: np.ndarray, samples: pd.DataFrame, released: np.ndarray
-) -> RecordedFrames:
-    reference = np.median(frames[released & is_validation(samples)], axis=0)
-    return RecordedFrames(frames, reference, samples)
+    return RecordedFrames(frames, np.median(frames[is_validation(samples)], axis=0), samples)
 
 
 def _recorded_set(
     name: str,
     title: str,
-    skin: Callable[[str, int], Sensor],
-    sensor_name: str,
-    n_electrodes: int,
+    sensor: Callable[[], Sensor],
     reader: Callable[[Path, Sensor], RecordedFrames],
     *files: str,
     truth: Truth = "none",
 ) -> RecordedSet:
-    lookup = {16: "lookup192.mat", 8: "lookup32.mat"}[n_electrodes]
-    sensor = partial(skin, sensor_name, n_electrodes)
-    source = source_of(REPOSITORY, *files, lookup)
-    return RecordedSet(name, title, sensor_name, sensor, truth, source, CITATION, reader)
+    upstream = source(REPOSITORY, *files)
+    return RecordedSet(name, title, sensor().name, sensor, truth, upstream, CITATION, reader)
 
+
+_DISC16, _DISC8 = partial(_disc_skin, "ohmc16", 16), partial(_disc_skin, "ohmc8", 8)
+_RECTANGLE8 = partial(_rectangular_skin, "hydrogel-rectangle", 8)
+_RECTANGLE16 = partial(_rectangular_skin, "hydrogel-rectangle16", 16)
+_LOOKUP16, _LOOKUP8 = "lookup192.mat", "lookup32.mat"  # of the pattern, which a test compares
 
 HYDROGEL = (
     *(
         _recorded_set(
             f"ohmc{n}",
             f"hydrogel disc skin, {n} electrodes, 500 robot presses of 10, 15 and 20 mm",
-            _disc_skin,
-            f"ohmc{n}",
-            n,
+            skin,
             partial(_read_presses, f"Extracted/ohmc{n}.mat"),
             f"Extracted/ohmc{n}.mat",
+            lookup,
             truth="position",
         )
-        for n in (16, 8)
+        for n, skin, lookup in ((16, _DISC16, _LOOKUP16), (8, _DISC8, _LOOKUP8))
     ),
     _recorded_set(
         "hydrogel-multitouch",
         "hydrogel disc skin, 16 electrodes, two probes 108, 75 and 20 mm apart",
-        _disc_skin,
-        "ohmc16",
-        16,
+        _DISC16,
         _read_multitouch,
-        *(f"Extracted/MultiTouch/multitouch{part}.mat" for part in DISTANCES_MM),
+        "Extracted/MultiTouch/*",
+        _LOOKUP16,
     ),
     _recorded_set(
         "hydrogel-rectangle",
         "rectangular hydrogel skin, 8 electrodes, 10,000 robot presses",
-        _rectangular_skin,
-        "hydrogel-rectangle",
-        8,
+        _RECTANGLE8,
         _read_rectangle_presses,
         _RANDOM,
+        _LOOKUP8,
         truth="position",
     ),
     _recorded_set(
         "hydrogel-fixed",
         "rectangular hydrogel skin, 16 electrodes, one press repeated 200 times",
-        _rectangular_skin,
-        "hydrogel-rectangle16",
-        16,
+        _RECTANGLE16,
         _read_fixed,
         _FIXED,
+        _LOOKUP16,
     ),
     _recorded_set(
         "hydrogel-repeats",
         "rectangular hydrogel skin, 16 electrodes, 50 presses repeated 5 times",
-        _rectangular_skin,
-        "hydrogel-rectangle16",
-        16,
+        _RECTANGLE16,
         _read_repeats,
         _REPEATS,
+        _LOOKUP16,
     ),
 )

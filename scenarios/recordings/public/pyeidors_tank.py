@@ -15,7 +15,6 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from eitbench.scenarios.errors import DataCorruptError
 from eitbench.scenarios.recordings.descriptors import (
     RecordedFrames,
     RecordedSet,
@@ -28,9 +27,8 @@ from eitbench.scenarios.sensors.patterns import DrivePattern
 from eitbench.scenarios.sensors.sensor import Sensor, even_electrodes
 
 _ELECTRODES = 16
-_SHAPE = (208, 4)
 # The recording of 2025 was made in another set-up and does not say what stood in the tank.
-_SOURCE = source("CBZ199671/PyEIDORS", lambda path: "/2026-03-14_latest_tank_data/" in path)
+_SOURCE = source("CBZ199671/PyEIDORS", "*/2026-03-14_latest_tank_data/*")
 
 
 def _pattern() -> DrivePattern:
@@ -56,22 +54,10 @@ def _tank() -> Sensor:
 
 
 def read_csv(path: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Real parts (208,) [V/A] of the empty tank and of the targets.
-
-    Raises:
-        DataCorruptError: a file of another form or cut short.
-    """
-    current = re.search(r"_(\d+)uA_", path.name)
-    try:
-        lines = path.read_text(encoding="utf-8").splitlines()
-        values = np.array([line.split(",") for line in lines], dtype=np.float64)
-    except ValueError as error:
-        raise DataCorruptError(f"{path} is not a readable table: fetch it again.") from error
-    if values.shape != _SHAPE or current is None:
-        raise DataCorruptError(
-            f"{path} has shape {values.shape} where {_SHAPE} is expected: fetch it again."
-        )
-    amplitude = float(current[1]) * 1e-6
+    """Real parts (208,) [V/A] of the empty tank and of the targets."""
+    values = np.loadtxt(path, delimiter=",")
+    (current,) = re.findall(r"_(\d+)uA_", path.name)
+    amplitude = float(current) * 1e-6
     return values[:, 0] / amplitude, values[:, 2] / amplitude
 
 

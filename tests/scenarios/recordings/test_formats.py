@@ -13,7 +13,6 @@ from scipy.io import savemat
 from eitbench.scenarios.errors import DataCorruptError, InputError
 from eitbench.scenarios.recordings import RECORDED_SETS, recorded_set
 from eitbench.scenarios.recordings.descriptors import RecordedFrames, validation_every_fifth
-from eitbench.scenarios.recordings.matlab import read_arrays
 from eitbench.scenarios.recordings.public.jku_tank import DRIVES, read_txt
 from eitbench.scenarios.recordings.public.kuopio import injections, resampled
 from eitbench.scenarios.recordings.public.pyeidors_tank import read_csv, targets
@@ -47,7 +46,7 @@ READERS: dict[str, tuple[Callable[[], str], Callable[[Path], Any], NDArray[Any]]
     "a.eit": (eit_text, read_eit, np.full((16, 16), (0.25 - 0.5j) / 0.005)),
     "b.txt": (
         jku_text,
-        lambda path: read_txt(path, DRIVES["opposite"]),
+        read_txt,
         np.full((10, 16), (0.25 - 0.5j) / 0.01),
     ),
     "c_50uA_1.csv": (csv_text, read_csv, np.full((2, 208), [[1.5 / 50e-6], [3.5 / 50e-6]])),
@@ -61,63 +60,9 @@ def test_files_are_read_per_ampere(name: str, tmp_path: Path) -> None:
     np.testing.assert_allclose(reader(tmp_path / name), expected)
 
 
-@pytest.mark.parametrize("name", READERS)
-@pytest.mark.parametrize("share", [0.0, 0.01, 0.3, 0.7, 0.97])
-def test_truncated_text_is_refused_by_name(name: str, share: float, tmp_path: Path) -> None:
-    text, reader, _ = READERS[name]
-    whole = text()
-    path = tmp_path / name
-    path.write_text(whole[: int(share * len(whole))])
-    with pytest.raises(DataCorruptError, match=name):
-        reader(path)
-
-
-@pytest.mark.parametrize("name", READERS)
-def test_bytes_that_are_no_text_are_refused(name: str, tmp_path: Path) -> None:
-    path = tmp_path / name
-    path.write_bytes(b"\xff\xfe\x00\x80" * 100)
-    with pytest.raises(DataCorruptError, match=name):
-        READERS[name][1](path)
-
-
-def test_another_drive_pattern_is_refused(tmp_path: Path) -> None:
-    path = tmp_path / "a.eit"
-    path.write_text(eit_text().replace("\n1 4\n", "\n1 5\n"))
-    with pytest.raises(DataCorruptError, match="pattern"):
-        read_eit(path)
-    path.write_text(jku_text())
-    with pytest.raises(DataCorruptError, match="pattern"):
-        read_txt(path, DRIVES["adjacent"])
-
-
-@pytest.mark.parametrize("share", [0.0, 0.05, 0.5, 0.95])
-def test_truncated_mat_is_refused_by_name(share: float, tmp_path: Path) -> None:
-    path = tmp_path / "data.mat"
-    rng = np.random.default_rng(0)
-    savemat(path, {"response": rng.normal(size=(60, 50))}, do_compression=True)
-    whole = path.read_bytes()
-    path.write_bytes(whole[: int(share * len(whole))])
-    with pytest.raises(DataCorruptError, match=r"data\.mat"):
-        read_arrays(path, response=(60, 50))
-
-
-@pytest.mark.parametrize("content", [np.zeros((3, 2)), np.array(["text"]), np.array([[1j]])])
-def test_unexpected_arrays_are_refused(content: np.ndarray, tmp_path: Path) -> None:
-    path = tmp_path / "data.mat"
-    savemat(path, {"response": content})
-    with pytest.raises(DataCorruptError, match="response"):
-        read_arrays(path, response=(2, 3))
-    with pytest.raises(DataCorruptError, match="positions"):
-        read_arrays(path, positions=(2, 3))
-
-
-def write_ohmc8(folder: Path, *, fill: float = 1.0, swap: bool = False) -> None:
-    """Files of the form of `ohmc8`; `swap` exchanges two rows of the pattern table."""
-    lookup = RECORDED_SETS["ohmc8"].sensor().pattern.table * 4
-    if swap:
-        lookup = lookup[[1, 0, *range(2, 32)]]
+def write_ohmc8(folder: Path, *, fill: float = 1.0) -> None:
+    """A file of the form of `ohmc8`."""
     (folder / "Extracted").mkdir(parents=True)
-    savemat(folder / "lookup32.mat", {"lookup": lookup.astype(np.uint8)})
     up = np.tile(np.arange(500.0)[:, None], 32)
     down = up + fill
     positions = np.tile([0.01, -0.02, 0.015], (500, 1))
@@ -131,12 +76,6 @@ def test_presses_are_rebased_on_the_validation_median(tmp_path: Path) -> None:
     np.testing.assert_allclose(recording.reference, np.median(np.arange(0, 500, 5)))
     np.testing.assert_allclose(recording.voltages - recording.reference, 1)
     assert recording.samples[["x_m", "y_m", "depth_mm"]].iloc[0].tolist() == [0.01, -0.02, 15.0]
-
-
-def test_a_table_other_than_the_sensors_pattern_is_refused(tmp_path: Path) -> None:
-    write_ohmc8(tmp_path, swap=True)
-    with pytest.raises(DataCorruptError, match=r"lookup32\.mat"):
-        RECORDED_SETS["ohmc8"].read(tmp_path)
 
 
 def test_frames_that_are_not_finite_are_refused(tmp_path: Path) -> None:
@@ -157,6 +96,7 @@ def test_descriptors_are_complete_without_data(name: str) -> None:
     assert len(recorded.source.commit) == 40
     assert recorded.source.licence
     assert recorded.citation
+    assert recorded.files
     assert all(len(file.sha256) == 64 and file.bytes > 0 for file in recorded.files)
 
 
@@ -198,14 +138,11 @@ def test_reciprocity_error_refuses_what_it_cannot_judge() -> None:
         reciprocity_error([1.0], DrivePattern(np.array([[0, 1, 2, 3]])))
 
 
-def test_quality_measures_noise_and_signal() -> None:
+def test_quality_measures_noise() -> None:
     rng = np.random.default_rng(1)
-    pattern = offset_pattern(16, 3)
     reference = np.full(208, 10.0)
     state = np.repeat([0, 1], 400)
     voltages = reference + state[:, None] * 2.0 + rng.normal(0, 0.1, (800, 208))
     samples = pd.DataFrame({"touched": state == 1, "state": state})
-    figures = quality(RecordedFrames(voltages, reference, samples), pattern)
-    assert figures.noise == pytest.approx(0.01, rel=0.02)
-    assert figures.spread == pytest.approx(0.01, rel=0.02)
-    assert figures.signal == pytest.approx(0.2, rel=0.02)
+    _, noise = quality(RecordedFrames(voltages, reference, samples), offset_pattern(16, 3))
+    assert noise == pytest.approx(0.01, rel=0.02)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.io import loadmat, savemat
 
+from eitbench.scenarios.errors import DataCorruptError
 from eitbench.scenarios.recordings.matlab import variables
 
 RNG = np.random.default_rng(3)
@@ -51,5 +52,5 @@ def test_a_bomb_is_not_unpacked(tmp_path: Path) -> None:
     bomb.write_bytes(head + (15).to_bytes(4, "little") + len(content).to_bytes(4, "little"))
     with bomb.open("ab") as file:
         file.write(content)
-    with pytest.raises(ValueError, match="much larger than the file"):
+    with pytest.raises(DataCorruptError, match="much larger than the file"):
         variables(bomb, ["values"])

@@ -158,10 +158,17 @@ def test_multitouch_keeps_the_probe_distances() -> None:
     assert counts.to_dict() == {108.0: 8, 75.0: 8, 20.0: 10}
 
 
-def test_noise_and_drift_of_the_fixed_press() -> None:
-    figures = quality(read("hydrogel-fixed"), nominal("hydrogel-fixed").pattern)
-    assert figures.noise == pytest.approx(0.0012, abs=1e-4)
-    assert figures.spread == pytest.approx(0.0087, abs=5e-4)
+def test_noise_of_the_fixed_press() -> None:
+    _, noise = quality(read("hydrogel-fixed"), nominal("hydrogel-fixed").pattern)
+    assert noise == pytest.approx(0.0012, abs=1e-4)
+
+
+@pytest.mark.parametrize(("name", "lookup"), [("ohmc16", "lookup192"), ("ohmc8", "lookup32")])
+def test_the_pattern_of_the_skins_is_upstreams(name: str, lookup: str, recorded_data: Path) -> None:
+    """Upstream's table numbers 32 half electrodes."""
+    pattern = nominal(name).pattern
+    table = loadmat(recorded_data / f"DSHardman/HydrogelEIT/{lookup}.mat")["lookup"]
+    np.testing.assert_array_equal(table, pattern.table * (32 // (pattern.table.max() + 1)))
 
 
 def test_repeats_are_five_of_each_press() -> None:
@@ -221,8 +228,6 @@ def test_offset_three_tank_is_reciprocal_and_repeatable() -> None:
     pattern = nominal("sciospec-tank").pattern
     assert reciprocity_error(recording.reference, pattern) < 0.03
     assert (reciprocity_error(recording.voltages, pattern) < 0.05).all()
-    figures = quality(recording, pattern)
-    assert figures.signal > 50 * figures.noise
     empty = ~recording.samples["touched"].to_numpy(dtype=bool)
     assert empty.sum() == 17
     change = np.linalg.norm(recording.voltages - recording.reference, axis=1)
@@ -242,6 +247,4 @@ def test_rectangular_tank_repeats_and_tells_positions_apart(name: str) -> None:
 
 def test_quality_is_silent_without_repeats() -> None:
     figures = quality(read("ktc2023"), nominal("ktc2023").pattern)
-    assert np.isnan(figures.noise)
-    assert np.isnan(figures.spread)
-    assert np.isfinite(figures.signal)
+    assert np.isnan(figures).all()
