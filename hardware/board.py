@@ -86,11 +86,6 @@ class Board(ABC):
         """True if no more frames will come."""
         return False
 
-    @property
-    def port_is_gone(self) -> bool:
-        """True if the port that it was on has disappeared, as far as the system shows ports."""
-        return False
-
     def press(self, x_m: float, y_m: float, radius_m: float, pressure_pa: float) -> None:
         """Press its sensor with a disc at (x, y) [m] of the sensor's frame, until `release`.
 

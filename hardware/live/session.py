@@ -215,8 +215,6 @@ class Session:
         if not self._lost:
             self._damaged_before += self.board.health.damaged
             self._note(f"The board was lost: {sentence}")
-        elif self.board.port_is_gone:
-            sentence = f"The board is unplugged: plug it in. ({sentence})"
         self._lost = sentence
 
     def _add(self, frames: list[Frame]) -> None:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from eitbench.hardware.protocols.lines import LineProtocol, numbers
-from eitbench.hardware.protocols.protocol import CommandReader, Device
+from eitbench.hardware.protocols.protocol import Device
 from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.sensors.patterns import opposition_pattern
@@ -24,12 +24,11 @@ class _OpenEitDevice(Device):
     def __init__(self, sensor: Sensor) -> None:
         super().__init__(sensor)
         self.running = True
-        self._commands = CommandReader()
         self._electrodes = 8  # until a letter comes
 
     def obey(self, data: bytes) -> bytes:
         # It measures with the electrodes that the sensor has, whichever letter comes.
-        if any(line in MODES.values() for line in self._commands.lines(data)):
+        if any(line in MODES.values() for line in self._lines(data)):
             self._electrodes = self.sensor.n_electrodes
         return b""
 

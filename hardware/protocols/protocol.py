@@ -71,11 +71,11 @@ class Protocol(ABC):
 
     def starting(self) -> Sequence[bytes]:
         """The commands that have the board measure."""
-        return ()
+        return self.waking[1:]
 
     def stopping(self) -> Sequence[bytes]:
         """The commands that have it pause."""
-        return ()
+        return self.waking[:1]
 
     def begin(self) -> None:
         """Begin a new series of frames: the board was paused meanwhile.
@@ -125,6 +125,7 @@ class Device(ABC):
     def __init__(self, sensor: Sensor) -> None:
         self.sensor = sensor
         self.running = False
+        self._rest = b""
 
     @abstractmethod
     def obey(self, data: bytes) -> bytes:
@@ -140,25 +141,15 @@ class Device(ABC):
             values: (M,) [V/A] in the order of the sensor's pattern.
         """
 
-
-class CommandReader:
-    """Commands of a host, cut out of its stream of bytes; an endless line is forgotten."""
-
-    def __init__(self, longest: int = 64) -> None:
-        self._longest = longest
-        self._rest = b""
-
-    def lines(self, data: bytes) -> list[bytes]:
-        """The lines that `data` completes, without white space around them."""
+    def _lines(self, data: bytes) -> list[bytes]:
+        """The lines that `data` completes, stripped; an endless one is forgotten."""
         *whole, self._rest = (self._rest + data).split(b"\n")
-        self._rest = self._rest[-self._longest :]
+        self._rest = self._rest[-64:]
         return [line.strip() for line in whole]
 
 
 FrameMatcher = Callable[[bytearray, int], int | None]
 """Length of the frame at a place in the buffer; 0 if there is none, None if more bytes decide."""
-
-_CHUNK = 1 << 16  # a large feed costs no more than many small ones
 
 
 class Scanner:
@@ -184,13 +175,7 @@ class Scanner:
 
     def feed(self, data: bytes) -> list[bytes]:
         """Return the frames that `data` completes."""
-        frames = []
-        for begin in range(0, len(data), _CHUNK):
-            self._buffer += data[begin : begin + _CHUNK]
-            frames += self._scan()
-        return frames
-
-    def _scan(self) -> list[bytes]:
+        self._buffer += data
         buffer, frames = self._buffer, []
         settled = at = 0
         undecided: int | None = None

@@ -3,12 +3,11 @@
 import re
 import struct
 import zlib
-from collections.abc import Sequence
 
 import numpy as np
 
 from eitbench.hardware.board import Frame
-from eitbench.hardware.protocols.protocol import CommandReader, Device, Protocol, Scanner
+from eitbench.hardware.protocols.protocol import Device, Protocol, Scanner
 from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.sensors.patterns import DrivePattern
@@ -46,12 +45,11 @@ def encode(pattern: int, number: int, time_s: float, values: Array) -> bytes:
 class _TeensyDevice(Device):
     def __init__(self, sensor: Sensor) -> None:
         super().__init__(sensor)
-        self._commands = CommandReader()
         self._pattern = pattern_id(sensor.pattern)
 
     def obey(self, data: bytes) -> bytes:
         answer = b""
-        for line in self._commands.lines(data):
+        for line in self._lines(data):
             if line in (START.strip(), STOP.strip()):
                 self.running = line == START.strip()
             elif line == ASK.strip():
@@ -86,39 +84,21 @@ class Teensy(Protocol):
                 f"{sensor.name!r} has {sensor.n_measurements}: choose another sensor."
             )
 
-    def starting(self) -> Sequence[bytes]:
-        """The line that starts it."""
-        return (START,)
-
-    def stopping(self) -> Sequence[bytes]:
-        """The line that stops it."""
-        return (STOP,)
-
     def feed(self, data: bytes, received_s: float) -> list[Frame]:
         """The frames that `data` completes."""
-        frames = []
-        for raw in self._scanner.feed(data):
-            frame = self._decode(raw, received_s)
-            if frame is not None:
-                frames.append(frame)
+        decoded = [self._decode(raw, received_s) for raw in self._scanner.feed(data)]
         self.health.skipped_bytes = self._scanner.skipped
         self.health.damaged = self._scanner.false_starts + self._not_finite
-        return frames
+        return [frame for frame in decoded if frame is not None]
 
     def _decode(self, raw: bytes, received_s: float) -> Frame | None:
         _, _, pattern, number, count, time_us = _HEADER.unpack_from(raw)
         m = self.sensor.n_measurements
-        if count != m:
+        if (count, pattern) != (m, self._pattern):
             self._refuse(
-                f"The board sends {count} values a frame where sensor {self.sensor.name!r} has "
-                f"{m}: choose the sensor that is on it, or load its pattern into the board."
-            )
-            return None
-        if pattern != self._pattern:
-            self._refuse(
-                f"The board is set to drive pattern {pattern:#06x} where sensor "
-                f"{self.sensor.name!r} has {self._pattern:#06x}: choose the sensor that is on it, "
-                "or load its pattern into the board."
+                f"The board sends {count} values a frame of drive pattern {pattern:#06x} where "
+                f"sensor {self.sensor.name!r} has {m} of {self._pattern:#06x}: choose the sensor "
+                "that is on it, or load its pattern into the board."
             )
             return None
         with np.errstate(invalid="ignore"):

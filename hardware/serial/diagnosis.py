@@ -24,25 +24,16 @@ def diagnose(
     """
     if len(data) < _LEAST or expected.recognises(data):
         return None
-    name = recognised(data)
-    if name is not None:
-        return (
-            f"What {port} sends looks like board {name!r}, not {expected.name!r}: give "
-            f"--board {name}."
-        )
     # What is read at a wrong rate may be printable, too, so that text is considered last.
-    for baud in BAUDS:
-        name = recognised(listen(baud)) if baud != expected.baud else None
-        if name == expected.name:
-            return (
-                f"The board on {port} has the wrong baud rate: it is set to {baud} bit/s; "
-                f"set it to {expected.baud}, the rate of {name!r}."
-            )
-        if name is not None:
-            return (
-                f"What {port} sends at {baud} bit/s looks like board {name!r}, not "
-                f"{expected.name!r}: give --board {name}."
-            )
+    for baud in (expected.baud, *BAUDS):
+        heard = data if baud == expected.baud else listen(baud)
+        for name, protocol in PROTOCOLS.items():
+            if protocol.recognises(heard):
+                return (
+                    f"What {port} sends at {baud} bit/s looks like board {name!r}, not "
+                    f"{expected.name!r} at {expected.baud} bit/s: set the board to that rate, or "
+                    f"give --board {name}."
+                )
     if is_text(data):
         line = data[data.find(b"\n") + 1 :].partition(b"\n")[0]
         begin = line.strip()[:40].decode(errors="replace")
@@ -54,11 +45,6 @@ def diagnose(
         f"What {port} sends at {expected.baud} bit/s is neither text nor frames: most likely the "
         f"board has a wrong baud rate; set it to {expected.baud}, the rate of {expected.name!r}."
     )
-
-
-def recognised(data: bytes) -> str | None:
-    """Name of the board that sends `data`; None if it is unknown."""
-    return next((name for name, p in PROTOCOLS.items() if p.recognises(data)), None)
 
 
 def is_text(data: bytes) -> bool:

@@ -41,52 +41,34 @@ def check(port: str) -> None:
     if os.name != "posix":
         return
     if not path.exists():
-        raise BoardError(f"There is no serial port {port}: {existing()}.")
+        raise BoardError(
+            f"There is no serial port {port}: plug the board in, or name another; {existing()}."
+        )
     # On Linux, 1 is memory, such as /dev/null, which every other program uses.
     if not path.is_char_device() or os.major(path.stat().st_rdev) == 1:
-        raise _no_serial_port(port)
-    if not os.access(path, os.R_OK | os.W_OK):
-        raise forbidden(port)
+        raise BoardError(f"{port!r} is no serial port: {existing()}.")
+    if not os.access(path, os.R_OK | os.W_OK, effective_ids=True):
+        try:
+            group = path.group()
+        except KeyError:  # it has a number only
+            group = str(path.stat().st_gid)
+        raise BoardError(
+            f"You may not use {port}: join its group with `sudo usermod -aG {group} $USER`, then "
+            "log out and in again, or ask the administrator of this machine."
+        )
     if holders(port):
-        raise taken(port)
+        raise _taken(port)
 
 
 def refused(port: str, error: OSError) -> BoardError:
     """The error of a port that could not be opened because of `error`."""
-    if error.errno in (errno.EACCES, errno.EPERM):
-        return forbidden(port)
     if error.errno in (errno.EAGAIN, errno.EBUSY):
-        return taken(port)
-    if str(error).startswith("Could not configure port"):  # pyserial's; it has no rate to set
-        return _no_serial_port(port)
+        return _taken(port)
     reason = os.strerror(error.errno) if error.errno else str(error)
     return BoardError(f"The serial port {port} cannot be opened ({reason}): {existing()}.")
 
 
-def _no_serial_port(port: str) -> BoardError:
-    return BoardError(f"{port!r} is no serial port: {existing()}.")
-
-
-def forbidden(port: str) -> BoardError:
-    """The error of a port that the user may not use; it names the group that may."""
-    import grp  # only POSIX has groups
-
-    stat = Path(port).stat()
-    if stat.st_mode & 0o060 != 0o060:
-        return BoardError(
-            f"You may not use {port}, nor may any group: ask the administrator of this machine."
-        )
-    try:
-        group = grp.getgrgid(stat.st_gid).gr_name
-    except KeyError:
-        group = str(stat.st_gid)
-    return BoardError(
-        f"You may not use {port}, which belongs to the group {group!r}: join it with `sudo "
-        f"usermod -aG {group} $USER`, then log out and in again."
-    )
-
-
-def taken(port: str) -> BoardError:
+def _taken(port: str) -> BoardError:
     """The error of a port that is in use; it names the program if the system tells."""
     programs = ", ".join(holders(port)) or "another program"
     return BoardError(f"{port} is in use by {programs}: close it there first.")
@@ -97,20 +79,11 @@ def holders(port: str) -> list[str]:
 
     Only Linux tells, and of other users' programs only to the administrator.
     """
-    device = os.path.realpath(port)
-    found = []
-    for process in Path("/proc").glob("[0-9]*"):
-        if process.name == str(os.getpid()):
-            continue
+    device, found = os.path.realpath(port), list[str]()
+    for link in Path("/proc").glob("[0-9]*/fd/*"):
+        process = link.parents[1]
         with contextlib.suppress(OSError):  # it has ended, or belongs to somebody else
-            if any(_leads_to(link, device) for link in (process / "fd").iterdir()):
+            if process.name != str(os.getpid()) and str(link.readlink()) == device:
                 name = (process / "comm").read_text().strip()
                 found.append(f"{name} (process {process.name})")
-    return found
-
-
-def _leads_to(link: Path, device: str) -> bool:
-    try:
-        return str(link.readlink()) == device
-    except OSError:  # closed meanwhile
-        return False
+    return list(dict.fromkeys(found))

@@ -2,7 +2,8 @@
 
 import os
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import ClassVar
 
@@ -56,11 +57,6 @@ class SerialBoard(Board):
         self._repeated = False  # the start was sent twice
         self._forget()
 
-    @property
-    def port_is_gone(self) -> bool:
-        """True if the device file of its port has disappeared; only POSIX has such files."""
-        return os.name == "posix" and not Path(self.port).exists()
-
     def open(self) -> None:
         """Take hold of the port."""
         self.close()
@@ -89,15 +85,24 @@ class SerialBoard(Board):
         for command in self._parser.stopping():
             self._send(command)
             self._answer()
-        try:
-            self._line.reset_input_buffer()
-        except OSError as error:
-            raise self._lost(error) from error
+        with self._line() as line:
+            line.reset_input_buffer()
         self._parser.begin()
         for command in self._parser.starting():
             self._send(command)
-            if self._parser.awaits_answers:
-                self._check(command, self._answer())
+            obeyed = self._answer()
+            if obeyed is False:
+                raise BoardError(
+                    f"The board on {self.port} refuses the command {command.hex(' ')}: see whether "
+                    f"its set-up fits sensor {self.sensor.name!r}."
+                )
+            if obeyed is None and self._parser.awaits_answers:
+                raise BoardError(
+                    self._diagnosis()
+                    or self._other_board()
+                    or f"The board on {self.port} does not answer as {self.protocol.name!r} does: "
+                    "see whether it is switched on, and whether this is its port."
+                )
         self._started = True
         self._repeated = False
         self._silent_since = time.monotonic()
@@ -129,11 +134,24 @@ class SerialBoard(Board):
             self._serial.close()
             self._serial = None
 
-    @property
-    def _line(self) -> serial.Serial:
+    @contextmanager
+    def _line(self) -> Iterator[serial.Serial]:
+        """The open port; it is let go of if the board is gone."""
         if self._serial is None:
             raise BoardError(f"The board on {self.port} is not open: open it first.")
-        return self._serial
+        try:
+            yield self._serial
+        except serial.SerialTimeoutException as error:
+            raise BoardError(
+                f"The board on {self.port} takes no commands: see whether it is the right port, "
+                "and switch the board off and on."
+            ) from error
+        except OSError as error:
+            self.close()
+            raise BoardLostError(
+                f"The board on {self.port} is gone: it was unplugged or lost its power; plug it in "
+                "and start again."
+            ) from error
 
     def _ask_firmware(self) -> str:
         """Return the name and version of the firmware; "" if the board does not answer."""
@@ -148,35 +166,15 @@ class SerialBoard(Board):
                 return found[1].decode()
         return ""
 
-    def _lost(self, error: OSError) -> BoardLostError:
-        self.close()
-        lost = BoardLostError(
-            f"The board on {self.port} is gone: it was unplugged or lost its power; plug it in "
-            "and start again."
-        )
-        lost.__cause__ = error
-        return lost
-
     def _read(self) -> bytes:
         """Return the bytes that have arrived, at most `_CHUNK`; wait a little if there are none."""
-        line = self._line
-        try:
+        with self._line() as line:
             return bytes(line.read(min(max(line.in_waiting, 1), _CHUNK)))
-        except OSError as error:
-            raise self._lost(error) from error
 
     def _send(self, command: bytes) -> None:
-        line = self._line
         self._parser.answers.clear()
-        try:
+        with self._line() as line:
             line.write(command)
-        except serial.SerialTimeoutException as error:
-            raise BoardError(
-                f"The board on {self.port} takes no commands: see whether it is the right port, "
-                "and switch the board off and on."
-            ) from error
-        except OSError as error:
-            raise self._lost(error) from error
 
     def _answer(self) -> bool | None:
         """True if the board obeyed the last command, False if not; None without an answer."""
@@ -189,20 +187,6 @@ class SerialBoard(Board):
                 return self._parser.answers.pop(0)
         return None
 
-    def _check(self, command: bytes, obeyed: bool | None) -> None:
-        if obeyed is None:
-            raise BoardError(
-                self._diagnosis()
-                or self._other_board()
-                or f"The board on {self.port} does not answer as {self.protocol.name!r} does: see "
-                "whether it is switched on, and whether this is its port."
-            )
-        if not obeyed:
-            raise BoardError(
-                f"The board on {self.port} refuses the command {command.hex(' ')}: see whether its "
-                f"set-up fits sensor {self.sensor.name!r}."
-            )
-
     def _forget(self) -> None:
         """Forget the bytes since the last frame: one has come, or none is expected."""
         self._unread = bytearray()
@@ -211,9 +195,7 @@ class SerialBoard(Board):
     def _check_progress(self, data: bytes) -> None:
         """Find the reason if no frame comes for too long; `data` are the latest bytes."""
         now = time.monotonic()
-        silent = (
-            not data and self._silent_since is not None and now - self._silent_since > _SILENCE_S
-        )
+        silent = not data and now - (self._silent_since or now) > _SILENCE_S
         if (silent or self._parser.refusal) and self._start_again():
             return
         if self._parser.refusal:
@@ -231,8 +213,7 @@ class SerialBoard(Board):
         self._unread += data
         del self._unread[:-_REMEMBERED]
         if now - self._since > _PATIENCE_S:
-            wrong = self._diagnosis()
-            if wrong is not None:
+            if wrong := self._diagnosis():
                 raise BoardError(wrong)
             self._forget()
 
@@ -252,7 +233,8 @@ class SerialBoard(Board):
 
     def _other_board(self) -> str | None:
         """Name the other board that it is, if that one is silent until started; one sentence."""
-        for name, protocol in PROTOCOLS.items():
+        # The last one first: `sciospec` would take the text of `teensy` for half a message.
+        for name, protocol in reversed(PROTOCOLS.items()):
             if not protocol.waking or name == self.protocol.name:
                 continue
             heard = self._listen(protocol.baud, protocol.waking)
@@ -266,8 +248,7 @@ class SerialBoard(Board):
 
     def _listen(self, baud: int, commands: Sequence[bytes] = ()) -> bytes:
         """Return the bytes that come at another rate, after `commands`."""
-        line = self._line
-        try:
+        with self._line() as line:
             line.baudrate = baud
             line.reset_input_buffer()
             for command in commands:
@@ -277,8 +258,6 @@ class SerialBoard(Board):
             while time.monotonic() < end:
                 heard += self._read()
             line.baudrate = self.protocol.baud
-        except OSError as error:
-            raise self._lost(error) from error
         return bytes(heard)
 
 

@@ -10,7 +10,6 @@ from threadpoolctl import threadpool_info, threadpool_limits
 from eitbench.hardware.board import BoardError, BoardLostError
 from eitbench.hardware.live import session
 from eitbench.hardware.live.imaging import NEED_TRAINING_DATA, NO_DATA, LatestValue, no_data
-from eitbench.hardware.registry import make_board, make_emulator
 from eitbench.methods import Method, Problem, create, register
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.physics.forward import forward_model
@@ -193,22 +192,6 @@ def test_a_board_that_is_lost_is_opened_again(
         "The board is back.",
     ]
     assert (np.diff(content.number) == 1).all()
-
-
-def test_a_serial_port_that_is_gone_is_an_unplugged_board(watch: Any, wait_for: Any) -> None:
-    emulator = make_emulator(None, "teensy", None, 2.0)
-    emulator.switch_on()
-    port = emulator.port
-    watched = watch(make_board("teensy", port=port))
-    try:
-        watched.session.start("noser")
-        wait_for(lambda: watched.images)
-        emulator.switch_off()
-        wait_for(lambda: "plug it in. (" in str(watched.session.state()["sentence"]))
-        sentence = str(watched.session.state()["sentence"])
-        assert sentence.startswith("The board is unplugged: plug it in. (There is no serial port")
-    finally:
-        emulator.switch_off()
 
 
 @pytest.mark.parametrize("error", [BoardError("It speaks openeit."), RuntimeError("a bug")])

@@ -31,11 +31,9 @@ LURES = {
 def kept(parser: Protocol | Device) -> int:
     """Bytes that one end keeps for later."""
     parts: list[Any] = [v for v in vars(parser).values() if isinstance(v, bytes | bytearray | list)]
-    scanner = getattr(parser, "_scanner", None)
-    if scanner is not None:
-        parts.append(scanner._buffer)
-    rows = getattr(parser, "_set", None)
-    return sum(map(sys.getsizeof, parts)) + (0 if rows is None else rows.nbytes)
+    if hasattr(parser, "_scanner"):
+        parts.append(parser._scanner._buffer)
+    return sum(map(sys.getsizeof, parts))
 
 
 def recovers(sent: Any, parser: Protocol) -> bool:

@@ -122,7 +122,7 @@ def refusal(parser: Any, messages: list[bytes]) -> str:
 def test_a_board_with_another_pattern_is_refused(stream: MakeStream) -> None:
     four = sensor("foam16", offset=4)
     for name, says in (
-        ("teensy", "drive pattern 0x944d where sensor 'foam16' has 0x3862"),
+        ("teensy", "drive pattern 0x944d where sensor 'foam16' has 208 of 0x3862"),
         ("eit-kit", "16 electrodes and offset 4 where sensor 'foam16' has 16 and 3"),
     ):
         sent = stream(name, 2 * PATIENCE, four)
@@ -132,7 +132,7 @@ def test_a_board_with_another_pattern_is_refused(stream: MakeStream) -> None:
 def test_another_number_of_values_is_refused(stream: MakeStream) -> None:
     eight = replace(foam16(), electrodes=foam16().electrodes[::2], pattern=offset_pattern(8, 3))
     cases = [
-        (Teensy(foam16()), sensor("ohmc16"), "192 values a frame where sensor 'foam16' has 208"),
+        (Teensy(foam16()), sensor("ohmc16"), "192 values a frame of drive pattern"),
         (
             OpenEit(sensor("ohmc16")),
             sensor("ohmc8"),

@@ -116,18 +116,6 @@ def test_unplugged_before_a_command(serve: Serve) -> None:
 
 
 @pytest.mark.usefixtures("impatient")
-def test_a_wrong_baud_rate_is_found_by_listening(
-    serve: Serve, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    server = serve("openeit", 100.0)
-    monkeypatch.setattr(PROTOCOLS["openeit"], "baud", 9600)  # the host's; the board has its own
-    with on("openeit", server.port) as board:
-        board.start()
-        with pytest.raises(BoardError, match="115200 bit/s; set it to 9600"):
-            until(board, 1)
-
-
-@pytest.mark.usefixtures("impatient")
 @pytest.mark.parametrize(
     ("spoken", "expected"),
     [
