@@ -3,7 +3,6 @@
 import base64
 import hashlib
 import json
-from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
 
@@ -14,23 +13,12 @@ from eitbench.hardware.live.session import Session
 from eitbench.scenarios.sensors.sensor import Sensor
 
 
-@dataclass(frozen=True)
-class Page:
-    """The answer to a request of `/`.
-
-    Attributes:
-        html: the document.
-        policy: its Content-Security-Policy, which lets this style and this script run, and none
-            other.
-    """
-
-    html: str
-    policy: str
-
-
 @cache
-def page() -> Page:
-    """The page of the live view."""
+def page() -> tuple[str, str]:
+    """The page of the live view, and its Content-Security-Policy.
+
+    The policy lets this style and this script run, and none other.
+    """
     folder = files("eitbench.hardware.live") / "templates"
     html = (folder / "live.html").read_text(encoding="utf-8")
     hashes = {}
@@ -38,7 +26,7 @@ def page() -> Page:
         source = (folder / name).read_text(encoding="utf-8")
         html = html.replace(f"{{{{ {name} }}}}", source)
         hashes[name] = _hash(source)
-    return Page(
+    return (
         html.replace("{{ colours }}", json.dumps(_colours())),
         f"default-src 'none'; script-src '{hashes['drawing.js']}' '{hashes['live.js']}'; "
         f"style-src '{hashes['live.css']}'; connect-src 'self'; img-src data:; base-uri 'none'; "

@@ -186,7 +186,7 @@ def make_server(
     session: Session, broadcast: Broadcast, access: Access, port: int
 ) -> uvicorn.Server:
     """The server for `session`; run it with the socket that listens on `port`."""
-    pages = _Pages(session, broadcast, access, port)
+    pages = _Pages(session, broadcast, access, port, page_setup(session))
     app = Starlette(
         routes=[
             Route("/", pages.show_page, methods=["GET"]),
@@ -207,15 +207,15 @@ def make_server(
     )
 
 
+@dataclass(frozen=True)
 class _Pages:
     """Answers to visitors who have access; others are refused."""
 
-    def __init__(self, session: Session, broadcast: Broadcast, access: Access, port: int) -> None:
-        self._session = session
-        self._broadcast = broadcast
-        self._access = access
-        self._port = port
-        self._setup = page_setup(session)
+    session: Session
+    broadcast: Broadcast
+    access: Access
+    port: int
+    setup: dict[str, object]
 
     async def show_page(self, request: Request) -> Response:
         if not self._is_ours(request):
@@ -223,17 +223,18 @@ class _Pages:
                 "This is not the address of the live view: open the one that eitbench printed.", 421
             )
         given = request.query_params.get("token")
-        if given is not None and self._access.has_token(given):
+        if given is not None and self.access.has_token(given):
             # The token must not stay in the address, which browsers keep and show.
             answer = RedirectResponse("/", 303)
             answer.set_cookie(COOKIE, given, httponly=True, samesite="strict")
             return answer
-        if not self._access.has_token(request.cookies.get(COOKIE)):
+        if not self.access.has_token(request.cookies.get(COOKIE)):
             return PlainTextResponse("Open the address with the token that eitbench printed.", 403)
+        html, policy = page()
         return HTMLResponse(
-            page().html,
+            html,
             headers={
-                "Content-Security-Policy": page().policy,
+                "Content-Security-Policy": policy,
                 "X-Content-Type-Options": "nosniff",
                 "Referrer-Policy": "no-referrer",
                 "Cross-Origin-Opener-Policy": "same-origin",
@@ -247,17 +248,17 @@ class _Pages:
             await websocket.close(_POLICY_VIOLATED)
             return
         await websocket.accept()
-        if len(self._broadcast.viewers) >= MOST_VIEWERS:
+        if len(self.broadcast.viewers) >= MOST_VIEWERS:
             await websocket.close(_TRY_LATER, f"{MOST_VIEWERS} pages are open already.")
             return
         viewer = Viewer()
-        self._broadcast.add(viewer)
-        connection = _PageConnection(websocket, viewer, self._session, self._setup)
+        self.broadcast.add(viewer)
+        connection = _PageConnection(websocket, viewer, self.session, self.setup)
         tasks = [asyncio.create_task(work()) for work in (connection.send, connection.listen)]
         try:
             await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
         finally:
-            self._broadcast.viewers.discard(viewer)
+            self.broadcast.viewers.discard(viewer)
             for task in tasks:
                 task.cancel()
             for ended in await asyncio.gather(*tasks, return_exceptions=True):
@@ -265,67 +266,65 @@ class _Pages:
                     raise ended
 
     def _is_ours(self, connection: HTTPConnection) -> bool:
-        return self._access.is_ours(connection.headers.get("host"), self._port)
+        return self.access.is_ours(connection.headers.get("host"), self.port)
 
     def _may_connect(self, websocket: WebSocket) -> bool:
         """A foreign page may open a WebSocket to here, but cannot choose its own Origin."""
         headers = websocket.headers
         same_origin = headers.get("origin") == f"http://{headers.get('host')}"
         token = websocket.cookies.get(COOKIE) or websocket.query_params.get("token")
-        return self._is_ours(websocket) and same_origin and self._access.has_token(token)
+        return self._is_ours(websocket) and same_origin and self.access.has_token(token)
 
 
+@dataclass
 class _PageConnection:
     """The WebSocket of one open page."""
 
-    def __init__(
-        self, websocket: WebSocket, viewer: Viewer, session: Session, setup: dict[str, object]
-    ) -> None:
-        self._websocket = websocket
-        self._viewer = viewer
-        self._session = session
-        self._setup = setup
-        self._presses = False
+    websocket: WebSocket
+    viewer: Viewer
+    session: Session
+    setup: dict[str, object]
+    presses: bool = False
 
     async def send(self) -> None:
         """Send the setup, then images as they come and the state four times a second."""
-        await self._say("setup", self._setup)
+        await self._say("setup", self.setup)
         loop = asyncio.get_running_loop()
         due = loop.time()
         while True:
             if loop.time() >= due:
-                seen = {"latency_ms": self._viewer.latency_ms, "age_s": self._viewer.age_s}
-                await self._say("state", self._session.state() | seen)
+                seen = {"latency_ms": self.viewer.latency_ms, "age_s": self.viewer.age_s}
+                await self._say("state", self.session.state() | seen)
                 due = loop.time() + STATE_EVERY_S
-            message = await self._viewer.next(due - loop.time())
+            message = await self.viewer.next(due - loop.time())
             if message is not None:
-                await self._websocket.send_bytes(message.data)
+                await self.websocket.send_bytes(message.data)
 
     async def listen(self) -> None:
         """Do what the page requests; send the reason if it cannot be done."""
         try:
-            while (message := await self._websocket.receive())["type"] == "websocket.receive":
+            while (message := await self.websocket.receive())["type"] == "websocket.receive":
                 try:
                     await self._do(read_request(message.get("text") or ""))
                 except EitbenchError as error:
                     await self._say("refused", {"why": str(error)})
         finally:
-            if self._presses:
-                self._session.release()
+            if self.presses:
+                self.session.release()
 
     async def _say(self, kind: str, content: dict[str, object]) -> None:
-        await self._websocket.send_text(json.dumps({"type": kind} | content, allow_nan=False))
+        await self.websocket.send_text(json.dumps({"type": kind} | content, allow_nan=False))
 
     async def _do(self, request: PageRequest) -> None:
-        session = self._session
+        session = self.session
         match request:
             case Painted():
-                self._viewer.painted(request.number)
+                self.viewer.painted(request.number)
             case Press():
-                self._presses = True
+                self.presses = True
                 session.touch(request.x_m, request.y_m, request.radius_m, request.pressure_pa)
             case Release():
-                self._presses = False
+                self.presses = False
                 session.release()
             case ChooseMethod():
                 await asyncio.to_thread(session.imaging.choose, request.name)

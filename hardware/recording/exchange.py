@@ -1,5 +1,6 @@
 """Recordings to and from other formats: CSV, MATLAB, HDF5 and the public recorded sets."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,11 +11,10 @@ from eitbench.hardware.recording.recorder import Recorder, check_new
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.recordings import is_recording, recorded_set
 from eitbench.scenarios.recordings.fetch import read_recording
-from eitbench.scenarios.recordings.files import layout
 from eitbench.scenarios.recordings.files.csv_mat import (
-    NO_TIMES,
     read_csv,
     read_mat_recording,
+    without_times,
     write_csv,
     write_mat,
 )
@@ -84,18 +84,11 @@ def write_recording(content: Content, to: Path) -> None:
         InputError: `to` exists already.
         RecorderError: it cannot be written.
     """
-    with Recorder(
-        to,
-        content.sensor,
-        content.board,
-        firmware=content.firmware,
-        emulated=content.emulated,
-        started=content.started,
-    ) as recorder:
-        for number, time_s, received_s, values in zip(
-            content.number, content.time_s, content.received_s, content.values, strict=True
-        ):
-            recorder.append(Frame(int(number), float(time_s), float(received_s), values))
+    named = {name: getattr(content, name) for name in ("firmware", "emulated", "started")}
+    columns = (content.number.tolist(), content.time_s.tolist(), content.received_s.tolist())
+    with Recorder(to, content.sensor, content.board, **named) as recorder:
+        for frame in zip(*columns, content.values, strict=True):
+            recorder.append(Frame(*frame))
         for row in content.reference.tolist():
             recorder.mark_reference(row, row)
         for label in content.labels.to_dict("records"):
@@ -111,25 +104,11 @@ def _public(name: str, sensor: Sensor | None) -> Content:
         raise InputError(f"The recorded set {name!r} has a sensor of its own: leave out --sensor.")
     recording = read_recording(name)
     samples = recording.samples
-    n = len(samples)
-    count = np.arange(n + 1)
-    labels = pd.DataFrame({"first": count[1:], "last": count[1:]})
+    rows = np.arange(1, len(samples) + 1)
+    labels = pd.DataFrame({"first": rows, "last": rows})
     for column in ("x_m", "y_m", "depth_mm"):
         labels[column] = samples[column].to_numpy(float) if column in samples else np.nan
     labels["state"] = samples["state"].astype(str).to_numpy() if "state" in samples else ""
-    return Content(
-        sensor=recorded.sensor(),
-        board=name,
-        firmware="",
-        emulated=False,
-        started="unknown",
-        number=count,
-        time_s=count.astype(np.float64),
-        received_s=count.astype(np.float64),
-        values=np.concatenate([recording.reference[None], recording.voltages]),
-        reference=count[:1],
-        labels=labels[list(layout.LABEL.names or ())],
-        events=pd.DataFrame(
-            {"time_s": [0.0, 0.0], "text": [NO_TIMES, f"from {recorded.repository}"]}
-        ),
-    )
+    frames = np.concatenate([recording.reference[None], recording.voltages])
+    content = without_times(frames, recorded.sensor(), name, f"from {recorded.repository}")
+    return replace(content, reference=np.array([0]), labels=labels)

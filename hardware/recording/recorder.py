@@ -78,8 +78,8 @@ class Recorder:
 
     Raises:
         InputError: the file exists already, or its name does not end in .h5.
-        RecorderError: it cannot be written, or (at the end of a `with`) holds no frame and is
-            removed.
+        RecorderError: it cannot be written, which a later call may be the first to say, or (at the
+            end of a `with`) holds no frame and is removed.
     """
 
     def __init__(
@@ -137,11 +137,7 @@ class Recorder:
             self.count += 1
 
     def event(self, text: str, time_s: float) -> None:
-        """Note `text`, which happened at `time_s` on the clock of `Frame.received_s` [s].
-
-        Raises:
-            RecorderError: what was appended before could not be written.
-        """
+        """Note `text`, which happened at `time_s` on the clock of `Frame.received_s` [s]."""
         self._add(layout.EVENTS, (time_s, layout.fitted(text, layout.TEXT_BYTES)))
 
     def label(
@@ -154,20 +150,12 @@ class Recorder:
         depth_mm: float = float("nan"),
         state: str = "",
     ) -> None:
-        """Say that frames `first` to `last` (rows, from 0) show one touch; NaN where unknown.
-
-        Raises:
-            RecorderError: what was appended before could not be written.
-        """
+        """Say that frames `first` to `last` (rows, from 0) show one touch; NaN where unknown."""
         named = layout.fitted(state, layout.STATE_BYTES)
         self._add(layout.LABELS, (first, last, x_m, y_m, depth_mm, named))
 
     def mark_reference(self, first: int, last: int) -> None:
-        """Say that frames `first` to `last` (rows, from 0) show the untouched sensor.
-
-        Raises:
-            RecorderError: what was appended before could not be written.
-        """
+        """Say that frames `first` to `last` (rows, from 0) show the untouched sensor."""
         self._add(layout.REFERENCE, *range(first, last + 1))
 
     def close(self) -> None:

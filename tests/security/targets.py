@@ -7,6 +7,7 @@ import json
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -40,6 +41,7 @@ from eitbench.scenarios.recordings.files.csv_mat import (
 from eitbench.scenarios.recordings.files.own import own_set
 from eitbench.scenarios.recordings.files.recording_file import read_file
 from eitbench.scenarios.recordings.quality import check
+from eitbench.scenarios.sensors.sensor import Sensor
 from eitbench.scenarios.sensors.sensor_file import read_sensor
 from eitbench.scenarios.suites.suite import load_suite, read_suite, suites
 
@@ -49,7 +51,6 @@ class Target:
     """A kind of file.
 
     Attributes:
-        form: format of the file.
         file: where a spoilt one is put, in the working folder.
         originals: valid ones.
         mutation: what spoils them.
@@ -57,7 +58,6 @@ class Target:
         share: how often it is drawn; cheap ones more often.
     """
 
-    form: str
     file: str
     originals: Sequence[bytes]
     mutation: Mutation
@@ -127,7 +127,8 @@ def targets(folder: Path) -> dict[str, Target]:
 
 def _recordings(folder: Path) -> dict[str, Target]:
     recording = folder / "original.h5"
-    eight = read_sensor(_written(folder / "eight.toml", SENSOR.encode()))
+    (folder / "eight.toml").write_text(SENSOR)
+    eight = read_sensor(folder / "eight.toml")
     values = 1 + 0.01 * np.random.default_rng(1).normal(size=(6, eight.n_measurements))
     with Recorder(recording, eight, "fake", firmware="1") as recorder:
         for k, frame in enumerate(values):
@@ -146,34 +147,26 @@ def _recordings(folder: Path) -> dict[str, Target]:
         check(path)
         own_set(path).read(path.parent)
 
-    def csv_of(path: Path) -> None:
+    def imported(read: Callable[[Path, Sensor | None], object], path: Path) -> None:
         try:
-            read_csv(path, None)
+            read(path, None)
         except InputError:
-            read_csv(path, eight)
-
-    def mat_of(path: Path) -> None:
-        try:
-            read_mat_recording(path, None)
-        except InputError:
-            read_mat_recording(path, eight)
+            read(path, eight)
 
     return {
-        "recording": Target("HDF5", "spoilt.h5", [recording.read_bytes()], mutations.hdf5, own, 6),
+        "recording": Target("spoilt.h5", [recording.read_bytes()], mutations.hdf5, own, 6),
         "csv": Target(
-            "CSV",
             "spoilt.csv",
             [(folder / "original.csv").read_bytes(), bare.encode()],
             mutations.text,
-            csv_of,
+            partial(imported, read_csv),
             34,
         ),
         "mat": Target(
-            "MATLAB",
             "spoilt.mat",
             [(folder / "original.mat").read_bytes(), plain.getvalue()],
             mutations.mat,
-            mat_of,
+            partial(imported, read_mat_recording),
             24,
         ),
     }
@@ -183,7 +176,6 @@ def _declarations() -> dict[str, Target]:
     files = [path.read_bytes() for path in suites().values() if path.stat().st_size < 3000]
     return {
         "sensor": Target(
-            "TOML",
             "spoilt-sensor.toml",
             [SENSOR.encode(), POLYGON.encode()],
             mutations.text,
@@ -191,7 +183,7 @@ def _declarations() -> dict[str, Target]:
             20,
         ),
         "suite": Target(
-            "TOML", "spoilt-suite.toml", [SUITE.encode(), *files], mutations.text, read_suite, 20
+            "spoilt-suite.toml", [SUITE.encode(), *files], mutations.text, read_suite, 20
         ),
     }
 
@@ -208,14 +200,13 @@ def _runs(folder: Path, run: Path) -> dict[str, Target]:
         for write in FORMATS.values():
             write(rows)
 
-    def described(path: Path) -> None:
-        shown(path)
-        list(rescored(read_run(path.parent)))
-        Plan.of(manifest.read_resumable(path.parent), path.parent)
-
     def scored(path: Path) -> None:
         shown(path)
         list(rescored(read_run(path.parent)))
+
+    def described(path: Path) -> None:
+        scored(path)
+        Plan.of(manifest.read_resumable(path.parent), path.parent)
 
     def reported(path: Path) -> None:
         report_data([path.parent])
@@ -236,25 +227,25 @@ def _runs(folder: Path, run: Path) -> dict[str, Target]:
         check(spoilt, plan, 1)
 
     notes = json.dumps({"tiny": {"guess_mm": 3.0, "repeat_noise": None}}).encode()
-    kinds: dict[str, tuple[str, str, Mutation, Callable[[Path], object], int]] = {
-        "samples": ("Parquet", SAMPLES, mutations.parquet, scored, 5),
-        "cells": ("Parquet", METHOD_RUNS.table, mutations.parquet, shown, 4),
-        "baseline": ("Parquet", SAMPLES, mutations.parquet, baseline, 3),
-        "arrays": ("HDF5", METHOD_RUNS.arrays, mutations.hdf5, images, 3),
-        "manifest": ("JSON", manifest.FILE_NAME, mutations.json_text, described, 2),
-        "reported": ("JSON", manifest.FILE_NAME, mutations.json_text, reported, 1),
-        "notes": ("JSON", NOTES_FILE, mutations.json_text, shown, 2),
-        "submission": ("JSON", submission.LEADERBOARD, mutations.json_text, submitted, 2),
+    kinds: dict[str, tuple[str, Mutation, Callable[[Path], object], int]] = {
+        "samples": (SAMPLES, mutations.parquet, scored, 5),
+        "cells": (METHOD_RUNS.table, mutations.parquet, shown, 4),
+        "baseline": (SAMPLES, mutations.parquet, baseline, 3),
+        "arrays": (METHOD_RUNS.arrays, mutations.hdf5, images, 3),
+        "manifest": (manifest.FILE_NAME, mutations.json_text, described, 2),
+        "reported": (manifest.FILE_NAME, mutations.json_text, reported, 1),
+        "notes": (NOTES_FILE, mutations.json_text, shown, 2),
+        "submission": (submission.LEADERBOARD, mutations.json_text, submitted, 2),
     }
     found = {}
-    for name, (form, file, mutation, read, share) in kinds.items():
+    for name, (file, mutation, read, share) in kinds.items():
         place = folder / f"run-{name}"
         place.mkdir()
         for path in run.iterdir():
             if path.is_file() and path.name != file:
                 (place / path.name).write_bytes(path.read_bytes())
         original = (run / file).read_bytes() if file != NOTES_FILE else notes
-        found[name] = Target(form, f"{place.name}/{file}", [original], mutation, read, share)
+        found[name] = Target(f"{place.name}/{file}", [original], mutation, read, share)
     return found
 
 
@@ -285,7 +276,6 @@ def _others(folder: Path, run: Path) -> dict[str, Target]:
 
     return {
         "batch": Target(
-            "NPZ",
             str(part.relative_to(folder)),
             [part.read_bytes()],
             mutations.npz,
@@ -293,7 +283,6 @@ def _others(folder: Path, run: Path) -> dict[str, Target]:
             26,
         ),
         "weights": Target(
-            "safetensors",
             "training/checkpoint.safetensors",
             [checkpoint.read_bytes()],
             mutations.safetensors,
@@ -301,7 +290,6 @@ def _others(folder: Path, run: Path) -> dict[str, Target]:
             43,
         ),
         "choices": Target(
-            "JSON",
             str(choices.relative_to(folder)),
             [choices.read_bytes()],
             mutations.json_text,
@@ -309,8 +297,3 @@ def _others(folder: Path, run: Path) -> dict[str, Target]:
             14,
         ),
     }
-
-
-def _written(path: Path, content: bytes) -> Path:
-    path.write_bytes(content)
-    return path

@@ -79,7 +79,7 @@ def test_what_goes_wrong_is_found(
     contents = [b"first", b"second", b"third", b"fourth"]
     monkeypatch.setattr(fuzz, "LIMIT_S", limit_s)
     monkeypatch.setattr(fuzz, "spoilt", lambda seed, name, target, k: contents[k])
-    target = fuzz.Target("x", "x", [b""], lambda draws, data: data, third, 1)
+    target = fuzz.Target("x", [b""], lambda draws, data: data, third, 1)
     tally = fuzz.Tally()
     reader = fuzz.Reader(tmp_path, 1, {"x": target})
     reader("x", range(4), tally)

@@ -28,7 +28,7 @@ from eitbench.scenarios.sensors.sensor_file import sensor_from_json
 
 COLUMNS = ("number", "time_s", "received_s")
 """Columns of every frame beside its values."""
-NO_TIMES = "imported without times: 1 s between frames is assumed"
+_NO_TIMES = "imported without times: 1 s between frames is assumed"
 
 
 def head_of(content: Content) -> dict[str, Any]:
@@ -83,10 +83,15 @@ def frames_alone(values: NDArray[np.float64], sensor: Sensor | None, path: Path)
     if sensor is None:
         raise InputError(f"{path} does not say on which sensor it was measured: give --sensor.")
     check_width(values, sensor, path)
+    return without_times(values, sensor, "imported")
+
+
+def without_times(values: NDArray[np.float64], sensor: Sensor, board: str, *events: str) -> Content:
+    """A recording of frames (n, M), one a second, without marks, and with these events."""
     count = np.arange(len(values))
     return Content(
         sensor=sensor,
-        board="imported",
+        board=board,
         firmware="",
         emulated=False,
         started="unknown",
@@ -96,7 +101,7 @@ def frames_alone(values: NDArray[np.float64], sensor: Sensor | None, path: Path)
         values=values,
         reference=np.empty(0, dtype=np.int64),
         labels=table_of(np.empty(0, dtype=layout.LABEL)),
-        events=pd.DataFrame({"time_s": [0.0], "text": [NO_TIMES]}),
+        events=pd.DataFrame({"time_s": 0.0, "text": [_NO_TIMES, *events]}),
     )
 
 
@@ -171,7 +176,7 @@ def read_csv(path: Path, sensor: Sensor | None) -> Content:
     names = body[0][1].split(",") if body else []
     if names[: len(COLUMNS)] != list(COLUMNS):
         raise DataCorruptError(f"{path} cannot be imported: its columns are not {COLUMNS} and v0.")
-    table = _table(body[1:], path, len(names))
+    table = _table(body[1:], path)
     if lines[-1] != f"{_COUNT}{len(table)}":
         raise DataCorruptError(
             f"{path} cannot be imported: it was cut short or edited, since its last line, "
@@ -203,25 +208,22 @@ def _head(lines: list[str], path: Path) -> dict[str, Any]:
     return head
 
 
-def _table(lines: Lines, path: Path, width: int | None = None) -> NDArray[np.float64]:
-    """Read the numbers (n, width) of `lines`; by default each has as many as the first."""
-    if width is None:
-        width = len(lines[0][1].split(",")) if lines else 0
-    rows = np.empty((len(lines), width))
-    for row, (number, line) in zip(rows, lines, strict=True):
-        cells = line.split(",")
-        if len(cells) != width:
-            raise DataCorruptError(
-                f"{path} cannot be imported: line {number} has {len(cells)} values, and those "
-                f"before it have {width}."
-            )
+def _table(lines: Lines, path: Path) -> NDArray[np.float64]:
+    """Read the numbers (n, width) of `lines`, each of which has as many as the first."""
+    rows: list[list[float]] = []
+    for number, line in lines:
         try:
-            row[:] = [float(cell) for cell in cells]
+            rows.append([float(cell) for cell in line.split(",")])
         except ValueError as error:
             raise DataCorruptError(
                 f"{path} cannot be imported: line {number} holds something else than numbers."
             ) from error
-    return rows
+        if len(rows[-1]) != len(rows[0]):
+            raise DataCorruptError(
+                f"{path} cannot be imported: line {number} has {len(rows[-1])} values, and those "
+                f"before it have {len(rows[0])}."
+            )
+    return np.array(rows).reshape(len(rows), -1) if rows else np.empty((0, 0))
 
 
 def write_mat(content: Content, path: Path) -> None:

@@ -2,7 +2,6 @@
 
 import random
 import sys
-import time
 from collections.abc import Callable
 from typing import Any
 
@@ -10,11 +9,10 @@ import numpy as np
 import psutil
 import pytest
 
-from eitbench.hardware.protocols import PROTOCOLS, Device, Protocol, teensy
+from eitbench.hardware.protocols import Device, Protocol, teensy
 from eitbench.hardware.protocols.lines import LONGEST
 
 MakeStream = Callable[..., Any]
-MB = 1 << 20
 
 # What looks like the beginning of something, or never ends.
 LURES = {
@@ -111,56 +109,38 @@ def mutated(chance: random.Random, message: bytes) -> bytes:
     return bytes(raw)
 
 
-def fuzz(sent: Any, strings: int) -> dict[str, float]:
+def fuzz(sent: Any, strings: int) -> int:
     """Feed so many strings to one parser; good frames must come out after every hundredth.
 
-    Half of them are random, half mutated frames; they come in one piece or two.
+    Half of them are random, half mutated frames; they come in one piece or two. Returns by how
+    much memory has grown [bytes].
     """
     chance = random.Random(sent.protocol.name)
     process = psutil.Process()
     parser = sent.parser()
-    before, most, largest, total = process.memory_info().rss, 0, 0, 0
-    slowest, begin = 0.0, time.perf_counter()
+    before, most = process.memory_info().rss, 0
     for k in range(strings):
         if chance.random() < 0.5:
             text = chance.randbytes(chance.randrange(300))
         else:
             text = mutated(chance, chance.choice(sent.messages))
-        total += len(text)
         cut = chance.randrange(len(text) + 1)
-        fed = time.perf_counter()
         parser.feed(text[:cut], 0.0)
         parser.feed(text[cut:], 0.0)
-        slowest = max(slowest, time.perf_counter() - fed)
         if k % 100 == 99:
-            largest = max(largest, kept(parser))
+            assert kept(parser) < 4 * LONGEST
             assert recovers(sent, parser), k
             most = max(most, process.memory_info().rss)
-    return {
-        "strings": strings,
-        "MB": total / 1e6,
-        "seconds": time.perf_counter() - begin,
-        "slowest_ms": 1e3 * slowest,
-        "kept_kB": largest / 1e3,
-        "memory_MB": (most - before) / MB,
-        **vars(parser.health),
-    }
+    return most - before
 
 
 def test_random_and_mutated_strings(name: str, stream: MakeStream) -> None:
-    found = fuzz(stream(name, 4), 3000)
-    assert found["kept_kB"] < 4 * LONGEST / 1e3
+    fuzz(stream(name, 4), 3000)
 
 
 @pytest.mark.slow
-def test_a_million_random_and_mutated_strings(
-    name: str, stream: MakeStream, capsys: pytest.CaptureFixture[str]
-) -> None:
-    found = fuzz(stream(name, 4), 1_000_000)
-    with capsys.disabled():
-        print(f"\n{name}: " + ", ".join(f"{k} {v:,.1f}" for k, v in found.items()))
-    assert found["kept_kB"] < 4 * LONGEST / 1e3
-    assert found["memory_MB"] < 64
+def test_a_million_random_and_mutated_strings(name: str, stream: MakeStream) -> None:
+    assert fuzz(stream(name, 4), 1_000_000) < 64 << 20
 
 
 def test_the_boards_end_outlives_any_command(name: str, stream: MakeStream) -> None:
@@ -173,7 +153,3 @@ def test_the_boards_end_outlives_any_command(name: str, stream: MakeStream) -> N
     for command in (b"\0" * 16, b"\n", *sent.parser().starting()):
         device.obey(command)
     assert sent.parser().feed(device.encode(0, 0.0, sent.values[0]), 0.0)
-
-
-def test_every_protocol_has_lures() -> None:
-    assert set(LURES) == set(PROTOCOLS)
