@@ -9,7 +9,7 @@ from threadpoolctl import threadpool_info, threadpool_limits
 
 from eitbench.hardware.board import BoardError, BoardLostError
 from eitbench.hardware.live import session
-from eitbench.hardware.live.imaging import NEED_TRAINING_DATA, NO_DATA, LatestValue, no_data
+from eitbench.hardware.live.imaging import NEED_TRAINING_DATA, NO_DATA, no_data
 from eitbench.methods import Method, Problem, create, register
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.physics.forward import forward_model
@@ -52,15 +52,6 @@ class Curious(Method):
     def reconstruct(self, voltages: Any) -> Any:
         self.seen.append(most_threads())
         return np.ones((len(voltages), 80, 80))
-
-
-def test_a_slot_holds_the_newest_value_once() -> None:
-    slot: LatestValue[int] = LatestValue()
-    assert slot.take(0.0) is None
-    slot.put(1)
-    slot.put(2)
-    assert slot.take(0.0) == 2
-    assert slot.take(0.0) is None
 
 
 def test_a_touch_appears_where_it_is_made(running: Any, board: Any, wait_for: Any) -> None:

@@ -124,23 +124,15 @@ def test_paths_are_quoted_in_the_address(skin: RecordedSet) -> None:
 
 
 @pytest.mark.usefixtures("served")
-def test_a_missing_set_is_downloaded_verified_and_read(
-    skin: RecordedSet, capsys: pytest.CaptureFixture[str]
+def test_a_missing_set_is_downloaded_verified_and_read_and_is_there_the_second_time(
+    skin: RecordedSet, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    fetch_recording(skin, progress=True)
-    assert read_recording("skin").voltages.shape == (10, 32)
+    assert fetch_recording(skin, progress=True) == cached_folder(skin)
     assert left_in_cache(skin) == set(CONTENT)
     # Without a terminal there is no bar, and no empty line of one.
     assert capsys.readouterr().err == ""
-
-
-@pytest.mark.usefixtures("served")
-def test_the_second_time_needs_no_network(
-    skin: RecordedSet, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    fetch_recording(skin)
     redirect(monkeypatch, free_port())
-    assert fetch_recording(skin) == cached_folder(skin)
+    assert read_recording("skin").voltages.shape == (10, 32)
 
 
 def test_the_named_folder_comes_first(
