@@ -33,18 +33,14 @@ def sensor(name: str, *, offset: int | None = None) -> Sensor:
             something wrong, or an impossible offset.
         DataUnavailableError, DataCorruptError: no such recording, or one that cannot be read.
     """
-    nominal = _nominal(name)
+    if is_recording(name):
+        nominal = recorded_sensor(Path(name))
+    elif is_file(name):
+        nominal = read_sensor(Path(name))
+    elif name in (builders := sensors()):
+        nominal = builders[name]()
+    else:
+        raise unknown_name("sensor", name, builders)
     if offset is None:
         return nominal
     return replace(nominal, pattern=offset_pattern(nominal.n_electrodes, offset))
-
-
-def _nominal(name: str) -> Sensor:
-    if is_recording(name):
-        return recorded_sensor(Path(name))
-    if is_file(name):
-        return read_sensor(Path(name))
-    builders = sensors()
-    if name not in builders:
-        raise unknown_name("sensor", name, builders)
-    return builders[name]()

@@ -65,16 +65,12 @@ def read_declaration(kind: str, path: Path, model: type[Declared]) -> Declared:
         # Read as JSON, so that numbers written as text are refused but lists can be tuples. No
         # field holds a date of TOML, but many hold text.
         content = json.dumps(declared, default=lambda value: {"date": str(value)})
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{kind} file {path} is not valid TOML: {error}.") from error
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, "strerror", None) or "it is not UTF-8 text"
-        raise InputError(f"Cannot read the {kind.lower()} file {path}: {reason}.") from error
-    except (ValueError, RecursionError) as error:
+    except OSError as error:
         raise InputError(
-            f"Cannot read the {kind.lower()} file {path}: a number is too long, or lists or "
-            "tables lie too deep in one another."
+            f"Cannot read the {kind.lower()} file {path}: {error.strerror}."
         ) from error
+    except (ValueError, RecursionError) as error:  # no text, a number too long, tables too deep
+        raise InputError(f"{kind} file {path} is not valid TOML: {error}.") from error
     try:
         return model.model_validate_json(content, strict=True, context={"folder": path.parent})
     except ValidationError as error:

@@ -1,9 +1,9 @@
 """Data sets: the samples of a scenario's split, ready for methods and metrics."""
 
 import hashlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Literal
+from typing import Literal, cast, get_args
 
 import numpy as np
 import pandas as pd
@@ -11,17 +11,12 @@ from numpy.typing import NDArray
 
 from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.data.simulation import clean_reference, clean_voltages, phantom
-from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.errors import InputError, unknown_name
 from eitbench.scenarios.guard import check_open
 from eitbench.scenarios.imperfections.noise import measured_frames, measured_reference
 from eitbench.scenarios.phantoms.phantom import Phantom, rasterise
 from eitbench.scenarios.sensors.sensor import Sensor
-from eitbench.scenarios.suites.scenario import (
-    RecordedScenario,
-    SimulatedScenario,
-    Split,
-    checked_split,
-)
+from eitbench.scenarios.suites.scenario import RecordedScenario, SimulatedScenario, Split
 from eitbench.scenarios.suites.suite import scenario_by_name
 
 
@@ -110,21 +105,28 @@ def load(
         DataCorruptError: recorded data is not what its checksum promises.
         EitbenchError: the cache folder is not writable or full.
     """
-    if limit is not None and not _is_count(limit):
-        raise InputError(f"A limit is a whole number of at least 1 sample, got {limit!r}.")
-    if not _is_count(jobs):
-        raise InputError(f"The number of jobs is a whole number of at least 1, got {jobs!r}.")
+    for what, count in (("limit", 1 if limit is None else limit), ("number of jobs", jobs)):
+        whole = isinstance(count, int | np.integer) and not isinstance(count, bool)
+        if not (whole and count >= 1):
+            raise InputError(f"The {what} is a whole number of at least 1, got {count!r}.")
     if isinstance(scenario, str):
         scenario = scenario_by_name(scenario)
-    part = checked_split(split)
-    check_open(part)
+    if split not in get_args(Split):
+        raise unknown_name("split", split, get_args(Split))
+    check_open(split)
     if isinstance(scenario, RecordedScenario):
-        return _recorded(scenario, part, limit, progress)
-    return _simulated(scenario, part, limit, jobs, progress)
+        data = _recorded(scenario, cast("Split", split), limit, progress)
+    else:
+        data = _simulated(scenario, cast("Split", split), limit, jobs, progress)
+        if split != "test":
+            return data  # of the nominal sensor
+    if not scenario.calibrated:
+        return data
+    # Imported here: it is a small inverse problem, which few scenarios pose.
+    from eitbench.scenarios.imperfections.calibration import calibrate
 
-
-def _is_count(value: object) -> bool:
-    return isinstance(value, int | np.integer) and not isinstance(value, bool) and int(value) >= 1
+    found = calibrate(data.sensor, data.reference[None])
+    return replace(data, voltages=found.corrected(data.voltages), reference=found.nominal)
 
 
 def _simulated(
@@ -136,9 +138,6 @@ def _simulated(
     count = size if limit is None else min(limit, size)
     clean = clean_voltages(scenario, split, count, jobs=jobs, progress=progress)
     voltages, snr = _measured(scenario, split, clean)
-    reference = _reference(scenario, split)
-    if scenario.calibrated and split == "test":  # the others are of the nominal sensor
-        voltages, reference = _calibrated(scenario.nominal_sensor, voltages, reference)
     phantoms = tuple(phantom(scenario, split, sample) for sample in range(count))
     declared = {
         "sample": np.arange(count),
@@ -154,7 +153,7 @@ def _simulated(
         split=split,
         sensor=scenario.nominal_sensor,
         voltages=voltages,
-        reference=reference,
+        reference=_reference(scenario, split),
         samples=pd.concat([pd.DataFrame(declared), drawn], axis=1),
         truth="conductivity",
         data_hash=scenario.data_hash(split),
@@ -189,15 +188,6 @@ def _reference(scenario: SimulatedScenario, split: Split) -> Array:
     return np.asarray(sent)
 
 
-def _calibrated(sensor: Sensor, voltages: Array, reference: Array) -> tuple[Array, Array]:
-    """Frames and reference as the nominal sensor would give them, by calibration."""
-    # Imported here: it is a small inverse problem, which few scenarios pose.
-    from eitbench.scenarios.imperfections.calibration import calibrate
-
-    calibration = calibrate(sensor, reference[None])
-    return calibration.corrected(voltages), calibration.nominal
-
-
 # Columns of recorded sets that name the object of a frame; without, each frame has its own.
 _OBJECT_COLUMNS = ("state", "target")
 
@@ -226,16 +216,12 @@ def _recorded(
     samples.insert(0, "sample", np.arange(len(rows)))
     measured = next((name for name in _OBJECT_COLUMNS if name in samples), "sample")
     samples.insert(1, "phantom", [f"{recorded.name} {what}" for what in samples[measured]])
-    voltages = np.array(recording.voltages[rows], dtype=np.float64)
-    reference = np.array(recording.reference, dtype=np.float64)
-    if scenario.calibrated:
-        voltages, reference = _calibrated(scenario.nominal_sensor, voltages, reference)
     return Dataset(
         scenario=scenario.name,
         split=split,
         sensor=scenario.nominal_sensor,
-        voltages=voltages,
-        reference=reference,
+        voltages=np.array(recording.voltages[rows], dtype=np.float64),
+        reference=np.array(recording.reference, dtype=np.float64),
         samples=samples,
         truth=recorded.truth,
         data_hash=scenario.data_hash(split),

@@ -8,11 +8,14 @@ noise are not stored: they are drawn again from their keys.
 import json
 import logging
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 import joblib
 import numpy as np
+from rich.console import Console
+from rich.progress import track
 from threadpoolctl import threadpool_limits
 
 from eitbench.scenarios.array_file import read_arrays, write_arrays
@@ -56,12 +59,21 @@ def clean_voltages(
     chunks = _chunks(scenario, split, count)
     ready: dict[int, Array] = {}
     for chunk in chunks:
-        stored = _read(chunk)
+        try:
+            stored = chunk.read()
+        except DataCorruptError as error:
+            _log.warning("%s It is made again.", error)
+            continue
         if stored is not None and len(stored) >= chunk.count:
             ready[chunk.first] = stored[: chunk.count]
     missing = [chunk for chunk in chunks if chunk.first not in ready]
-    steps = _simulated(scenario, split, missing, jobs)
-    for chunk, voltages in _with_progress_bar(steps, missing, scenario.name) if progress else steps:
+    steps: Iterable[tuple[_Chunk, Array]] = _simulated(scenario, split, missing, jobs)
+    console = Console(stderr=True)
+    # Without a terminal there is nobody to watch, and a log needs no empty lines.
+    if progress and missing and console.is_terminal:
+        title = f"Simulating {scenario.name}"
+        steps = track(steps, title, total=len(missing), console=console)
+    for chunk, voltages in steps:
         ready[chunk.first] = voltages
     empty = np.empty((0, scenario.nominal_sensor.n_measurements))
     return np.concatenate([empty, *(ready[chunk.first] for chunk in chunks)])
@@ -87,79 +99,53 @@ def conductivity(scenario: SimulatedScenario, split: Split, sample: int) -> Arra
     return drift * imperfections.remaining(touch, last)
 
 
+@contextmanager
+def _remedy() -> Iterator[None]:
+    """What to do, added to the error of a cache that cannot be read or written."""
+    try:
+        yield
+    except DataCorruptError:
+        raise
+    except EitbenchError as error:
+        raise EitbenchError(
+            f"{error} Make room in the cache or give access there, or set EITBENCH_CACHE to "
+            "another folder."
+        ) from error
+
+
 @dataclass(frozen=True)
 class _Chunk:
-    """Samples first .. first + count - 1 and the file that stores them."""
+    """Samples first .. first + count - 1, and the file that stores any number of them."""
 
     first: int
     count: int
     path: Path
-    parameters: Mapping[str, object]
+    metadata: Mapping[str, str]
 
+    @_remedy()
     def read(self) -> Array | None:
-        """Return the stored voltages (n, M), of any number of samples; None if there is no file.
-
-        Raises:
-            DataCorruptError: the file is damaged or was made from other parameters.
-            EitbenchError: the file may not be read.
-        """
-        try:
-            found = read_arrays(self.path)
-        except DataCorruptError:
-            raise
-        except EitbenchError as error:
-            raise _with_remedy(error) from error
+        found = read_arrays(self.path)
         if found is None:
             return None
         arrays, metadata = found
-        if metadata != self._metadata or arrays.keys() != {"voltages"}:
+        if metadata != self.metadata or arrays.keys() != {"voltages"}:
             raise DataCorruptError(f"{self.path} was made from other parameters.")
         return arrays["voltages"]
 
+    @_remedy()
     def write(self, voltages: Array) -> None:
-        """Store `voltages` (n, M); other processes see the old file or the new, nothing between.
-
-        Raises:
-            EitbenchError: the folder is not writable or full.
-        """
-        try:
-            write_arrays(self.path, {"voltages": voltages}, self._metadata)
-        except EitbenchError as error:
-            raise _with_remedy(error) from error
-
-    @property
-    def _metadata(self) -> dict[str, str]:
-        return {"parameters": json.dumps(self.parameters, sort_keys=True, allow_nan=False)}
-
-
-def _with_remedy(error: EitbenchError) -> EitbenchError:
-    return EitbenchError(
-        f"{error} Make room in the cache or give access there, or set EITBENCH_CACHE to another "
-        "folder."
-    )
+        write_arrays(self.path, {"voltages": voltages}, self.metadata)
 
 
 def _chunks(scenario: SimulatedScenario, split: Split, count: int) -> list[_Chunk]:
     parameters = scenario.clean_parameters(split)
     folder = cache_dir() / "simulated" / content_hash(parameters)
-    return [
-        _Chunk(
-            first,
-            min(CHUNK, count - first),
-            folder / f"{split}-{first:06d}.safetensors",
-            {**parameters, "first": first},
-        )
-        for first in range(0, count, CHUNK)
-    ]
-
-
-def _read(chunk: _Chunk) -> Array | None:
-    """Return the stored voltages of a chunk; a corrupt file is named and counts as missing."""
-    try:
-        return chunk.read()
-    except DataCorruptError as error:
-        _log.warning("%s It is made again.", error)
-        return None
+    chunks = []
+    for first in range(0, count, CHUNK):
+        made_from = json.dumps({**parameters, "first": first}, sort_keys=True, allow_nan=False)
+        path = folder / f"{split}-{first:06d}.safetensors"
+        chunks.append(_Chunk(first, min(CHUNK, count - first), path, {"parameters": made_from}))
+    return chunks
 
 
 def _simulated(
@@ -182,11 +168,9 @@ def _simulate(scenario: SimulatedScenario, split: Split, chunk: _Chunk) -> tuple
     Every sample is solved on its own and on one thread, so that its bits depend neither on the
     number of processes nor on the samples beside it.
     """
-    try:
-        # Read again: another process may have been faster.
-        stored = chunk.read()
-    except DataCorruptError:
-        stored = None
+    stored = None
+    with suppress(DataCorruptError):
+        stored = chunk.read()  # again: another process may have been faster
     with threadpool_limits(1):
         model = scenario.data_model(split)
         frames = [] if stored is None else list(stored)
@@ -196,23 +180,3 @@ def _simulate(scenario: SimulatedScenario, split: Split, chunk: _Chunk) -> tuple
     if stored is None or len(stored) < len(voltages):
         chunk.write(voltages)
     return chunk, voltages[: chunk.count]
-
-
-def _with_progress_bar(
-    steps: Iterable[tuple[_Chunk, Array]], chunks: list[_Chunk], name: str
-) -> Iterator[tuple[_Chunk, Array]]:
-    """`steps` with a progress bar on stderr, if there is anything to do."""
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
-    from rich.progress import TimeRemainingColumn as Remaining
-
-    if not chunks:
-        return
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), Remaining())
-    console = Console(stderr=True)
-    # Without a terminal there is nobody to watch, and a log needs no empty lines.
-    with Progress(*columns, console=console, disable=not console.is_terminal) as bar:
-        task = bar.add_task(f"Simulating {name}", total=sum(chunk.count for chunk in chunks))
-        for chunk, voltages in steps:
-            bar.advance(task, chunk.count)
-            yield chunk, voltages

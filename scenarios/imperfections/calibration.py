@@ -27,12 +27,13 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 from scipy import linalg
 
 from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.errors import InputError
-from eitbench.scenarios.imperfections.imperfections import channel_pairs, channels
+from eitbench.scenarios.imperfections.imperfections import channels
 from eitbench.scenarios.physics.forward import ForwardModel, forward_model
 from eitbench.scenarios.sensors.sensor import Electrode, Sensor
 
@@ -99,33 +100,30 @@ class Calibration:
 
         That of a contact impedance is a factor.
         """
-        pairs = channel_pairs(self.sensor.pattern)
+        channels_end = len(self.gains)
         gain, shift, contact = np.split(
-            self.deviations, [len(self.gains), len(self.gains) + len(self.shifts)]
+            self.deviations, [channels_end, channels_end + len(self.shifts)]
         )
-        gain = GAIN_DEVIATION * gain
-        shift_mm = 1e3 * SHIFT_DEVIATION * _spacing(self.sensor) * shift
-        factor = np.exp(CONTACT_DEVIATION * contact)
+        electrodes = {
+            "electrode": np.arange(len(shift)),
+            "shift_mm": 1e3 * self.shifts,
+            "shift_mm_sd": 1e3 * SHIFT_DEVIATION * _spacing(self.sensor) * shift,
+            "contact_impedance": self.contacts,
+            "contact_impedance_sd_factor": np.exp(CONTACT_DEVIATION * contact),
+        }
+        measured = {
+            "channel": [list(pair) for pair in channels(self.sensor.pattern)[1]],
+            "gain": self.gains,
+            "gain_sd": GAIN_DEVIATION * gain,
+        }
         return {
             "sensor": self.sensor.name,
             "misfit_before": self.misfit_before,
             "misfit_after": self.misfit_after,
             "credible": self.credible,
             "factor": self.factor,
-            "electrodes": [
-                {
-                    "electrode": k,
-                    "shift_mm": 1e3 * float(self.shifts[k]),
-                    "shift_mm_sd": float(shift_mm[k]),
-                    "contact_impedance": float(self.contacts[k]),
-                    "contact_impedance_sd_factor": float(factor[k]),
-                }
-                for k in range(self.sensor.n_electrodes)
-            ],
-            "channels": [
-                {"channel": list(pair), "gain": float(self.gains[k]), "gain_sd": float(gain[k])}
-                for k, pair in enumerate(pairs)
-            ],
+            "electrodes": pd.DataFrame(electrodes).to_dict("records"),
+            "channels": pd.DataFrame(measured).to_dict("records"),
         }
 
     @cached_property
@@ -142,33 +140,21 @@ class Calibration:
         Raises:
             InputError: frames of another length.
         """
-        frames = np.asarray(voltages, dtype=np.float64)
-        if frames.ndim != 2 or frames.shape[1] != len(self.reference):
-            raise InputError(
-                f"Frames of {self.sensor.name!r} need shape (n, {len(self.reference)}), got "
-                f"{frames.shape}."
-            )
+        frames = _frames(self.sensor, voltages)
         if not self.credible:
             return frames
-        change = (frames - self.reference) / self.gains[channels(self.sensor.pattern)[0]]
-        return np.asarray(self.nominal + change + change @ self._seen_differently.T)
-
-    @cached_property
-    def _seen_differently(self) -> Array:
-        """(M, M): (J_0 - J) C J^T (J C J^T + w I)^-1."""
-        mask = self.sensor.mask
-        nominal, found = forward_model(self.nominal_sensor), self._model
+        mask, nominal = self.sensor.mask, forward_model(self.nominal_sensor)
+        found = ForwardModel(self.sensor, nominal.mesh)
         jacobian = found.jacobian(found.background)[:, mask]
         difference = nominal.jacobian(nominal.background)[:, mask] - jacobian
         prior = np.maximum(np.sum(jacobian**2, axis=0), 1e-300) ** -_EXPONENT
         gram = (jacobian * prior) @ jacobian.T
         weighted = gram + _WEIGHT * np.trace(gram) / len(gram) * np.eye(len(gram))
         cross = (difference * prior) @ jacobian.T
-        return np.asarray(linalg.solve(weighted, cross.T, assume_a="pos").T)
-
-    @cached_property
-    def _model(self) -> ForwardModel:
-        return ForwardModel(self.sensor, forward_model(self.nominal_sensor).mesh)
+        # (M, M): (J_0 - J) C J^T (J C J^T + w I)^-1, transposed
+        seen_differently = linalg.solve(weighted, cross.T, assume_a="pos")
+        change = (frames - self.reference) / self.gains[channels(self.sensor.pattern)[0]]
+        return np.asarray(self.nominal + change + change @ seen_differently)
 
 
 def calibrate(sensor: Sensor, frames: ArrayLike) -> Calibration:
@@ -178,15 +164,9 @@ def calibrate(sensor: Sensor, frames: ArrayLike) -> Calibration:
         InputError: frames of another length, with values that are not finite, or that do not
             resemble the sensor's at all.
     """
-    given = np.asarray(frames, dtype=np.float64)
-    if given.ndim != 2 or not len(given) or given.shape[1] != sensor.n_measurements:
-        raise InputError(
-            f"Reference frames of {sensor.name!r} need shape (n, {sensor.n_measurements}), got "
-            f"{given.shape}."
-        )
-    if not np.isfinite(given).all():
+    reference = _frames(sensor, frames).mean(axis=0)
+    if not np.isfinite(reference).all():
         raise InputError("A reference frame holds a value that is not a finite number.")
-    reference = given.mean(axis=0)
     problem = _Problem(sensor, reference)
     found = np.zeros(problem.size)
     for _ in range(LINEARISATIONS):
@@ -210,6 +190,16 @@ def calibrate(sensor: Sensor, frames: ArrayLike) -> Calibration:
     )
 
 
+def _frames(sensor: Sensor, given: ArrayLike) -> Array:
+    frames = np.asarray(given, dtype=np.float64)
+    if frames.ndim != 2 or frames.shape[1] != sensor.n_measurements:
+        raise InputError(
+            f"Frames of {sensor.name!r} need shape (n, {sensor.n_measurements}), got "
+            f"{frames.shape}."
+        )
+    return frames
+
+
 class _Problem:
     """The estimate's unknowns p: logarithms of gains, shifts, logarithms of contact impedances.
 
@@ -218,7 +208,8 @@ class _Problem:
 
     def __init__(self, sensor: Sensor, reference: Array) -> None:
         self.sensor, self.reference = sensor, reference
-        self.channel, self.n_channels = channels(sensor.pattern)
+        self.channel, pairs = channels(sensor.pattern)
+        self.n_channels = len(pairs)
         self.spacing = _spacing(sensor)
         self.mesh = forward_model(sensor).mesh
         self.size = self.n_channels + 2 * sensor.n_electrodes

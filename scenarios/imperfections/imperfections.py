@@ -91,29 +91,25 @@ class Imperfections(Declaration):
             return nominal.electrodes
         count = nominal.n_electrodes
         shift = self._drawn("electrode shift", count) * self.electrode_shift_m
-        width = np.exp(self._drawn("electrode width", count) * self.electrode_width)
+        factor = np.exp(self._drawn("electrode width", count) * self.electrode_width)
         contact = np.exp(self._drawn("contact impedance", count) * self.contact_impedance)
+        width = np.array([e.width for e in nominal.electrodes])
         perimeter = nominal.outline.perimeter
         centres = np.array([e.centre % perimeter for e in nominal.electrodes])
         gaps = (centres[:, None] - centres[None, :]) % perimeter
         np.fill_diagonal(gaps, perimeter)
         # Half of the way to the nearest neighbour belongs to each of two electrodes.
         room = np.minimum(gaps.min(axis=0), gaps.min(axis=1)) / 2
-        electrodes = []
-        for k, nominal_electrode in enumerate(nominal.electrodes):
-            half = nominal_electrode.width / 2
-            free = (1 - _NARROWEST) * (room[k] - half)
-            moved = float(np.clip(shift[k], -free, free))
-            widest = 2 * (room[k] - abs(moved)) * (1 - 1e-6)
-            narrowest = min(_NARROWEST * 2 * half, widest)
-            electrodes.append(
-                Electrode(
-                    nominal_electrode.centre + moved,
-                    float(np.clip(2 * half * width[k], narrowest, widest)),
-                    nominal_electrode.contact_impedance * float(contact[k]),
-                )
+        free = (1 - _NARROWEST) * (room - width / 2)
+        moved = np.clip(shift, -free, free)
+        widest = 2 * (room - np.abs(moved)) * (1 - 1e-6)
+        widths = np.clip(width * factor, np.minimum(_NARROWEST * width, widest), widest)
+        return tuple(
+            Electrode(e.centre + by, to, e.contact_impedance * z)
+            for e, by, to, z in zip(
+                nominal.electrodes, moved.tolist(), widths.tolist(), contact.tolist(), strict=True
             )
-        return tuple(electrodes)
+        )
 
     def drifted(self, sensor: Sensor, time_s: float) -> Array:
         """Factor (H, W) of the conductivity at a time [s] after the first touch."""
@@ -143,11 +139,7 @@ class Imperfections(Declaration):
         return touch if last is None or not share else touch * last**share
 
     def analogue(
-        self,
-        frames: Array,
-        untouched: Array,
-        pattern: DrivePattern,
-        times_s: Array | None = None,
+        self, frames: Array, untouched: Array, pattern: DrivePattern, times_s: Array | None = None
     ) -> Array:
         """Return `frames` (n, M) [V/A] as they reach the converter of the board, without noise.
 
@@ -160,17 +152,17 @@ class Imperfections(Declaration):
         if times_s is None:
             times_s = np.arange(len(frames)) * np.float64(TOUCH_INTERVAL_S)
         values = frames.copy()
-        values[:, self._without_contact(pattern)] = 0.0
-        channel, count = channels(pattern)
+        values[:, np.isin(pattern.table, self.dead).any(axis=1)] = 0.0
+        channel, pairs = channels(pattern)
         rms = float(np.sqrt(np.mean(untouched**2)))
-        values *= 1 + self._drawn("gain", count)[channel] * self.gain
+        values *= 1 + self._drawn("gain", len(pairs))[channel] * self.gain
         values += self._scaled(self.settling) * (np.roll(values, 1, axis=1) - values)
         if self.mains:
             measured_at = times_s[:, None] + FRAME_S * np.arange(len(channel)) / len(channel)
             phase = generator("unit", self.unit, "mains").uniform(0, 2 * np.pi)
             hum = np.sin(2 * np.pi * MAINS_HZ * measured_at + phase)
             values += self._scaled(self.mains) * rms * hum
-        values += self._drawn("offset", count)[channel] * self.offset * rms
+        values += self._drawn("offset", len(pairs))[channel] * self.offset * rms
         return np.abs(values) if pattern.magnitudes else values
 
     def digital(self, frames: Array, untouched: Array, pattern: DrivePattern) -> Array:
@@ -196,9 +188,6 @@ class Imperfections(Declaration):
         lost = number % self.lost_every == self.lost_every - 1
         return frames[np.where(lost, number - 1, number)]
 
-    def _without_contact(self, pattern: DrivePattern) -> NDArray[np.bool_]:
-        return np.asarray(np.isin(pattern.table, self.dead).any(axis=1))
-
     def _scaled(self, magnitude: float) -> float:
         return self.severity * magnitude
 
@@ -208,23 +197,14 @@ class Imperfections(Declaration):
         return np.asarray(self.severity * drawn)
 
 
-def channels(pattern: DrivePattern) -> tuple[NDArray[np.int64], int]:
-    """Channel of every measurement (M,), and their number: one for each pair that is measured.
+def channels(pattern: DrivePattern) -> tuple[NDArray[np.int64], list[tuple[int, int]]]:
+    """Channel of every measurement (M,), and the two electrodes of each, the lower one first.
 
-    Channels are numbered in the order in which they first occur.
+    There is one for each pair that is measured, numbered in the order in which they first occur.
     """
-    number = {pair: k for k, pair in enumerate(channel_pairs(pattern))}
-    measured = pattern.table[:, 2:].tolist()
-    return np.array([number[_pair(*pair)] for pair in measured], dtype=np.int64), len(number)
-
-
-def channel_pairs(pattern: DrivePattern) -> list[tuple[int, int]]:
-    """The two electrodes of every channel, the lower one first."""
-    return list(dict.fromkeys(_pair(*pair) for pair in pattern.table[:, 2:].tolist()))
-
-
-def _pair(a: int, b: int) -> tuple[int, int]:
-    return (a, b) if a < b else (b, a)
+    measured = [(min(pair), max(pair)) for pair in pattern.table[:, 2:].tolist()]
+    pairs = list(dict.fromkeys(measured))
+    return np.array([pairs.index(pair) for pair in measured]), pairs
 
 
 TYPICAL = Imperfections(

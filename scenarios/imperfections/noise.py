@@ -41,14 +41,12 @@ def measured_frames(
         return frames, snr
     for sample in range(len(frames)):
         rng = generator("noise", scenario, split, noise, sample)
-        level: float | None
-        if noise == "mixture":
-            level = rng.uniform(*MIXTURE_SNR_DB) if rng.random() < MIXTURE_SHARE else None
-        else:
-            level = float(noise)
-        if level is not None:
+        level = np.nan if noise == "mixture" else float(noise)
+        if noise == "mixture" and rng.random() < MIXTURE_SHARE:
+            level = rng.uniform(*MIXTURE_SNR_DB)
+        if not np.isnan(level):
             frames[sample] = add_noise(frames[sample], level, rng)
-            snr[sample] = level
+        snr[sample] = level
     return frames, snr
 
 

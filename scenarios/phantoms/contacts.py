@@ -56,8 +56,7 @@ class Contacts:
     @property
     def total_strength(self) -> Array:
         """Strength of all contacts of every image (n,) [S/m * m^2]."""
-        total = np.bincount(self.image, weights=self.strength, minlength=len(self.region))
-        return total.astype(np.float64)
+        return _totals(self.image, self.strength, len(self.region))
 
     @property
     def total_area(self) -> Array:

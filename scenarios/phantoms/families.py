@@ -63,7 +63,6 @@ class Family:
         count: number of inclusions.
         gap: least distance between inclusions, as a fraction of the sensor's side.
         pressure: range [Pa] of a soft press; None for inclusions of given conductivity.
-        published: one of the six families of the publication.
     """
 
     name: str
@@ -72,7 +71,6 @@ class Family:
     count: int = 1
     gap: float = 0.0
     pressure: Range | None = None
-    published: bool = False
 
     def describe(self) -> dict[str, object]:
         """The ranges as plain values, for hashing and printing."""
@@ -84,18 +82,6 @@ class Family:
             "gap": self.gap,
             "pressure": None if self.pressure is None else list(self.pressure),
         }
-
-
-def _circle(sizes: Sizes, pose: Pose) -> Region:
-    return Circle(sizes["radius"], pose)
-
-
-def _ellipse(sizes: Sizes, pose: Pose) -> Region:
-    return Ellipse(sizes["long"], sizes["short"], pose)
-
-
-def _ring(sizes: Sizes, pose: Pose) -> Region:
-    return Ring(sizes["outer"], sizes["outer"] * sizes["inner_ratio"], pose)
 
 
 def _rectangle(sizes: Sizes, pose: Pose) -> Region:
@@ -126,46 +112,45 @@ def _star(sizes: Sizes, pose: Pose) -> Region:
 
 
 def _disc(low: float, high: float) -> Shape:
-    return Shape("circle", {"radius": (low, high)}, _circle)
+    return Shape("circle", {"radius": (low, high)}, lambda size, pose: Circle(size["radius"], pose))
 
 
 def _box(low: float, high: float) -> Shape:
     return Shape("rectangle", {"width": (low, high), "height": (low, high)}, _rectangle)
 
 
-FAMILIES: dict[str, Family] = {
-    family.name: family
-    for family in (
-        Family("circle", (_disc(0.08, 0.22),), published=True),
-        Family("two-circles", (_disc(0.08, 0.18),), count=2, gap=0.03, published=True),
-        Family(
-            "l-shape",
-            (Shape("l-shape", {"arm": (0.25, 0.5), "width": (0.1, 0.2)}, _l_shape),),
-            published=True,
-        ),
-        Family("triangle", (Shape("triangle", {"leg": (0.25, 0.5)}, _triangle),), published=True),
-        Family("rectangle", (_box(0.12, 0.45),), published=True),
-        Family(
-            "ring",
-            (Shape("ring", {"outer": (0.18, 0.3), "inner_ratio": (0.4, 0.65)}, _ring),),
-            published=True,
-        ),
-        Family(
-            "ellipse",
-            (Shape("ellipse", {"long": (0.12, 0.28), "short": (0.06, 0.11)}, _ellipse),),
-        ),
-        Family(
-            "star",
-            (Shape("star", {"outer": (0.15, 0.28), "inner_ratio": (0.4, 0.55)}, _star),),
-        ),
-        Family("three-contacts", (_disc(0.06, 0.12),), count=3, gap=0.03),
-        Family("four-contacts", (_disc(0.05, 0.1),), count=4, gap=0.03),
-        Family("conductive", (_disc(0.08, 0.22), _box(0.12, 0.45)), conductivity=(1.1, 1.9)),
-        Family("soft-press", (_disc(0.06, 0.15), _box(0.1, 0.3)), pressure=(2e3, 60e3)),
-    )
-}
+_RING = Shape(
+    "ring",
+    {"outer": (0.18, 0.3), "inner_ratio": (0.4, 0.65)},
+    lambda size, pose: Ring(size["outer"], size["outer"] * size["inner_ratio"], pose),
+)
+_ELLIPSE = Shape(
+    "ellipse",
+    {"long": (0.12, 0.28), "short": (0.06, 0.11)},
+    lambda size, pose: Ellipse(size["long"], size["short"], pose),
+)
+_L_SHAPE = Shape("l-shape", {"arm": (0.25, 0.5), "width": (0.1, 0.2)}, _l_shape)
+_TRIANGLE = Shape("triangle", {"leg": (0.25, 0.5)}, _triangle)
+_STAR = Shape("star", {"outer": (0.15, 0.28), "inner_ratio": (0.4, 0.55)}, _star)
 
-PUBLISHED_FAMILIES = tuple(name for name, family in FAMILIES.items() if family.published)
+_PUBLISHED = (
+    Family("circle", (_disc(0.08, 0.22),)),
+    Family("two-circles", (_disc(0.08, 0.18),), count=2, gap=0.03),
+    Family("l-shape", (_L_SHAPE,)),
+    Family("triangle", (_TRIANGLE,)),
+    Family("rectangle", (_box(0.12, 0.45),)),
+    Family("ring", (_RING,)),
+)
+_OTHERS = (
+    Family("ellipse", (_ELLIPSE,)),
+    Family("star", (_STAR,)),
+    Family("three-contacts", (_disc(0.06, 0.12),), count=3, gap=0.03),
+    Family("four-contacts", (_disc(0.05, 0.1),), count=4, gap=0.03),
+    Family("conductive", (_disc(0.08, 0.22), _box(0.12, 0.45)), conductivity=(1.1, 1.9)),
+    Family("soft-press", (_disc(0.06, 0.15), _box(0.1, 0.3)), pressure=(2e3, 60e3)),
+)
+FAMILIES = {family.name: family for family in (*_PUBLISHED, *_OTHERS)}
+PUBLISHED_FAMILIES = tuple(family.name for family in _PUBLISHED)
 
 
 def family(name: str) -> Family:

@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -33,18 +32,6 @@ class Pose:
         dx, dy = np.asarray(x, float) - self.x, np.asarray(y, float) - self.y
         cos, sin = np.cos(self.angle), np.sin(self.angle)
         return cos * dx + sin * dy, cos * dy - sin * dx
-
-
-class Region(Protocol):
-    """A shape somewhere on the sensor."""
-
-    def rim(self) -> Array:
-        """Points (k, 2) [m] along the rim; their convex hull contains the region."""
-        ...
-
-    def contains(self, x: ArrayLike, y: ArrayLike) -> NDArray[np.bool_]:
-        """True where the points (x, y) [m] lie inside."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -142,5 +129,7 @@ class Polygonal:
         return np.where(self.contains(x, y), 0.0, nearest)
 
 
-# What can press on the foam: regions that know how far from them a point lies.
+Region = Circle | Ellipse | Ring | Polygonal
+"""A shape somewhere on the sensor."""
 Indenter = Circle | Polygonal
+"""What can press on the foam: regions that know how far from them a point lies."""

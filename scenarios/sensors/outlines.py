@@ -2,44 +2,12 @@
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.errors import InputError
-
-
-class Outline(Protocol):
-    """A closed curve; arc length `s` [m] runs counter-clockwise from a fixed start point."""
-
-    @property
-    def perimeter(self) -> float:
-        """Length of the rim [m]."""
-        ...
-
-    @property
-    def bounds(self) -> tuple[float, float, float, float]:
-        """Bounding box (x_min, y_min, x_max, y_max) [m]."""
-        ...
-
-    @property
-    def corners(self) -> Array:
-        """Arc lengths (k,) [m] at which a mesh must have a node."""
-        ...
-
-    def point(self, s: ArrayLike) -> Array:
-        """Points (..., 2) [m] at arc lengths `s` (...) [m]; `s` wraps around the rim."""
-        ...
-
-    def contains(self, x: ArrayLike, y: ArrayLike) -> NDArray[np.bool_]:
-        """True where the points (x, y) [m] lie inside."""
-        ...
-
-    def describe(self) -> dict[str, object]:
-        """Return all that defines the outline as plain values, for hashing and printing."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -113,14 +81,6 @@ def rectangle(width: float, height: float) -> Polygon:
     return Polygon(((0.0, 0.0), (width, 0.0), (width, height), (0.0, height)))
 
 
-def is_rectangle(outline: Outline) -> bool:
-    """True if the pixel grid fills the outline exactly (an axis-parallel rectangle)."""
-    if not isinstance(outline, Polygon) or len(outline.vertices) != 4:
-        return False
-    x0, y0, x1, y1 = outline.bounds
-    return set(outline.vertices) == {(x0, y0), (x1, y0), (x1, y1), (x0, y1)}
-
-
 @dataclass(frozen=True)
 class Disc:
     """A disc of `radius` [m] centred at the origin; s = 0 lies on the positive x axis."""
@@ -158,3 +118,15 @@ class Disc:
     def describe(self) -> dict[str, object]:
         """Return all that defines the outline as plain values, for hashing and printing."""
         return {"disc": self.radius}
+
+
+Outline = Polygon | Disc
+"""A closed curve; arc length `s` [m] runs counter-clockwise from a fixed start point."""
+
+
+def is_rectangle(outline: Outline) -> bool:
+    """True if the pixel grid fills the outline exactly (an axis-parallel rectangle)."""
+    if not isinstance(outline, Polygon) or len(outline.vertices) != 4:
+        return False
+    x0, y0, x1, y1 = outline.bounds
+    return set(outline.vertices) == {(x0, y0), (x1, y0), (x1, y1), (x0, y1)}

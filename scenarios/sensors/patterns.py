@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,12 +30,11 @@ class DrivePattern:
 
     def __post_init__(self) -> None:
         given = np.asarray(self.table)
-        if given.size and not np.issubdtype(given.dtype, np.integer):
-            raise InputError("A drive pattern numbers electrodes with whole numbers.")
         table = given.astype(np.int64)
-        if table.ndim != 2 or table.shape[1] != 4 or len(table) == 0:
+        if table.shape[1:] != (4,) or not len(table) or (table != given).any():
             raise InputError(
-                f"A drive pattern is an (M, 4) table src, sink, a, b; got {table.shape}."
+                "A drive pattern is an (M, 4) table src, sink, a, b of whole numbers; got "
+                f"{given.shape}."
             )
         if (table[:, 0] == table[:, 1]).any() or (table[:, 2] == table[:, 3]).any():
             raise InputError("A drive pattern drives or measures between an electrode and itself.")
@@ -99,11 +98,9 @@ def pair_pattern(
 def opposition_pattern(n_electrodes: int) -> DrivePattern:
     """Drive (i, i + E/2), measure (j + 1, j) for j ascending, magnitudes only."""
     half = n_electrodes // 2
-    pattern = pair_pattern(
-        [(i, (i + half) % n_electrodes) for i in range(n_electrodes)],
-        [((j + 1) % n_electrodes, j) for j in range(n_electrodes)],
-    )
-    return DrivePattern(pattern.table, magnitudes=True)
+    drives = [(i, (i + half) % n_electrodes) for i in range(n_electrodes)]
+    senses = [((j + 1) % n_electrodes, j) for j in range(n_electrodes)]
+    return replace(pair_pattern(drives, senses), magnitudes=True)
 
 
 def independent(

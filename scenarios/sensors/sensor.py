@@ -35,8 +35,8 @@ class Electrode:
     contact_impedance: float
 
     def __post_init__(self) -> None:
-        sizes = np.array([self.width, self.contact_impedance])
-        if not (np.isfinite(self.centre) and np.isfinite(sizes).all() and (sizes > 0).all()):
+        sizes = (self.width, self.contact_impedance)
+        if not (np.isfinite(self.centre) and all(0 < size < np.inf for size in sizes)):
             raise InputError(f"An electrode needs a place, a width > 0 and z > 0, got {self}.")
 
 
@@ -69,24 +69,18 @@ class Sensor:
     conductivity_range: tuple[float, float] = (0.05, 20.0)
 
     def __post_init__(self) -> None:
-        if not (np.isfinite(self.data_range) and self.data_range > 0):
-            raise InputError(f"Sensor {self.name!r} needs a data range above 0 S/m.")
         low, high = self.conductivity_range
-        if not (0 < low < 1 <= high < np.inf):
+        positive = 0 < self.background < np.inf and 0 < self.data_range < np.inf
+        if not (positive and 0 < low < 1 <= high < np.inf and min(self.image_shape) >= 2):
             raise InputError(
-                f"Sensor {self.name!r} needs a conductivity range from above 0 to at least 1 times "
-                f"the background, got {low} to {high}."
+                f"Sensor {self.name!r} needs a background and a data range above 0 S/m, a "
+                "conductivity range from above 0 to at least 1 times the background, and an image "
+                f"of at least 2 x 2 pixels; got {self.background}, {self.data_range}, {low} to "
+                f"{high}, and {self.image_shape}."
             )
-        if not (np.isfinite(self.background) and self.background > 0):
-            raise InputError(
-                f"Sensor {self.name!r} needs a background above 0 S/m, got {self.background}."
-            )
-        if min(self.image_shape) < 2:
-            raise InputError(f"Sensor {self.name!r} needs an image of at least 2 x 2 pixels.")
         self._check_electrodes()
-        missing = self.pattern.table[
-            (self.pattern.table < 0) | (self.pattern.table >= self.n_electrodes)
-        ]
+        table = self.pattern.table
+        missing = table[(table < 0) | (table >= self.n_electrodes)]
         if missing.size:
             raise InputError(
                 f"The drive pattern uses electrode {missing[0]}, but sensor {self.name!r} has "
@@ -95,9 +89,7 @@ class Sensor:
 
     def _check_electrodes(self) -> None:
         perimeter = self.outline.perimeter
-        order = sorted(
-            range(len(self.electrodes)), key=lambda k: self.electrodes[k].centre % perimeter
-        )
+        order = np.argsort([e.centre % perimeter for e in self.electrodes], kind="stable").tolist()
         for here, following in zip(order, order[1:] + order[:1], strict=True):
             first, second = self.electrodes[here], self.electrodes[following]
             spacing = (second.centre - first.centre) % perimeter if here != following else perimeter
@@ -149,9 +141,8 @@ class Sensor:
 
     def refined(self, factor: int) -> "Sensor":
         """The same sensor on an image grid, and so a mesh, `factor` times finer."""
-        return replace(
-            self, image_shape=(self.image_shape[0] * factor, self.image_shape[1] * factor)
-        )
+        height, width = self.image_shape
+        return replace(self, image_shape=(height * factor, width * factor))
 
     def describe(self) -> dict[str, object]:
         """All declared parameters as plain values, for hashing and printing."""

@@ -17,36 +17,47 @@ MAX_PIXELS = 1024
 """Greatest width and height of an image that a file may ask for."""
 
 Number = Annotated[float, Field(allow_inf_nan=False)]
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Index = Annotated[int, Field(ge=0, le=10_000)]
+Row = tuple[Index, Index, Index, Index]
 Side = Annotated[int, Field(ge=2, le=MAX_PIXELS)]
+ConductivityRange = tuple[
+    Annotated[float, Field(gt=0, lt=1)], Annotated[float, Field(ge=1, allow_inf_nan=False)]
+]
+_MM = 1e-3
 
 
-class _Outline(Declaration):
-    polygon: tuple[tuple[Number, Number], ...] | None = None
-    disc: Number | None = None
+class _Fields(Declaration):
+    name: Name
+    background: Positive = 1.0
+    image_shape: tuple[Side, Side] = (48, 48)
+    data_range: Positive = 1.0
+    conductivity_range: ConductivityRange = (0.05, 20.0)
 
-    def build(self) -> Outline:
-        if self.polygon is not None:
-            return Polygon(self.polygon)
-        if self.disc is not None:
-            return Disc(self.disc)
-        raise InputError("A sensor needs an outline: a polygon or a disc.")
+    def with_parts(
+        self, outline: Outline, electrodes: tuple[Electrode, ...], pattern: DrivePattern
+    ) -> Sensor:
+        fields = {name: getattr(self, name) for name in _Fields.model_fields}
+        return Sensor(outline=outline, electrodes=electrodes, pattern=pattern, **fields)
+
+
+class _Polygon(Declaration):
+    polygon: tuple[tuple[Number, Number], ...]
+
+
+class _Disc(Declaration):
+    disc: Number
 
 
 class _Pattern(Declaration):
-    table: tuple[tuple[Index, Index, Index, Index], ...]
+    table: tuple[Row, ...]
     magnitudes: bool
 
 
-class _Description(Declaration):
-    name: Name
-    outline: _Outline
+class _Description(_Fields):
+    outline: _Polygon | _Disc
     electrodes: tuple[tuple[Number, Number, Number], ...] = Field(min_length=2)
     pattern: _Pattern
-    background: Number
-    image_shape: tuple[Side, Side]
-    data_range: Number
-    conductivity_range: tuple[Number, Number]
 
 
 def sensor_to_json(sensor: Sensor) -> str:
@@ -66,20 +77,12 @@ def sensor_from_json(text: str) -> Sensor:
         (first, *_) = error.errors(include_url=False)
         where = ".".join(str(part) for part in first["loc"])
         raise InputError(f"Its sensor is described wrongly: {where}: {first['msg']}.") from error
-    return Sensor(
-        found.name,
-        found.outline.build(),
+    rim, pattern = found.outline, found.pattern
+    return found.with_parts(
+        Polygon(rim.polygon) if isinstance(rim, _Polygon) else Disc(rim.disc),
         tuple(Electrode(*values) for values in found.electrodes),
-        DrivePattern(np.array(found.pattern.table, dtype=np.int64), found.pattern.magnitudes),
-        found.background,
-        found.image_shape,
-        found.data_range,
-        found.conductivity_range,
+        DrivePattern(np.array(pattern.table), pattern.magnitudes),
     )
-
-
-_MM = 1e-3
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
 
 def _several(value: object) -> object:
@@ -159,13 +162,11 @@ class ElectrodesDeclaration(Declaration):
 
     def build(self, outline: Outline) -> tuple[Electrode, ...]:
         """The electrodes [m]."""
+        centres = [centre * _MM for centre in self.centres_mm or ()]
         if self.count is not None:
-            even = even_electrodes(
-                outline, self.count, 1.0, 1.0, start=self.start_mm * _MM, clockwise=self.clockwise
-            )
+            start = self.start_mm * _MM
+            even = even_electrodes(outline, self.count, 1, 1, start=start, clockwise=self.clockwise)
             centres = [electrode.centre for electrode in even]
-        else:
-            centres = [centre * _MM for centre in self.centres_mm or ()]
         widths = np.broadcast_to(np.multiply(self.width_mm, _MM), self.n).tolist()
         impedances = np.broadcast_to(self.contact_impedance, self.n).tolist()
         return tuple(map(Electrode, centres, widths, impedances))
@@ -185,7 +186,7 @@ class PatternDeclaration(Declaration):
     offset: int | None = None
     driven: bool = False
     opposition: bool = False
-    table: tuple[tuple[Index, Index, Index, Index], ...] | None = Field(default=None, min_length=1)
+    table: tuple[Row, ...] | None = Field(default=None, min_length=1)
     magnitudes: bool = False
 
     @model_validator(mode="after")
@@ -214,19 +215,12 @@ class PatternDeclaration(Declaration):
         return DrivePattern(table, magnitudes=self.magnitudes)
 
 
-class SensorDeclaration(Declaration):
+class SensorDeclaration(_Fields):
     """A sensor file; `Sensor` explains the fields."""
 
-    name: Name
     outline: OutlineDeclaration
     electrodes: ElectrodesDeclaration
     pattern: PatternDeclaration
-    background: Positive = 1.0
-    image_shape: tuple[Side, Side] = (48, 48)
-    data_range: Positive = 1.0
-    conductivity_range: tuple[
-        Annotated[float, Field(gt=0, lt=1)], Annotated[float, Field(ge=1, le=1000)]
-    ] = (0.05, 20.0)
 
 
 def read_sensor(path: Path) -> Sensor:
@@ -243,15 +237,6 @@ def read_sensor(path: Path) -> Sensor:
         pattern = declared.pattern.build(declared.electrodes.n)
         # All else being checked, what a sensor may still refuse is where its electrodes are.
         field = "electrodes"
-        return Sensor(
-            declared.name,
-            outline,
-            declared.electrodes.build(outline),
-            pattern,
-            declared.background,
-            declared.image_shape,
-            declared.data_range,
-            declared.conductivity_range,
-        )
+        return declared.with_parts(outline, declared.electrodes.build(outline), pattern)
     except InputError as error:
         raise field_error("Sensor", path, (field,), error) from error

@@ -9,7 +9,7 @@ from pydantic import BeforeValidator, Field, ValidationInfo, field_validator, mo
 from eitbench.scenarios.catalogue import is_file
 from eitbench.scenarios.catalogue import sensor as sensor_by_name
 from eitbench.scenarios.declaration import Declaration, Name, beside
-from eitbench.scenarios.errors import EitbenchError, unknown_name
+from eitbench.scenarios.errors import EitbenchError
 from eitbench.scenarios.imperfections.imperfections import Imperfections, channels
 from eitbench.scenarios.imperfections.noise import Noise
 from eitbench.scenarios.phantoms.families import Family, family
@@ -17,7 +17,7 @@ from eitbench.scenarios.phantoms.press import FOAM
 from eitbench.scenarios.physics.forward import ForwardModel, forward_model
 from eitbench.scenarios.recordings import RecordedSet, is_recording, recorded_set
 from eitbench.scenarios.sensors.sensor import Sensor, content_hash
-from eitbench.scenarios.sensors.sensor_file import Side
+from eitbench.scenarios.sensors.sensor_file import ConductivityRange, Side
 
 # Raised by one whenever the same declared parameters give other numbers than before.
 GENERATOR_VERSION = 1
@@ -72,9 +72,7 @@ class SimulatedScenario(Declaration):
     name: Name
     sensor: str = "foam16"
     image_shape: tuple[Side, Side] | None = None
-    conductivity_range: (
-        tuple[Annotated[float, Field(gt=0, lt=1)], Annotated[float, Field(ge=1, le=1000)]] | None
-    ) = None
+    conductivity_range: ConductivityRange | None = None
     families: tuple[str, ...] = Field(min_length=1)
     training_families: tuple[str, ...] | None = Field(default=None, min_length=1)
     noise: SplitNoise = SplitNoise()
@@ -109,7 +107,7 @@ class SimulatedScenario(Declaration):
             raise ValueError(
                 f"sensor {self.sensor!r} has electrodes 0 to {sensor.n_electrodes - 1}"
             )
-        count = channels(sensor.pattern)[1]
+        count = len(channels(sensor.pattern)[1])
         if (self.imperfections.saturated or 0) >= count:
             raise ValueError(f"sensor {self.sensor!r} has channels 0 to {count - 1}")
         return self
@@ -258,18 +256,6 @@ def _declared(scenario: SimulatedScenario | RecordedScenario, apart: set[str]) -
 
 
 Scenario = Annotated[SimulatedScenario | RecordedScenario, Field(discriminator="kind")]
-
-
-def checked_split(split: str) -> Split:
-    """`split` if it is one of the three.
-
-    Raises:
-        InputError: it is not.
-    """
-    known: dict[str, Split] = {"train": "train", "validation": "validation", "test": "test"}
-    if split not in known:
-        raise unknown_name("split", split, known)
-    return known[split]
 
 
 def _nominal_sensor(

@@ -6,8 +6,9 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Literal
 
-from numpy.lib.stride_tricks import sliding_window_view
+import numpy as np
 from pydantic import Field, ValidationInfo, field_validator
+from scipy.ndimage import binary_erosion
 
 from eitbench.scenarios.declaration import Declaration, Name, field_error, read_declaration
 from eitbench.scenarios.errors import InputError, unknown_name
@@ -139,30 +140,21 @@ def read_suite(path: Path) -> Suite:
     """
     suite = read_declaration("Suite", path, Suite)
     for k, scenario in enumerate(suite.scenarios):
-        unusable = _for_methods if suite.ranks == "methods" else _for_operators
-        if wrong := unusable(scenario):
+        if wrong := _unusable(scenario, suite.ranks):
             field, problem = wrong
             key = ("scenarios", k, field)
             raise field_error("Suite", path, key, f"{problem}.", scenario.name)
     return suite
 
 
-def _for_operators(scenario: Scenario) -> tuple[str, str] | None:
-    """The field and the reason why no operator can be evaluated on `scenario`, if so."""
+def _unusable(scenario: Scenario, ranks: str) -> tuple[str, str] | None:
+    """The field and the reason why no method or operator can be evaluated on `scenario`, if so."""
+    operators = ranks == "operators"
     if isinstance(scenario, RecordedScenario):
-        return "kind", "operators need a known conductivity, which only simulated scenarios have"
-    if scenario.test < 1:
-        return "test", "a suite evaluates operators on at least 1 test sample"
-    if scenario.validation < STANDARDISING:
-        return "validation", (
-            f"voltages are standardised with at least {STANDARDISING} validation samples"
-        )
-    return None
-
-
-def _for_methods(scenario: Scenario) -> tuple[str, str] | None:
-    """The field and the reason why no method can be evaluated on `scenario`, if so."""
-    if isinstance(scenario, RecordedScenario):
+        if operators:
+            return "kind", (
+                "operators need a known conductivity, which only simulated scenarios have"
+            )
         # Tables show this name alone, and no table may pass an emulated board for a real one.
         if scenario.recorded_set.emulated and "emulated" not in scenario.name:
             return "name", (
@@ -171,15 +163,13 @@ def _for_methods(scenario: Scenario) -> tuple[str, str] | None:
             )
         return None
     if scenario.test < 1:
-        return "test", "a suite evaluates methods on at least 1 test sample"
-    # Every sensor holds a window of a fine grid, whose mask may be too large to look.
-    if scenario.image_shape is None or min(scenario.image_shape) > 10 * WINDOW:
-        return None
-    mask = scenario.nominal_sensor.mask
-    if (
-        min(mask.shape) < WINDOW
-        or not sliding_window_view(mask, (WINDOW, WINDOW)).all((2, 3)).any()
-    ):
+        return "test", f"a suite evaluates {ranks} on at least 1 test sample"
+    if operators and scenario.validation < STANDARDISING:
+        return "validation", (
+            f"voltages are standardised with at least {STANDARDISING} validation samples"
+        )
+    window = np.ones((WINDOW, WINDOW))
+    if not operators and not binary_erosion(scenario.nominal_sensor.mask, window).any():
         return "image_shape", (
             f"no place of {WINDOW} x {WINDOW} pixels, as SSIM needs, lies inside the sensor: "
             "choose a finer grid"

@@ -32,13 +32,13 @@ def found() -> Calibration:
 
 def test_gains_shifts_and_contacts_are_found(found: Calibration) -> None:
     built = BOARD.built(FOAM)
-    pairs = list(zip(built, FOAM.electrodes, strict=True))
-    shifts = np.array([b.centre - n.centre for b, n in pairs])
-    contacts = np.array([b.contact_impedance / n.contact_impedance for b, n in pairs])
+    both = list(zip(built, FOAM.electrodes, strict=True))
+    shifts = np.array([b.centre - n.centre for b, n in both])
+    contacts = np.array([b.contact_impedance / n.contact_impedance for b, n in both])
     ones = np.ones((1, FOAM.n_measurements))
     factors = BOARD.analogue(ones, ones[0], FOAM.pattern)[0]
-    channel, count = channels(FOAM.pattern)
-    gains = np.array([factors[channel == k].mean() for k in range(count)])
+    channel, pairs = channels(FOAM.pattern)
+    gains = np.array([factors[channel == k].mean() for k in range(len(pairs))])
     gains /= gains.mean()  # a common factor is told apart from nothing
 
     assert np.std(found.gains / found.gains.mean() - gains) < 0.15 * np.std(gains)

@@ -82,12 +82,12 @@ def test_electrodes_never_overlap_however_bad_the_sensor() -> None:
 
 
 def test_gain_and_offset_belong_to_channels(frames: np.ndarray, untouched: np.ndarray) -> None:
-    channel, count = channels(FOAM.pattern)
-    assert count == 16
+    channel, pairs = channels(FOAM.pattern)
+    assert len(pairs) == 16
     factor = through(Imperfections(gain=0.01), frames, untouched) / frames
     added = through(Imperfections(offset=0.01), frames, untouched) - frames
     for found in (factor, added):
-        for k in range(count):
+        for k in range(16):
             assert np.ptp(found[:, channel == k]) < 1e-9 * np.abs(frames).max()
     assert 0.003 < np.std(factor[0]) < 0.02
     # The change that a touch makes does not depend on the offset.
@@ -95,8 +95,8 @@ def test_gain_and_offset_belong_to_channels(frames: np.ndarray, untouched: np.nd
 
 
 def test_channels_of_reversed_pairs_are_the_same() -> None:
-    channel, count = channels(offset_pattern(16, 8))
-    assert count == 8
+    channel, pairs = channels(offset_pattern(16, 8))
+    assert sorted(pairs) == [(k, k + 8) for k in range(8)]
     assert set(channel) == set(range(8))
 
 
