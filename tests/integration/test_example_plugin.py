@@ -39,15 +39,9 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
     Path(paths["purelib"], "borrowed.pth").write_text("\n".join(sorted(borrowed)))
     kept = {k: v for k, v in os.environ.items() if k not in ("PYTHONPATH", "PYTHONHOME")}
 
-    def call(*command: str | Path) -> str:
-        done = subprocess.run(
-            [str(programs / command[0]), *map(str, command[1:])],
-            cwd=folder,
-            env=kept,
-            capture_output=True,
-            text=True,
-            check=False,
-        )
+    def call(program: str, *options: str | Path) -> str:
+        command = [programs / program, *options]
+        done = subprocess.run(command, cwd=folder, env=kept, capture_output=True, text=True)
         assert done.returncode == 0, done.stdout + done.stderr
         return done.stdout
 
@@ -58,12 +52,8 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
 
 @pytest.mark.slow  # continuous integration does it after every change, with nothing borrowed
 def test_the_example_is_listed_checked_and_ranked(run: Run, tmp_path: Path) -> None:
-    where = run(
-        "python",
-        "-c",
-        "import eitbench.methods as m, eitbench_landweber as n; print(m.__file__, n.__file__)",
-    )
-    assert str(ROOT) not in where
+    code = "import eitbench.methods as m, eitbench_landweber as n; print(m.__file__, n.__file__)"
+    assert str(ROOT) not in run("python", "-c", code)
     rows = {row["name"]: row for row in json.loads(run("eitbench", "list", "methods", "--json"))}
     assert rows["landweber"]["source"].startswith("Landweber")
     assert "0 failed" in run("eitbench", "check", "landweber")

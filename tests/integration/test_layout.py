@@ -1,6 +1,5 @@
 """The layout: folders, links and wheel agree, and subpackages import only what lies below them."""
 
-import runpy
 import tomllib
 import zipfile
 from graphlib import TopologicalSorter
@@ -8,6 +7,7 @@ from pathlib import Path
 
 import pytest
 from hatchling.builders.wheel import WheelBuilder
+from tests.integration.import_graph import import_graph
 
 ROOT = Path(__file__).resolve().parents[2]
 FOLDERS = {
@@ -21,11 +21,7 @@ FOLDERS = {
 
 @pytest.fixture(scope="module")
 def graph() -> dict[str, set[str]]:
-    """For each subpackage those that it imports."""
-    found: dict[str, set[str]] = runpy.run_path(str(Path(__file__).with_name("import_graph.py")))[
-        "import_graph"
-    ]()
-    return found
+    return import_graph()
 
 
 def test_links_lead_to_the_folders() -> None:
@@ -51,14 +47,10 @@ def test_a_wheel_holds_every_module_once(tmp_path: Path) -> None:
 
 
 def test_the_source_distribution_packs_the_same_folders() -> None:
-    targets = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["hatch"]["build"][
-        "targets"
-    ]
-    assert targets["sdist"]["only-include"] == [
-        *targets["wheel"]["only-include"],
-        "examples",
-        "tests",
-    ]
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())
+    targets = project["tool"]["hatch"]["build"]["targets"]
+    packed = [*targets["wheel"]["only-include"], "examples", "tests"]
+    assert targets["sdist"]["only-include"] == packed
 
 
 def test_folders_import_only_what_they_may(graph: dict[str, set[str]]) -> None:

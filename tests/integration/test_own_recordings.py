@@ -18,7 +18,6 @@ from eitbench.scenarios.errors import DataCorruptError, DataUnavailableError, In
 from eitbench.scenarios.phantoms.press import FOAM
 from eitbench.scenarios.recordings import recorded_set
 from eitbench.scenarios.recordings.fetch import fetch_recording, read_recording
-from eitbench.scenarios.sensors.patterns import offset_pattern
 from eitbench.scenarios.sensors.sensor import Sensor
 from eitbench.scenarios.suites.scenario import RecordedScenario
 
@@ -35,9 +34,7 @@ recording = "touch.h5"
 
 
 def skin() -> Sensor:
-    return replace(
-        sensor("foam16"), name="bench", image_shape=(24, 24), pattern=offset_pattern(16, 3)
-    )
+    return replace(sensor("foam16"), name="bench", image_shape=(24, 24))
 
 
 def record(path: Path, n: int = 20, *, places: bool = True, reference: bool = True) -> Path:

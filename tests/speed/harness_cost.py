@@ -77,10 +77,10 @@ def main() -> None:
     methods = [name for name in given.methods.split(",") if name] or list(suite.names)
     for scenario in suite.scenarios:
         load(scenario, limit=given.limit, jobs=2)
-    one, two = Clock(), Clock()
+    one = Clock()
     walls = [
-        one.run(given.suite, methods, given.limit, 1),
-        two.run(given.suite, methods, given.limit, 2),
+        clock.run(given.suite, methods, given.limit, jobs)
+        for jobs, clock in enumerate((one, Clock()), 1)
     ]
     frames = given.limit * len(suite.scenarios)
     print(f"{'':20s}  method s   cell s  method ms/frame  harness ms/frame")

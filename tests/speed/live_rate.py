@@ -59,14 +59,7 @@ def main() -> None:
 def _measured(page: Page, method: str, rate_hz: float, folder: Path) -> tuple[float, ...]:
     """Frames that the board sends and that are painted [1/s], latency [ms], cores in use."""
     board = make_emulator(None, "teensy", None, rate_hz / 10)
-    with live_view(
-        board,
-        "emulator",
-        method,
-        access=Access(),
-        port=0,
-        out=folder,
-    ) as view:
+    with live_view(board, "emulator", method, access=Access(), port=0, out=folder) as view:
         server = threading.Thread(target=view.serve)
         server.start()
         page.goto(view.address)

@@ -177,6 +177,7 @@ def test_inverse_crime_is_computed_from_the_two_meshes() -> None:
     assert "inverse_crime" not in SimulatedScenario.model_fields
 
 
+EMPTY = SCENARIO.model_copy(update={"train": 0})
 NO_COUNTS = (0, -2, 2.5, "3", True, float("nan"))
 
 
@@ -185,6 +186,7 @@ NO_COUNTS = (0, -2, 2.5, "3", True, float("nan"))
     [
         ({"scenario": "papper"}, "did you mean 'paper'"),
         ({"split": "tset"}, "did you mean 'test'"),
+        ({"scenario": EMPTY, "split": "train"}, "declares no train samples"),
         *(
             ({name: bad}, f"{name} is|of {name} is")
             for name in ("limit", "jobs")
@@ -195,11 +197,6 @@ NO_COUNTS = (0, -2, 2.5, "3", True, float("nan"))
 def test_bad_calls_are_one_sentence(call: dict[str, Any], says: str) -> None:
     with pytest.raises(InputError, match=says):
         load(**({"scenario": SCENARIO} | call))
-
-
-def test_split_without_samples_is_refused() -> None:
-    with pytest.raises(InputError, match="declares no train samples"):
-        load(SCENARIO.model_copy(update={"train": 0}), "train")
 
 
 SOURCE = Source("a/b", "0" * 40, "MIT", (RecordedFile("f", 1, "0" * 64),))

@@ -7,13 +7,15 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import joblib
 import numpy as np
 import pytest
-import safetensors.numpy
+from safetensors.numpy import load as load_bytes
+from safetensors.numpy import save
 
 from eitbench.scenarios.array_file import read_arrays, write_arrays
 from eitbench.scenarios.data.datasets import load
@@ -104,8 +106,7 @@ def test_a_file_with_fewer_samples_is_completed_and_one_with_more_is_kept(
     assert len(solves) == 8
     clean_voltages(SCENARIO, "test", CHUNK + 1)
     clean_voltages(SCENARIO, "train", 2)
-    names = [path.stem for path in files(cache)]
-    assert names == ["test-000000", "test-000032", "train-000000"]
+    assert [path.stem for path in files(cache)] == ["test-000000", "test-000032", "train-000000"]
 
 
 def test_scenarios_that_differ_in_noise_only_share_the_cache(solves: list[int]) -> None:
@@ -118,46 +119,29 @@ def test_scenarios_that_differ_in_noise_only_share_the_cache(solves: list[int]) 
     assert not np.array_equal(load(first, "test", 4).voltages, load(second, "test", 4).voltages)
 
 
-def flip_a_bit_of_the_voltages(path: Path) -> None:
-    content = bytearray(path.read_bytes())
-    content[-1] ^= 1
-    path.write_bytes(content)
-
-
-def cut(path: Path) -> None:
-    path.write_bytes(path.read_bytes()[:-200])
-
-
-def empty(path: Path) -> None:
-    path.write_bytes(b"")
-
-
-def another_format(path: Path) -> None:
-    path.write_bytes(b"\0" * 4000)
-
-
 def other_parameters(path: Path) -> None:
     found = read_arrays(path)
     assert found is not None
     write_arrays(path, found[0], {"parameters": "{}"})
 
 
-def no_checksum(path: Path) -> None:
-    found = read_arrays(path)
-    assert found is not None
-    path.write_bytes(safetensors.numpy.save(*found))
+DAMAGE: dict[str, Callable[[Path], object]] = {
+    "a bit": lambda p: p.write_bytes(p.read_bytes()[:-1] + bytes([p.read_bytes()[-1] ^ 1])),
+    "cut": lambda p: p.write_bytes(p.read_bytes()[:-200]),
+    "empty": lambda p: p.write_bytes(b""),
+    "another format": lambda p: p.write_bytes(b"\0" * 4000),
+    "no checksum": lambda p: p.write_bytes(save(load_bytes(p.read_bytes()))),
+    "other parameters": other_parameters,
+}
 
 
-@pytest.mark.parametrize(
-    "damage",
-    [flip_a_bit_of_the_voltages, cut, empty, another_format, other_parameters, no_checksum],
-)
+@pytest.mark.parametrize("damage", DAMAGE)
 def test_corrupt_cache_file_is_noticed_named_and_made_again(
-    damage: object, cache: Path, caplog: pytest.LogCaptureFixture
+    damage: str, cache: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     good = clean_voltages(SCENARIO, "test", 2)
     (path,) = files(cache)
-    damage(path)  # type: ignore[operator]
+    DAMAGE[damage](path)
     with caplog.at_level(logging.WARNING):
         assert np.array_equal(clean_voltages(SCENARIO, "test", 2), good)
     assert len(caplog.records) == 1
@@ -206,12 +190,7 @@ def test_processes_that_generate_the_same_at_once_leave_one_good_copy(cache: Pat
     assert [process.wait(timeout=120) for process in processes] == [0, 0]
     for process in processes:
         process.communicate()
-    names = [path.stem for path in files(cache)]
-    assert names == [
-        "test-000000",
-        "test-000032",
-        "test-000064",
-    ]
+    assert [path.stem for path in files(cache)] == [f"test-{k:06d}" for k in (0, 32, 64)]
     shared = clean_voltages(SCENARIO, "test", 70)
     for path in files(cache):
         path.unlink()

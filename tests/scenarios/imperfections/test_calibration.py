@@ -25,15 +25,18 @@ def reference(board: Imperfections, units: float = 1.0) -> np.ndarray:
     return units * np.array([add_noise(frame, 60, np.random.default_rng(0)) for frame in sent])
 
 
+def shifts() -> np.ndarray:
+    pairs = zip(BOARD.built(FOAM), FOAM.electrodes, strict=True)
+    return np.array([built.centre - nominal.centre for built, nominal in pairs])
+
+
 @pytest.fixture(scope="module")
 def found() -> Calibration:
     return calibrate(FOAM, reference(BOARD, units=250.0))
 
 
 def test_gains_shifts_and_contacts_are_found(found: Calibration) -> None:
-    built = BOARD.built(FOAM)
-    both = list(zip(built, FOAM.electrodes, strict=True))
-    shifts = np.array([b.centre - n.centre for b, n in both])
+    both = zip(BOARD.built(FOAM), FOAM.electrodes, strict=True)
     contacts = np.array([b.contact_impedance / n.contact_impedance for b, n in both])
     ones = np.ones((1, FOAM.n_measurements))
     factors = BOARD.analogue(ones, ones[0], FOAM.pattern)[0]
@@ -42,7 +45,7 @@ def test_gains_shifts_and_contacts_are_found(found: Calibration) -> None:
     gains /= gains.mean()  # a common factor is told apart from nothing
 
     assert np.std(found.gains / found.gains.mean() - gains) < 0.15 * np.std(gains)
-    assert np.std(found.shifts - shifts) < 0.6 * np.std(shifts)
+    assert np.std(found.shifts - shifts()) < 0.6 * np.std(shifts())
     assert np.corrcoef(np.log(found.contacts), np.log(contacts))[0, 1] > 0.8
     assert found.credible
     assert found.misfit_after < 0.1 * found.misfit_before
@@ -95,9 +98,7 @@ def test_a_nominal_sensor_is_left_as_it_is() -> None:
 def test_faults_do_not_spoil_the_rest() -> None:
     for fault in ({"dead": (5,)}, {"saturated": 3}):
         faulty = calibrate(FOAM, reference(BOARD.model_copy(update=fault)))
-        pairs = zip(BOARD.built(FOAM), FOAM.electrodes, strict=True)
-        shifts = np.array([b.centre - n.centre for b, n in pairs])
-        assert np.std(faulty.shifts - shifts) < 0.7 * np.std(shifts), fault
+        assert np.std(faulty.shifts - shifts()) < 0.7 * np.std(shifts()), fault
 
 
 @pytest.mark.parametrize(

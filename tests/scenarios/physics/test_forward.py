@@ -112,18 +112,9 @@ def test_voltages_converge_at_second_order_under_refinement() -> None:
 def test_scaling_law(name: str) -> None:
     """V(c sigma, z / c) = V(sigma, z) / c: twice the conductance, half the voltage."""
     s, sigma = small(name), rough_image(small(name))
-    softer = replace(
-        s,
-        electrodes=tuple(
-            replace(e, contact_impedance=e.contact_impedance / 2) for e in s.electrodes
-        ),
-    )
-    np.testing.assert_allclose(
-        ForwardModel(softer).voltages(2 * sigma),
-        ForwardModel(s).voltages(sigma) / 2,
-        rtol=1e-9,
-        atol=1e-12,
-    )
+    halved = (replace(e, contact_impedance=e.contact_impedance / 2) for e in s.electrodes)
+    softer = ForwardModel(replace(s, electrodes=tuple(halved))).voltages(2 * sigma)
+    np.testing.assert_allclose(softer, ForwardModel(s).voltages(sigma) / 2, rtol=1e-9, atol=1e-12)
 
 
 def test_quarter_turn_of_the_sensor_permutes_the_frame() -> None:
@@ -139,17 +130,10 @@ def test_quarter_turn_of_the_sensor_permutes_the_frame() -> None:
 
 def test_an_electrode_may_end_inside_an_edge() -> None:
     """The width of an electrode counts, not the edges it happens to touch."""
-    widths = np.linspace(0.0094, 0.0106, 5)
-    v = [
-        ForwardModel(
-            replace(
-                sensor("foam16"),
-                image_shape=(20, 20),
-                electrodes=tuple(replace(e, width=w) for e in sensor("foam16").electrodes),
-            )
-        ).voltages(np.ones((20, 20)))[0]
-        for w in widths
-    ]
+    v = []
+    for width in np.linspace(0.0094, 0.0106, 5):
+        s = sensor_on(rectangle(0.1, 0.1), (20, 20), width)
+        v.append(ForwardModel(s).voltages(np.ones((20, 20)))[0])
     steps = np.diff(v)
     assert (steps < 0).all()
     assert steps.min() > 2 * steps.max()
@@ -196,25 +180,23 @@ def test_wrong_shapes_are_refused() -> None:
         model.jacobian(np.ones((2, 12, 26)))
 
 
-def test_overlapping_electrodes_are_refused() -> None:
-    outline = rectangle(0.1, 0.1)
-    with pytest.raises(InputError, match="overlap"):
-        Sensor("wide", outline, even_electrodes(outline, 16, 0.026, 1e-3), offset_pattern(16, 3))
-    with pytest.raises(InputError, match="Electrodes 0 and 1 of sensor 'two' overlap"):
-        Sensor(
-            "two",
-            outline,
-            (Electrode(0.01, 0.01, 1e-3), Electrode(0.015, 0.01, 1e-3)),
-            DrivePattern(np.array([[0, 1, 1, 0]])),
-        )
+SQUARE = rectangle(0.1, 0.1)
+TWO = (Electrode(0.01, 0.01, 1e-3), Electrode(0.015, 0.01, 1e-3))
 
 
-def test_pattern_on_a_missing_electrode_is_refused() -> None:
-    outline = rectangle(0.1, 0.1)
-    with pytest.raises(
-        InputError, match="uses electrode 8, but sensor 'eight' has electrodes 0 to 7"
-    ):
-        Sensor("eight", outline, even_electrodes(outline, 8, 0.01, 1e-3), offset_pattern(16, 3))
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"electrodes": even_electrodes(SQUARE, 16, 0.026, 1e-3)}, "overlap"),
+        ({"electrodes": TWO}, "Electrodes 0 and 1 of sensor 'foam16' overlap"),
+        ({"electrodes": even_electrodes(SQUARE, 8, 0.01, 1e-3)}, "uses electrode 8, but .* 0 to 7"),
+        ({"data_range": -1.0}, "range"),
+        ({"conductivity_range": (0.0, 1.0)}, "range"),
+    ],
+)
+def test_impossible_sensors_are_refused(change: dict[str, Any], says: str) -> None:
+    with pytest.raises(InputError, match=says):
+        replace(sensor("foam16"), **change)
 
 
 @pytest.mark.parametrize(
@@ -225,21 +207,10 @@ def test_impossible_patterns_are_refused(table: object) -> None:
         DrivePattern(np.array(table))
 
 
-def test_unknown_sensor_suggests_the_nearest() -> None:
-    with pytest.raises(InputError, match="did you mean 'foam16'"):
-        sensor("foam61")
-
-
 @pytest.mark.parametrize("offset", [0, 16, -1, 1.5])
 def test_impossible_offsets_are_refused(offset: int) -> None:
     with pytest.raises(InputError, match="whole number from 1 to 15"):
         sensor("foam16", offset=offset)
-
-
-@pytest.mark.parametrize("change", [{"data_range": -1.0}, {"conductivity_range": (0.0, 1.0)}])
-def test_impossible_ranges_are_refused(change: dict[str, Any]) -> None:
-    with pytest.raises(InputError, match="range"):
-        replace(sensor("foam16"), **change)
 
 
 def test_no_images_give_no_frames() -> None:

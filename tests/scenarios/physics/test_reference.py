@@ -1,6 +1,6 @@
 """The forward model against an independent solver (EIDORS 3.10 on Octave, linear triangles)."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,25 +15,10 @@ from eitbench.scenarios.physics.mesh import grid_mesh
 Array = NDArray[np.float64]
 
 
-@dataclass
-class Reference:
-    pattern: NDArray[np.int64]
-    sigma_disc: Array
-    v_homogeneous: Array
-    v_disc: Array
-    jacobian: Array
-
-
 @pytest.fixture(scope="module")
-def reference(reference_file: Path) -> Reference:
+def reference(reference_file: Path) -> dict[str, Array]:
     with np.load(reference_file, allow_pickle=False) as data:
-        return Reference(
-            data["pattern"].astype(np.int64),
-            data["sigma_disc"],
-            data["v_homogeneous"],
-            data["v_disc"],
-            data["jacobian_homogeneous"].reshape(-1, 80, 80),
-        )
+        return dict(data)
 
 
 def relative(value: Array, truth: Array) -> float:
@@ -51,26 +36,29 @@ def split_grid_model() -> ForwardModel:
     return ForwardModel(foam, replace(grid, elements=triangles, pixel_shares=shares))
 
 
-def test_pattern_is_the_references(reference: Reference) -> None:
-    np.testing.assert_array_equal(sensor("foam16").pattern.table, reference.pattern)
+def test_pattern_is_the_references(reference: dict[str, Array]) -> None:
+    np.testing.assert_array_equal(sensor("foam16").pattern.table, reference["pattern"])
 
 
-def test_voltages_of_bilinear_pixels(reference: Reference) -> None:
+def test_voltages_of_bilinear_pixels(reference: dict[str, Array]) -> None:
     model = forward_model(sensor("foam16"))
-    assert relative(model.voltages(np.ones((80, 80))), reference.v_homogeneous) < 0.002
-    assert relative(model.voltages(reference.sigma_disc), reference.v_disc) < 0.002
+    assert relative(model.voltages(np.ones((80, 80))), reference["v_homogeneous"]) < 0.002
+    assert relative(model.voltages(reference["sigma_disc"]), reference["v_disc"]) < 0.002
 
 
-def test_jacobian_of_bilinear_pixels(reference: Reference) -> None:
+def test_jacobian_of_bilinear_pixels(reference: dict[str, Array]) -> None:
     jacobian = forward_model(sensor("foam16")).jacobian(np.ones((80, 80)))
+    theirs = reference["jacobian_homogeneous"].reshape(jacobian.shape)
     inner = (slice(None), slice(3, -3), slice(3, -3))
-    assert relative(jacobian[inner], reference.jacobian[inner]) < 0.01
-    assert relative(jacobian, reference.jacobian) < 0.05
+    assert relative(jacobian[inner], theirs[inner]) < 0.01
+    assert relative(jacobian, theirs) < 0.05
 
 
-def test_same_element_reproduces_the_reference_to_rounding(reference: Reference) -> None:
+def test_same_element_reproduces_the_reference_to_rounding(reference: dict[str, Array]) -> None:
     model = split_grid_model()
     one = np.ones((80, 80))
-    assert relative(model.voltages(one), reference.v_homogeneous) < 1e-10
-    assert relative(model.voltages(reference.sigma_disc), reference.v_disc) < 1e-10
-    assert relative(model.jacobian(one), reference.jacobian) < 1e-9
+    assert relative(model.voltages(one), reference["v_homogeneous"]) < 1e-10
+    assert relative(model.voltages(reference["sigma_disc"]), reference["v_disc"]) < 1e-10
+    jacobian = model.jacobian(one)
+    theirs = reference["jacobian_homogeneous"].reshape(jacobian.shape)
+    assert relative(jacobian, theirs) < 1e-9
