@@ -22,7 +22,7 @@ def close_test_split() -> None:
 def closed_test_split() -> Iterator[None]:
     """Refuse the test split in this process until the end of the block."""
     global _closed
-    _closed += 1
+    close_test_split()
     try:
         yield
     finally:

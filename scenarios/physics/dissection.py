@@ -8,8 +8,6 @@ matrix of one part, its own unknowns first, is called its front (Duff and Reid 1
 Unknowns are the mesh's n nodes, then its E electrodes, which are never eliminated.
 """
 
-from __future__ import annotations
-
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -62,15 +60,6 @@ class Dissection(NamedTuple):
     fixed_start: Index
     factor_start: Index
 
-    @property
-    def operations(self) -> int:
-        """Multiplications and additions of one elimination, of upper triangles alone."""
-        return sum(
-            (size - pivot) * (size - pivot + 1)
-            for size, count in zip(self.size.tolist(), self.eliminated.tolist(), strict=True)
-            for pivot in range(1, count + 1)
-        )
-
 
 def stride(size: int) -> int:
     """Numbers between the rows of a front of `size` unknowns: at least one more than it has."""
@@ -93,18 +82,14 @@ def dissect(mesh: Mesh, terms: ElectrodeTerms) -> Dissection:
 # calibration builds dozens of them.
 @lru_cache(maxsize=8)
 def _structure(mesh: Mesh, first: bytes, second: bytes) -> tuple[Dissection, Index]:
-    """The dissection of `mesh` without `fixed`, and which of the electrodes' terms is where there.
-
-    Args:
-        first, second: the unknowns that each of these terms couples, int64, first <= second.
-    """
+    """The dissection without `fixed`, and which of the electrodes' terms is where there."""
     pairs = np.column_stack([np.frombuffer(unknowns, np.int64) for unknowns in (first, second)])
     n_nodes, corners = len(mesh.nodes), mesh.elements
     parts, children = _cut(mesh.nodes[corners].mean(axis=1))
     owner = _owners(corners, parts, pairs)
     owned = [np.flatnonzero(owner == p) for p in range(len(parts))]
     leaf_unknowns = [
-        None if part is None else _distinct(corners[part], pairs[owned[p]])
+        None if part is None else np.union1d(corners[part], pairs[owned[p]])
         for p, part in enumerate(parts)
     ]
     eliminated, remaining = _order(leaf_unknowns, children, n_nodes)
@@ -219,10 +204,6 @@ def _order(
         np.array(sorted(here, key=lambda u: int(ends[u])), dtype=np.int64) for here in seen
     ]
     return eliminated, remaining
-
-
-def _distinct(*unknowns: Index) -> Index:
-    return np.unique(np.concatenate([u.ravel() for u in unknowns]))
 
 
 def _starts(lists: list[Index]) -> Index:

@@ -36,10 +36,7 @@ def stiffness(mesh: Mesh) -> Array:
 
 
 def _weighted_gradients(corners: Array, slopes: Array, weight: float) -> Array:
-    """weight * |det F| * (F^-T slopes)^T (F^-T slopes), F the map from the reference element.
-
-    `corners` (k, c, 2) [m], `slopes` (2, c) = derivatives of the shape functions there.
-    """
+    """weight |det F| (F^-T slopes)^T (F^-T slopes), F the map from the reference element."""
     jacobian = np.einsum("rc,kcx->krx", slopes, corners)
     gradients = np.linalg.solve(jacobian, np.broadcast_to(slopes, (len(corners), *slopes.shape)))
     measure = weight * np.abs(np.linalg.det(jacobian))

@@ -21,12 +21,8 @@ def _eliminate(front: Array, eliminated: int, kept: Array, panel: Array, scaled:
     """Eliminate the first unknowns of a front, in place; False if it is not positive definite.
 
     With rows u of the upper triangle, a pivot's step is front[r, c] -= u[r] / u[pivot] * u[c];
-    PIVOTS of them are taken together, on two rows r at a time.
-
-    Args:
-        front: (size + 1, stride), of which the upper triangle is used; the last row is padding.
-        kept: (eliminated, stride) receives the rows u / u[pivot].
-        panel, scaled: (PIVOTS, >= stride) room for the rows u and u / u[pivot] of a step.
+    PIVOTS of them are taken together, on two rows r at a time. `kept` receives the rows
+    u / u[pivot]; the front's last row is padding.
     """
     size, width = len(front) - 1, front.shape[1]
     for first in range(0, eliminated, PIVOTS):
@@ -167,13 +163,7 @@ def _condense(
     panel: Array,
     scaled: Array,
 ) -> Array:
-    """-B^T A^-1 B (E, E) [S] of one sample, empty if its matrix is not positive definite.
-
-    Args:
-        sigma: (k,) conductivity of the elements [S/m].
-        factors: (f,) receives the eliminated rows of all fronts.
-        work, stack, panel, scaled: room.
-    """
+    """-B^T A^-1 B (E, E) [S] of one sample, empty if its matrix is not positive definite."""
     top = 0
     for part in range(len(parts.size)):
         size, eliminated = parts.size[part], parts.eliminated[part]
@@ -211,13 +201,7 @@ def _condense(
 def _back_substitute(
     part: int, factors: Array, parts: Dissection, fields: Array, front: Array
 ) -> None:
-    """Potentials of the unknowns that end in `part`, from those of the others in its front.
-
-    Args:
-        factors: (f,) eliminated rows.
-        fields: (nodes + E, d) potentials of d fields, completed here.
-        front: (d rounded up to a multiple of 4, >= size) room.
-    """
+    """Complete `fields` (nodes + E, d) with the potentials of the unknowns that end in `part`."""
     size, eliminated = parts.size[part], parts.eliminated[part]
     unknowns = parts.unknowns[parts.unknowns_start[part] : parts.unknowns_start[part + 1]]
     width = _stride(size)

@@ -54,25 +54,14 @@ class ForwardModel:
         self._parts = dissect(self.mesh, terms)
         self._corners, self._couplings = couplings(self.mesh)
 
-    @property
-    def mesh_hash(self) -> str:
-        """SHA-256 (hex) of the mesh."""
-        return self.mesh.content_hash
-
-    @property
-    def n_elements(self) -> int:
-        """Number of finite elements."""
-        return len(self.mesh.elements)
-
     def voltages(self, sigma: ArrayLike) -> Array:
         """Voltages (..., M) [V/A] of conductivities `sigma` (..., H, W) [S/m].
 
         Raises:
             InputError: a wrong image shape, or a pixel that is not finite and positive.
         """
-        images = self._checked(sigma)
-        resistance, _ = self._solve(images, fields=False)
-        return self._measured(resistance).reshape(*np.shape(sigma)[:-2], self.sensor.n_measurements)
+        voltages, _ = self._solve(self._checked(sigma), fields=False)
+        return voltages.reshape(*np.shape(sigma)[:-2], self.sensor.n_measurements)
 
     def voltages_and_fields(self, sigma: ArrayLike) -> tuple[Array, Array]:
         """Voltages (n, M) [V/A] of images (n, H, W) [S/m] and the fields that `pullback` needs.
@@ -84,8 +73,7 @@ class ForwardModel:
         Raises:
             InputError: a wrong image shape, or a pixel that is not finite and positive.
         """
-        resistance, fields = self._solve(self._checked(sigma), fields=True)
-        return self._measured(resistance), fields
+        return self._solve(self._checked(sigma), fields=True)
 
     def pullback(self, fields: Array, cotangent: ArrayLike) -> Array:
         """J^T g (n, H, W) for a cotangent g (n, M), from the fields of n images.
@@ -99,7 +87,7 @@ class ForwardModel:
             weights = weights * np.sign(self._signed(resistance))
         # dL = <g, dV> = <G, dR>.
         g = (weights @ self._differences).reshape(resistance.shape)
-        gradient = np.empty((len(weights), self.n_elements))
+        gradient = np.empty((len(weights), len(self.mesh.elements)))
         element_gradients(fields, g, self._corners, self._couplings, gradient)
         return self._per_pixel(gradient).reshape(-1, *self.sensor.image_shape)
 
@@ -124,7 +112,7 @@ class ForwardModel:
             )
         voltages, fields = self.voltages_and_fields(np.asarray(sigma)[None])
         wanted = self.sensor.pattern.table[rows]
-        per_element = np.empty((len(wanted), self.n_elements))
+        per_element = np.empty((len(wanted), len(self.mesh.elements)))
         drives, senses = np.ascontiguousarray(wanted.reshape(-1, 2, 2).swapaxes(0, 1))
         sensitivities(fields[0], drives, senses, self._corners, self._couplings, per_element)
         jacobian = self._per_pixel(per_element)
@@ -172,7 +160,7 @@ class ForwardModel:
         return images
 
     def _solve(self, images: Array, *, fields: bool) -> tuple[Array, Array]:
-        """Electrode resistances (n, E, E) [Ohm] of `images` (n, H, W); the fields if asked for."""
+        """Voltages (n, M) [V/A] as the board measures them, and the fields if asked for."""
         sigma = images.reshape(len(images), images.shape[1] * images.shape[2])
         shares = self.mesh.pixel_shares
         if shares is not None:
@@ -188,7 +176,8 @@ class ForwardModel:
                 f"The conductivity of image {failed} cannot be solved in double precision: its "
                 "pixels, and the electrodes' contact, are too many orders of magnitude apart."
             )
-        return resistance, kept
+        voltages = self._signed(resistance)
+        return np.abs(voltages) if self.sensor.pattern.magnitudes else voltages, kept
 
     def _signed(self, resistance: Array) -> Array:
         """Signed voltages (n, M) [V/A] from electrode resistances (n, E, E)."""
@@ -199,11 +188,6 @@ class ForwardModel:
             - resistance[:, a, sink]
             + resistance[:, b, sink]
         )
-
-    def _measured(self, resistance: Array) -> Array:
-        """Voltages (n, M) [V/A] as the board measures them."""
-        signed = self._signed(resistance)
-        return np.abs(signed) if self.sensor.pattern.magnitudes else signed
 
 
 @lru_cache(maxsize=16)

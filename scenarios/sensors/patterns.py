@@ -1,7 +1,5 @@
 """Drive patterns: driving and measuring pairs of electrodes, as an (M, 4) table."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 

@@ -1,20 +1,13 @@
 """Symmetries of a sensor: turns and mirrors of its image, and the frames that they lead to."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from eitbench.scenarios.arrays import Array
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
-    from eitbench.scenarios.sensors.sensor import Sensor
-
+from eitbench.scenarios.sensors.sensor import Sensor
 
 TOLERANCE = 1e-6
 """Greatest change of the Jacobian under a symmetry, relative to its largest entry."""
@@ -66,18 +59,17 @@ def motions(sensor: Sensor, jacobian: Array) -> list[Motion]:
     the Jacobian, moved so, stays what it is.
     """
     found = []
-    for turns in range(4):
-        for mirrored in (False, True):
-            moved = _moved_measurements(sensor, turns, mirrored)
-            if moved is None:
-                continue
-            candidate = Motion(turns, mirrored, *moved)
-            image = candidate.images(jacobian)
-            if image.shape != jacobian.shape:
-                continue
-            change = image[candidate.order] * candidate.sign[:, None, None] - jacobian
-            if np.abs(change).max() <= TOLERANCE * np.abs(jacobian).max():
-                found.append(candidate)
+    for turns, mirrored in product(range(4), (False, True)):
+        moved = _moved_measurements(sensor, turns, mirrored)
+        if moved is None:
+            continue
+        candidate = Motion(turns, mirrored, *moved)
+        image = candidate.images(jacobian)
+        if image.shape != jacobian.shape:
+            continue
+        change = image[candidate.order] * candidate.sign[:, None, None] - jacobian
+        if np.abs(change).max() <= TOLERANCE * np.abs(jacobian).max():
+            found.append(candidate)
     return found
 
 
