@@ -60,8 +60,9 @@ def grid_mesh(sensor: Sensor) -> Mesh:
     height, width = sensor.image_shape
     x0, y0, x1, y1 = sensor.outline.bounds
     # Rows are numbered along the shorter side: the bandwidth of the system is that side.
-    shape, order = (height + 1, width + 1), "C" if width <= height else "F"
-    number = np.arange((height + 1) * (width + 1), dtype=np.int64).reshape(shape, order=order)
+    number = np.arange((height + 1) * (width + 1), dtype=np.int64).reshape(
+        height + 1, width + 1, order="C" if width <= height else "F"
+    )
     x, y = np.meshgrid(np.linspace(x0, x1, width + 1), np.linspace(y0, y1, height + 1))
     nodes = np.empty((number.size, 2))
     nodes[number.ravel()] = np.column_stack([x.ravel(), y.ravel()])
