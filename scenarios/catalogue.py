@@ -1,6 +1,7 @@
 """Sensors by name: the default one, those of the recorded sets, and those of files."""
 
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 from eitbench.scenarios.errors import unknown_name
@@ -37,10 +38,15 @@ def sensor(name: str, *, offset: int | None = None) -> Sensor:
         nominal = recorded_sensor(Path(name))
     elif is_file(name):
         nominal = read_sensor(Path(name))
-    elif name in (builders := sensors()):
-        nominal = builders[name]()
+    elif name in sensors():
+        nominal = _built(name)
     else:
-        raise unknown_name("sensor", name, builders)
+        raise unknown_name("sensor", name, sensors())
     if offset is None:
         return nominal
     return replace(nominal, pattern=offset_pattern(nominal.n_electrodes, offset))
+
+
+@cache
+def _built(name: str) -> Sensor:
+    return sensors()[name]()

@@ -137,7 +137,7 @@ def _simulated(
         raise InputError(f"Scenario {scenario.name!r} declares no {split} samples.")
     count = size if limit is None else min(limit, size)
     clean = clean_voltages(scenario, split, count, jobs=jobs, progress=progress)
-    voltages, snr = _measured(scenario, split, clean)
+    voltages, snr, reference = _measured(scenario, split, clean)
     phantoms = tuple(phantom(scenario, split, sample) for sample in range(count))
     declared = {
         "sample": np.arange(count),
@@ -153,7 +153,7 @@ def _simulated(
         split=split,
         sensor=scenario.nominal_sensor,
         voltages=voltages,
-        reference=_reference(scenario, split),
+        reference=reference,
         samples=pd.concat([pd.DataFrame(declared), drawn], axis=1),
         truth="conductivity",
         data_hash=scenario.data_hash(split),
@@ -162,30 +162,25 @@ def _simulated(
     )
 
 
-def _measured(scenario: SimulatedScenario, split: Split, clean: Array) -> tuple[Array, Array]:
-    """Frames (n, M) as the board of `split` sends them, and the SNR (n,) [dB] of each."""
+def _measured(
+    scenario: SimulatedScenario, split: Split, clean: Array
+) -> tuple[Array, Array, Array]:
+    """Frames (n, M) as the board of `split` sends them, their SNR (n,) [dB], and the reference."""
     board, pattern = scenario.split_imperfections(split), scenario.nominal_sensor.pattern
     untouched = clean_reference(scenario, split)
     analogue = board.analogue(clean, untouched, pattern)
     noisy, snr = measured_frames(
         analogue, scenario.split_noise(split), scenario=scenario.name, split=split
     )
-    return board.received(board.digital(noisy, untouched, pattern)), snr
-
-
-def _reference(scenario: SimulatedScenario, split: Split) -> Array:
-    """The reference frame (M,) as the board sends it: the same for all splits.
-
-    Unless the sensor of the test split has imperfections: these are unknown to the other splits.
-    """
-    board, pattern = scenario.split_imperfections(split), scenario.nominal_sensor.pattern
-    clean = clean_reference(scenario, split)
+    voltages = board.received(board.digital(noisy, untouched, pattern))
+    # The reference frame is the same for all splits, unless the sensor of the test split has
+    # imperfections: these are unknown to the other splits.
     times = np.array([-board.reference_age_s])
-    (analogue,) = board.analogue(clean[None], clean, pattern, times)
+    (before,) = board.analogue(untouched[None], untouched, pattern, times)
     noise = scenario.split_noise("test" if scenario.imperfections is None else split)
-    noisy = measured_reference(analogue, noise, scenario=scenario.name)
-    (sent,) = board.digital(noisy[None], clean, pattern)
-    return np.asarray(sent)
+    noisy = measured_reference(before, noise, scenario=scenario.name)
+    (reference,) = board.digital(noisy[None], untouched, pattern)
+    return voltages, snr, reference
 
 
 # Columns of recorded sets that name the object of a frame; without, each frame has its own.

@@ -35,11 +35,7 @@ _log = logging.getLogger(__name__)
 
 
 def phantom(scenario: SimulatedScenario, split: Split, sample: int) -> Phantom:
-    """Phantom number `sample` of `split`; families take turns, so any first n are balanced.
-
-    Raises:
-        InputError: the test split, where it is closed.
-    """
+    """Phantom number `sample` of `split`; families take turns, so any first n are balanced."""
     check_open(split)
     families = scenario.split_families(split)
     rng = generator("phantom", scenario.phantom_stream, split, sample)

@@ -122,10 +122,7 @@ def locate(contrast: ArrayLike, sensor: Sensor) -> Array:
     For a sensor known to be touched once, all that stands out belongs to that touch, in however
     many parts it is drawn. The place is the centre of the |contrast| in excess of a quarter of the
     image's largest; taking the excess makes it change continuously with the image. NaN where the
-    contrast is constant.
-
-    Raises:
-        InputError: a wrong shape, or values inside the sensor that are not finite.
+    contrast is constant. Errors as those of `contacts`.
     """
     _, magnitude, peak = _standing_out(contrast, sensor)
     weight = np.maximum(magnitude - AMPLITUDE_FRACTION * peak[:, None, None], 0.0)

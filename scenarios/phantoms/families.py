@@ -57,7 +57,6 @@ class Family:
     """A family of phantoms.
 
     Attributes:
-        name: registry name.
         shapes: what an inclusion may be, each as likely as the others.
         conductivity: range as fractions of the background; for a soft press see `pressure`.
         count: number of inclusions.

@@ -8,6 +8,7 @@ matrix of one part, its own unknowns first, is called its front (Duff and Reid 1
 Unknowns are the mesh's n nodes, then its E electrodes, which are never eliminated.
 """
 
+from collections import Counter
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -38,8 +39,8 @@ class Dissection(NamedTuple):
         children: (p, 2) the parts that a part consists of; -1 for the smallest.
         unknowns, unknowns_start: the unknowns of each front; its electrodes come last.
         places, places_start: where in the parent's front each remaining unknown of a part goes.
-        entry, element, coefficient, entries_start: front[entry] += coefficient * sigma[element].
-        fixed_entry, fixed, fixed_start: front[fixed_entry] += fixed, the electrodes' share.
+        entry, entries_start, element, coefficient: front[entry] += coefficient * sigma[element].
+        fixed_entry, fixed_start, fixed: front[fixed_entry] += fixed, the electrodes' share.
         factor_start: (p + 1,) where the eliminated rows of each front begin in the store.
     """
 
@@ -52,12 +53,12 @@ class Dissection(NamedTuple):
     places: Place
     places_start: Index
     entry: Place
+    entries_start: Index
     element: Place
     coefficient: Array
-    entries_start: Index
     fixed_entry: Place
-    fixed: Array
     fixed_start: Index
+    fixed: Array
     factor_start: Index
 
 
@@ -89,8 +90,7 @@ def _structure(mesh: Mesh, first: bytes, second: bytes) -> tuple[Dissection, Ind
     owner = _owners(corners, parts, pairs)
     owned = [np.flatnonzero(owner == p) for p in range(len(parts))]
     leaf_unknowns = [
-        None if part is None else np.union1d(corners[part], pairs[owned[p]])
-        for p, part in enumerate(parts)
+        np.union1d(corners[part], pairs[terms]) for part, terms in zip(parts, owned, strict=True)
     ]
     eliminated, remaining = _order(leaf_unknowns, children, n_nodes)
     fronts = [np.concatenate([e, r]) for e, r in zip(eliminated, remaining, strict=True)]
@@ -102,27 +102,22 @@ def _structure(mesh: Mesh, first: bytes, second: bytes) -> tuple[Dissection, Ind
             places[child] = [where[parent][u] for u in remaining[child].tolist()]
 
     local = stiffness(mesh)
-    entries, elements, fixed_entries = (
-        [np.empty(0, dtype=np.int64) for _ in fronts] for _ in range(3)
-    )
-    coefficients = [np.empty(0) for _ in fronts]
+    entries, elements, coefficients, fixed_entries = [], [], [], []
     i, j = np.triu_indices(corners.shape[1])
     for p, part in enumerate(parts):
-        if part is None:
-            continue
         order = np.argsort(fronts[p])
         at = order[np.searchsorted(fronts[p], corners[part], sorter=order)]
         # Element matrices are symmetric, and of fronts only the upper triangle is used.
         row, column = np.minimum(at[:, i], at[:, j]), np.maximum(at[:, i], at[:, j])
-        entries[p] = (row * stride(len(fronts[p])) + column).ravel()
-        elements[p] = np.repeat(part, len(i))
-        coefficients[p] = local[part][:, i, j].ravel()
+        entries.append((row * stride(len(fronts[p])) + column).ravel())
+        elements.append(np.repeat(part, len(i)))
+        coefficients.append(local[part][:, i, j].ravel())
         ends = [sorted(where[p][u] for u in pair) for pair in pairs[owned[p]].tolist()]
-        fixed_entries[p] = np.array([r * stride(len(fronts[p])) + c for r, c in ends], dtype=int)
+        fixed_entries.append(np.array([r * stride(len(fronts[p])) + c for r, c in ends], int))
 
     size = np.array([len(front) for front in fronts])
     counts = np.array([len(e) for e in eliminated])
-    kept = np.array([count * stride(s) for count, s in zip(counts, size, strict=True)])
+    kept = [count * stride(s) for count, s in zip(counts, size, strict=True)]
     dissection = Dissection(
         n_nodes,
         size,
@@ -130,21 +125,19 @@ def _structure(mesh: Mesh, first: bytes, second: bytes) -> tuple[Dissection, Ind
         np.array([pair or (-1, -1) for pair in children], dtype=np.int64),
         *_ragged(fronts),
         *_ragged([np.array(p, dtype=np.int64) for p in places]),
-        np.concatenate(entries).astype(np.uint32),
+        *_ragged(entries),
         np.concatenate(elements).astype(np.uint32),
         np.concatenate(coefficients),
-        _starts(entries),
-        np.concatenate(fixed_entries).astype(np.uint32),
+        *_ragged(fixed_entries),
         np.empty(0),
-        _starts(fixed_entries),
-        np.concatenate([[0], np.cumsum(kept)]),
+        np.cumsum([0, *kept]),
     )
     return dissection, np.concatenate(owned)
 
 
-def _cut(centres: Array) -> tuple[list[Index | None], list[tuple[int, ...]]]:
-    """Elements of every smallest part (None for the others), and the children of every part."""
-    parts: list[Index | None] = []
+def _cut(centres: Array) -> tuple[list[Index], list[tuple[int, ...]]]:
+    """Elements of every smallest part (none for the others), and the children of every part."""
+    parts: list[Index] = []
     children: list[tuple[int, ...]] = []
 
     def add(elements: Index) -> int:
@@ -157,7 +150,7 @@ def _cut(centres: Array) -> tuple[list[Index | None], list[tuple[int, ...]]]:
             levels = np.unique(np.round(along / np.ptp(centres), 9)) * np.ptp(centres)
             low = along < (levels[len(levels) // 2 - 1] + levels[len(levels) // 2]) / 2
             pair = (add(elements[low]), add(elements[~low]))
-        parts.append(None if pair else elements)
+        parts.append(elements[:0] if pair else elements)
         children.append(pair)
         return len(parts) - 1
 
@@ -165,12 +158,11 @@ def _cut(centres: Array) -> tuple[list[Index | None], list[tuple[int, ...]]]:
     return parts, children
 
 
-def _owners(corners: Index, parts: list[Index | None], pairs: Index) -> Index:
+def _owners(corners: Index, parts: list[Index], pairs: Index) -> Index:
     """The smallest part (t,) that each electrode's term between `pairs` (t, 2) is given to."""
     part_of = np.empty(len(corners), dtype=np.int64)
     for p, part in enumerate(parts):
-        if part is not None:
-            part_of[part] = p
+        part_of[part] = p
     elements_at: dict[int, set[int]] = {}
     for element, node in zip(*np.nonzero(np.isin(corners, pairs)), strict=True):
         elements_at.setdefault(int(corners[element, node]), set()).add(int(element))
@@ -180,25 +172,24 @@ def _owners(corners: Index, parts: list[Index | None], pairs: Index) -> Index:
 
 
 def _order(
-    leaf_unknowns: list[Index | None], children: list[tuple[int, ...]], n_nodes: int
+    leaf_unknowns: list[Index], children: list[tuple[int, ...]], n_nodes: int
 ) -> tuple[list[Index], list[Index]]:
     """The unknowns that end in each part, and those that remain, in the order they end later."""
-    uses = np.bincount(np.concatenate([u for u in leaf_unknowns if u is not None]))
+    uses = np.bincount(np.concatenate(leaf_unknowns))
     ends = np.arange(len(uses))  # electrodes, numbered after all nodes, end after all nodes
     n_ended = 0
     eliminated: list[Index] = []
-    seen: list[dict[int, int]] = []
+    seen: list[Counter[int]] = []
     for unknowns, pair in zip(leaf_unknowns, children, strict=True):
         # How many smallest parts of this part use an unknown; when all do, it ends here.
-        here = dict.fromkeys([] if unknowns is None else unknowns.tolist(), 1)
+        here = Counter(unknowns.tolist())
         for child in pair:
-            for unknown, count in seen[child].items():
-                here[unknown] = here.get(unknown, 0) + count
+            here.update(seen[child])
         done = sorted(u for u, count in here.items() if u < n_nodes and count == uses[u])
         ends[done] = n_ended + np.arange(len(done))
         n_ended += len(done)
         eliminated.append(np.array(done, dtype=np.int64))
-        seen.append({u: count for u, count in here.items() if u >= n_nodes or count < uses[u]})
+        seen.append(here - Counter({u: here[u] for u in done}))
     # One order for all parts: places in a parent's front then increase, too.
     remaining = [
         np.array(sorted(here, key=lambda u: int(ends[u])), dtype=np.int64) for here in seen
@@ -206,9 +197,6 @@ def _order(
     return eliminated, remaining
 
 
-def _starts(lists: list[Index]) -> Index:
-    return np.concatenate([[0], np.cumsum([len(values) for values in lists])])
-
-
 def _ragged(lists: list[Index]) -> tuple[Place, Index]:
-    return np.concatenate(lists).astype(np.uint32), _starts(lists)
+    starts = np.cumsum([0, *(len(values) for values in lists)])
+    return np.concatenate(lists).astype(np.uint32), starts

@@ -69,9 +69,6 @@ class ForwardModel:
         The fields (n, nodes + E, E) [V/A] are the potentials of unit currents through every
         electrode, against the electrodes' mean; the last E rows are the electrodes'. They take
         0.8 MB an image of 80 x 80 pixels.
-
-        Raises:
-            InputError: a wrong image shape, or a pixel that is not finite and positive.
         """
         return self._solve(self._checked(sigma), fields=True)
 
@@ -92,11 +89,7 @@ class ForwardModel:
         return self._per_pixel(gradient).reshape(-1, *self.sensor.image_shape)
 
     def jacobian(self, sigma: ArrayLike) -> Array:
-        """dV/dsigma (M, H, W) [V/A per S/m] at `sigma` (H, W) [S/m], by the adjoint formula.
-
-        Raises:
-            InputError: a wrong image shape, or a pixel that is not finite and positive.
-        """
+        """dV/dsigma (M, H, W) [V/A per S/m] at `sigma` (H, W) [S/m], by the adjoint formula."""
         return self.linearise(sigma)[1]
 
     def linearise(

@@ -45,7 +45,6 @@ class Sensor:
     """A nominal sensor: all that a method may know of it.
 
     Attributes:
-        name: registry name.
         outline: the rim [m].
         electrodes: in the order of their numbers.
         pattern: what one frame measures.

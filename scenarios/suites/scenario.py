@@ -263,33 +263,25 @@ def _nominal_sensor(
     image_shape: tuple[int, int] | None = None,
     conductivity_range: tuple[float, float] | None = None,
 ) -> Sensor:
-    if not is_file(name):
-        return _adapted_sensor(name, image_shape, conductivity_range)
-    # The file may have changed since.
-    sensor = _adapted_sensor.__wrapped__(name, image_shape, conductivity_range)
-    return _first_equal(sensor.name, sensor)
+    sensor = sensor_by_name(name)
+    return _adapted(sensor, sensor.name, image_shape, conductivity_range)
 
 
 # Forward models, pixel centres and masks are cached per sensor object, so equal scenarios should
-# share one; making one takes as long as solving it.
+# share one. Equal sensors may have several names.
 @lru_cache(maxsize=64)
-def _adapted_sensor(
+def _adapted(
+    sensor: Sensor,
     name: str,
     image_shape: tuple[int, int] | None,
     conductivity_range: tuple[float, float] | None,
 ) -> Sensor:
-    nominal = sensor_by_name(name)
     return replace(
-        nominal,
-        image_shape=image_shape or nominal.image_shape,
-        conductivity_range=conductivity_range or nominal.conductivity_range,
+        sensor,
+        name=name,
+        image_shape=image_shape or sensor.image_shape,
+        conductivity_range=conductivity_range or sensor.conductivity_range,
     )
-
-
-@lru_cache(maxsize=64)
-def _first_equal(name: str, sensor: Sensor) -> Sensor:
-    del name  # equal sensors may have several
-    return sensor
 
 
 @lru_cache(maxsize=64)

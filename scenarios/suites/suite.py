@@ -26,7 +26,6 @@ class Suite(Declaration):
     """A suite, of either methods or operators.
 
     Attributes:
-        name: registry name.
         title: one line for listings.
         description: its purpose, in a few sentences.
         methods: methods run when the user names none.
@@ -133,11 +132,7 @@ def learned_from(scenario: Scenario) -> Scenario:
 
 
 def read_suite(path: Path) -> Suite:
-    """The suite declared in the TOML file at `path`.
-
-    Raises:
-        InputError: the file cannot be read or declares something wrong.
-    """
+    """The suite declared in the TOML file at `path`; errors as those of `load_suite`."""
     suite = read_declaration("Suite", path, Suite)
     for k, scenario in enumerate(suite.scenarios):
         if wrong := _unusable(scenario, suite.ranks):
@@ -168,7 +163,7 @@ def _unusable(scenario: Scenario, ranks: str) -> tuple[str, str] | None:
         return "validation", (
             f"voltages are standardised with at least {STANDARDISING} validation samples"
         )
-    window = np.ones((WINDOW, WINDOW))
+    window = np.ones((WINDOW, WINDOW), dtype=bool)
     if not operators and not binary_erosion(scenario.nominal_sensor.mask, window).any():
         return "image_shape", (
             f"no place of {WINDOW} x {WINDOW} pixels, as SSIM needs, lies inside the sensor: "
