@@ -18,7 +18,7 @@ import numpy as np
 from eitbench.benchmark.analysis.leaderboard import leaderboard_rows
 from eitbench.benchmark.analysis.results import Run
 from eitbench.benchmark.metrics.aggregation import numbers
-from eitbench.benchmark.metrics.statistics import MIN_PHANTOMS, Interval, bootstrap_means
+from eitbench.benchmark.metrics.statistics import MIN_PHANTOMS, Interval, bootstrap
 from eitbench.benchmark.rundir.manifest import suite_of
 from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.imperfections.imperfections import Imperfections
@@ -170,7 +170,7 @@ class _Table:
 def _mean(values: Array) -> Interval:
     if len(values) < MIN_PHANTOMS:
         return Interval(float(values.mean()), np.nan, np.nan)
-    return bootstrap_means(values[:, None])[0]
+    return bootstrap(values[:, None])[0]
 
 
 def _twin(scenario: Scenario, scenarios: Sequence[Scenario]) -> Scenario | None:

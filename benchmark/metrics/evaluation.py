@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, TypeAlias
 
 import numpy as np
 import pandas as pd
@@ -17,7 +15,7 @@ from eitbench.benchmark.metrics.specs import METRIC_COLUMNS, bounded_score, scor
 from eitbench.benchmark.metrics.tactile import Similarity
 from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.errors import InputError
-from eitbench.scenarios.phantoms.contacts import Contacts, contacts, is_constant, locate
+from eitbench.scenarios.phantoms.contacts import contacts, is_constant, locate
 from eitbench.scenarios.sensors.sensor import Sensor
 
 if TYPE_CHECKING:
@@ -34,16 +32,7 @@ LEAST_PRESSES = 3
 
 @dataclass(frozen=True, eq=False)
 class GroundTruth:
-    """The part of a `Dataset` that scoring needs.
-
-    Attributes:
-        scenario: its name.
-        sensor: the nominal sensor.
-        samples: one row per frame.
-        truth: what is known of each frame.
-        conductivity: (n, H, W) [S/m], where it is known.
-        classes: (n, H, W), where they are known.
-    """
+    """The part of a `Dataset` that scoring needs."""
 
     scenario: str
     sensor: Sensor
@@ -53,46 +42,40 @@ class GroundTruth:
     classes: NDArray[np.int8] | None = None
 
 
+Known: TypeAlias = "Dataset | GroundTruth"
+
+
 def evaluate(
-    dataset: Dataset | GroundTruth, estimates: ArrayLike, registration: Similarity | None = None
+    dataset: Known, estimates: ArrayLike, registration: Similarity | None = None
 ) -> pd.DataFrame:
     """Return one row per sample with `sample`, `METRIC_COLUMNS` and `cc_undefined`.
 
-    Estimates are scored as float32, the precision they are kept in. A frame with a value that is
-    not finite inside the sensor is charged what an image of the untouched sensor gets: such an
-    image says no more than none.
-
-    Args:
-        dataset: frames with what is known of them.
-        estimates: (n, H, W) absolute conductivity [S/m].
-        registration: maps the image's frame onto the robot's; needed where only positions are
-            known, see `fit_registration`.
+    Estimates (n, H, W) of absolute conductivity [S/m] are scored as float32, the precision they are
+    kept in. A frame with a value that is not finite inside the sensor is charged what an image of
+    the untouched sensor gets: such an image says no more than none. Where only positions are known,
+    `registration` maps the image's frame onto the robot's, see `fit_registration`.
 
     Raises:
         InputError: estimates of the wrong shape, or no registration where it is needed.
     """
     images = _imputed(dataset, estimates)
-    figures_of = _FIGURES.get(dataset.truth)
-    if figures_of is None:
-        if registration is None:
-            raise InputError(
-                f"Scenario {dataset.scenario!r} knows positions in the robot's coordinates only: "
-                "fit a registration on its validation split first."
-            )
-        figures_of = partial(_figures_of_positions, registration)
-    n = len(images)
+    if dataset.truth == "position" and registration is None:
+        raise InputError(
+            f"Scenario {dataset.scenario!r} knows positions in the robot's coordinates only: "
+            "fit a registration on its validation split first."
+        )
     table = pd.DataFrame({"sample": dataset.samples["sample"].to_numpy()})
     for name in METRIC_COLUMNS:
         table[name] = np.nan
     table["cc_undefined"] = False
-    for start in range(0, n, _BLOCK):
-        rows = np.arange(start, min(start + _BLOCK, n))
-        for name, values in figures_of(dataset, rows, images[rows]).items():
+    for start in range(0, len(images), _BLOCK):
+        rows = np.arange(start, min(start + _BLOCK, len(images)))
+        for name, values in _figures(dataset, rows, images[rows], registration).items():
             table.loc[rows, name] = values
     return table
 
 
-def fit_registration(validation: Dataset | GroundTruth, estimates: ArrayLike) -> Similarity:
+def fit_registration(validation: Known, estimates: ArrayLike) -> Similarity:
     """Fit the similarity from a method's images onto the robot's coordinates by validation presses.
 
     Where the images do not determine one (nothing found, or always the same place), the sensor's
@@ -102,10 +85,9 @@ def fit_registration(validation: Dataset | GroundTruth, estimates: ArrayLike) ->
         InputError: estimates of the wrong shape.
     """
     sensor = validation.sensor
-    images = _imputed(validation, estimates).astype(np.float64)
-    found = locate(images - sensor.background, sensor)
+    contrast = _imputed(validation, estimates).astype(np.float64) - sensor.background
     presses = _presses(validation)
-    similarity = tactile.fit_similarity(found, presses)
+    similarity = tactile.fit_similarity(locate(contrast, sensor), presses)
     if similarity is not None:
         return similarity
     x0, y0, x1, y1 = sensor.outline.bounds
@@ -113,7 +95,7 @@ def fit_registration(validation: Dataset | GroundTruth, estimates: ArrayLike) ->
     return Similarity(1.0, np.eye(2), presses.mean(axis=0) - centre)
 
 
-def _imputed(dataset: Dataset | GroundTruth, estimates: ArrayLike) -> NDArray[np.float32]:
+def _imputed(dataset: Known, estimates: ArrayLike) -> NDArray[np.float32]:
     """Estimates as float32, those that are not finite replaced by the untouched sensor."""
     images = np.array(estimates, dtype=np.float32)
     expected = (len(dataset.samples), *dataset.sensor.image_shape)
@@ -127,53 +109,48 @@ def _imputed(dataset: Dataset | GroundTruth, estimates: ArrayLike) -> NDArray[np
     return images
 
 
-def _presses(dataset: Dataset | GroundTruth) -> Array:
+def _presses(dataset: Known) -> Array:
     return dataset.samples[["x_m", "y_m"]].to_numpy(dtype=np.float64)
 
 
-def _figures_of_conductivity(
-    dataset: Dataset | GroundTruth, rows: NDArray[np.intp], images: NDArray[np.float32]
+def _figures(
+    dataset: Known,
+    rows: NDArray[np.intp],
+    images: NDArray[np.float32],
+    registration: Similarity | None,
 ) -> Columns:
-    if dataset.conductivity is None:
-        raise InputError(f"Scenario {dataset.scenario!r} holds no true conductivity.")
-    truth, sensor = dataset.conductivity[rows], dataset.sensor
-    mask, data_range = sensor.mask, sensor.data_range
-    four = image_figures(truth, images, data_range, mask)
-    contrast = images.astype(np.float64) - sensor.background
-    figures: Columns = {
-        **four,
-        "score": score(**four),
-        "bounded": bounded_score(four),
-        "cc_undefined": is_constant(truth, mask) | is_constant(images, mask),
-    }
-    true = contacts(truth - sensor.background, sensor)
-    return figures | _tactile(true, contacts(contrast, sensor), sensor)
+    contrast = images.astype(np.float64) - dataset.sensor.background
+    if registration is not None and dataset.truth == "position":
+        presses = _presses(dataset)[rows]
+        return _figures_of_positions(registration, dataset.sensor, presses, contrast)
+    if dataset.truth == "none":
+        return {"response": np.sqrt(np.mean(contrast[:, dataset.sensor.mask] ** 2, axis=1))}
+    return _figures_of_images(dataset, rows, images, contrast)
 
 
-def _figures_of_classes(
-    dataset: Dataset | GroundTruth, rows: NDArray[np.intp], images: NDArray[np.float32]
+def _figures_of_images(
+    dataset: Known, rows: NDArray[np.intp], images: NDArray[np.float32], contrast: Array
 ) -> Columns:
-    if dataset.classes is None:
-        raise InputError(f"Scenario {dataset.scenario!r} holds no true classes.")
-    truth, sensor = dataset.classes[rows].astype(np.float64), dataset.sensor
-    contrast = images.astype(np.float64) - sensor.background
+    known = dataset.conductivity if dataset.truth == "conductivity" else dataset.classes
+    if known is None:
+        raise InputError(f"Scenario {dataset.scenario!r} holds no true {dataset.truth}.")
+    sensor, truth = dataset.sensor, known[rows].astype(np.float64)
     mask = sensor.mask
-    true, found = contacts(truth, sensor), contacts(contrast, sensor)
-    figures: Columns = {
-        "cc": cc(truth, contrast, mask),
-        "cc_undefined": is_constant(truth, mask) | is_constant(images, mask),
-        "iou_resistive": tactile.overlap(true.region, found.region, (-1,)),
-        "iou_conductive": tactile.overlap(true.region, found.region, (1,)),
-    }
-    return figures | _tactile(true, found, sensor)
-
-
-def _tactile(true: Contacts, found: Contacts, sensor: Sensor) -> Columns:
+    background = sensor.background if dataset.truth == "conductivity" else 0.0
+    true, found = contacts(truth - background, sensor), contacts(contrast, sensor)
+    figures: Columns = {"cc_undefined": is_constant(truth, mask) | is_constant(images, mask)}
+    if dataset.truth == "conductivity":
+        four = image_figures(truth, images, sensor.data_range, mask)
+        figures |= {**four, "score": score(**four), "bounded": bounded_score(four)}
+    else:
+        figures["cc"] = cc(truth, contrast, mask)
+        for name, sign in (("iou_resistive", -1), ("iou_conductive", 1)):
+            figures[name] = tactile.overlap(true.region, found.region, (sign,))
     area = true.total_area
     area_error = np.full(len(area), np.nan)
     np.divide(np.abs(found.total_area - area), area, out=area_error, where=area > 0)
     place = found.strongest(found.position, np.nan)
-    return {
+    return figures | {
         "localisation_mm": 1e3 * tactile.localisation(true, found, sensor),
         "contact_count_error": np.abs(found.count - true.count).astype(np.float64),
         "area_error": area_error,
@@ -185,15 +162,9 @@ def _tactile(true: Contacts, found: Contacts, sensor: Sensor) -> Columns:
 
 
 def _figures_of_positions(
-    registration: Similarity,
-    dataset: Dataset | GroundTruth,
-    rows: NDArray[np.intp],
-    images: NDArray[np.float32],
+    registration: Similarity, sensor: Sensor, presses: Array, contrast: Array
 ) -> Columns:
-    sensor = dataset.sensor
-    contrast = images.astype(np.float64) - sensor.background
     place = locate(contrast, sensor)
-    presses = _presses(dataset)[rows]
     error = np.hypot(*(registration(place) - presses).T)
     # Finding nothing costs what the farthest wrong place in the sensor would.
     error[np.isnan(place[:, 0])] = registration.scale * tactile.diameter(sensor)
@@ -206,20 +177,3 @@ def _figures_of_positions(
         "expected_x_m": expected[:, 0],
         "expected_y_m": expected[:, 1],
     }
-
-
-def _figures_of_response(
-    dataset: Dataset | GroundTruth, _: NDArray[np.intp], images: NDArray[np.float32]
-) -> Columns:
-    contrast = images[:, dataset.sensor.mask].astype(np.float64) - dataset.sensor.background
-    return {"response": np.sqrt(np.mean(contrast**2, axis=1))}
-
-
-_FIGURES: dict[
-    str, Callable[[Dataset | GroundTruth, NDArray[np.intp], NDArray[np.float32]], Columns]
-] = {
-    "conductivity": _figures_of_conductivity,
-    "classes": _figures_of_classes,
-    "none": _figures_of_response,
-}
-"""By what is known of the frames; positions need a registration, too."""

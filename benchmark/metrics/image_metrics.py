@@ -8,6 +8,7 @@ Truth `t` and estimate `p` are absolute conductivity (n, H, W) [S/m] on the same
 import os
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from itertools import chain, pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,6 +16,8 @@ from numpy.typing import ArrayLike, NDArray
 from eitbench.scenarios.arrays import Array, Mask
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.phantoms.contacts import is_constant
+
+Images = NDArray[np.floating]
 
 WINDOW = 7
 PSNR_CEILING_DB = float(-20 * np.log10(np.finfo(np.float32).eps))
@@ -42,17 +45,15 @@ def ssim(
     Source: Wang et al., IEEE Trans. Image Process. 13 (2004) 600, eq. 13.
 
     Args:
-        truth: (n, H, W) [S/m].
-        estimate: (n, H, W) [S/m].
+        truth, estimate: (n, H, W) [S/m].
         data_range: range of conductivity L [S/m]; the constants are (0.01 L)^2 and (0.03 L)^2.
         mask: (H, W) pixels of the sensor; all by default.
-        window: side of the window [pixels], odd; the benchmark's own by default.
+        window: side of the window [pixels], odd.
 
     Raises:
         InputError: unusable arrays or data range, or a mask without room for a window.
     """
-    t, p, inside = _checked(truth, estimate, mask)
-    _check_range(data_range)
+    t, p, inside = _checked(truth, estimate, mask, data_range)
     n, height, width = t.shape
     weights = np.zeros((height, width))
     if min(height, width) >= window:
@@ -64,19 +65,19 @@ def ssim(
             f"{height} x {width} pixels has no such place: use a finer image grid."
         )
     values = np.empty(n)
-    threads = min(_MAX_THREADS, os.cpu_count() or 1, -(-n // _BLOCK))
-    shares = [slice(n * k // threads, n * (k + 1) // threads) for k in range(threads)]
+    threads = max(1, min(_MAX_THREADS, os.cpu_count() or 1, -(-n // _BLOCK)))
+    shares = pairwise(n * k // threads for k in range(threads + 1))
 
-    def fill(share: slice) -> None:
-        with np.errstate(invalid="ignore"):
-            _mean_ssim(t, p, share, inside, weights, data_range, window, values)
+    def fill(block: slice) -> None:
+        x, y = (np.where(inside, of[block].astype(np.float64), 0.0).ravel() for of in (t, p))
+        found = _ssim_maps(x, y, width, window, data_range)
+        maps = np.pad(found, (0, len(x) - len(found))).reshape(-1, weights.size)
+        values[block] = maps @ weights.ravel()
 
-    if threads > 1:
-        # NumPy works on the blocks outside the interpreter lock.
-        with ThreadPoolExecutor(threads) as pool:
-            list(pool.map(fill, shares))
-    elif n:
-        fill(slice(0, n))
+    # NumPy works on the blocks outside the interpreter lock.
+    with ThreadPoolExecutor(threads) as pool:
+        blocks = (_blocks(start, stop, _BLOCK) for start, stop in shares)
+        list(pool.map(fill, chain.from_iterable(blocks)))
     return values
 
 
@@ -124,8 +125,7 @@ def psnr(
     Raises:
         InputError: unusable arrays or data range.
     """
-    t, p, inside = _checked(truth, estimate, mask)
-    _check_range(data_range)
+    t, p, inside = _checked(truth, estimate, mask, data_range)
     error = np.empty(len(t))
     for rows, a, b in _pixels(t, p, inside):
         error[rows] = np.mean(((b - a) / data_range) ** 2, axis=1)
@@ -151,8 +151,8 @@ def image_figures(
 
 
 def _checked(
-    truth: ArrayLike, estimate: ArrayLike, mask: Mask | None
-) -> tuple[NDArray[np.floating], NDArray[np.floating], Mask]:
+    truth: ArrayLike, estimate: ArrayLike, mask: Mask | None, data_range: float = 1.0
+) -> tuple[Images, Images, Mask]:
     t, p = _floating(truth), _floating(estimate)
     if t.ndim != 3 or t.shape != p.shape:
         raise InputError(
@@ -164,48 +164,36 @@ def _checked(
             f"The mask must be boolean with shape {t.shape[1:]} and hold at least one pixel, got "
             f"{inside.dtype} with shape {inside.shape} and {np.count_nonzero(inside)} pixels."
         )
+    if not (np.isfinite(data_range) and data_range > 0):
+        raise InputError(f"The data range must be a positive number of S/m, got {data_range}.")
+    for name, images in (("truth", t), ("estimate", p)):
+        finite = np.isfinite(images) | ~inside
+        if not finite.all():
+            bad = int(np.argmin(finite.all(axis=(1, 2))))
+            raise InputError(
+                f"The {name} of image {bad} is not finite inside the sensor: leave such frames out."
+            )
     return t, p, inside
 
 
-def _floating(images: ArrayLike) -> NDArray[np.floating]:
+def _floating(images: ArrayLike) -> Images:
     array = np.asarray(images)
     return array if array.dtype in (np.float32, np.float64) else array.astype(np.float64)
 
 
-def _check_range(data_range: float) -> None:
-    if not (np.isfinite(data_range) and data_range > 0):
-        raise InputError(f"The data range must be a positive number of S/m, got {data_range}.")
+def _blocks(start: int, stop: int, size: int) -> Iterator[slice]:
+    return (slice(k, min(k + size, stop)) for k in range(start, stop, size))
 
 
-def _finite(images: NDArray[np.floating], inside: Mask, name: str, first: int) -> None:
-    finite = np.isfinite(images)
-    if not finite.all() and not finite[:, inside].all():
-        bad = first + int(np.flatnonzero(~finite[:, inside].all(axis=1))[0])
-        raise InputError(
-            f"The {name} of image {bad} is not finite inside the sensor: leave such frames out."
-        )
-
-
-def _pixels(
-    truth: NDArray[np.floating], estimate: NDArray[np.floating], inside: Mask
-) -> Iterator[tuple[slice, Array, Array]]:
+def _pixels(truth: Images, estimate: Images, inside: Mask) -> Iterator[tuple[slice, Array, Array]]:
     """Blocks of images as float64 rows of the pixels inside: (rows, truth, estimate)."""
-    for start in range(0, len(truth), 8 * _BLOCK):
-        rows = slice(start, start + 8 * _BLOCK)
-        _finite(truth[rows], inside, "truth", start)
-        _finite(estimate[rows], inside, "estimate", start)
-        yield (
-            rows,
-            truth[rows][:, inside].astype(np.float64),
-            estimate[rows][:, inside].astype(np.float64),
-        )
+    for rows in _blocks(0, len(truth), 8 * _BLOCK):
+        t, p = (images[rows][:, inside].astype(np.float64) for images in (truth, estimate))
+        yield rows, t, p
 
 
-def _mean_ssim(
-    truth: NDArray[np.floating], estimate: NDArray[np.floating], share: slice, inside: Mask,
-    weights: Array, data_range: float, window: int, out: Array,
-) -> None:  # fmt: skip
-    """Weighted means of the SSIM maps of a share of the images, into their places in `out`.
+def _ssim_maps(x: Array, y: Array, width: int, window: int, data_range: float) -> Array:
+    """SSIM of the window right of and above each pixel of flat images with rows of `width`.
 
     With window sums Sx, Sy, R of x y and E of (x - y)^2 over N pixels, the SSIM of a window is
 
@@ -214,77 +202,34 @@ def _mean_ssim(
         (2 Sx Sy + D^2 + C1)      (2 N R - 2 Sx Sy + C2) + (N E - D^2),    D = Sx - Sy
 
     where C1 = N^2 (0.01 L)^2 and C2 = N (N - 1) (0.03 L)^2: four window sums do instead of five.
-    Images are laid end to end, so that every step runs over contiguous memory. Windows that reach
-    over the end of a row have weight 0.
+    Images lie end to end, so that every step runs over contiguous memory; what is found where a
+    window reaches over the end of a row means nothing.
     """
-    _, height, width = truth.shape
-    pixels, full = height * width, bool(inside.all())
-    count = window * window
-    c1 = count**2 * (0.01 * data_range) ** 2
-    c2 = count * (count - 1) * (0.03 * data_range) ** 2
-    scratch = np.empty((3, _BLOCK * pixels))
-    maps = np.zeros((5, _BLOCK * pixels))
-    for start in range(share.start, share.stop, _BLOCK):
-        stop = min(start + _BLOCK, share.stop)
-        size = (stop - start) * pixels
-        x = np.ascontiguousarray(truth[start:stop], dtype=np.float64)
-        y = np.ascontiguousarray(estimate[start:stop], dtype=np.float64)
-        if not full:
-            x, y = np.where(inside, x, 0.0), np.where(inside, y, 0.0)
-        x, y = x.reshape(-1), y.reshape(-1)
-        valid = size - (window - 1) * (width + 1)
-        product = maps[4, :size]
-        twice, square, top, bottom = maps[:4, :valid]
-
-        _window_sums(x, width, window, scratch, square)
-        _window_sums(y, width, window, scratch, top)
-        np.multiply(square, top, out=twice)
-        twice *= 2
-        square -= top
-        square *= square
-        np.multiply(x, y, out=product)
-        _window_sums(product, width, window, scratch, top)
-        top *= 2 * count
-        top -= twice
-        top += c2
-        np.subtract(x, y, out=product)
-        product *= product
-        _window_sums(product, width, window, scratch, bottom)
-        bottom *= count
-        bottom -= square
-        bottom += top
-        twice += c1
-        square += twice
-        top *= twice
-        bottom *= square
-        top /= bottom
-        np.dot(maps[2, :size].reshape(-1, pixels), weights.reshape(-1), out=out[start:stop])
-        # A full image that is not finite shows in its mean, which is cheaper to look at.
-        if not full or not np.isfinite(out[start:stop]).all():
-            _finite(truth[start:stop], inside, "truth", start)
-            _finite(estimate[start:stop], inside, "estimate", start)
+    n = window * window
+    c1, c2 = n**2 * (0.01 * data_range) ** 2, n * (n - 1) * (0.03 * data_range) ** 2
+    sx, sy, r, e = (
+        _line_sums(_line_sums(of, width, window), 1, window)
+        for of in (x, y, x * y, np.square(x - y))
+    )
+    twice, square = 2 * (sx * sy), np.square(sx - sy)
+    top = 2 * n * r - twice + c2
+    bottom = n * e - square + top
+    twice += c1
+    return np.asarray(top * twice / (bottom * (square + twice)))
 
 
-def _window_sums(images: Array, width: int, window: int, scratch: Array, out: Array) -> None:
-    """Sums over the window right of and above each pixel; `images` is flat, rows of `width`.
+def _line_sums(values: Array, step: int, window: int) -> Array:
+    """Sums of `window` values, odd, that lie `step` apart.
 
-    Sums of 2, 4, ... pixels are doubled into each other, and those that the window's side is made
-    of are added up; nothing is subtracted, so no digits cancel.
+    Sums of 2, 4, ... values are doubled into each other, and those that the window is made of are
+    added up; nothing is subtracted, so no digits cancel.
     """
-    rows = scratch[2, : len(images) - (window - 1) * width]
-    _line_sums(images, width, window, scratch, rows)
-    _line_sums(rows, 1, window, scratch, out)
-
-
-def _line_sums(values: Array, step: int, window: int, scratch: Array, out: Array) -> None:
-    out[:] = values[: len(out)]
+    total = values[: len(values) - (window - 1) * step]
     sums, reached = values, 1
     for level in range(1, window.bit_length()):
-        half = 2 ** (level - 1)
-        size = len(sums) - half * step
-        # The two rows of scratch take turns, since NumPy would copy what it adds to itself.
-        np.add(sums[:size], sums[half * step :], out=scratch[level % 2, :size])
-        sums = scratch[level % 2, :size]
+        half = 2 ** (level - 1) * step
+        sums = sums[:-half] + sums[half:]
         if window & 2**level:
-            out += sums[reached * step :][: len(out)]
+            total = total + sums[reached * step :][: len(total)]
             reached += 2**level
+    return total

@@ -21,8 +21,7 @@ class MetricSpec:
     """Everything that statistics, tables and documents know of a metric.
 
     Attributes:
-        name: column name.
-        title: as printed in tables.
+        name: of the column; `title` is printed.
         formula: in words or symbols; t is the truth, p the estimate, both in S/m. Of operators, v
             are the model's clean voltages, w the operator's, z and y the same standardised.
         domain: scenarios it is computed for.
@@ -63,16 +62,17 @@ class MetricSpec:
 
     def card(self) -> dict[str, Any]:
         """Plain values for documents and reports."""
+        names = (
+            "name",
+            "title",
+            "formula",
+            "domain",
+            "unit",
+            "best",
+            "mask",
+            "data_range",
+            "traps",
+        )
         whole = self.aggregate is None or callable(self.aggregate)
-        return {
-            "name": self.name,
-            "title": self.title,
-            "formula": self.formula,
-            "domain": self.domain,
-            "unit": self.unit,
-            "best": self.best,
-            "mask": self.mask,
-            "data_range": self.data_range,
-            "average": "whole scenario" if whole else self.aggregate,
-            "traps": self.traps,
-        }
+        average = "whole scenario" if whole else self.aggregate
+        return {name: getattr(self, name) for name in names} | {"average": average}

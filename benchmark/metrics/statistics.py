@@ -31,22 +31,17 @@ class Interval(NamedTuple):
     high: float
 
 
-def draw(
-    statistic: Callable[[Array], Array], clusters: ArrayLike, *, seed: int = 0, draws: int = DRAWS
-) -> Array:
+def draw(statistic: Callable[[Array], Array], clusters: ArrayLike, *, draws: int = DRAWS) -> Array:
     """Compute `statistic` in `draws` bootstrap draws of whole clusters: (draws, ...).
 
-    Source: Davison and Hinkley, Bootstrap Methods and their Application (1997), sec. 3.8.
+    It maps counts (b, n) to values (b, ...), see `means`, `medians`, `spearman`. Samples with the
+    same label in `clusters` (n,) are drawn together; the same clusters give the same draws.
 
-    Args:
-        statistic: maps counts (b, n) to values (b, ...); see `means`, `medians`, `spearman`.
-        clusters: (n,) labels; samples with the same label are drawn together.
-        seed: of the draws; the same clusters and seed give the same draws.
-        draws: number of draws.
+    Source: Davison and Hinkley, Bootstrap Methods and their Application (1997), sec. 3.8.
     """
     _, of = np.unique(np.asarray(clusters), return_inverse=True)
     n = int(of.max()) + 1
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     block = max(1, _BLOCK_BYTES // (8 * len(of)))
     parts = []
     for start in range(0, draws, block):
@@ -126,8 +121,10 @@ def intervals(value: Array, drawn: Array, clusters: int) -> Array:
     return np.where(np.isnan(value), np.nan, ends)
 
 
-def bootstrap_means(values: ArrayLike, seed: int = 0) -> list[Interval]:
-    """Return the mean of each column of `values` (n, k), independent rows, with its 95 % interval.
+def bootstrap(
+    values: ArrayLike, statistic: Callable[[Array, Array], Array] = means
+) -> list[Interval]:
+    """Return the `statistic` of each column of `values` (n, k), independent rows, as intervals.
 
     All columns share their draws. Paired differences as `values` give the interval of a
     difference between two methods on the same samples.
@@ -135,21 +132,6 @@ def bootstrap_means(values: ArrayLike, seed: int = 0) -> list[Interval]:
     Raises:
         InputError: fewer than 2 samples, or values that are not finite.
     """
-    return _bootstrap(values, means, seed)
-
-
-def bootstrap_medians(values: ArrayLike, seed: int = 0) -> list[Interval]:
-    """Return medians as `bootstrap_means` returns means.
-
-    Raises:
-        InputError: as for `bootstrap_means`.
-    """
-    return _bootstrap(values, medians, seed)
-
-
-def _bootstrap(
-    values: ArrayLike, statistic: Callable[[Array, Array], Array], seed: int
-) -> list[Interval]:
     table = np.asarray(values, dtype=np.float64)
     if table.ndim != 2 or len(table) < 2 or not np.isfinite(table).all():
         raise InputError(
@@ -157,7 +139,7 @@ def _bootstrap(
         )
     n = len(table)
     whole = once(lambda counts: statistic(counts, table), n)
-    drawn = draw(lambda counts: statistic(counts, table), np.arange(n), seed=seed)
+    drawn = draw(lambda counts: statistic(counts, table), np.arange(n))
     return _rows(whole, intervals(whole, drawn, n))
 
 
@@ -165,7 +147,7 @@ def _rows(values: Array, ends: Array) -> list[Interval]:
     return [Interval(*map(float, three)) for three in zip(values, *ends, strict=True)]
 
 
-def nested_bootstrap_means(values: ArrayLike, seed: int = 0) -> list[Interval]:
+def nested_bootstrap_means(values: ArrayLike) -> list[Interval]:
     """Return the mean of each column of `values` (g, n, k), with its 95 % interval over both.
 
     Groups (trainings with different seeds) are resampled first, samples within all of them alike.
@@ -181,7 +163,7 @@ def nested_bootstrap_means(values: ArrayLike, seed: int = 0) -> list[Interval]:
             "A nested bootstrap needs finite values of at least 2 groups of 2 samples, got shape "
             f"{table.shape}."
         )
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     groups, n, _ = table.shape
     drawn = np.array(
         [

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from eitbench.benchmark.metrics.specs import METRICS
-from eitbench.benchmark.metrics.statistics import Interval, bootstrap_means
+from eitbench.benchmark.metrics.statistics import Interval, bootstrap
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS, OPERATOR_RUNS
 from eitbench.reports.claims.claim import (
     Best,
@@ -163,7 +163,7 @@ def _differences(intervals: Sequence[Interval]) -> tuple[tuple[Figure, ...], lis
 def phydnn_over_dnn(evidence: Evidence) -> Finding:
     """Test PhyDNN minus DNN, sample by sample."""
     measured, differences = evidence.paired("phydnn", "dnn", IMAGE_METRICS)
-    figures, sure = _differences(bootstrap_means(differences))
+    figures, sure = _differences(bootstrap(differences))
     return _of_samples(
         measured,
         together(sure),

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, TypedDict
 
 import numpy as np
 
-from eitbench.benchmark.metrics.statistics import bootstrap_medians
+from eitbench.benchmark.metrics.statistics import bootstrap, medians
 from eitbench.reports.figures.style import NOTE, label_axes, new_figure, save
 from eitbench.reports.tables.formats import markdown_table
 
@@ -35,7 +35,7 @@ def summary(errors: pd.DataFrame) -> list[ErrorRow]:
     rows = []
     for (name, _), group in errors.groupby(["estimator", "presses"], sort=False):
         error = group["error_mm"].to_numpy()
-        middle = bootstrap_medians(error[:, None])[0]
+        middle = bootstrap(error[:, None], medians)[0]
         rows.append(
             ErrorRow(
                 estimator=str(name),

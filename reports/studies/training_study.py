@@ -11,7 +11,7 @@ import pandas as pd
 
 from eitbench.benchmark import InputError
 from eitbench.benchmark.analysis.results import read_json, read_table
-from eitbench.benchmark.metrics.statistics import bootstrap_means, nested_bootstrap_means
+from eitbench.benchmark.metrics.statistics import bootstrap, nested_bootstrap_means
 from eitbench.benchmark.studies.training_study import METRICS, SAMPLES
 from eitbench.reports.figures.style import NOTE, label_axes, new_figure, save
 from eitbench.reports.studies.summaries import StudyRow, StudySummary
@@ -86,7 +86,7 @@ def _means(table: pd.DataFrame) -> list[StudyRow]:
         row = dict(zip(_choices(table), choice, strict=True))
         if group["score"].notna().all():
             row |= {name: float(group[name].mean()) for name in METRICS}
-            (interval,) = bootstrap_means(group[["score"]])
+            (interval,) = bootstrap(group[["score"]])
             row |= {"score_low": interval.low, "score_high": interval.high}
             row |= {"n": len(group), "train_s": float(group["train_s"].iloc[0])}
         rows.append(row)
