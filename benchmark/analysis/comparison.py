@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import islice
 from pathlib import Path
 from typing import Literal
 
@@ -11,23 +12,28 @@ import numpy as np
 import pandas as pd
 from scipy import special
 
-from eitbench.benchmark.analysis.results import checked_table
+from eitbench.benchmark.analysis.results import cells_of, checked_table
 from eitbench.benchmark.analysis.standings import SIGNIFICANT
-from eitbench.benchmark.metrics.aggregation import aggregate
+from eitbench.benchmark.metrics.aggregation import aggregate, figure_of
 from eitbench.benchmark.metrics.metric_spec import MetricSpec
 from eitbench.benchmark.metrics.specs import METRICS
-from eitbench.benchmark.metrics.statistics import MIN_PHANTOMS, draw, holm, intervals, once
+from eitbench.benchmark.metrics.statistics import (
+    EQUAL,
+    MIN_PHANTOMS,
+    draw,
+    holm,
+    intervals,
+    student_t,
+)
 from eitbench.benchmark.rundir import manifest
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
 from eitbench.benchmark.rundir.store import SAMPLES
-from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.errors import InputError, unknown_name
 
 ChangeVerdict = Literal["better", "worse", "no difference found", "negligible", "equal"]
 
 _NEEDED = ("scenario", "method", "sample", "phantom", "input_hash", "status")
 _NEEDED_OF_CELL = ("scenario", "method", "frame_ms_p50", "calibration_ms")
-_EQUAL = 1e-9
 
 NEGLIGIBLE = 1e-3
 """Share of the standard deviation between phantoms: what the rounding of another machine's
@@ -131,12 +137,7 @@ def compare(before: Results, after: Results, figures: Sequence[str] = ()) -> Run
     Raises:
         InputError: an unknown figure, or nothing that can be compared.
     """
-    tests, missing, added = _paired(before, after, dict.fromkeys(figures, 0.0))
-    changes = [
-        replace(test.change, p=p, verdict=_verdict(test, p < SIGNIFICANT))
-        for test, p in zip(tests, holm([test.change_p for test in tests]).tolist(), strict=True)
-    ]
-    return RunComparison(changes, missing, added)
+    return _compared(before, after, dict.fromkeys(figures, 0.0), loss=False)
 
 
 def regressions(before: Results, after: Results, margins: Mapping[str, float]) -> RunComparison:
@@ -147,43 +148,18 @@ def regressions(before: Results, after: Results, margins: Mapping[str, float]) -
     Raises:
         InputError: an unknown figure, or nothing that can be compared.
     """
-    tests, missing, added = _paired(before, after, margins)
-    changes = [
-        replace(test.change, p=p, verdict="worse" if p < SIGNIFICANT else _verdict(test))
-        for test, p in zip(tests, holm([test.loss_p for test in tests]).tolist(), strict=True)
-    ]
-    return RunComparison(changes, missing, added)
+    return _compared(before, after, margins, loss=True)
 
 
-@dataclass(frozen=True)
-class _Test:
-    """A change whose p-values are not adjusted yet; `sign` is -1 where less is better."""
-
-    change: Change
-    sign: float
-    negligible: float
-    change_p: float
-    loss_p: float
-
-
-def _verdict(test: _Test, significant: bool = False) -> ChangeVerdict:
-    if abs(test.change.difference) < _EQUAL and test.change.low == test.change.high:
-        return "equal"
-    if abs(test.change.difference) <= test.negligible:
-        return "negligible"
-    if not significant:
-        return "no difference found"
-    return "better" if test.sign * test.change.difference > 0 else "worse"
-
-
-def _paired(
-    before: Results, after: Results, margins: Mapping[str, float]
-) -> tuple[list[_Test], list[str], list[str]]:
+def _compared(
+    before: Results, after: Results, margins: Mapping[str, float], *, loss: bool
+) -> RunComparison:
+    """Test every figure for any change, or for a `loss` beyond its margin."""
     for name in margins:
         if name not in METRICS:
             raise unknown_name("figure", name, METRICS)
-    old, new = _cells(before), _cells(after)
-    tests, missing = [], []
+    old, new = cells_of(before.samples), cells_of(after.samples)
+    changes, missing = [], []
     for (scenario, method), cell in old.items():
         who = f"{method!r} on {scenario!r}"
         if (scenario, method) not in new:
@@ -208,30 +184,30 @@ def _paired(
         units = [of.frame_units.get((scenario, method)) for of in (before, after)]
         ratio = units[1] / units[0] if units[0] and units[1] else None
         for spec in [METRICS[name] for name in margins] or _ranking(cells):
-            if not np.isfinite(once(_figure(cells[0], spec), len(cells[0]))):
-                continue  # this scenario does not know it
-            margin = margins.get(spec.name, 0.0)
-            test = _test(scenario, method, cells, spec, margin, ratio)
-            if test is None:
+            figures = [figure_of(cell, spec) for cell in cells]
+            if np.isfinite(figures).all():
+                margin = margins.get(spec.name, 0.0) if loss else None
+                change = _change(cells, figures, spec, margin)
+                changes.append(replace(change, scenario=scenario, method=method, time_ratio=ratio))
+            elif np.isfinite(figures[0]):  # else this scenario does not know it
                 missing.append(f"{who} has no {spec.title} in {after.path}.")
-            else:
-                tests.append(test)
     added = [
         f"{method!r} on {scenario!r} is only in {after.path}."
         for scenario, method in new
         if (scenario, method) not in old
     ]
-    if not tests:
+    if not changes:
         asked = ", ".join(METRICS[name].title for name in margins)
         none = f"no scenario of theirs has {asked}." if asked else "one of them is empty."
         why = (*missing, *added, none)[0]
         raise InputError(f"{before.path} and {after.path} cannot be compared: {why}")
-    return tests, missing, added
-
-
-def _cells(results: Results) -> dict[tuple[str, str], pd.DataFrame]:
-    found = results.samples.groupby(["scenario", "method"], sort=False)
-    return {(str(scenario), str(method)): cell for (scenario, method), cell in found}
+    for k, p in enumerate(holm([change.p for change in changes]).tolist()):
+        verdict = changes[k].verdict
+        if p < SIGNIFICANT and (loss or verdict == "no difference found"):
+            won = METRICS[changes[k].figure].sign * changes[k].difference > 0
+            verdict = "better" if won and not loss else "worse"
+        changes[k] = replace(changes[k], p=p, verdict=verdict)
+    return RunComparison(changes, missing, added)
 
 
 def _common(*cells: pd.DataFrame) -> list[pd.DataFrame]:
@@ -245,66 +221,45 @@ def _common(*cells: pd.DataFrame) -> list[pd.DataFrame]:
 
 def _ranking(cells: Sequence[pd.DataFrame]) -> list[MetricSpec]:
     """Return the metric that ranks these cells; none where it is not known."""
-    for name in METHOD_RUNS.ranked_by:
-        if all(np.isfinite(once(_figure(cell, METRICS[name]), len(cell))) for cell in cells):
-            return [METRICS[name]]
-    return []
+    specs = (METRICS[name] for name in METHOD_RUNS.ranked_by)
+    known = (s for s in specs if all(np.isfinite(figure_of(cell, s)) for cell in cells))
+    return list(islice(known, 1))
 
 
-def _figure(cell: pd.DataFrame, spec: MetricSpec) -> Callable[[Array], Array]:
-    return lambda counts: aggregate(cell, [spec], counts)[:, 0]
-
-
-def _test(
-    scenario: str,
-    method: str,
-    cells: Sequence[pd.DataFrame],
-    spec: MetricSpec,
-    margin: float,
-    time_ratio: float | None,
-) -> _Test | None:
-    """The test of one figure of a cell before and after; None where it is not defined."""
-    n, phantom = len(cells[0]), cells[0]["phantom"]
+def _change(
+    cells: Sequence[pd.DataFrame], figures: Sequence[float], spec: MetricSpec, margin: float | None
+) -> Change:
+    """Change of a figure before it is adjusted, tested for a loss if there is a margin."""
+    phantom = cells[0]["phantom"]
     phantoms = phantom.nunique()
-    before, after = (float(once(_figure(cell, spec), n)) for cell in cells)
-    if not np.isfinite([before, after]).all():
-        return None
-    # The same clusters and seed give both the same draws.
-    drawn = [draw(_figure(cell, spec), phantom) for cell in cells]
+    # The same clusters give both the same draws.
+    drawn = [draw(lambda c: aggregate(cell, [spec], c)[:, 0], phantom) for cell in cells]  # noqa: B023
+    before, after = figures
     difference, differences = after - before, drawn[1] - drawn[0]
     low, high = map(float, intervals(np.asarray(difference), differences, phantoms))
     negligible = NEGLIGIBLE * float(drawn[0].std()) * np.sqrt(phantoms)
-    change = Change(
-        scenario=scenario,
-        method=method,
+    if margin is None:
+        p = 2 * special.stdtr(phantoms - 1, -abs(student_t(difference, differences, phantoms)))
+    else:
+        beyond = -spec.sign * difference - max(margin, negligible)
+        p = special.stdtr(phantoms - 1, -student_t(beyond, differences, phantoms))
+    verdict: ChangeVerdict = "no difference found"
+    if abs(difference) < EQUAL and low == high:
+        verdict = "equal"
+    elif abs(difference) <= negligible:
+        verdict = "negligible"
+    return Change(
+        scenario="",
+        method="",
         figure=spec.name,
-        n=n,
+        n=len(cells[0]),
         phantoms=phantoms,
         before=before,
         after=after,
         difference=difference,
         low=low,
         high=high,
-        p=1.0,
-        verdict="equal",
-        time_ratio=time_ratio,
+        p=float(p),
+        verdict=verdict,
+        time_ratio=None,
     )
-    beyond_margin = -spec.sign * difference - max(margin, negligible)
-    return _Test(
-        change,
-        spec.sign,
-        negligible,
-        change_p=_p(difference, differences, phantoms, two_sided=True),
-        loss_p=_p(beyond_margin, differences, phantoms, two_sided=False),
-    )
-
-
-def _p(value: float, drawn: Array, phantoms: int, *, two_sided: bool) -> float:
-    """Of 0 against `value`, or against any that is positive, with the spread of `drawn`."""
-    error = float(drawn.std() * np.sqrt(phantoms / (phantoms - 1)))
-    if error < _EQUAL:
-        t = 0.0 if abs(value) < _EQUAL else float(np.copysign(np.inf, value))
-    else:
-        t = value / error
-    tail = float(special.stdtr(phantoms - 1, -abs(t) if two_sided else -t))
-    return 2 * tail if two_sided else tail

@@ -110,6 +110,10 @@ def read_run(path: Path) -> Run:
         )
     notes, kind = path / NOTES_FILE, kinds[0]
     labels = ("scenario", kind.name, *kind.labels)
+    try:
+        noted = _NOTES.validate_json(notes.read_bytes()) if notes.is_file() else {}
+    except ValidationError as error:
+        raise DataCorruptError(f"{notes} holds no figures of recordings: run again.") from error
     samples = checked_table(path / SAMPLES, kind, ("suite", *labels, "sample", "status"))
     cells = checked_table(path / kind.table, kind, labels)
     if len(samples) and cells.empty:
@@ -120,9 +124,17 @@ def read_run(path: Path) -> Run:
         content,
         samples,
         cells,
-        _read_notes(notes) if notes.is_file() else {},
+        noted,
         checked_table(path / TRACKS, kind, labels) if (path / TRACKS).is_file() else pd.DataFrame(),
     )
+
+
+def cells_of(samples: pd.DataFrame) -> dict[tuple[str, str], pd.DataFrame]:
+    """Rows of each scenario and method, by sample, in the order of the run."""
+    if samples.empty:
+        return {}
+    cells = samples.groupby(["scenario", "method"], sort=False)
+    return {(str(s), str(m)): cell.sort_values("sample") for (s, m), cell in cells}
 
 
 def checked_table(path: Path, kind: RunKind, needed: Iterable[str] = ()) -> pd.DataFrame:
@@ -197,13 +209,6 @@ def describe_prior_knowledge(text: object) -> str:
     if known.trained_on.train_samples:
         parts.append(f"weights of {known.trained_on.train_samples:,} training samples")
     return "; ".join(parts) or "the reference frame only"
-
-
-def _read_notes(path: Path) -> dict[str, dict[str, float | None]]:
-    try:
-        return _NOTES.validate_python(read_json(path))
-    except ValidationError as error:
-        raise DataCorruptError(f"{path} does not hold figures of recordings: run again.") from error
 
 
 def failures(run: Run) -> list[str]:

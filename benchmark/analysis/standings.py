@@ -26,24 +26,34 @@ from eitbench.benchmark.analysis.leaderboard import (
     ranking_figure,
 )
 from eitbench.benchmark.analysis.results import Run
-from eitbench.benchmark.metrics.aggregation import aggregate, numbers
+from eitbench.benchmark.metrics.aggregation import aggregate, figure_of, numbers
 from eitbench.benchmark.metrics.metric_spec import MetricSpec
 from eitbench.benchmark.metrics.specs import ANCHORS, anchored
-from eitbench.benchmark.metrics.statistics import LEVEL, MIN_PHANTOMS, draw, holm, intervals, once
+from eitbench.benchmark.metrics.statistics import (
+    LEVEL,
+    MIN_PHANTOMS,
+    draw,
+    holm,
+    intervals,
+    once,
+    student_t,
+)
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
 from eitbench.scenarios.arrays import Array
 
 WEIGHTINGS = 20_000
 SIGNIFICANT = 1 - LEVEL
-_DIGITS = 9  # that count in a draw: sums of equal numbers may differ in their last ones
+_DIGITS = 9  # that count in a draw, see `EQUAL`
 
 _GAPS = {"tuning_gain": ("tuned", "default"), "oracle_gap": ("oracle", "tuned")}
-_GAP_COLUMNS = (
+_COLUMNS = (
+    *("ranked_by", "group", "rank_low", "rank_high", "first", "rank_valid", "weights_won"),
+    *(f"{name}_{end}" for name in METHOD_RUNS.metrics for end in ("low", "high")),
+    # None where other tracks were not run: the ranked figure on each track, tuned over default, and
+    # oracle over tuned; gaps are never negative where they help.
     *("default_figure", "tuned_figure", "oracle_figure"),
     *(f"{gap}{end}" for gap in _GAPS for end in ("", "_low", "_high")),
 )
-"""Of a row of a leaderboard, None where other tracks were not run: the ranked figure on each track,
-tuned over default, and oracle over tuned; gaps are never negative where they help."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +64,7 @@ class Pair:
         first, second: their positions on the board; the first ranks no lower.
         difference, low, high: first minus second, with its 95 % interval.
         p: of no difference, adjusted for all pairs of the board (Holm).
-        effect: the difference over the standard deviation of the difference of one phantom.
+        effect: the difference over the standard deviation of that of one phantom, Cohen's d.
         wins: share of the samples on which the first is better, equals counting half; None where
             single samples have no such figure.
     """
@@ -109,10 +119,8 @@ def _standing(board: Sequence[Entry]) -> Standing:
     ]
     by = ranking_figure(rows, METHOD_RUNS)
     for row, rank in zip(rows, _ranks_of_valid(board, by), strict=True):
-        row |= {"ranked_by": by, "group": None, "rank_low": None, "rank_high": None}
-        row |= {"first": None, "rank_valid": rank, "weights_won": None}
-        row |= {f"{name}_{end}": None for name in METHOD_RUNS.metrics for end in ("low", "high")}
-        row |= dict.fromkeys(_GAP_COLUMNS)
+        row |= dict.fromkeys(_COLUMNS)
+        row |= {"ranked_by": by, "rank_valid": rank}
     if by is None:
         return Standing(rows, [], 0, "Nothing that methods are ranked by is known here.")
     for row, entry in zip(rows, board, strict=True):
@@ -215,14 +223,10 @@ def _ranks_of_valid(board: Sequence[Entry], by: str | None) -> list[int | None]:
     if by is None:
         return [None] * len(board)
     spec = METHOD_RUNS.metrics[by]
-    keys: list[tuple[bool, float] | None] = []
-    for entry in board:
-        valid = entry.cell[entry.cell["status"] == "ok"]
-        value = float(once(lambda counts: aggregate(valid, [spec], counts), len(valid))[0])  # noqa: B023
-        known = np.isfinite(value)
-        keys.append((not is_whole(entry.row), -spec.sign * value) if known else None)
-    ranked = [key for key in keys if key is not None]
-    return [None if key is None else 1 + sum(other < key for other in ranked) for key in keys]
+    values = [figure_of(entry.cell[entry.cell["status"] == "ok"], spec) for entry in board]
+    keys = [(not is_whole(e.row), -spec.sign * v) for e, v in zip(board, values, strict=True)]
+    known = [key for key in keys if np.isfinite(key[1])]
+    return [1 + sum(other < key for other in known) if key in known else None for key in keys]
 
 
 def _pairs(
@@ -235,8 +239,8 @@ def _pairs(
     one, other = np.array(found).T
     difference, differences = value[one] - value[other], drawn[:, one] - drawn[:, other]
     low, high = intervals(difference, differences, phantoms)
-    single, effect = paired_test(difference, differences, phantoms)
-    p = holm(single)
+    t = student_t(difference, differences, phantoms)
+    p = holm(2 * special.stdtr(phantoms - 1, -np.abs(t)))
     return [
         Pair(
             first=a,
@@ -245,26 +249,11 @@ def _pairs(
             low=float(low[k]),
             high=float(high[k]),
             p=float(p[k]),
-            effect=float(effect[k]),
+            effect=float(t[k] / np.sqrt(phantoms)),
             wins=_wins(cells[a], cells[b], spec) if spec.name in cells[a] else None,
         )
         for k, (a, b) in enumerate(found)
     ]
-
-
-def paired_test(difference: Array, drawn: Array, phantoms: int) -> tuple[Array, Array]:
-    """P-values (k,) of no difference, and effect sizes, from what was `drawn` (draws, k) of it.
-
-    Student's test with the bootstrap's standard error; the effect is the difference over the
-    standard deviation of one phantom's, Cohen's d of paired values.
-
-    Source: Efron and Tibshirani, An Introduction to the Bootstrap (1993), ch. 12.
-    """
-    error = drawn.std(axis=0) * np.sqrt(phantoms / (phantoms - 1))
-    error[error < 10.0**-_DIGITS] = 0.0
-    zero = np.where(np.abs(difference) < 10.0**-_DIGITS, 0.0, np.copysign(np.inf, difference))
-    t = np.divide(difference, error, out=zero, where=error > 0)
-    return 2 * special.stdtr(phantoms - 1, -np.abs(t)), t / np.sqrt(phantoms)
 
 
 def _wins(cell: pd.DataFrame, other: pd.DataFrame, spec: MetricSpec) -> float | None:

@@ -11,7 +11,7 @@ import pandas as pd
 
 from eitbench.benchmark.metrics.image_metrics import PSNR_CEILING_DB
 from eitbench.benchmark.metrics.metric_spec import MetricSpec
-from eitbench.benchmark.metrics.statistics import means, medians, spearman
+from eitbench.benchmark.metrics.statistics import means, medians, once, spearman
 from eitbench.scenarios.arrays import Array
 
 LOAD_COLUMNS = ("pressure_pa", "depth_mm")
@@ -31,6 +31,11 @@ def aggregate(cell: pd.DataFrame, specs: Sequence[MetricSpec], counts: Array) ->
         if callable(spec.aggregate):
             figures[:, k] = spec.aggregate(cell, counts)
     return figures
+
+
+def figure_of(cell: pd.DataFrame, spec: MetricSpec) -> float:
+    """Figure of the samples of a cell as they are; NaN where it is not defined."""
+    return float(once(lambda counts: aggregate(cell, [spec], counts), len(cell))[0])
 
 
 def numbers(cell: pd.DataFrame, name: str) -> Array:

@@ -16,6 +16,8 @@ from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.errors import InputError
 
 LEVEL = 0.95
+EQUAL = 1e-9
+"""Sums of equal numbers may differ by less."""
 
 MIN_PHANTOMS = 10
 """Fewer say too little of how much they differ among themselves."""
@@ -173,6 +175,16 @@ def nested_bootstrap_means(values: ArrayLike) -> list[Interval]:
     )
     low = (1 - LEVEL) / 2
     return _rows(table.mean(axis=(0, 1)), np.quantile(drawn, [low, 1 - low], axis=0))
+
+
+def student_t(value: ArrayLike, drawn: Array, clusters: int) -> Array:
+    """Student's t (...) of each `value` (...) by the spread of its `drawn` values (draws, ...).
+
+    Source: Efron and Tibshirani, An Introduction to the Bootstrap (1993), ch. 12.
+    """
+    error = drawn.std(axis=0) * np.sqrt(clusters / (clusters - 1))
+    sure = np.where(np.abs(value) < EQUAL, 0.0, np.copysign(np.inf, value))
+    return np.divide(value, error, out=sure, where=error >= EQUAL)
 
 
 def holm(p: ArrayLike) -> Array:

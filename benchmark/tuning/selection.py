@@ -26,8 +26,8 @@ RULE = (
     "split is never loaded."
 )
 
-
 EndedBy = Literal["trials", "seconds", "space"]
+TrialStatus = Literal["ok", "pruned", "failed"]
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ class Trial:
 
     parameters: dict[str, Any]
     figure: float | None
-    status: Literal["ok", "pruned", "failed"] = "ok"
+    status: TrialStatus = "ok"
     seconds: float = 0.0
     message: str = ""
 
@@ -85,26 +85,19 @@ class Selection:
 
     def describe(self) -> dict[str, Any]:
         """Return plain values for a record."""
+        plain = asdict(self)
         statuses = [trial.status for trial in self.trials]
         spent = {
             "trials": len(statuses),
             "pruned": statuses.count("pruned"),
             "failed": statuses.count("failed"),
             "seconds": round(sum(trial.seconds for trial in self.trials), 2),
-            "ended_by": self.ended_by,
+            "ended_by": plain.pop("ended_by"),
         }
-        plain = asdict(self)
-        del plain["ended_by"]
-        plain["trials"] = [
-            {
-                "parameters": trial.parameters,
-                "figure": trial.figure,
-                "status": trial.status,
-                "seconds": round(trial.seconds, 3),
-                **({"message": trial.message} if trial.message else {}),
-            }
-            for trial in self.trials
-        ]
+        for trial in plain["trials"]:
+            trial["seconds"] = round(trial["seconds"], 3)
+            if not trial["message"]:
+                del trial["message"]
         return {**plain, "spent": spent}
 
 

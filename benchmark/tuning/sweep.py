@@ -15,13 +15,18 @@ from optuna.distributions import BaseDistribution, CategoricalDistribution, IntD
 from optuna.samplers import BaseSampler, TPESampler
 from optuna.trial import FrozenTrial, TrialState
 
+from eitbench.benchmark.tuning.selection import TrialStatus
 from eitbench.scenarios.seeds import generator
 
 Point = tuple[int, ...]
 """A set of parameters: the position of each one's value among those that may be chosen."""
 
 SUGGESTIONS = 10  # of TPE for one trial, before one is drawn that was not tried yet
-ENDED = (TrialState.COMPLETE, TrialState.PRUNED, TrialState.FAIL)
+STATUSES: dict[TrialState, TrialStatus] = {
+    TrialState.COMPLETE: "ok",
+    TrialState.PRUNED: "pruned",
+    TrialState.FAIL: "failed",
+}
 INTERRUPTED = "interrupted"
 """Noted with a trial whose process was killed: it does not count and is tried again."""
 
@@ -63,19 +68,15 @@ class SearchSpace:
             for name, values in self.values.items()
         }
 
-    def point(self, trial: FrozenTrial) -> Point | None:
-        """Return the point of `trial`; None where it was interrupted."""
-        if INTERRUPTED in trial.user_attrs:
-            return None
-        return tuple(int(trial.params[name]) for name in self.values)
+    def point(self, chosen: Mapping[str, Any]) -> Point:
+        """Return the point that Optuna chose."""
+        return tuple(int(chosen[name]) for name in self.values)
 
 
 class SweepSampler(BaseSampler):
     """Sweeps one parameter after the other until nothing improves, then asks TPE.
 
-    Attributes:
-        space: what is searched.
-        key: of the study; with the number of trials before it decides what TPE draws.
+    What TPE draws is decided by the `key` of the study and the number of trials before.
     """
 
     def __init__(self, space: SearchSpace, key: str) -> None:
@@ -117,7 +118,7 @@ class SweepSampler(BaseSampler):
         for _ in range(SUGGESTIONS):
             tpe = TPESampler(n_startup_trials=0, multivariate=True, seed=int(rng.integers(2**31)))
             found = tpe.sample_relative(study, trial, self.space.distributions())
-            point = tuple(int(found[name]) for name in self.space.values)
+            point = self.space.point(found)
             if point not in tried:
                 return point
         sizes = [len(values) for values in self.space.values.values()]
@@ -126,15 +127,18 @@ class SweepSampler(BaseSampler):
         return point
 
 
+def ended(study: optuna.Study, space: SearchSpace) -> list[tuple[Point, FrozenTrial]]:
+    """Return every point that was tried, in order, with its trial."""
+    trials = study.get_trials(deepcopy=False, states=tuple(STATUSES))
+    return [(space.point(t.params), t) for t in trials if INTERRUPTED not in t.user_attrs]
+
+
 def figures(study: optuna.Study, space: SearchSpace) -> dict[Point, float]:
     """Return the figure of every point that was tried, in order; -inf if failed or pruned."""
-    found: dict[Point, float] = {}
-    for trial in study.get_trials(deepcopy=False, states=ENDED):
-        point = space.point(trial)
-        if point is not None:
-            done = trial.state == TrialState.COMPLETE and trial.value is not None
-            found[point] = float(trial.value) if done and trial.value is not None else -np.inf
-    return found
+    return {
+        point: -np.inf if trial.state != TrialState.COMPLETE else float(trial.values[0])
+        for point, trial in ended(study, space)
+    }
 
 
 def next_in_sweep(space: SearchSpace, tried: Mapping[Point, float]) -> Point | None:
@@ -159,10 +163,7 @@ def next_in_sweep(space: SearchSpace, tried: Mapping[Point, float]) -> Point | N
 
 def _ordered(values: Sequence[Any]) -> tuple[Any, ...]:
     """Return each value once; numbers rising."""
-    different: list[Any] = []
-    for value in values:
-        if value not in different:
-            different.append(value)
+    different = [value for k, value in enumerate(values) if value not in values[:k]]
     return tuple(sorted(different)) if _is_numeric(different) else tuple(different)
 
 

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,13 +36,6 @@ FRAMES = 18
 PARTS = 3
 """A trial is scored on the first third of its frames, on two thirds, on all."""
 SET_UP_LIMIT_S = 60.0
-
-FIGURES = {
-    "conductivity": "mean score S",
-    "position": "minus the median localisation error [mm]",
-    "classes": "mean correlation",
-}
-"""Figure that a scenario is ranked by, for each kind of truth; larger is better here."""
 
 
 class TrialService(MethodService):
@@ -74,11 +67,7 @@ class TrialFailedError(Exception):
 
 
 class Clock:
-    """Time in the method, up to a limit.
-
-    Attributes:
-        spent: [s] so far.
-    """
+    """Time in the method [s], `spent` so far of a limit."""
 
     def __init__(self, limit: float) -> None:
         self.limit, self.spent = limit, 0.0
@@ -106,7 +95,6 @@ class Validation:
     """The validation frames of one scenario and the worker that answers them.
 
     Attributes:
-        suite: declares the limits of set-up, frames and memory.
         data: the frames, with the noise of the test split.
         standard: (offset, scale): figures count as (figure - offset) / scale.
     """
@@ -133,6 +121,7 @@ class Validation:
             memory_limit_mb=suite.memory_limit_mb,
         )
         self._images: NDArray[np.float32] = np.empty(0, np.float32)
+        self._found: list[Array] = []
 
     def standardise(self) -> None:
         """Count figures as steps from that of an image of the untouched sensor.
@@ -176,36 +165,38 @@ class Validation:
             TrialFailedError: it cannot be fitted.
         """
         self._images = np.full((len(self.data), *self.data.sensor.image_shape), np.nan, np.float32)
+        self._found = []
         self._ask(clock, "fit", parameters, limit=self.suite.fit_limit_s, what="set-up")
 
     def part(self, k: int, clock: Clock) -> Array:
-        """Return figures of the frames of part `k`, larger better; the parts come in order.
+        """Return standardised figures of the frames of part `k`; the parts come in order.
 
         Raises:
             TrialFailedError: there are no valid images.
         """
         n, sensor = len(self.data), self.data.sensor
         rows = slice(n * k // PARTS, n * (k + 1) // PARTS)
-        if rows.start == rows.stop:
-            return np.empty(0)
         count = rows.stop - rows.start
+        if not count:
+            return np.empty(0)
         limit, what = self.suite.frame_limit_s * count, f"{count} frames"
-        found = self._ask(
-            clock, "reconstruct", self.data.voltages[rows].copy(), limit=limit, what=what
-        )
+        voltages = self.data.voltages[rows].copy()
+        found = self._ask(clock, "reconstruct", voltages, limit=limit, what=what)
         if not np.isfinite(found[:, sensor.mask]).all():
             raise TrialFailedError("returned values that are not finite")
         self._images[rows] = found
         # Where images are registered, all that there are say how.
         seen = slice(0, rows.stop) if self.data.truth == "position" else rows
-        return frame_figures(_part_of(self.data, seen), self._images[seen])[-count:]
+        self._found.append(frame_figures(_part_of(self.data, seen), self._images[seen])[-count:])
+        offset, scale = self.standard
+        return (self._found[-1] - offset) / scale
 
-    def figure(self, parts: Sequence[Array]) -> float:
-        """Return the figure of all frames, standardised, from those of the `parts`."""
+    def figure(self) -> float:
+        """Return the figure of all frames, standardised, after all parts."""
         if self.data.truth == "position":
             value = float(np.median(frame_figures(self.data, self._images)))
         else:
-            value = float(np.mean(np.concatenate(parts)))
+            value = float(np.mean(np.concatenate(self._found)))
         offset, scale = self.standard
         return (value - offset) / scale
 
@@ -223,44 +214,36 @@ def run_trial(
 ) -> Trial:
     """Score `parameters` on all `validations` by their mean figure; report every frame to `trial`.
 
-    Args:
-        seconds: limit of the time in the method.
+    The method may take so many `seconds`.
     """
     clock = Clock(seconds)
-    parts: list[list[Array]] = [[] for _ in validations]
-
-    def ended(
-        status: Literal["ok", "pruned", "failed"], figure: float | None = None, message: str = ""
-    ) -> Trial:
-        return Trial(parameters, figure, status, clock.spent, message)
-
     try:
         for validation in validations:
             validation.fit(parameters, clock)
         for k in range(PARTS):
-            step = 0
-            for validation, found in zip(validations, parts, strict=True):
+            before = 0
+            for validation in validations:
+                n = len(validation.data)
                 values = validation.part(k, clock)
-                offset, scale = validation.standard
-                start = step + sum(map(len, found))
-                for j, value in enumerate((values - offset) / scale):
-                    trial.report(float(value), start + j)
-                found.append(values)
-                step += len(validation.data)
+                for step, value in enumerate(values, before + n * k // PARTS):
+                    trial.report(float(value), step)
+                before += n
             if k + 1 < PARTS and trial.should_prune():
-                return ended("pruned")
-        figure = float(
-            np.mean([v.figure(found) for v, found in zip(validations, parts, strict=True)])
-        )
+                return Trial(parameters, None, "pruned", clock.spent)
+        figure = float(np.mean([validation.figure() for validation in validations]))
+        if not math.isfinite(figure):
+            raise TrialFailedError("its figure is not finite")
     except TrialFailedError as failed:
-        return ended("failed", message=str(failed))
-    if not math.isfinite(figure):
-        return ended("failed", message="its figure is not finite")
-    return ended("ok", figure)
+        return Trial(parameters, None, "failed", clock.spent, str(failed))
+    return Trial(parameters, figure, "ok", clock.spent)
 
 
 def frame_figures(data: Dataset, estimates: NDArray[np.float32]) -> Array:
-    """Return the figure (n,) of each frame that the scenario is ranked by, larger better."""
+    """Return the figure (n,) of each frame that the scenario is ranked by, larger better.
+
+    The score S of true conductivities, the correlation of true classes, minus the localisation
+    error [mm] of positions.
+    """
     if data.truth == "position":
         rows = evaluate(data, estimates, fit_registration(data, estimates))
         return -rows["localisation_mm"].to_numpy(dtype=np.float64)

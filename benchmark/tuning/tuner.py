@@ -12,8 +12,8 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import dataclass
+from operator import itemgetter
 from pathlib import Path
-from typing import Any, Literal
 
 import optuna
 from optuna.storages import JournalStorage
@@ -30,14 +30,14 @@ from eitbench.benchmark.tuning.selection import (
     record,
     validation_key,
 )
-from eitbench.benchmark.tuning.sweep import INTERRUPTED, SearchSpace, SweepSampler, figures
-from eitbench.benchmark.tuning.trials import (
-    FIGURES,
-    FRAMES,
-    PARTS,
-    Validation,
-    run_trial,
+from eitbench.benchmark.tuning.sweep import (
+    INTERRUPTED,
+    STATUSES,
+    SearchSpace,
+    SweepSampler,
+    ended,
 )
+from eitbench.benchmark.tuning.trials import FRAMES, PARTS, Validation, run_trial
 from eitbench.benchmark.workers.worker import StoppedError
 from eitbench.methods.registry import methods
 from eitbench.scenarios.data.datasets import load
@@ -97,21 +97,24 @@ def tune(
         DataUnavailableError: no scenario is left.
         InputError: a method cannot be tuned, or another process tunes in `folder`.
     """
-    names = plan.methods
     folder.mkdir(parents=True, exist_ok=True)
     with closed_test_split(), locked(folder):
         asked = [s for s in plan.suite.scenarios if s.name in plan.scenarios]
-        different = {validation_key(s): s for s in reversed(asked) if _can_be_tuned_on(s)}
+        truths = {scenario.name: _truth(scenario) for scenario in asked}
+        different = {validation_key(s): s for s in reversed(asked) if truths[s.name] != "none"}
         if not different:
             raise DataUnavailableError(
                 "There is nothing to tune on: fetch the recorded sets first."
             )
+        groups: dict[str, list[Scenario]] = {}
+        for scenario in reversed(different.values()):
+            groups.setdefault(truths[scenario.name] if once else scenario.name, []).append(scenario)
         digests = dict(plan.plugins)
         plugins = {name: (path, digests[path]) for name, path in plan.origins.items()}
         studies = [
-            TuningTask(scenarios, name, plugins.get(name), plan.suite, budget or TuningBudget())
-            for scenarios in _groups(list(reversed(different.values())), once)
-            for name in names
+            TuningTask(tuple(group), name, plugins.get(name), plan.suite, budget or TuningBudget())
+            for group in groups.values()
+            for name in plan.methods
         ]
         yield from _run_all(studies, folder, jobs)
         shutil.rmtree(folder / JOURNALS, ignore_errors=True)
@@ -135,25 +138,15 @@ def _run_all(
             pool.shutdown(cancel_futures=True)
 
 
-def _can_be_tuned_on(scenario: Scenario) -> bool:
-    """True if there are validation data with a figure to select by."""
+def _truth(scenario: Scenario) -> str:
+    """What is known of the validation data; "none" if nothing to select by, or no data."""
     try:
-        return load(scenario, split="validation", limit=1).truth in FIGURES
+        return load(scenario, split="validation", limit=1).truth
     except DataUnavailableError as error:
         _log.warning("Scenario %r is left out: %s", scenario.name, error)
     except InputError:
         _log.warning("Scenario %r is left out: it has no validation samples.", scenario.name)
-    return False
-
-
-def _groups(scenarios: Sequence[Scenario], once: bool) -> list[tuple[Scenario, ...]]:
-    """Return groups of scenarios that share a selection: single ones, or all ranked by a figure."""
-    if not once:
-        return [(scenario,) for scenario in scenarios]
-    found: dict[str, list[Scenario]] = {}
-    for scenario in scenarios:
-        found.setdefault(load(scenario, split="validation", limit=1).truth, []).append(scenario)
-    return [tuple(group) for group in found.values()]
+    return "none"
 
 
 def select(
@@ -165,8 +158,8 @@ def select(
         InputError: the method cannot be tuned.
         StoppedError: `stop` was set; finished trials are in the journal.
     """
-    known = methods().get(study.method)
-    if study.plugin is None and known is not None and not known.search:
+    cls = methods().get(study.method)
+    if study.plugin is None and cls is not None and not cls.search:
         return None
     stop = stop or threading.Event()
     plugin = None if study.plugin is None else study.plugin[0]
@@ -184,7 +177,14 @@ def select(
         key = _key(study, space)
         searched = _opened(journals / f"{key[:32]}.log", key, space)
         ended_by = _search(searched, space, validations, study.budget, stop)
-        return _selection(searched, space, study, ended_by)
+        trials = _trials(searched, space)
+        # The first of equals; the defaults where nothing gave a figure.
+        known = [(t.figure, t.parameters) for t in trials if t.figure is not None]
+        default = (None, space.parameters(space.start))
+        figure, parameters = max(known, key=itemgetter(0), default=default)
+        names = tuple(scenario.name for scenario in study.scenarios)
+        once_for = names if len(names) > 1 else ()
+        return Selection(parameters, figure, trials, study.budget, ended_by, once_for)
 
 
 def _search_space(validation: Validation) -> SearchSpace | None:
@@ -251,52 +251,23 @@ def _search(
         if stop.is_set():
             raise StoppedError
         trial = study.ask(space.distributions())
-        point = tuple(int(trial.params[name]) for name in space.values)
-        result = run_trial(trial, space.parameters(point), validations, budget.seconds - spent)
+        parameters = space.parameters(space.point(trial.params))
+        result = run_trial(trial, parameters, validations, budget.seconds - spent)
         trial.set_user_attr("seconds", result.seconds)
         trial.set_user_attr("message", result.message)
-        states = {"ok": TrialState.COMPLETE, "pruned": TrialState.PRUNED, "failed": TrialState.FAIL}
-        study.tell(trial, result.figure, state=states[result.status])
+        (state,) = (state for state, status in STATUSES.items() if status == result.status)
+        study.tell(trial, result.figure, state=state)
 
 
-def _trials(study: optuna.Study, space: SearchSpace) -> list[Trial]:
+def _trials(study: optuna.Study, space: SearchSpace) -> tuple[Trial, ...]:
     """Return the trials of the study, in order."""
-    statuses: dict[TrialState, Literal["ok", "pruned", "failed"]] = {
-        TrialState.COMPLETE: "ok",
-        TrialState.PRUNED: "pruned",
-        TrialState.FAIL: "failed",
-    }
-    found = []
-    for trial in study.get_trials(deepcopy=False, states=tuple(statuses)):
-        point, noted = space.point(trial), trial.user_attrs
-        if point is not None:
-            status = statuses[trial.state]
-            found.append(
-                Trial(
-                    space.parameters(point),
-                    trial.value if status == "ok" else None,
-                    status,
-                    float(noted["seconds"]),
-                    str(noted["message"]),
-                )
-            )
-    return found
-
-
-def _selection(
-    study: optuna.Study, space: SearchSpace, what: TuningTask, ended_by: EndedBy
-) -> Selection:
-    tried = figures(study, space)
-    # The first of equals; the defaults where nothing gave a figure.
-    best: Any = max(tried, key=lambda point: tried[point], default=space.start)
-    if tried.get(best, float("-inf")) == float("-inf"):
-        best = space.start
-    figure = tried.get(best, float("-inf"))
-    return Selection(
-        space.parameters(best),
-        None if figure == float("-inf") else figure,
-        tuple(_trials(study, space)),
-        what.budget,
-        ended_by,
-        tuple(s.name for s in what.scenarios) if len(what.scenarios) > 1 else (),
+    return tuple(
+        Trial(
+            space.parameters(point),
+            trial.value if trial.state == TrialState.COMPLETE else None,
+            STATUSES[trial.state],
+            float(trial.user_attrs["seconds"]),
+            str(trial.user_attrs["message"]),
+        )
+        for point, trial in ended(study, space)
     )
