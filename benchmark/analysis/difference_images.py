@@ -7,7 +7,6 @@ rows, and proves nothing.
 """
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import brentq
@@ -24,82 +23,38 @@ FIGURES = ("ssim", "cc", "rie", "psnr")
 _BLOCK = 500
 
 
-@dataclass(frozen=True)
-class Reading:
-    """One way to score images.
-
-    Attributes:
-        name: what was scored.
-        figures: means by a name of `FIGURES`.
-    """
-
-    name: str
-    figures: Mapping[str, float]
+Readings = dict[str, dict[str, float]]
+"""Means by a name of `FIGURES`, by the name of what was scored."""
+Images = tuple[Run, str, str]
+"""Run, scenario of known conductivity and method whose images are read; all must be valid."""
 
 
-@dataclass(frozen=True)
-class Readings:
-    """The same images of one method, read in several ways.
-
-    Attributes:
-        absolute: the images as they are.
-        difference: without their background.
-        reversed: the difference with its sign reversed.
-        scaled: the difference times `factor`; None where no factor gives the RIE asked for.
-        factor: how many times the difference has to be taken to have that RIE.
-    """
-
-    absolute: Reading
-    difference: Reading
-    reversed: Reading
-    scaled: Reading | None
-    factor: float | None
-
-    @property
-    def all(self) -> tuple[Reading, ...]:
-        """All readings that are not None."""
-        known = (self.absolute, self.difference, self.reversed, self.scaled)
-        return tuple(reading for reading in known if reading is not None)
+def _blocks(run: Run, scenario: str, method: str) -> Iterator[tuple[Scene, Array, Array]]:
+    """Scene, truth and estimates (k, H, W) [S/m] of a few samples at a time."""
+    numbers = np.sort(run.cell(scenario, method)["sample"].to_numpy())
+    for start in range(0, len(numbers), _BLOCK):
+        block = numbers[start : start + _BLOCK].tolist()
+        scene = run.scene(scenario, block)
+        images = run.estimates(scenario, method, block)
+        if scene.truth is None or images is None:
+            raise DataCorruptError(
+                f"{run.path} does not hold the images of {method!r} on {scenario!r} with their "
+                "truth: run again."
+            )
+        yield scene, scene.truth, images.astype(np.float64)
 
 
-@dataclass(frozen=True, eq=False)
-class ImagePairs:
-    """The reconstructions of one method on a scenario of known conductivity, as a run stores them.
-
-    Attributes:
-        run, scenario, method: where they are; every sample must be valid.
-    """
-
-    run: Run
-    scenario: str
-    method: str
-
-    def blocks(self) -> Iterator[tuple[Scene, Array, Array]]:
-        """Scene, truth and estimates (k, H, W) [S/m] of a few samples at a time.
-
-        Raises:
-            DataCorruptError: the run does not hold them.
-        """
-        numbers = np.sort(self.run.cell(self.scenario, self.method)["sample"].to_numpy())
-        for start in range(0, len(numbers), _BLOCK):
-            block = numbers[start : start + _BLOCK].tolist()
-            scene = self.run.scene(self.scenario, block)
-            images = self.run.estimates(self.scenario, self.method, block)
-            if scene.truth is None or images is None:
-                raise DataCorruptError(
-                    f"{self.run.path} does not hold the images of {self.method!r} on "
-                    f"{self.scenario!r} with their truth: run again."
-                )
-            yield scene, scene.truth, images.astype(np.float64)
-
-
-def read_both_ways(images: ImagePairs, published_rie: float) -> Readings:
+def read_both_ways(images: Images, published_rie: float) -> tuple[Readings, float | None]:
     """Score what a method reconstructed as absolute maps and as difference images.
+
+    The readings are the images as they are, the difference from the background, the difference with
+    its sign reversed, and, if there is a factor that gives it the published RIE, the difference
+    times that factor, which is returned, too.
 
     Raises:
         DataCorruptError: the run does not hold the images.
     """
-    absolute, difference, reverse = _read(
+    readings = _read(
         images,
         {
             "absolute map": lambda image, _: image,
@@ -108,14 +63,13 @@ def read_both_ways(images: ImagePairs, published_rie: float) -> Readings:
         },
     )
     factor = matching_factor(*_products(images), published_rie)
-    scaled = None
     if factor is not None:
         name = f"difference, {factor:.2g} times as strong"
-        (scaled,) = _read(images, {name: lambda image, background: factor * (image - background)})
-    return Readings(absolute, difference, reverse, scaled, factor)
+        readings |= _read(images, {name: lambda image, background: factor * (image - background)})
+    return readings, factor
 
 
-def read_constants(images: ImagePairs) -> tuple[Reading, ...]:
+def read_constants(images: Images) -> Readings:
     """Scores of constant images on the same truths, which say what the figures are worth.
 
     Raises:
@@ -159,22 +113,22 @@ def implied_rms(rie: float, psnr: float) -> float:
     return float(10 ** (-psnr / 20) / rie)
 
 
-def _read(images: ImagePairs, ways: Mapping[str, Way]) -> tuple[Reading, ...]:
+def _read(images: Images, ways: Mapping[str, Way]) -> Readings:
     parts: dict[str, list[dict[str, Array]]] = {name: [] for name in ways}
-    for scene, truth, estimate in images.blocks():
+    for scene, truth, estimate in _blocks(*images):
         for name, way in ways.items():
             read = way(estimate, scene.background)
             parts[name].append(image_figures(truth, read, scene.data_range, scene.mask))
-    return tuple(
-        Reading(name, {f: float(np.concatenate([of[f] for of in all_of]).mean()) for f in FIGURES})
+    return {
+        name: {f: float(np.concatenate([of[f] for of in all_of]).mean()) for f in FIGURES}
         for name, all_of in parts.items()
-    )
+    }
 
 
-def _products(images: ImagePairs) -> tuple[Array, Array, Array]:
+def _products(images: Images) -> tuple[Array, Array, Array]:
     """<t, t>, <t, d> and <d, d> (n,) over the sensor, of truth t and difference image d."""
     parts = []
-    for scene, truth, estimate in images.blocks():
+    for scene, truth, estimate in _blocks(*images):
         t, d = truth[:, scene.mask], estimate[:, scene.mask] - scene.background
         parts.append([np.einsum("ij,ij->i", a, b) for a, b in ((t, t), (t, d), (d, d))])
     tt, td, dd = np.concatenate(parts, axis=1)

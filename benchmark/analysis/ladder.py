@@ -12,12 +12,12 @@ intervals drawn over touches; fewer than `MIN_PHANTOMS` touches give none.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 
 from eitbench.benchmark.analysis.leaderboard import leaderboard_rows
 from eitbench.benchmark.analysis.results import Run
-from eitbench.benchmark.metrics.aggregation import numbers
 from eitbench.benchmark.metrics.statistics import MIN_PHANTOMS, Interval, bootstrap
 from eitbench.benchmark.rundir.manifest import suite_of
 from eitbench.scenarios.arrays import Array
@@ -93,28 +93,42 @@ def read_ladder(run: Run) -> Ladder | None:
     twins = {s.name: twin.name for s in scenarios if (twin := _twin(s, scenarios))}
     clean = [s for s in nominal if s.noise.test == "clean"]
     ideal = next((s.name for s in clean if s.imperfections == Imperfections()), None)
-    table = _Table(run)
+    samples = run.samples[run.samples[FIGURE].notna()]
+    methods = [str(method) for method in samples["method"].unique()]
+    touches = samples.pivot_table(FIGURE, "sample", ["scenario", "method"], "first")
+
+    def together(cells: Sequence[tuple[str | None, str]]) -> Array | None:
+        """B (touches, cells) of several cells; None where one is missing or lacks other touches."""
+        if not set(cells) <= set(touches.columns):
+            return None
+        found = touches[list(cells)].dropna(how="all")
+        values = np.ascontiguousarray(found.to_numpy(np.float64, na_value=np.nan))
+        return None if np.isnan(values).any() else values
+
+    def difference(scenario: str | None, other: str, method: str) -> Interval | None:
+        values = together([(scenario, method), (other, method)])
+        return None if values is None else _mean(values[:, 0] - values[:, 1])
+
     steps = {
         (rung.name, method): Step(
-            value=table.mean(rung.name, method),
-            loss=table.difference((ideal, method), (rung.name, method)),
-            gain=table.difference((twins.get(rung.name), method), (rung.name, method)),
+            value=_mean(values[:, 0]),
+            loss=difference(ideal, rung.name, method),
+            gain=difference(twins.get(rung.name), rung.name, method),
         )
         for rung in nominal
-        for method in table.methods
-        if table.has(rung.name, method)
+        for method in methods
+        if (values := together([(rung.name, method)])) is not None
     }
     severities = {s.name: s.imperfections.severity for s in curve if s.imperfections}
     curves, areas = {}, {}
-    for method in table.methods:
-        for calibrated in (False, True):
-            names = [twins.get(s.name) if calibrated else s.name for s in curve]
-            values = table.together([(name, method) for name in names]) if curve else None
-            if values is not None:
-                curves[method, calibrated] = values.mean(axis=0)
-                at = list(severities.values())
-                area = np.asarray(np.trapezoid(values, at, axis=1))
-                areas[method, calibrated] = _mean(area / (at[-1] - at[0]))
+    for method, calibrated in product(methods if curve else (), (False, True)):
+        names = [twins.get(s.name) if calibrated else s.name for s in curve]
+        values = together([(name, method) for name in names])
+        if values is not None:
+            curves[method, calibrated] = values.mean(axis=0)
+            at = list(severities.values())
+            area = np.asarray(np.trapezoid(values, at, axis=1))
+            areas[method, calibrated] = _mean(area / (at[-1] - at[0]))
 
     def merit(method: str) -> float:
         if (method, False) in areas:
@@ -124,47 +138,13 @@ def read_ladder(run: Run) -> Ladder | None:
 
     return Ladder(
         rungs=tuple(s.name for s in nominal),
-        methods=tuple(sorted(table.methods, key=merit)),
+        methods=tuple(sorted(methods, key=merit)),
         steps=steps,
         severities=severities,
         curves=curves,
         areas=areas,
         real=_real(run, [s for s in scenarios if isinstance(s, RecordedScenario)], twins),
     )
-
-
-class _Table:
-    """B of every touch, by scenario and method."""
-
-    def __init__(self, run: Run) -> None:
-        samples = run.samples[run.samples[FIGURE].notna()]
-        self._cells = {
-            (str(scenario), str(method)): cell.sort_values("sample")
-            for (scenario, method), cell in samples.groupby(["scenario", "method"], sort=False)
-        }
-        self.methods = tuple(dict.fromkeys(method for _, method in self._cells))
-
-    def has(self, scenario: str | None, method: str) -> bool:
-        return (scenario, method) in self._cells
-
-    def mean(self, scenario: str, method: str) -> Interval:
-        return _mean(numbers(self._cells[scenario, method], FIGURE))
-
-    def together(self, cells: Sequence[tuple[str | None, str]]) -> Array | None:
-        """B (touches, cells) of several cells; None where one is missing or lacks other touches."""
-        if not all(self.has(*cell) for cell in cells):
-            return None
-        found = [self._cells[str(scenario), method] for scenario, method in cells]
-        if any(not np.array_equal(of["sample"], found[0]["sample"]) for of in found):
-            return None
-        return np.stack([numbers(of, FIGURE) for of in found], axis=1)
-
-    def difference(
-        self, first: tuple[str | None, str], second: tuple[str | None, str]
-    ) -> Interval | None:
-        """First minus second, touch by touch; None where they lack different touches."""
-        values = self.together([first, second])
-        return None if values is None else _mean(values[:, 0] - values[:, 1])
 
 
 def _mean(values: Array) -> Interval:
@@ -208,8 +188,7 @@ def _together(
     if not curve:
         return list(rungs)
     first = min(rungs.index(rung) for rung in curve)
-    before, after = ([r for r in part if r not in curve] for part in (rungs[:first], rungs[first:]))
-    return [*before, *curve, *after]
+    return [*rungs[:first], *curve, *(rung for rung in rungs[first:] if rung not in curve)]
 
 
 def _real(
@@ -219,12 +198,10 @@ def _real(
         return {}
     rows = {(row["scenario"], row["method"]): row for row in leaderboard_rows([run])}
     found = {}
-    for scenario in scenarios:
+    for scenario in (s for s in scenarios if not s.calibrated):
         for (name, method), row in rows.items():
-            if name != scenario.name or scenario.calibrated:
-                continue
             figure = next((f for f in run.kind.ranked_by if row.get(f) is not None), None)
-            if figure is not None:
+            if name == scenario.name and figure is not None:
                 twin = rows.get((twins.get(name), method), {})
                 found[name, method] = Real(figure, row[figure], twin.get(figure))
     return found

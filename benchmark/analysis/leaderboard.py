@@ -64,40 +64,33 @@ def ranked_boards(runs: Sequence[Run]) -> list[list[Entry]]:
     for name, count in Counter(run.path.name for run in runs).items():
         if count > 1:
             raise InputError(f"{count} of the runs are called {name!r}: give their folders names.")
-    entries = [
-        Entry(run, _row(run, keys, cell), cell) for run in runs for keys, cell in _cells(run)
-    ]
-    ranked: dict[tuple[Any, ...], list[Entry]] = {}
-    for entry in entries:
-        ranked.setdefault(_data_of(entry.row), []).append(entry)
-    for board in ranked.values():
+    entries = []
+    for run in runs:
+        names = ["suite", "scenario", run.kind.name, *run.kind.labels]
+        for values, cell in () if run.samples.empty else run.samples.groupby(names, sort=False):
+            row = _row(run, dict(zip(names, map(str, values), strict=True)), cell)
+            entries.append(Entry(run, row, cell))
+    ranked = []
+    for data in dict.fromkeys(_data_of(entry.row) for entry in entries):
+        board = [entry for entry in entries if _data_of(entry.row) == data]
         kind = runs[0].kind
         by = ranking_figure([entry.row for entry in board], kind)
         keys = [_place(entry.row, by, kind) for entry in board]
         for entry, key in zip(board, keys, strict=True):
             entry.row["rank"] = 1 + sum(other < key for other in keys)
-        board.sort(key=lambda entry: (entry.row["rank"], entry.row[kind.name]))
-    return list(ranked.values())
+        board.sort(key=lambda entry: (entry.row["rank"], entry.row[entry.run.kind.name]))
+        ranked.append(board)
+    return ranked
 
 
-def boards(rows: Iterable[Row]) -> list[list[Row]]:
+def boards(rows: Sequence[Row]) -> list[list[Row]]:
     """Group the rows that may be compared: those of one suite, scenario and data."""
-    groups: dict[tuple[Any, ...], list[Row]] = {}
-    for row in rows:
-        groups.setdefault(_data_of(row), []).append(row)
-    return list(groups.values())
+    different = dict.fromkeys(map(_data_of, rows))
+    return [[row for row in rows if _data_of(row) == data] for data in different]
 
 
 def _data_of(row: Row) -> tuple[Any, ...]:
     return tuple(row[name] for name in ("suite", "scenario", "data_hash", "data_n"))
-
-
-def _cells(run: Run) -> Iterable[tuple[Row, pd.DataFrame]]:
-    if run.samples.empty:
-        return
-    keys = ["suite", "scenario", run.kind.name, *run.kind.labels]
-    for values, cell in run.samples.groupby(keys, sort=False):
-        yield dict(zip(keys, map(str, values), strict=True)), cell
 
 
 def _row(run: Run, keys: Row, cell: pd.DataFrame) -> Row:

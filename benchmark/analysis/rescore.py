@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import compress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from eitbench.benchmark.analysis.results import Run, read_run
+from eitbench.benchmark.analysis.results import Run, cells_of, read_run
 from eitbench.benchmark.metrics.evaluation import GroundTruth, evaluate
 from eitbench.benchmark.metrics.specs import METRIC_COLUMNS
 from eitbench.benchmark.metrics.tactile import Similarity
@@ -53,21 +54,23 @@ def rescored(run: Run) -> Iterator[tuple[Rescored, pd.DataFrame]]:
     if run.kind != METHOD_RUNS:
         raise InputError(f"{run.path} ranks operators, which have no images to score.")
     scenarios = {scenario.name: scenario for scenario in manifests.suite_of(run.manifest).scenarios}
-    for (name, method), cell in run.samples.groupby(["scenario", "method"], sort=False):
-        rows = cell.sort_values("sample")
+    for (name, method), rows in cells_of(run.samples).items():
         if name not in scenarios:
             raise InputError(f"The suite of {run.path} has no scenario {name!r}.")
-        known = _stored(run, scenarios[str(name)], rows)
-        numbers = rows["sample"].tolist()
-        images = run.estimates(str(name), str(method), numbers)
+        known = _stored(run, scenarios[name], rows)
+        images = run.estimates(name, method, rows["sample"].tolist())
         if images is None:
             raise InputError(f"{run.path} holds no images of {method!r} on {name!r}.")
         images[(rows["status"] != "ok").to_numpy()] = np.nan
-        figures = evaluate(known, images, _registration(run, known, str(method)))
-        new = rows.copy()
-        for column in FIGURES:
-            new[column] = figures[column].to_numpy()
-        yield _difference(str(name), str(method), rows, new), new
+        figures = evaluate(known, images, _registration(run, known, method))
+        new = rows.assign(**{column: figures[column].to_numpy() for column in FIGURES})
+        before, after = (
+            table.reindex(columns=list(FIGURES)).to_numpy(np.float64, na_value=np.nan)
+            for table in (rows, new)
+        )
+        changed = ~np.isclose(before, after, rtol=ROUNDING, atol=ROUNDING, equal_nan=True)
+        names = tuple(compress(FIGURES, changed.any(axis=0)))
+        yield Rescored(name, method, len(new), int(changed.any(axis=1).sum()), names), new
 
 
 def rescore(path: Path) -> list[Rescored]:
@@ -90,22 +93,14 @@ def rescore(path: Path) -> list[Rescored]:
 
 
 def _stored(run: Run, scenario: Scenario, rows: pd.DataFrame) -> GroundTruth:
-    recorded = isinstance(scenario, RecordedScenario)
     truth = (
         scenario.recorded_set.truth if isinstance(scenario, RecordedScenario) else "conductivity"
     )
-    scene = run.scene(scenario.name, rows["sample"].tolist())
-    images = scene.truth
+    images = run.scene(scenario.name, rows["sample"].tolist()).truth
     if truth in ("conductivity", "classes") and (images is None or len(images) != len(rows)):
         raise InputError(f"{run.path} does not hold the truth of {scenario.name!r}.")
-    return GroundTruth(
-        scenario.name,
-        scenario.nominal_sensor,
-        rows.reset_index(drop=True),
-        truth,
-        None if recorded else images,
-        images.astype(np.int8) if truth == "classes" and images is not None else None,
-    )
+    rows = rows.reset_index(drop=True)
+    return GroundTruth(scenario.name, scenario.nominal_sensor, rows, truth, images, images)
 
 
 def _registration(run: Run, known: GroundTruth, method: str) -> Similarity | None:
@@ -121,13 +116,3 @@ def _registration(run: Run, known: GroundTruth, method: str) -> Similarity | Non
         raise DataCorruptError(
             f"The registration of {method!r} in {run.path} is damaged."
         ) from error
-
-
-def _difference(scenario: str, method: str, old: pd.DataFrame, new: pd.DataFrame) -> Rescored:
-    before, after = (
-        table.reindex(columns=list(FIGURES)).to_numpy(np.float64, na_value=np.nan)
-        for table in (old, new)
-    )
-    changed = ~np.isclose(before, after, rtol=ROUNDING, atol=ROUNDING, equal_nan=True)
-    names = tuple(name for name, any_of in zip(FIGURES, changed.any(axis=0), strict=True) if any_of)
-    return Rescored(scenario, method, len(new), int(changed.any(axis=1).sum()), names)

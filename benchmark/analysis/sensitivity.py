@@ -74,19 +74,14 @@ class Sensitivity:
 def sensitivity(methods: Mapping[str, tuple[Run, str]], scenario: str) -> list[Sensitivity]:
     """Mean figures for each of `METRIC_VARIANTS`; nothing without a true conductivity.
 
-    Args:
-        methods: the run and the name of each method, by what it is to be called; the runs are of
-            the same data.
-        scenario: its name.
+    `methods` holds the run and the name of each method, by what it is to be called; the runs are of
+    the same data.
 
     Raises:
         DataCorruptError: the images of a run cannot be read.
     """
-    cells = {label: run.cell(scenario, name) for label, (run, name) in methods.items()}
-    held = [set(cell["sample"]) for cell in cells.values()]
-    known = (
-        np.sort(np.array(list(set.intersection(*held)), dtype=np.int64)) if held else np.empty(0)
-    )
+    held = [set(run.cell(scenario, name)["sample"]) for run, name in methods.values()]
+    known = np.array(sorted(set.intersection(*held)) if held else [], dtype=np.int64)
     if not len(known):
         return []
     chosen = known[np.unique(np.linspace(0, len(known) - 1, SAMPLES).astype(int))].tolist()

@@ -12,7 +12,7 @@ import numpy as np
 
 from eitbench.benchmark.analysis.recording_notes import notes_of
 from eitbench.benchmark.analysis.rescore import ROUNDING, rescored
-from eitbench.benchmark.analysis.results import NOTES_FILE, Run, read_run
+from eitbench.benchmark.analysis.results import NOTES_FILE, Run, cells_of, read_run
 from eitbench.benchmark.analysis.standings import standings
 from eitbench.benchmark.rundir import manifest as manifests
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
@@ -110,12 +110,14 @@ def _is_complete(run: Run, plan: Plan, jobs: int) -> str:
 
 
 def _frames_are_ours(run: Run, plan: Plan, jobs: int) -> str:
+    cells = cells_of(run.samples)
     for scenario in _scenarios(run, plan):
         data = load(scenario, "test", plan.limit, jobs=jobs)
         if run.manifest["data"][scenario.name]["hash"] != data.data_hash:
             return f"The data of {scenario.name!r} are not those of this version of eitbench."
-        for name, rows in run.samples[run.samples["scenario"] == scenario.name].groupby("method"):
-            ordered = rows.sort_values("sample")
+        for (of, name), ordered in cells.items():
+            if of != scenario.name:
+                continue
             if ordered["input_hash"].tolist() != data.frame_hashes:
                 return f"{name!r} was given other frames of {scenario.name!r} than ours."
             known = data.samples.drop(columns="sample")
@@ -137,10 +139,9 @@ def _same(one: Any, other: Any) -> bool:
 
 
 def _failures_are_reported(run: Run, plan: Plan, jobs: int) -> str:
-    for (scenario, method), rows in run.samples.groupby(["scenario", "method"], sort=False):
-        ordered = rows.sort_values("sample")
-        images = run.estimates(str(scenario), str(method), ordered["sample"].tolist())
-        mask = run.scene(str(scenario), []).mask
+    for (scenario, method), ordered in cells_of(run.samples).items():
+        images = run.estimates(scenario, method, ordered["sample"].tolist())
+        mask = run.scene(scenario, []).mask
         if images is None:
             return f"There are no images of {method!r} on {scenario!r}."
         whole = np.isfinite(images[:, mask]).all(axis=1)

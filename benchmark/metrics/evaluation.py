@@ -39,7 +39,7 @@ class GroundTruth:
     samples: pd.DataFrame
     truth: Literal["conductivity", "position", "classes", "none"]
     conductivity: Array | None = None
-    classes: NDArray[np.int8] | None = None
+    classes: NDArray[np.number] | None = None
 
 
 Known: TypeAlias = "Dataset | GroundTruth"

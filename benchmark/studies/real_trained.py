@@ -18,7 +18,7 @@ from eitbench.benchmark.metrics.tactile import fit_similarity
 from eitbench.methods import Problem
 from eitbench.methods.learned.linear_maps import unit_frames
 from eitbench.methods.places.kernel_ridge import Kernel, gaussians, kernel_ridge, linear
-from eitbench.methods.places.place_network import REAL, SIMULATED, PlaceNetwork
+from eitbench.methods.places.place_network import REAL, SIMULATED, PlaceNetwork, TrainingPhase
 from eitbench.methods.training.samples import no_split
 from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.data.datasets import load
@@ -67,10 +67,7 @@ class Estimators:
     def __init__(self, simulated: Presses, centre: Array, scale: float) -> None:
         m = simulated.frames.shape[1]
         self._untrained = [PlaceNetwork(m, centre, scale, seed) for seed in SEEDS]
-        self._pretrained = [
-            network.trained(simulated.frames, simulated.places, SIMULATED)
-            for network in self._untrained
-        ]
+        self._pretrained = _trained(self._untrained, simulated, SIMULATED)
         self._centre = centre
 
     def known(self, count: int) -> Mapping[str, Callable[[Presses], Estimator]]:
@@ -79,39 +76,38 @@ class Estimators:
             return {"one place": self._guess, "simulated network": self._simulated}
         return {
             "one place": self._guess,
-            "ridge": partial(self._regression, kernels=lambda _: [linear]),
-            "kernel ridge": partial(self._regression, kernels=gaussians),
+            "ridge": partial(_regression, kernels=lambda _: [linear]),
+            "kernel ridge": partial(_regression, kernels=gaussians),
             "simulated network": self._simulated,
-            "network": partial(self._networks, self._untrained),
-            "fine-tuned network": partial(self._networks, self._pretrained),
+            "network": lambda seen: _mean_place(_trained(self._untrained, seen, REAL)),
+            "fine-tuned network": lambda seen: _mean_place(_trained(self._pretrained, seen, REAL)),
         }
 
     def _guess(self, presses: Presses) -> Estimator:
         place = presses.places.mean(axis=0) if len(presses) else self._centre
         return lambda frames: np.tile(place, (len(frames), 1))
 
-    @staticmethod
-    def _regression(presses: Presses, kernels: Callable[[Array], Sequence[Kernel]]) -> Estimator:
-        x = unit_frames(presses.frames)
-        found = kernel_ridge(x, presses.places, kernels(x))
-        return lambda frames: found(unit_frames(frames))
-
     def _simulated(self, presses: Presses) -> Estimator:
         """Register the network's coordinates with the robot's by real presses."""
-        estimate = partial(_mean_place, self._pretrained)
+        estimate = _mean_place(self._pretrained)
         register = fit_similarity(estimate(presses.frames), presses.places)
-        if register is None:
-            return estimate
-        return lambda frames: register(estimate(frames))
-
-    @staticmethod
-    def _networks(networks: list[PlaceNetwork], presses: Presses) -> Estimator:
-        trained = [network.trained(presses.frames, presses.places, REAL) for network in networks]
-        return partial(_mean_place, trained)
+        return estimate if register is None else lambda frames: register(estimate(frames))
 
 
-def _mean_place(networks: list[PlaceNetwork], frames: Array) -> Array:
-    return np.asarray(np.mean([network(frames) for network in networks], axis=0))
+def _regression(presses: Presses, kernels: Callable[[Array], Sequence[Kernel]]) -> Estimator:
+    x = unit_frames(presses.frames)
+    found = kernel_ridge(x, presses.places, kernels(x))
+    return lambda frames: found(unit_frames(frames))
+
+
+def _trained(
+    networks: list[PlaceNetwork], presses: Presses, phase: TrainingPhase
+) -> list[PlaceNetwork]:
+    return [network.trained(presses.frames, presses.places, phase) for network in networks]
+
+
+def _mean_place(networks: list[PlaceNetwork]) -> Estimator:
+    return lambda frames: np.asarray(np.mean([network(frames) for network in networks], axis=0))
 
 
 def real_trained(recording: str, *, jobs: int = 1) -> pd.DataFrame:

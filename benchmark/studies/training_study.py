@@ -56,56 +56,37 @@ class TrainingStudy:
     """A question that trainings answer.
 
     Attributes:
-        title: the question.
         grid: values by name; every combination is trained.
         split: split of the training's scenario that is scored.
         elsewhere: true if the test splits of `OTHER_SUITES` are scored, too.
-        request: makes the training request of a combination.
+        changes: fields of the training request of a combination.
     """
 
-    title: str
     grid: Mapping[str, Sequence[Any]]
     split: Split
     elsewhere: bool
-    request: Callable[[TrainingRequest, Variant], TrainingRequest]
+    changes: Callable[[Variant], Mapping[str, Any]]
 
 
-def _with_beta(request: TrainingRequest, variant: Variant) -> TrainingRequest:
-    return replace(request, beta=variant["beta"])
-
-
-def _with_loss(request: TrainingRequest, variant: Variant) -> TrainingRequest:
-    request = replace(request, seed=variant["seed"])
-    if variant["physics"] == "none":
-        return replace(request, name="dnn")
-    return replace(request, operator=variant["physics"])
-
-
-def _with_size(request: TrainingRequest, variant: Variant) -> TrainingRequest:
-    return replace(request, name="dnn", limit=variant["samples"], backbone=variant["backbone"])
+def _with_loss(variant: Variant) -> Variant:
+    physics = variant["physics"]
+    kind = {"name": "dnn"} if physics == "none" else {"operator": physics}
+    return {"seed": variant["seed"], **kind}
 
 
 STUDIES: dict[str, TrainingStudy] = {
-    "beta": TrainingStudy(
-        "Which weight of the physical loss is best?",
-        {"beta": BETAS},
-        "validation",
-        False,
-        _with_beta,
-    ),
+    # Which weight of the physical loss is best?
+    "beta": TrainingStudy({"beta": BETAS}, "validation", False, dict),
+    # Does a physical loss help, and through which operator?
     "physics": TrainingStudy(
-        "Does a physical loss help, and through which operator?",
-        {"physics": ("none", "surrogate", "fem"), "seed": (0, 1, 2)},
-        "test",
-        True,
-        _with_loss,
+        {"physics": ("none", "surrogate", "fem"), "seed": (0, 1, 2)}, "test", True, _with_loss
     ),
+    # What are more data and a larger network worth?
     "size": TrainingStudy(
-        "What are more data and a larger network worth?",
         {"samples": (750, 1500, 3000, 6000), "backbone": ("unet-small", "unet")},
         "validation",
         False,
-        _with_size,
+        lambda of: {"name": "dnn", "limit": of["samples"], "backbone": of["backbone"]},
     ),
 }
 
@@ -147,8 +128,7 @@ def run_study(
     scenario = training_scenario(load_suite(budget.suite))
     if budget.limit is not None and "samples" in STUDIES[name].grid:
         raise InputError(f"The study {name!r} is about numbers of samples: leave out --limit.")
-    settings = {"study": name, **vars(budget), "data": scenario.data_hash("train")}
-    _begin(out, settings)
+    _begin(out, {"study": name, **vars(budget), "data": scenario.data_hash("train")})
     study = STUDIES[name]
     variants = [
         dict(zip(study.grid, values, strict=True))
@@ -166,11 +146,7 @@ def run_study(
 
 
 def _begin(out: Path, settings: Mapping[str, Any]) -> None:
-    """Write the settings to `out`, or check that they are those of the study there.
-
-    Raises:
-        InputError: they differ, or `out` holds something else.
-    """
+    """Write the settings to `out`, or check that they are those of the study there."""
     file = out / "study.json"
     if file.is_file():
         begun = read_json(file)
@@ -205,7 +181,7 @@ def _rows(
             progress=progress,
         )
         try:
-            table = _train_and_score(study, study.request(base, variant), budget.scored)
+            table = _train_and_score(study, replace(base, **study.changes(variant)), budget.scored)
         except DivergedError:
             table = pd.DataFrame([{"scenario": ""}])
         atomic_write(finished, table.to_parquet())

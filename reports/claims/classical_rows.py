@@ -4,8 +4,6 @@ from typing import Any, TypedDict
 
 from eitbench.benchmark.analysis.difference_images import (
     FIGURES,
-    ImagePairs,
-    Reading,
     Readings,
     implied_rms,
     read_both_ways,
@@ -54,7 +52,7 @@ def classical_readings(evidence: Evidence) -> ClassicalReadings:
         DataCorruptError: a run does not hold its images.
     """
     methods: list[MethodReadings] = []
-    constants: tuple[Reading, ...] = ()
+    constants: Readings = {}
     for method in CLASSICAL:
         published = {"reading": "published", **dict.fromkeys(FIGURES), "ssim": SSIM_IN_WORDS}
         readings = MethodReadings(
@@ -66,25 +64,25 @@ def classical_readings(evidence: Evidence) -> ClassicalReadings:
         except NotMeasuredError as missing:
             readings["conditions"] = str(missing)
             continue
-        images = ImagePairs(measured.run, SCENARIO, method)
-        ours = read_both_ways(images, TABLE_II[method]["rie"])
+        images = (measured.run, SCENARIO, method)
+        ours, factor = read_both_ways(images, TABLE_II[method]["rie"])
         constants = constants or read_constants(images)
         readings["conditions"] = measured.conditions
-        readings["says"] = _consistency(method, ours)
-        readings["rows"] += _rows(ours.all)
+        readings["says"] = _consistency(method, ours, factor)
+        readings["rows"] += _rows(ours)
     return ClassicalReadings(
         methods=methods, constants=_rows(constants), says=_on_the_truth(constants)
     )
 
 
-def _rows(readings: tuple[Reading, ...]) -> list[ReadingRow]:
-    return [{"reading": reading.name, **reading.figures} for reading in readings]
+def _rows(readings: Readings) -> list[ReadingRow]:
+    return [{"reading": name, **figures} for name, figures in readings.items()]
 
 
-def _consistency(method: str, readings: Readings) -> str:
+def _consistency(method: str, readings: Readings, factor: float | None) -> str:
     """Describe the readings of a method beside its published row."""
     published, label = TABLE_II[method], method.upper()
-    absolute, plain = readings.absolute.figures, readings.difference.figures
+    absolute, plain, _, *rest = readings.values()
     sentences = [
         f"Read as absolute maps the images of {label} have CC {absolute['cc']:.2f} and PSNR "
         f"{absolute['psnr']:.1f} dB; without their background RIE {plain['rie']:.2f}, PSNR "
@@ -92,10 +90,10 @@ def _consistency(method: str, readings: Readings) -> str:
     ]
     if all(agreeing(method, plain).values()):
         sentences.append(_consistent(label, "of a difference image without its background"))
-    elif readings.scaled is not None and readings.factor is not None:
-        scaled = readings.scaled.figures
+    elif factor is not None:
+        (scaled,) = rest
         sentences.append(
-            f"Taken {readings.factor:.2g} times as strong they have the published RIE "
+            f"Taken {factor:.2g} times as strong they have the published RIE "
             f"{published['rie']:.2f}, which all but decides PSNR ({scaled['psnr']:.2f} dB), and "
             f"SSIM {scaled['ssim']:.2f}."
         )
@@ -114,7 +112,7 @@ def _consistent(label: str, what: str) -> str:
     )
 
 
-def _on_the_truth(constants: tuple[Reading, ...]) -> str:
+def _on_the_truth(constants: Readings) -> str:
     """Compare the truth that RIE and PSNR of a published row imply with ours."""
     levels = [implied_rms(TABLE_II[name]["rie"], TABLE_II[name]["psnr"]) for name in CLASSICAL]
     sentences = (
@@ -124,7 +122,7 @@ def _on_the_truth(constants: tuple[Reading, ...]) -> str:
         "of TV."
     )
     if constants:
-        zero, contrast = (implied_rms(1.0, reading.figures["psnr"]) for reading in constants)
+        zero, contrast = (implied_rms(1.0, figures["psnr"]) for figures in constants.values())
         absolute = all(abs(level - zero) < abs(level - contrast) for level in levels)
         sentences += (
             f" Here it is {zero:.3f} for absolute maps and {contrast:.3f} for contrasts. So the "

@@ -13,7 +13,6 @@ from eitbench.benchmark import metrics
 from eitbench.benchmark.analysis import difference_images
 from eitbench.benchmark.analysis.difference_images import (
     FIGURES,
-    ImagePairs,
     implied_rms,
     matching_factor,
     read_both_ways,
@@ -49,26 +48,23 @@ def test_every_reading_is_what_its_name_says(
     monkeypatch.setattr(difference_images, "_BLOCK", block)
     truth = np.array(paper.conductivity)
     contrast = (0.5 * (truth - 1) + 1).astype(np.float32).astype(float) - 1
-    found = read_both_ways(ImagePairs(read_run(run), "paper", "noser"), 1.5)
-    assert found.factor is not None
-    expected = [contrast + 1, contrast, -contrast, found.factor * contrast]
-    for reading, images in zip(found.all, expected, strict=True):
-        assert list(reading.figures) == list(FIGURES)
-        assert list(reading.figures.values()) == pytest.approx(means(truth, images, paper))
-    assert found.difference.figures["cc"] == pytest.approx(found.absolute.figures["cc"])
-    assert found.scaled is not None
-    assert found.scaled.figures["rie"] == pytest.approx(1.5)
+    found, factor = read_both_ways((read_run(run), "paper", "noser"), 1.5)
+    assert factor is not None
+    expected = [contrast + 1, contrast, -contrast, factor * contrast]
+    for figures, images in zip(found.values(), expected, strict=True):
+        assert list(figures) == list(FIGURES)
+        assert list(figures.values()) == pytest.approx(means(truth, images, paper))
+    assert found["difference image"]["cc"] == pytest.approx(found["absolute map"]["cc"])
+    assert figures["rie"] == pytest.approx(1.5)
 
 
 def test_constants_on_the_same_truth(run: Run, paper: Dataset) -> None:
-    zero, background = read_constants(ImagePairs(read_run(run), "paper", "tv"))
+    zero, background = read_constants((read_run(run), "paper", "tv")).values()
     truth = np.array(paper.conductivity)
-    assert zero.figures["rie"] == 1
+    assert zero["rie"] == 1
     level = np.sqrt(np.mean(truth**2, axis=(1, 2)))
-    assert zero.figures["psnr"] == pytest.approx(np.mean(-20 * np.log10(level)))
-    assert list(background.figures.values()) == pytest.approx(
-        means(truth, np.ones_like(truth), paper)
-    )
+    assert zero["psnr"] == pytest.approx(np.mean(-20 * np.log10(level)))
+    assert list(background.values()) == pytest.approx(means(truth, np.ones_like(truth), paper))
 
 
 @settings(max_examples=50)
