@@ -1,7 +1,8 @@
 """Comparisons of runs whose changes are known, because they were made."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -128,7 +129,8 @@ def test_what_cannot_be_compared_is_said() -> None:
         compare(*before_and_after(9))
     with pytest.raises(InputError, match="did you mean 'score'"):
         regressions(results(one), results(one), {"scroe": 0.1})
-    unknown = of_ssim(results(one))
+    unknown = results(one)
+    unknown.samples["ssim"] = np.nan
     with pytest.raises(InputError, match="SSIM"):
         compare(unknown, unknown, ["ssim"])
     # A figure that the baseline has not is nothing that could be lost.
@@ -145,10 +147,6 @@ def test_frames_that_are_gone_are_missed() -> None:
         "'same' on 'one' lacks 20 of the 60 frames of old in new: the others are compared."
     ]
     assert by_method(found.changes)["same"].n == 40
-
-
-def of_ssim(found: Results) -> Results:
-    return Results(found.path, found.samples.assign(ssim=np.nan), {})
 
 
 def written(folder: Path, calibration_ms: float) -> Path:
@@ -171,23 +169,19 @@ def test_times_are_compared_in_units_of_the_calibration_solve(tmp_path: Path) ->
 
 
 @pytest.mark.parametrize(
-    ("spoil", "error", "words"),
+    ("content", "error", "words"),
     [
-        (lambda p: (p / "samples.parquet").unlink(), InputError, "run directory"),
-        (lambda p: (p / "samples.parquet").write_bytes(b"x"), DataCorruptError, "samples.parquet"),
-        (
-            lambda p: pd.DataFrame({"scenario": ["one"], "operator": ["fem"]}).to_parquet(
-                p / "samples.parquet"
-            ),
-            InputError,
-            "'method'",
-        ),
+        (None, InputError, "run directory"),
+        (b"x", DataCorruptError, "samples.parquet"),
+        (pd.DataFrame({"scenario": ["one"], "operator": ["fem"]}), InputError, "'method'"),
     ],
 )
 def test_bad_runs_are_refused(
-    tmp_path: Path, spoil: Callable[[Path], object], error: type[Exception], words: str
+    tmp_path: Path, content: Any, error: type[Exception], words: str
 ) -> None:
-    folder = written(tmp_path / "run", 1.0)
-    spoil(folder)
+    table = written(tmp_path / "run", 1.0) / "samples.parquet"
+    table.unlink()
+    if content is not None:
+        table.write_bytes(content if isinstance(content, bytes) else content.to_parquet())
     with pytest.raises(error, match=words):
-        read_results(folder)
+        read_results(table.parent)

@@ -21,11 +21,9 @@ from eitbench.benchmark.analysis.difference_images import (
 from eitbench.benchmark.analysis.results import read_run
 from eitbench.scenarios.data.datasets import Dataset
 
-Run = Path
-
 
 @pytest.fixture
-def run(build: Any, paper: Dataset) -> Run:
+def run(build: Any, paper: Dataset) -> Path:
     """NOSER with half of the contrast, TV that saw nothing."""
     truth = np.array(paper.conductivity)
     build.suite = "paper"
@@ -43,7 +41,7 @@ def means(truth: Any, images: Any, dataset: Dataset) -> list[float]:
 
 @pytest.mark.parametrize("block", [3, 500])
 def test_every_reading_is_what_its_name_says(
-    block: int, run: Run, paper: Dataset, monkeypatch: pytest.MonkeyPatch
+    block: int, run: Path, paper: Dataset, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(difference_images, "_BLOCK", block)
     truth = np.array(paper.conductivity)
@@ -58,7 +56,7 @@ def test_every_reading_is_what_its_name_says(
     assert figures["rie"] == pytest.approx(1.5)
 
 
-def test_constants_on_the_same_truth(run: Run, paper: Dataset) -> None:
+def test_constants_on_the_same_truth(run: Path, paper: Dataset) -> None:
     zero, background = read_constants((read_run(run), "paper", "tv")).values()
     truth = np.array(paper.conductivity)
     assert zero["rie"] == 1

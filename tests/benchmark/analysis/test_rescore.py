@@ -12,23 +12,8 @@ from eitbench.benchmark.analysis.results import Run
 from eitbench.benchmark.run.runner import make_plan, start_run
 from eitbench.benchmark.rundir.kinds import OPERATOR_RUNS
 from eitbench.scenarios.errors import DataCorruptError, InputError
-from eitbench.scenarios.suites.suite import Suite, load_suite
-
-RECORDED = """
-name = "skin"
-title = "Presses and classes"
-methods = ["noser"]
-
-[[scenarios]]
-kind = "recorded"
-name = "ohmc16"
-recording = "ohmc16"
-
-[[scenarios]]
-kind = "recorded"
-name = "ktc2023"
-recording = "ktc2023"
-"""
+from eitbench.scenarios.suites.scenario import RecordedScenario
+from eitbench.scenarios.suites.suite import Suite
 
 
 def run_of(suite: Suite, out: Path, plugin: Path | None = None) -> Path:
@@ -74,8 +59,9 @@ def test_edited_figures_are_put_right(toy_run: Path) -> None:
 def test_recorded_sets_are_scored_with_the_registration_of_the_run(
     tmp_path: Path, recorded_data: Path
 ) -> None:
-    (tmp_path / "skin.toml").write_text(RECORDED)
-    run = run_of(load_suite(str(tmp_path / "skin.toml")), tmp_path / "run")
+    sets = (RecordedScenario(name=name, recording=name) for name in ("ohmc16", "ktc2023"))
+    suite = Suite(name="skin", title="", methods=("noser",), scenarios=tuple(sets))
+    run = run_of(suite, tmp_path / "run")
     right = spoil(run, **dict.fromkeys(FIGURES, 0.5))
     assert sum(cell.changed for cell in rescore(run)) == 12 + 3
     again = pd.read_parquet(run / "samples.parquet")

@@ -15,7 +15,7 @@ from eitbench.benchmark.analysis.submission import CHECKS, check_submission
 from eitbench.benchmark.run.runner import make_plan, start_run
 from eitbench.reports.tables.leaderboard import ranked_rows, write_leaderboard
 from eitbench.scenarios.errors import InputError
-from eitbench.scenarios.suites.suite import Suite, load_suite
+from eitbench.scenarios.suites.suite import Suite
 
 
 @pytest.fixture(scope="module")
@@ -38,53 +38,40 @@ def test_an_honest_run_passes(submitted: Path) -> None:
     assert [check.problem for check in checks] == [""] * 7
 
 
-def edit_samples(**change: Any) -> Callable[[Path], None]:
+Edit = Callable[[Path], object]
+
+
+def edit_samples(change: Callable[[pd.DataFrame], pd.DataFrame]) -> Edit:
     def edit(run: Path) -> None:
-        table = pd.read_parquet(run / "samples.parquet")
-        for name, value in change.items():
-            table.loc[table.index[2], name] = value
-        table.to_parquet(run / "samples.parquet")
+        change(pd.read_parquet(run / "samples.parquet")).to_parquet(run / "samples.parquet")
 
     return edit
 
 
-def edit_manifest(change: Callable[[dict[str, Any]], None]) -> Callable[[Path], None]:
+def set_in_a_row(name: str, value: object) -> Edit:
+    return edit_samples(lambda t: t.assign(**{name: t[name].where(t.index != 2, value)}))
+
+
+def edit_json(change: Callable[[Any], object], name: str = "manifest.json") -> Edit:
     def edit(run: Path) -> None:
-        content = json.loads((run / "manifest.json").read_text())
+        content = json.loads((run / name).read_text())
         change(content)
-        (run / "manifest.json").write_text(json.dumps(content))
+        (run / name).write_text(json.dumps(content))
 
     return edit
 
 
-def drop_a_row(run: Path) -> None:
-    table = pd.read_parquet(run / "samples.parquet")
-    table.drop(index=3).to_parquet(run / "samples.parquet")
+def copy_image(source: str, target: str) -> Edit:
+    def edit(run: Path) -> None:
+        with h5py.File(run / "reconstructions.h5", "a") as file:
+            file[f"tiny/{target}/conductivity"][1] = file[f"tiny/{source}/conductivity"][1]
 
-
-def copy_the_truth(run: Path) -> None:
-    """An image as good as the truth, without the figures of one."""
-    with h5py.File(run / "reconstructions.h5", "a") as file:
-        file["tiny/noser/conductivity"][1] = file["tiny/truth/conductivity"][1]
-
-
-def move_the_truth(run: Path) -> None:
-    with h5py.File(run / "reconstructions.h5", "a") as file:
-        file["tiny/truth/conductivity"][1] = file["tiny/noser/conductivity"][1]
-
-
-def edit_the_leaderboard(run: Path) -> None:
-    rows = json.loads((run / "leaderboard.json").read_text())
-    rows[1]["score"] += 0.001
-    (run / "leaderboard.json").write_text(json.dumps(rows))
+    return edit
 
 
 def drop_a_method(run: Path) -> None:
-    table = pd.read_parquet(run / "samples.parquet")
-    table[table["method"] != "noser"].to_parquet(run / "samples.parquet")
-    content = json.loads((run / "manifest.json").read_text())
-    content["cells"] = [cell for cell in content["cells"] if cell["name"] != "noser"]
-    (run / "manifest.json").write_text(json.dumps(content))
+    edit_samples(lambda table: table[table["method"] != "noser"])(run)
+    edit_json(lambda m: m.update(cells=[c for c in m["cells"] if c["name"] != "noser"]))(run)
 
 
 def add_a_figure(run: Path) -> None:
@@ -99,44 +86,56 @@ def add_a_figure(run: Path) -> None:
 @pytest.mark.parametrize(
     ("edit", "failed", "words"),
     [
-        (edit_samples(psnr=60.0), 3, "1 of 5 samples of 'noser' on 'tiny' do not have the figures"),
-        (edit_samples(input_hash="0"), 2, "'noser' was given other frames of 'tiny'"),
-        (edit_samples(phantom="another"), 2, "The column 'phantom' of 'noser' on 'tiny'"),
-        (drop_a_row, 1, "'noser' on 'tiny' has 4 rows, not one for each of 5 samples"),
-        (copy_the_truth, 3, "do not have the figures of their images: ssim"),
-        (move_the_truth, 2, "The truth that is stored of 'tiny' is not ours"),
-        (edit_the_leaderboard, 6, "leaderboard.json says score"),
+        (
+            set_in_a_row("psnr", 60.0),
+            3,
+            "1 of 5 samples of 'noser' on 'tiny' do not have the figures",
+        ),
+        (set_in_a_row("input_hash", "0"), 2, "'noser' was given other frames of 'tiny'"),
+        (set_in_a_row("phantom", "another"), 2, "The column 'phantom' of 'noser' on 'tiny'"),
+        (
+            edit_samples(lambda table: table.drop(index=3)),
+            1,
+            "'noser' on 'tiny' has 4 rows, not one for each of 5 samples",
+        ),
+        # An image as good as the truth, without the figures of one.
+        (copy_image("truth", "noser"), 3, "do not have the figures of their images: ssim"),
+        (copy_image("noser", "truth"), 2, "The truth that is stored of 'tiny' is not ours"),
+        (
+            edit_json(
+                lambda rows: rows[1].update(score=rows[1]["score"] + 0.001), "leaderboard.json"
+            ),
+            6,
+            "leaderboard.json says score",
+        ),
         (lambda run: (run / "leaderboard.json").unlink(), 6, "leaderboard.json cannot be read"),
         (lambda run: (run / "reconstructions.h5").unlink(), 3, "cannot be read: resume the run"),
-        (edit_manifest(lambda m: m.update(status="interrupted")), 1, "The run is interrupted"),
-        (edit_manifest(lambda m: m["plan"].update(limit=3)), 1, "limited to 3 samples"),
-        (edit_manifest(lambda m: m["data"]["tiny"].update(hash="0")), 2, "The data of 'tiny' are"),
+        (edit_json(lambda m: m.update(status="interrupted")), 1, "The run is interrupted"),
+        (edit_json(lambda m: m["plan"].update(limit=3)), 1, "limited to 3 samples"),
+        (edit_json(lambda m: m["data"]["tiny"].update(hash="0")), 2, "The data of 'tiny' are"),
         (
-            edit_manifest(lambda m: m["plan"]["suite"]["scenarios"][0].update(test=4)),
+            edit_json(lambda m: m["plan"]["suite"]["scenarios"][0].update(test=4)),
             0,
             "is not that of this version",
         ),
-        (edit_manifest(lambda m: m.pop("cells")), 1, "lacks something ('cells')"),
+        (edit_json(lambda m: m.pop("cells")), 1, "lacks something ('cells')"),
         (drop_a_method, 1, "'noser' was not run on 'tiny'"),
-        (edit_samples(status="error"), 4, "does not say which of its images are whole"),
+        (set_in_a_row("status", "error"), 4, "does not say which of its images are whole"),
         (add_a_figure, 6, ""),
     ],
 )
 def test_what_was_edited_is_found(
-    submitted: Path, tmp_path: Path, edit: Callable[[Path], None], failed: int, words: str
+    submitted: Path, tmp_path: Path, edit: Edit, failed: int, words: str
 ) -> None:
     run = shutil.copytree(submitted, tmp_path / "mine")
     edit(run)
-    problem = check_submission(run)[failed].problem
-    assert words in problem
+    assert words in check_submission(run)[failed].problem
 
 
 def test_suites_of_ones_own_and_operators_are_no_submissions(
-    submitted: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    submitted: Path, build_operators: Callable[..., Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(submission, "suites", lambda: {})
     assert "is not one of eitbench's" in check_submission(submitted)[0].problem
-    suite = load_suite(str(Path(__file__).parents[1] / "data" / "tiny-operators.toml"))
-    run = start_run(make_plan(suite, scenarios=["tiny-same"], limit=2), tmp_path / "run").path
     with pytest.raises(InputError, match="operators"):
-        check_submission(run)
+        check_submission(build_operators({"fem": 0.1}))

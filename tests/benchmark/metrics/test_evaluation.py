@@ -8,9 +8,8 @@ from numpy.typing import NDArray
 
 from eitbench.benchmark import metrics
 from eitbench.benchmark.metrics import tactile
-from eitbench.benchmark.metrics.evaluation import evaluate, fit_registration
+from eitbench.benchmark.metrics.evaluation import GroundTruth, evaluate, fit_registration
 from eitbench.benchmark.metrics.image_metrics import PSNR_CEILING_DB
-from eitbench.scenarios.data.datasets import Dataset
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.sensors.outlines import Disc
 from eitbench.scenarios.sensors.sensor import even_electrodes, foam16
@@ -24,25 +23,13 @@ SKIN = replace(
 
 
 def dataset(
-    truth: Literal["conductivity", "position", "classes", "none"], n: int, **columns: Any
-) -> Dataset:
-    classes = columns.pop("classes", None)
-    conductivity = columns.pop("conductivity", None)
-    made = Dataset(
-        scenario="bench",
-        split="test",
-        sensor=SKIN,
-        voltages=np.zeros((n, SKIN.n_measurements)),
-        reference=np.zeros(SKIN.n_measurements),
-        samples=pd.DataFrame({"sample": np.arange(n), **columns}),
-        truth=truth,
-        data_hash="0",
-        classes=classes,
-    )
-    if conductivity is not None:
-        # A cached property lives in the instance; rasterising phantoms is not what is tested here.
-        made.__dict__["conductivity"] = conductivity
-    return made
+    truth: Literal["conductivity", "position", "classes", "none"],
+    n: int,
+    images: NDArray[Any] | None = None,
+    **columns: Array,
+) -> GroundTruth:
+    samples = pd.DataFrame({"sample": np.arange(n), **columns})
+    return GroundTruth("bench", SKIN, samples, truth, images, images)
 
 
 def presses(places: Array, level: float = -0.1) -> Array:
@@ -63,7 +50,7 @@ def test_conductivity_is_scored_with_all_metrics() -> None:
     rng = np.random.default_rng(0)
     estimates = truth + 0.01 * rng.standard_normal(truth.shape)
     estimates[:, ~SKIN.mask] = np.nan
-    rows = evaluate(dataset("conductivity", 5, conductivity=truth), estimates)
+    rows = evaluate(dataset("conductivity", 5, truth), estimates)
     kept = estimates.astype(np.float32)
     expected = metrics.ssim(truth, kept, 1.0, SKIN.mask)
     np.testing.assert_array_equal(rows["ssim"], expected)
@@ -79,7 +66,7 @@ def test_conductivity_is_scored_with_all_metrics() -> None:
 
 def test_the_truth_itself_is_perfect() -> None:
     truth = presses(places(4))
-    rows = evaluate(dataset("conductivity", 4, conductivity=truth), truth)
+    rows = evaluate(dataset("conductivity", 4, truth), truth)
     np.testing.assert_allclose(rows["localisation_mm"], 0, atol=1e-4)
     assert (rows[["contact_count_error", "area_error"]] == 0).all(axis=None)
     assert (rows["iou"] == 1).all()
@@ -88,9 +75,7 @@ def test_the_truth_itself_is_perfect() -> None:
 
 def test_doing_nothing_is_flagged_and_charged_the_diameter() -> None:
     truth = presses(places(3))
-    rows = evaluate(
-        dataset("conductivity", 3, conductivity=truth), np.full_like(truth, SKIN.background)
-    )
+    rows = evaluate(dataset("conductivity", 3, truth), np.full_like(truth, SKIN.background))
     assert rows["cc_undefined"].all()
     assert (rows["cc"] == 0).all()
     np.testing.assert_allclose(rows["localisation_mm"], 140.0)
@@ -100,7 +85,7 @@ def test_doing_nothing_is_flagged_and_charged_the_diameter() -> None:
 
 def test_a_failed_frame_is_charged_what_the_untouched_sensor_gets() -> None:
     truth = presses(places(3))
-    data = dataset("conductivity", 3, conductivity=truth)
+    data = dataset("conductivity", 3, truth)
     estimates = truth.copy()
     estimates[1, 20, 20] = np.nan
     untouched = evaluate(data, np.full_like(truth, SKIN.background))
@@ -110,7 +95,7 @@ def test_a_failed_frame_is_charged_what_the_untouched_sensor_gets() -> None:
 def test_classes_are_compared_with_the_contrast() -> None:
     low, high = places(3), places(3, seed=5)
     classes = (np.sign(presses(low) - 0.3) - np.sign(presses(high) - 0.3)).astype(np.int8)
-    data = dataset("classes", 3, classes=classes)
+    data = dataset("classes", 3, classes)
     rows = evaluate(data, SKIN.background + 0.02 * classes)
     np.testing.assert_allclose(rows["cc"], 1, atol=1e-6)
     assert (rows[["iou_resistive", "iou_conductive"]] == 1).all(axis=None)
@@ -124,7 +109,7 @@ def robot(points: Array) -> Array:
     return np.asarray(1.2 * points[:, ::-1] + np.array([0.3, -0.1]))
 
 
-def position_data(n: int, seed: int) -> tuple[Dataset, Array]:
+def position_data(n: int, seed: int) -> tuple[GroundTruth, Array]:
     image = places(n, seed)
     x, y = robot(image).T
     return dataset("position", n, x_m=x, y_m=y, depth_mm=np.linspace(10, 20, n)), image

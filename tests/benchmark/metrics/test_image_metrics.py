@@ -1,4 +1,3 @@
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -27,7 +26,7 @@ def images(n: int, height: int, width: int, seed: int = 0) -> tuple[Array, Array
 
 
 @given(
-    n=st.integers(1, 14),
+    n=st.integers(0, 45),
     height=st.integers(11, 30),
     width=st.integers(11, 30),
     data_range=st.sampled_from([0.02, 1.0, 1.5, 300.0]),
@@ -44,15 +43,6 @@ def test_ssim_is_scikit_image_s(
     ]
     ours = metrics.ssim(truth, estimate, data_range, window=window)
     np.testing.assert_allclose(ours, expected, rtol=0, atol=1e-10)
-
-
-def test_ssim_of_real_size_and_any_number_of_images() -> None:
-    truth, estimate = images(53, 80, 80)
-    expected = [
-        structural_similarity(t, p, data_range=1.0) for t, p in zip(truth, estimate, strict=True)
-    ]
-    np.testing.assert_allclose(metrics.ssim(truth, estimate, 1.0), expected, rtol=0, atol=1e-10)
-    assert metrics.ssim(truth[:0], estimate[:0], 1.0).shape == (0,)
 
 
 def test_ssim_on_a_mask_averages_the_windows_wholly_inside() -> None:
@@ -111,12 +101,6 @@ def test_a_constant_image_has_correlation_zero(level: float) -> None:
     assert not is_constant(constant).any()
 
 
-def test_correlation_ignores_scale_but_not_sign() -> None:
-    truth, _ = images(2, 16, 16)
-    np.testing.assert_allclose(metrics.cc(truth, 3 + 1e-3 * truth), 1.0)
-    np.testing.assert_allclose(metrics.cc(truth, 3 - 1e3 * truth), -1.0)
-
-
 def test_bad_input_is_one_clear_sentence() -> None:
     truth, estimate = images(2, 16, 16)
     with pytest.raises(InputError, match=r"\(2, 16, 16\) and \(1, 16"):
@@ -132,12 +116,9 @@ def test_bad_input_is_one_clear_sentence() -> None:
     with pytest.raises(InputError, match="RIE"):
         metrics.rie(0 * truth, estimate)
     estimate[1, 3, 3] = np.nan
-    calls: list[Callable[[], object]] = [
-        lambda: metrics.ssim(truth, estimate, 1.0),
-        lambda: metrics.cc(truth, estimate),
-        lambda: metrics.rie(truth, estimate),
-        lambda: metrics.psnr(truth, estimate, 1.0),
-    ]
-    for call in calls:
+    for metric in (metrics.cc, metrics.rie):
         with pytest.raises(InputError, match="image 1"):
-            call()
+            metric(truth, estimate)
+    for of_range in (metrics.ssim, metrics.psnr):
+        with pytest.raises(InputError, match="image 1"):
+            of_range(truth, estimate, 1.0)

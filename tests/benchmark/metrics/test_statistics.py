@@ -1,5 +1,7 @@
 """Bootstrap intervals, beside SciPy's and beside normal theory."""
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 from scipy import stats
@@ -99,10 +101,19 @@ def test_equal_values_have_no_spread() -> None:
     assert interval == (0.25, 0.25, 0.25)
 
 
-@pytest.mark.parametrize("values", [np.zeros((1, 4)), np.zeros(5), [[0.0], [np.nan]]])
-def test_too_little_is_refused(values: object) -> None:
-    with pytest.raises(InputError, match="2 samples"):
-        bootstrap(values)  # type: ignore[arg-type]
+@pytest.mark.parametrize(
+    ("intervals_of", "shape"),
+    [
+        *((bootstrap, shape) for shape in [(1, 4), (5,)]),
+        *((nested_bootstrap_means, shape) for shape in [(1, 5, 2), (3, 1, 2), (3, 5)]),
+    ],
+)
+def test_too_little_is_refused(
+    intervals_of: Callable[[object], object], shape: tuple[int, ...]
+) -> None:
+    for values in (np.zeros(shape), np.full((5, 5, 5)[: len(shape)], np.nan)):
+        with pytest.raises(InputError, match="finite values of at least 2"):
+            intervals_of(values)
 
 
 def test_the_nested_interval_knows_how_much_groups_differ() -> None:
@@ -118,9 +129,3 @@ def test_the_nested_interval_knows_how_much_groups_differ() -> None:
     assert found.low == pytest.approx(low, abs=0.15)
     assert found.high == pytest.approx(high, abs=0.15)
     assert found.high - found.low > 4 * (flat.high - flat.low)
-
-
-@pytest.mark.parametrize("shape", [(1, 5, 2), (3, 1, 2), (3, 5)])
-def test_a_nested_interval_needs_groups_and_samples(shape: tuple[int, ...]) -> None:
-    with pytest.raises(InputError, match="2 groups"):
-        nested_bootstrap_means(np.zeros(shape))

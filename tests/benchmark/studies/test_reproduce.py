@@ -27,16 +27,6 @@ def small(monkeypatch: pytest.MonkeyPatch, tiny: Suite) -> None:
     monkeypatch.setattr(reproduce, "_plans", plans)
 
 
-def test_the_plans_are_the_published_tables() -> None:
-    paper, operators = reproduce._plans(7)
-    assert (paper.suite.name, operators.suite.name) == ("paper", "operators")
-    assert set(paper.names) == {"noser", "tv", "dnn", "phydnn"}
-    assert set(operators.names) == {"surrogate", "jacobian"}
-    for plan in (paper, operators):
-        assert (plan.scenarios, plan.limit) == (("paper",), 7)
-    assert reproduce._plans(None)[0].limit is None
-
-
 @pytest.mark.usefixtures("small")
 def test_finished_runs_are_taken_as_they_are(tmp_path: Path) -> None:
     folders = run_claims(tmp_path / "new", limit=2)

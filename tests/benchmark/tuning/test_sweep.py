@@ -63,15 +63,9 @@ def test_the_sweep_is_coordinate_search_on_any_landscape() -> None:
 def test_numbers_have_an_order_and_names_have_none() -> None:
     assert SPACE.values == {"kind": ("b", "a"), "weight": (0.1, 1.0, 10.0), "steps": (0, 1, 2, 3)}
     assert SPACE.parameters(SPACE.start) == {"kind": "a", "weight": 1.0, "steps": 2}
-    kinds = {name: type(d).__name__ for name, d in SPACE.distributions().items()}
-    assert kinds == {
-        "kind": "CategoricalDistribution",
-        "weight": "IntDistribution",
-        "steps": "IntDistribution",
-    }
-
-
-def test_a_default_that_is_no_candidate_belongs_to_the_space() -> None:
+    kinds = [type(d).__name__.removesuffix("Distribution") for d in SPACE.distributions().values()]
+    assert kinds == ["Categorical", "Int", "Int"]
+    # A default that is no candidate belongs to the space.
     space = SearchSpace.of({"weight": (1, 3)}, {"weight": 2})
     assert space.values == {"weight": (1, 2, 3)}
     assert space.start == (1,)
