@@ -98,14 +98,11 @@ def test_areas_follow_the_trapezoidal_rule_over_the_span() -> None:
     assert ("good", True) not in ladder.areas  # no calibrated curve was run
 
 
-def test_without_a_curve_or_an_ideal_rung_there_is_less() -> None:
+def test_without_a_curve_or_an_ideal_rung_there_is_less_and_of_one_rung_nothing() -> None:
     ladder = ladder_of(made(("gain", "all")))
     assert not ladder.severities
     assert not ladder.areas
     assert not ladder.steps["all", "good"].loss
-
-
-def test_one_rung_is_no_ladder() -> None:
     assert read_ladder(made(("ideal",))) is None
 
 

@@ -25,10 +25,7 @@ def test_guessing_one_place_is_the_baseline_of_positions() -> None:
     assert set(found) == set(NOTES)
     places = load("hydrogel-rectangle", "validation").samples
     presses = load("hydrogel-rectangle", limit=50).samples
-    away = [
-        np.hypot(x - places["x_m"].mean(), y - places["y_m"].mean())
-        for x, y in zip(presses["x_m"], presses["y_m"], strict=True)
-    ]
+    away = np.hypot(*(presses[axis] - places[axis].mean() for axis in ("x_m", "y_m")))
     assert found["guess_mm"] == pytest.approx(1e3 * np.median(away))
     assert found["reciprocity_error"] is None
 

@@ -16,9 +16,8 @@ from eitbench.scenarios.suites.scenario import RecordedScenario
 from eitbench.scenarios.suites.suite import Suite
 
 
-def run_of(suite: Suite, out: Path, plugin: Path | None = None) -> Path:
-    plugins = [] if plugin is None else [plugin]
-    methods = ["noser"] if plugin is None else ["noser", "toy-one-bad"]
+def run_of(suite: Suite, out: Path, *plugins: Path) -> Path:
+    methods = ["noser", "toy-one-bad"][: 1 + len(plugins)]
     return start_run(make_plan(suite, methods=methods, plugins=plugins, limit=12), out).path
 
 

@@ -1,6 +1,8 @@
 """Standings of methods whose differences are known, because they were made."""
 
 from collections.abc import Mapping
+from dataclasses import replace
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -150,11 +152,9 @@ def test_a_method_that_lacks_samples_or_failed_on_all_has_no_interval() -> None:
     methods = four_methods(40)
     run = run_of(methods)
     table = run.samples
+    table.loc[table["method"] == "worse", "status"] = "error"
     lost = (table["method"] == "worst") & (table["sample"] >= 20)
-    failed = table["method"] == "worse"
-    table.loc[failed, "status"] = "error"
-    run = Run(run.path, run.kind, run.manifest, table[~lost], run.cells, {})
-    (found,) = standings([run])
+    (found,) = standings([replace(run, samples=table[~lost])])
     rows = {row["method"]: row for row in found.rows}
     assert rows["worst"]["group"] is rows["worse"]["group"] is None
     assert rows["worse"]["score"] is None
@@ -173,8 +173,7 @@ def test_operators_get_no_intervals() -> None:
 def pairs_apart(count: int, apart: set[tuple[int, int]]) -> list[Pair]:
     return [
         Pair(a, b, 0.0, 0.0, 0.0, 0.01 if (a, b) in apart else 0.5, 0.0, None)
-        for a in range(count)
-        for b in range(a + 1, count)
+        for a, b in combinations(range(count), 2)
     ]
 
 
@@ -188,7 +187,7 @@ def pairs_apart(count: int, apart: set[tuple[int, int]]) -> list[Pair]:
         # The second differs from the first, and the third, which is noisy, from none of them.
         ({(0, 1)}, ["a", "b", "ab", "ab"]),
         ({(0, 1), (0, 3), (1, 3)}, ["a", "b", "abc", "c"]),
-        ({(a, b) for a in range(4) for b in range(a + 1, 4)}, ["a", "b", "c", "d"]),
+        (set(combinations(range(4), 2)), ["a", "b", "c", "d"]),
     ],
 )
 def test_letters_of_groups(apart: set[tuple[int, int]], letters: list[str]) -> None:
@@ -197,7 +196,7 @@ def test_letters_of_groups(apart: set[tuple[int, int]], letters: list[str]) -> N
 
 def test_methods_share_a_letter_if_and_only_if_they_cannot_be_told_apart() -> None:
     rng = np.random.default_rng(0)
-    every = [(a, b) for a in range(9) for b in range(a + 1, 9)]
+    every = list(combinations(range(9), 2))
     for _ in range(50):
         apart = {pair for pair in every if rng.random() < 0.5}
         letters = groups(9, pairs_apart(9, apart))
@@ -206,8 +205,7 @@ def test_methods_share_a_letter_if_and_only_if_they_cannot_be_told_apart() -> No
 
 
 def test_there_are_letters_enough() -> None:
-    everything = {(a, b) for a in range(30) for b in range(a + 1, 30)}
-    found = groups(30, pairs_apart(30, everything))
+    found = groups(30, pairs_apart(30, set(combinations(range(30), 2))))
     assert found[25:28] == ["z", "a2", "b2"]
     assert len(set(found)) == 30
 

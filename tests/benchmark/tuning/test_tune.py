@@ -137,12 +137,8 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list[dict[str, Any]]:
     return done
 
 
-def study(budget: TuningBudget) -> TuningTask:
-    return TuningTask((SMALL,), "noser", None, suite(SMALL), budget)
-
-
 def the_choice(budget: TuningBudget, journals: Path) -> Selection:
-    choice = select(study(budget), journals)
+    choice = select(TuningTask((SMALL,), "noser", None, suite(SMALL), budget), journals)
     assert choice is not None
     return choice
 
@@ -179,7 +175,7 @@ def test_a_study_that_was_stopped_goes_on_where_it_stood(
         the_choice(TuningBudget(trials=after), tmp_path / "cut")
     asked.append({"a": -1})
     with pytest.raises(KeyboardInterrupt):
-        select(study(TuningBudget()), tmp_path / "cut")
+        the_choice(TuningBudget(), tmp_path / "cut")
     (journal,) = (tmp_path / "cut").glob("*.log")
     with journal.open("a") as file:  # as a killed process leaves it: half a line, and its lock
         file.write('{"op_code": 4, "wor')
