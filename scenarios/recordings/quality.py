@@ -160,8 +160,8 @@ def check(path: Path) -> tuple[list[str], list[str]]:
         return [str(error)], []
     problems = [*_condition(content, condition), *_frames(content), *_marks(content)]
     facts = [_summary(content)]
-    needs = {"reference frames": content.reference, "labelled touches": content.labels}
-    if missing := " and ".join(what for what, marked in needs.items() if not len(marked)):
+    needs = {"reference frames": len(content.reference), "labelled touches": len(content.labels)}
+    if missing := " and ".join(what for what, count in needs.items() if not count):
         facts.append(f"To be a set for suites it needs {missing}: record with --guided.")
     # Frames that hold no numbers say nothing about electrodes.
     if len(content) and np.isfinite(content.values).all() and not outside(content):

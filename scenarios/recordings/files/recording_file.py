@@ -88,7 +88,7 @@ def read_file(path: Path) -> tuple[Content, Condition]:
     frames = layout.packed(*(column[:n] for column in columns))
     wrong = layout.checksums(frames) != parts[layout.CRC][:n]
     complete = bool(parts[layout.COMPLETE])
-    kept = n if complete else max(np.flatnonzero(~wrong), default=-1) + 1
+    kept = n if complete else max(np.flatnonzero(~wrong).tolist(), default=-1) + 1
     number, time_s, received_s, values = (column[:kept] for column in columns)
     digest = layout.content_digest(header, hashlib.sha256(frames[:kept].tobytes()).digest(), parts)
     content = Content(
