@@ -7,9 +7,13 @@ from collections.abc import Iterable
 class EitbenchError(Exception):
     """Base of every error the command line prints as one sentence, without a traceback."""
 
+    exit_code = 1
+
 
 class InputError(EitbenchError, ValueError):
     """An input that cannot be used: a name, a file, an array, an option."""
+
+    exit_code = 2
 
 
 class DataUnavailableError(EitbenchError):

@@ -54,6 +54,8 @@ class RunResult:
 class RunInterruptedError(EitbenchError):
     """The run was stopped by the user; finished rows are stored."""
 
+    exit_code = 130
+
 
 def start_run(
     plan: Plan,

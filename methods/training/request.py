@@ -15,6 +15,8 @@ if TYPE_CHECKING:
 class TrainingInterruptedError(EitbenchError):
     """The training was stopped by the user; finished epochs are stored."""
 
+    exit_code = 130
+
 
 class DivergedError(EitbenchError):
     """A loss is not finite; the state after the last good epoch is stored."""

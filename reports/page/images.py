@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import zlib
 from collections.abc import Mapping, Sequence
-from typing import Any, TypedDict
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -21,39 +21,9 @@ _OUTSIDE = 255
 _STEPS = 254
 
 
-class Case(TypedDict):
-    """A sample; `kind` is "best", "median" or "worst" of its family, "" without families."""
-
-    sample: int
-    family: str
-    kind: str
-
-
-class PackedImages(TypedDict):
-    """Images of a few cases: a row of `names` by `samples` images of `shape` pixels, as bytes.
-
-    The bytes 0 to 254 are values between `low` and `high` [S/m]; 255 is outside the sensor, or no
-    image. `data` is their text (see `pack`). With `has_truth`, the first name is the truth.
-    `bounds` is (x_min, y_min, x_max, y_max) [m], and `background` is in S/m. `figures` holds, by
-    method and then for each of `samples`, the status and the metrics of the image.
-    """
-
-    names: list[str]
-    has_truth: bool
-    samples: list[int]
-    cases: list[Case]
-    shape: list[int]
-    bounds: list[float]
-    background: float
-    low: float
-    high: float
-    data: str
-    figures: dict[str, list[dict[str, Any]]]
-
-
 def packed_images(
     methods: Mapping[str, tuple[Run, str]], scenario: str, by: str | None
-) -> PackedImages | None:
+) -> dict[str, Any] | None:
     """Pack the images of the best, the median and the worst case of each family, by all methods.
 
     Cases are ordered by the mean, over methods, of the figure `by`. None where nothing ranks the
@@ -63,6 +33,14 @@ def packed_images(
         methods: the run and the name of each method, by its label; the runs are of the same data.
         scenario: its name.
         by: a figure of samples.
+
+    Returns:
+        A row of `names` by `samples` images of `shape` pixels, as bytes whose text is `data` (see
+        `pack`): 0 to 254 are values between `low` and `high` [S/m], 255 is outside the sensor, or
+        no image. With `has_truth`, the first name is the truth. `cases` name the sample, its family
+        and its kind. `bounds` is (x_min, y_min, x_max, y_max) [m], and `background` is in S/m.
+        `figures` holds, by method and then for each of `samples`, the status and the metrics of the
+        image.
 
     Raises:
         DataCorruptError: the images of a run cannot be read.
@@ -88,19 +66,19 @@ def packed_images(
     scaled = np.clip(np.round((values - low) / (high - low) * _STEPS), 0, _STEPS)
     known = np.isfinite(values) & scene.mask
     pixels = np.where(known, np.nan_to_num(scaled), _OUTSIDE).astype(np.uint8)
-    return PackedImages(
-        names=list(stacks),
-        has_truth=TRUTH in stacks,
-        samples=samples,
-        cases=cases,
-        shape=list(scene.mask.shape),
-        bounds=list(scene.bounds),
-        background=scene.background,
-        low=low,
-        high=high,
-        data=pack(pixels.tobytes()),
-        figures=_figures(table, samples),
-    )
+    return {
+        "names": list(stacks),
+        "has_truth": TRUTH in stacks,
+        "samples": samples,
+        "cases": cases,
+        "shape": list(scene.mask.shape),
+        "bounds": list(scene.bounds),
+        "background": scene.background,
+        "low": low,
+        "high": high,
+        "data": pack(pixels.tobytes()),
+        "figures": _figures(table, samples),
+    }
 
 
 def pack(content: bytes) -> str:
@@ -120,7 +98,8 @@ def _limits(stacks: dict[str, NDArray[np.float64]], scene: Scene) -> tuple[float
     return scene.background - half, scene.background + half
 
 
-def _cases(table: pd.DataFrame, by: str) -> list[Case]:
+def _cases(table: pd.DataFrame, by: str) -> list[dict[str, Any]]:
+    """The best, median and worst sample of each family, or of all without families."""
     mean = table.groupby("sample")[by].mean().dropna()
     better = mean if METRICS[by].best == "max" else -mean
     if "family" in table and table["family"].notna().any():
@@ -129,17 +108,16 @@ def _cases(table: pd.DataFrame, by: str) -> list[Case]:
         groups = {str(name): better[family_of[better.index] == name] for name in families}
     else:
         groups = {"": better}
-    cases: list[Case] = []
-    for family, values in groups.items():
-        order = values.sort_values(ascending=False, kind="stable").index
-        if not len(order):
-            continue
-        places = {"best": 0, "median": (len(order) - 1) // 2, "worst": len(order) - 1}
-        cases += [
-            Case(sample=int(order[place]), family=family, kind=kind)
-            for kind, place in places.items()
-        ]
-    return cases
+    orders = {
+        family: values.sort_values(ascending=False, kind="stable").index
+        for family, values in groups.items()
+        if len(values)
+    }
+    return [
+        {"sample": int(order[place]), "family": family, "kind": kind}
+        for family, order in orders.items()
+        for kind, place in {"best": 0, "median": (len(order) - 1) // 2, "worst": -1}.items()
+    ]
 
 
 def _figures(table: pd.DataFrame, samples: Sequence[int]) -> dict[str, list[dict[str, Any]]]:

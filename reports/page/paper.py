@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -22,7 +22,7 @@ from eitbench.reports.figures.style import (
     new_figure,
     save,
 )
-from eitbench.reports.page.report_data import PAGE_COLUMNS
+from eitbench.reports.page.report_data import PAGE_COLUMNS, rows_of
 from eitbench.reports.tables.columns import layout, printable
 from eitbench.reports.tables.leaderboard import write_leaderboard
 
@@ -87,44 +87,36 @@ def write_paper(report: ReportData, out: Path) -> list[Path]:
     """Write `tables/`, `figures/` and `references.bib` of a report into `out`."""
     import matplotlib as mpl
 
-    boards = [board for board in report["boards"] if board["views"][0]["rows"]]
+    boards = report["boards"]
+    rows_by_kind = {
+        kind: rows_of([board for board in boards if board["kind"] == kind])
+        for kind in ("method", "operator")
+    }
     (out / "tables").mkdir(exist_ok=True)
     written = []
-    for kind, stem in (("method", "leaderboard"), ("operator", "operators")):
-        rows = [
-            {name: value for name, value in row.items() if name not in PAGE_COLUMNS}
-            for board in boards
-            if board["kind"] == kind
-            for row in board["views"][0]["rows"]
-        ]
+    for rows, stem in zip(rows_by_kind.values(), ("leaderboard", "operators"), strict=True):
         if rows:
-            written += write_leaderboard(rows, out / "tables", ("csv", "md", "latex"), stem)
+            stored = [{k: v for k, v in row.items() if k not in PAGE_COLUMNS} for row in rows]
+            written += write_leaderboard(stored, out / "tables", ("csv", "md", "latex"), stem)
     (out / "figures").mkdir(exist_ok=True)
     with mpl.rc_context(STYLE):
         for stem, figure in _figures(boards):
-            written += save(figure, out / "figures" / stem, ("pdf", "svg"))
+            written += save(figure, out / "figures" / quote(stem, safe=""), ("pdf", "svg"))
     references = out / "references.bib"
-    methods = [
-        row["method"] for b in boards if b["kind"] == "method" for row in b["views"][0]["rows"]
-    ]
+    methods = [row["method"] for row in rows_by_kind["method"]]
     references.write_text(bibliography(methods), encoding="utf-8")
     return [*written, references]
 
 
-def _figures(boards: Sequence[BoardData]) -> list[tuple[str, Figure]]:
-    """Return the figures with the stems of their files."""
-    figures = []
+def _figures(boards: Sequence[BoardData]) -> Iterator[tuple[str, Figure]]:
+    """The figures with the stems of their files."""
     for board in boards:
-        if board["kind"] == "method" and any(
-            row["frame_ms_p50"] for row in board["views"][0]["rows"]
-        ):
-            name = quote(f"frontier-{board['suite']}-{board['scenario']}", safe="")
-            figures.append((name, frontier(board)))
+        if any(row.get("frame_ms_p50") for row in rows_of([board])):
+            yield f"frontier-{board['suite']}-{board['scenario']}", frontier(board)
     for suite in dict.fromkeys(board["suite"] for board in boards):
         levels = [b for b in boards if b["suite"] == suite and b["snr_db"] is not None]
         if len(levels) > 1:
-            figures.append((quote(f"noise-{suite}", safe=""), noise(levels)))
-    return figures
+            yield f"noise-{suite}", noise(levels)
 
 
 def _blank(width: float, height: float) -> tuple[Figure, Axes]:
@@ -177,11 +169,11 @@ def noise(boards: Sequence[BoardData]) -> Figure:
 
     ordered = sorted(boards, key=level)
     labels = ["clean" if b["snr_db"] == "clean" else f"{b['snr_db']:g}" for b in ordered]
-    names = dict.fromkeys(row["label"] for b in ordered for row in b["views"][0]["rows"])
+    names = dict.fromkeys(row["label"] for row in rows_of(ordered))
     figure, axes = _blank(PAGE, 3.2)
     for k, name in enumerate(names):
         rows: list[Row] = [
-            next((r for r in b["views"][0]["rows"] if r["label"] == name), {}) for b in ordered
+            next((r for r in rows_of([b]) if r["label"] == name), {}) for b in ordered
         ]
         value, low, high = (
             np.array([row.get(f"score{end}") for row in rows], dtype=float)

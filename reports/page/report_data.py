@@ -10,7 +10,7 @@ import shlex
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NotRequired, TypedDict, cast
+from typing import Any, NotRequired, TypedDict
 
 import numpy as np
 import pandas as pd
@@ -26,7 +26,7 @@ from eitbench.benchmark.rundir.kinds import METHOD_RUNS
 from eitbench.reports.claims.claim import Verdict
 from eitbench.reports.claims.evidence import Evidence
 from eitbench.reports.claims.published_claims import CLAIMS
-from eitbench.reports.page.images import PackedImages, packed_images
+from eitbench.reports.page.images import packed_images
 from eitbench.reports.tables.boards import notes, prior_knowledge, tracks_table
 from eitbench.reports.tables.columns import printable, shown_columns
 
@@ -48,23 +48,14 @@ class View(TypedDict):
     rows: list[Row]
 
 
-class PressErrors(TypedDict):
-    """Places of presses and those that a method found [m], in the coordinates of its image."""
-
-    method: str
-    expected_x_m: list[float | None]
-    expected_y_m: list[float | None]
-    found_x_m: list[float | None]
-    found_y_m: list[float | None]
-    localisation_mm: list[float | None]
-
-
 class BoardData(TypedDict):
     """Methods, or operators, on the same data of a scenario.
 
     `kind` is "method" or "operator". `columns`, `pairs` and `sensitivity` hold the fields of
     `Column`, `Pair` and `Sensitivity`. The first of `views` is that of all samples. `snr_db` is
-    "clean" for data without noise, and None for several levels or unknown ones.
+    "clean" for data without noise, and None for several levels or unknown ones. `presses` holds
+    for each method the places of presses and those that it found [m], in the coordinates of its
+    image.
     """
 
     suite: str
@@ -84,52 +75,31 @@ class BoardData(TypedDict):
     pairs: list[dict[str, Any]]
     snr_db: float | str | None
     sensitivity: list[dict[str, Any]]
-    images: PackedImages | None
-    presses: list[PressErrors]
+    images: dict[str, Any] | None
+    presses: list[dict[str, Any]]
     sensitivity_samples: NotRequired[int]
 
 
-class ClaimVerdict(TypedDict):
-    """A published claim with its verdict by the runs of the report."""
-
-    claim: str
-    verdict: str
-    why: str
-
-
-class Provenance(TypedDict):
-    """Origin of a run: all but `run` and `kind` as in its manifest, None where that lacks it."""
-
-    run: str
-    kind: str
-    command_line: str | None
-    started: str | None
-    finished: str | None
-    status: str | None
-    git_commit: str | None
-    versions: dict[str, str] | None
-    machine: dict[str, Any] | None
-    threads: Any
-    seeds: dict[str, Any] | None
-    calibration_ms: float | None
-    data: dict[str, Any] | None
-    cells: list[dict[str, Any]] | None
-    plan: dict[str, Any] | None
+_PROVENANCE = (
+    "command_line", "started", "finished", "status", "git_commit", "versions", "machine", "threads",
+    "seeds", "calibration_ms", "data", "cells", "plan",
+)  # fmt: skip
 
 
 class ReportData(TypedDict):
     """Everything that a report shows.
 
-    `cards` holds `MetricSpec.card` of each metric that a board has; `missing` holds sentences on
-    what the runs lack.
+    `cards` holds `MetricSpec.card` of each metric that a board has; `claims` the published claims
+    that the runs can test, with their verdicts; `missing` sentences on what the runs lack; `runs`
+    the origin of each as in its manifest, None where that lacks it.
     """
 
     boards: list[BoardData]
     cards: list[dict[str, Any]]
     score_weights: dict[str, float]
-    claims: list[ClaimVerdict]
+    claims: list[dict[str, str]]
     missing: list[str]
-    runs: list[Provenance]
+    runs: list[dict[str, Any]]
 
 
 def report_data(paths: Sequence[Path]) -> ReportData:
@@ -157,7 +127,11 @@ def report_data(paths: Sequence[Path]) -> ReportData:
         )
     report = ReportData(
         boards=boards,
-        cards=[spec.card() for spec in METRICS.values() if _any_has(boards, spec.name)],
+        cards=[
+            spec.card()
+            for spec in METRICS.values()
+            if any(row.get(spec.name) is not None for row in rows_of(boards))
+        ],
         score_weights=score_weights(),
         claims=_claims(runs, missing),
         missing=list(dict.fromkeys(missing)),
@@ -180,7 +154,7 @@ def _with_all_columns(run: Run, missing: list[str]) -> Run:
     return replace(run, samples=run.samples.assign(**dict.fromkeys(lacking, np.nan)))
 
 
-def _claims(runs: Sequence[Run], missing: list[str]) -> list[ClaimVerdict]:
+def _claims(runs: Sequence[Run], missing: list[str]) -> list[dict[str, str]]:
     """Return the verdicts on those published claims that the runs can test."""
     evidence = Evidence(runs)
     verdicts = []
@@ -191,9 +165,8 @@ def _claims(runs: Sequence[Run], missing: list[str]) -> list[ClaimVerdict]:
             missing.append(f"Claim {claim.name}: {error}")
             continue
         if finding.verdict != Verdict.untestable:
-            verdicts.append(
-                ClaimVerdict(claim=claim.says, verdict=finding.verdict.value, why=finding.why)
-            )
+            says = {"claim": claim.says, "verdict": finding.verdict.value, "why": finding.why}
+            verdicts.append(says)
     return verdicts
 
 
@@ -208,8 +181,9 @@ def _plain(value: Any) -> Any:
     return value.item() if isinstance(value, np.generic) else value
 
 
-def _any_has(boards: Sequence[BoardData], name: str) -> bool:
-    return any(row.get(name) is not None for board in boards for row in board["views"][0]["rows"])
+def rows_of(boards: Sequence[BoardData]) -> list[Row]:
+    """The rows of boards over all samples."""
+    return [row for board in boards for row in board["views"][0]["rows"]]
 
 
 def _incomplete(run: Run) -> list[str]:
@@ -284,10 +258,7 @@ def _anchored(cell: pd.DataFrame) -> list[float] | None:
     """Return means of SSIM, CC, RIE and PSNR between their anchors; None where one is unknown."""
     if any(name not in cell or cell[name].isna().any() for name in ANCHORS):
         return None
-    means: list[float] = (
-        anchored({name: numbers(cell, name) for name in ANCHORS}).mean(axis=0).tolist()
-    )
-    return means
+    return list(anchored({name: numbers(cell, name) for name in ANCHORS}).mean(axis=0))
 
 
 def _samples(run: Run, scenario: str) -> pd.DataFrame:
@@ -344,23 +315,13 @@ def _command(run: Run, row: Row) -> str:
     return shlex.join(words)
 
 
-def _presses(label: str, cell: pd.DataFrame) -> PressErrors:
+def _presses(label: str, cell: pd.DataFrame) -> dict[str, Any]:
     rows = cell.sort_values("sample")[:PRESSES]
-
-    def column(name: str) -> list[float | None]:
-        return [float(f"{v:.5g}") if np.isfinite(v) else None for v in numbers(rows, name)]
-
-    return PressErrors(
-        method=label,
-        expected_x_m=column("expected_x_m"),
-        expected_y_m=column("expected_y_m"),
-        found_x_m=column("found_x_m"),
-        found_y_m=column("found_y_m"),
-        localisation_mm=column("localisation_mm"),
-    )
+    names = ("expected_x_m", "expected_y_m", "found_x_m", "found_y_m", "localisation_mm")
+    places = {name: [float(f"{v:.5g}") for v in numbers(rows, name)] for name in names}
+    return {"method": label, **places}
 
 
-def _provenance(run: Run) -> Provenance:
-    content = {name: run.manifest.get(name) for name in Provenance.__annotations__}
-    own = {"run": printable(run.path.name), "kind": run.kind.name}
-    return cast("Provenance", content | own)
+def _provenance(run: Run) -> dict[str, Any]:
+    content = {name: run.manifest.get(name) for name in _PROVENANCE}
+    return {"run": printable(run.path.name), "kind": run.kind.name, **content}

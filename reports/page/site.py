@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import quote
 
+from markupsafe import Markup
+
 from eitbench.benchmark import EitbenchError, InputError
-from eitbench.benchmark.analysis.leaderboard import Row
 from eitbench.benchmark.rundir import manifest
 from eitbench.reports.page.answer import answer
 from eitbench.reports.page.rendering import asset, render
 from eitbench.reports.page.report import to_page
-from eitbench.reports.page.report_data import ReportData, report_data
+from eitbench.reports.page.report_data import ReportData, report_data, rows_of
 from eitbench.reports.tables.columns import layout, printable
 
 GUIDE = (
@@ -26,22 +27,14 @@ GUIDE = (
 
 
 @dataclass(frozen=True)
-class TableCell:
-    """A cell of a table, with a link if `href` is not empty."""
-
-    text: str
-    href: str = ""
-
-
-@dataclass(frozen=True)
 class Section:
-    """A part of a page."""
+    """A part of a page; what is no markup is escaped."""
 
     title: str
     sentences: Sequence[str] = ()
     commands: Sequence[str] = ()
     heads: Sequence[str] = ()
-    rows: Sequence[Sequence[TableCell]] = ()
+    rows: Sequence[Sequence[str]] = ()
 
 
 @dataclass(frozen=True)
@@ -71,9 +64,8 @@ def write_site(runs: Path, out: Path) -> list[Path]:
         EitbenchError: the pages cannot be written.
     """
     editions, left_out = _editions(runs)
-    methods = sorted(
-        {row["method"] for e in editions for row in _rows(e.report) if "method" in row}
-    )
+    rows = [row for edition in editions for row in rows_of(edition.report["boards"])]
+    methods = sorted({row["method"] for row in rows if "method" in row})
     pages = {"index.html": _front(editions, methods, left_out), "guide.html": _guide()}
     pages |= {edition.file: to_page(edition.report) for edition in editions}
     pages |= {_method_file(name): _method(name, editions) for name in methods}
@@ -116,10 +108,6 @@ def _parts(version: str) -> list[int]:
     return [int(part) if part.isdecimal() else 0 for part in version.split(".")]
 
 
-def _rows(report: ReportData) -> Iterable[Row]:
-    return (row for board in report["boards"] for row in board["views"][0]["rows"])
-
-
 def _method_file(name: str) -> str:
     return f"methods/{quote(name, safe='')}.html"
 
@@ -128,33 +116,27 @@ def _front(editions: Sequence[_Edition], methods: Sequence[str], left_out: Seque
     latest: dict[str, _Edition] = {}
     for edition in editions:
         latest.setdefault(edition.suite, edition)
-    # In links, what is quoted in a file's name is quoted once more.
     suites = [
-        [
-            TableCell(edition.suite, quote(edition.file)),
-            TableCell(" ".join(answer(board) for board in edition.report["boards"])),
-        ]
-        for edition in latest.values()
+        (_link(e.suite, e.file), " ".join(map(answer, e.report["boards"]))) for e in latest.values()
     ]
-    archive = [
-        [
-            TableCell(e.suite),
-            TableCell(e.version, quote(e.file)),
-            TableCell(str(len(e.report["runs"]))),
-        ]
-        for e in editions
-    ]
-    links = [TableCell(printable(name), quote(_method_file(name))) for name in methods]
+    archive = [(e.suite, _link(e.version, e.file), str(len(e.report["runs"]))) for e in editions]
+    links = [(_link(printable(name), _method_file(name)),) for name in methods]
+    guide = _link("How to submit a run", "guide.html")
     sections = [
         Section("Suites", heads=("Suite", "The answer"), rows=suites),
-        Section("Methods", heads=("Method",), rows=[[of] for of in links]),
+        Section("Methods", heads=("Method",), rows=links),
         Section("All versions", heads=("Suite", "eitbench", "Runs"), rows=archive),
-        Section("Send yours", rows=[[TableCell("How to submit a run", "guide.html")]], heads=("",)),
+        Section("Send yours", heads=("",), rows=[(guide,)]),
     ]
     if left_out:
         sections.append(Section("Left out", sentences=[printable(reason) for reason in left_out]))
     lead = "Methods of electrical impedance tomography for touch, compared."
     return _page("Leaderboards", lead, sections, home="")
+
+
+def _link(text: str, file: str) -> Markup:
+    # What is quoted in a file's name is quoted once more.
+    return Markup('<a href="{}">{}</a>').format(quote(file), text)
 
 
 def _guide() -> str:
@@ -177,18 +159,12 @@ def _method(name: str, editions: Sequence[_Edition]) -> str:
                 if row.get("method") == name:
                     column = layout(row).column(row["ranked_by"])
                     figure = "–" if column is None else f"{column.title} {column.whole_text(row)}"
-                    rows.append([
-                        TableCell(edition.suite, quote(f"../{edition.file}")),
-                        TableCell(row["scenario"]),
-                        TableCell(edition.version),
-                        TableCell(starts.get(row["run"], "")),
-                        TableCell(row["run"]),
-                        TableCell(f"{row['rank']} of {len(board['views'][0]['rows'])}"),
-                        TableCell(row["group"] or "–"),
-                        TableCell(figure),
-                        TableCell(f"{row['coverage']:.1%}"),
-                        TableCell(row["command"]),
-                    ])  # fmt: skip
+                    rank = f"{row['rank']} of {len(board['views'][0]['rows'])}"
+                    rows.append((
+                        _link(edition.suite, f"../{edition.file}"), row["scenario"],
+                        edition.version, starts.get(row["run"], ""), row["run"], rank,
+                        row["group"] or "–", figure, f"{row['coverage']:.1%}", row["command"],
+                    ))  # fmt: skip
     section = Section("Every result, the newest version first", heads=_HEADS, rows=rows)
     return _page(printable(name), "", [section], home="../")
 

@@ -108,10 +108,10 @@ def _guarded(command: Callable[[], object], debug: bool) -> int:
             _fail_usage(error)
         if debug:
             raise
-        from eitbench.scenarios.errors import EitbenchError, InputError
+        from eitbench.scenarios.errors import EitbenchError
 
         if isinstance(error, EitbenchError):
-            fail(str(error), 2 if isinstance(error, InputError) else 1)
+            fail(str(error), error.exit_code)
         if isinstance(error, OSError) and error.filename is not None:
             fail(f"Could not use {error.filename}: {error.strerror}.", 1)
         fail(

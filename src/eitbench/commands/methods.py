@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from eitbench.commands.console import Json, fail, print_json
+from eitbench.commands.console import Json, print_json
 from eitbench.commands.runs import plan_of
 
 if TYPE_CHECKING:
@@ -104,29 +104,24 @@ def train(
     ] = None,
 ) -> None:
     """Train on a suite's data, or continue a training that was stopped."""
-    from eitbench.methods.training import Devices, TrainingInterruptedError, TrainingRequest
+    from eitbench.methods.training import Devices, TrainingRequest
     from eitbench.methods.training import train as train_named
 
-    try:
-        result = train_named(
-            TrainingRequest(
-                name,
-                suite,
-                epochs=epochs,
-                seed=seed,
-                limit=limit,
-                operator=operator,
-                beta=beta,
-                backbone=backbone,
-                devices=Devices(device, devices),
-                jobs=jobs,
-                out=out,
-                progress=True,
-            )
-        )
-    except TrainingInterruptedError as interrupted:
-        fail(str(interrupted), 130)
-    for sentence in result.sentences():
+    request = TrainingRequest(
+        name,
+        suite,
+        epochs=epochs,
+        seed=seed,
+        limit=limit,
+        operator=operator,
+        beta=beta,
+        backbone=backbone,
+        devices=Devices(device, devices),
+        jobs=jobs,
+        out=out,
+        progress=True,
+    )
+    for sentence in train_named(request).sentences():
         typer.echo(sentence)
 
 

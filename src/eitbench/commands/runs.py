@@ -73,7 +73,7 @@ def run(
 ) -> None:
     """Run a suite and print its leaderboard."""
     from eitbench.benchmark.run.progress import RunProgress
-    from eitbench.benchmark.run.runner import RunInterruptedError, resume_run, start_run
+    from eitbench.benchmark.run.runner import resume_run, start_run
     from eitbench.scenarios.suites.suite import load_suite
 
     choices = (methods, operators, scenarios, limit, plugin or None, tracks, out)
@@ -84,21 +84,20 @@ def run(
     if resume is None and suite is None:
         raise typer.BadParameter("name a suite (eitbench list suites), or give --resume DIR")
     progress = RunProgress()
-    try:
-        if resume is not None:
-            chosen = None if suite is None else load_suite(suite)
-            result = resume_run(
-                resume, suite=chosen, jobs=jobs, scheduler=scheduler, progress=progress
-            )
-        elif suite is not None:
-            plan = plan_of(suite, methods, scenarios, limit, plugin, operators, tracks)
-            folder = out or Path("runs") / f"{plan.suite.name}-{time.strftime('%Y%m%d-%H%M%S')}"
-            result = start_run(plan, folder, jobs=jobs, scheduler=scheduler, progress=progress)
-    except RunInterruptedError as interrupted:
-        fail(str(interrupted), 130)
+    if resume is not None:
+        chosen = None if suite is None else load_suite(suite)
+        result = resume_run(resume, suite=chosen, jobs=jobs, scheduler=scheduler, progress=progress)
+    elif suite is not None:
+        plan = plan_of(suite, methods, scenarios, limit, plugin, operators, tracks)
+        folder = out or _new_folder(plan.suite.name)
+        result = start_run(plan, folder, jobs=jobs, scheduler=scheduler, progress=progress)
     _show_run(result, as_json, limit)
     if result.refused:
         raise typer.Exit(1)
+
+
+def _new_folder(name: str) -> Path:
+    return Path("runs") / f"{name}-{time.strftime('%Y%m%d-%H%M%S')}"
 
 
 def plan_of(
@@ -196,19 +195,15 @@ def reproduce(
 ) -> None:
     """Compare the published claims with own measurements, and write the claim ledger."""
     from eitbench.benchmark.run.progress import RunProgress
-    from eitbench.benchmark.run.runner import RunInterruptedError
     from eitbench.benchmark.studies.reproduce import run_claims
     from eitbench.reports.claims.ledger import claim_ledger, table
     from eitbench.reports.page.ledger_page import write_ledger
 
     if runs and limit is not None:
         raise typer.BadParameter("--runs are used as they are: leave out --limit")
-    folder = out or Path("runs") / f"reproduce-{time.strftime('%Y%m%d-%H%M%S')}"
+    folder = out or _new_folder("reproduce")
     if not runs:
-        try:
-            runs = run_claims(folder, limit=limit, jobs=jobs, progress=RunProgress())
-        except RunInterruptedError as interrupted:
-            fail(str(interrupted), 130)
+        runs = run_claims(folder, limit=limit, jobs=jobs, progress=RunProgress())
         for path in runs:
             _complete(path)
     ledger = claim_ledger(runs, study or ())

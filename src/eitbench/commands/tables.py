@@ -1,6 +1,7 @@
 """Tables for a terminal: listings, changes between runs, calibrations."""
 
 from collections.abc import Mapping, Sequence
+from itertools import zip_longest
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -42,17 +43,12 @@ def changes_table(comparison: "RunComparison") -> "Table":
     from eitbench.reports.tables.columns import METHOD_LAYOUT, printable
 
     forms = {column.name: column for column in METHOD_LAYOUT.columns}
-
-    shown = Table(box=box.SIMPLE_HEAD)
-    for heading in ("Scenario", "Method", "Figure"):
-        shown.add_column(heading)
+    shown = Table("Scenario", "Method", "Figure", box=box.SIMPLE_HEAD)
     for heading in ("n", "Before", "After", "Difference (95 %)", "p (Holm)", "Time"):
         shown.add_column(heading, justify="right", no_wrap=True)
     shown.add_column("Verdict")
     for change in comparison.changes:
         number = forms[change.figure].number
-        ends = f"{number(change.low)} to {number(change.high)}"
-        time = "–" if change.time_ratio is None else f"x {change.time_ratio:.2f}"
         shown.add_row(
             Text(printable(change.scenario)),
             Text(printable(change.method)),
@@ -60,9 +56,9 @@ def changes_table(comparison: "RunComparison") -> "Table":
             str(change.n),
             number(change.before),
             number(change.after),
-            f"{number(change.difference)} ({ends})",
+            f"{number(change.difference)} ({number(change.low)} to {number(change.high)})",
             f"{change.p:.3f}" if change.p >= 0.001 else "<0.001",
-            time,
+            "–" if change.time_ratio is None else f"x {change.time_ratio:.2f}",
             Text(change.verdict, style=_STYLES.get(change.verdict, "")),
         )
     return shown
@@ -88,27 +84,25 @@ def calibration_table(found: dict[str, Any]) -> "Group":
     columns = Table("electrode", "shift mm", "contact x", "channel", "gain %", box=None)
     for column in columns.columns:
         column.justify = "right"
-    electrodes, channels = found["electrodes"], found["channels"]
-    for k in range(max(len(electrodes), len(channels))):
-        columns.add_row(
-            *(_electrode(electrodes[k]) if k < len(electrodes) else ("", "", "")),
-            *(_channel(channels[k]) if k < len(channels) else ()),
+    left = [
+        (
+            str(of["electrode"]),
+            f"{of['shift_mm']:+.2f} ± {of['shift_mm_sd']:.2f}",
+            f"{of['contact_impedance']:.2f} */ {of['contact_impedance_sd_factor']:.2f}",
         )
+        for of in found["electrodes"]
+    ]
+    right = [
+        (
+            "{}-{}".format(*of["channel"]),
+            f"{100 * (of['gain'] - 1):+.2f} ± {100 * of['gain_sd']:.2f}",
+        )
+        for of in found["channels"]
+    ]
+    for electrode, channel in zip_longest(left, right):
+        columns.add_row(*(electrode or ("", "", "")), *(channel or ()))
     note = (
         "\n± and */: one standard deviation. In a suite, `calibrated = true` in a scenario gives "
         "methods frames that are corrected by this."
     )
     return Group(Text(head), columns, Text(note))
-
-
-def _electrode(of: dict[str, Any]) -> tuple[str, str, str]:
-    return (
-        str(of["electrode"]),
-        f"{of['shift_mm']:+.2f} ± {of['shift_mm_sd']:.2f}",
-        f"{of['contact_impedance']:.2f} */ {of['contact_impedance_sd_factor']:.2f}",
-    )
-
-
-def _channel(of: dict[str, Any]) -> tuple[str, str]:
-    a, b = of["channel"]
-    return f"{a}-{b}", f"{100 * (of['gain'] - 1):+.2f} ± {100 * of['gain_sd']:.2f}"
