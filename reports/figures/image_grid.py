@@ -21,14 +21,14 @@ from eitbench.reports.tables.columns import printable
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.cm import ScalarMappable
     from matplotlib.figure import Figure
 
 Images = NDArray[np.floating]
 
-# One set of distances [in] for all grids.
+# Distances [in], the same in all grids.
 _LINE = NOTE * 1.3 / 72
-_CELL, _GAP, _MARGIN = 1.3, 0.12, 0.15
-_LABEL, _BAR = 1.0, 0.85
+_CELL, _GAP, _LABEL, _BAR, _HEAD = 1.3, 0.12, 1.15, 0.85, 0.95
 _HEAD_LINES = 3
 _HEAD_WIDTH = 15
 _MAX_ROWS = 12
@@ -264,94 +264,79 @@ def _label(row: dict[str, Any]) -> tuple[str, ...]:
 
 
 def draw(grid: ImageGrid) -> "Figure":
-    """Lay out and draw a grid; all places are in inches from the upper left."""
-    from matplotlib import colormaps
+    """Draw a grid, its title above and its footnote below."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
     from matplotlib.figure import Figure
 
+    # Names are data: a dollar sign in one is no formula.
+    plain: dict[str, Any] = {"fontsize": NOTE, "parse_math": False}
     x0, y0, x1, y1 = grid.bounds
-    tile_height = _CELL * (y1 - y0) / (x1 - x0)
-    note_lines = max((len(t.note) for _, tiles in grid.rows for t in tiles), default=0)
-    row_height = max(tile_height, 3.5 * _LINE) + note_lines * _LINE + 1.5 * _GAP
-    headings = [_heading(name) for name in grid.columns]
-    head_lines = 1 + max(heading.count("\n") for heading in headings)
-    top = _MARGIN + TITLE * 2 / 72 + head_lines * HEADING * 1.25 / 72
-    width = 2 * _MARGIN + _LABEL + len(grid.columns) * (_CELL + _GAP) + _BAR
+    tile = max(_CELL * (y1 - y0) / (x1 - x0), 4 * _LINE)
+    gap = _GAP + _LINE * max((len(t.note) for _, tiles in grid.rows for t in tiles), default=0)
+    width = _LABEL + len(grid.columns) * (_CELL + _GAP) + _BAR
     # A narrow grid still has to hold the words under it.
     letters = int(width * 72 / (NOTE * 0.6))
-    foot_lines = [
-        line for footnote in grid.footnote.splitlines() for line in textwrap.wrap(footnote, letters)
-    ]
-    foot = (len(foot_lines) + 1) * _LINE if foot_lines else 0.0
-    height = top + len(grid.rows) * row_height + foot + _MARGIN
-
+    foot = [part for line in grid.footnote.splitlines() for part in textwrap.wrap(line, letters)]
+    bottom = gap + (len(foot) + 1) * _LINE
+    height = _HEAD + len(grid.rows) * (tile + gap) + bottom - gap
     figure = Figure(figsize=(width, height), facecolor="white")
-
-    def box(left: float, down: float, wide: float, high: float) -> "Axes":
-        return figure.add_axes(
-            (left / width, 1 - (down + high) / height, wide / width, high / height)
-        )
-
-    def write(left: float, down: float, text: str, size: float, **style: Any) -> None:
-        # Names are data: a dollar sign in one is no formula.
-        figure.text(left / width, 1 - down / height, text, fontsize=size, parse_math=False, **style)
-
-    colours = colormaps[_CONTRAST_MAP if grid.contrast else _CONDUCTIVITY_MAP]
-    norm = Normalize(*grid.limits)
-    write(_MARGIN, _MARGIN, grid.title, TITLE, va="top", weight="bold")
-    for k, heading in enumerate(headings):
-        centre = _MARGIN + _LABEL + k * (_CELL + _GAP) + _CELL / 2
-        write(centre, top - 0.05, heading, HEADING, ha="center", va="bottom")
-    for r, (label, tiles) in enumerate(grid.rows):
-        down = top + r * row_height
-        write(
-            _MARGIN + _LABEL - _GAP, down + tile_height / 2,
-            "\n".join(line if len(line) <= 18 else f"{line[:17]}…" for line in label),
-            NOTE, ha="right", va="center", linespacing=1.3,
-        )  # fmt: skip
-        for k, tile in enumerate(tiles):
-            left = _MARGIN + _LABEL + k * (_CELL + _GAP)
-            _draw_tile(box(left, down, _CELL, tile_height), tile, grid.bounds, colours, norm)
-            below = "" if tile.image is None else "\n".join(tile.note)
-            write(
-                left + _CELL / 2, down + tile_height + 0.04, below, NOTE,
-                ha="center", va="top", linespacing=1.3,
-            )  # fmt: skip
-    bar_height = min(2.4, len(grid.rows) * row_height - 1.5 * _GAP - note_lines * _LINE)
-    bar = box(width - _MARGIN - _BAR + 0.1, top, 0.13, max(bar_height, 0.6))
-    scale = figure.colorbar(ScalarMappable(norm, colours), cax=bar, extend="both")
+    figure.suptitle(
+        grid.title, x=0.15 / width, y=1 - 0.15 / height, ha="left", va="top", weight="bold",
+        **plain | {"fontsize": TITLE},
+    )  # fmt: skip
+    figure.supxlabel("\n".join(foot), x=0.15 / width, y=0.1 / height, ha="left", **plain)
+    colours = ScalarMappable(
+        Normalize(*grid.limits), _CONTRAST_MAP if grid.contrast else _CONDUCTIVITY_MAP
+    )
+    inside = {
+        "left": _LABEL / width,
+        "right": 1 - (_BAR + _GAP) / width,
+        "bottom": bottom / height,
+        "top": 1 - _HEAD / height,
+        "wspace": _GAP / _CELL,
+        "hspace": gap / tile,
+    }
+    axes = figure.subplots(len(grid.rows), len(grid.columns), squeeze=False, gridspec_kw=inside)
+    for above, name in zip(axes[0], grid.columns, strict=True):
+        heading = textwrap.wrap(name, _HEAD_WIDTH, max_lines=_HEAD_LINES, placeholder="…")
+        above.set_title("\n".join(heading), **plain | {"fontsize": HEADING})
+    for (label, tiles), of_row in zip(grid.rows, axes, strict=True):
+        lines = (line if len(line) <= 18 else f"{line[:17]}…" for line in label)
+        of_row[0].set_ylabel("\n".join(lines), rotation=0, ha="right", va="center", **plain)
+        for one, of_tile in zip(tiles, of_row, strict=True):
+            of_tile.set(xlim=(x0, x1), ylim=(y0, y1), xticks=[], yticks=[], aspect="equal")
+            of_tile.spines[:].set_visible(False)
+            _draw_tile(of_tile, one, grid.bounds, colours, plain)
+    long = min(2.4, max(height - _HEAD - bottom, 0.6))
+    place = (1 - (_BAR - 0.1) / width, 1 - (_HEAD + long) / height, 0.13 / width, long / height)
+    scale = figure.colorbar(colours, cax=figure.add_axes(place), extend="both")
     scale.ax.tick_params(labelsize=NOTE, length=2)
     scale.set_label("contrast [S/m]" if grid.contrast else "conductivity [S/m]", fontsize=NOTE)
-    write(_MARGIN, height - _MARGIN, "\n".join(foot_lines), NOTE, va="bottom", linespacing=1.3)
     return figure
 
 
 def _draw_tile(
-    axes: "Axes", tile: Tile, bounds: tuple[float, ...], colours: Any, norm: Any
+    axes: "Axes",
+    tile: Tile,
+    bounds: tuple[float, float, float, float],
+    colours: "ScalarMappable",
+    plain: dict[str, Any],
 ) -> None:
     from matplotlib.patheffects import Normal, Stroke
 
     x0, y0, x1, y1 = bounds
-    axes.set(xlim=(x0, x1), ylim=(y0, y1), xticks=[], yticks=[])
-    axes.spines[:].set_visible(False)
+    note = "\n".join(tile.note)
     if tile.image is None:
         axes.set_facecolor("0.95")
-        axes.text(
-            (x0 + x1) / 2, (y0 + y1) / 2, "\n".join(tile.note), fontsize=NOTE, color="0.35",
-            ha="center", va="center", parse_math=False,
-        )  # fmt: skip
+        place = (x0 + x1) / 2, (y0 + y1) / 2
+        axes.text(*place, note, color="0.35", ha="center", va="center", **plain)
         return
+    axes.set_xlabel(note, **plain)
     axes.imshow(
-        tile.image, origin="lower", extent=(x0, x1, y0, y1), cmap=colours, norm=norm,
-        interpolation="nearest", aspect="auto",
+        tile.image, origin="lower", extent=(x0, x1, y0, y1), cmap=colours.cmap, norm=colours.norm,
+        interpolation="nearest",
     )  # fmt: skip
     if tile.cross is not None:
         halo = [Stroke(linewidth=3, foreground="white"), Normal()]
         axes.plot(*tile.cross, "+", color="black", markersize=9, mew=1.4, path_effects=halo)
-
-
-def _heading(name: str) -> str:
-    """Return `name` on at most three short lines."""
-    lines = textwrap.wrap(name, _HEAD_WIDTH, max_lines=_HEAD_LINES, placeholder="…")
-    return "\n".join(lines)

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from eitbench.benchmark.analysis.ladder import Real, Step
     from eitbench.benchmark.metrics.statistics import Interval
 
 _NOT_RUN = "–"
@@ -91,11 +92,8 @@ def _ends(name: str, interval: Interval | None) -> dict[str, float]:
     if interval is None:
         return {}
     prefix = f"{name}_" if name else ""
-    return {
-        name or "value": interval.value,
-        f"{prefix}low": interval.low,
-        f"{prefix}high": interval.high,
-    }
+    ends = {f"{prefix}low": interval.low, f"{prefix}high": interval.high}
+    return {name or "value": interval.value} | ends
 
 
 def to_markdown(ladder: Ladder) -> str:
@@ -106,24 +104,33 @@ def to_markdown(ladder: Ladder) -> str:
 
 def grid(ladder: Ladder) -> list[list[str]]:
     """Return the table of a ladder as texts, its heads first."""
-    rows = [["rung", *map(printable, ladder.methods)]]
+    methods = ladder.methods
+    rows = [["rung", *map(printable, methods)]]
     for rung in ladder.rungs:
-        cells = [_step(ladder, rung, method) for method in ladder.methods]
-        rows.append([label(ladder, rung), *cells])
-    for calibrated, title in AREAS:
-        areas = [ladder.areas.get((method, calibrated)) for method in ladder.methods]
-        if any(areas):
-            shown = [_NOT_RUN if area is None else f"{area.value:.3f}" for area in areas]
-            rows.append([title, *shown])
+        steps = [ladder.steps.get((rung, method)) for method in methods]
+        rows.append([label(ladder, rung), *map(_step, steps)])
+    for title, areas in _areas(ladder).items():
+        rows.append([title, *(_NOT_RUN if np.isnan(area) else f"{area:.3f}" for area in areas)])
     for rung in dict.fromkeys(rung for rung, _ in ladder.real):
-        cells = [_real(ladder, rung, method) for method in ladder.methods]
-        figure = next(r.figure for (name, _), r in ladder.real.items() if name == rung)
-        rows.append([_titled(rung, figure), *cells])
+        found = [ladder.real.get((rung, method)) for method in methods]
+        rows.append([_titled(ladder, rung), *map(_real, found)])
     return rows
 
 
-def _step(ladder: Ladder, rung: str, method: str) -> str:
-    step = ladder.steps.get((rung, method))
+def _areas(ladder: Ladder) -> dict[str, list[float]]:
+    """The areas of all methods, NaN where there is none, by the names of those that are known."""
+    areas = {
+        title: [ladder.areas.get((method, calibrated)) for method in ladder.methods]
+        for calibrated, title in AREAS
+    }
+    return {
+        title: [math.nan if area is None else area.value for area in known]
+        for title, known in areas.items()
+        if any(known)
+    }
+
+
+def _step(step: Step | None) -> str:
     if step is None:
         return _NOT_RUN
     if step.gain is None:
@@ -135,8 +142,7 @@ def _step(ladder: Ladder, rung: str, method: str) -> str:
     return f"{step.value.value:.3f} ({gain}{sure})"
 
 
-def _real(ladder: Ladder, rung: str, method: str) -> str:
-    real = ladder.real.get((rung, method))
+def _real(real: Real | None) -> str:
     if real is None or real.value is None:
         return _NOT_RUN
     if real.calibrated is None:
@@ -145,8 +151,9 @@ def _real(ladder: Ladder, rung: str, method: str) -> str:
     return f"{real.value:.3g} ({f'{change:+.2g}' if change else '0'})"
 
 
-def _titled(rung: str, figure: str) -> str:
-    """Return the name of a recorded set, with the figure that ranks it and its unit."""
+def _titled(ladder: Ladder, rung: str) -> str:
+    """The name of a recorded set, with the figure that ranks it and its unit."""
+    figure = next(real.figure for (name, _), real in ladder.real.items() if name == rung)
     return printable(f"{rung}: {METHOD_RUNS.metrics[figure].heading}")
 
 
@@ -183,22 +190,15 @@ def draw(ladder: Ladder) -> Figure:
 
 def _draw_losses(axes: Axes, ladder: Ladder) -> None:
     """A table in colours: rungs and areas down, methods across, B written into each cell."""
-    rows = [label(ladder, rung) for rung in ladder.rungs]
-    value = np.full((len(rows), len(ladder.methods)), np.nan)
-    loss = value.copy()
-    for i, rung in enumerate(ladder.rungs):
-        for j, method in enumerate(ladder.methods):
-            step = ladder.steps.get((rung, method))
-            if step is not None:
-                value[i, j] = step.value.value
-                loss[i, j] = np.nan if step.loss is None else max(step.loss.value, 0.0)
+    areas = _areas(ladder)
+    rows = [*(label(ladder, rung) for rung in ladder.rungs), *areas]
+    value, loss = np.full((2, len(rows), len(ladder.methods)), np.nan)
+    value[len(ladder.rungs) :] = np.reshape(list(areas.values()), (-1, len(ladder.methods)))
+    for (rung, method), step in ladder.steps.items():
+        place = ladder.rungs.index(rung), ladder.methods.index(method)
+        value[place] = step.value.value
+        loss[place] = np.nan if step.loss is None else max(step.loss.value, 0.0)
     most = float(np.nanmax([0.05, *loss.flat]))
-    for calibrated, title in AREAS:
-        areas = [ladder.areas.get((method, calibrated)) for method in ladder.methods]
-        if any(areas):
-            rows.append(title)
-            value = np.vstack([value, [np.nan if a is None else a.value for a in areas]])
-            loss = np.vstack([loss, np.full(len(areas), np.nan)])
     shown = axes.imshow(loss, cmap="YlOrRd", aspect="auto", vmin=0, vmax=most)
     for (i, j), number in np.ndenumerate(value):
         if not math.isnan(number):
@@ -240,9 +240,8 @@ def _draw_real(axes: Axes, ladder: Ladder, rung: str, *, named: bool) -> None:
             axes.plot(k, real.value, "o", ms=3.5, color=COLOURS[0])
         if real is not None and real.calibrated is not None:
             axes.plot(k, real.calibrated, "o", ms=6, mfc="none", color=COLOURS[1])
-    figure = next(real.figure for (name, _), real in ladder.real.items() if name == rung)
     names = [printable(method) if named else "" for method in ladder.methods]
     axes.set_xticks(range(len(names)), names, rotation=60, ha="right", rotation_mode="anchor")
     axes.tick_params(axis="x", labelsize=6)
-    axes.set_title(_titled(rung, figure), loc="left")
+    axes.set_title(_titled(ladder, rung), loc="left")
     axes.grid(alpha=0.3, lw=0.4)
