@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING, TypedDict
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pandas as pd
 
 from eitbench.benchmark.metrics.statistics import bootstrap, medians
 from eitbench.reports.figures.style import NOTE, label_axes, new_figure, save
@@ -14,38 +15,29 @@ from eitbench.reports.tables.formats import markdown_table
 if TYPE_CHECKING:
     from pathlib import Path
 
-    import pandas as pd
     from matplotlib.figure import Figure
 
 
-class ErrorRow(TypedDict):
-    """Errors [mm] of an estimator that learned from so many real presses, over `n` others."""
-
-    estimator: str
-    presses: int
-    median_mm: float
-    low_mm: float
-    high_mm: float
-    p90_mm: float
-    n: int
+ErrorRow = dict[str, Any]
+"""Errors [mm] of an estimator that learned from so many real presses, over `n` others."""
 
 
 def summary(errors: pd.DataFrame) -> list[ErrorRow]:
     """Median error [mm] with its 95 % interval, and 90th percentile, by estimator and count."""
     rows = []
-    for (name, _), group in errors.groupby(["estimator", "presses"], sort=False):
+    for (name, presses), group in errors.groupby(["estimator", "presses"], sort=False):
         error = group["error_mm"].to_numpy()
         middle = bootstrap(error[:, None], medians)[0]
         rows.append(
-            ErrorRow(
-                estimator=str(name),
-                presses=int(group["presses"].iloc[0]),
-                median_mm=middle.value,
-                low_mm=middle.low,
-                high_mm=middle.high,
-                p90_mm=float(np.quantile(error, 0.9)),
-                n=len(error),
-            )
+            {
+                "estimator": str(name),
+                "presses": int(presses),
+                "median_mm": middle.value,
+                "low_mm": middle.low,
+                "high_mm": middle.high,
+                "p90_mm": float(np.quantile(error, 0.9)),
+                "n": len(error),
+            }
         )
     return rows
 
@@ -78,12 +70,10 @@ def _drawn(rows: list[ErrorRow], recording: str) -> Figure:
     figure = new_figure(6.4, 3.8)
     axes = figure.subplots()
     counts = sorted({row["presses"] for row in rows})
-    for name in dict.fromkeys(row["estimator"] for row in rows):
-        of = [row for row in rows if row["estimator"] == name]
-        place = [counts.index(row["presses"]) for row in of]
-        middle = np.array([row["median_mm"] for row in of])
-        ends = np.array([[row["low_mm"], row["high_mm"]] for row in of]).T
-        axes.errorbar(place, middle, np.abs(ends - middle), fmt="o-", ms=4, capsize=3, label=name)
+    for name, of in pd.DataFrame(rows).groupby("estimator", sort=False):
+        place, middle = np.searchsorted(counts, of["presses"]), of["median_mm"].to_numpy()
+        ends = np.abs(of[["low_mm", "high_mm"]].to_numpy().T - middle)
+        axes.errorbar(place, middle, ends, fmt="o-", ms=4, capsize=3, label=str(name))
     axes.set_xticks(range(len(counts)), list(map(str, counts)))
     axes.set_yscale("log")
     ticks = [1, 2, 5, 10, 20, 50]

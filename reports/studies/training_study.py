@@ -107,58 +107,46 @@ def _differences(table: pd.DataFrame) -> list[StudyRow]:
             if physics == "none":
                 continue
             difference = values - arrays["none"]
-            intervals = nested_bootstrap_means(difference)
-            for k, (metric, interval) in enumerate(zip(METRICS, intervals, strict=True)):
-                rows.append(
-                    {
-                        "scenario": scenario,
-                        "physics": physics,
-                        "metric": metric,
-                        "without": float(arrays["none"][..., k].mean()),
-                        "difference": interval.value,
-                        "low": interval.low,
-                        "high": interval.high,
-                        "each_seed": [float(d) for d in difference[..., k].mean(axis=1)],
-                        "n": values.shape[1],
-                    }
-                )
+            for k, interval in enumerate(nested_bootstrap_means(difference)):
+                row = {"scenario": scenario, "physics": physics, "metric": METRICS[k]}
+                row |= {"without": float(arrays["none"][..., k].mean())}
+                row |= {"difference": interval.value, "low": interval.low, "high": interval.high}
+                each_seed = difference[..., k].mean(axis=1).tolist()
+                rows.append(row | {"each_seed": each_seed, "n": values.shape[1]})
     return rows
 
 
 def _draw_beta(axes: Axes, summary: StudySummary) -> None:
-    rows = [row for row in summary["rows"] if "score" in row]
-    beta, score, low, high = (
-        np.array([row[key] for row in rows]) for key in ("beta", "score", "score_low", "score_high")
-    )
-    axes.fill_between(beta, low, high, color="C0", alpha=0.2, lw=0, label="95 % over samples")
-    axes.plot(beta, score, "o-", color="C0", ms=3, lw=1)
+    rows = pd.DataFrame(summary["rows"]).dropna(subset="score")
+    axes.fill_between(
+        rows["beta"], rows["score_low"], rows["score_high"], color="C0", alpha=0.2, lw=0,
+        label="95 % over samples",
+    )  # fmt: skip
+    axes.plot(rows["beta"], rows["score"], "o-", color="C0", ms=3, lw=1)
     axes.axvline(BETA, color="0.4", lw=1, ls="--", label="published best")
     axes.set_xscale("log")
     label_axes(axes, "Weight of the physical loss", "beta", "mean score S")
 
 
 def _draw_physics(axes: Axes, summary: StudySummary) -> None:
-    rows = [row for row in summary["rows"] if row["metric"] == "psnr"]
-    scenarios = list(dict.fromkeys(row["scenario"] for row in rows))
-    for k, physics in enumerate(dict.fromkeys(row["physics"] for row in rows)):
-        of = [row for row in rows if row["physics"] == physics]
-        place = np.arange(len(of)) + 0.2 * k - 0.1
-        mean = np.array([row["difference"] for row in of])
-        ends = np.array([[row["low"], row["high"]] for row in of]).T
-        axes.errorbar(place, mean, abs(ends - mean), fmt="o", ms=4, capsize=3, label=physics)
-        for x, row in zip(place, of, strict=True):
-            axes.plot([x] * len(row["each_seed"]), row["each_seed"], "_", color="0.5", ms=6)
+    rows = pd.DataFrame(summary["rows"]).query("metric == 'psnr'")
+    for k, (physics, of) in enumerate(rows.groupby("physics", sort=False)):
+        place, mean = np.arange(len(of)) + 0.2 * k - 0.1, of["difference"].to_numpy()
+        ends = np.abs(of[["low", "high"]].to_numpy().T - mean)
+        axes.errorbar(place, mean, ends, fmt="o", ms=4, capsize=3, label=str(physics))
+        axes.plot(place, of["each_seed"].tolist(), "_", color="0.5", ms=6)
     axes.axhline(0, color="0.4", lw=1)
+    scenarios = rows["scenario"].unique()
     axes.set_xticks(range(len(scenarios)), scenarios, rotation=20, ha="right")
     label_axes(axes, "What the physical loss adds to the data loss", "", "PSNR difference [dB]")
 
 
 def _draw_size(axes: Axes, summary: StudySummary) -> None:
-    for backbone in dict.fromkeys(row["backbone"] for row in summary["rows"]):
-        of = [r for r in summary["rows"] if r["backbone"] == backbone and "psnr" in r]
-        axes.plot([r["samples"] for r in of], [r["psnr"] for r in of], "o-", ms=4, label=backbone)
+    rows = pd.DataFrame(summary["rows"])
+    for backbone, of in rows.dropna(subset="psnr").groupby("backbone", sort=False):
+        axes.plot(of["samples"], of["psnr"], "o-", ms=4, label=str(backbone))
     axes.set_xscale("log")
-    samples = sorted({row["samples"] for row in summary["rows"]})
+    samples = sorted(rows["samples"].unique())
     axes.set_xticks(samples, list(map(str, samples)))
     axes.minorticks_off()
     label_axes(axes, "Data and size of the network", "training samples", "PSNR [dB]")

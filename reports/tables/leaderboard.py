@@ -1,10 +1,10 @@
 """Leaderboards: the ranked rows of run directories, and the files that hold them."""
 
-import csv
-import io
 import json
 from collections.abc import Callable, Sequence
 from pathlib import Path
+
+import pandas as pd
 
 from eitbench.benchmark.analysis.leaderboard import Row
 from eitbench.benchmark.analysis.results import read_run
@@ -48,12 +48,8 @@ def to_json(rows: Sequence[Row]) -> str:
 
 def to_csv(rows: Sequence[Row]) -> str:
     """One line per row, in full precision; empty where a figure is not defined."""
-    text = io.StringIO()
-    if rows:
-        writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(rows)
-    return text.getvalue()
+    table = pd.DataFrame(rows, dtype=object)
+    return table.to_csv(index=False, lineterminator="\n") if len(rows) else ""
 
 
 FORMATS: dict[str, Callable[[Sequence[Row]], str]] = {

@@ -22,6 +22,13 @@ def print_renderable(renderable: Any) -> None:
     Console(width=width(), highlight=False).print(renderable)
 
 
+def print_check(status: str, name: str, message: str) -> None:
+    """Print the outcome of one of several checks, with what was wrong below it."""
+    typer.echo(f"{'FAILED' if status == 'failed' else status:7s}  {name}")
+    if message:
+        typer.echo(f"         {message}")
+
+
 def width() -> int:
     """Characters in a line; without a terminal nothing is folded, so that grep works."""
     import shutil

@@ -1,10 +1,9 @@
 """Rows of `eitbench list`: plain values, one row for each thing that has a name."""
 
 from collections.abc import Callable, Mapping
+from typing import Any
 
 from eitbench.hardware.registry import board_rows
-from eitbench.methods.method import Method
-from eitbench.methods.operator import Operator
 from eitbench.methods.registry import methods, operators
 from eitbench.scenarios.catalogue import sensors
 from eitbench.scenarios.docstrings import first_line
@@ -15,23 +14,17 @@ from eitbench.scenarios.suites.suite import load_suite, suites
 Row = dict[str, str | int | None]
 
 
-def _described(known: Mapping[str, type[Method] | type[Operator]]) -> list[Row]:
+def _described(known: Mapping[str, type[Any]], *columns: str) -> list[Row]:
     return [
-        {"name": name, "description": first_line(cls), "source": cls.source}
+        {"name": name, "description": first_line(cls)} | {c: getattr(cls, c) for c in columns}
         for name, cls in known.items()
     ]
 
 
-def _methods() -> list[Row]:
-    known = methods()
-    return [{**row, "differs": known[str(row["name"])].differs} for row in _described(known)]
-
-
 def _suites() -> list[Row]:
-    loaded = [load_suite(name) for name in suites()]
     return [
         {"name": s.name, "ranks": s.ranks, "title": s.title, "scenarios": len(s.scenarios)}
-        for s in loaded
+        for s in map(load_suite, suites())
     ]
 
 
@@ -50,19 +43,15 @@ def _scenarios() -> list[Row]:
 
 
 def _sensors() -> list[Row]:
-    rows: list[Row] = []
-    for name, build in sensors().items():
-        sensor = build()
-        height, width = sensor.image_shape
-        rows.append(
-            {
-                "name": name,
-                "electrodes": sensor.n_electrodes,
-                "measurements": sensor.n_measurements,
-                "image": f"{height} x {width}",
-            }
-        )
-    return rows
+    return [
+        {
+            "name": name,
+            "electrodes": sensor.n_electrodes,
+            "measurements": sensor.n_measurements,
+            "image": "{} x {}".format(*sensor.image_shape),
+        }
+        for name, sensor in ((name, build()) for name, build in sensors().items())
+    ]
 
 
 def _recordings() -> list[Row]:
@@ -80,8 +69,8 @@ def _recordings() -> list[Row]:
 
 
 LISTINGS: dict[str, Callable[[], list[Row]]] = {
-    "methods": _methods,
-    "operators": lambda: _described(operators()),
+    "methods": lambda: _described(methods(), "source", "differs"),
+    "operators": lambda: _described(operators(), "source"),
     "scenarios": _scenarios,
     "sensors": _sensors,
     "suites": _suites,

@@ -2,15 +2,12 @@
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-from eitbench.commands.console import Json, print_json
+from eitbench.commands.console import Json, print_check, print_json
 from eitbench.commands.runs import plan_of
-
-if TYPE_CHECKING:
-    from eitbench.benchmark.checks import CheckReport
 
 app = typer.Typer()
 
@@ -191,18 +188,11 @@ def check(
         print_json([report.describe() for report in reports])
     else:
         for report in reports:
-            _print_check(report)
+            for result in report.results:
+                print_check(result.status, result.name, result.message)
+            typer.echo(report.summary())
     if not all(report.passed for report in reports):
         raise typer.Exit(1)
-
-
-def _print_check(report: "CheckReport") -> None:
-    for result in report.results:
-        status = "FAILED" if result.status == "failed" else result.status
-        typer.echo(f"{status:7s}  {result.name}")
-        if result.message:
-            typer.echo(f"         {result.message}")
-    typer.echo(report.summary())
 
 
 @app.command("new-method", epilog="Example: eitbench new-method my-method")

@@ -11,6 +11,7 @@ from eitbench.commands.console import (
     Json,
     fail,
     names_in,
+    print_check,
     print_json,
     print_renderable,
     warn,
@@ -242,9 +243,7 @@ def submission_check(
 
     checks = check_submission(run, jobs=jobs)
     for check_of in checks:
-        typer.echo(f"{'FAILED' if check_of.problem else 'passed':7s}  {check_of.name}")
-        if check_of.problem:
-            typer.echo(f"         {check_of.problem}")
+        print_check("failed" if check_of.problem else "passed", check_of.name, check_of.problem)
     if any(check_of.problem for check_of in checks):
         fail(f"{run} cannot be accepted as a submission.", 1)
     typer.echo(f"{run} can be submitted.")
