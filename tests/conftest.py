@@ -14,7 +14,7 @@ from eitbench import cli
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
-pytest_plugins = ["tests.support.made_runs", "tests.support.ended_runs"]
+pytest_plugins = [f"tests.support.{module}" for module in ("made_runs", "ended_runs", "browser")]
 
 SHARED = Path(__file__).resolve().parents[2] / "shared"
 

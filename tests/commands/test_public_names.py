@@ -19,7 +19,7 @@ def test_the_package_shows_the_public_names_of_scenarios_and_methods() -> None:
 def test_importing_it_imports_nothing_heavy() -> None:
     """Nor does the help of the command line."""
     program = (
-        "import sys, eitbench\n"
+        "import sys, eitbench.scenarios\n"
         "assert 'numpy' not in sys.modules\n"
         "from eitbench import cli\n"
         "sys.argv = ['eitbench', '--help']\n"

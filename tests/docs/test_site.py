@@ -1,19 +1,17 @@
 """The built site: its links and references hold, and it asks for nothing outside."""
 
 import re
-import shutil
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 from urllib.parse import urlparse
 
 import pytest
+from tests.support.browser import WatchedPage
 
 from eitbench.benchmark.metrics.specs import METRICS
 
 ROOT = Path(__file__).resolve().parents[2]
-CHROMIUM = shutil.which("chromium")
 LOADED = re.compile(
     r"""<(?:(?:script|img|iframe|source)\b[^>]*?\ssrc|link\b[^>]*?\shref)=["']?([^"'\s>]+)"""
 )
@@ -61,27 +59,10 @@ def test_every_command_has_its_reference(site: Path) -> None:
         assert f'id="eitbench-{command}"' in page
 
 
-@pytest.fixture(scope="module")
-def browser() -> Iterator[object]:
-    playwright = pytest.importorskip(
-        "playwright.sync_api", reason="needs Playwright: install the extra `test`"
-    )
-    if CHROMIUM is None:
-        pytest.skip("needs Chromium: install the program `chromium`")
-    with playwright.sync_playwright() as started:
-        browser = started.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
-        yield browser
-        browser.close()
-
-
 @pytest.mark.parametrize("name", ["index", "tutorials/method", "explanation/physics"])
 def test_pages_open_from_disk_on_a_telephone(site: Path, browser: object, name: str) -> None:
-    page = browser.new_page(viewport={"width": 375, "height": 700})  # type: ignore[attr-defined]
-    asked: list[str] = []
-    page.on("request", lambda request: asked.append(request.url))
-    page.goto((site / f"{name}.html").as_uri())
-    wide = page.evaluate("document.documentElement.scrollWidth")
-    page.close()
-    assert wide <= 375
-    assert asked
-    assert all(address.startswith(("file:", "data:", "blob:")) for address in asked), asked
+    view = {"width": 375, "height": 700}
+    found = WatchedPage(browser, (site / f"{name}.html").as_uri(), viewport=view)
+    assert found.page.evaluate("document.documentElement.scrollWidth") <= 375
+    found.page.close()
+    assert all(url.startswith(("file:", "data:", "blob:")) for url in found.requests)

@@ -1,9 +1,11 @@
 """A small run directory with every kind of scenario, made without running a method."""
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Literal
 
 import h5py
@@ -102,6 +104,14 @@ def write_manifest(
     (run / "manifest.json").write_text(json.dumps(content))
 
 
+@contextmanager
+def edited_manifest(run: Path) -> Iterator[dict[str, Any]]:
+    """The content of a manifest, to be changed."""
+    content = json.loads((run / "manifest.json").read_text())
+    yield content
+    (run / "manifest.json").write_text(json.dumps(content))
+
+
 def of_paper(n: int = 8) -> Dataset:
     """Like `made`, under the name of the paper's scenario."""
     dataset = made("conductivity", n)
@@ -152,31 +162,18 @@ class RunBuilder:
         registration = fit_registration(dataset, kept) if dataset.truth == "position" else None
         status = ["ok"] * (len(kept) - lost) + ["timeout"] * lost
         rows = evaluate(dataset, kept, registration).drop(columns="sample")
-        self.samples.append(
-            pd.concat(
-                [
-                    pd.DataFrame(
-                        {
-                            "suite": self.suite,
-                            "scenario": dataset.scenario,
-                            "method": method,
-                            "track": "default",
-                            "status": status,
-                            "message": "",
-                            "input_hash": [f"frame-{k}" for k in range(len(kept))],
-                        }
-                    ),
-                    dataset.samples,
-                    rows,
-                ],
-                axis=1,
-            )
+        keys = {"scenario": dataset.scenario, "method": method, "track": "default"}
+        cell = dataset.samples.assign(
+            suite=self.suite,
+            **keys,
+            status=status,
+            message="",
+            input_hash=[f"frame-{k}" for k in range(len(kept))],
         )
+        self.samples.append(pd.concat([cell, rows], axis=1))
         self.methods.append(
             {
-                "scenario": dataset.scenario,
-                "method": method,
-                "track": "default",
+                **keys,
                 "parameters": "{}",
                 "setup_s": 0.25,
                 "train_s": np.nan,
@@ -188,6 +185,20 @@ class RunBuilder:
         )
         self.datasets[dataset.scenario] = dataset
         self.images[dataset.scenario, method] = kept
+        return self
+
+    def add_scaled(
+        self,
+        dataset: Dataset,
+        shares: dict[str, float],
+        noise: float = 0.0,
+        lost: Mapping[str, int] = MappingProxyType({}),
+    ) -> "RunBuilder":
+        """Add methods whose images hold these shares of the true contrast, and noise [S/m]."""
+        rng, truth = np.random.default_rng(0), dataset.__dict__["conductivity"]
+        for name, share in shares.items():
+            images = share * (truth - 1) + 1 + noise * rng.standard_normal(truth.shape)
+            self.add(dataset, name, images, lost.get(name, 0))
         return self
 
     def write(self) -> Path:

@@ -1,6 +1,5 @@
 """The page of the live view in headless Chromium."""
 
-import shutil
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -9,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.support.browser import WatchedPage
 
 from eitbench.hardware.board import Board
 from eitbench.hardware.recording.guided import StepDurations
@@ -17,37 +17,15 @@ from eitbench.methods import Method, register
 from eitbench.scenarios.recordings.files.recording_file import read_file
 from eitbench.scenarios.recordings.quality import check
 
-playwright = pytest.importorskip(
-    "playwright.sync_api", reason="needs Playwright: install the extra `test`"
-)
-CHROMIUM = shutil.which("chromium")
-pytestmark = pytest.mark.skipif(
-    CHROMIUM is None, reason="needs Chromium: install the program `chromium`"
-)
-
 PLACE = (0.03, 0.06)
 
 
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    with playwright.sync_playwright() as started:
-        browser = started.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
-        yield browser
-        browser.close()
-
-
-class Page:
-    """An open live view, with what went wrong in it and what it asked for."""
+class Page(WatchedPage):
+    """An open live view."""
 
     def __init__(self, browser: Any, url: str, **options: Any) -> None:
+        super().__init__(browser, url, **options)
         self.address = url
-        self.errors: list[str] = []
-        self.requests: list[str] = []
-        self.page = browser.new_page(**options)
-        self.page.on("console", lambda m: self.errors.append(m.text) if m.type == "error" else None)
-        self.page.on("pageerror", lambda error: self.errors.append(str(error)))
-        self.page.on("request", lambda request: self.requests.append(request.url))
-        self.page.goto(url)
         self.wait("document.querySelector('#status').dataset.kind === 'good'")
         self.wait("document.querySelector('#method-shown').textContent !== '–'")
 

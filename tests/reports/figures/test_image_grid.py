@@ -14,21 +14,15 @@ from eitbench.reports.figures.image_grid import comparison, draw, write_figures
 from eitbench.scenarios.errors import EitbenchError
 
 
-def text_boxes(figure: Figure) -> list[tuple[str, Any]]:
+def assert_no_text_overlaps_or_is_cut(figure: Figure) -> None:
     canvas: Any = FigureCanvasAgg(figure)
     canvas.draw()
     texts: list[Any] = figure.findobj(Text)
     shown = [t for t in texts if t.get_text().strip() and t.get_visible()]
-    return [(t.get_text(), t.get_window_extent(canvas.get_renderer())) for t in shown]
-
-
-def assert_no_text_overlaps_or_is_cut(figure: Figure) -> None:
-    boxes = text_boxes(figure)
+    boxes = [(t.get_text(), t.get_window_extent(canvas.get_renderer())) for t in shown]
     for text, box in boxes:
-        assert figure.bbox.x0 <= box.x0, text
-        assert box.x1 <= figure.bbox.x1, text
-        assert figure.bbox.y0 <= box.y0, text
-        assert box.y1 <= figure.bbox.y1, text
+        assert figure.bbox.x0 <= box.x0 <= box.x1 <= figure.bbox.x1, text
+        assert figure.bbox.y0 <= box.y0 <= box.y1 <= figure.bbox.y1, text
     for (first, a), (second, b) in combinations(boxes, 2):
         assert not a.overlaps(b), f"{first!r} overlaps {second!r}"
 
@@ -53,10 +47,10 @@ def test_no_text_overlaps_with_few_methods(full_run: Path, scenario: str) -> Non
 
 
 def test_no_text_overlaps_with_many_methods_and_long_names(build: Any, dataset_of: Any) -> None:
-    dataset = dataset_of("conductivity", 4)
-    for k in range(9):
-        name = f"a-method-with-quite-a-long-name-number-{k}-and-more-of-it"
-        build.add(dataset, name, (0.9 - k / 50) * (dataset.conductivity - 1) + 1, lost=k % 3)
+    names = [f"a-method-with-quite-a-long-name-number-{k}-and-more-of-it" for k in range(9)]
+    shares = {name: 0.9 - k / 50 for k, name in enumerate(names)}
+    lost = {name: k % 3 for k, name in enumerate(names)}
+    build.add_scaled(dataset_of("conductivity", 4), shares, lost=lost)
     grid = comparison(read_run(build.write()), "conductivity-set")
     assert len(grid.columns) == 10
     assert_no_text_overlaps_or_is_cut(draw(grid))
@@ -90,8 +84,7 @@ def test_presses_are_marked_in_the_image_s_frame(full_run: Path) -> None:
 
 
 def test_a_lost_frame_says_why(build: Any, dataset_of: Any) -> None:
-    dataset = dataset_of("conductivity", 3)
-    build.add(dataset, "some", dataset.conductivity, lost=1)
+    build.add_scaled(dataset_of("conductivity", 3), {"some": 1.0}, lost={"some": 1})
     grid = comparison(read_run(build.write()), "conductivity-set")
     notes = [tiles[1].note for _, tiles in grid.rows if tiles[1].image is None]
     assert notes == [("timeout",)]
@@ -100,9 +93,7 @@ def test_a_lost_frame_says_why(build: Any, dataset_of: Any) -> None:
 
 @pytest.mark.parametrize("truth", ["conductivity", "position"])
 def test_methods_without_any_image_are_named_below(build: Any, dataset_of: Any, truth: str) -> None:
-    dataset = dataset_of(truth, 3)
-    images = dataset.__dict__["conductivity"]
-    build.add(dataset, "lost", images, lost=3).add(dataset, "kept", images)
+    build.add_scaled(dataset_of(truth, 3), {"lost": 1.0, "kept": 1.0}, lost={"lost": 3})
     grid = comparison(read_run(build.write()), f"{truth}-set")
     assert "kept" in grid.columns
     assert "lost" not in grid.columns
@@ -111,8 +102,7 @@ def test_methods_without_any_image_are_named_below(build: Any, dataset_of: Any, 
 
 
 def test_names_cannot_leave_the_folder_or_be_formulas(build: Any, dataset_of: Any) -> None:
-    dataset = dataset_of("conductivity", 3)
-    build.add(dataset, "$x_{y$\x1b", dataset.conductivity)
+    build.add_scaled(dataset_of("conductivity", 3), {"$x_{y$\x1b": 1.0})
     path = build.write()
     assert [p.name for p in write_figures(path)] == [
         "comparison-conductivity-set.png",
@@ -123,8 +113,7 @@ def test_names_cannot_leave_the_folder_or_be_formulas(build: Any, dataset_of: An
 
 
 def test_figures_that_cannot_be_written_are_one_sentence(build: Any, dataset_of: Any) -> None:
-    dataset = dataset_of("conductivity", 3)
-    build.add(dataset, "some", dataset.conductivity)
+    build.add_scaled(dataset_of("conductivity", 3), {"some": 1.0})
     path = build.write()
     (path / "figures").write_text("in the way")
     with pytest.raises(EitbenchError, match="figures"):

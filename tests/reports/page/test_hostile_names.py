@@ -1,12 +1,12 @@
 """Names that would lead out of a folder, or mean something to what shows them."""
 
-import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 import pytest
+from tests.support.made_runs import edited_manifest
 
 from eitbench.reports.page.report import write_report
 from eitbench.reports.page.site import write_site
@@ -21,21 +21,16 @@ def hostile(build: Any, dataset_of: Callable[..., Dataset]) -> Callable[..., Pat
     """A run whose suite, scenario, method and version have these names."""
 
     def made(suite: str, scenario: str, method: str, version: str) -> Path:
-        dataset = dataset_of("conductivity", 12)
-        truth = dataset.conductivity
-        assert truth is not None
-        for name, share in ((method, 0.9), ("plain", 0.5)):
-            build.add(dataset, name, share * (truth - 1) + 1)
+        build.add_scaled(dataset_of("conductivity", 12), {method: 0.9, "plain": 0.5})
         run: Path = build.write()
         for file in ("samples.parquet", "methods.parquet"):
             table = pd.read_parquet(run / file)
             table["scenario"] = scenario
             table.assign(suite=suite).to_parquet(run / file)
-        manifest = json.loads((run / "manifest.json").read_text())
-        manifest["plan"]["suite"]["name"] = suite
-        manifest["versions"] = {"eitbench": version}
-        manifest["data"] = {scenario: manifest["data"].popitem()[1]}
-        (run / "manifest.json").write_text(json.dumps(manifest))
+        with edited_manifest(run) as manifest:
+            manifest["plan"]["suite"]["name"] = suite
+            manifest["versions"] = {"eitbench": version}
+            manifest["data"] = {scenario: manifest["data"].popitem()[1]}
         return run
 
     return made

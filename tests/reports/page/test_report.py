@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
-import numpy as np
 import pandas as pd
 import pytest
+from tests.support.made_runs import edited_manifest
 
 from eitbench.methods import methods
 from eitbench.reports.figures.style import STYLE
@@ -26,13 +26,9 @@ NASTY = "<img src=x onerror=alert(1)>"
 @pytest.fixture(scope="module")
 def made_once(tmp_path_factory: pytest.TempPathFactory, run_builder: Any, dataset_of: Any) -> Path:
     """Enough samples for intervals: two methods that tie, one that is worse, a nasty name."""
-    rng = np.random.default_rng(0)
     build = run_builder(tmp_path_factory.mktemp("many") / "run")
-    dataset = dataset_of("conductivity", 24)
-    truth = dataset.conductivity
-    for name, share in (("good", 0.9), ("as-good", 0.9), ("poor", 0.5), (NASTY, 0.2)):
-        noise = 0.02 * rng.standard_normal(truth.shape)
-        build.add(dataset, name, share * (truth - 1) + 1 + noise)
+    shares = {"good": 0.9, "as-good": 0.9, "poor": 0.5, NASTY: 0.2}
+    build.add_scaled(dataset_of("conductivity", 24), shares, noise=0.02)
     folder: Path = build.write()
     return folder
 
@@ -72,9 +68,7 @@ def test_the_answer_names_ties_and_the_fastest(many: Path) -> None:
 
 
 def test_the_answer_says_how_far_ahead_the_best_is(build: Any, dataset_of: Any) -> None:
-    dataset = dataset_of("conductivity", 12)
-    for name, share in (("good", 0.9), ("poor", 0.5)):
-        build.add(dataset, name, share * (dataset.conductivity - 1) + 1)
+    build.add_scaled(dataset_of("conductivity", 12), {"good": 0.9, "poor": 0.5})
     said = answer(report_data([build.write()])["boards"][0])
     assert re.search(r"good is the best: S [\d.]+ \(95 %: [\d.]+ to [\d.]+\)\.", said)
     assert re.search(r"ahead of poor by [\d.]+ \([\d.]+ to [\d.]+; p < 0.001\)\.", said)
@@ -180,8 +174,7 @@ def test_every_method_has_its_citation() -> None:
 
 def test_published_claims_stand_in_the_report_of_the_paper_s_suite(build: Any, paper: Any) -> None:
     build.suite = "paper"
-    for name in ("dnn", "phydnn"):
-        build.add(paper, name, paper.conductivity)
+    build.add_scaled(paper, {"dnn": 1.0, "phydnn": 1.0})
     found = report_data([build.write()])
     verdicts = {claim["claim"]: claim["verdict"] for claim in found["claims"]}
     assert verdicts["The networks reconstruct 10 frames per second."] == "holds"
@@ -203,8 +196,8 @@ def test_without_images_the_rest_is_shown(many: Path, tmp_path: Path) -> None:
 
 
 def test_an_unfinished_run_says_so(many: Path) -> None:
-    content = json.loads((many / "manifest.json").read_text())
-    (many / "manifest.json").write_text(json.dumps(content | {"status": "interrupted"}))
+    with edited_manifest(many) as content:
+        content["status"] = "interrupted"
     table = pd.read_parquet(many / "samples.parquet")
     table[(table["method"] != "poor") | (table["sample"] < 5)].to_parquet(many / "samples.parquet")
     found = report_data([many])
@@ -224,8 +217,7 @@ def test_several_runs_are_shown_alike(many: Path, tmp_path: Path) -> None:
     table.assign(rie=table["rie"] / 2).to_parquet(other / "samples.parquet")
     for run, machine, solve in ((other, "Another", 10.0), (many, "One", 20.0)):
         cells = pd.read_parquet(run / "methods.parquet")
-        cells = cells.assign(machine=machine, calibration_ms=solve)
-        cells.to_parquet(run / "methods.parquet")
+        cells.assign(machine=machine, calibration_ms=solve).to_parquet(run / "methods.parquet")
     (board,) = report_data([many, other])["boards"]
     rows = {row["label"]: row for row in board["views"][0]["rows"]}
     assert {"good (run)", "good (other)", "poor (run)", "poor (other)"} <= set(rows)
@@ -253,9 +245,8 @@ def test_other_data_under_the_same_name_get_a_board_of_their_own(
     many: Path, tmp_path: Path
 ) -> None:
     other = shutil.copytree(many, tmp_path / "other")
-    content = json.loads((other / "manifest.json").read_text())
-    content["data"]["conductivity-set"]["hash"] = "other"
-    (other / "manifest.json").write_text(json.dumps(content))
+    with edited_manifest(other) as content:
+        content["data"]["conductivity-set"]["hash"] = "other"
     boards = report_data([many, other])["boards"]
     assert [board["data_hash"] for board in boards] == ["3f2a1b9c", "other"]
     assert [len(board["views"][0]["rows"]) for board in boards] == [4, 4]
@@ -290,17 +281,14 @@ def test_a_damaged_table_is_refused_with_one_sentence(many: Path, tmp_path: Path
         report_data([tmp_path])
 
 
-def test_operators_get_a_board_beside_methods(many: Path, build_operators: Any) -> None:
-    found = report_data([many, build_operators({"surrogate": 0.1, "jacobian": 0.4})])
-    assert [board["kind"] for board in found["boards"]] == ["method", "operator"]
-    assert answer(found["boards"][1]).endswith("surrogate is first: MSE 0.1.")
-    to_page(found)
-
-
-def test_tables_of_operators_stand_beside_those_of_methods(
+def test_operators_get_a_board_and_tables_beside_methods(
     many: Path, build_operators: Any, tmp_path: Path
 ) -> None:
-    write_report([many, build_operators({"surrogate": 0.1})], tmp_path / "report")
+    runs = [many, build_operators({"surrogate": 0.1, "jacobian": 0.4})]
+    found = report_data(runs)
+    assert [board["kind"] for board in found["boards"]] == ["method", "operator"]
+    assert answer(found["boards"][1]).endswith("surrogate is first: MSE 0.1.")
+    write_report(runs, tmp_path / "report")
     tables = {path.name for path in (tmp_path / "report" / "tables").iterdir()}
     assert {"leaderboard.csv", "operators.csv", "operators.tex"} <= tables
 

@@ -1,59 +1,32 @@
 """The page of a report in headless Chromium: what it shows, and that it works without a network."""
 
-import shutil
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
+from tests.support.browser import WatchedPage
 
 from eitbench.reports.page.report import write_report
-
-playwright = pytest.importorskip(
-    "playwright.sync_api", reason="needs Playwright: install the extra `test`"
-)
-CHROMIUM = shutil.which("chromium")
-pytestmark = pytest.mark.skipif(
-    CHROMIUM is None, reason="needs Chromium: install the program `chromium`"
-)
 
 NASTY = "<img src=x onerror=alert(1)>"
 
 
 @pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    with playwright.sync_playwright() as started:
-        browser = started.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
-        yield browser
-        browser.close()
-
-
-@pytest.fixture(scope="module")
 def report(tmp_path_factory: pytest.TempPathFactory, run_builder: Any, dataset_of: Any) -> Path:
     folder = tmp_path_factory.mktemp("report")
-    build, rng = run_builder(folder / "run"), np.random.default_rng(0)
-    simulated, presses = dataset_of("conductivity", 24), dataset_of("position", 24)
-    truth = simulated.conductivity
-    for name, share in (("fair", 0.8), (NASTY, 0.2), ("good", 0.9)):
-        noise = 0.02 * rng.standard_normal(truth.shape)
-        build.add(simulated, name, share * (truth - 1) + 1 + noise)
+    presses = dataset_of("position", 24)
+    build = run_builder(folder / "run")
+    build.add_scaled(dataset_of("conductivity", 24), {"fair": 0.8, NASTY: 0.2, "good": 0.9}, 0.02)
     build.add(presses, "good", presses.conductivity)
     return write_report([build.write()], folder / "report")[0].parent
 
 
-class Page:
-    """An open report, with what went wrong in it and what it asked for."""
+class Page(WatchedPage):
+    """An open report."""
 
     def __init__(self, browser: Any, folder: Path, **options: Any) -> None:
-        self.errors: list[str] = []
-        self.requests: list[str] = []
-        self.page = browser.new_page(**options)
-        self.page.on("console", lambda m: self.errors.append(m.text) if m.type == "error" else None)
-        self.page.on("pageerror", lambda error: self.errors.append(str(error)))
-        self.page.on("dialog", lambda dialog: self.errors.append("a dialog"))
-        self.page.on("request", lambda request: self.requests.append(request.url))
-        self.page.goto((folder / "index.html").as_uri())
+        super().__init__(browser, (folder / "index.html").as_uri(), **options)
         self.page.wait_for_selector("html[data-ready=true]", timeout=30_000)
 
     def column(self, table: str, number: int) -> list[str]:

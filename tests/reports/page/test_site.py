@@ -1,15 +1,14 @@
 """The site: pages for suites, methods and versions, whose links lead somewhere."""
 
-import json
 import re
 import shutil
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
 
-import numpy as np
 import pandas as pd
 import pytest
+from tests.support.made_runs import edited_manifest
 
 from eitbench.reports.page.site import write_site
 from eitbench.reports.tables.leaderboard import FORMATS, ranked_rows
@@ -18,33 +17,28 @@ from eitbench.scenarios.errors import InputError
 NASTY = "<img src=x>/..%2F"
 
 
-def change(run: Path, **more: Any) -> None:
-    content = json.loads((run / "manifest.json").read_text())
-    (run / "manifest.json").write_text(json.dumps(content | more))
+def made_by(run: Path, version: str) -> None:
+    with edited_manifest(run) as content:
+        content["versions"] = {"eitbench": version}
 
 
 def measured_on(run: Path, machine: str, calibration_ms: float) -> None:
     table = pd.read_parquet(run / "methods.parquet")
-    table = table.assign(machine=machine, calibration_ms=calibration_ms)
-    table.to_parquet(run / "methods.parquet")
+    table.assign(machine=machine, calibration_ms=calibration_ms).to_parquet(run / "methods.parquet")
 
 
 @pytest.fixture
 def runs(build: Any, dataset_of: Any, tmp_path: Path) -> Path:
     """Two runs with version 0.2.0, on unlike machines, one with 0.1.0, and one that is damaged."""
-    rng = np.random.default_rng(0)
-    dataset = dataset_of("conductivity", 12)
-    for name, share in (("good", 0.9), (NASTY, 0.2)):
-        noise = 0.02 * rng.standard_normal(dataset.conductivity.shape)
-        build.add(dataset, name, share * (dataset.conductivity - 1) + 1 + noise)
+    build.add_scaled(dataset_of("conductivity", 12), {"good": 0.9, NASTY: 0.2}, noise=0.02)
     folder = tmp_path / "runs"
     first = shutil.copytree(build.write(), folder / "first")
-    change(first, versions={"eitbench": "0.2.0"})
+    made_by(first, "0.2.0")
     measured_on(first, "One", 20.0)
     second = shutil.copytree(first, folder / "second")
     measured_on(second, "Another", 40.0)
     old = shutil.copytree(first, folder / "old")
-    change(old, versions={"eitbench": "0.1.0"})
+    made_by(old, "0.1.0")
     damaged = shutil.copytree(first, folder / "damaged")
     (damaged / "samples.parquet").write_bytes(b"x")
     return folder

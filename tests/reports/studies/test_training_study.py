@@ -15,12 +15,12 @@ from eitbench.reports.studies.training_study import write_study
 RNG = np.random.default_rng(0)
 
 
-def stored(folder: Path, name: str, rows: list[dict[str, Any]]) -> Path:
-    folder.mkdir()
+def stored(folder: Path, name: str, rows: list[dict[str, Any]]) -> list[Path]:
+    """Write the report of a study with these rows."""
     pd.DataFrame(rows).to_parquet(folder / "samples.parquet")
     asked = {"study": name, "suite": "tiny", "epochs": 2, "limit": 9, "scored": 3}
     (folder / "study.json").write_text(json.dumps({**asked, "operator": "fem"}))
-    return folder
+    return write_study(folder)
 
 
 def figures(score: float, **others: float) -> dict[str, float]:
@@ -43,13 +43,12 @@ def test_differences_are_paired_by_seed_and_sample(tmp_path: Path) -> None:
                     | figures(0.0, psnr=level + (p != "none") * (effect + 0.01 * seed))
                     for p in ("fem", "none")
                 ]
-    folder = stored(tmp_path / "study", "physics", rows)
-    written = write_study(folder)
+    written = stored(tmp_path, "physics", rows)
     assert all(path.stat().st_size > 0 for path in written)
     assert {path.name for path in written} == {
         "summary.json", "summary.md", "study.png", "study.pdf",
     }  # fmt: skip
-    found = {(r["scenario"], r["metric"]): r for r in summary(folder)["rows"]}
+    found = {(r["scenario"], r["metric"]): r for r in summary(tmp_path)["rows"]}
     assert len(found) == 2 * len(METRICS)
     for scenario, effect in (("easy", 0.2), ("hard", -0.1)):
         row = found[scenario, "psnr"]
@@ -57,8 +56,8 @@ def test_differences_are_paired_by_seed_and_sample(tmp_path: Path) -> None:
         assert row["difference"] == pytest.approx(effect + 0.01)
         assert effect - 1e-9 <= row["low"] < row["difference"] < row["high"] <= effect + 0.02 + 1e-9
         assert (row["physics"], row["n"]) == ("fem", 40)
-    assert summary(folder)["training_hours"] == 3.0  # six trainings of half an hour
-    assert "| easy | fem | psnr |" in (folder / "summary.md").read_text()
+    assert summary(tmp_path)["training_hours"] == 3.0  # six trainings of half an hour
+    assert "| easy | fem | psnr |" in (tmp_path / "summary.md").read_text()
 
 
 def test_the_mean_of_every_choice_has_its_interval_and_a_lost_one_stands_empty(
@@ -70,17 +69,12 @@ def test_the_mean_of_every_choice_has_its_interval_and_a_lost_one_stands_empty(
         for k in range(20)
     ]
     rows.append({"beta": 0.5, "scenario": ""})
-    found = summary(stored_and_written(tmp_path, "beta", rows))["rows"]
+    stored(tmp_path, "beta", rows)
+    found = summary(tmp_path)["rows"]
     assert [row["beta"] for row in found] == [0.001, 0.1, 0.5]
     assert found[0]["score"] == pytest.approx(7.049)
     assert found[0]["score_low"] < 7.049 < found[0]["score_high"]
     assert "score" not in found[2]
-
-
-def stored_and_written(tmp_path: Path, name: str, rows: list[dict[str, Any]]) -> Path:
-    folder = stored(tmp_path / "study", name, rows)
-    write_study(folder)
-    return folder
 
 
 def test_what_is_no_finished_study_is_refused(tmp_path: Path) -> None:

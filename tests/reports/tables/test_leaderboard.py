@@ -7,12 +7,14 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
+from tests.support.made_runs import edited_manifest
 
+from eitbench.benchmark.metrics.metric_spec import SMALL, TIME
 from eitbench.benchmark.metrics.specs import METRICS
 from eitbench.reports.tables.boards import note
 from eitbench.reports.tables.columns import METHOD_LAYOUT as LAYOUT
+from eitbench.reports.tables.columns import Column
 from eitbench.reports.tables.leaderboard import FORMATS, ranked_rows, write_leaderboard
 
 NASTY = "a|b_<img src=x>$\\%&`\x1b[31m\nend"
@@ -24,9 +26,7 @@ CONTRACT = {
 
 @pytest.fixture
 def nasty(build: Any, dataset_of: Any) -> list[dict[str, Any]]:
-    dataset = dataset_of("conductivity", 4)
-    build.add(dataset, NASTY, dataset.conductivity)
-    build.add(dataset, "plain", 0.5 * (dataset.conductivity - 1) + 1)
+    build.add_scaled(dataset_of("conductivity", 4), {NASTY: 1.0, "plain": 0.5})
     return ranked_rows([build.write()])
 
 
@@ -138,9 +138,8 @@ def test_nothing_is_highlighted_where_all_are_equal(nasty: list[dict[str, Any]])
 
 def test_unlike_data_get_tables_of_their_own(full_run: Path, tmp_path: Path) -> None:
     other = shutil.copytree(full_run, tmp_path / "other")
-    content = json.loads((other / "manifest.json").read_text())
-    content["data"]["conductivity-set"] = {"hash": "77c0ffee", "n": 8}
-    (other / "manifest.json").write_text(json.dumps(content))
+    with edited_manifest(other) as content:
+        content["data"]["conductivity-set"] = {"hash": "77c0ffee", "n": 8}
     text = FORMATS["html"](ranked_rows([full_run, other]))
     assert re.findall("<caption>(.*)</caption>", text) == [
         "bench / conductivity-set (n = 8, data 3f2a1b)",
@@ -152,12 +151,8 @@ def test_unlike_data_get_tables_of_their_own(full_run: Path, tmp_path: Path) -> 
 
 
 def test_the_best_and_what_is_told_of_it(build: Any, dataset_of: Any) -> None:
-    dataset = dataset_of("conductivity", 24)
-    rng = np.random.default_rng(0)
-    for name, share in (("good", 0.9), ("as-good", 0.9), ("poor", 0.5), ("broken", 0.9)):
-        noise = 0.02 * rng.standard_normal(dataset.conductivity.shape)
-        images = share * (dataset.conductivity - 1) + 1 + noise
-        build.add(dataset, name, images, lost=24 if name == "broken" else 0)
+    shares = {"good": 0.9, "as-good": 0.9, "poor": 0.5, "broken": 0.9}
+    build.add_scaled(dataset_of("conductivity", 24), shares, noise=0.02, lost={"broken": 24})
     rows = {row["method"]: row for row in ranked_rows([build.write()])}
     text = FORMATS["md"](list(rows.values()))
     lines = {name: next(x for x in text.splitlines() if f" {name} " in x) for name in rows}
@@ -191,25 +186,31 @@ def test_what_is_known_of_recorded_data_stands_below_their_table(
 
 
 @pytest.mark.parametrize(
-    ("value", "text"),
+    ("form", "value", "text"),
     [
-        (8.71e-7, "<0.001"),
-        (0.0, "0"),
-        (0.00123, "0.001"),
-        (0.01267, "0.013"),
-        (0.5, "0.5"),
-        (12.345, "12.3"),
-        (100, "100"),
-        (123456.0, "123000"),
+        (TIME, 8.71e-7, "<0.001"),
+        (TIME, 0.0, "0"),
+        (TIME, 0.00123, "0.001"),
+        (TIME, 0.01267, "0.013"),
+        (TIME, 0.5, "0.5"),
+        (TIME, 12.345, "12.3"),
+        (TIME, 100, "100"),
+        (TIME, 123456.0, "123000"),
+        (SMALL, 0.0, "0"),
+        (SMALL, 1e-24, "1.00e-24"),
+        (SMALL, 1.62e-2, "1.62e-2"),
+        (SMALL, 0.0999, "9.99e-2"),
+        (SMALL, 0.425, "0.425"),
+        (SMALL, 12.345, "12.3"),
+        (SMALL, None, "–"),
     ],
 )
-def test_times_have_no_exponent(value: float, text: str, nasty: list[dict[str, Any]]) -> None:
-    times = [
-        column for column in LAYOUT.columns if column.name.endswith(("_s", "_ms_p50", "_ms_p99"))
-    ]
-    assert len(times) == 4
-    for column in times:
-        assert column.text(nasty[0] | {column.name: value}) == text
+def test_times_have_no_exponent_and_small_numbers_are_legible(
+    form: str, value: float | None, text: str
+) -> None:
+    assert Column("it", "It", form).text({"it": value}) == text
+    times = [c for c in LAYOUT.columns if c.name.endswith(("_s", "_ms_p50", "_ms_p99"))]
+    assert [column.form for column in times] == [TIME] * 4
 
 
 def test_a_metric_has_one_name(full_run: Path) -> None:
@@ -220,9 +221,8 @@ def test_a_metric_has_one_name(full_run: Path) -> None:
 
 
 def test_what_failures_cost_is_said(build: Any, dataset_of: Any) -> None:
-    dataset = dataset_of("conductivity", 12)
-    for name, share, lost in (("good", 0.9, 6), ("fair", 0.8, 0)):
-        build.add(dataset, name, share * (dataset.conductivity - 1) + 1, lost=lost)
+    shares = {"good": 0.9, "fair": 0.8}
+    build.add_scaled(dataset_of("conductivity", 12), shares, lost={"good": 6})
     rows = ranked_rows([build.write()])
     assert [(row["method"], row["rank_valid"]) for row in rows] == [("fair", 2), ("good", 1)]
     assert "good would rank 1 if what failed were left out" in FORMATS["md"](rows)

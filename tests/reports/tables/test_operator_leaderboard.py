@@ -13,7 +13,6 @@ import pytest
 from tests.support.made_runs import write_operators
 
 from eitbench.reports.figures.image_grid import write_figures
-from eitbench.reports.tables.columns import OPERATOR_LAYOUT as LAYOUT
 from eitbench.reports.tables.leaderboard import FORMATS, ranked_rows
 from eitbench.reports.tables.published import RATIO, TABLE_I
 from eitbench.scenarios.errors import InputError
@@ -105,23 +104,6 @@ def test_a_narrow_terminal_shows_the_ranking(
     assert max(map(len, text.splitlines())) <= width
     assert "8.00e-4" in text
     assert "surrogate (published)" in text
-
-
-@pytest.mark.parametrize(
-    ("value", "text"),
-    [
-        (0.0, "0"),
-        (1e-24, "1.00e-24"),
-        (1.62e-2, "1.62e-2"),
-        (0.0999, "9.99e-2"),
-        (0.425, "0.425"),
-        (12.345, "12.3"),
-        (None, "–"),
-    ],
-)
-def test_small_numbers_are_legible(value: float | None, text: str) -> None:
-    (column,) = (column for column in LAYOUT.columns if column.name == "mse")
-    assert column.text({"mse": value}) == text
 
 
 def test_operators_have_no_figures(operator_run: Path) -> None:

@@ -249,18 +249,3 @@ def test_recorded_data_hash_follows_the_files(
     other = replace(RECORDED_SETS["bench"], source=altered)
     monkeypatch.setitem(RECORDED_SETS, "bench", other)
     assert recorded.data_hash("test") != before
-
-
-def test_importing_the_package_is_light() -> None:
-    code = "import sys, eitbench.scenarios as s; print('numpy' in sys.modules, dir(s) != [])"
-    done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
-    assert done.stdout.split() == ["False", "True"]
-
-
-def test_public_names_can_be_imported() -> None:
-    import eitbench.scenarios as package
-
-    for name in dir(package):
-        assert getattr(package, name) is not None
-    with pytest.raises(AttributeError, match="nothing"):
-        _ = package.nothing  # type: ignore[attr-defined]
