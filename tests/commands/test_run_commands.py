@@ -77,35 +77,25 @@ def test_operators_are_run_and_printed_like_methods(tmp_path: Path, eitbench: Ru
     assert eitbench("leaderboard", folder, "--format", "md")[1] == markdown
 
 
-def test_json_for_programs_and_a_limit_above_the_split(
-    stored: Path, eitbench: Run, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(("refused", "code"), [([], 0), (["Scenario 'b' is damaged."], 1)])
+def test_skipped_and_refused_scenarios_are_told_to_people_and_programs(
+    refused: list[str], code: int, stored: Path, eitbench: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    result = runner.RunResult(stored, ("Scenario 'a' is skipped.",), ())
-    monkeypatch.setattr(runner, "start_run", lambda *arguments, **options: result)
-    code, out, err = eitbench("run", TINY, "--limit", "99", "--json")
-    assert code == 0
-    answer = json.loads(out)
-    assert answer["run"] == str(stored)
-    assert [row["n"] for row in answer["leaderboard"]] == [12]
-    assert (answer["skipped"], answer["refused"]) == (["Scenario 'a' is skipped."], [])
-    assert "only 12 test samples: --limit 99" in err
-
-
-@pytest.mark.parametrize(("refused", "code"), [((), 0), (("Scenario 'b' is damaged.",), 1)])
-def test_skipped_and_refused_scenarios_are_repeated_below(
-    refused: tuple[str, ...],
-    code: int,
-    stored: Path,
-    eitbench: Run,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    result = runner.RunResult(stored, ("Scenario 'a' is skipped.",), refused)
+    result = runner.RunResult(stored, ("Scenario 'a' is skipped.",), tuple(refused))
     monkeypatch.setattr(runner, "start_run", lambda *arguments, **options: result)
     found, out, _ = eitbench("run", TINY)
     assert found == code
     table, _, below = out.partition("Scenario 'a' is skipped.\n")
     assert "noser" in table
     assert below.startswith("".join(f"{sentence}\n" for sentence in refused))
+
+    found, out, err = eitbench("run", TINY, "--limit", "99", "--json")
+    assert found == code
+    answer = json.loads(out)
+    assert answer["run"] == str(stored)
+    assert [row["n"] for row in answer["leaderboard"]] == [12]
+    assert (answer["skipped"], answer["refused"]) == (["Scenario 'a' is skipped."], refused)
+    assert "only 12 test samples: --limit 99" in err
 
 
 def test_a_run_without_rows_is_told(

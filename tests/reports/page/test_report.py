@@ -241,17 +241,6 @@ def test_the_first_is_tied_with_all_that_differ_by_chance(many: Path) -> None:
     assert f"cannot be told apart from {names[2]};" in answer(board)
 
 
-def test_other_data_under_the_same_name_get_a_board_of_their_own(
-    many: Path, tmp_path: Path
-) -> None:
-    other = shutil.copytree(many, tmp_path / "other")
-    with edited_manifest(other) as content:
-        content["data"]["conductivity-set"]["hash"] = "other"
-    boards = report_data([many, other])["boards"]
-    assert [board["data_hash"] for board in boards] == ["3f2a1b9c", "other"]
-    assert [len(board["views"][0]["rows"]) for board in boards] == [4, 4]
-
-
 @pytest.mark.parametrize(
     "column",
     ["psnr", "score", "localisation_mm", "found_x_m", "phantom", "frame_ms", "family", "status"],
@@ -297,9 +286,3 @@ def test_a_run_without_rows_is_refused(many: Path) -> None:
     pd.read_parquet(many / "samples.parquet")[:0].to_parquet(many / "samples.parquet")
     with pytest.raises(InputError, match="no results"):
         report_data([many])
-
-
-def test_runs_of_the_same_name_are_refused(many: Path, tmp_path: Path) -> None:
-    other = shutil.copytree(many, tmp_path / "elsewhere" / many.name)
-    with pytest.raises(InputError, match="'run'"):
-        report_data([many, other])
