@@ -21,7 +21,6 @@ from eitbench.reports.tables.columns import printable
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.cm import ScalarMappable
     from matplotlib.figure import Figure
 
 Images = NDArray[np.floating]
@@ -320,7 +319,7 @@ def _draw_tile(
     axes: "Axes",
     tile: Tile,
     bounds: tuple[float, float, float, float],
-    colours: "ScalarMappable",
+    colours: Any,
     plain: dict[str, Any],
 ) -> None:
     from matplotlib.patheffects import Normal, Stroke

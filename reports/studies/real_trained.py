@@ -25,13 +25,13 @@ ErrorRow = dict[str, Any]
 def summary(errors: pd.DataFrame) -> list[ErrorRow]:
     """Median error [mm] with its 95 % interval, and 90th percentile, by estimator and count."""
     rows = []
-    for (name, presses), group in errors.groupby(["estimator", "presses"], sort=False):
+    for (name, _), group in errors.groupby(["estimator", "presses"], sort=False):
         error = group["error_mm"].to_numpy()
         middle = bootstrap(error[:, None], medians)[0]
         rows.append(
             {
                 "estimator": str(name),
-                "presses": int(presses),
+                "presses": int(group["presses"].iloc[0]),
                 "median_mm": middle.value,
                 "low_mm": middle.low,
                 "high_mm": middle.high,
