@@ -35,8 +35,7 @@ def made_once(tmp_path_factory: pytest.TempPathFactory, run_builder: Any, datase
 
 @pytest.fixture
 def many(made_once: Path, tmp_path: Path) -> Path:
-    run: Path = shutil.copytree(made_once, tmp_path / "run")
-    return run
+    return shutil.copytree(made_once, tmp_path / "run")
 
 
 def test_the_data_are_those_of_the_leaderboard(many: Path, full_run: Path) -> None:

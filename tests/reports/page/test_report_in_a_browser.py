@@ -70,7 +70,6 @@ def test_columns_sort_and_rows_filter(opened: Any) -> None:
     found.page.fill("#search", "")
     found.page.select_option("#part", label="ring")
     assert "ring" in found.page.locator("#leaderboard caption").inner_text()
-    assert found.column("#leaderboard", 3) == ["–", "–", "–"] or len(names) == 3
 
 
 def test_weights_rank_again(opened: Any) -> None:

@@ -204,7 +204,6 @@ def test_a_metric_has_one_name(full_run: Path) -> None:
     title = METRICS["repeatability_db"].title
     assert title in FORMATS["md"](ranked_rows([full_run]))
     assert LAYOUT.terminal["repeatability_db"].startswith(title)
-    assert LAYOUT.terminal["coverage"] == "Done"
 
 
 def test_what_failures_cost_is_said(build: Any, dataset_of: Any) -> None:
