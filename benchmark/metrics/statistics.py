@@ -184,7 +184,7 @@ def student_t(value: ArrayLike, drawn: Array, clusters: int) -> Array:
     """
     error = drawn.std(axis=0) * np.sqrt(clusters / (clusters - 1))
     sure = np.where(np.abs(value) < EQUAL, 0.0, np.copysign(np.inf, value))
-    return np.divide(value, error, out=sure, where=error >= EQUAL)
+    return np.asarray(np.divide(value, error, out=sure, where=error >= EQUAL))
 
 
 def holm(p: ArrayLike) -> Array:
