@@ -1,8 +1,8 @@
-"""Descriptions of classes, for listings."""
+"""Descriptions of classes and functions, for listings."""
 
 import inspect
 
 
-def first_line(cls: type) -> str:
-    """Return the first line of the docstring of a class; "" without one."""
-    return (inspect.getdoc(cls) or "").partition("\n")[0]
+def first_line(described: object) -> str:
+    """Return the first line of the docstring of a class or function; "" without one."""
+    return (inspect.getdoc(described) or "").partition("\n")[0]

@@ -17,7 +17,7 @@ from eitbench.benchmark.metrics.specs import METRIC_COLUMNS
 from eitbench.benchmark.metrics.tactile import Similarity
 from eitbench.benchmark.rundir import manifest as manifests
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
-from eitbench.benchmark.rundir.store import RunStore
+from eitbench.benchmark.rundir.store import SAMPLES, RunStore
 from eitbench.scenarios.errors import DataCorruptError, InputError
 from eitbench.scenarios.suites.scenario import RecordedScenario, Scenario
 
@@ -85,7 +85,7 @@ def rescore(path: Path) -> list[Rescored]:
     if found:
         samples = pd.concat(tables).reindex(run.samples.index)
         store = RunStore(path, METHOD_RUNS)
-        store.write_samples(samples)
+        store.write_table(SAMPLES, samples)
         noted: list[Any] = run.manifest.get("rescored", [])
         again = {"time": manifests.now(), **manifests.environment()}
         store.write_manifest({**run.manifest, "rescored": [*noted, again]})

@@ -1,20 +1,26 @@
 """Harness shared by the checks of methods and of operators: results, reports, the worker."""
 
-from collections.abc import Callable, Iterator, Mapping
+import inspect
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from types import ModuleType
 from typing import Any, Literal, get_args
 
 from eitbench.benchmark.workers.restarting import RESTARTS, RestartingWorker, SetUpFailedError
 from eitbench.benchmark.workers.worker import Failure, Reply, WorkerLostError
+from eitbench.scenarios.docstrings import first_line
 
 LIMIT_S = 60.0
 
 Status = Literal["passed", "failed", "xfail", "skipped"]
 
-Checks = Mapping[Callable[[Any], str | None], str]
-"""Check functions in the order they run, each with its title; its identifier is its name."""
+Check = Callable[[Any], str | None]
+"""Function whose name is the identifier of a check, and the first line of its docstring the title.
+
+It returns the measured value, or raises `BrokenError` or `SkippedError`.
+"""
 
 
 @dataclass(frozen=True)
@@ -22,8 +28,8 @@ class CheckResult:
     """Result of one check.
 
     Attributes:
-        check: identifier of the check, which `expected_failures` refers to.
-        name: title of the check.
+        check: its identifier, which `expected_failures` refers to.
+        name: its title.
         status: "skipped" where it does not apply, "xfail" where it failed as it was expected to.
         message: the finding, the reason why it was skipped, or the measured value; may be empty.
     """
@@ -97,35 +103,44 @@ class SkippedError(Exception):
     """Reason why a check does not apply, as a sentence."""
 
 
+def answered(reply: Reply) -> Any:
+    """Return the value of a `reply`, which must not be a failure."""
+    if reply.failure is not None:
+        raise BrokenError(f"{reply.failure.message.rstrip('.')}.")
+    return reply.value
+
+
 def require(condition: bool, sentence: str) -> None:
     """Raise a `BrokenError` unless `condition` holds."""
     if not condition:
         raise BrokenError(sentence)
 
 
-def require_answer(reply: Reply) -> Reply:
-    """Return `reply`, which must not be a failure."""
-    if reply.failure is not None:
-        raise BrokenError(f"{reply.failure.message.rstrip('.')}.")
-    return reply
+def checks_in(module: ModuleType) -> list[Check]:
+    """Return the checks of a module: its own public functions, in the order they are written."""
+    own = (f for f in vars(module).values() if getattr(f, "__module__", "") == module.__name__)
+    return [f for f in own if inspect.isfunction(f) and not f.__name__.startswith("_")]
+
+
+def title(check: Check) -> str:
+    """Return the title of a check, as a part of a sentence."""
+    line = first_line(check).rstrip(".")
+    return line[0].lower() + line[1:]
 
 
 def run_checks(
-    checks: Checks,
-    run: Callable[[Callable[[Any], str | None]], str | None],
-    expected: Mapping[str, str],
+    checks: Sequence[Check], run: Callable[[Check], str | None], expected: Mapping[str, str]
 ) -> tuple[CheckResult, ...]:
     """Run `checks` in order, where some are `expected` to fail, each for a reason.
 
     An expectation that is not met is a failure, so that none outlives its reason.
 
     Args:
-        run: runs one check; it returns the measured value, or raises `BrokenError` or
-            `SkippedError`.
+        run: runs one check.
         expected: reasons by identifier.
     """
     results = []
-    for check, title in checks.items():
+    for check in checks:
         reason = expected.get(check.__name__, "").rstrip(".")
         status: Status = "passed"
         try:
@@ -139,7 +154,7 @@ def run_checks(
             status, message = "failed", str(finding)
             if reason:
                 status, message = "xfail", f"{message} Expected: {reason}."
-        results.append(CheckResult(check.__name__, title, status, message))
+        results.append(CheckResult(check.__name__, title(check), status, message))
     return tuple(results)
 
 
@@ -168,6 +183,10 @@ class CheckWorker(RestartingWorker):
             raise BrokenError(self._given_up)
         with self._losses_found():
             return self.ask(*request, limit=self._limit_s, what=str(request[0]))
+
+    def answer(self, *request: object) -> Any:
+        """Return the value of the answer to `request`, which must not be a failure."""
+        return answered(self.request(*request))
 
     def renew(self) -> None:
         """Start another worker in the place of this one.

@@ -7,24 +7,20 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import replace
-from functools import cached_property, lru_cache
+from dataclasses import dataclass
+from functools import cached_property, lru_cache, partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 import psutil
 from numpy.typing import NDArray
+from pydantic import StringConstraints, TypeAdapter
 from threadpoolctl import threadpool_limits
 
-from eitbench.benchmark.checks.harness import BrokenError, CheckWorker, require, require_answer
+from eitbench.benchmark.checks.harness import BrokenError, CheckWorker, answered, require
 from eitbench.benchmark.workers.audit_hook import Watch
-from eitbench.benchmark.workers.method_service import (
-    Frames,
-    MethodService,
-    MethodSpec,
-    scenario_splits,
-)
+from eitbench.benchmark.workers.method_service import Frames, MethodService, learning_splits
 from eitbench.benchmark.workers.process import PINNED, THREADS
 from eitbench.benchmark.workers.worker import Failure, Reply
 from eitbench.methods.registry import methods
@@ -53,6 +49,9 @@ CONTRAST = 0.5
 # How often one frame is asked for, at most, and for how long, to see memory grow.
 REPEATS, LEAST_REPEATS, REPEAT_S = 600, 4, 0.4
 
+Reason = Annotated[str, StringConstraints(strip_whitespace=True, min_length=1)]
+REASONS = TypeAdapter(dict[str, Reason])
+
 
 class MethodUnderTest:
     """The method under test on one problem, in a worker that is replaced when it is lost.
@@ -60,6 +59,7 @@ class MethodUnderTest:
     Attributes:
         sensor: the nominal sensor.
         worker: to be asked directly where the same question must be asked again.
+        answer: asks it.
         log: file with the output of the method.
         watch: notes of its writes, calls and programs.
         limit_s: seconds that fitting, and each answer, may take.
@@ -78,10 +78,12 @@ class MethodUnderTest:
         self.watch = Watch(folder)
         self.limit_s = limit_s
         self._scenario = scenario
-        task = MethodSpec(
-            self.sensor, self.reference[0], scenario_splits(scenario), method, {}, plugin
+        splits = partial(learning_splits, scenario)
+        service = MethodTestService(
+            self.sensor, self.reference[0], splits, method, {}, plugin, watch=self.watch
         )
-        self.worker = CheckWorker(MethodTestService(task, self.watch), limit_s, self.log)
+        self.worker = CheckWorker(service, limit_s, self.log)
+        self.answer = self.worker.answer
         self._replies: dict[bytes, Reply] = {}
 
     @property
@@ -135,21 +137,17 @@ class MethodUnderTest:
         Raises:
             BrokenError: there are none.
         """
-        images: Images = require_answer(self.ask(frames)).value
-        return images
+        return np.asarray(answered(self.ask(frames)))
 
     def again(self, frames: Frames) -> Images:
         """Return the same, asked for again."""
-        images: Images = require_answer(self.worker.request("reconstruct", frames)).value
-        return images
+        return np.asarray(self.answer("reconstruct", frames))
 
     def refit(
         self, frames: Frames, *, gain: float = 1.0, seed: int | None = None, threads: int = THREADS
     ) -> Images:
         """Return images of `frames` by another instance, see `MethodTestService.refit`."""
-        reply = self.worker.request("refit", frames, gain, seed, threads)
-        images: Images = require_answer(reply).value
-        return images
+        return np.asarray(self.answer("refit", frames, gain, seed, threads))
 
     def contrast(self, frames: Frames) -> NDArray[np.float64]:
         """Return the contrast (n, P) [S/m] of the pixels inside the sensor."""
@@ -201,17 +199,15 @@ class Growth(NamedTuple):
     mib: float
 
 
+@dataclass(eq=False, kw_only=True)
 class MethodTestService(MethodService):
     """The worker's side: the method, asked for images under chosen conditions and watched."""
 
-    def __init__(self, task: MethodSpec, watch: Watch) -> None:
-        super().__init__(task)
-        self._watch = watch
-        self._fit_s = 0.0
+    watch: Watch
 
     def set_up(self) -> Reply:
         """Fit the method."""
-        self._watch.begin()
+        self.watch.begin()
         reply = super().set_up()
         self._fit_s = reply.seconds
         return reply
@@ -221,14 +217,9 @@ class MethodTestService(MethodService):
         return Reply(self._fit_s, 0.0)
 
     def expected_failures(self) -> Reply:
-        """Return the declaration of its class, if it maps names to reasons; else None."""
-        declared = methods()[self.task.method].expected_failures
-        try:
-            plain = dict(declared)
-        except (TypeError, ValueError):
-            return Reply(None, 0.0)
-        texts = all(isinstance(text, str) for pair in plain.items() for text in pair)
-        return Reply(plain if texts else None, 0.0)
+        """Return the declaration of its class, which must map names to reasons."""
+        declared = methods()[self.method].expected_failures
+        return Reply(REASONS.validate_python(declared), 0.0)
 
     def refit(self, frames: Frames, gain: float, seed: int | None, threads: int) -> Reply:
         """Return images of `frames` by another instance, fitted with the reference times `gain`.
@@ -278,7 +269,8 @@ class MethodTestService(MethodService):
 
     def _other(self, gain: float) -> MethodService:
         # The plugin is loaded already.
-        return MethodService(replace(self.task, reference=self.task.reference * gain, plugin=None))
+        reference = self.reference * gain
+        return MethodService(self.sensor, reference, self.splits, self.method, self.parameters)
 
 
 def _resident() -> float:

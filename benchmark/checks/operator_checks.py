@@ -1,7 +1,7 @@
-"""Checks of operators.
+"""The checks of operators: every public function, in the order they run.
 
-Of the interface: shapes, kinds of arrays, precision, refusals. Of the mathematics: derivatives,
-reciprocity, scaling.
+First the interface: shapes, kinds of arrays, precision. Then the mathematics: derivatives,
+reciprocity, scaling. Last what is refused.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ DIRECTIONS = 6
 
 
 def described(tested: OperatorUnderTest) -> None:
-    """Require a description and a source, which listings and papers show."""
+    """Has a description and a source."""
     cls = type(tested.operator)
     require(bool((cls.__doc__ or "").strip()), "its class has no docstring: say what it is.")
     require(bool(first_line(cls).strip()), "its docstring begins with an empty line.")
@@ -46,7 +46,10 @@ def described(tested: OperatorUnderTest) -> None:
 
 
 def shapes(tested: OperatorUnderTest) -> None:
-    """Require answers for any leading axes, also for no images at all."""
+    """Returns (..., M) for images (..., H, W).
+
+    Also for no images at all.
+    """
     for leading in ((), (3,), (1, 3), (0,), (2, 0)):
         count = int(np.prod(leading))
         sigma = tested.sigma[:count] if count else tested.sigma[:0]
@@ -57,21 +60,20 @@ def shapes(tested: OperatorUnderTest) -> None:
 
 
 def batch_equals_single(tested: OperatorUnderTest) -> str:
-    """Require that an answer does not depend on the other images of its batch."""
+    """A batch equals its single images."""
     alone = [tested.voltages_of(image) for image in tested.sigma]
     said = close(tested.voltages, alone, SAME, "voltages alone and in a batch")
     pairs = zip(tested.sigma, tested.cotangent, strict=True)
-    close(
-        tested.gradient,
-        [tested.gradient_of(image, weights) for image, weights in pairs],
-        SAME,
-        "gradients alone and in a batch",
-    )
+    gradients = [tested.gradient_of(image, weights) for image, weights in pairs]
+    close(tested.gradient, gradients, SAME, "gradients alone and in a batch")
     return said
 
 
 def deterministic(tested: OperatorUnderTest) -> None:
-    """Require the same answer twice, and from another operator of the same sensor."""
+    """The same twice.
+
+    And from another operator of the same sensor.
+    """
     again = tested.voltages_of(tested.sigma)
     close(again, tested.voltages, 1e-12, "voltages asked for twice")
     other = tested.voltages_of(tested.sigma, tested.make(tested.sensor))
@@ -79,7 +81,7 @@ def deterministic(tested: OperatorUnderTest) -> None:
 
 
 def unchanged_input(tested: OperatorUnderTest) -> None:
-    """Require that the input arrays stay as they are."""
+    """Leaves its input unchanged."""
     sigma, cotangent = tested.sigma.copy(), tested.cotangent.copy()
     tested.operator.voltages(sigma)
     tested.operator.vjp(sigma, cotangent)
@@ -88,7 +90,7 @@ def unchanged_input(tested: OperatorUnderTest) -> None:
 
 
 def torch_tensors(tested: OperatorUnderTest) -> str:
-    """Require equal tensors for tensors."""
+    """Takes and returns torch tensors."""
     import torch
 
     sigma, cotangent = torch.tensor(tested.sigma), torch.tensor(tested.cotangent)
@@ -96,8 +98,8 @@ def torch_tensors(tested: OperatorUnderTest) -> str:
 
 
 def jax_arrays(tested: OperatorUnderTest) -> str:
-    """Require equal JAX arrays for JAX arrays."""
-    with double_jax() as jax:
+    """Takes and returns JAX arrays."""
+    with _double_jax() as jax:
         sigma, cotangent = jax.numpy.array(tested.sigma), jax.numpy.array(tested.cotangent)
         return _require_kind(tested, "JAX arrays", jax.Array, sigma, cotangent)
 
@@ -113,28 +115,8 @@ def _require_kind(
     return close(voltages, tested.voltages, SAME, f"voltages of {name} and of NumPy arrays")
 
 
-def jax_transforms(tested: OperatorUnderTest) -> str:
-    """Require that `jax.jit`, `jax.vmap` and `jax.grad` work, together too."""
-    with double_jax() as jax:
-        operator = tested.operator
-        sigma, cotangent = jax.numpy.array(tested.sigma), jax.numpy.array(tested.cotangent)
-
-        def along(image: Any, weights: Any) -> Any:
-            return (weights * operator.voltages(image)).sum()
-
-        one = jax.grad(along)(sigma[0], cotangent[0])
-        close(one, tested.gradient[0], SAME, "jax.grad and the vjp")
-        for name, mapped in (
-            ("jit", jax.jit(operator.voltages)),
-            ("vmap", jax.vmap(operator.voltages)),
-        ):
-            close(mapped(sigma), tested.voltages, SAME, f"voltages with and without jax.{name}")
-        every = jax.jit(jax.vmap(jax.grad(along)))(sigma, cotangent)
-        return close(every, tested.gradient, SAME, "jit(vmap(grad)) and the vjp")
-
-
 @contextmanager
-def double_jax() -> Iterator[Any]:
+def _double_jax() -> Iterator[Any]:
     """Yield JAX with float64.
 
     Raises:
@@ -154,7 +136,7 @@ def double_jax() -> Iterator[Any]:
 
 
 def precision_kept(tested: OperatorUnderTest) -> None:
-    """Require float32 for float32 and float64 for float64."""
+    """Keeps float32 and float64."""
     import torch
 
     for name in ("float32", "float64"):
@@ -169,7 +151,10 @@ def precision_kept(tested: OperatorUnderTest) -> None:
 
 
 def single_precision(tested: OperatorUnderTest) -> str:
-    """Require that float32 differs from float64 by rounding alone."""
+    """Float32 agrees with float64.
+
+    But for rounding.
+    """
     sigma, cotangent = (a.astype(np.float32) for a in (tested.sigma, tested.cotangent))
     untouched = np.full_like(sigma[0], tested.sensor.background)
     response = tested.operator.voltages(sigma) - tested.operator.voltages(untouched)
@@ -180,78 +165,18 @@ def single_precision(tested: OperatorUnderTest) -> str:
     return said
 
 
-def refuses_pixels(tested: OperatorUnderTest) -> None:
-    """Require an `InputError` for conductivity that is not finite and above 0 S/m."""
-    for value in (0.0, -1.0, np.nan, np.inf):
-        sigma = tested.sigma.copy()
-        sigma[1, 3, 5] = value
-        _require_refusal(tested, sigma, tested.cotangent, f"a pixel of {value:g} S/m")
-
-
-def refuses_grids(tested: OperatorUnderTest) -> None:
-    """Require an `InputError` for another image grid."""
-    sigma = tested.sigma
-    for shape in (sigma[..., :-1].shape, sigma[:, 1:].shape, (sigma[0].size,)):
-        leading = shape[:-2]
-        weights = np.ones((*leading, tested.sensor.n_measurements))
-        _require_refusal(tested, np.ones(shape), weights, f"conductivity of shape {shape}")
-
-
-def refuses_precisions(tested: OperatorUnderTest) -> None:
-    """Require an `InputError` for numbers that would lose accuracy."""
-    for name in ("float16", "int64"):
-        sigma = np.ones_like(tested.sigma).astype(name)
-        _require_refusal(tested, sigma, tested.cotangent, f"conductivity in {name}")
-
-
-def refuses_cotangents(tested: OperatorUnderTest) -> None:
-    """Require an `InputError` for cotangents of another shape than the voltages."""
-    n, m = tested.cotangent.shape
-    for shape in ((n, m - 1), (n - 1, m), (m,)):
-        try:
-            tested.operator.vjp(tested.sigma, np.ones(shape))
-        except InputError:
-            continue
-        raise BrokenError(f"vjp takes a cotangent of shape {shape} for {n} images.")
-
-
-def _require_refusal(tested: OperatorUnderTest, sigma: Any, cotangent: Any, what: str) -> None:
-    """Require an `InputError` from both functions, for NumPy arrays and for torch tensors."""
-    import torch
-
-    operator = tested.operator
-    kinds: tuple[Callable[[Any], Any], ...] = (np.asarray, torch.tensor)
-    for kind in kinds:
-        given = kind(sigma)
-        for name, ask in (
-            ("voltages", partial(operator.voltages, given)),
-            ("vjp", partial(operator.vjp, given, kind(cotangent))),
-        ):
-            try:
-                ask()
-            except InputError:
-                continue
-            except Exception as error:
-                found = type(error).__name__
-                raise BrokenError(
-                    f"{name} of {what} raises a {found}, not an InputError."
-                ) from error
-            raise BrokenError(f"{name} takes {what}: raise an InputError that says what is wrong.")
-
-
 def reference_voltages(tested: OperatorUnderTest) -> str:
-    """Require the voltages of the untouched sensor for the background."""
+    """The background gives the untouched sensor."""
     model = forward_model(tested.sensor)
-    return close(
-        tested.background,
-        model.voltages(model.background),
-        REFERENCE,
-        "voltages of the background and the model's",
-    )
+    what = "voltages of the background and the model's"
+    return close(tested.background, model.voltages(model.background), REFERENCE, what)
 
 
 def differences(tested: OperatorUnderTest) -> str:
-    """Require the gradient of a misfit, sum (F(sigma) - v)^2 / 2, along random directions."""
+    """The gradient equals central differences.
+
+    That of a misfit, sum (F(sigma) - v)^2 / 2, along random directions.
+    """
     sigma, measured = tested.sigma[0], tested.voltages[1]
     gradient = tested.gradient_of(sigma, tested.voltages[0] - measured)
 
@@ -265,7 +190,10 @@ def differences(tested: OperatorUnderTest) -> str:
 
 
 def adjoint(tested: OperatorUnderTest) -> str:
-    """Require <J d, g> = <d, J^T g>: J from unit cotangents, differences and the vjp of g."""
+    """The vjp is the adjoint of the Jacobian.
+
+    <J d, g> = <d, J^T g>: J from unit cotangents, differences and the vjp of g.
+    """
     sigma, n = tested.sigma[0], tested.sensor.n_measurements
     jacobian = np.concatenate(
         [
@@ -303,7 +231,10 @@ def _allowed(tested: OperatorUnderTest) -> float:
 
 
 def autograd(tested: OperatorUnderTest) -> str:
-    """Require that `torch.autograd` differentiates through `voltages` and another function."""
+    """torch.autograd goes through.
+
+    Through `voltages` and another function.
+    """
     import torch
 
     weights = torch.tensor(tested.cotangent)
@@ -313,14 +244,40 @@ def autograd(tested: OperatorUnderTest) -> str:
         voltages = tested.operator.voltages(sigma)
         (gradient,) = torch.autograd.grad((weights * voltages).sum(), logarithm)
     except RuntimeError as error:
-        require(False, f"torch cannot differentiate voltages: {str(error).splitlines()[0]}")
-        raise
+        reason = str(error).splitlines()[0]
+        raise BrokenError(f"torch cannot differentiate voltages: {reason}") from error
     expected = sigma.detach().numpy() * tested.gradient
     return close(gradient.numpy(), expected, SAME, "torch.autograd and the vjp")
 
 
+def jax_transforms(tested: OperatorUnderTest) -> str:
+    """jax.jit, vmap and grad go through.
+
+    Together, too.
+    """
+    with _double_jax() as jax:
+        operator = tested.operator
+        sigma, cotangent = jax.numpy.array(tested.sigma), jax.numpy.array(tested.cotangent)
+
+        def along(image: Any, weights: Any) -> Any:
+            return (weights * operator.voltages(image)).sum()
+
+        one = jax.grad(along)(sigma[0], cotangent[0])
+        close(one, tested.gradient[0], SAME, "jax.grad and the vjp")
+        for name, mapped in (
+            ("jit", jax.jit(operator.voltages)),
+            ("vmap", jax.vmap(operator.voltages)),
+        ):
+            close(mapped(sigma), tested.voltages, SAME, f"voltages with and without jax.{name}")
+        every = jax.jit(jax.vmap(jax.grad(along)))(sigma, cotangent)
+        return close(every, tested.gradient, SAME, "jit(vmap(grad)) and the vjp")
+
+
 def reciprocity(tested: OperatorUnderTest) -> str:
-    """Require reciprocity: exchanging the drive and the measuring pair changes at most the sign."""
+    """Obeys reciprocity.
+
+    Exchanging the drive and the measuring pair changes at most the sign.
+    """
     pattern = tested.sensor.pattern
     pairs = pattern.reciprocal_pairs()
     if not len(pairs):
@@ -345,7 +302,10 @@ def _rms_norm(rows: Array) -> float:
 
 
 def scaling(tested: OperatorUnderTest) -> str:
-    """Require Ohm's law: F_(z/c)(c sigma) = F_z(sigma) / c with contact impedances z."""
+    """Obeys the scaling law.
+
+    Ohm's law: F_(z/c)(c sigma) = F_z(sigma) / c with contact impedances z.
+    """
     if not tested.exact:
         raise SkippedError("Only exact operators need to obey it; this one is not (`exact`).")
     factor = 2.0
@@ -355,3 +315,62 @@ def scaling(tested: OperatorUnderTest) -> str:
     other = tested.make(replace(tested.sensor, electrodes=electrodes))
     scaled = tested.voltages_of(factor * tested.sigma, other)
     return close(scaled, tested.voltages / factor, LAW, "V of z/2 at 2 sigma and V/2")
+
+
+def refuses_pixels(tested: OperatorUnderTest) -> None:
+    """Refuses pixels that are not above 0."""
+    for value in (0.0, -1.0, np.nan, np.inf):
+        sigma = tested.sigma.copy()
+        sigma[1, 3, 5] = value
+        _require_refusal(tested, sigma, tested.cotangent, f"a pixel of {value:g} S/m")
+
+
+def refuses_grids(tested: OperatorUnderTest) -> None:
+    """Refuses another image grid."""
+    sigma = tested.sigma
+    for shape in (sigma[..., :-1].shape, sigma[:, 1:].shape, (sigma[0].size,)):
+        leading = shape[:-2]
+        weights = np.ones((*leading, tested.sensor.n_measurements))
+        _require_refusal(tested, np.ones(shape), weights, f"conductivity of shape {shape}")
+
+
+def refuses_precisions(tested: OperatorUnderTest) -> None:
+    """Refuses float16 and whole numbers."""
+    for name in ("float16", "int64"):
+        sigma = np.ones_like(tested.sigma).astype(name)
+        _require_refusal(tested, sigma, tested.cotangent, f"conductivity in {name}")
+
+
+def _require_refusal(tested: OperatorUnderTest, sigma: Any, cotangent: Any, what: str) -> None:
+    """Require an `InputError` from both functions, for NumPy arrays and for torch tensors."""
+    import torch
+
+    operator = tested.operator
+    kinds: tuple[Callable[[Any], Any], ...] = (np.asarray, torch.tensor)
+    for kind in kinds:
+        given = kind(sigma)
+        for name, ask in (
+            ("voltages", partial(operator.voltages, given)),
+            ("vjp", partial(operator.vjp, given, kind(cotangent))),
+        ):
+            try:
+                ask()
+            except InputError:
+                continue
+            except Exception as error:
+                found = type(error).__name__
+                raise BrokenError(
+                    f"{name} of {what} raises a {found}, not an InputError."
+                ) from error
+            raise BrokenError(f"{name} takes {what}: raise an InputError that says what is wrong.")
+
+
+def refuses_cotangents(tested: OperatorUnderTest) -> None:
+    """Refuses cotangents of another shape."""
+    n, m = tested.cotangent.shape
+    for shape in ((n, m - 1), (n - 1, m), (m,)):
+        try:
+            tested.operator.vjp(tested.sigma, np.ones(shape))
+        except InputError:
+            continue
+        raise BrokenError(f"vjp takes a cotangent of shape {shape} for {n} images.")

@@ -1,14 +1,15 @@
 """The operator under test: its images and cotangents, and the service of its worker."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from eitbench.benchmark.checks.harness import BrokenError, SkippedError, require
-from eitbench.benchmark.workers.worker import Reply, describe_exception
+from eitbench.benchmark.checks.harness import BrokenError, Check, SkippedError, require
+from eitbench.benchmark.workers.worker import Reply
 from eitbench.methods.operator import Operator
 from eitbench.methods.registry import load_plugin, operator
 from eitbench.scenarios.arrays import Array
@@ -60,20 +61,6 @@ class OperatorUnderTest:
         except EitbenchError:
             return cls(make, sensor_by_name(small.name))
 
-    def run(self, check: Callable[["OperatorUnderTest"], str | None]) -> str | None:
-        """Run one check; an error that the operator raises is its finding.
-
-        Raises:
-            BrokenError, SkippedError: the finding.
-        """
-        try:
-            return check(self)
-        except (BrokenError, SkippedError):
-            raise
-        except Exception as error:
-            raised = describe_exception(error).message.rstrip(".")
-            raise BrokenError(f"it raises {raised}.") from error
-
     def random(self, *shape: int) -> Array:
         """Return the next random numbers from -1 to 1 of one stream."""
         return self._random.uniform(-1.0, 1.0, shape)
@@ -121,28 +108,28 @@ class OperatorUnderTest:
         return found
 
 
+@dataclass
 class OperatorCheckService:
     """The worker's side: makes the operator `name`, of the file `plugin` if one is given."""
 
-    def __init__(self, name: str, plugin: Path | None = None) -> None:
-        self._name = name
-        self._plugin = plugin
+    name: str
+    plugin: Path | None
 
     def set_up(self) -> Reply:
         """Make the operator."""
-        if self._plugin is not None:
-            load_plugin(self._plugin)
-        self._tested = OperatorUnderTest.of(partial(operator, self._name))
+        if self.plugin is not None:
+            load_plugin(self.plugin)
+        self._tested = OperatorUnderTest.of(partial(operator, self.name))
         return Reply(None, 0.0)
 
     def image_shape(self) -> Reply:
         """Return the image grid (H, W) of the sensor that the operator was made for."""
         return Reply(self._tested.sensor.image_shape, 0.0)
 
-    def run(self, check: Callable[[OperatorUnderTest], str | None]) -> Reply:
+    def run(self, check: Check) -> Reply:
         """Run one check; the reply holds what it measured, or its finding as an exception."""
         try:
-            return Reply(self._tested.run(check), 0.0)
+            return Reply(check(self._tested), 0.0)
         except (BrokenError, SkippedError) as finding:
             return Reply(finding, 0.0)
 

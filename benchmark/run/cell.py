@@ -7,7 +7,7 @@ run that is killed at any moment and resumed has the rows that it would have had
 import json
 import threading
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
@@ -16,7 +16,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from pydantic import TypeAdapter
 
-from eitbench.benchmark.run.cell_task import NAN, Blank, CellTask, ScoredTask, StoredBatches
+from eitbench.benchmark.run.cell_task import NAN, CellTask, StoredSamples
 from eitbench.benchmark.run.progress import Advance
 from eitbench.benchmark.run.timing import calibration
 from eitbench.benchmark.rundir import manifest
@@ -37,7 +37,7 @@ SAVE_SECONDS = 1.0  # samples that are asked for one by one are stored as often 
 BROKEN_CONTRACT = frozenset({"mutated", "shape", "dtype"})
 
 
-def run_cell(task: ScoredTask, progress: Advance, stop: threading.Event) -> None:
+def run_cell(task: CellTask, progress: Advance, stop: threading.Event) -> None:
     """Run the batches that are not stored yet, then score the cell; whatever it does is a row.
 
     Raises:
@@ -59,47 +59,45 @@ def prepare(task: CellTask, progress: Advance, stop: threading.Event) -> None:
     runner = BatchRunner(task, progress, stop)
     if runner.pending:
         runner.run()
-    store, cell = task.store, task.plan.cell
-    for batch in store.batches(cell, "test"):
-        for status, message in zip(batch.status, batch.message, strict=True):
-            if status != "ok":
-                store.forget(cell)
-                raise EitbenchError(
-                    f"What the cells of scenario {cell.scenario!r} are compared with cannot be "
-                    f"computed: {message}."
-                )
+    cell, stored = task.plan.cell, StoredSamples(task)
+    if not stored.valid.all():
+        task.store.forget(cell)
+        raise EitbenchError(
+            f"What the cells of scenario {cell.scenario!r} are compared with cannot be computed: "
+            f"{stored.message[~stored.valid][0]}."
+        )
 
 
-def score_cell(task: ScoredTask, row: Mapping[str, Any] | None) -> None:
+def score_cell(task: CellTask, row: Mapping[str, Any] | None) -> None:
     """Score the stored samples of a cell and store its rows.
 
     Args:
         row: figures of the cell as a whole; None for one that is not finished.
     """
-    plan, test, store = task.plan, task.test, task.store
-    stored = StoredBatches(store, plan.cell, "test", len(test), task.blank)
-    labels = {"scenario": plan.cell.scenario, store.kind.name: plan.cell.name, **task.labels}
+    plan, test, store = task.plan, task.data.test, task.store
+    stored = StoredSamples(task)
+    labels = {"scenario": plan.cell.scenario, store.kind.name: plan.cell.name}
+    labels |= {name: getattr(plan, name) for name in store.kind.labels}
     figures, whole = task.figures(stored)
     described = test.samples.drop(columns=["sample", *figures.columns], errors="ignore")
     table = pd.DataFrame(
         {
-            "suite": plan.suite,
+            "suite": plan.suite.name,
             **labels,
             "sample": test.samples["sample"].to_numpy(),
-            "input_hash": task.input_hashes,
+            "input_hash": task.data.input_hashes,
             "status": stored.status,
             "message": stored.message,
         }
     )
     table = pd.concat([table, figures, described.reset_index(drop=True)], axis=1)
     table = table[stored.status != ""]
-    ok = int((table["status"] == "ok").sum())
     cell_row = {
         **labels,
         **task.unknown,
         **(row or {}),
         **whole,
-        "coverage": ok / len(table) if len(table) else 0.0,
+        "coverage": stored.valid.sum() / len(table) if len(table) else 0.0,
         "machine": manifest.cpu_model(),
         "calibration_ms": calibration(),
         "n": len(table),
@@ -136,45 +134,37 @@ _STATE = TypeAdapter(CellState)
 
 
 class BatchResult:
-    """The samples of one batch in order, good and bad, as they are collected."""
+    """The samples of one batch of `n` in order, good and bad, as they are collected."""
 
-    def __init__(self, blank: Blank) -> None:
-        self._blank = blank
-        self._values: list[Values | None] = []
+    def __init__(self, task: CellTask, n: int) -> None:
+        self._arrays = task.blank(n)
         self._status: list[str] = []
         self._message: list[str] = []
 
     def __len__(self) -> int:
         return len(self._status)
 
-    def add(self, values: Values, good: NDArray[np.bool_]) -> None:
+    def add(self, values: Values, status: Sequence[str], message: Sequence[str]) -> None:
+        """Add samples; those without an answer have no values."""
+        for name, array in values.items():
+            self._arrays[name][len(self) : len(self) + len(status)] = array
+        self._status += status
+        self._message += message
+
+    def answer(self, values: Values, good: NDArray[np.bool_]) -> None:
         """Add answered samples, of which those that are not `good` hold no valid output."""
-        for k, valid in enumerate(good):
-            self._values.append({name: array[k] for name, array in values.items()})
-            self._status.append("ok" if valid else "invalid-output")
-            self._message.append("" if valid else "returned values that are not finite")
+        status = ["ok" if valid else "invalid-output" for valid in good]
+        message = ["" if valid else "returned values that are not finite" for valid in good]
+        self.add(values, status, message)
 
-    def take(self, batch: Batch) -> None:
-        """Add samples that are stored already."""
-        names = batch.values.keys()
-        self._values += [{name: batch.values[name][k] for name in names} for k in range(len(batch))]
-        self._status += batch.status
-        self._message += batch.message
-
-    def fail(self, count: int, failure: Failure) -> "BatchResult":
+    def fail(self, count: int, failure: Failure) -> None:
         """Add `count` samples that were lost to `failure`."""
-        self._values += [None] * count
-        self._status += [failure.status] * count
-        self._message += [failure.message] * count
-        return self
+        self.add({}, [failure.status] * count, [failure.message] * count)
 
     def batch(self, start: int, state: str) -> Batch:
         """Return the batch that is stored, with the `state` of its cell."""
-        arrays = self._blank(len(self))
-        for k, values in enumerate(self._values):
-            for name, value in (values or {}).items():
-                arrays[name][k] = value
-        return Batch(start, self._status, self._message, arrays, state)
+        values = {name: array[: len(self)] for name, array in self._arrays.items()}
+        return Batch(start, self._status, self._message, values, state)
 
 
 class BatchRunner:
@@ -202,14 +192,20 @@ class BatchRunner:
         self._state = CellState()
         if self._stored:
             split, rows = batches[np.flatnonzero(stored)[-1]]
-            self._state = _read_state(self.store.batch(self.plan.cell, split, rows.start).state)
+            text = self.store.batch(self.plan.cell, split, rows.start).state
+            try:
+                self._state = _STATE.validate_python(json.loads(text))
+            except ValueError as error:
+                raise DataCorruptError(
+                    "A part of the run does not say where its cell stood: start a new run."
+                ) from error
         self._worker = RestartingWorker(
             task.service(),
-            set_up_limit_s=self.plan.fit_limit_s,
+            set_up_limit_s=self.plan.suite.fit_limit_s,
             history=self._state,
             log=self.store.log(self.plan.cell),
             stop=stop,
-            memory_limit_mb=self.plan.memory_limit_mb,
+            memory_limit_mb=self.plan.suite.memory_limit_mb,
         )
 
     def run(self) -> dict[str, Any]:
@@ -245,8 +241,8 @@ class BatchRunner:
         if state.failure is not None:
             for split, rows in self.pending:
                 result = self._stored_part(split, rows)
-                missing = int(rows.stop - rows.start) - len(result)
-                self._finish(split, rows, result.fail(missing, state.failure))
+                result.fail(rows.stop - rows.start - len(result), state.failure)
+                self._finish(split, rows, result)
         fps = state.done / state.seconds if state.seconds > 0 else NAN
         return state.row | measured | {"batch_fps": fps, "memory_mb": self._worker.memory_mb}
 
@@ -292,7 +288,7 @@ class BatchRunner:
             return False
         if reply.failure is None:
             state.done, state.seconds = state.done + n, state.seconds + reply.seconds
-            result.add(*self.task.values(split, rows, reply))
+            result.answer(*self.task.values(split, rows, reply))
             return True
         if BROKEN_CONTRACT.intersection(reply.failure.kinds):
             result.fail(n, reply.failure)
@@ -313,7 +309,7 @@ class BatchRunner:
                 result.fail(1, lost.failure)
                 continue
             if reply.failure is None:
-                result.add(*self.task.values(split, row, reply))
+                result.answer(*self.task.values(split, row, reply))
             else:
                 result.fail(1, reply.failure)
         # Where no sample was to blame the batch was: the next would cost a worker as well.
@@ -322,14 +318,15 @@ class BatchRunner:
 
     def _ask(self, split: str, rows: slice, what: str) -> Reply:
         """Ask for some samples; raises `WorkerLostError` if that costs the worker."""
-        limit = self.plan.frame_limit_s * (rows.stop - rows.start)
+        limit = self.plan.suite.frame_limit_s * (rows.stop - rows.start)
         return self._worker.ask(*self.task.request(split, rows), limit=limit, what=what)
 
     def _stored_part(self, split: str, rows: slice) -> BatchResult:
         """Return the samples of a batch that are stored already."""
-        cell, result = self.plan.cell, BatchResult(self.task.blank)
+        cell, result = self.plan.cell, BatchResult(self.task, rows.stop - rows.start)
         if self.store.batch_length(cell, split, rows.start):
-            result.take(self.store.batch(cell, split, rows.start))
+            batch = self.store.batch(cell, split, rows.start)
+            result.add(batch.values, batch.status, batch.message)
         return result
 
     def _save(self, split: str, rows: slice, result: BatchResult) -> None:
@@ -341,17 +338,3 @@ class BatchRunner:
         before = self.store.batch_length(self.plan.cell, split, rows.start)
         self._save(split, rows, result)
         self.progress(rows.stop - rows.start - before)
-
-
-def _read_state(text: str) -> CellState:
-    """Return the state that was stored with a batch.
-
-    Raises:
-        DataCorruptError: it is damaged.
-    """
-    try:
-        return _STATE.validate_python(json.loads(text))
-    except ValueError as error:
-        raise DataCorruptError(
-            "A part of the run does not say where its cell stood: start a new run."
-        ) from error

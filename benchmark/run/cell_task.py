@@ -19,10 +19,7 @@ from eitbench.scenarios.suites.scenario import Scenario
 from eitbench.scenarios.suites.suite import Suite
 
 NAN = float("nan")
-
 Ask = Callable[[str, slice], Reply]
-Blank = Callable[[int], dict[str, NDArray[Any]]]
-"""Makes the stored arrays of so many samples without an answer."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,8 +27,10 @@ class CellPlan:
     """One cell of a run, apart from its data.
 
     Attributes:
+        cell: of the name `TRUTH` for what the other cells of its scenario are compared with.
         parameters: constructor parameters of a method; empty on track "default".
         spent: cost of selecting them, see `Selection`; empty where they were not selected.
+        suite: declares the limits.
         plugin: the file that registers the method or operator, None for one that is installed.
         batch: samples asked for at once; a run keeps to the number it was started with.
     """
@@ -40,130 +39,9 @@ class CellPlan:
     track: str
     parameters: dict[str, Any]
     spent: dict[str, Any]
-    suite: str
+    suite: Suite
     plugin: Path | None
-    fit_limit_s: float
-    frame_limit_s: float
-    memory_limit_mb: float
     batch: int
-
-
-class CellTask(ABC):
-    """A method, an operator or a model that runs in a cell: its requests and its stored answers.
-
-    Attributes:
-        plan: the cell.
-        store: the run directory.
-        unknown: values of the cell's own figures where nothing is known, by name.
-        reports_prior_knowledge: true if its service reports it at the end.
-    """
-
-    unknown: ClassVar[Mapping[str, Any]] = {}
-    reports_prior_knowledge: ClassVar[bool] = False
-
-    def __init__(self, plan: CellPlan, store: RunStore) -> None:
-        self.plan = plan
-        self.store = store
-
-    @property
-    @abstractmethod
-    def sizes(self) -> Mapping[str, int]:
-        """Number of samples of each split, in the order they run."""
-
-    @abstractmethod
-    def service(self) -> object:
-        """Return the object that answers in the worker; its `set_up` gives figures of the cell."""
-
-    @abstractmethod
-    def request(self, split: str, rows: slice) -> tuple[object, ...]:
-        """Return the request for some samples of a split."""
-
-    @abstractmethod
-    def blank(self, n: int) -> dict[str, NDArray[Any]]:
-        """Return the stored arrays of `n` samples without an answer."""
-
-    @abstractmethod
-    def values(self, split: str, rows: slice, reply: Reply) -> tuple[Values, NDArray[np.bool_]]:
-        """Return the stored arrays of an answer, and a mask (k,) of valid samples."""
-
-    def warm(self, ask: Ask) -> dict[str, float]:
-        """Return times of the warm task, measured on valid samples of the test split."""
-        return {}
-
-    def prior_knowledge(self, value: Any) -> dict[str, Any]:
-        """Return figures of the cell from the answer of its service's `prior_knowledge`."""
-        return {}
-
-    def valid_samples(self) -> NDArray[np.intp]:
-        """Return the positions of the test samples that have a valid answer."""
-        stored = self.store.batches(self.plan.cell, "test")
-        return np.array(
-            [b.start + k for b in stored for k, status in enumerate(b.status) if status == "ok"],
-            dtype=np.intp,
-        )
-
-
-def warm_replies(
-    ask: Ask, what: str, rows: Sequence[slice], enough: Callable[[int, float], bool]
-) -> list[Reply]:
-    """Return the answers to some of the `rows`, in turn, until one fails or there are enough.
-
-    Args:
-        enough: given the number of answers and the seconds they took, True if they suffice.
-    """
-    found: list[Reply] = []
-    while rows and not enough(len(found), sum(reply.seconds for reply in found)):
-        try:
-            reply = ask(what, rows[len(found) % len(rows)])
-        except WorkerLostError:  # every sample is stored by now
-            break
-        if reply.failure is not None:
-            break
-        found.append(reply)
-    return found
-
-
-class StoredBatches:
-    """All stored samples of one split of a cell, in the order of the data set.
-
-    Attributes:
-        values: arrays (n, ...).
-        status, message: n texts; status "" where nothing is stored.
-    """
-
-    def __init__(self, store: RunStore, cell: Cell, split: str, n: int, blank: Blank) -> None:
-        self.values = blank(n)
-        self.status = np.full(n, "", dtype=object)
-        self.message = np.full(n, "", dtype=object)
-        for batch in store.batches(cell, split):
-            rows = slice(batch.start, batch.stop)
-            self.status[rows] = batch.status
-            self.message[rows] = batch.message
-            for name, array in self.values.items():
-                array[rows] = batch.values[name]
-
-
-class ScoredTask(CellTask):
-    """A method or an operator: its answers get rows.
-
-    Attributes:
-        test: the test split.
-        labels: columns of its rows beside its name.
-    """
-
-    def __init__(self, plan: CellPlan, store: RunStore, test: Dataset) -> None:
-        super().__init__(plan, store)
-        self.test = test
-        self.labels: dict[str, str] = {}
-
-    @property
-    @abstractmethod
-    def input_hashes(self) -> list[str]:
-        """SHA-256 (hex) of its input of each test sample."""
-
-    @abstractmethod
-    def figures(self, stored: StoredBatches) -> tuple[pd.DataFrame, dict[str, Any]]:
-        """Return figures of every test sample, and of the cell as a whole."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,19 +69,20 @@ class CellData(ABC):
         """
 
     @abstractmethod
-    def task(self, plan: CellPlan, store: RunStore) -> ScoredTask:
+    def task(self, plan: CellPlan, store: RunStore) -> "CellTask":
         """Return the task of the cell of `plan`."""
 
     @abstractmethod
     def truth(self) -> Truth:
         """Return the truth that is stored beside the answers."""
 
-    def preparation(self, plan: CellPlan, store: RunStore) -> CellTask | None:
-        """Return the task that has to run before the cells of the scenario, if any.
+    @property
+    def input_hashes(self) -> list[str]:
+        """SHA-256 (hex) of the input of each test sample."""
+        return self.test.frame_hashes
 
-        Args:
-            plan: one of these cells.
-        """
+    def preparation(self, plan: CellPlan) -> CellPlan | None:
+        """Return the cell that the cell of `plan` is compared with, and has to wait for, if any."""
         return None
 
     def weights(self, name: str) -> str:
@@ -217,3 +96,101 @@ class CellData(ABC):
     def selection(self, name: str) -> dict[str, Any] | None:
         """Return the record of the parameters selected for `name`; None without one."""
         return None
+
+
+@dataclass(frozen=True, eq=False)
+class CellTask(ABC):
+    """A method, an operator or a model that runs in a cell: its requests and its stored answers.
+
+    Attributes:
+        plan: the cell.
+        store: the run directory.
+        unknown: values of the cell's own figures where nothing is known, by name.
+        reports_prior_knowledge: true if its service reports it at the end.
+    """
+
+    unknown: ClassVar[Mapping[str, Any]] = {}
+    reports_prior_knowledge: ClassVar[bool] = False
+
+    plan: CellPlan
+    store: RunStore
+    data: CellData
+
+    @property
+    def sizes(self) -> Mapping[str, int]:
+        """Number of samples of each split, in the order they run."""
+        return {"test": len(self.data.test)}
+
+    @abstractmethod
+    def service(self) -> object:
+        """Return the object that answers in the worker; its `set_up` gives figures of the cell."""
+
+    @abstractmethod
+    def request(self, split: str, rows: slice) -> tuple[object, ...]:
+        """Return the request for some samples of a split."""
+
+    @abstractmethod
+    def blank(self, n: int) -> dict[str, NDArray[Any]]:
+        """Return the stored arrays of `n` samples without an answer."""
+
+    @abstractmethod
+    def values(self, split: str, rows: slice, reply: Reply) -> tuple[Values, NDArray[np.bool_]]:
+        """Return the stored arrays of an answer, and a mask (k,) of valid samples."""
+
+    def warm(self, ask: Ask) -> dict[str, float]:
+        """Return times of the warm task, measured on valid samples of the test split."""
+        return {}
+
+    def prior_knowledge(self, value: Any) -> dict[str, Any]:
+        """Return figures of the cell from the answer of its service's `prior_knowledge`."""
+        return {}
+
+    def figures(self, stored: "StoredSamples") -> tuple[pd.DataFrame, dict[str, Any]]:
+        """Return figures of every test sample, and of the cell as a whole."""
+        return pd.DataFrame(), {}
+
+
+class StoredSamples:
+    """All stored samples of one split of a cell, in the order of the data set.
+
+    Attributes:
+        values: arrays (n, ...).
+        status, message: n texts; status "" where nothing is stored.
+    """
+
+    def __init__(self, task: CellTask, split: str = "test") -> None:
+        n = task.sizes[split]
+        self.values = task.blank(n)
+        self.status = np.full(n, "", dtype=object)
+        self.message = np.full(n, "", dtype=object)
+        for batch in task.store.batches(task.plan.cell, split):
+            rows = slice(batch.start, batch.stop)
+            self.status[rows] = batch.status
+            self.message[rows] = batch.message
+            for name, array in self.values.items():
+                array[rows] = batch.values[name]
+
+    @property
+    def valid(self) -> NDArray[np.bool_]:
+        """Mask (n,) of the samples that have a valid answer."""
+        return np.asarray(self.status == "ok")
+
+
+def warm_replies(
+    ask: Ask, what: str, rows: Sequence[slice], enough: Callable[[int, float], bool]
+) -> list[Reply]:
+    """Return the answers to some of the `rows`, in turn, until one fails or there are enough.
+
+    Args:
+        enough: given the number of answers and the seconds they took, True if they suffice.
+    """
+    found: list[Reply] = []
+    while rows and not enough(len(found), sum(reply.seconds for reply in found)):
+        try:
+            reply = ask(what, rows[len(found) % len(rows)])
+        except WorkerLostError:  # every sample is stored by now
+            break
+        if reply.failure is not None:
+            break
+        found.append(reply)
+    return found

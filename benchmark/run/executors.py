@@ -16,13 +16,15 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Protocol
+from typing import TYPE_CHECKING, Any
 
 from eitbench.benchmark.run.cell import prepare, run_cell
-from eitbench.benchmark.run.cell_task import CellData, CellPlan, CellTask, ScoredTask
+from eitbench.benchmark.run.cell_task import CellData, CellPlan
 from eitbench.benchmark.run.progress import Advance
 from eitbench.benchmark.rundir import manifest
-from eitbench.benchmark.rundir.kinds import RunKind
+from eitbench.benchmark.rundir.cells import Cell
+from eitbench.benchmark.rundir.kinds import RUN_KINDS
+from eitbench.benchmark.rundir.run_arrays import TRUTH
 from eitbench.benchmark.rundir.store import Files, RunStore
 from eitbench.benchmark.workers.worker import StoppedError
 from eitbench.scenarios.errors import EitbenchError, InputError
@@ -37,63 +39,36 @@ ATTEMPTS = 3
 # Cells that a cluster runs at a time: for each a thread waits here.
 REMOTE_SLOTS = 256
 
-Role = Literal["cell", "preparation"]
 
-
-@dataclass(frozen=True, eq=False)
-class CellJob:
-    """A cell to run, or the preparation that the cells of its scenario wait for.
+@dataclass(frozen=True)
+class Executor:
+    """Runs cells on this machine, each in the thread that calls it.
 
     Attributes:
-        plan: the cell; of a preparation, one of those that wait for it.
+        slots: number of cells that may run at a time.
     """
 
-    role: Role
-    data: CellData
-    plan: CellPlan
+    slots: int
 
-    def task(self, store: RunStore) -> CellTask:
-        """Return the task that runs."""
-        if self.role == "cell":
-            return self.data.task(self.plan, store)
-        task = self.data.preparation(self.plan, store)
-        assert task is not None
-        return task
-
-    def run(self, store: RunStore, progress: Advance, stop: threading.Event) -> None:
+    def run(
+        self,
+        data: CellData,
+        plan: CellPlan,
+        store: RunStore,
+        progress: Advance,
+        stop: threading.Event,
+    ) -> None:
         """Run the batches that are not stored yet.
 
         Raises:
             StoppedError: stopped; finished batches are stored.
-            EitbenchError: the store cannot be written or read, or the preparation fails.
+            EitbenchError: the store cannot be written or read, or what others wait for fails.
         """
-        task = self.task(store)
-        if isinstance(task, ScoredTask):
-            run_cell(task, progress, stop)
-        else:
+        task = data.task(plan, store)
+        if plan.cell.name == TRUTH:
             prepare(task, progress, stop)
-
-
-class Executor(Protocol):
-    """Runs jobs, each in the thread that calls it."""
-
-    @property
-    def slots(self) -> int:
-        """Number of jobs that may run at a time."""
-
-    def run(self, job: CellJob, store: RunStore, progress: Advance, stop: threading.Event) -> None:
-        """See `CellJob.run`."""
-
-
-@dataclass(frozen=True)
-class LocalExecutor:
-    """Runs jobs on this machine."""
-
-    slots: int
-
-    def run(self, job: CellJob, store: RunStore, progress: Advance, stop: threading.Event) -> None:
-        """See `CellJob.run`."""
-        job.run(store, progress, stop)
+        else:
+            run_cell(task, progress, stop)
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,20 +76,16 @@ class RemoteTask:
     """A request to a machine of the cluster, apart from the data.
 
     Attributes:
-        stored: stored batches of the cell.
-        prepared: stored batches of its preparation.
-        plugin: name and content of the file that registers it, if there is one.
+        stored: stored batches of the cell, and of the one that it is compared with.
+        plugin: content of the file that registers it, if there is one.
         weights: SHA-256 of the weights that it loads here.
         versions: of this machine's packages, which results rest on.
         seconds: after so long the task is stopped.
     """
 
-    role: Role
     plan: CellPlan
-    kind: RunKind
-    stored: Files
-    prepared: Files
-    plugin: tuple[str, bytes] | None
+    stored: Mapping[Cell, Files]
+    plugin: bytes | None
     weights: str
     versions: Mapping[str, str | None]
     seconds: float
@@ -135,59 +106,46 @@ class RemoteResult:
     finished: bool
 
 
-class DaskExecutor:
-    """Runs jobs on the machines of the Dask scheduler that `client` is connected to."""
-
-    slots = REMOTE_SLOTS
+class DaskExecutor(Executor):
+    """Runs cells on the machines of the Dask scheduler that `client` is connected to."""
 
     def __init__(self, client: "Client") -> None:
+        super().__init__(REMOTE_SLOTS)
         self._client = client
         self._lock = threading.Lock()
         self._scattered: dict[str, Future] = {}
 
-    def run(self, job: CellJob, store: RunStore, progress: Advance, stop: threading.Event) -> None:
-        """See `CellJob.run`."""
-        task = job.task(store)
-        cell, done = task.plan.cell, 0
-        while True:
-            remote = self._remote_task(job, task, store)
-            answer = self._answer(job.data, remote, stop)
+    def run(
+        self,
+        data: CellData,
+        plan: CellPlan,
+        store: RunStore,
+        progress: Advance,
+        stop: threading.Event,
+    ) -> None:
+        """See `Executor.run`."""
+        cell, done, finished = plan.cell, 0, False
+        needed = [cell] if (model := data.preparation(plan)) is None else [cell, model.cell]
+        while not finished:
+            task = RemoteTask(
+                plan,
+                {there: store.pack(there) for there in needed},
+                None if plan.plugin is None else plan.plugin.read_bytes(),
+                data.weights(cell.name),
+                manifest.versions(),
+                REMOTE_TASK_SECONDS,
+            )
+            answer = self._answer(data, task, stop)
             with store.log(cell).open("ab") as log:
                 log.write(answer.log)
             store.unpack(cell, answer.stored)
-            stored = sum(
-                store.batch_length(cell, split, start)
-                for split, size in task.sizes.items()
-                for start in range(0, size, job.plan.batch)
-            )
+            parts = (store.batches(cell, split) for split in ("validation", "test"))
+            stored = sum(len(batch) for part in parts for batch in part)
             progress(max(0, stored - done))
-            done = stored
-            if answer.finished:
-                return
-
-    def _remote_task(self, job: CellJob, task: CellTask, store: RunStore) -> RemoteTask:
-        plan = job.plan
-        plugin = None if plan.plugin is None else (plan.plugin.name, plan.plugin.read_bytes())
-        waits_for = job.data.preparation(plan, store) if job.role == "cell" else None
-        return RemoteTask(
-            job.role,
-            plan,
-            store.kind,
-            store.pack(task.plan.cell),
-            {} if waits_for is None else store.pack(waits_for.plan.cell),
-            plugin,
-            job.data.weights(plan.cell.name),
-            manifest.versions(),
-            REMOTE_TASK_SECONDS,
-        )
+            done, finished = stored, answer.finished
 
     def _answer(self, data: CellData, task: RemoteTask, stop: threading.Event) -> RemoteResult:
-        """Return the answer of the cluster to a task.
-
-        Raises:
-            StoppedError: stopped meanwhile.
-            EitbenchError: the cluster cannot run it.
-        """
+        """Return the answer of the cluster to a task."""
         from distributed import CancelledError, KilledWorker
 
         name = str(task.plan.cell)
@@ -200,7 +158,8 @@ class DaskExecutor:
                     f"{name} was lost with each of the machines that worked on it."
                 ) from error
             except CancelledError:  # the data went with the last machine that had them
-                self._forget(data)
+                with self._lock:
+                    self._scattered.pop(data.scenario.name, None)
             except StoppedError:
                 raise
             except Exception as error:
@@ -222,11 +181,7 @@ class DaskExecutor:
         return answer
 
     def _await_machines(self, stop: threading.Event) -> None:
-        """Wait for the first machine: they may stand in a queue for hours.
-
-        Raises:
-            StoppedError: stopped meanwhile.
-        """
+        """Wait for the first machine: they may stand in a queue for hours."""
         while not self._client.scheduler_info(n_workers=1)["workers"]:
             if stop.wait(POLL_SECONDS):
                 raise StoppedError
@@ -238,10 +193,6 @@ class DaskExecutor:
             if name not in self._scattered:
                 (self._scattered[name],) = self._client.scatter([data], broadcast=True, hash=False)
             return self._scattered[name]
-
-    def _forget(self, data: CellData) -> None:
-        with self._lock:
-            self._scattered.pop(data.scenario.name, None)
 
 
 @contextmanager
@@ -255,7 +206,7 @@ def executor(jobs: int, scheduler: str | None) -> Iterator[Executor]:
         InputError: `distributed` is not installed, or no scheduler answers there.
     """
     if scheduler is None:
-        yield LocalExecutor(jobs)
+        yield Executor(jobs)
         return
     if not re.search(r":\d+$", scheduler):
         raise InputError(
@@ -281,11 +232,7 @@ def executor(jobs: int, scheduler: str | None) -> Iterator[Executor]:
 
 
 def _run_remote_task(data: CellData, task: RemoteTask) -> RemoteResult:
-    """Run a task on this machine of a cluster.
-
-    Raises:
-        EitbenchError: this machine differs from the one that asks, or the job fails.
-    """
+    """Run a task on this machine of a cluster, if it has what the one that asks has."""
     if manifest.versions() != task.versions:
         changed = [n for n, v in manifest.versions().items() if v != task.versions.get(n)]
         raise EitbenchError(
@@ -301,20 +248,17 @@ def _run_remote_task(data: CellData, task: RemoteTask) -> RemoteResult:
     # Dask starts its processes as daemons, which Python would not let start others.
     multiprocessing.current_process().daemon = False
     with tempfile.TemporaryDirectory(prefix="eitbench-") as folder:
-        store, plan = RunStore.create(Path(folder) / "run", task.kind), task.plan
-        if task.plugin is not None:
-            file, content = task.plugin
-            plan = replace(plan, plugin=Path(folder) / Path(file).name)
-            (Path(folder) / Path(file).name).write_bytes(content)
-        job = CellJob(task.role, data, plan)
-        cell = job.task(store).plan.cell
-        store.unpack(cell, task.stored)
-        waits_for = data.preparation(plan, store) if task.role == "cell" else None
-        if waits_for is not None:
-            store.unpack(waits_for.plan.cell, task.prepared)
+        plan, cell = task.plan, task.plan.cell
+        store = RunStore.create(Path(folder) / "run", RUN_KINDS[plan.suite.ranks])
+        if plan.plugin is not None and task.plugin is not None:
+            copy = Path(folder) / plan.plugin.name
+            copy.write_bytes(task.plugin)
+            plan = replace(plan, plugin=copy)
+        for there, files in task.stored.items():
+            store.unpack(there, files)
         with _cancellation() as stop:
             try:
-                job.run(store, _deadline(task.seconds), stop)
+                Executor(1).run(data, plan, store, _deadline(task.seconds), stop)
                 finished = True
             except StoppedError:
                 finished = False

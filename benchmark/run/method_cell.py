@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -19,8 +20,8 @@ from eitbench.benchmark.run.cell_task import (
     Ask,
     CellData,
     CellPlan,
-    ScoredTask,
-    StoredBatches,
+    CellTask,
+    StoredSamples,
     warm_replies,
 )
 from eitbench.benchmark.run.prior_knowledge import prior_knowledge_columns
@@ -28,12 +29,7 @@ from eitbench.benchmark.rundir.cells import Values
 from eitbench.benchmark.rundir.run_arrays import Truth
 from eitbench.benchmark.rundir.store import RunStore
 from eitbench.benchmark.tuning.selection import recorded_selection
-from eitbench.benchmark.workers.method_service import (
-    Frames,
-    MethodService,
-    MethodSpec,
-    scenario_splits,
-)
+from eitbench.benchmark.workers.method_service import Frames, MethodService, learning_splits
 from eitbench.benchmark.workers.worker import Reply
 from eitbench.methods import methods
 from eitbench.methods.problem import AccessRecord
@@ -124,8 +120,11 @@ class MethodData(CellData):
         )
 
 
-class MethodCellTask(ScoredTask):
+@dataclass(frozen=True, eq=False)
+class MethodCellTask(CellTask):
     """A method, asked for the images of frames."""
+
+    data: MethodData
 
     reports_prior_knowledge: ClassVar[bool] = True
 
@@ -141,29 +140,17 @@ class MethodCellTask(ScoredTask):
         ),
     }
 
-    def __init__(self, plan: CellPlan, store: RunStore, data: MethodData) -> None:
-        super().__init__(plan, store, data.test)
-        self.data = data
-        self.labels = {"track": plan.track}
-
     @property
     def sizes(self) -> Mapping[str, int]:
         """The validation frames that a registration needs, then the test frames."""
         return {split: len(self.data.voltages(split)) for split in ("validation", "test")}
 
-    @property
-    def input_hashes(self) -> list[str]:
-        """SHA-256 (hex) of each frame with the reference frame."""
-        return self.test.frame_hashes
-
     def service(self) -> MethodService:
         """Return the method with its problem."""
-        plan, test = self.plan, self.test
-        splits = scenario_splits(self.data.scenario)
+        plan, test = self.plan, self.data.test
+        splits = partial(learning_splits, self.data.scenario)
         return MethodService(
-            MethodSpec(
-                test.sensor, test.reference, splits, plan.cell.name, plan.parameters, plan.plugin
-            )
+            test.sensor, test.reference, splits, plan.cell.name, plan.parameters, plan.plugin
         )
 
     def request(self, split: str, rows: slice) -> tuple[object, ...]:
@@ -172,7 +159,7 @@ class MethodCellTask(ScoredTask):
 
     def blank(self, n: int) -> dict[str, NDArray[Any]]:
         """Return images and times of NaN."""
-        shape = (n, *self.test.sensor.image_shape)
+        shape = (n, *self.data.test.sensor.image_shape)
         return {
             "conductivity": np.full(shape, np.nan, dtype=np.float32),
             "frame_ms": np.full(n, np.nan),
@@ -180,9 +167,9 @@ class MethodCellTask(ScoredTask):
 
     def values(self, split: str, rows: slice, reply: Reply) -> tuple[Values, NDArray[np.bool_]]:
         """Return the images and the time of each frame."""
-        mask, images = self.test.sensor.mask, reply.value
+        mask, images = self.data.test.sensor.mask, reply.value
         # Pixels outside the sensor do not count.
-        images[:, ~mask] = self.test.sensor.background
+        images[:, ~mask] = self.data.test.sensor.background
         good = np.isfinite(images[:, mask]).all(axis=1)
         images[~good] = np.nan
         times = np.full(len(images), reply.seconds * 1e3 / len(images))
@@ -192,7 +179,8 @@ class MethodCellTask(ScoredTask):
         """Return times of single valid frames, up to a number and a time; the first comes last."""
         if self.plan.cell.variant:
             return {}  # the parameters that are ranked are those that are timed
-        good = [slice(k, k + 1) for k in self.valid_samples().tolist()]
+        valid = np.flatnonzero(StoredSamples(self).valid).tolist()
+        good = [slice(k, k + 1) for k in valid]
         replies = warm_replies(
             ask,
             "a single frame",
@@ -205,17 +193,16 @@ class MethodCellTask(ScoredTask):
 
     def prior_knowledge(self, value: tuple[AccessRecord, dict[str, str]]) -> dict[str, Any]:
         """Return the columns of `prior_knowledge_columns`."""
-        return prior_knowledge_columns(*value, self.data.scenario, self.test, spent=self.plan.spent)
+        data = self.data
+        return prior_knowledge_columns(*value, data.scenario, data.test, spent=self.plan.spent)
 
-    def figures(self, stored: StoredBatches) -> tuple[pd.DataFrame, dict[str, Any]]:
+    def figures(self, stored: StoredSamples) -> tuple[pd.DataFrame, dict[str, Any]]:
         """Return the metrics of every image, and the registration as JSON if there is one."""
         registration, validation = None, self.data.validation
         whole = {}
         if validation is not None:
-            seen = StoredBatches(
-                self.store, self.plan.cell, "validation", len(validation), self.blank
-            )
+            seen = StoredSamples(self, "validation")
             registration = fit_registration(validation, seen.values["conductivity"])
             whole = {"registration": registration.to_json()}
-        table = evaluate(self.test, stored.values["conductivity"], registration)
+        table = evaluate(self.data.test, stored.values["conductivity"], registration)
         return table.drop(columns="sample").assign(frame_ms=stored.values["frame_ms"]), whole

@@ -23,8 +23,7 @@ from eitbench.benchmark.run.cell_task import (
     CellData,
     CellPlan,
     CellTask,
-    ScoredTask,
-    StoredBatches,
+    StoredSamples,
     warm_replies,
 )
 from eitbench.benchmark.rundir.cells import Cell, Values
@@ -33,7 +32,6 @@ from eitbench.benchmark.rundir.store import RunStore
 from eitbench.benchmark.workers.operator_service import (
     Evaluation,
     OperatorService,
-    OperatorSpec,
     ReferenceModelService,
 )
 from eitbench.benchmark.workers.worker import Reply
@@ -97,20 +95,19 @@ class OperatorData(CellData):
         known = operators()
         return known[name].weights_hash(self.test.sensor) if name in known else ""
 
-    def task(self, plan: CellPlan, store: RunStore) -> "OperatorCellTask":
-        """Return the operator of the cell."""
-        return OperatorCellTask(plan, store, self)
+    def task(self, plan: CellPlan, store: RunStore) -> CellTask:
+        """Return the operator of the cell, or the model."""
+        kind = ReferenceModelTask if plan.cell.name == TRUTH else OperatorCellTask
+        return kind(plan, store, self)
 
-    def preparation(self, plan: CellPlan, store: RunStore) -> "ReferenceModelTask":
+    def preparation(self, plan: CellPlan) -> CellPlan | None:
         """Return the model, whose gradients those of all operators are compared with."""
+        if plan.cell.name == TRUTH:
+            return None
         # The suite's limits are for what is ranked.
-        model = replace(
-            plan,
-            cell=Cell(plan.cell.scenario, TRUTH),
-            fit_limit_s=MODEL_LIMIT_S,
-            frame_limit_s=MODEL_LIMIT_S,
-        )
-        return ReferenceModelTask(model, store, self)
+        limits = dict.fromkeys(("fit_limit_s", "frame_limit_s"), MODEL_LIMIT_S)
+        suite = plan.suite.model_copy(update=limits)
+        return replace(plan, cell=Cell(plan.cell.scenario, TRUTH), suite=suite, plugin=None)
 
     def truth(self) -> Truth:
         """Return the true voltages, with their mean and standard deviation."""
@@ -140,17 +137,11 @@ class OperatorData(CellData):
         ]
 
 
+@dataclass(frozen=True, eq=False)
 class ReferenceModelTask(CellTask):
     """The model that the data come from, asked for the gradients of one scenario."""
 
-    def __init__(self, plan: CellPlan, store: RunStore, data: OperatorData) -> None:
-        super().__init__(plan, store)
-        self.data = data
-
-    @property
-    def sizes(self) -> Mapping[str, int]:
-        """Number of test samples."""
-        return {"test": len(self.data.clean)}
+    data: OperatorData
 
     def service(self) -> ReferenceModelService:
         """Return the model."""
@@ -171,8 +162,11 @@ class ReferenceModelTask(CellTask):
         return {"gradient": reply.value}, np.isfinite(reply.value).all(axis=(1, 2))
 
 
-class OperatorCellTask(ScoredTask):
+@dataclass(frozen=True, eq=False)
+class OperatorCellTask(CellTask):
     """An operator, asked for the voltages and gradients of true images."""
+
+    data: OperatorData
 
     unknown: ClassVar[Mapping[str, Any]] = {
         "trained_on": "",
@@ -181,24 +175,10 @@ class OperatorCellTask(ScoredTask):
         ),
     }
 
-    def __init__(self, plan: CellPlan, store: RunStore, data: OperatorData) -> None:
-        super().__init__(plan, store, data.test)
-        self.data = data
-
-    @property
-    def sizes(self) -> Mapping[str, int]:
-        """Number of test samples."""
-        return {"test": len(self.data.clean)}
-
-    @property
-    def input_hashes(self) -> list[str]:
-        """SHA-256 (hex) of each image with its cotangent."""
-        return self.data.input_hashes
-
     def service(self) -> OperatorService:
         """Return the operator for the nominal sensor."""
         plan = self.plan
-        return OperatorService(OperatorSpec(self.test.sensor, plan.cell.name, plan.plugin))
+        return OperatorService(self.data.test.sensor, plan.cell.name, plan.plugin)
 
     def request(self, split: str, rows: slice) -> tuple[object, ...]:
         """Return a request for the voltages and gradients of images."""
@@ -207,7 +187,7 @@ class OperatorCellTask(ScoredTask):
     def blank(self, n: int) -> dict[str, NDArray[Any]]:
         """Return voltages, cosines and times of NaN."""
         return {
-            "voltages": np.full((n, self.test.sensor.n_measurements), np.nan),
+            "voltages": np.full((n, self.data.test.sensor.n_measurements), np.nan),
             "grad_undefined": np.zeros(n, dtype=bool),
             **{name: np.full(n, np.nan) for name in ("grad_cosine", "forward_ms", "grad_ms")},
         }
@@ -215,7 +195,7 @@ class OperatorCellTask(ScoredTask):
     def values(self, split: str, rows: slice, reply: Reply) -> tuple[Values, NDArray[np.bool_]]:
         """Return voltages, cosines of gradients with the model's, and the time of each sample."""
         found: Evaluation = reply.value
-        inside = self.test.sensor.mask
+        inside = self.data.test.sensor.mask
         gradients = found.gradients[:, inside]
         good = np.asarray(np.isfinite(np.hstack([found.voltages, gradients])).all(axis=1))
         cosines, undefined = cosine(
@@ -240,12 +220,12 @@ class OperatorCellTask(ScoredTask):
 
     def warm(self, ask: Ask) -> dict[str, float]:
         """Return the time of a sample in whole valid batches: the median over batches [ms]."""
-        good = self.valid_samples()
+        valid = StoredSamples(self).valid
         size = min(self.plan.batch, len(self.data.clean))
         batches = [
             slice(start, start + size)
             for start in range(0, len(self.data.clean) - size + 1, size)
-            if np.isin(np.arange(start, start + size), good).all()
+            if valid[start : start + size].all()
         ]
         replies = warm_replies(
             ask,
@@ -261,9 +241,9 @@ class OperatorCellTask(ScoredTask):
             "grad_ms": float(np.median([f.grad_s for f in found])) * 1e3 / size,
         }
 
-    def figures(self, stored: StoredBatches) -> tuple[pd.DataFrame, dict[str, float]]:
+    def figures(self, stored: StoredSamples) -> tuple[pd.DataFrame, dict[str, float]]:
         """Return the errors of the voltages, and what is stored of the gradients."""
-        data, valid = self.data, stored.status == "ok"
+        data, valid = self.data, stored.valid
         truth, estimate = data.clean[valid], stored.values["voltages"][valid]
         table = pd.DataFrame({"mse": NAN, "rel_error": NAN}, index=np.arange(len(valid)))
         table.loc[valid, "mse"] = mse(truth, estimate, data.standard)

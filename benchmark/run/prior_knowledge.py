@@ -4,7 +4,6 @@ import json
 from collections.abc import Mapping
 from contextlib import suppress
 from io import BytesIO
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -61,12 +60,7 @@ def prior_knowledge_columns(
         "gain": access.gain,
         "conductivity_range": access.conductivity_range,
         "given": [
-            {
-                "split": given.split,
-                "scenario": given.scenario,
-                "samples": given.samples,
-                "data_hash": given.data_hash,
-            }
+            {name: getattr(given, name) for name in ("split", "scenario", "samples", "data_hash")}
             for given in access.samples
         ],
         "trained_on": dict(trained_on),
@@ -85,27 +79,16 @@ def training_contents(scenario: SimulatedScenario, count: int) -> Contents:
     name = f"contents-{scenario.data_hash('train')[:16]}-{count}.npy"
     cached = cache_dir() / "contents" / name
     for path in (packaged_weights() / name, cached):
-        if path.is_file():
-            with suppress(ValueError, EOFError):  # one that is damaged is made again
-                return _checked(path, count)
+        with suppress(OSError, ValueError, EOFError):  # one that is damaged is made again
+            found: Contents = np.load(path, allow_pickle=False)
+            if found.shape == (count,) and found.dtype == np.uint64:
+                return found
     drawn = tuple(phantom(scenario, "train", sample) for sample in range(count))
     found = np.sort(contents(drawn, None))
-    with suppress(OSError):  # the next run would only have to do it again
-        write_contents(cached, found)
-    return found
-
-
-def write_contents(path: Path, found: Contents) -> None:
-    """Write contents for `training_contents`; the file appears whole or not at all."""
     buffer = BytesIO()
     np.save(buffer, found)
-    atomic_write(path, buffer.getvalue())
-
-
-def _checked(path: Path, count: int) -> Contents:
-    found: Contents = np.load(path, allow_pickle=False)
-    if found.shape != (count,) or found.dtype != np.uint64:
-        raise ValueError
+    with suppress(OSError):  # the next run would only have to do it again
+        atomic_write(cached, buffer.getvalue())
     return found
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from eitbench.benchmark.run.cell import score_cell
 from eitbench.benchmark.run.cell_task import CellData, CellPlan
-from eitbench.benchmark.run.executors import CellJob, Executor, executor
+from eitbench.benchmark.run.executors import Executor, executor
 from eitbench.benchmark.run.method_cell import MethodData
 from eitbench.benchmark.run.operator_cell import OperatorData
 from eitbench.benchmark.run.progress import RunProgress
@@ -18,7 +18,7 @@ from eitbench.benchmark.rundir import manifest as manifests
 from eitbench.benchmark.rundir.cells import Cell
 from eitbench.benchmark.rundir.lock import locked
 from eitbench.benchmark.rundir.manifest import Manifest
-from eitbench.benchmark.rundir.plan import Plan, make_plan
+from eitbench.benchmark.rundir.plan import Plan, make_plan, read_resumable
 from eitbench.benchmark.rundir.store import RunStore
 from eitbench.benchmark.workers.process import THREADS
 from eitbench.benchmark.workers.worker import SEED, StoppedError
@@ -34,6 +34,9 @@ from eitbench.scenarios.suites.suite import Suite
 __all__ = ["Plan", "RunInterruptedError", "RunResult", "make_plan", "resume_run", "start_run"]
 
 DATA: Mapping[str, type[CellData]] = {"methods": MethodData, "operators": OperatorData}
+
+Lost = dict[str, dict[str, str]]
+"""Sentences on scenarios and cells that are "skipped" and on scenarios that are "refused"."""
 
 
 @dataclass(frozen=True)
@@ -81,22 +84,17 @@ def start_run(
     """
     progress = progress or RunProgress(quiet=True)
     with executor(jobs, scheduler) as where:
-        return _start(plan, RunStore.create(out, plan.kind), where, jobs, progress)
-
-
-def _start(
-    plan: Plan, store: RunStore, where: Executor, jobs: int, progress: RunProgress
-) -> RunResult:
-    with locked(store.path), termination_interrupts():
-        try:
-            data, skipped, refused = _load(plan, plan.scenarios, jobs, progress)
-            skipped |= _unusable(plan, data, progress)
-            manifest = _new_manifest(plan, data, skipped, refused, jobs)
-            store.write_manifest(manifest)
-        except BaseException:  # nothing has been run: leave nothing behind, after Ctrl-C too
-            store.discard()
-            raise
-        return _execute(plan, store, manifest, data, where, progress)
+        store = RunStore.create(out, plan.kind)
+        with locked(out), termination_interrupts():
+            try:
+                data, lost = _load(plan, plan.scenarios, jobs, progress)
+                lost["skipped"] |= _unusable(plan, data, progress)
+                manifest = _new_manifest(plan, data, lost, jobs)
+                store.write_manifest(manifest)
+            except BaseException:  # nothing has been run: leave nothing behind, after Ctrl-C too
+                store.discard()
+                raise
+            return _execute(plan, store, manifest, data, where, progress)
 
 
 def resume_run(
@@ -118,8 +116,7 @@ def resume_run(
             process works in it.
         RunInterruptedError, EitbenchError: as for `start_run`.
     """
-    manifest = manifests.read_resumable(run)
-    plan = Plan.of(manifest, run)
+    _, plan = read_resumable(run)
     if suite is not None and suite != plan.suite:
         raise InputError(
             f"{run} is a run of suite {plan.suite.name!r} as it was then, not of this "
@@ -127,7 +124,7 @@ def resume_run(
         )
     progress = progress or RunProgress(quiet=True)
     with locked(run), termination_interrupts(), executor(jobs, scheduler) as where:
-        manifest = manifests.read_resumable(run)  # another process may just have finished it
+        manifest, _ = read_resumable(run)  # another process may just have finished it
         if manifest["status"] == "finished":
             RunStore(run, plan.kind).remove_parts()  # it may have been killed just before
             return _result(run, manifest)
@@ -148,40 +145,37 @@ def _load_again(
 ) -> dict[str, CellData]:
     """Return the data of a run that is continued; they must be those it was started with."""
     names = list(manifest["data"])
-    data, skipped, refused = _load(plan, names, jobs, progress)
-    if skipped or refused:
-        raise _no_data(skipped, refused)
-    for name in names:
-        if name not in data or data[name].test.data_hash != manifest["data"][name]["hash"]:
-            raise InputError(
-                f"{run} cannot be resumed: the data of scenario {name!r} have changed since it "
-                "was started. Start a new run."
-            )
-    for entry in manifest["cells"]:
-        if data[entry["scenario"]].weights(entry["name"]) != entry["weights"]:
-            raise InputError(
-                f"{run} cannot be resumed: the weights of {entry['name']!r} have changed since it "
-                "was started. Start a new run."
-            )
+    data, lost = _load(plan, names, jobs, progress)
+    if any(lost.values()):
+        raise _no_data(lost)
+    changed = [
+        f"the data of scenario {name!r}"
+        for name in names
+        if name not in data or data[name].test.data_hash != manifest["data"][name]["hash"]
+    ] or [
+        f"the weights of {entry['name']!r}"
+        for entry in manifest["cells"]
+        if data[entry["scenario"]].weights(entry["name"]) != entry["weights"]
+    ]
+    if changed:
+        raise InputError(
+            f"{run} cannot be resumed: {changed[0]} have changed since it was started. Start a "
+            "new run."
+        )
     return data
 
 
-def _no_data(skipped: Mapping[str, str], refused: Mapping[str, str]) -> EitbenchError:
-    kind = DataCorruptError if refused else DataUnavailableError
-    return kind(" ".join([*refused.values(), *skipped.values()]))
+def _no_data(lost: Lost) -> EitbenchError:
+    kind = DataCorruptError if lost["refused"] else DataUnavailableError
+    return kind(" ".join([*lost["refused"].values(), *lost["skipped"].values()]))
 
 
 def _load(
     plan: Plan, names: Sequence[str], jobs: int, progress: RunProgress
-) -> tuple[dict[str, CellData], dict[str, str], dict[str, str]]:
-    """Return the data of the scenarios `names`, and sentences on missing and on damaged ones.
-
-    Raises:
-        DataUnavailableError, DataCorruptError: there are no data at all.
-    """
+) -> tuple[dict[str, CellData], Lost]:
+    """Return the data of the scenarios `names`, and of others the reason why there are none."""
     data: dict[str, CellData] = {}
-    skipped: dict[str, str] = {}
-    refused: dict[str, str] = {}
+    lost: Lost = {"skipped": {}, "refused": {}}
     for scenario in plan.suite.scenarios:
         if scenario.name not in names:
             continue
@@ -189,24 +183,17 @@ def _load(
             data[scenario.name] = DATA[plan.suite.ranks].load(
                 scenario, plan.suite, plan.limit, jobs=jobs, progress=not progress.quiet
             )
-        except DataUnavailableError as error:
-            skipped[scenario.name] = f"Scenario {scenario.name!r} is skipped: {error}"
-        except DataCorruptError as error:
-            refused[scenario.name] = f"Scenario {scenario.name!r} is refused: {error}"
+        except (DataUnavailableError, DataCorruptError) as error:
+            how = "refused" if isinstance(error, DataCorruptError) else "skipped"
+            lost[how][scenario.name] = f"Scenario {scenario.name!r} is {how}: {error}"
     if not data:
-        raise _no_data(skipped, refused)
-    for sentence in (*skipped.values(), *refused.values()):
+        raise _no_data(lost)
+    for sentence in (*lost["skipped"].values(), *lost["refused"].values()):
         progress.say(sentence)
-    return data, skipped, refused
+    return data, lost
 
 
-def _new_manifest(
-    plan: Plan,
-    data: dict[str, CellData],
-    skipped: dict[str, str],
-    refused: dict[str, str],
-    jobs: int,
-) -> Manifest:
+def _new_manifest(plan: Plan, data: dict[str, CellData], lost: Lost, jobs: int) -> Manifest:
     return {
         "format": 1,
         "status": "running",
@@ -220,7 +207,7 @@ def _new_manifest(
         "batch": DATA[plan.suite.ranks].batch,
         "threads": THREADS,
         "seeds": {"methods": SEED},
-        "plan": plan.describe(),
+        "plan": plan.model_dump(mode="json"),
         "data": {
             name: {
                 "hash": there.test.data_hash,
@@ -231,8 +218,7 @@ def _new_manifest(
             }
             for name, there in data.items()
         },
-        "skipped": skipped,
-        "refused": refused,
+        **lost,
         "cells": [
             entry
             for there in data.values()
@@ -244,11 +230,7 @@ def _new_manifest(
 
 
 def _unusable(plan: Plan, data: Mapping[str, CellData], progress: RunProgress) -> dict[str, str]:
-    """Return a sentence for each cell that lacks something, such as weights or a program.
-
-    Raises:
-        InputError: all cells do.
-    """
+    """Return a sentence for each cell that lacks something, such as weights or a program."""
     found = {
         f"{scenario}/{name}": f"Scenario {scenario!r} is left out for {name!r}: {why}"
         for scenario, there in data.items()
@@ -270,11 +252,23 @@ def _execute(
     where: Executor,
     progress: RunProgress,
 ) -> RunResult:
-    cells = [_cell_plan(plan, manifest, entry) for entry in manifest["cells"]]
+    plugins = {name: file.path for name, file in plan.origins.items()}
+    cells = [
+        CellPlan(
+            cell=Cell(entry["scenario"], entry["name"], entry["variant"]),
+            track=entry["track"],
+            parameters=entry["parameters"],
+            spent=entry["spent"],
+            suite=plan.suite,
+            plugin=plugins.get(entry["name"]),
+            batch=manifest["batch"],
+        )
+        for entry in manifest["cells"]
+    ]
     interrupted = not _run_cells(cells, data, store, where, progress)
     if interrupted:
         for cell in cells:
-            if not store.finished(cell.cell) and store.has_batches(cell.cell):
+            if not store.finished(cell.cell) and any(store.batches(cell.cell, "test")):
                 score_cell(data[cell.cell.scenario].task(cell, store), None)
     ranked = [c.cell for c in cells if not c.cell.variant]
     store.assemble(ranked, {name: there.truth() for name, there in data.items()})
@@ -300,21 +294,6 @@ def _execute(
     return _result(store.path, manifest)
 
 
-def _cell_plan(plan: Plan, manifest: Manifest, entry: Manifest) -> CellPlan:
-    return CellPlan(
-        cell=Cell(entry["scenario"], entry["name"], entry["variant"]),
-        track=entry["track"],
-        parameters=entry["parameters"],
-        spent=entry["spent"],
-        suite=plan.suite.name,
-        plugin=plan.origins.get(entry["name"]),
-        fit_limit_s=plan.suite.fit_limit_s,
-        frame_limit_s=plan.suite.frame_limit_s,
-        memory_limit_mb=plan.suite.memory_limit_mb,
-        batch=manifest["batch"],
-    )
-
-
 def _run_cells(
     cells: list[CellPlan],
     data: dict[str, CellData],
@@ -322,38 +301,34 @@ def _run_cells(
     where: Executor,
     progress: RunProgress,
 ) -> bool:
-    """Run the cells that are not finished; return False after Ctrl-C.
-
-    Raises:
-        EitbenchError: rows could not be written; those that were are safe.
-    """
+    """Run the cells that are not finished; return False after Ctrl-C."""
     stop = threading.Event()
     unfinished = [plan for plan in cells if not store.finished(plan.cell)]
-    first_of = {plan.cell.scenario: plan for plan in reversed(unfinished)}
+    if where.slots > 1:
+        # A cell that took long to tune takes long to run: begun last, it would run alone.
+        unfinished.sort(key=lambda plan: plan.spent.get("seconds") or 0.0, reverse=True)
+    # By scenario; they are begun before any cell that waits for one.
     preparations = {
-        name: CellJob("preparation", there, first_of[name])
-        for name, there in data.items()
-        if name in first_of and there.preparation(first_of[name], store) is not None
+        plan.cell.scenario: first
+        for plan in unfinished
+        if (first := data[plan.cell.scenario].preparation(plan)) is not None
     }
     prepared: dict[str, Future[None]] = {}
 
-    def run(job: CellJob) -> None:
-        task, scenario = job.task(store), job.plan.cell.scenario
-        with progress.cell(str(task.plan.cell), sum(task.sizes.values())) as bar:
-            if job.role == "cell" and scenario in prepared:
-                prepared[scenario].result()
+    def run(plan: CellPlan) -> None:
+        there = data[plan.cell.scenario]
+        frames = sum(there.task(plan, store).sizes.values())
+        with progress.cell(str(plan.cell), frames) as bar:
+            if plan in unfinished and plan.cell.scenario in prepared:
+                prepared[plan.cell.scenario].result()
             if not stop.is_set():
-                where.run(job, store, bar, stop)
+                where.run(there, plan, store, bar, stop)
 
-    jobs = [CellJob("cell", data[plan.cell.scenario], plan) for plan in unfinished]
-    if where.slots > 1:
-        # A cell that took long to tune takes long to run: begun last, it would run alone.
-        jobs.sort(key=lambda job: job.plan.spent.get("seconds") or 0.0, reverse=True)
-    with progress.cells(len(jobs) + len(preparations)), ThreadPoolExecutor(where.slots) as pool:
-        # They are begun before any cell that waits for one.
-        for scenario, job in preparations.items():
-            prepared[scenario] = pool.submit(run, job)
-        futures = [*prepared.values(), *(pool.submit(run, job) for job in jobs)]
+    total = len(unfinished) + len(preparations)
+    with progress.cells(total), ThreadPoolExecutor(where.slots) as pool:
+        for scenario, plan in preparations.items():
+            prepared[scenario] = pool.submit(run, plan)
+        futures = [*prepared.values(), *(pool.submit(run, plan) for plan in unfinished)]
         try:
             wait(futures, return_when=FIRST_EXCEPTION)
         except KeyboardInterrupt:

@@ -17,7 +17,7 @@ from eitbench.benchmark.metrics.statistics import once
 from eitbench.benchmark.run.cell_task import CellData, CellPlan
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
 from eitbench.benchmark.rundir.manifest import Manifest
-from eitbench.benchmark.rundir.store import RunStore
+from eitbench.benchmark.rundir.store import TRACKS, RunStore
 
 if TYPE_CHECKING:
     from eitbench.benchmark.rundir.plan import Plan
@@ -68,7 +68,7 @@ def write_tracks(store: RunStore, cells: Sequence[CellPlan]) -> None:
             best = max(rows.values(), key=lambda pair: _goodness(pair[1]))
             tables.append(_labelled("oracle", *best))
     if tables:
-        store.write_tracks(pd.concat(tables, ignore_index=True))
+        store.write_table(TRACKS, pd.concat(tables, ignore_index=True))
 
 
 def _same(plan: CellPlan, other: CellPlan) -> bool:

@@ -93,27 +93,13 @@ class Batch:
         Raises:
             Exception: whatever the damage of archives and headers leads to.
         """
-        values = _read_arrays(path)
+        with ZipFile(path) as archive:  # nothing that `write` writes is compressed
+            if sum(member.file_size for member in archive.infolist()) > path.stat().st_size:
+                raise ValueError("it claims to hold more than the file")
+        with np.load(path, allow_pickle=False) as arrays:
+            values = dict(arrays)
         status, message = (values.pop(name) for name in ("status", "message"))
         state = str(values.pop("state"))
-        if any(len(values[name]) != len(status) for name in values):
+        if any(len(array) != len(status) for array in values.values()):
             raise ValueError("its arrays are of unlike lengths")
         return cls(start, list(map(str, status)), list(map(str, message)), values, state)
-
-
-def batch_length(path: Path) -> int:
-    """Return the number of samples of the batch at `path`, without reading its values.
-
-    Raises:
-        Exception: as for `Batch.read`.
-    """
-    return len(_read_arrays(path, ["status"])["status"])
-
-
-def _read_arrays(path: Path, names: Sequence[str] = ()) -> dict[str, NDArray[Any]]:
-    """Read all or some arrays of an NPZ file as `np.savez` writes it: nothing is compressed."""
-    with ZipFile(path) as archive:
-        if sum(member.file_size for member in archive.infolist()) > path.stat().st_size:
-            raise ValueError("it claims to hold more than the file")
-    with np.load(path, allow_pickle=False) as arrays:
-        return {name: arrays[name] for name in names or arrays.files}

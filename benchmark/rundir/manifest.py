@@ -151,32 +151,6 @@ class _Manifest(_Part):
     calibration_ms: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
 
 
-class _KnownData(_Part):
-    hash: str
-
-
-class _Cell(_Part):
-    scenario: str
-    name: str
-    variant: str
-    track: str
-    parameters: dict[str, Any]
-    spent: dict[str, Any]
-
-
-class _Resumable(_Part):
-    """Values that a run is continued from."""
-
-    status: str
-    batch: int
-    resumed: list[Any]
-    skipped: dict[str, Any]
-    refused: dict[str, Any]
-    plan: dict[str, Any]
-    data: dict[str, _KnownData]
-    cells: list[_Cell]
-
-
 def read(run: Path) -> Manifest:
     """Read the manifest of the run directory `run`.
 
@@ -193,32 +167,14 @@ def read(run: Path) -> Manifest:
             raise ValueError("it is not a JSON object")
         _Manifest.model_validate(content)
     except ValidationError as error:
-        where, reason = _first(error)
+        where, reason = first_problem(error)
         raise DataCorruptError(f"The manifest {path} is damaged: {where}: {reason}.") from error
     except (OSError, ValueError, RecursionError) as error:
         raise DataCorruptError(f"The manifest {path} cannot be read: {error}.") from error
     return content
 
 
-def read_resumable(run: Path) -> Manifest:
-    """Read the manifest of a run that is to be continued.
-
-    Raises:
-        InputError: `run` holds none, or something that is needed is missing.
-        DataCorruptError: as for `read`.
-    """
-    manifest = read(run)
-    try:
-        _Resumable.model_validate(manifest)
-    except ValidationError as error:
-        raise InputError(
-            f"{run} cannot be resumed: its manifest is incomplete ({_first(error)[0]!r}). Start a "
-            "new run."
-        ) from error
-    return manifest
-
-
-def _first(error: ValidationError) -> tuple[str, str]:
+def first_problem(error: ValidationError) -> tuple[str, str]:
     """Place and reason of the first problem."""
     first = error.errors(include_url=False)[0]
     return ".".join(map(str, first["loc"])), first["msg"]

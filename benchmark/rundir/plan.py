@@ -1,12 +1,14 @@
 """The plan of a run: a suite, and the methods, scenarios and samples chosen of it."""
 
 import hashlib
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel, ConfigDict, ValidationError
 
 from eitbench.benchmark.rundir.kinds import RUN_KINDS, RunKind
-from eitbench.benchmark.rundir.manifest import Manifest
+from eitbench.benchmark.rundir.manifest import Manifest, first_problem, read
 from eitbench.benchmark.workers.worker import plugin_names
 from eitbench.methods.registry import METHOD_REGISTRY, OPERATOR_REGISTRY
 from eitbench.scenarios.errors import InputError, unknown_name
@@ -16,16 +18,25 @@ TRACKS = ("default", "tuned", "oracle")
 """As its author set it; with the parameters chosen on validation data; with the best on test."""
 
 
-@dataclass(frozen=True)
-class Plan:
-    """All that a run consists of, enough to continue it later.
+class _Declared(BaseModel):
+    model_config = ConfigDict(frozen=True)
+
+
+class PluginFile(_Declared):
+    """A file with more methods or operators, the SHA-256 of its content, and their names."""
+
+    path: Path
+    sha256: str
+    names: tuple[str, ...]
+
+
+class Plan(_Declared):
+    """All that a run consists of, enough to continue it later; a part of its manifest.
 
     Attributes:
         names: the methods or operators, in the order they are run.
         scenarios: names in the order they are run.
         limit: number of test samples of each scenario, None for all.
-        plugins: files with more methods or operators, each with the SHA-256 of its content.
-        origins: the plugin of each of the names that one registers.
         tracks: those that are run beside the one that is ranked.
     """
 
@@ -33,9 +44,8 @@ class Plan:
     names: tuple[str, ...]
     scenarios: tuple[str, ...]
     limit: int | None
-    plugins: tuple[tuple[Path, str], ...]
-    origins: Mapping[str, Path] = field(default_factory=dict)
-    tracks: tuple[str, ...] = ()
+    tracks: tuple[str, ...]
+    plugins: tuple[PluginFile, ...]
 
     @property
     def kind(self) -> RunKind:
@@ -56,53 +66,59 @@ class Plan:
             )
         return self.names
 
-    def describe(self) -> Manifest:
-        """Return plain values for the manifest."""
-        return {
-            "suite": self.suite.model_dump(mode="json"),
-            "names": list(self.names),
-            "scenarios": list(self.scenarios),
-            "limit": self.limit,
-            "tracks": list(self.tracks),
-            "plugins": [
-                {
-                    "path": str(path),
-                    "sha256": digest,
-                    "names": [name for name, origin in self.origins.items() if origin == path],
-                }
-                for path, digest in self.plugins
-            ],
-        }
+    @property
+    def origins(self) -> dict[str, PluginFile]:
+        """The plugin of each of the names that one registers."""
+        return {name: plugin for plugin in self.plugins for name in plugin.names}
 
-    @classmethod
-    def of(cls, manifest: Manifest, run: Path) -> "Plan":
-        """Read the plan that `manifest` of the directory `run` describes.
 
-        Raises:
-            InputError: the manifest is incomplete, or a plugin has changed since.
-        """
-        try:
-            plan = manifest["plan"]
-            made = cls(
-                Suite.model_validate(plan["suite"]),
-                tuple(plan["names"]),
-                tuple(plan["scenarios"]),
-                plan["limit"],
-                tuple((Path(p["path"]), p["sha256"]) for p in plan["plugins"]),
-                {name: Path(p["path"]) for p in plan["plugins"] for name in p["names"]},
-                tuple(plan["tracks"]),
-            )
-        except (KeyError, TypeError, ValueError) as error:
-            reason = " ".join(str(error).split())
+class _Data(BaseModel):
+    hash: str
+
+
+class _Cell(BaseModel):
+    scenario: str
+    name: str
+    variant: str
+    track: str
+    parameters: dict[str, Any]
+    spent: dict[str, Any]
+
+
+class _Resumable(BaseModel):
+    """The part of a manifest that a run is continued from."""
+
+    status: str
+    batch: int
+    resumed: list[Any]
+    skipped: dict[str, Any]
+    refused: dict[str, Any]
+    plan: Plan
+    data: dict[str, _Data]
+    cells: list[_Cell]
+
+
+def read_resumable(run: Path) -> tuple[Manifest, Plan]:
+    """Read the manifest and the plan of a run that is to be continued.
+
+    Raises:
+        InputError: `run` holds none, something is missing, or a plugin has changed since.
+        DataCorruptError: as for `manifest.read`.
+    """
+    manifest = read(run)
+    try:
+        plan = _Resumable.model_validate(manifest).plan
+    except ValidationError as error:
+        raise InputError(
+            f"{run} cannot be resumed: its manifest is incomplete ({first_problem(error)[0]!r}). "
+            "Start a new run."
+        ) from error
+    for plugin in plan.plugins:
+        if not plugin.path.is_file() or _sha256(plugin.path) != plugin.sha256:
             raise InputError(
-                f"{run} cannot be resumed: its manifest is incomplete ({reason}). Start a new run."
-            ) from error
-        for path, digest in made.plugins:
-            if not path.is_file() or _sha256(path) != digest:
-                raise InputError(
-                    f"{run} cannot be resumed: the plugin {path} has changed. Start a new run."
-                )
-        return made
+                f"{run} cannot be resumed: the plugin {plugin.path} has changed. Start a new run."
+            )
+    return manifest, plan
 
 
 def make_plan(
@@ -132,22 +148,22 @@ def make_plan(
         raise InputError(f"Suite {suite.name!r} ranks {ranks}: choose among them with --{ranks}.")
     # Looked up before plugins start workers, which are forked with what is loaded by then.
     known = {*(METHOD_REGISTRY if ranks == "methods" else OPERATOR_REGISTRY).known()}
-    files = tuple(dict.fromkeys(path.resolve() for path in plugins))
-    origins: dict[str, Path] = {}
-    for path in files:
+    files: list[PluginFile] = []
+    for path in dict.fromkeys(path.resolve() for path in plugins):
         registered = plugin_names(path)
         offered = registered.methods if ranks == "methods" else registered.operators
         if not offered:
             raise InputError(f"The plugin {path} registers no {ranks}, which {suite.name!r} ranks.")
-        for name in offered:
-            if name in origins:
+        for other_file in files:
+            if both := set(offered) & set(other_file.names):
                 raise InputError(
-                    f"The {RUN_KINDS[ranks].name} name {name!r} is registered by {origins[name]} "
-                    f"and by {path}: choose another in one of them."
+                    f"The {RUN_KINDS[ranks].name} name {min(both)!r} is registered by "
+                    f"{other_file.path} and by {path}: choose another in one of them."
                 )
-            origins[name] = path
-    known |= set(origins)
-    chosen = tuple(dict.fromkeys(asked or (*suite.names, *origins)))
+        files.append(PluginFile(path=path, sha256=_sha256(path), names=tuple(offered)))
+    own = [name for file in files for name in file.names]
+    known |= set(own)
+    chosen = tuple(dict.fromkeys(asked or (*suite.names, *own)))
     for name in chosen:
         if name not in known:
             raise unknown_name(RUN_KINDS[ranks].name, name, known)
@@ -156,13 +172,12 @@ def make_plan(
         if name not in declared:
             raise unknown_name(f"scenario in suite {suite.name!r}:", name, declared)
     return Plan(
-        suite,
-        chosen,
-        tuple(name for name in declared if not scenarios or name in scenarios),
-        suite.limit if limit is None else limit,
-        tuple((path, _sha256(path)) for path in files),
-        origins,
-        tuple(dict.fromkeys(tracks)),
+        suite=suite,
+        names=chosen,
+        scenarios=tuple(name for name in declared if not scenarios or name in scenarios),
+        limit=suite.limit if limit is None else limit,
+        tracks=tuple(dict.fromkeys(tracks)),
+        plugins=tuple(files),
     )
 
 

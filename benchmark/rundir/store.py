@@ -18,7 +18,7 @@ import numpy as np
 import pandas as pd
 
 from eitbench.benchmark.rundir import lock, manifest
-from eitbench.benchmark.rundir.cells import Batch, Cell, batch_length
+from eitbench.benchmark.rundir.cells import Batch, Cell
 from eitbench.benchmark.rundir.kinds import RunKind
 from eitbench.benchmark.rundir.run_arrays import Truth, write_arrays
 from eitbench.benchmark.rundir.tables import read_parquet, write_parquet
@@ -71,13 +71,9 @@ class RunStore:
         text = json.dumps(content, indent=2, allow_nan=False, default=str) + "\n"
         self._write(self.path / manifest.FILE_NAME, text.encode())
 
-    def write_samples(self, samples: pd.DataFrame) -> None:
-        """Replace the rows of a finished run."""
-        self._write(self.path / SAMPLES, partial(write_parquet, samples))
-
-    def write_tracks(self, rows: pd.DataFrame) -> None:
-        """Replace the rows of the tracks that are not ranked."""
-        self._write(self.path / TRACKS, partial(write_parquet, rows))
+    def write_table(self, path: Path | str, rows: pd.DataFrame) -> None:
+        """Replace a table of the run."""
+        self._write(self.path / path, partial(write_parquet, rows))
 
     def save_batch(self, cell: Cell, split: str, batch: Batch) -> None:
         """Store a batch."""
@@ -104,22 +100,15 @@ class RunStore:
         Raises:
             DataCorruptError: it cannot be read.
         """
-        path = self._batch_path(cell, split, start)
-        if not path.is_file():
-            return 0
-        with _damage_as_sentence(path):
-            return batch_length(path)
-
-    def has_batches(self, cell: Cell) -> bool:
-        """True if any test batch of the cell is stored."""
-        return any(self._parts(cell).glob("test-*.npz"))
+        there = self._batch_path(cell, split, start).is_file()
+        return len(self.batch(cell, split, start)) if there else 0
 
     def save_cell(self, cell: Cell, samples: pd.DataFrame, row: dict[str, Any]) -> None:
         """Store the scored rows of a cell, and its own row."""
         folder = self._parts(cell)
-        self._write(folder / SAMPLES, partial(write_parquet, samples))
+        self.write_table(folder / SAMPLES, samples)
         # Written last: its presence says that the cell is scored.
-        self._write(folder / self.kind.table, partial(write_parquet, pd.DataFrame([row])))
+        self.write_table(folder / self.kind.table, pd.DataFrame([row]))
 
     def scored(self, cell: Cell) -> bool:
         """True if the cell has rows, be it of some of its frames only."""
@@ -147,10 +136,9 @@ class RunStore:
     def assemble(self, cells: Sequence[Cell], truths: Mapping[str, Truth]) -> None:
         """Write the result files from the parts of all `cells` that have scored rows."""
         scored = [cell for cell in cells if self.scored(cell)]
-        self.write_samples(_concatenate([self.rows(cell) for cell in scored]))
+        self.write_table(SAMPLES, _concatenate([self.rows(cell) for cell in scored]))
         rows = _concatenate([self._row(cell) for cell in scored])
-        rows = rows.drop(columns="complete", errors="ignore")
-        self._write(self.path / self.kind.table, partial(write_parquet, rows))
+        self.write_table(self.kind.table, rows.drop(columns="complete", errors="ignore"))
         known = {cell.scenario: truths[cell.scenario] for cell in scored}
         answers = (
             (cell, self.rows(cell)["sample"].to_numpy(np.int64), self.batches(cell, "test"))
@@ -219,11 +207,7 @@ def _unused(path: Path) -> bool:
 
 
 def _read_table(path: Path, column: str) -> pd.DataFrame:
-    """Read a table of at least one row that has `column`.
-
-    Raises:
-        DataCorruptError: it is not.
-    """
+    """Read a table of at least one row that has `column`."""
     with _damage_as_sentence(path):
         table = read_parquet(path)
         table[column].iloc[0]

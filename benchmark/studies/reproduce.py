@@ -6,7 +6,7 @@ from pathlib import Path
 from eitbench.benchmark.run.progress import RunProgress
 from eitbench.benchmark.run.runner import RunInterruptedError, resume_run, start_run
 from eitbench.benchmark.rundir import manifest
-from eitbench.benchmark.rundir.plan import Plan, make_plan
+from eitbench.benchmark.rundir.plan import Plan, make_plan, read_resumable
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.suites.suite import load_suite
 
@@ -55,7 +55,7 @@ def _plans(limit: int | None) -> Sequence[Plan]:
 
 
 def _check_same(plan: Plan, folder: Path) -> None:
-    if Plan.of(manifest.read_resumable(folder), folder) != plan:
+    if read_resumable(folder)[1] != plan:
         raise InputError(
             f"{folder} holds a run with another --limit or of another version: give another --out, "
             f"or take its runs with --runs {folder}."

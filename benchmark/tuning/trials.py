@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from eitbench.benchmark.metrics.evaluation import REGISTRATION_FRAMES, evaluate, fit_registration
 from eitbench.benchmark.tuning.selection import Trial, validation_scenario
-from eitbench.benchmark.workers.method_service import MethodService, MethodSpec, learning_splits
+from eitbench.benchmark.workers.method_service import MethodService, learning_splits
 from eitbench.benchmark.workers.restarting import RestartingWorker, SetUpFailedError
 from eitbench.benchmark.workers.worker import Reply, WorkerLostError
 from eitbench.methods.registry import create, methods
@@ -44,15 +44,14 @@ class TrialService(MethodService):
     def set_up(self) -> Reply:
         """Load the method; the reply holds its search space and defaults, None without one."""
         self.load_plugin()
-        search = methods()[self.task.method].search
+        search = methods()[self.method].search
         if not search:
             return Reply(None, 0.0)
-        made = create(self.task.method)
+        made = create(self.method)
         for name in search:
             if not hasattr(made, name):
                 raise InputError(
-                    f"Method {self.task.method!r} lets {name!r} be chosen, but has no such "
-                    "parameter."
+                    f"Method {self.method!r} lets {name!r} be chosen, but has no such parameter."
                 )
         defaults = {name: getattr(made, name) for name in search}
         return Reply(({name: tuple(values) for name, values in search.items()}, defaults), 0.0)
@@ -113,9 +112,9 @@ class Validation:
         self.data = load(validation_scenario(scenario), split="validation", limit=limit)
         self.standard = (0.0, 1.0)
         splits = partial(_training_split, scenario)
-        self._task = MethodSpec(self.data.sensor, self.data.reference, splits, method, {}, plugin)
+        self._method = method
         self._worker = RestartingWorker(
-            TrialService(self._task),
+            TrialService(self.data.sensor, self.data.reference, splits, method, {}, plugin),
             set_up_limit_s=SET_UP_LIMIT_S,
             stop=stop,
             memory_limit_mb=suite.memory_limit_mb,
@@ -155,7 +154,7 @@ class Validation:
             raise InputError(failed.failure.message.removeprefix("InputError: ")) from failed
         except WorkerLostError as lost:
             said = lost.failure.message
-            raise InputError(f"Method {self._task.method!r} cannot be tuned: {said}.") from lost
+            raise InputError(f"Method {self._method!r} cannot be tuned: {said}.") from lost
         return found
 
     def fit(self, parameters: dict[str, Any], clock: Clock) -> None:

@@ -109,8 +109,7 @@ def tune(
         groups: dict[str, list[Scenario]] = {}
         for scenario in reversed(different.values()):
             groups.setdefault(truths[scenario.name] if once else scenario.name, []).append(scenario)
-        digests = dict(plan.plugins)
-        plugins = {name: (path, digests[path]) for name, path in plan.origins.items()}
+        plugins = {name: (file.path, file.sha256) for name, file in plan.origins.items()}
         studies = [
             TuningTask(tuple(group), name, plugins.get(name), plan.suite, budget or TuningBudget())
             for group in groups.values()

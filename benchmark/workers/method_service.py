@@ -3,15 +3,15 @@
 import json
 import time
 from collections.abc import Mapping
-from dataclasses import Field, dataclass, replace
-from functools import cached_property, partial
+from dataclasses import Field, dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from eitbench.benchmark.workers.worker import Failure, Reply, as_array, shortcoming
+from eitbench.benchmark.workers.worker import Reply, timed_answer
 from eitbench.methods.method import Method
 from eitbench.methods.problem import Problem, Splits
 from eitbench.methods.registry import create, load_plugin
@@ -25,11 +25,12 @@ from eitbench.scenarios.suites.suite import learned_from
 Frames = NDArray[np.float64]
 
 
-@dataclass(frozen=True, eq=False)
-class MethodSpec:
-    """A method to make in a worker, and its problem without the test split.
+@dataclass(eq=False)
+class MethodService:
+    """Makes and fits a method for a problem, and reconstructs images.
 
     Attributes:
+        splits: gives the training and validation splits, never the test split.
         plugin: the file that the method is registered in; no other is loaded, since loading one
             may change what is there already.
     """
@@ -40,38 +41,36 @@ class MethodSpec:
     method: str
     parameters: Mapping[str, Any]
     plugin: Path | None = None
-
-
-class MethodService:
-    """Makes and fits the method of a task, and reconstructs images."""
-
-    def __init__(self, task: MethodSpec) -> None:
-        self.task = task
-        self._method: Method | None = None
+    _method: Method | None = field(default=None, init=False)
 
     @cached_property
     def problem(self) -> Problem:
         """The problem of the method."""
-        return Problem(self.task.sensor, self.task.reference, self.task.splits)
+        return Problem(self.sensor, self.reference, self.splits)
 
     def load_plugin(self) -> None:
         """Run the file that the method is registered in; from here on the test split is closed."""
         close_test_split()
-        if self.task.plugin is not None:
-            load_plugin(self.task.plugin)
+        if self.plugin is not None:
+            load_plugin(self.plugin)
 
     def set_up(self) -> Reply:
         """Fit the method; the reply holds its `parameters` as JSON, and attributes for the cell."""
         self.load_plugin()
-        method, reply = self.fitted(self.task.parameters)
-        declared = constructor_parameters(method) | dict(self.task.parameters)
-        parameters = json.dumps(declared, default=str)
-        said = {"train_s": float(method.train_s), "differs": str(method.differs)}
-        return replace(reply, value={"parameters": parameters, **said})
+        method, reply = self.fitted(self.parameters)
+        # Every constructor parameter of a method that is a dataclass, with defaults.
+        declared: dict[str, Field[Any]] = getattr(method, "__dataclass_fields__", {})
+        known = {name: getattr(method, name) for name, field in declared.items() if field.init}
+        said = {
+            "parameters": json.dumps(known | dict(self.parameters), default=str),
+            "train_s": float(method.train_s),
+            "differs": str(method.differs),
+        }
+        return replace(reply, value=said)
 
     def fitted(self, parameters: Mapping[str, Any]) -> tuple[Method, Reply]:
         """Return the method, fitted with `parameters`, and a reply with the time it took."""
-        method = create(self.task.method, **parameters)
+        method = create(self.method, **parameters)
         start = time.perf_counter()
         method.fit(self.problem)
         self._method = method
@@ -79,31 +78,18 @@ class MethodService:
 
     def prior_knowledge(self) -> Reply:
         """Return the method's record of access to its problem, and the data behind its weights."""
-        trained_on = {} if self._method is None else dict(self._method.trained_on)
-        return Reply((self.problem.access_record(), trained_on), 0.0)
+        assert self._method is not None
+        return Reply((self.problem.access_record(), dict(self._method.trained_on)), 0.0)
 
     def reconstruct(self, frames: Frames) -> Reply:
         """Return images (n, H, W) of `frames` (n, M), in float32."""
-        if self._method is None:
-            raise InputError("The method was not fitted.")
-        given = frames.copy()
-        start = time.perf_counter()
-        answer = self._method.reconstruct(given)
-        images = as_array(answer)
-        seconds = time.perf_counter() - start
-        failure = shortcoming(answer, images, (len(frames), *self.task.sensor.image_shape))
-        if not np.array_equal(given, frames, equal_nan=True):
-            failure = Failure("error", "changed its input voltages in place", ("mutated",))
-        if failure is not None or images is None:
-            return Reply(None, seconds, failure)
+        assert self._method is not None
+        shape = (len(frames), *self.sensor.image_shape)
+        reply = timed_answer(self._method.reconstruct, [frames], shape)
+        if reply.failure is not None:
+            return reply
         with np.errstate(over="ignore"):  # what does not fit becomes inf and is reported as such
-            return Reply(images.astype(np.float32), seconds)
-
-
-def constructor_parameters(method: Method) -> dict[str, Any]:
-    """Return every constructor parameter of a method that is a dataclass, with defaults."""
-    declared: dict[str, Field[Any]] = getattr(method, "__dataclass_fields__", {})
-    return {name: getattr(method, name) for name, field in declared.items() if field.init}
+            return replace(reply, value=reply.value.astype(np.float32))
 
 
 def learning_splits(scenario: Scenario, split: str, limit: int | None) -> Dataset:
@@ -118,8 +104,3 @@ def learning_splits(scenario: Scenario, split: str, limit: int | None) -> Datase
         raise InputError(f"A method may ask for the train or validation split, not for {split!r}.")
     source = learned_from(scenario) if split == "train" else scenario
     return load(source, split=split, limit=limit)
-
-
-def scenario_splits(scenario: Scenario) -> Splits:
-    """Return `learning_splits` of one scenario, as a function that can be sent to a worker."""
-    return partial(learning_splits, scenario)

@@ -1,18 +1,17 @@
 """Services of a worker: a forward operator, and the model it is compared with."""
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
 from eitbench.benchmark.metrics.operator_metrics import coarse_gradient
-from eitbench.benchmark.workers.worker import Failure, Reply, as_array, shortcoming
+from eitbench.benchmark.workers.worker import Reply, timed_answer
 from eitbench.methods.operator import Operator
 from eitbench.methods.registry import load_plugin, operator, operators
 from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.data.simulation import phantom
-from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.phantoms.phantom import rasterise
 from eitbench.scenarios.sensors.sensor import Sensor
 from eitbench.scenarios.suites.scenario import SimulatedScenario
@@ -36,9 +35,9 @@ class Evaluation:
     grad_s: float
 
 
-@dataclass(frozen=True, eq=False)
-class OperatorSpec:
-    """An operator to make in a worker, and its sensor.
+@dataclass(eq=False)
+class OperatorService:
+    """Makes an operator for a sensor, and asks it.
 
     Attributes:
         plugin: the file that the operator is registered in; no other is loaded.
@@ -47,55 +46,41 @@ class OperatorSpec:
     sensor: Sensor
     operator: str
     plugin: Path | None = None
+    _operator: Operator | None = field(default=None, init=False)
 
-    def make(self) -> tuple[Operator, float]:
-        """Return the operator, and the time it took to make it [s] without loading libraries."""
+    def set_up(self) -> Reply:
+        """Make the operator; the reply holds the cost of its training.
+
+        Its time is that of making the operator, without loading libraries.
+        """
         if self.plugin is not None:
             load_plugin(self.plugin)
         operators()  # imports their libraries
         start = time.perf_counter()
         made = operator(self.operator, self.sensor)
-        return made, time.perf_counter() - start
-
-
-class OperatorService:
-    """Makes and asks the operator of a task."""
-
-    def __init__(self, task: OperatorSpec) -> None:
-        self.task = task
-        self._operator: Operator | None = None
-
-    def set_up(self) -> Reply:
-        """Make the operator; the reply holds the cost of its training."""
-        made, seconds = self.task.make()
+        seconds = time.perf_counter() - start
         self._operator = made
         return Reply({"train_s": float(made.train_s), "trained_on": str(made.trained_on)}, seconds)
 
     def evaluate(self, images: Array, cotangents: Array) -> Reply:
         """Return the `Evaluation` of `images` (n, H, W) with `cotangents` (n, M)."""
-        if self._operator is None:
-            raise InputError("The operator was not made.")
+        assert self._operator is not None
         precision = self._operator.precision
         images, cotangents = images.astype(precision), cotangents.astype(precision)
-        given = images.copy(), cotangents.copy()
-        arrays: list[Array] = []
-        times: list[float] = []
-        for function, arguments, shape in (
-            (self._operator.voltages, given[:1], cotangents.shape),
-            (self._operator.vjp, given, images.shape),
-        ):
-            start = time.perf_counter()
-            answer: object = function(*arguments)
-            array = as_array(answer)
-            times.append(time.perf_counter() - start)
-            failure = shortcoming(answer, array, shape)
-            if not (np.array_equal(given[0], images) and np.array_equal(given[1], cotangents)):
-                failure = Failure("error", "changed its input in place", ("mutated",))
-            if failure is not None or array is None:
-                return Reply(None, sum(times), failure)
-            arrays.append(array.astype(np.float64))
-        evaluation = Evaluation(arrays[0], arrays[1], forward_s=times[0], grad_s=times[1])
-        return Reply(evaluation, sum(times))
+        voltages = timed_answer(self._operator.voltages, [images], cotangents.shape)
+        if voltages.failure is not None:
+            return voltages
+        gradients = timed_answer(self._operator.vjp, [images, cotangents], images.shape)
+        seconds = voltages.seconds + gradients.seconds
+        if gradients.failure is not None:
+            return replace(gradients, seconds=seconds)
+        evaluation = Evaluation(
+            voltages.value.astype(np.float64),
+            gradients.value.astype(np.float64),
+            forward_s=voltages.seconds,
+            grad_s=gradients.seconds,
+        )
+        return Reply(evaluation, seconds)
 
 
 class ReferenceModelService:

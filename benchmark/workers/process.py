@@ -20,16 +20,8 @@ import psutil
 from threadpoolctl import threadpool_limits
 
 THREADS = 1
-PINNED = {
-    name: str(THREADS)
-    for name in (
-        "OMP_NUM_THREADS",
-        "OPENBLAS_NUM_THREADS",
-        "MKL_NUM_THREADS",
-        "BLIS_NUM_THREADS",
-        "NUMBA_NUM_THREADS",
-    )
-}
+LIBRARIES = ("OMP", "OPENBLAS", "MKL", "BLIS", "NUMBA")
+PINNED = {f"{library}_NUM_THREADS": str(THREADS) for library in LIBRARIES}
 PRELOADED = "eitbench.benchmark.workers.preload"
 _PR_SET_CHILD_SUBREAPER = 36  # of Linux: sys/prctl.h
 # Cells run in threads, and starting a worker changes this process's environment for a moment.
@@ -83,16 +75,14 @@ def _interrupts_blocked() -> Iterator[None]:
 @contextmanager
 def _pinned_environment() -> Iterator[None]:
     """Set variables that libraries read once, when they are loaded in a new process."""
-    before = {name: os.environ.get(name) for name in PINNED}
+    before = {name: os.environ[name] for name in PINNED if name in os.environ}
     os.environ.update(PINNED)
     try:
         yield
     finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
+        for name in PINNED:
+            del os.environ[name]
+        os.environ.update(before)
 
 
 def _enter(

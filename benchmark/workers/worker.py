@@ -10,7 +10,7 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection, wait
@@ -240,31 +240,33 @@ def plugin_names(path: Path) -> Plugin:
     return names
 
 
-def as_array(answer: object) -> NDArray[Any] | None:
-    """Return `answer` as an array, or None if it is none; a part of the answer's time.
+def timed_answer(
+    function: Callable[..., object], inputs: Sequence[NDArray[Any]], shape: tuple[int, ...]
+) -> Reply:
+    """Ask scored code for real numbers of that `shape`; the reply holds the array.
 
-    It waits for a device that computes asynchronously.
+    It is given copies of the `inputs`, and may not change them.
     """
-    try:
-        return np.asarray(answer)
-    except (TypeError, ValueError):
-        return None
-
-
-def shortcoming(
-    answer: object, array: NDArray[Any] | None, expected: tuple[int, ...]
-) -> Failure | None:
-    """Return the failure of an `array`, made of `answer`, without real numbers or another shape."""
-    if array is None:
+    given = [array.copy() for array in inputs]
+    start = time.perf_counter()
+    answer = function(*given)
+    array: NDArray[Any] | None = None
+    with suppress(TypeError, ValueError):
+        array = np.asarray(answer)  # a part of its time: it waits for a device
+    seconds = time.perf_counter() - start
+    failure = None
+    if any(not np.array_equal(*pair, equal_nan=True) for pair in zip(given, inputs, strict=True)):
+        failure = Failure("error", "changed its input in place", ("mutated",))
+    elif array is None:
         message = f"returned a {type(answer).__name__} that is not an array"
-        return Failure("invalid-output", message, ("shape",))
-    if array.shape != expected:
-        message = f"returned an array of shape {array.shape} instead of {expected}"
-        return Failure("invalid-output", message, ("shape",))
-    if array.dtype.kind not in "fiu":
+        failure = Failure("invalid-output", message, ("shape",))
+    elif array.shape != shape:
+        message = f"returned an array of shape {array.shape} instead of {shape}"
+        failure = Failure("invalid-output", message, ("shape",))
+    elif array.dtype.kind not in "fiu":
         message = f"returned values of type {array.dtype} instead of real numbers"
-        return Failure("invalid-output", message, ("dtype",))
-    return None
+        failure = Failure("invalid-output", message, ("dtype",))
+    return Reply(None if failure else array, seconds, failure)
 
 
 def describe_exception(error: BaseException) -> Failure:

@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from eitbench.scenarios.data.datasets import Dataset, load
 from eitbench.scenarios.suites.suite import Suite, load_suite
 
 DATA = Path(__file__).parent / "data"
@@ -21,6 +22,11 @@ MEASURED = [
 @pytest.fixture(scope="session")
 def tiny() -> Suite:
     return load_suite(DATA / "tiny.toml")
+
+
+@pytest.fixture(scope="session")
+def data(tiny: Suite) -> Dataset:
+    return load(tiny.scenarios[0])
 
 
 @pytest.fixture(scope="session")

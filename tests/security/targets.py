@@ -23,7 +23,7 @@ from eitbench.benchmark.run.runner import start_run
 from eitbench.benchmark.rundir import manifest
 from eitbench.benchmark.rundir.cells import Batch, Cell
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
-from eitbench.benchmark.rundir.plan import Plan, make_plan
+from eitbench.benchmark.rundir.plan import make_plan, read_resumable
 from eitbench.benchmark.rundir.store import SAMPLES, RunStore
 from eitbench.benchmark.tuning import selection as recorded
 from eitbench.hardware.board import Frame
@@ -190,10 +190,9 @@ def _declarations() -> dict[str, Target]:
 
 def _runs(folder: Path, run: Path) -> dict[str, Target]:
     """The files of a run directory, each spoilt beside whole ones."""
-    whole = read_run(run)
     write_leaderboard(ranked_rows([run]), run)
     results = comparison.read_results(run)
-    plan = Plan.of(whole.manifest, run)
+    _, plan = read_resumable(run)
 
     def shown(path: Path) -> None:
         rows = ranked_rows([path.parent])
@@ -206,7 +205,7 @@ def _runs(folder: Path, run: Path) -> dict[str, Target]:
 
     def described(path: Path) -> None:
         scored(path)
-        Plan.of(manifest.read_resumable(path.parent), path.parent)
+        read_resumable(path.parent)
 
     def reported(path: Path) -> None:
         report_data([path.parent])

@@ -19,7 +19,7 @@ import numpy as np
 
 from eitbench.benchmark.run import cell
 from eitbench.benchmark.run import executors as execution
-from eitbench.benchmark.run.cell_task import ScoredTask
+from eitbench.benchmark.run.cell_task import CellTask
 from eitbench.benchmark.run.progress import Advance
 from eitbench.benchmark.run.runner import make_plan, start_run
 from eitbench.benchmark.workers.worker import Reply, Worker
@@ -50,7 +50,7 @@ class Clock:
                 self.fixed[self._here.name] += reply.seconds
             return reply
 
-        def timed_cell(task: ScoredTask, progress: Advance, stop: threading.Event) -> None:
+        def timed_cell(task: CellTask, progress: Advance, stop: threading.Event) -> None:
             self._here.name = task.plan.cell.name
             start = time.perf_counter()
             run_cell(task, progress, stop)

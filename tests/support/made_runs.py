@@ -13,17 +13,15 @@ import numpy as np
 import pandas as pd
 import pytest
 from numpy.typing import NDArray
+from tests.support.contact_images import disc_sensor
 
 from eitbench.benchmark.metrics.evaluation import evaluate, fit_registration
 from eitbench.scenarios.data.datasets import Dataset
-from eitbench.scenarios.sensors.outlines import Disc
-from eitbench.scenarios.sensors.sensor import Sensor, even_electrodes, foam16
+from eitbench.scenarios.sensors.sensor import Sensor, foam16
 
 Array = NDArray[np.float64]
 FOAM = replace(foam16(), image_shape=(40, 40))
-DISC = replace(
-    FOAM, name="disc", outline=Disc(0.07), electrodes=even_electrodes(Disc(0.07), 16, 0.01, 1e-3)
-)
+DISC = replace(disc_sensor(), image_shape=(40, 40))
 FAMILIES = ("circle", "two-circles", "ring")
 MAKERS = Callable[[Array], Array]
 

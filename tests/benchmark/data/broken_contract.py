@@ -36,18 +36,37 @@ Bend = Callable[[Problem, Array, Array], Array]
 """Makes another contrast (n, H, W) of a problem, the contrast and the voltages (n, M)."""
 
 
-def bent(name: str, bend: Bend, expected: Any = None) -> None:
-    """Register a method that does something to the contrast of a sound one."""
+def kept(_: Problem, contrast: Array, __: Array) -> Array:
+    """Change nothing."""
+    return contrast
 
-    class Bent(Sound):
+
+def broken(
+    name: str,
+    bend: Bend = kept,
+    given: Callable[[Problem, Array], Array] = lambda problem, voltages: voltages,
+    factor: Callable[[], float] = lambda: 1.0,
+    expected: Any = None,
+) -> None:
+    """Register a method that does something to the contrast of a sound one.
+
+    It may change the voltages that it is given, too, and take a factor of the contrast from
+    elsewhere as it is fitted.
+    """
+
+    class Broken(Sound):
         expected_failures = expected or {}
+
+        def fit(self, problem: Problem) -> None:
+            super().fit(problem)
+            self.spread = self.spread * factor()
 
         def reconstruct(self, voltages: Array) -> Array:
             background = self.problem.background
-            contrast = super().reconstruct(voltages) - background
+            contrast = super().reconstruct(given(self.problem, voltages)) - background
             return background + bend(self.problem, contrast, voltages)
 
-    register(name)(Bent)
+    register(f"contract-{name}")(Broken)
 
 
 def halved_glitches(problem: Problem, contrast: Array, voltages: Array) -> Array:
@@ -78,8 +97,8 @@ def noise(problem: Problem, voltages: Array) -> Array:
     pattern = problem.sensor.pattern
     pairs = pattern.reciprocal_pairs()
     first, second = voltages[:, pairs[:, 0]], voltages[:, pairs[:, 1]]
-    broken = np.linalg.norm(second - first * pattern.reciprocal_signs(pairs), axis=1)
-    return np.asarray((broken / np.linalg.norm(voltages, axis=1))[:, None, None])
+    violation = np.linalg.norm(second - first * pattern.reciprocal_signs(pairs), axis=1)
+    return np.asarray((violation / np.linalg.norm(voltages, axis=1))[:, None, None])
 
 
 def sharper_where_quiet(problem: Problem, contrast: Array, voltages: Array) -> Array:
@@ -88,8 +107,14 @@ def sharper_where_quiet(problem: Problem, contrast: Array, voltages: Array) -> A
     return contrast + 0.1 * np.exp(-seen / 0.003) * (seen > 1e-6)
 
 
+def with_hole(_: Problem, contrast: Array, __: Array) -> Array:
+    """Have no value for a pixel."""
+    contrast[:, 3, 3] = np.nan
+    return contrast
+
+
 BENDS: dict[str, Bend] = {
-    "kept": lambda p, contrast, v: contrast,
+    "kept": kept,
     "contrast": lambda p, contrast, v: contrast - p.background,  # forgets the background
     "inverted": lambda p, contrast, v: -contrast,
     "unsigned": lambda p, contrast, v: -np.abs(contrast),  # sees every contact as resistive
@@ -99,45 +124,79 @@ BENDS: dict[str, Bend] = {
     "squared": lambda p, contrast, v: contrast * np.abs(contrast),
     "turned": stronger_at_the_top,
     "mirrored": without_mirrors,
+    # Takes a board's numbers for V/A.
+    "gain": lambda p, contrast, v: (contrast + p.background) * p.gain - p.gain + 1 - p.background,
+    "hole": with_hole,
     "exploding": lambda p, contrast, v: contrast + 50 * noise(p, v),  # in proportion
     "diverging": lambda p, contrast, v: contrast + 200 * noise(p, v) ** 2,
     "overconfident": sharper_where_quiet,
 }
 for name, bend in BENDS.items():
-    bent(f"contract-{name}", bend)
+    broken(name, bend)
 # Those that say what they cannot do: rightly, no more, of no check, without a reason, unreadably.
 TURNED = "rotation_equivariance"
-bent("contract-excused", stronger_at_the_top, {TURNED: "sees more at the top"})
-bent("contract-outdated", BENDS["kept"], {TURNED: "saw more at the top"})
-bent("contract-no-such-check", BENDS["kept"], {"rotation_equivarance": "wrong"})
-bent("contract-no-reason", BENDS["kept"], {TURNED: " "})
-bent("contract-no-mapping", BENDS["kept"], [TURNED])
+broken("excused", stronger_at_the_top, expected={TURNED: "sees more at the top"})
+broken("outdated", expected={TURNED: "saw more at the top"})
+broken("no-such-check", expected={"rotation_equivarance": "wrong"})
+broken("no-reason", expected={TURNED: " "})
+broken("no-mapping", expected=[TURNED])
 
 
-@register("contract-random")
-class Random(Sound):
-    """Starts from what is another number in every process."""
-
-    def fit(self, problem: Problem) -> None:
-        super().fit(problem)
-        self.spread = self.spread * (1 + os.getpid() % 97)
-
-
-@register("contract-short")
-class Short(Sound):
-    """Pads frames that are too short."""
-
-    def reconstruct(self, voltages: Array) -> Array:
-        missing = len(self.problem.reference) - voltages.shape[1]
-        return super().reconstruct(np.pad(voltages, ((0, 0), (0, missing))))
+def drawn_and_put_back() -> float:
+    """Draw from a global generator, and put it back."""
+    state = random.getstate()
+    drawn = random.random()
+    random.setstate(state)
+    return 1 + drawn
 
 
-@register("contract-nan")
-class Nan(Sound):
-    """Takes a NaN for zero."""
+def drawn_after_seeding() -> float:
+    """Seed a global generator for its own purposes."""
+    np.random.seed(7)  # noqa: NPY002
+    return float(1 + np.random.rand())  # noqa: NPY002
 
-    def reconstruct(self, voltages: Array) -> Array:
-        return super().reconstruct(np.nan_to_num(voltages))
+
+def network() -> float:
+    """Ask a server, and do without where there is none."""
+    with suppress(OSError):
+        socket.create_connection(("127.0.0.1", 9), timeout=0.1).close()
+    return 1.0
+
+
+broken("random", factor=lambda: 1 + os.getpid() % 97)  # another number in every process
+broken("seed", factor=drawn_and_put_back)
+broken("leak", factor=drawn_after_seeding)
+broken("threads", factor=lambda: max(pool["num_threads"] for pool in threadpool_info()))
+broken("network", factor=network)
+broken("starts", factor=lambda: 1.0 + os.system("exit"))  # noqa: S605, S607
+
+
+def padded(problem: Problem, voltages: Array) -> Array:
+    """Pad frames that are too short."""
+    missing = len(problem.reference) - voltages.shape[1]
+    return np.pad(voltages, ((0, 0), (0, missing)))
+
+
+def noted(_: Problem, voltages: Array) -> Array:
+    """Keep a diary where it likes."""
+    Path(os.environ["TOY_DIARY"]).write_text("reconstructed")
+    return voltages
+
+
+def stuck(_: Problem, voltages: Array) -> Array:
+    """Be stuck on a long batch, and not be asked to stop."""
+    if len(voltages) > 6:
+        for number in (signal.SIGTERM, signal.SIGINT):
+            signal.signal(number, signal.SIG_IGN)
+        while True:
+            time.sleep(1)
+    return voltages
+
+
+broken("short", given=padded)
+broken("nan", given=lambda p, voltages: np.nan_to_num(voltages))  # takes a NaN for zero
+broken("writes", given=noted)
+broken("slow", given=stuck)
 
 
 @register("contract-own-grid")
@@ -148,54 +207,6 @@ class OwnGrid(Sound):
         if problem.mask.shape != (80, 80):
             raise InputError("There are weights for 80 x 80 pixels only.")
         super().fit(problem)
-
-
-@register("contract-hole")
-class Hole(Sound):
-    """Has no value for a pixel."""
-
-    def reconstruct(self, voltages: Array) -> Array:
-        images = super().reconstruct(voltages)
-        images[:, 3, 3] = np.nan
-        return images
-
-
-@register("contract-seed")
-class Seed(Sound):
-    """Draws from a global generator, and puts it back."""
-
-    def fit(self, problem: Problem) -> None:
-        super().fit(problem)
-        state = random.getstate()
-        self.spread = self.spread * (1 + random.random())
-        random.setstate(state)
-
-
-@register("contract-leak")
-class Leak(Sound):
-    """Seeds a global generator for its own purposes."""
-
-    def fit(self, problem: Problem) -> None:
-        super().fit(problem)
-        np.random.seed(7)  # noqa: NPY002
-        self.spread = self.spread * (1 + np.random.rand())  # noqa: NPY002
-
-
-@register("contract-gain")
-class Gain(Sound):
-    """Takes a board's numbers for V/A."""
-
-    def reconstruct(self, voltages: Array) -> Array:
-        return super().reconstruct(voltages) * self.problem.gain - (self.problem.gain - 1)
-
-
-@register("contract-threads")
-class Threads(Sound):
-    """Works otherwise on more threads."""
-
-    def fit(self, problem: Problem) -> None:
-        super().fit(problem)
-        self.spread = self.spread * max(library["num_threads"] for library in threadpool_info())
 
 
 @register("contract-keeps")
@@ -209,44 +220,3 @@ class Keeps(Sound):
     def reconstruct(self, voltages: Array) -> Array:
         self.made.append(super().reconstruct(voltages))
         return self.made[-1]
-
-
-@register("contract-network")
-class Network(Sound):
-    """Asks a server, and does without where there is none."""
-
-    def fit(self, problem: Problem) -> None:
-        super().fit(problem)
-        with suppress(OSError):
-            socket.create_connection(("127.0.0.1", 9), timeout=0.1).close()
-
-
-@register("contract-writes")
-class Writes(Sound):
-    """Keeps a diary where it likes."""
-
-    def reconstruct(self, voltages: Array) -> Array:
-        Path(os.environ["TOY_DIARY"]).write_text("reconstructed")
-        return super().reconstruct(voltages)
-
-
-@register("contract-starts")
-class Starts(Sound):
-    """Leaves work to another program."""
-
-    def fit(self, problem: Problem) -> None:
-        super().fit(problem)
-        os.system("exit")  # noqa: S605, S607
-
-
-@register("contract-slow")
-class Slow(Sound):
-    """Is stuck on a long batch, and cannot be asked to stop."""
-
-    def reconstruct(self, voltages: Array) -> Array:
-        if len(voltages) > 6:
-            for number in (signal.SIGTERM, signal.SIGINT):
-                signal.signal(number, signal.SIG_IGN)
-            while True:
-                time.sleep(1)
-        return super().reconstruct(voltages)

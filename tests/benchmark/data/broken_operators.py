@@ -29,9 +29,49 @@ class Linear(Operator):
         return self.reference.to(sigma) + contrast @ self.matrix.to(sigma).T
 
 
-@register_operator("operator-kept")
-class StoredBatches(Linear):
-    """Keeps every promise."""
+def spoilt(
+    name: str,
+    before: Callable[[Tensor], Tensor] = torch.clone,
+    after: Callable[[Tensor], Tensor] = torch.clone,
+) -> None:
+    """Register an operator that does something to conductivities (n, H, W) or to voltages."""
+
+    class Spoilt(Linear):
+        """Spoilt in its own way."""
+
+        def tensor_voltages(self, sigma: Tensor) -> Tensor:
+            return after(super().tensor_voltages(before(sigma)))
+
+    register_operator(name)(Spoilt)
+
+
+def sloping(change: Callable[[Tensor], Tensor]) -> Callable[[Tensor], Tensor]:
+    """Have another derivative than one's own."""
+
+    def apply(voltages: Tensor) -> Tensor:
+        if voltages.requires_grad:
+            voltages.register_hook(change)  # type: ignore[no-untyped-call]
+        return voltages
+
+    return apply
+
+
+def coarse(sigma: Tensor) -> Tensor:
+    """Compute in less than single precision where it may."""
+    return sigma.bfloat16().to(sigma) if sigma.dtype == torch.float32 else sigma
+
+
+def bent(cotangent: Tensor) -> Tensor:
+    """Be no linear function."""
+    return torch.mul(cotangent, 1 + 1e-6 * (cotangent**2).sum(1, keepdim=True).sqrt())
+
+
+spoilt("operator-kept")
+spoilt("operator-batch", after=lambda v: v * (1 + 1e-6 * (len(v) - 1)))  # sees the whole batch
+spoilt("operator-single", before=coarse)
+spoilt("operator-scaled", after=lambda v: 2 * v)  # of a sensor with half the conductivity
+spoilt("operator-slope", after=sloping(lambda cotangent: 1.001 * cotangent))
+spoilt("operator-bent", after=sloping(bent))
 
 
 @register_operator("operator-nameless")
@@ -46,14 +86,6 @@ class Flat(Linear):
     def voltages(self, sigma: Any) -> Any:
         found = super().voltages(sigma)
         return found.reshape(-1, found.shape[-1]) if len(sigma.shape) == 4 else found
-
-
-@register_operator("operator-batch")
-class Batch(Linear):
-    """Looks at what else is in the batch."""
-
-    def tensor_voltages(self, sigma: Tensor) -> Tensor:
-        return super().tensor_voltages(sigma) * (1 + 1e-6 * (len(sigma) - 1))
 
 
 @register_operator("operator-random")
@@ -84,15 +116,6 @@ class OnlyNumpy(Linear):
         return np.asarray(super().vjp(sigma, cotangent))
 
 
-@register_operator("operator-single")
-class Single(Linear):
-    """Computes in less than single precision where it may."""
-
-    def tensor_voltages(self, sigma: Tensor) -> Tensor:
-        coarse = sigma.bfloat16().to(sigma) if sigma.dtype == torch.float32 else sigma
-        return super().tensor_voltages(coarse)
-
-
 @register_operator("operator-double")
 class Double(Linear):
     """Returns float64 whatever comes in."""
@@ -102,48 +125,6 @@ class Double(Linear):
         if isinstance(values, Tensor):
             return values.double()
         return values.astype(np.float64) if isinstance(values, np.ndarray) else values
-
-
-@register_operator("operator-scaled")
-class Scaled(Linear):
-    """Is of a sensor with half the conductivity."""
-
-    def tensor_voltages(self, sigma: Tensor) -> Tensor:
-        return 2 * super().tensor_voltages(sigma)
-
-
-class _TooLong(torch.autograd.Function):
-    @staticmethod
-    def forward(ctx: Any, voltages: Tensor) -> Tensor:
-        return voltages.clone()
-
-    @staticmethod
-    def backward(ctx: Any, cotangent: Tensor) -> Tensor:
-        return 1.001 * cotangent
-
-
-class _NotLinear(_TooLong):
-    @staticmethod
-    def backward(ctx: Any, cotangent: Tensor) -> Tensor:
-        return torch.mul(cotangent, 1 + 1e-6 * (cotangent**2).sum(1, keepdim=True).sqrt())
-
-
-@register_operator("operator-slope")
-class Slope(Linear):
-    """Has a derivative of its own that is a little too long."""
-
-    def tensor_voltages(self, sigma: Tensor) -> Tensor:
-        found: Tensor = _TooLong.apply(super().tensor_voltages(sigma))  # type: ignore[no-untyped-call]
-        return found
-
-
-@register_operator("operator-bent")
-class Bent(Linear):
-    """Has a derivative that is not linear in the cotangent."""
-
-    def tensor_voltages(self, sigma: Tensor) -> Tensor:
-        found: Tensor = _NotLinear.apply(super().tensor_voltages(sigma))  # type: ignore[no-untyped-call]
-        return found
 
 
 @register_operator("operator-detached")

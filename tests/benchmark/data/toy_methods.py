@@ -57,6 +57,12 @@ def prints(_: Array) -> None:
     os.write(1, b"hello from the system\n")
 
 
+def hangs(_: Array) -> None:
+    """Say who does."""
+    print(os.getpid(), flush=True)
+    time.sleep(1000)
+
+
 def is_killed_by_a_batch(voltages: Array) -> None:
     """As the system does when memory runs out."""
     if len(voltages) > 1:
@@ -92,6 +98,7 @@ toy("toy-complex", after=lambda images: images + 1j)
 toy("toy-ragged", after=lambda images: [[1.0], [1.0, 2.0]])
 toy("toy-prints", prints)
 toy("toy-hangs", lambda v: time.sleep(1000))
+toy("toy-hangs", hangs)
 toy("toy-mutates", lambda v: np.subtract(v, 1.0, out=v))
 toy("toy-killed", is_killed_by_a_batch)
 toy("toy-dies-on-one", lambda v: beyond_limit(v) and os._exit(5))

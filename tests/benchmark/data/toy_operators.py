@@ -2,6 +2,7 @@
 
 import os
 import time
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -40,52 +41,35 @@ class SetUp(Toy):
         raise RuntimeError("no weights for this sensor")
 
 
-@register_operator("toy-shape")
-class Shape(Toy):
-    """Forgets a measurement."""
-
-    def voltages(self, sigma: Any) -> Any:
-        return super().voltages(sigma)[..., :-1]
+def is_bad(sigma: Any) -> Any:
+    """True for images whose mean is the environment's."""
+    return abs(sigma.mean((-2, -1)) - float(os.environ["TOY_MEAN"])) < 1e-8
 
 
-@register_operator("toy-nan")
-class Nan(Toy):
-    """Has no voltages for the image whose mean is the environment's."""
+def toy(name: str, voltages: Callable[[Any, Any], Any]) -> None:
+    """Register an operator whose answer is made of images (n, H, W) and of what a toy says."""
 
-    def tensor_voltages(self, sigma: Tensor) -> Tensor:
-        found = super().tensor_voltages(sigma)
-        bad = torch.isclose(
-            sigma.mean((1, 2)), torch.tensor(float(os.environ["TOY_MEAN"])).double()
-        )
-        return torch.where(bad[:, None], torch.nan, found)
+    class Misbehaving(Toy):
+        def voltages(self, sigma: Any) -> Any:
+            return voltages(sigma, super().voltages(sigma))
+
+    register_operator(name)(Misbehaving)
+
+
+toy("toy-shape", lambda sigma, found: found[..., :-1])
+toy("toy-nan", lambda sigma, found: np.where(is_bad(sigma)[..., None], np.nan, found))
+toy("toy-mutates", lambda sigma, found: found * np.multiply(sigma, 2, out=sigma).size)
+toy("toy-hangs", lambda sigma, found: time.sleep(1000))
 
 
 @register_operator("toy-raises")
 class Raises(Toy):
-    """Has no gradient for that image."""
+    """Has no gradient for an image."""
 
     def vjp(self, sigma: Any, cotangent: Any) -> Any:
-        if np.isclose(sigma.mean((-2, -1)), float(os.environ["TOY_MEAN"])).any():
+        if is_bad(sigma).any():
             raise ArithmeticError("this image diverges")
         return super().vjp(sigma, cotangent)
-
-
-@register_operator("toy-mutates")
-class Mutates(Toy):
-    """Works in place."""
-
-    def voltages(self, sigma: Any) -> Any:
-        found = super().voltages(sigma)
-        sigma *= 2
-        return found
-
-
-@register_operator("toy-hangs")
-class Hangs(Toy):
-    """Never answers."""
-
-    def voltages(self, sigma: Any) -> Any:
-        time.sleep(1000)
 
 
 @register("toy-method")

@@ -13,7 +13,7 @@ from eitbench.benchmark.analysis.results import describe_prior_knowledge
 from eitbench.benchmark.run.prior_knowledge import prior_knowledge_columns as columns
 from eitbench.benchmark.run.prior_knowledge import training_contents
 from eitbench.benchmark.tuning.selection import Selection, Trial, TuningBudget
-from eitbench.benchmark.workers.method_service import MethodService, MethodSpec
+from eitbench.benchmark.workers.method_service import MethodService
 from eitbench.methods import Problem, create
 from eitbench.methods.learned.image_networks import Dnn
 from eitbench.reports.tables.boards import overlaps
@@ -134,7 +134,7 @@ def test_training_on_the_test_stream_is_counted() -> None:
 def test_a_method_that_learns_from_the_test_stream_is_counted() -> None:
     """As in a worker: what the method asks for itself is what is compared."""
     data = own("test", None)
-    service = MethodService(MethodSpec(data.sensor, data.reference, leaking, "linear-learned", {}))
+    service = MethodService(data.sensor, data.reference, leaking, "linear-learned", {})
     service.fitted({})
     access, trained_on = service.prior_knowledge().value
     assert [given.split for given in access.samples] == ["train"]

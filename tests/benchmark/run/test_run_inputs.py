@@ -6,7 +6,6 @@ import subprocess
 import sys
 from collections import Counter
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +15,11 @@ import pytest
 from tests.benchmark.waiting import wait_for
 
 from eitbench.benchmark.run import method_cell
-from eitbench.benchmark.run.runner import Plan, RunResult, make_plan, resume_run, start_run
+from eitbench.benchmark.run.runner import RunResult, make_plan, resume_run, start_run
+from eitbench.benchmark.rundir.plan import read_resumable
 from eitbench.benchmark.workers import restarting
 from eitbench.benchmark.workers.worker import Worker
-from eitbench.scenarios.data.datasets import Dataset, load
+from eitbench.scenarios.data.datasets import Dataset
 from eitbench.scenarios.errors import (
     DataCorruptError,
     DataUnavailableError,
@@ -29,11 +29,6 @@ from eitbench.scenarios.suites.scenario import RecordedScenario, Split
 from eitbench.scenarios.suites.suite import Suite
 
 N = 5
-
-
-@pytest.fixture(scope="module")
-def data(tiny: Suite) -> Dataset:
-    return load(tiny.scenarios[0])
 
 
 @pytest.mark.parametrize(
@@ -149,13 +144,13 @@ def test_a_plugin_does_not_change_the_rows_of_others(
     }
     manifest = json.loads((run / "manifest.json").read_text())
     assert manifest["plan"]["plugins"][0]["names"] == ["vandal"]
-    assert Plan.of(manifest, run) == plan
+    assert read_resumable(run)[1] == plan
 
 
 def test_two_plugins_may_not_share_a_name(tiny: Suite, toys: Path, tmp_path: Path) -> None:
     copy = tmp_path / "copy.py"
     copy.write_text(toys.read_text())
-    with pytest.raises(InputError, match=r"'toy-fit-raises' .* by .*toy_methods.* and by"):
+    with pytest.raises(InputError, match=r"'toy-.*' .* by .*toy_methods.* and by"):
         make_plan(tiny, plugins=[toys, copy])
 
 
@@ -163,7 +158,7 @@ def test_an_unexpected_error_costs_its_cell_only(
     tiny: Suite, toys: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def worker(*args: Any, **kwargs: Any) -> Any:
-        if args[1].task.method == "toy-good":
+        if args[1].method == "toy-good":
             raise RuntimeError("no more processes")
         return Worker(*args, **kwargs)
 
@@ -175,77 +170,43 @@ def test_an_unexpected_error_costs_its_cell_only(
     assert Counter(samples["message"]) == {"RuntimeError: no more processes": N, "": N}
 
 
+HANGS = """
+import os, time
+from eitbench.methods import methods, register
+
+@register("hangs-on-one")
+class HangsOnOne(methods()["noser"]):
+    def reconstruct(self, voltages):
+        if (voltages.max(axis=1) == float(os.environ["HANGS"])).any():
+            time.sleep(1000)
+        return super().reconstruct(voltages)
+"""
+
+
 def test_a_hanging_frame_is_lost_alone(
     tiny: Suite, tmp_path: Path, data: Dataset, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     plugin = tmp_path / "plugin.py"
-    plugin.write_text(
-        "import os, time\n"
-        "import numpy as np\n"
-        "from eitbench.methods import Method, register\n"
-        "@register('hangs-on-one')\n"
-        "class HangsOnOne(Method):\n"
-        "    def fit(self, problem):\n"
-        "        self.shape = problem.mask.shape\n"
-        "    def reconstruct(self, voltages):\n"
-        "        if (voltages.max(axis=1) == float(os.environ['HANGS'])).any():\n"
-        "            time.sleep(1000)\n"
-        "        return np.ones((len(voltages), *self.shape))\n"
-    )
+    plugin.write_text(HANGS)
     monkeypatch.setenv("HANGS", repr(float(data.voltages[2].max())))
     suite = tiny.model_copy(update={"frame_limit_s": 0.5})
-    run = start_run(
-        make_plan(suite, methods=["hangs-on-one"], plugins=[plugin]), tmp_path / "run"
-    ).path
-    samples = pd.read_parquet(run / "samples.parquet")
+    plan = make_plan(suite, methods=["hangs-on-one"], plugins=[plugin])
+    samples = pd.read_parquet(start_run(plan, tmp_path / "run").path / "samples.parquet")
     assert samples["status"].tolist() == ["ok", "ok", "timeout", "ok", "ok"]
-
-
-SCRIPT = """
-import sys
-from pathlib import Path
-from eitbench.benchmark.run.runner import RunInterruptedError, make_plan, start_run
-from eitbench.scenarios.suites.suite import load_suite
-
-if __name__ == "__main__":
-    suite, plugin, out = map(Path, sys.argv[1:])
-    suite = load_suite(suite).model_copy(update={"frame_limit_s": 600.0})
-    try:
-        start_run(make_plan(suite, methods=["sleeper"], plugins=[plugin]), out)
-    except RunInterruptedError:
-        sys.exit(130)
-"""
-SLEEPER = """
-import os, time
-from eitbench.methods import Method, register
-
-@register("sleeper")
-class Sleeper(Method):
-    def fit(self, problem): ...
-    def reconstruct(self, voltages):
-        print(os.getpid(), flush=True)
-        time.sleep(600)
-"""
-
-
-def _text(file: Path) -> str:
-    return file.read_text() if file.is_file() else ""
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="needs signals: run on Linux or macOS")
 def test_a_run_that_is_ended_leaves_no_process(toys: Path, tmp_path: Path) -> None:
-    script, plugin = tmp_path / "script.py", tmp_path / "plugin.py"
-    script.write_text(SCRIPT)
-    plugin.write_text(SLEEPER)
-    command = [sys.executable, str(script), str(toys.with_name("tiny.toml")), str(plugin)]
-    runs = {
-        number: subprocess.Popen([*command, str(tmp_path / number.name)])
-        for number in (signal.SIGTERM, signal.SIGKILL)
-    }
-    for number, process in runs.items():
+    suite = tmp_path / "tiny.toml"
+    text = toys.with_name("tiny.toml").read_text()
+    suite.write_text(text.replace("frame_limit_s = 2.0", "frame_limit_s = 600.0"))
+    program = "from eitbench.cli import main; main()"
+    command = [sys.executable, "-c", program, "run", suite, "--methods", "toy-hangs"]
+    for number in (signal.SIGTERM, signal.SIGKILL):
         run = tmp_path / number.name
-        log = run / "logs" / "tiny--sleeper.log"
-        worker = psutil.Process(int(wait_for(partial(_text, log))))
+        process = subprocess.Popen([*command, "--plugin", toys, "--out", run])
+        log = run / "logs" / "tiny--toy-hangs.log"
+        worker = psutil.Process(int(wait_for(lambda log=log: log.is_file() and log.read_text())))
         processes = [worker, *psutil.Process(process.pid).children(recursive=True)]
         process.send_signal(number)
         assert process.wait(60) == (130 if number == signal.SIGTERM else -signal.SIGKILL)

@@ -20,6 +20,7 @@ from eitbench.benchmark.metrics.evaluation import evaluate
 from eitbench.benchmark.metrics.specs import METRIC_COLUMNS
 from eitbench.benchmark.run import cell, method_cell, runner
 from eitbench.benchmark.run import executors as execution
+from eitbench.benchmark.run.cell_task import CellData, CellPlan
 from eitbench.benchmark.run.method_cell import MethodData
 from eitbench.benchmark.run.runner import Plan, RunResult, make_plan, resume_run, start_run
 from eitbench.benchmark.rundir import lock
@@ -34,12 +35,6 @@ from eitbench.scenarios.suites.suite import Suite
 
 N = 5
 SameResults = Callable[[Path, Path], None]
-TIMES = ("frame_ms", "setup_s", "first_frame_ms", "frame_ms_p50", "frame_ms_p99", "batch_fps")
-
-
-@pytest.fixture(scope="module")
-def data(tiny: Suite) -> Dataset:
-    return load(tiny.scenarios[0])
 
 
 @pytest.fixture(scope="module")
@@ -78,7 +73,7 @@ def table(toy_run: Path) -> pd.DataFrame:
         ("toy-ragged", {"invalid-output": N}, "a list that is not an array"),
         ("toy-prints", {"ok": N}, ""),
         ("toy-hangs", {"timeout": N}, "took longer than 2 s"),
-        ("toy-mutates", {"error": N}, "changed its input voltages in place"),
+        ("toy-mutates", {"error": N}, "changed its input in place"),
         ("toy-killed", {"ok": N}, ""),  # single frames fit
         ("toy-dies-on-one", {"ok": N - 1, "error": 1}, "exit code 5"),
         ("toy-dies-on-first", {"ok": N - 1, "error": 1}, "exit code 5"),
@@ -365,16 +360,16 @@ def test_several_at_a_time_begin_with_what_took_longest_to_tune(
     """One at a time keep the order that is asked for. What it took may not be known."""
     seconds = {"noser": None, "tikhonov": 20.0, "laplacian": 300.0}
     begun: list[str] = []
-    run = execution.LocalExecutor.run
+    run = execution.Executor.run
 
-    def noting(self: execution.LocalExecutor, job: execution.CellJob, *given: Any) -> None:
-        begun.append(job.plan.cell.name)
-        run(self, job, *given)
+    def noting(self: execution.Executor, data: CellData, plan: CellPlan, *given: Any) -> None:
+        begun.append(plan.cell.name)
+        run(self, data, plan, *given)
 
     def chosen(self: MethodData, name: str) -> dict[str, Any]:
         return {"parameters": {}, "spent": {"seconds": seconds[name]}, "trials": []}
 
-    monkeypatch.setattr(execution.LocalExecutor, "run", noting)
+    monkeypatch.setattr(execution.Executor, "run", noting)
     monkeypatch.setattr(MethodData, "selection", chosen)
     start_run(make_plan(tiny, methods=list(seconds)), tmp_path / "run", jobs=jobs)
     assert begun[-1] == last

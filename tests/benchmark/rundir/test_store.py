@@ -23,8 +23,12 @@ def batch(start: int) -> Batch:
     return Batch(start, ["ok", "error"], ["", "ValueError: ü"], values, "{}")
 
 
-def test_batches_come_back_in_order(tmp_path: Path) -> None:
-    store = RunStore.create(tmp_path / "run", METHOD_RUNS)
+@pytest.fixture
+def store(tmp_path: Path) -> RunStore:
+    return RunStore.create(tmp_path / "run", METHOD_RUNS)
+
+
+def test_batches_come_back_in_order(store: RunStore) -> None:
     for start in (2, 0, 4):
         store.save_batch(CELL, "test", batch(start))
     store.save_batch(CELL, "validation", batch(0))
@@ -41,10 +45,8 @@ def test_batches_come_back_in_order(tmp_path: Path) -> None:
 
 
 def test_a_full_disk_is_one_sentence_and_leaves_no_part(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    store: RunStore, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    store = RunStore.create(tmp_path / "run", METHOD_RUNS)
-
     def full(file: BinaryIO, **arrays: object) -> None:
         file.write(b"half of it")
         raise OSError(errno.ENOSPC, "No space left on device")
@@ -53,14 +55,13 @@ def test_a_full_disk_is_one_sentence_and_leaves_no_part(
     with pytest.raises(EitbenchError, match="No space left on device"):
         store.save_batch(CELL, "test", batch(0))
     assert not store.batch_length(CELL, "test", 0)
-    assert not [path for path in (tmp_path / "run" / "parts").rglob("*") if path.is_file()]
+    assert not [path for path in (store.path / "parts").rglob("*") if path.is_file()]
 
 
 @pytest.mark.parametrize("size", [0, 100])
-def test_a_truncated_batch_is_named(size: int, tmp_path: Path) -> None:
-    store = RunStore.create(tmp_path / "run", METHOD_RUNS)
+def test_a_truncated_batch_is_named(size: int, store: RunStore) -> None:
     store.save_batch(CELL, "test", batch(0))
-    (path,) = (tmp_path / "run").rglob("*.npz")
+    (path,) = store.path.rglob("*.npz")
     path.write_bytes(path.read_bytes()[:size])
     with pytest.raises(DataCorruptError, match=path.name):
         list(store.batches(CELL, "test"))
@@ -85,12 +86,11 @@ def test_a_run_killed_before_it_began_may_be_started_again(tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize("content", [b"", b"PAR1", b"half of it"])
-def test_truncated_rows_are_named(content: bytes, tmp_path: Path) -> None:
-    store = RunStore.create(tmp_path / "run", METHOD_RUNS)
+def test_truncated_rows_are_named(content: bytes, store: RunStore) -> None:
     store.save_batch(CELL, "test", batch(0))
     store.save_cell(CELL, pd.DataFrame({"sample": [0, 1]}), {"complete": True})
     assert store.finished(CELL)
-    (path,) = (tmp_path / "run" / "parts").rglob("methods.parquet")
+    (path,) = store.path.rglob("methods.parquet")
     path.write_bytes(content)
     with pytest.raises(DataCorruptError, match=r"methods\.parquet"):
         store.finished(CELL)
@@ -105,9 +105,8 @@ def test_an_output_that_cannot_be_made_is_one_sentence(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["..", ".", "a method", "ünï:cø*de?", "x" * 80, "ü" * 40])
-def test_method_names_stay_inside_the_run(name: str, tmp_path: Path) -> None:
-    run = tmp_path / "run"
-    store = RunStore.create(run, METHOD_RUNS)
+def test_method_names_stay_inside_the_run(name: str, store: RunStore, tmp_path: Path) -> None:
+    run = store.path
     cell = Cell("some-scenario", name)
     store.log(cell).write_text("")
     store.save_batch(cell, "test", batch(0))

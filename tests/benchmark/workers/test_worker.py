@@ -4,18 +4,14 @@ import operator
 import os
 import signal
 import threading
+from functools import partial
 from pathlib import Path
 
 import psutil
 import pytest
 from tests.benchmark.waiting import has_ended, wait_for
 
-from eitbench.benchmark.workers.method_service import (
-    MethodService,
-    MethodSpec,
-    learning_splits,
-    scenario_splits,
-)
+from eitbench.benchmark.workers.method_service import MethodService, learning_splits
 from eitbench.benchmark.workers.worker import (
     StoppedError,
     Worker,
@@ -24,7 +20,7 @@ from eitbench.benchmark.workers.worker import (
     plugin_names,
     serve,
 )
-from eitbench.scenarios.data.datasets import Dataset, load
+from eitbench.scenarios.data.datasets import Dataset
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.suites.suite import Suite
 
@@ -48,20 +44,12 @@ class Spy(Method):
 """
 
 
-@pytest.fixture(scope="module")
-def data(tiny: Suite) -> Dataset:
-    return load(tiny.scenarios[0])
-
-
-def service(suite: Suite, data: Dataset, method: str, plugin: Path) -> MethodService:
-    splits = scenario_splits(suite.scenarios[0])
-    return MethodService(MethodSpec(data.sensor, data.reference, splits, method, {}, plugin))
-
-
 def fitted(
     suite: Suite, data: Dataset, method: str, plugin: Path, stop: threading.Event | None = None
 ) -> Worker:
-    worker = Worker(serve, service(suite, data, method, plugin), stop=stop)
+    splits = partial(learning_splits, suite.scenarios[0])
+    service = MethodService(data.sensor, data.reference, splits, method, {}, plugin)
+    worker = Worker(serve, service, stop=stop)
     reply = worker.ask("set_up", limit=60, what="set-up")
     assert reply.failure is None
     return worker

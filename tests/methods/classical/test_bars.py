@@ -1,6 +1,6 @@
 """Figures that methods must reach with packaged choices and weights, on 60 samples."""
 
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 import pytest
@@ -8,7 +8,7 @@ import pytest
 from eitbench.benchmark import metrics
 from eitbench.benchmark.metrics.evaluation import REGISTRATION_FRAMES, evaluate, fit_registration
 from eitbench.benchmark.tuning.selection import selected_parameters
-from eitbench.benchmark.workers.method_service import scenario_splits
+from eitbench.benchmark.workers.method_service import learning_splits
 from eitbench.methods import Problem, create
 from eitbench.scenarios.data.datasets import load
 from eitbench.scenarios.suites.suite import scenarios
@@ -101,7 +101,7 @@ def test_what_simulated_presses_teach_beats_greit_on_a_real_skin() -> None:
         method = create(name, **(selected_parameters(scenarios()["ohmc16"], name) or {}))
         validation = load("ohmc16", split="validation", limit=REGISTRATION_FRAMES)
         test = load("ohmc16", split="test")
-        splits = scenario_splits(scenarios()["ohmc16"])
+        splits = partial(learning_splits, scenarios()["ohmc16"])
         method.fit(Problem(test.sensor, test.reference, splits))
         registration = fit_registration(validation, method.reconstruct(validation.voltages))
         scores = evaluate(test, method.reconstruct(test.voltages), registration)

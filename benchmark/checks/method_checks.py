@@ -1,0 +1,378 @@
+"""The checks of methods: every public function, in the order they run.
+
+First the interface, then the physics that every method has to obey, last the process: output,
+threads, memory, time, files, network and programs.
+"""
+
+import itertools
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from eitbench.benchmark.checks.harness import BrokenError, SkippedError, require
+from eitbench.benchmark.checks.method_under_test import CONTRAST, Growth, MethodUnderTest, disc
+from eitbench.benchmark.workers.audit_hook import Kind
+from eitbench.benchmark.workers.method_service import Frames
+from eitbench.scenarios.arrays import Array
+from eitbench.scenarios.imperfections.noise import add_noise
+from eitbench.scenarios.seeds import generator
+from eitbench.scenarios.sensors.symmetry import Motion
+
+# Fractions of the sensor's data range: what float32 rounds; what an iteration that stops at a
+# tolerance may make of sums taken in another order.
+SAME_RUN, SAME_FRAME = 1e-5, 1e-3
+OTHER_SEED = 12345
+
+NO_CONTRAST = 0.05
+"""Largest contrast that counts as none, as a fraction of the data range; contacts have more."""
+
+SMALL = 0.1
+"""The small contrast; twice as much is compared with it. Physics alone gives a ratio of 2.1."""
+
+EXPONENT = (0.5, 1.5)
+"""The response to a contrast c grows as c^p: nearer to c than to a constant or to c^2."""
+
+MOVED = 0.01
+"""Difference of a moved image to the image of moved voltages, as a fraction of the contrast's rms.
+
+The voltages are moved exactly and the mesh is symmetric to 1e-6, so that what remains is rounding:
+methods without float32 are off by 1e-12, an electrode or a sign taken wrongly by about 1.
+"""
+
+GAIN = 1000.0
+"""Between V/A and the units of a board: to the numbers that recorded sets hold, about."""
+
+SNR_DB = (60.0, 45.0, 30.0)
+DRAWS = 2
+NOISE_GROWTH = 2.0
+"""Allowed growth of the noise of images over that of frames: a linear method's factor is 1.
+
+Twice leaves room for a method that follows noise more closely where there is more of it.
+"""
+
+MONOTONE = 1.25
+"""Allowed growth of the noise of images where that of frames falls (two draws)."""
+
+MEMORY_MIB = 4.0
+"""Allowed growth of memory, which allocators keep for later.
+
+It is two huge pages of Linux. A method that keeps its images of 40 x 40 pixels grows by 7 MiB over
+600 frames; a slow one is asked for fewer, so that it has to keep more of each to be found.
+"""
+
+BATCH = 8
+
+
+def shape(tested: MethodUnderTest) -> None:
+    """Returns (n, H, W)."""
+    _require_sound(tested, "shape")
+
+
+def dtype(tested: MethodUnderTest) -> None:
+    """Returns real numbers."""
+    _require_sound(tested, "dtype")
+
+
+def finite(tested: MethodUnderTest) -> None:
+    """Returns finite values.
+
+    In every pixel inside the sensor.
+    """
+    images = tested.images(tested.frames)[:, tested.sensor.mask]
+    bad = int((~np.isfinite(images)).sum())
+    require(bad == 0, f"{bad} of {images.size} pixels are NaN or infinite.")
+
+
+def batch_equals_single(tested: MethodUnderTest) -> str:
+    """A batch equals its single frames."""
+    frames = tested.frames
+    together = tested.images(frames)
+    alone = np.concatenate([tested.images(frame[None]) for frame in frames])
+    return tested.close(together, alone, SAME_FRAME, "a frame alone and in a batch")
+
+
+def order(tested: MethodUnderTest) -> str:
+    """The order of frames does not matter."""
+    frames = tested.frames
+    backwards = tested.images(np.ascontiguousarray(frames[::-1]))[::-1]
+    what = "images of a batch and of the same frames backwards"
+    return tested.close(tested.images(frames), backwards, SAME_FRAME, what)
+
+
+def seed(tested: MethodUnderTest) -> str:
+    """The global seed does not matter."""
+    first = tested.images(tested.contact)
+    other = tested.refit(tested.contact, seed=OTHER_SEED)
+    what = "images under two seeds of the global generators"
+    return tested.close(first, other, SAME_RUN, what)
+
+
+def random_state(tested: MethodUnderTest) -> None:
+    """Leaves the global random state alone.
+
+    Others depend on it.
+    """
+    for step, generators in tested.answer("random_state", tested.contact).items():
+        require(
+            not generators,
+            f"{step} leaves the global generator of {' and '.join(generators)} in another state: "
+            "use a generator of your own.",
+        )
+
+
+def unchanged_input(tested: MethodUnderTest) -> None:
+    """Leaves its input unchanged."""
+    _require_sound(tested, "mutated")
+
+
+def _require_sound(tested: MethodUnderTest, kind: str) -> None:
+    """Require that plain frames cause no failure, above all none of `kind`."""
+    if failure := tested.ask(tested.frames).failure:
+        who = "reconstruct " if kind in failure.kinds else ""
+        raise BrokenError(f"{who}{failure.message}.")
+
+
+def wrong_length(tested: MethodUnderTest) -> None:
+    """Refuses frames of the wrong length."""
+    _require_refusal(tested, tested.frames[:, :-1], "frames with a value too few")
+
+
+def nan_voltages(tested: MethodUnderTest) -> None:
+    """Refuses frames with NaN."""
+    frames = tested.frames.copy()
+    frames[1, 0] = np.nan
+    _require_refusal(tested, frames, "frames with a NaN")
+
+
+def _require_refusal(tested: MethodUnderTest, frames: Frames, what: str) -> None:
+    failure = tested.ask(frames).failure
+    advice = "Problem.difference(voltages) raises one."
+    require(
+        failure is not None and "ValueError" in failure.kinds,
+        f"{what} should raise a ValueError that says what is wrong; {advice}",
+    )
+
+
+def zero_contrast(tested: MethodUnderTest) -> str:
+    """Zero contrast gives the background."""
+    off = float(np.max(np.abs(tested.contrast(tested.reference))))
+    said = (
+        f"the reference frame gives an image up to {off:.3g} S/m off the background of "
+        f"{tested.sensor.background:g} S/m"
+    )
+    allowed = NO_CONTRAST * tested.sensor.data_range
+    require(off <= allowed, f"{said}: return absolute conductivity.")
+    return f"{said}; {allowed:.2g} is allowed."
+
+
+def resistive_contact(tested: MethodUnderTest) -> str:
+    """A resistive contact is negative."""
+    return _require_sign(tested, 1 - CONTRAST, -1, "conductivity halves", "negative and lower")
+
+
+def conductive_contact(tested: MethodUnderTest) -> str:
+    """A conductive contact is positive."""
+    if tested.sensor.conductivity_range[1] <= 1:
+        raise SkippedError("on this sensor, conductivity can only fall.")
+    where = "conductivity is 1.5 times higher"
+    return _require_sign(tested, 1.5, 1, where, "positive and higher")
+
+
+def _require_sign(
+    tested: MethodUnderTest, factor: float, sign: int, where: str, wanted: str
+) -> str:
+    contrast = tested.contrast(tested.inclusion(factor))[0]
+    contact = disc(tested.sensor.image_shape)[tested.sensor.mask]
+    inside, outside = float(contrast[contact].mean()), float(contrast[~contact].mean())
+    said = f"where {where}, the mean contrast is {inside:.3g} S/m ({outside:.3g} elsewhere)"
+    right = sign * inside > 0 and sign * inside > sign * outside
+    require(right, f"{said}; it should be {wanted}.")
+    return f"{said}."
+
+
+def linearity(tested: MethodUnderTest) -> str:
+    """Small contrasts are nearly linear.
+
+    Along the image of the simple contrast, the double one gives about twice as much.
+    """
+    one = tested.contrast(tested.inclusion(1 - SMALL))[0]
+    two = tested.contrast(tested.inclusion(1 - 2 * SMALL))[0]
+    energy = float(one @ one)
+    require(energy > 0, f"a contrast of {SMALL:g} is not seen at all.")
+    ratio = float(one @ two) / energy
+    low, high = (2**exponent for exponent in EXPONENT)
+    said = (
+        f"doubling a contrast of {SMALL:g} multiplies the image by {ratio:.3g}; "
+        f"{low:.2f} to {high:.2f} is allowed."
+    )
+    require(low <= ratio <= high, said)
+    return said
+
+
+def rotation_equivariance(tested: MethodUnderTest) -> str:
+    """Rotation equivariance."""
+    turns = [motion for motion in tested.motions if motion.turns and not motion.mirrored]
+    # The first is of 90 degrees, or of 180 where that is none: all others follow from it.
+    return _require_equivariance(tested, turns, "turn", "turned")
+
+
+def mirror_equivariance(tested: MethodUnderTest) -> str:
+    """Mirror equivariance."""
+    mirrors = [motion for motion in tested.motions if motion.mirrored]
+    return _require_equivariance(tested, mirrors, "mirror", "mirrored")
+
+
+def _require_equivariance(
+    tested: MethodUnderTest, motions: Sequence[Motion], what: str, moved_is: str
+) -> str:
+    """Require the moved image for moved voltages, by the first of the `motions`.
+
+    Differences to the reference are moved, so that its frame need not be symmetric.
+    """
+    if not motions:
+        raise SkippedError(f"no {what} brings this sensor onto itself.")
+    difference = tested.contact - tested.reference
+    moved = tested.images(tested.reference + motions[0].voltages(difference))
+    mask, background = tested.sensor.mask, tested.sensor.background
+    expected = motions[0].images(tested.images(tested.contact))
+    contrast = _seen(expected[:, mask] - background)
+    apart = _rms(moved[:, mask] - expected[:, mask])
+    said = (
+        f"voltages of the {moved_is} sensor give an image that differs from the {moved_is} one by "
+        f"{apart / contrast:.2g} of its contrast (rms); {MOVED:g} is allowed."
+    )
+    require(apart <= MOVED * contrast, said)
+    return said
+
+
+def gain_invariance(tested: MethodUnderTest) -> str:
+    """Gain invariance.
+
+    Images do not depend on the board's units, which frames and reference share.
+    """
+    _seen(tested.contrast(tested.contact))
+    other = tested.refit(tested.contact * GAIN, gain=GAIN)
+    what = f"images of frames and of {GAIN:g} times these (the reference too)"
+    return tested.close(tested.images(tested.contact), other, SAME_FRAME, what)
+
+
+def noise_growth(tested: MethodUnderTest) -> str:
+    """Noise is not blown up.
+
+    It grows in proportion to that of frames, and stays below the contact's contrast.
+    """
+    clean = tested.contrast(tested.contact)
+    _seen(clean)
+    noisy = [_noisy(tested.contact[0], snr_db) for snr_db in SNR_DB]
+    seen = tested.contrast(np.concatenate(noisy)).reshape(len(SNR_DB), DRAWS, -1)
+    errors = [_rms(images - clean) for images in seen]
+    figures = ", ".join(
+        f"{error:.2g} S/m at {snr_db:g} dB" for snr_db, error in zip(SNR_DB, errors, strict=True)
+    )
+    said = f"noise adds {figures} to an image (rms)"
+    for less, more in itertools.pairwise(errors):
+        require(less <= MONOTONE * more, f"{said}; it should grow with the noise.")
+    allowed = NOISE_GROWTH * 10 ** ((SNR_DB[0] - SNR_DB[-1]) / 20)
+    floor = SAME_FRAME * tested.sensor.data_range
+    grown = errors[-1] / max(errors[0], floor / allowed)
+    require(grown <= allowed, f"{said}, {grown:.0f} times more; {allowed:.0f} is allowed.")
+    most = CONTRAST * tested.sensor.background
+    require(errors[-1] <= most, f"{said}; more than {most:g} hides the contact.")
+    return f"{said}."
+
+
+def _noisy(frame: Array, snr_db: float) -> Array:
+    """Return noisy frames (DRAWS, M): each draw is the same at every level but for its strength."""
+    rngs = (generator("method check", "noise", draw) for draw in range(DRAWS))
+    return np.stack([add_noise(frame, snr_db, rng) for rng in rngs])
+
+
+def _rms(values: Array) -> float:
+    return math.sqrt(float(np.mean(np.square(values))))
+
+
+def _seen(contrast: Array) -> float:
+    """Return the rms of a contact's contrast, which must not be 0."""
+    rms = _rms(contrast)
+    require(rms > 0, "the contact is not seen at all.")
+    return rms
+
+
+def memory(tested: MethodUnderTest) -> str:
+    """Memory does not grow."""
+    tested.images(tested.contact)
+    growth: Growth = tested.answer("repeat", tested.contact)
+    said = (
+        f"memory grows by {max(growth.mib, 0.0):.2g} MiB over {growth.calls} frames; "
+        f"{MEMORY_MIB:g} is allowed."
+    )
+    require(growth.mib <= MEMORY_MIB, said)
+    return said
+
+
+# It takes another worker, so it comes after what compares with the first one's images.
+def deterministic(tested: MethodUnderTest) -> str:
+    """The same twice."""
+    frames = tested.frames
+    first = tested.images(frames)
+    tested.worker.renew()
+    return tested.close(first, tested.again(frames), SAME_RUN, "two fits on the same problem")
+
+
+def quiet(tested: MethodUnderTest) -> None:
+    """Prints nothing.
+
+    It would stand between others' output.
+    """
+    tested.images(tested.contact)
+    before = tested.log.stat().st_size
+    tested.again(tested.contact)
+    text = tested.log.read_text(errors="replace")[before:].strip()
+    require(not text, f"reconstruct prints: {text[:80]!r}.")
+
+
+def threads(tested: MethodUnderTest) -> str:
+    """The thread count does not matter."""
+    one = tested.again(tested.contact)
+    two = tested.refit(tested.contact, threads=2)
+    return tested.close(one, two, SAME_FRAME, "images made on one thread and on two")
+
+
+# What the processes were seen to do comes after all that makes them do something.
+def no_network(tested: MethodUnderTest) -> None:
+    """Uses no network."""
+    _require_unseen(tested, "network", "it uses the network", "methods work without one")
+
+
+def no_writing(tested: MethodUnderTest) -> None:
+    """Writes nothing elsewhere."""
+    advice = "`tempfile` and eitbench's cache are where a method may write"
+    _require_unseen(tested, "write", "it writes or changes files elsewhere", advice)
+
+
+def no_programs(tested: MethodUnderTest) -> None:
+    """Starts no other program."""
+    advice = "what they do is not seen, so that a reason is needed"
+    _require_unseen(tested, "program", "it starts other programs", advice)
+
+
+def _require_unseen(tested: MethodUnderTest, kind: Kind, what: str, advice: str) -> None:
+    """Require that nothing of the `kind` was noted while the method was loaded, fitted, asked."""
+    tested.images(tested.contact)
+    noted = tested.watch.noted(kind)
+    more = f" and {len(noted) - 1} more" if len(noted) > 1 else ""
+    require(not noted, f"{what} ({noted[0]}{more}): {advice}." if noted else "")
+
+
+# Last, as it may cost the worker by taking too long.
+def in_time(tested: MethodUnderTest) -> str:
+    """Answers within the time limit."""
+    factors = np.linspace(0.4, 0.9, BATCH)
+    frames = np.concatenate([tested.inclusion(float(factor)) for factor in factors])
+    tested.images(frames)
+    return (
+        f"fitted in {tested.answer('fit_s'):.2g} s, "
+        f"{BATCH} frames in {tested.ask(frames).seconds:.2g} s; "
+        f"{tested.limit_s:g} s each are allowed."
+    )
