@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property, lru_cache, partial
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any
 
 import numpy as np
 import psutil
@@ -105,10 +105,11 @@ class MethodUnderTest:
         """Three different frames (3, M)."""
         return np.concatenate([self.contact, self.inclusion(0.8), self.inclusion(1.3)])
 
-    @property
+    @cached_property
     def motions(self) -> list[Motion]:
         """The symmetries of the nominal sensor; the first changes nothing."""
-        return _motions(self._scenario)
+        model = forward_model(self.sensor)
+        return motions(model.sensor, model.jacobian(model.background))
 
     def ask(self, frames: Frames) -> Reply:
         """Return the answer of the fitted method to `frames`; each is asked for once.
@@ -181,24 +182,6 @@ def _inclusion(scenario: SimulatedScenario, factor: float) -> Frames:
     return frame
 
 
-@lru_cache(maxsize=8)
-def _motions(scenario: SimulatedScenario) -> list[Motion]:
-    model = forward_model(scenario.nominal_sensor)
-    return motions(model.sensor, model.jacobian(model.background))
-
-
-class Growth(NamedTuple):
-    """Growth of resident memory over repeated reconstructions of one frame.
-
-    Attributes:
-        calls: number of reconstructions, after some to warm up.
-        mib: growth [MiB].
-    """
-
-    calls: int
-    mib: float
-
-
 @dataclass(eq=False, kw_only=True)
 class MethodTestService(MethodService):
     """The worker's side: the method, asked for images under chosen conditions and watched."""
@@ -249,11 +232,11 @@ class MethodTestService(MethodService):
         return Reply({"fit": fitting, "reconstruct": asking}, reply.seconds)
 
     def repeat(self, frame: Frames) -> Reply:
-        """Return the `Growth` of memory while `frame` (1, M) is reconstructed again and again."""
+        """Return how often `frame` (1, M) was reconstructed, and how memory grew by it [MiB]."""
         _, failure = self._repeat(frame, REPEATS // 4, LEAST_REPEATS // 2, REPEAT_S / 4)
         before = _resident()
         calls, later = self._repeat(frame, REPEATS, LEAST_REPEATS, REPEAT_S)
-        return Reply(Growth(calls, _resident() - before), 0.0, failure or later)
+        return Reply((calls, _resident() - before), 0.0, failure or later)
 
     def _repeat(
         self, frame: Frames, most: int, least: int, seconds: float

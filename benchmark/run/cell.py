@@ -61,7 +61,7 @@ def prepare(task: CellTask, progress: Advance, stop: threading.Event) -> None:
         runner.run()
     cell, stored = task.plan.cell, StoredSamples(task)
     if not stored.valid.all():
-        task.store.forget(cell)
+        task.store.forget_answers(cell)
         raise EitbenchError(
             f"What the cells of scenario {cell.scenario!r} are compared with cannot be computed: "
             f"{stored.message[~stored.valid][0]}."

@@ -14,6 +14,7 @@ from eitbench.benchmark.rundir.cells import Cell, Values
 from eitbench.benchmark.rundir.run_arrays import Truth
 from eitbench.benchmark.rundir.store import RunStore
 from eitbench.benchmark.workers.worker import Reply, WorkerLostError
+from eitbench.methods.registry import Registry
 from eitbench.scenarios.data.datasets import Dataset
 from eitbench.scenarios.suites.scenario import Scenario
 from eitbench.scenarios.suites.suite import Suite
@@ -50,9 +51,11 @@ class CellData(ABC):
 
     Attributes:
         batch: samples that are asked for at once.
+        registry: of what can run, but for plugin files: theirs are known in their workers alone.
     """
 
     batch: ClassVar[int]
+    registry: ClassVar[Registry[Any]]
 
     scenario: Scenario
     test: Dataset
@@ -87,7 +90,8 @@ class CellData(ABC):
 
     def weights(self, name: str) -> str:
         """Return the SHA-256 (hex) of the weights that `name` would load; "" without any."""
-        return ""
+        known = self.registry.known()  # of plugins a run remembers the file
+        return known[name].weights_hash(self.test.sensor) if name in known else ""
 
     def unusable(self, name: str) -> str:
         """Return the reason why `name` cannot run here, as a sentence; "" if it can."""

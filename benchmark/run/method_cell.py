@@ -31,8 +31,8 @@ from eitbench.benchmark.rundir.store import RunStore
 from eitbench.benchmark.tuning.selection import recorded_selection
 from eitbench.benchmark.workers.method_service import Frames, MethodService, learning_splits
 from eitbench.benchmark.workers.worker import Reply
-from eitbench.methods import methods
 from eitbench.methods.problem import AccessRecord
+from eitbench.methods.registry import METHOD_REGISTRY, Registry
 from eitbench.scenarios.data.datasets import Dataset, load
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.recordings.fetch import fetch_recording
@@ -51,6 +51,7 @@ class MethodData(CellData):
     """
 
     batch: ClassVar[int] = 32
+    registry: ClassVar[Registry[Any]] = METHOD_REGISTRY
 
     validation: Dataset | None
 
@@ -97,15 +98,9 @@ class MethodData(CellData):
             arrays["classes"] = test.classes
         return attributes, arrays
 
-    def weights(self, name: str) -> str:
-        """See `CellData.weights`."""
-        # Those of plugin files are known in their workers alone; a run remembers the file.
-        known = methods()
-        return known[name].weights_hash(self.test.sensor) if name in known else ""
-
     def unusable(self, name: str) -> str:
         """See `CellData.unusable`."""
-        known = methods()
+        known = self.registry.known()
         return known[name].unusable(self.test.sensor) if name in known else ""
 
     def selection(self, name: str) -> dict[str, Any] | None:

@@ -35,7 +35,7 @@ from eitbench.benchmark.workers.operator_service import (
     ReferenceModelService,
 )
 from eitbench.benchmark.workers.worker import Reply
-from eitbench.methods.registry import operators
+from eitbench.methods.registry import OPERATOR_REGISTRY, Registry
 from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.data.datasets import load
 from eitbench.scenarios.data.simulation import clean_reference, clean_voltages
@@ -60,6 +60,7 @@ class OperatorData(CellData):
     """
 
     batch: ClassVar[int] = 64
+    registry: ClassVar[Registry[Any]] = OPERATOR_REGISTRY
 
     clean: Array
     reference: Array
@@ -74,7 +75,7 @@ class OperatorData(CellData):
             raise InputError(
                 f"Scenario {scenario.name!r} is recorded: operators need a known conductivity."
             )
-        operators()  # loads their libraries here, so that workers are forked with them
+        cls.registry.known()  # loads their libraries here, so that workers are forked with them
         measured = load(scenario, split="test", limit=limit, jobs=jobs, progress=progress)
         # Noise is no matter of operators.
         test = replace(measured, samples=measured.samples.drop(columns="snr_db"))
@@ -88,12 +89,6 @@ class OperatorData(CellData):
             clean_reference(scenario, "test"),
             Standard.of(validation),
         )
-
-    def weights(self, name: str) -> str:
-        """See `CellData.weights`."""
-        # Those of plugin files are known in their workers alone; a run remembers the file.
-        known = operators()
-        return known[name].weights_hash(self.test.sensor) if name in known else ""
 
     def task(self, plan: CellPlan, store: RunStore) -> CellTask:
         """Return the operator of the cell, or the model."""

@@ -1,5 +1,6 @@
 """Runs of a suite: all it ranks on every scenario, into a directory that can be resumed."""
 
+import shutil
 import threading
 from collections.abc import Mapping, Sequence
 from concurrent.futures import FIRST_EXCEPTION, Future, ThreadPoolExecutor, wait
@@ -92,7 +93,7 @@ def start_run(
                 manifest = _new_manifest(plan, data, lost, jobs)
                 store.write_manifest(manifest)
             except BaseException:  # nothing has been run: leave nothing behind, after Ctrl-C too
-                store.discard()
+                shutil.rmtree(out, ignore_errors=True)
                 raise
             return _execute(plan, store, manifest, data, where, progress)
 

@@ -58,10 +58,6 @@ class RunStore:
             (path / "logs").mkdir(parents=True, exist_ok=True)
         return cls(path, kind)
 
-    def discard(self) -> None:
-        """Remove a run directory in which nothing has happened."""
-        shutil.rmtree(self.path, ignore_errors=True)
-
     def log(self, cell: Cell) -> Path:
         """Path of the file for the output of what runs in a cell."""
         return self.path / "logs" / f"{'--'.join(cell.folders)}.log"
@@ -167,13 +163,9 @@ class RunStore:
             (folder / name).unlink(missing_ok=True)
 
     def forget_answers(self, cell: Cell) -> None:
-        """Remove the answers that are stored of a scored cell, but not its rows."""
+        """Remove the answers that are stored of a cell, but not its rows."""
         for path in self._parts(cell).glob("*.npz"):
             path.unlink(missing_ok=True)
-
-    def forget(self, cell: Cell) -> None:
-        """Remove all that is stored of a cell."""
-        shutil.rmtree(self._parts(cell), ignore_errors=True)
 
     def remove_parts(self) -> None:
         """Remove the parts of a run that is assembled, and what a killed process left of files."""

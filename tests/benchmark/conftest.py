@@ -35,11 +35,6 @@ def toys() -> Path:
 
 
 @pytest.fixture(scope="session")
-def broken_contract() -> Path:
-    return DATA / "broken_contract.py"
-
-
-@pytest.fixture(scope="session")
 def same_results() -> Callable[[Path, Path], None]:
     """Asserts that two runs are the same bit for bit, apart from times and memory."""
 

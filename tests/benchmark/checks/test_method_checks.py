@@ -12,6 +12,7 @@ from eitbench.benchmark.checks.method_under_test import SCENARIO, MethodUnderTes
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.physics.forward import forward_model
 
+PLUGIN = Path(__file__).parents[1] / "data" / "broken_contract.py"
 EVERYTHING = {check.__name__ for check in METHOD_CHECKS}
 BROKEN = {
     "contract-kept": set(),
@@ -57,10 +58,10 @@ MISBEHAVING = {
     "name", [pytest.param(n, marks=pytest.mark.slow) if n in MORE else n for n in BROKEN]
 )
 def test_a_broken_promise_is_found_alone(
-    name: str, broken_contract: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("TOY_DIARY", str(tmp_path / "diary"))
-    report = check_method(name, plugin=broken_contract)
+    report = check_method(name, plugin=PLUGIN)
     assert {result.check for result in report.failed} == BROKEN[name]
     assert len(report.results) == len(EVERYTHING)
     assert all(result.message.endswith(".") for result in report.failed)
@@ -76,23 +77,23 @@ def test_a_misbehaving_method_fails_and_the_check_goes_on(name: str, toys: Path)
     )
 
 
-def test_a_hole_is_found(broken_contract: Path) -> None:
-    report = check_method("contract-hole", plugin=broken_contract)
+def test_a_hole_is_found() -> None:
+    report = check_method("contract-hole", plugin=PLUGIN)
     (found,) = (result for result in report.failed if result.check == "finite")
     assert found.message == "3 of 4800 pixels are NaN or infinite."
 
 
-def test_a_method_that_will_not_stop_is_stopped_at_the_limit(broken_contract: Path) -> None:
+def test_a_method_that_will_not_stop_is_stopped_at_the_limit() -> None:
     subject_model = SCENARIO.nominal_sensor
     forward_model(subject_model).jacobian(np.ones(subject_model.image_shape))  # compiles it
-    report = check_method("contract-slow", plugin=broken_contract, limit_s=8)
+    report = check_method("contract-slow", plugin=PLUGIN, limit_s=8)
     (found,) = report.failed
     assert found.check == "in_time"
     assert found.message == "reconstruct took longer than 8 s."
 
 
-def test_an_expected_failure_is_none_and_keeps_its_reason(broken_contract: Path) -> None:
-    report = check_method("contract-excused", plugin=broken_contract)
+def test_an_expected_failure_is_none_and_keeps_its_reason() -> None:
+    report = check_method("contract-excused", plugin=PLUGIN)
     (found,) = report.having("xfail")
     assert found.check == "rotation_equivariance"
     assert found.message.endswith("0.01 is allowed. Expected: sees more at the top.")
@@ -101,8 +102,8 @@ def test_an_expected_failure_is_none_and_keeps_its_reason(broken_contract: Path)
     assert "0 failed, 1 failed as expected." in report.summary()
 
 
-def test_an_expected_failure_that_passes_fails(broken_contract: Path) -> None:
-    report = check_method("contract-outdated", plugin=broken_contract)
+def test_an_expected_failure_that_passes_fails() -> None:
+    report = check_method("contract-outdated", plugin=PLUGIN)
     (found,) = report.failed
     assert found.check == "rotation_equivariance"
     assert found.message == (
@@ -118,11 +119,9 @@ def test_an_expected_failure_that_passes_fails(broken_contract: Path) -> None:
         ("contract-no-mapping", "should map names of checks to reasons"),
     ],
 )
-def test_an_expected_failure_needs_a_check_and_a_reason(
-    name: str, sentence: str, broken_contract: Path
-) -> None:
+def test_an_expected_failure_needs_a_check_and_a_reason(name: str, sentence: str) -> None:
     with pytest.raises(InputError, match=sentence):
-        check_method(name, plugin=broken_contract)
+        check_method(name, plugin=PLUGIN)
 
 
 def test_a_sensor_that_no_motion_brings_onto_itself_has_none_to_check(tmp_path: Path) -> None:
@@ -134,8 +133,8 @@ def test_a_sensor_that_no_motion_brings_onto_itself_has_none_to_check(tmp_path: 
                 check(subject)
 
 
-def test_a_method_of_one_image_grid_is_checked_there(broken_contract: Path) -> None:
-    report = check_method("contract-own-grid", plugin=broken_contract)
+def test_a_method_of_one_image_grid_is_checked_there() -> None:
+    report = check_method("contract-own-grid", plugin=PLUGIN)
     assert report.where == "foam16, 80 x 80"
     assert not report.failed
     skipped = {result.check: result.message for result in report.having("skipped")}

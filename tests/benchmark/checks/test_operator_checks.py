@@ -136,7 +136,7 @@ def test_a_file_may_hold_methods_and_operators(monkeypatch: pytest.MonkeyPatch) 
     found = {report.name: report.kind for report in checks.check_target(str(file))}
     assert found.pop("toy-method") == "method"
     assert set(found.values()) == {"operator"}
-    assert len(found) == 7
+    assert len(found) == 6
 
 
 def test_an_unknown_name_suggests_the_nearest() -> None:

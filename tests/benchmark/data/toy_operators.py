@@ -1,7 +1,6 @@
 """A plugin whose operators misbehave in a run, each in its own way, and one method beside them."""
 
 import os
-import time
 from collections.abc import Callable
 from typing import Any
 
@@ -59,7 +58,6 @@ def toy(name: str, voltages: Callable[[Any, Any], Any]) -> None:
 toy("toy-shape", lambda sigma, found: found[..., :-1])
 toy("toy-nan", lambda sigma, found: np.where(is_bad(sigma)[..., None], np.nan, found))
 toy("toy-mutates", lambda sigma, found: found * np.multiply(sigma, 2, out=sigma).size)
-toy("toy-hangs", lambda sigma, found: time.sleep(1000))
 
 
 @register_operator("toy-raises")

@@ -1,9 +1,7 @@
 """Runs that are killed at random moments lose no finished row, and end as if nothing had been."""
 
 import json
-import os
 import random
-import signal
 import subprocess
 import sys
 import time
@@ -23,33 +21,18 @@ METHODS = "noser,toy-random,toy-nan,toy-slow,toy-dies-on-one,toy-killed,toy-exit
 Rows = dict[tuple[str, int], float]
 
 
-class Run:
-    """`eitbench run` in a process of its own, in the folder `out`."""
-
-    def __init__(self, suite: Path, toys: Path, out: Path) -> None:
-        self.out = out
-        command = [sys.executable, "-c", "from eitbench.cli import main; main()", "run"]
-        begin = [str(suite), "--plugin", str(toys), "--methods", METHODS, "--out", str(out)]
-        begun = (out / "manifest.json").is_file()
-        self.process = subprocess.Popen(
-            [*command, *(["--resume", str(out)] if begun else begin), "--jobs", "2"],
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.PIPE,
-        )
-
-    def end(self) -> None:
-        """Wait for it."""
-        _, said = self.process.communicate()
-        assert self.process.returncode == 0, said.decode()
-
-    def kill(self, after: float) -> bool:
-        """Kill it after so many seconds; False if it was faster."""
-        try:
-            self.process.wait(after)
-        except subprocess.TimeoutExpired:
-            os.kill(self.process.pid, signal.SIGKILL)
-        self.process.communicate()
-        return self.process.returncode == -signal.SIGKILL
+def ended(suite: Path, toys: Path, out: Path, after: float | None = None) -> bool:
+    """Run or resume in a process of its own; False if it was killed after so many seconds."""
+    command = [sys.executable, "-c", "from eitbench.cli import main; main()", "run"]
+    begin = [str(suite), "--plugin", str(toys), "--methods", METHODS, "--out", str(out)]
+    begun = (out / "manifest.json").is_file()
+    command += [*(["--resume", str(out)] if begun else begin), "--jobs", "2"]
+    try:
+        done = subprocess.run(command, capture_output=True, timeout=after)  # ends it by SIGKILL
+    except subprocess.TimeoutExpired:
+        return False
+    assert done.returncode == 0, done.stderr.decode()
+    return True
 
 
 def finished_rows(out: Path) -> Rows:
@@ -93,13 +76,13 @@ def test_killed_at_any_moment(
     largest = np.sort(load(load_suite(suite).scenarios[0]).voltages.max(axis=1))
     monkeypatch.setenv("TOY_LIMIT", repr(float(largest[-2:].mean())))
     start = time.monotonic()
-    Run(suite, toys, tmp_path / "whole").end()
+    assert ended(suite, toys, tmp_path / "whole")
     usual = time.monotonic() - start
     rng, kills, runs, kept = random.Random(SEED), 0, 0, 0
     while kills < KILLS:
         out = tmp_path / f"run-{runs}"
         rows: Rows = {}
-        while Run(suite, toys, out).kill(after=rng.uniform(0, usual)):
+        while not ended(suite, toys, out, after=rng.uniform(0, usual)):
             kills += 1
             after = finished_rows(out)
             assert_kept(rows, after)

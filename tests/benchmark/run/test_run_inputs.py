@@ -20,11 +20,7 @@ from eitbench.benchmark.rundir.plan import read_resumable
 from eitbench.benchmark.workers import restarting
 from eitbench.benchmark.workers.worker import Worker
 from eitbench.scenarios.data.datasets import Dataset
-from eitbench.scenarios.errors import (
-    DataCorruptError,
-    DataUnavailableError,
-    InputError,
-)
+from eitbench.scenarios.errors import DataCorruptError, DataUnavailableError, InputError
 from eitbench.scenarios.suites.scenario import RecordedScenario, Split
 from eitbench.scenarios.suites.suite import Suite
 

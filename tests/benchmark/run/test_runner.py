@@ -27,10 +27,7 @@ from eitbench.benchmark.rundir import lock
 from eitbench.benchmark.rundir.store import RunStore
 from eitbench.methods import methods
 from eitbench.scenarios.data.datasets import Dataset, load
-from eitbench.scenarios.errors import (
-    EitbenchError,
-    InputError,
-)
+from eitbench.scenarios.errors import EitbenchError, InputError
 from eitbench.scenarios.suites.suite import Suite
 
 N = 5
