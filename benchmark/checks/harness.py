@@ -9,7 +9,7 @@ from types import ModuleType
 from typing import Any, Literal, get_args
 
 from eitbench.benchmark.workers.restarting import RESTARTS, RestartingWorker, SetUpFailedError
-from eitbench.benchmark.workers.worker import Failure, Reply, WorkerLostError
+from eitbench.benchmark.workers.worker import Reply, WorkerLostError
 from eitbench.scenarios.docstrings import first_line
 
 LIMIT_S = 60.0
@@ -159,16 +159,11 @@ def run_checks(
 
 
 class CheckWorker(RestartingWorker):
-    """The worker of a method or operator under test; losing it is the finding of a check.
-
-    Attributes:
-        refusal: the failure of set-up, if the service refused it.
-    """
+    """The worker of a method or operator under test; losing it is the finding of a check."""
 
     def __init__(self, service: object, limit_s: float, log: Path) -> None:
         """Prepare a worker; `limit_s` is for set-up and for each answer [s]."""
         super().__init__(service, set_up_limit_s=limit_s, log=log)
-        self.refusal: Failure | None = None
         self._limit_s = limit_s
         self._given_up = ""
 
@@ -204,7 +199,6 @@ class CheckWorker(RestartingWorker):
         except WorkerLostError as lost:
             message = f"{lost.failure.message.rstrip('.')}."
             if isinstance(lost, SetUpFailedError):
-                self.refusal = lost.failure
                 message = f"set-up failed with {message}"
             if lost.failure.status == "timeout" or self.history.restarts >= RESTARTS:
                 self._given_up = message

@@ -6,7 +6,7 @@ import random
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import cached_property, lru_cache, partial
 from pathlib import Path
@@ -125,12 +125,10 @@ class MethodUnderTest:
     @property
     def refuses_sensor(self) -> bool:
         """True if the method says that it cannot be fitted to this sensor."""
-        try:
+        with suppress(BrokenError):
             self.ask(self.frames)
-        except BrokenError:
-            refusal = self.worker.refusal
-            return refusal is not None and "EitbenchError" in refusal.kinds
-        return False
+        lost = self.worker.history.lost
+        return lost is not None and "EitbenchError" in lost.kinds
 
     def images(self, frames: Frames) -> Images:
         """Return images (n, H, W) of `frames`.

@@ -7,6 +7,7 @@ test split, so that it is shown as a gap and never ranked.
 
 import json
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -58,7 +59,7 @@ def write_tracks(store: RunStore, cells: Sequence[CellPlan]) -> None:
     """Write the rows of the tracks `default` and `oracle`, where these were run to the end."""
     tables = []
     for main in (plan for plan in cells if not plan.cell.variant):
-        others = [c for c in cells if c.cell.variant and _same(c, main)]
+        others = [c for c in cells if c.cell.variant and replace(c.cell, variant="") == main.cell]
         if not others or not all(store.finished(c.cell) for c in (main, *others)):
             continue
         rows = {c.cell.variant: (c.parameters, store.rows(c.cell)) for c in (main, *others)}
@@ -69,10 +70,6 @@ def write_tracks(store: RunStore, cells: Sequence[CellPlan]) -> None:
             tables.append(_labelled("oracle", *best))
     if tables:
         store.write_table(TRACKS, pd.concat(tables, ignore_index=True))
-
-
-def _same(plan: CellPlan, other: CellPlan) -> bool:
-    return (plan.cell.scenario, plan.cell.name) == (other.cell.scenario, other.cell.name)
 
 
 def _labelled(track: str, parameters: dict[str, Any], rows: pd.DataFrame) -> pd.DataFrame:
