@@ -111,7 +111,7 @@ def check_operator(
     with tempfile.TemporaryDirectory() as folder:
         worker = CheckWorker(OperatorCheckService(name, plugin), limit_s, Path(folder) / "log")
         try:
-            height, width = worker.request("image_shape").value
+            height, width = worker.renew().value
             where = f"{SMALL.sensor}, {height} x {width}"
         except BrokenError:  # every check will say so
             where = SMALL.sensor

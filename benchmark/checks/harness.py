@@ -183,14 +183,14 @@ class CheckWorker(RestartingWorker):
         """Return the value of the answer to `request`, which must not be a failure."""
         return answered(self.request(*request))
 
-    def renew(self) -> None:
-        """Start another worker in the place of this one.
+    def renew(self) -> Reply:
+        """Start another worker in the place of this one, and return the answer of its set-up.
 
         Raises:
             BrokenError: the service could not be set up in it.
         """
         with self._losses_found():
-            self.start()
+            return self.start()
 
     @contextmanager
     def _losses_found(self) -> Iterator[None]:

@@ -289,7 +289,7 @@ def reciprocity(tested: OperatorUnderTest) -> str:
     size_of, what, allowed = (
         (_rms_norm(voltages), "voltages", LAW)
         if tested.exact
-        else (tested.response, "response to a touch", BROKEN_RECIPROCITY)
+        else (_rms_norm(voltages - tested.background), "response to a touch", BROKEN_RECIPROCITY)
     )
     relative = _rms_norm(violation) / size_of
     said = f"reciprocal voltages differ by {relative:.2g} of the {what} ({allowed:g} is allowed)."

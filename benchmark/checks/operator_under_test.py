@@ -86,12 +86,6 @@ class OperatorUnderTest:
         image = np.full(self.sensor.image_shape, self.sensor.background)
         return self.voltages_of(image)
 
-    @cached_property
-    def response(self) -> float:
-        """Norm of the change of the voltages by an image, root mean square over images [V/A]."""
-        changes = np.linalg.norm(self.voltages - self.background, axis=-1)
-        return float(np.sqrt(np.mean(changes**2)))
-
     def voltages_of(self, sigma: Array, operator: Operator | None = None) -> Array:
         """Return voltages as a plain array, which must be finite and of the right shape."""
         found = np.asarray((operator or self.operator).voltages(sigma.copy()))
@@ -116,14 +110,10 @@ class OperatorCheckService:
     plugin: Path | None
 
     def set_up(self) -> Reply:
-        """Make the operator."""
+        """Make the operator; the reply holds the image grid (H, W) of its sensor."""
         if self.plugin is not None:
             load_plugin(self.plugin)
         self._tested = OperatorUnderTest.of(partial(operator, self.name))
-        return Reply(None, 0.0)
-
-    def image_shape(self) -> Reply:
-        """Return the image grid (H, W) of the sensor that the operator was made for."""
         return Reply(self._tested.sensor.image_shape, 0.0)
 
     def run(self, check: Check) -> Reply:

@@ -53,7 +53,12 @@ def discs(sensor: Sensor, n: int) -> tuple[Array, Array]:
     return np.where(near, level, 1.0), places
 
 
-def made(truth: Literal["conductivity", "position", "classes", "none"], n: int) -> Dataset:
+def made(
+    truth: Literal["conductivity", "position", "classes", "none"],
+    n: int,
+    scenario: str = "",
+    inverse_crime: bool | None = None,
+) -> Dataset:
     """A data set with `n` samples of which `truth` is known."""
     sensor = FOAM if truth == "conductivity" else DISC
     images, places = discs(sensor, n)
@@ -66,7 +71,7 @@ def made(truth: Literal["conductivity", "position", "classes", "none"], n: int) 
         samples["depth_mm"] = np.linspace(20, 10, n)
     samples["touched"] = [not (truth == "none" and k < n // 2) for k in range(n)]
     dataset = Dataset(
-        scenario=f"{truth}-set",
+        scenario=scenario or f"{truth}-set",
         split="test",
         sensor=sensor,
         voltages=np.zeros((n, 208)),
@@ -74,6 +79,7 @@ def made(truth: Literal["conductivity", "position", "classes", "none"], n: int) 
         samples=samples,
         truth=truth,
         data_hash="0",
+        inverse_crime=inverse_crime,
         classes=np.sign(images - 1).astype(np.int8) if truth == "classes" else None,
     )
     # A cached property lives in the instance; phantoms play no part here.
@@ -254,7 +260,7 @@ def full_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def paper() -> Dataset:
-    return of_paper()
+    return made("conductivity", 8, scenario="paper", inverse_crime=True)
 
 
 @pytest.fixture

@@ -6,6 +6,7 @@ import subprocess
 import sys
 from collections import Counter
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -191,18 +192,22 @@ def test_a_hanging_frame_is_lost_alone(
     assert samples["status"].tolist() == ["ok", "ok", "timeout", "ok", "ok"]
 
 
+def _text(file: Path) -> str:
+    return file.read_text() if file.is_file() else ""
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="needs signals: run on Linux or macOS")
 def test_a_run_that_is_ended_leaves_no_process(toys: Path, tmp_path: Path) -> None:
     suite = tmp_path / "tiny.toml"
     text = toys.with_name("tiny.toml").read_text()
     suite.write_text(text.replace("frame_limit_s = 2.0", "frame_limit_s = 600.0"))
     program = "from eitbench.cli import main; main()"
-    command = [sys.executable, "-c", program, "run", suite, "--methods", "toy-hangs"]
+    command = [sys.executable, "-c", program, "run", str(suite), "--methods", "toy-hangs"]
     for number in (signal.SIGTERM, signal.SIGKILL):
         run = tmp_path / number.name
-        process = subprocess.Popen([*command, "--plugin", toys, "--out", run])
+        process = subprocess.Popen([*command, "--plugin", str(toys), "--out", str(run)])
         log = run / "logs" / "tiny--toy-hangs.log"
-        worker = psutil.Process(int(wait_for(lambda log=log: log.is_file() and log.read_text())))
+        worker = psutil.Process(int(wait_for(partial(_text, log))))
         processes = [worker, *psutil.Process(process.pid).children(recursive=True)]
         process.send_signal(number)
         assert process.wait(60) == (130 if number == signal.SIGTERM else -signal.SIGKILL)
