@@ -73,6 +73,8 @@ def test_an_output_in_use_is_refused(tmp_path: Path) -> None:
         RunStore.create(tmp_path, METHOD_RUNS)
     with pytest.raises(InputError, match="is a file"):
         RunStore.create(tmp_path / "notes.txt", METHOD_RUNS)
+    with pytest.raises(EitbenchError, match="Not a directory"):
+        RunStore.create(tmp_path / "notes.txt" / "run", METHOD_RUNS)
     assert [path.name for path in tmp_path.iterdir()] == ["notes.txt"]
 
 
@@ -96,12 +98,6 @@ def test_truncated_rows_are_named(content: bytes, store: RunStore) -> None:
         store.finished(CELL)
     path.unlink()
     assert not store.finished(CELL)
-
-
-def test_an_output_that_cannot_be_made_is_one_sentence(tmp_path: Path) -> None:
-    (tmp_path / "file").write_text("")
-    with pytest.raises(EitbenchError, match="Not a directory"):
-        RunStore.create(tmp_path / "file" / "run", METHOD_RUNS)
 
 
 @pytest.mark.parametrize("name", ["..", ".", "a method", "ünï:cø*de?", "x" * 80, "ü" * 40])
