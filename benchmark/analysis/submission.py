@@ -16,7 +16,7 @@ from eitbench.benchmark.analysis.results import NOTES_FILE, Run, cells_of, read_
 from eitbench.benchmark.analysis.standings import standings
 from eitbench.benchmark.rundir import manifest as manifests
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
-from eitbench.benchmark.rundir.plan import Plan, read_resumable
+from eitbench.benchmark.rundir.plan import Plan, plan_of
 from eitbench.scenarios.data.datasets import load
 from eitbench.scenarios.errors import EitbenchError, InputError
 from eitbench.scenarios.suites.scenario import RecordedScenario, Scenario
@@ -56,7 +56,7 @@ def check_submission(path: Path, *, jobs: int = 1) -> list[Check]:
     if run.kind != METHOD_RUNS:
         raise InputError(f"{path} ranks operators: a submission is a run of methods.")
     try:
-        _, plan = read_resumable(path)
+        plan = plan_of(run.manifest, path)
     except InputError as error:
         raise InputError(
             f"{path} cannot be checked: its manifest or a plugin was changed ({error})."

@@ -85,7 +85,11 @@ class _Cell(BaseModel):
     spent: dict[str, Any]
 
 
-class _Resumable(BaseModel):
+class _Planned(BaseModel):
+    plan: Plan
+
+
+class _Resumable(_Planned):
     """The part of a manifest that a run is continued from."""
 
     status: str
@@ -93,21 +97,18 @@ class _Resumable(BaseModel):
     resumed: list[Any]
     skipped: dict[str, Any]
     refused: dict[str, Any]
-    plan: Plan
     data: dict[str, _Data]
     cells: list[_Cell]
 
 
-def read_resumable(run: Path) -> tuple[Manifest, Plan]:
-    """Read the manifest and the plan of a run that is to be continued.
+def plan_of(manifest: Manifest, run: Path, needed: type[_Planned] = _Planned) -> Plan:
+    """Return the plan that `manifest` of the directory `run` describes.
 
     Raises:
-        InputError: `run` holds none, something is missing, or a plugin has changed since.
-        DataCorruptError: as for `manifest.read`.
+        InputError: something that is needed is missing, or a plugin has changed since.
     """
-    manifest = read(run)
     try:
-        plan = _Resumable.model_validate(manifest).plan
+        plan = needed.model_validate(manifest).plan
     except ValidationError as error:
         raise InputError(
             f"{run} cannot be resumed: its manifest is incomplete ({first_problem(error)[0]!r}). "
@@ -118,7 +119,17 @@ def read_resumable(run: Path) -> tuple[Manifest, Plan]:
             raise InputError(
                 f"{run} cannot be resumed: the plugin {plugin.path} has changed. Start a new run."
             )
-    return manifest, plan
+    return plan
+
+
+def read_resumable(run: Path) -> tuple[Manifest, Plan]:
+    """Read the manifest and the plan of a run that is to be continued.
+
+    Raises:
+        InputError, DataCorruptError: as for `plan_of` and `manifest.read`.
+    """
+    manifest = read(run)
+    return manifest, plan_of(manifest, run, _Resumable)
 
 
 def make_plan(
