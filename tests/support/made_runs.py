@@ -116,14 +116,6 @@ def edited_manifest(run: Path) -> Iterator[dict[str, Any]]:
     (run / "manifest.json").write_text(json.dumps(content))
 
 
-def of_paper(n: int = 8) -> Dataset:
-    """Like `made`, under the name of the paper's scenario."""
-    dataset = made("conductivity", n)
-    named = replace(dataset, scenario="paper", inverse_crime=True)
-    named.__dict__["conductivity"] = dataset.conductivity
-    return named
-
-
 def write_operators(run: Path, mse: dict[str, float], suite: str = "operators") -> Path:
     """Write what a run of operators on the paper's scenario leaves, each with this MSE."""
     run.mkdir()
