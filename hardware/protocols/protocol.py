@@ -151,6 +151,8 @@ class Device(ABC):
 FrameMatcher = Callable[[bytearray, int], int | None]
 """Length of the frame at a place in the buffer; 0 if there is none, None if more bytes decide."""
 
+_CHUNK = 1 << 16  # a large feed costs no more than many small ones
+
 
 class Scanner:
     """A scanner that cuts frames out of a stream; a false start hides no frame behind it.
@@ -175,7 +177,13 @@ class Scanner:
 
     def feed(self, data: bytes) -> list[bytes]:
         """Return the frames that `data` completes."""
-        self._buffer += data
+        frames = []
+        for begin in range(0, len(data), _CHUNK):
+            self._buffer += data[begin : begin + _CHUNK]
+            frames += self._scan()
+        return frames
+
+    def _scan(self) -> list[bytes]:
         buffer, frames = self._buffer, []
         settled = at = 0
         undecided: int | None = None

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
+from numpy.typing import NDArray
 
 from eitbench.hardware.board import Frame
 from eitbench.hardware.protocols.protocol import Device, Protocol, Scanner
@@ -25,8 +26,9 @@ ACKNOWLEDGED, REFUSED = b"\x18\x01\x83\x18", b"\x18\x01\x81\x18"
 START, STOP = b"\xb4\x01\x01\xb4", b"\xb4\x01\x00\xb4"
 
 _RESULT, _PAYLOAD = 0xB4, RESULT_BYTES - 3
+_ROWS = 256  # result frames that are looked at together
 _GROUP = 1  # the only one with 16 channels
-_ENDS, _ROW, _TIME, _VALUES = slice(3, 5), slice(5, 7), slice(7, 11), slice(11, 139)
+_SOURCE, _ROW, _TIME, _VALUES = 3, slice(5, 7), slice(7, 11), slice(11, 139)
 _HEAD = bytes([_RESULT, _PAYLOAD, _GROUP])
 _STARTS = re.compile(re.escape(_HEAD) + rb"|\x18\x01[\x81-\x83]")
 
@@ -114,9 +116,13 @@ class Sciospec(Protocol):
         super().__init__(sensor)
         self._drives = drives(sensor)
         self._places = places(self._drives, sensor.pattern)
-        self._order = {_ends(*drive): k for k, drive in enumerate(self._drives)}
+        self._order = np.arange(len(self._drives))
+        # From src and sink, a byte each, to the number of the injection; -1 is none.
+        self._injection = np.full((256, 256), -1)
+        for k, (src, sink) in enumerate(self._drives):
+            self._injection[src + 1, sink + 1] = k
         self._scanner = Scanner(_STARTS, partial(_frame_length, last=_ends(*self._drives[-1])))
-        self._set = bytearray()  # result frames of the frame that is being completed
+        self._set = np.empty((0, RESULT_BYTES), np.uint8)  # of the frame that is being completed
         self._number = 0
 
     @classmethod
@@ -132,50 +138,78 @@ class Sciospec(Protocol):
         """The injections of the pattern, and the start."""
         return [*(_pair(*drive) for drive in self._drives), START]
 
+    def stopping(self) -> Sequence[bytes]:
+        """The stop."""
+        return (STOP,)
+
     def feed(self, data: bytes, received_s: float) -> list[Frame]:
         """The frames whose last result frame is in `data`."""
-        frames, foreign = [], False
+        results = [self._set]
         for raw in self._scanner.feed(data):
-            if raw[0] != _RESULT:
+            if raw[0] == _RESULT:
+                results.append(np.frombuffer(raw, np.uint8).reshape(-1, RESULT_BYTES))
+            else:
                 self.answers.append(raw == ACKNOWLEDGED)
-            elif not any(raw[_ROW]):
-                injection = self._order.get(raw[_ENDS], -1)
-                foreign |= injection < 0
-                if injection * RESULT_BYTES != len(self._set):
-                    # What began here is no frame; the next one begins with the first injection.
-                    self.health.damaged += bool(self._set)
-                    self._number += bool(self._set)
-                    self._set.clear()
-                if injection * RESULT_BYTES == len(self._set):
-                    self._set += raw
-                    if injection == len(self._order) - 1:
-                        frames += self._measured(received_s)
-        if foreign:
+        del self.answers[:-64]
+        self.health.skipped_bytes = self._scanner.skipped
+        if len(results) == 1:
+            return []
+        rows = np.concatenate(results)
+        rows = rows[(rows[:, _ROW] == 0).all(axis=1)]
+        return self._frames(rows, received_s)
+
+    def _frames(self, rows: NDArray[np.uint8], received_s: float) -> list[Frame]:
+        """Frames that result frames `rows` (k, 140) make; the rest waits for more."""
+        found = self._injection[rows[:, _SOURCE], rows[:, _SOURCE + 1]]
+        if (found < 0).any():
             self._refuse(
                 f"The instrument measures injections that are not in the pattern of sensor "
                 f"{self.sensor.name!r}: choose the sensor that is on it, or reset its set-up."
             )
-        del self.answers[:-64]
-        self.health.skipped_bytes = self._scanner.skipped
-        return frames
-
-    def _measured(self, received_s: float) -> list[Frame]:
-        """The frame of the result frames of every injection; none if it is not finite."""
-        rows = np.frombuffer(bytes(self._set), np.uint8).reshape(-1, RESULT_BYTES)
-        stamp = int.from_bytes(self._set[-RESULT_BYTES:][_TIME], "big") * 1e-3
-        number = self._number
-        self._number += 1
-        self._set.clear()
-        with np.errstate(invalid="ignore"):  # what is not finite is thrown away
-            pairs = np.ascontiguousarray(rows[:, _VALUES]).view(">f4")
-            potentials = pairs[:, 0::2].astype(np.float64)  # the parts in phase
-            drive, a, b = self._places
-            values = potentials[drive, a] - potentials[drive, b]
-        if not np.isfinite(values).all():
-            self.health.damaged += 1
+        at, n = 0, len(self._drives)
+        whole: list[int] = []
+        numbers: list[int] = []
+        while True:
+            wanted = self._order[: len(found) - at]
+            wrong = np.flatnonzero(found[at : at + n] != wanted)
+            if wrong.size:
+                # What began here is no frame; the next one begins with the first injection.
+                at += max(int(wrong[0]), 1)
+                self.health.damaged += int(wrong[0] > 0)
+                self._number += int(wrong[0] > 0)
+                at += int(np.argmax(np.append(found[at:], 0) == 0))
+            elif len(wanted) < n:
+                break
+            else:
+                whole.append(at)
+                numbers.append(self._number)
+                self._number += 1
+                at += n
+        self._set = rows[at:].copy()
+        if not whole:
             return []
-        # Instruments that stamp nothing send 0.
-        return [self._frame(number, stamp or received_s, received_s, values)]
+        sets = rows[np.add.outer(np.array(whole), self._order)]
+        return self._measured(sets, numbers, received_s)
+
+    def _measured(
+        self, sets: NDArray[np.uint8], numbers: list[int], received_s: float
+    ) -> list[Frame]:
+        """Frames from the result frames (k, injections, 140) of every injection."""
+        with np.errstate(invalid="ignore"):  # what is not finite is thrown away below
+            pairs = np.ascontiguousarray(sets[..., _VALUES]).view(">f4")
+            potentials = pairs[..., 0::2].astype(np.float64)  # the parts in phase
+            drive, a, b = self._places
+            values = potentials[:, drive, a] - potentials[:, drive, b]
+        stamps = np.ascontiguousarray(sets[:, -1, _TIME]).view(">u4")[:, 0] * 1e-3
+        frames = []
+        for frame, number, stamp in zip(values, numbers, stamps.tolist(), strict=True):
+            if not np.isfinite(frame).all():
+                self.health.damaged += 1
+                continue
+            # Instruments that stamp nothing send 0.
+            time_s = stamp or received_s
+            frames.append(self._frame(number, time_s, received_s, frame))
+        return frames
 
     @classmethod
     def recognises(cls, data: bytes) -> bool:
@@ -187,9 +221,9 @@ class Sciospec(Protocol):
 
 
 def _frame_length(buffer: bytearray, at: int, last: bytes) -> int | None:
-    """Length of the message at `at`; 0 if there is none, None if more bytes must decide.
+    """Length of the message at `at`, or of several result frames, which confirm each other.
 
-    A result frame has no checksum: one that was cut short may end on a tag by chance, inside
+    A single result frame has no checksum: one that was cut short may end on a tag by chance, inside
     the next or with its first byte. So it counts if a tag follows, else only if none begins inside
     it. Behind it more bytes must come, unless it is of the `last` injection.
     """
@@ -197,17 +231,23 @@ def _frame_length(buffer: bytearray, at: int, last: bytes) -> int | None:
         if at + len(ACKNOWLEDGED) > len(buffer):
             return None
         return len(ACKNOWLEDGED) if buffer[at + 3] == buffer[at] else 0
-    end = at + RESULT_BYTES
-    if end > len(buffer):
+    count = min((len(buffer) - at) // RESULT_BYTES, _ROWS)
+    if count == 0:
         return None
-    ends = buffer[at:end][_ENDS]
-    if buffer[end - 1] != _RESULT or ends[0] == ends[1] or ends[0] > CHANNELS:
+    rows = np.frombuffer(buffer, np.uint8, count * RESULT_BYTES, at).reshape(count, -1)
+    good = (rows[:, :3] == np.frombuffer(_HEAD, np.uint8)).all(1) & (rows[:, -1] == _RESULT)
+    good &= (rows[:, _SOURCE] != rows[:, _SOURCE + 1]) & (rows[:, _SOURCE] <= CHANNELS)
+    length = RESULT_BYTES * (count if good.all() else int(np.argmin(good)))
+    if length > RESULT_BYTES:
+        return length - RESULT_BYTES  # the last one is tried alone, then
+    if length == 0:
         return 0
+    end = at + length
     following = bytes(buffer[end : end + 2])
-    if not following and ends != last:
+    if not following and buffer[at + _SOURCE : at + _SOURCE + 2] != last:
         return None
     if following in (_HEAD[:2], ACKNOWLEDGED[:2]):
-        return RESULT_BYTES
+        return length
     inside = buffer.find(_HEAD, at + 1, end + len(_HEAD) - 1)
     while inside >= 0:
         closing = inside + RESULT_BYTES - 1
@@ -216,4 +256,4 @@ def _frame_length(buffer: bytearray, at: int, last: bytes) -> int | None:
         if buffer[closing] == _RESULT:
             return 0
         inside = buffer.find(_HEAD, inside + 1, end + len(_HEAD) - 1)
-    return RESULT_BYTES
+    return length
