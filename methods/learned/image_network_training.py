@@ -14,8 +14,8 @@ from eitbench.methods.networks.image_network import ImageNetwork
 from eitbench.methods.problem import Problem
 from eitbench.methods.registry import operator
 from eitbench.methods.training.augmentation import Augmentation, symmetries
-from eitbench.methods.training.samples import clean_samples, images, no_split
-from eitbench.methods.training.task import Data, TrainingTask, working_precision
+from eitbench.methods.training.loop import Data, TrainingTask, working_precision
+from eitbench.methods.training.samples import images, no_split
 from eitbench.scenarios.data.datasets import load
 from eitbench.scenarios.errors import InputError
 
@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from eitbench.methods.operator import Operator
     from eitbench.methods.training.augmentation import Symmetry
     from eitbench.methods.training.job import TrainingJob, TrainingResult
-    from eitbench.scenarios.suites.scenario import SimulatedScenario
 
 DATA_ALONE = 0.3
 """Share of the epochs at the beginning in which only the data loss is minimised."""
@@ -94,53 +93,56 @@ class ImageTask(TrainingTask):
 def train_image_network(method: type[ImageNetworkMethod], job: TrainingJob) -> TrainingResult:
     """Train the network of `method`; see `eitbench.methods.training.train`."""
     request, scenario, sensor = job.request, job.scenario, job.sensor
-    beta, count = _beta(method, request.beta), job.training_count()
-    settings = {
-        "backbone": request.backbone,
-        "operator": request.operator,
-        "beta": beta,
-        "limit": count,
-    }
-    job.check(settings)
-    forward = operator(request.operator, sensor)
-    with torch.random.fork_rng():
-        torch.manual_seed(job.recipe.seed)
-        network = ImageNetwork(sensor, request.backbone)
-
-    data = _Data(scenario, count, jobs=request.jobs, progress=request.progress)
-    physical = PhysicalLoss(forward, data.reference, data.std)
-    linear = start(network, data.train, data.validation)
-    augmentation = Augmentation(scenario.split_noise("train"), data.motions)
-    fitted = job.fit(
-        ImageTask(network, augmentation, physical, beta, job.recipe.epochs),
-        data.train,
-        data.validation,
-        settings,
-        compared=data.compared,
-    )
-    metadata = {
-        "backbone": request.backbone,
-        "operator": request.operator,
-        "beta": repr(beta),
-        "train_samples": str(count),
-        "linear_validation_mse": repr(linear.validation_mse),
-    }
-    return job.finish(fitted, metadata, "the best linear map", linear.validation_mse)
-
-
-def _beta(method: type[ImageNetworkMethod], requested: float | None) -> float:
-    """Return the weight of the physical loss that is requested, or the method's own."""
-    beta = method.beta if requested is None else requested
+    beta = method.beta if request.beta is None else request.beta
     if not method.beta and beta:
         raise InputError(
             f"{method.files.name!r} has no physical loss: train 'phydnn' to choose its beta."
         )
     if not 0 <= beta < float("inf"):
         raise InputError(f"The weight beta of the physical loss is at least 0, got {beta}.")
-    return beta
+    count = job.training_count()
+    job.check(backbone=request.backbone, operator=request.operator, beta=beta, limit=count)
+    forward = operator(request.operator, sensor)
+    with torch.random.fork_rng():
+        torch.manual_seed(job.recipe.seed)
+        network = ImageNetwork(sensor, request.backbone)
+
+    sigma, clean = job.clean_samples("train", count)
+    sigma /= sensor.background
+    seen = load(scenario, "validation", jobs=request.jobs, progress=request.progress)
+    # As many training samples, as measured; those to train on get their noise by augmentation.
+    compared = load(scenario, "train", min(count, scenario.validation))
+    problem = Problem(sensor, seen.reference, no_split)
+    train = _tensors(problem, clean.numpy(), sigma)
+    seen_sigma = images(scenario, "validation", scenario.validation) / sensor.background
+    validation = _tensors(problem, seen.voltages, seen_sigma)
+    std = train[0].std(0)
+    physical = PhysicalLoss(
+        forward,
+        torch.from_numpy(problem.reference / problem.gain).float(),
+        std.clamp(min=1e-6 * std.max()),
+    )
+    linear = _start(network, train, validation)
+    motions = symmetries(sensor, torch.from_numpy(problem.jacobian))
+    augmentation = Augmentation(scenario.split_noise("train"), motions)
+    return job.fit(
+        ImageTask(network, augmentation, physical, beta, job.recipe.epochs),
+        train,
+        validation,
+        "the best linear map",
+        linear.validation_mse,
+        {
+            "backbone": request.backbone,
+            "operator": request.operator,
+            "beta": repr(beta),
+            "train_samples": str(count),
+            "linear_validation_mse": repr(linear.validation_mse),
+        },
+        compared=_tensors(problem, compared.voltages, sigma[: len(compared)]),
+    )
 
 
-def start(network: ImageNetwork, train: Data, validation: Data) -> Ridge:
+def _start(network: ImageNetwork, train: Data, validation: Data) -> Ridge:
     """Standardise the network's inputs and make it the best linear map; return that map."""
     raw = train[0] @ network.averaging
     std = raw.std(0)
@@ -152,37 +154,8 @@ def start(network: ImageNetwork, train: Data, validation: Data) -> Ridge:
     return linear
 
 
-class _Data:
-    """Samples of a scenario: differences (n, M), rms of the frames (n,), relative images (n, H, W).
-
-    Attributes:
-        train: without noise, which the augmentation adds.
-        validation: as measured.
-        compared: as many training samples, as measured.
-        reference, std: (M,) the reference frame, and standard deviations over the training frames.
-        motions: symmetries of the sensor.
-    """
-
-    def __init__(
-        self, scenario: SimulatedScenario, count: int, *, jobs: int, progress: bool
-    ) -> None:
-        sensor = scenario.nominal_sensor
-        sigma, clean = clean_samples(scenario, "train", count, jobs=jobs, progress=progress)
-        validation = load(scenario, "validation", jobs=jobs, progress=progress)
-        compared = load(scenario, "train", min(count, scenario.validation))
-        problem = Problem(sensor, validation.reference, no_split)
-        sigma /= sensor.background
-        self.train = _tensors(problem, clean.numpy(), sigma)
-        seen = images(scenario, "validation", scenario.validation) / sensor.background
-        self.validation = _tensors(problem, validation.voltages, seen)
-        self.compared = _tensors(problem, compared.voltages, sigma[: len(compared)])
-        self.reference = torch.from_numpy(problem.reference / problem.gain).float()
-        std = self.train[0].std(0)
-        self.std = std.clamp(min=1e-6 * std.max())
-        self.motions = symmetries(sensor, torch.from_numpy(problem.jacobian))
-
-
 def _tensors(problem: Problem, voltages: np.ndarray, relative: Tensor) -> Data:
+    """Differences (n, M), rms of the frames (n,), and the images (n, H, W) that belong to them."""
     rms = np.sqrt(np.mean(voltages**2, axis=1)) / problem.gain
     difference = torch.from_numpy(problem.difference(voltages))
     return difference.float(), torch.from_numpy(rms).float(), relative

@@ -31,46 +31,43 @@ if TYPE_CHECKING:  # torch takes a second to import, and listing methods does no
 
 @dataclass
 class RefinementMethod(TrainedMethod):
-    """Base of the methods whose networks (see `Refiner`) refine a first image, step by step.
+    """Base of the methods whose network (see `Refiner`) refines a first image.
 
     Attributes:
-        steps: how often the image is refined, each time by a network of its own.
-        n_inputs: images that a network takes, the one to be refined among them.
+        n_inputs: images that the network takes, the one to be refined among them.
+        begun_from: SHA-256 of the weights that the first images need; "" if they need none.
     """
 
     recipe: ClassVar = Recipe(epochs=30, patience=15)
     options: ClassVar = ("limit",)
-    steps: ClassVar[int]
     n_inputs: ClassVar[int]
+    begun_from = ""
 
     @classmethod
     def train(cls, job: TrainingJob) -> TrainingResult:
         """See `Trainable`."""
-        from eitbench.methods.learned.refiner_training import train_refiners
+        from eitbench.methods.learned.refiner_training import train_refiner
 
-        return train_refiners(cls, job)
+        return train_refiner(cls, job)
 
     def prepare(
         self, problem: Problem, tensors: Mapping[str, Tensor], metadata: Mapping[str, str]
     ) -> None:
         """See `TrainedMethod`."""
+        import torch
+
         self.start(problem)
-        if metadata["begun_from"] != self.begun_from():
+        if metadata["begun_from"] != self.begun_from:
             raise InputError(
                 f"The weights of {self.files.name!r} continue another network than the present "
                 f"one of 'dnn': train them again with `{self.files.command}`."
             )
-        self._networks = []
-        for step in range(self.steps):
-            prefix = f"{step}."
-            network = self.network(problem)
-            network.load_state_dict(
-                {k.removeprefix(prefix): t for k, t in tensors.items() if k.startswith(prefix)}
-            )
-            self._networks.append(network.eval().requires_grad_(requires_grad=False))
+        self._network = self.network(problem)
+        torch.nn.Sequential(self._network).load_state_dict(tensors)
+        self._network.eval().requires_grad_(requires_grad=False)
 
     def network(self, problem: Problem) -> Refiner:
-        """Return a new network for one step."""
+        """Return a new network."""
         import torch
 
         from eitbench.methods.networks.refiner import Refiner
@@ -81,30 +78,23 @@ class RefinementMethod(TrainedMethod):
         """See `TrainedMethod`."""
         import torch
 
-        images = self.first_guesses(difference)
-        for network in self._networks:
-            images = network(torch.from_numpy(self.inputs(difference, images))).numpy()
+        images: Images = self._network(torch.from_numpy(self.inputs(difference))).numpy()
         return images
-
-    def begun_from(self) -> str:
-        """Return the SHA-256 of the weights that the first guesses need; "" if they need none."""
-        return ""
 
     @abstractmethod
     def start(self, problem: Problem) -> None:
-        """Prepare `first_guesses` and `inputs` for a problem.
+        """Prepare `inputs` for a problem.
 
         Raises:
             InputError: something that they need is missing.
         """
 
     @abstractmethod
-    def first_guesses(self, difference: Array) -> Images:
-        """Return images to begin with, conductivity over background (n, H, W), of (n, M) [V/A]."""
+    def inputs(self, difference: Array) -> Images:
+        """Return the network's inputs (n, n_inputs, H, W) of differences (n, M) [V/A].
 
-    @abstractmethod
-    def inputs(self, difference: Array, guesses: Images) -> Images:
-        """Return a network's inputs (n, n_inputs, H, W): the guess, then what physics adds."""
+        They are conductivity over background, the image to be refined first, and what physics adds.
+        """
 
 
 @register("coarse-to-fine")
@@ -115,7 +105,6 @@ class CoarseToFine(RefinementMethod):
     source: ClassVar[str] = "Hamilton and Hauptmann, IEEE Trans. Med. Imaging 37(10), 2018"
     expected_failures: ClassVar = asymmetry(LEARNED_SYMMETRY, 0.078, 0.071)
     files: ClassVar = WeightFiles("coarse-to-fine", version="1")
-    steps: ClassVar = 1
     n_inputs: ClassVar = 3
 
     regularisations: ClassVar = (0.01, 0.001, 0.1)
@@ -128,17 +117,13 @@ class CoarseToFine(RefinementMethod):
         for noser in self._noser:
             noser.fit(problem)
 
-    def first_guesses(self, difference: Array) -> Images:
-        """See `RefinementMethod`."""
-        return self._coarse(self._noser[0], difference)
-
-    def inputs(self, difference: Array, guesses: Images) -> Images:
-        """See `RefinementMethod`; the other two images are taken relative to the guess."""
-        others = [self._coarse(noser, difference) - guesses for noser in self._noser[1:]]
-        return np.stack([guesses, *others], axis=1)
-
-    def _coarse(self, noser: Noser, difference: Array) -> Images:
-        return (noser.of_difference(difference) / self._background).astype(np.float32)
+    def inputs(self, difference: Array) -> Images:
+        """See `RefinementMethod`; the other two images are taken relative to the first."""
+        first, *others = (
+            (noser.of_difference(difference) / self._background).astype(np.float32)
+            for noser in self._noser
+        )
+        return np.stack([first, *(other - first for other in others)], axis=1)
 
 
 @register("learned-gn")
@@ -149,7 +134,6 @@ class LearnedGaussNewton(RefinementMethod):
     source: ClassVar[str] = "Adler and Oktem, Inverse Problems 33(12), 2017"
     expected_failures: ClassVar = asymmetry(LEARNED_SYMMETRY, 0.056, 0.046)
     files: ClassVar = WeightFiles("learned-gn", version="1")
-    steps: ClassVar = 1
     n_inputs: ClassVar = 1 + len(SNR_DB)
 
     @classmethod
@@ -162,24 +146,16 @@ class LearnedGaussNewton(RefinementMethod):
         """See `Method`."""
         return super().unusable(sensor) or Dnn.unusable(sensor)
 
-    def begun_from(self) -> str:
-        """See `RefinementMethod`."""
-        return self._dnn_hash
-
     def start(self, problem: Problem) -> None:
         """See `RefinementMethod`."""
         self._dnn = Dnn()
         self._dnn.fit(problem)
-        self._dnn_hash = Dnn.weights_hash(problem.sensor)
+        self.begun_from = Dnn.weights_hash(problem.sensor)
         self._range = problem.sensor.conductivity_range
         self._update = GaussNewtonUpdate(problem)
 
-    def first_guesses(self, difference: Array) -> Images:
-        """See `RefinementMethod`."""
-        return self._dnn.relative(difference).clip(*self._range)
-
-    def inputs(self, difference: Array, guesses: Images) -> Images:
-        """See `RefinementMethod`; the guess and its Gauss-Newton updates."""
-        guesses = guesses.clip(*self._range)
+    def inputs(self, difference: Array) -> Images:
+        """See `RefinementMethod`; the image of `dnn` and its Gauss-Newton updates."""
+        guesses = self._dnn.relative(difference).clip(*self._range)
         updates = self._update(difference, guesses)
         return np.concatenate([guesses[:, None], updates], axis=1)

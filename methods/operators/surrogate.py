@@ -12,13 +12,19 @@ from torch import Tensor, nn
 
 from eitbench.methods.networks.image_network import Block
 from eitbench.methods.operator import Operator
+from eitbench.methods.operators.jacobian import Jacobian
 from eitbench.methods.registry import register_operator
 from eitbench.methods.training import Recipe, Trainable
+from eitbench.methods.training.augmentation import symmetries
+from eitbench.methods.training.loop import Data, TrainingTask
 from eitbench.methods.weights.weight_files import WeightFiles
 from eitbench.scenarios.errors import DataCorruptError
 from eitbench.scenarios.sensors.patterns import independent
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from eitbench.methods.training.augmentation import Symmetry
     from eitbench.methods.training.job import TrainingJob, TrainingResult
     from eitbench.scenarios.sensors.sensor import Sensor
 
@@ -60,9 +66,28 @@ class Surrogate(Trainable, Operator):
     @classmethod
     def train(cls, job: TrainingJob) -> TrainingResult:
         """See `Trainable`."""
-        from eitbench.methods.operators.surrogate_training import train_surrogate
-
-        return train_surrogate(job)
+        job.check()
+        sensor = job.sensor
+        sigma, voltages = job.clean_samples("train", job.scenario.train)
+        seen_sigma, seen_voltages = job.clean_samples("validation", job.scenario.validation)
+        with torch.random.fork_rng():
+            torch.manual_seed(job.recipe.seed)
+            network = SurrogateNetwork(sensor)
+        linear = Jacobian(sensor)
+        jacobian = linear.matrix.reshape(-1, *sensor.image_shape)
+        mean, std = voltages.mean(0), voltages.std(0)
+        std = std.clamp(min=1e-6 * std.max())  # a measurement that never changes
+        network.start_from(mean, std, linear.reference, jacobian)
+        error = (linear.tensor_voltages(seen_sigma.double()) - seen_voltages) / std
+        jacobian_mse = float(error.square().mean())
+        return job.fit(
+            SurrogateTask(network, symmetries(sensor, jacobian)),
+            (sigma, voltages.float()),
+            (seen_sigma, seen_voltages.float()),
+            "the Jacobian",
+            jacobian_mse,
+            {"jacobian_validation_mse": repr(jacobian_mse)},
+        )
 
     def tensor_voltages(self, sigma: Tensor) -> Tensor:
         """The network's voltages: (n, H, W) to (n, M), in the precision and place of `sigma`."""
@@ -179,3 +204,28 @@ class _Coarser(nn.Module):
         missing = (0, -width % self.factor, 0, -height % self.factor)
         patches: Tensor = self.convolution(nn.functional.pad(x, missing))
         return patches
+
+
+class SurrogateTask(TrainingTask):
+    """Mean squared error of standardised voltages, over all measurements of a frame.
+
+    In training, each batch is seen under a random symmetry of the sensor.
+    """
+
+    network: SurrogateNetwork
+    shares: Tensor
+
+    def __init__(self, network: SurrogateNetwork, motions: Sequence[Symmetry]) -> None:
+        super().__init__(network)
+        self._motions = motions
+        shares = torch.bincount(network.owner) / len(network.owner)
+        self.register_buffer("shares", shares.float(), persistent=False)
+
+    def loss(self, batch: Data) -> Tensor:
+        """Return the loss of conductivities (n, H, W) [S/m] and clean voltages (n, M) [V/A]."""
+        sigma, voltages = batch
+        if self.training:
+            motion = self._motions[int(torch.randint(len(self._motions), ()))]
+            sigma, voltages = motion.images(sigma), motion.voltages(voltages)
+        error: Tensor = self.network(sigma) - self.network.standardised(voltages)
+        return (error.square() @ self.shares).mean()

@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from eitbench.methods.registry import METHOD_REGISTRY, OPERATOR_REGISTRY
-from eitbench.methods.training.recipe import Recipe, Trainable
 from eitbench.methods.training.request import (
-    Devices,
     DivergedError,
+    Recipe,
+    Trainable,
     TrainingInterruptedError,
     TrainingRequest,
 )
@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from eitbench.methods.training.job import TrainingResult
 
 __all__ = [
-    "Devices",
     "DivergedError",
     "Recipe",
     "Trainable",
@@ -48,4 +47,4 @@ def train(request: TrainingRequest) -> TrainingResult:
         raise unknown_name("name to train", request.name, trainable)
     model = trainable[request.name]
     request.check_options(model.options)
-    return model.train(TrainingJob.of(request, model))
+    return model.train(TrainingJob(request, model))

@@ -46,13 +46,8 @@ class Symmetry:
 def symmetries(sensor: Sensor, jacobian: Tensor) -> list[Symmetry]:
     """All symmetries of a sensor with the `jacobian` (M, H, W); the first changes nothing."""
     return [
-        Symmetry(
-            motion.turns,
-            motion.mirrored,
-            torch.from_numpy(motion.order),
-            torch.from_numpy(motion.sign),
-        )
-        for motion in motions(sensor, jacobian.double().cpu().numpy())
+        Symmetry(m.turns, m.mirrored, torch.from_numpy(m.order), torch.from_numpy(m.sign))
+        for m in motions(sensor, jacobian.double().numpy())
     ]
 
 

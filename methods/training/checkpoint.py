@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 import torch
 from torch import Tensor
 
-from eitbench.methods.training.curve import Epoch
 from eitbench.scenarios.array_file import read_arrays, write_arrays
 from eitbench.scenarios.errors import DataCorruptError, InputError
 
@@ -20,6 +19,32 @@ if TYPE_CHECKING:
 CHECKPOINT_FILE = "checkpoint.safetensors"
 
 Tensors = Mapping[str, Tensor]
+
+
+@dataclass(frozen=True)
+class Epoch:
+    """One line of a learning curve.
+
+    Attributes:
+        epoch: its number, from 1.
+        train: mean loss over the training samples, while the weights change.
+        validation: loss over the validation samples, after it.
+        rate: the last learning rate.
+        seconds: the time it took [s].
+        others: other losses by name.
+    """
+
+    epoch: int
+    train: float
+    validation: float
+    rate: float
+    seconds: float
+    others: Mapping[str, float] = field(default_factory=dict)
+
+    def row(self) -> dict[str, float]:
+        """Return all figures by name."""
+        figures = asdict(self)
+        return figures | figures.pop("others")
 
 
 @dataclass(frozen=True)
@@ -37,6 +62,11 @@ class Checkpoint:
     best: Tensors = field(default_factory=dict)
     optimizer: Tensors = field(default_factory=dict)
     curve: tuple[Epoch, ...] = ()
+
+    @property
+    def best_epoch(self) -> Epoch:
+        """The epoch with the lowest validation loss, the first of equals."""
+        return min(self.curve, key=lambda epoch: epoch.validation)
 
     def write(self, folder: Path, settings: Mapping[str, object]) -> None:
         """Replace the checkpoint in `folder`: a reader finds the old one or the new.

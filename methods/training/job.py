@@ -3,34 +3,31 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING
 
 import torch
 
 from eitbench import __version__
-from eitbench.methods.training.loop import fit, read_checkpoint
-from eitbench.methods.training.samples import training_scenario
+from eitbench.methods.training.checkpoint import Checkpoint
+from eitbench.methods.training.loop import fit
+from eitbench.methods.training.samples import images, training_scenario
 from eitbench.methods.weights.weight_files import sensor_key, user_weights
 from eitbench.scenarios.atomic_write import atomic_write
 from eitbench.scenarios.cache_dir import cache_dir
-from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.data.simulation import clean_voltages
+from eitbench.scenarios.errors import InputError, unknown_name
 from eitbench.scenarios.suites.suite import load_suite
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Mapping
     from pathlib import Path
 
     from torch import Tensor
 
-    from eitbench.methods.training.curve import Epoch, FittedNetwork
-    from eitbench.methods.training.recipe import Recipe, Trainable
-    from eitbench.methods.training.request import TrainingRequest
-    from eitbench.methods.training.task import Data, TrainingTask
-    from eitbench.methods.weights.weight_files import WeightFiles
-    from eitbench.scenarios.sensors.sensor import Sensor
-    from eitbench.scenarios.suites.scenario import SimulatedScenario
+    from eitbench.methods.training.loop import Data, TrainingTask
+    from eitbench.methods.training.request import Trainable, TrainingRequest
+    from eitbench.scenarios.suites.scenario import Split
 
 
 @dataclass(frozen=True)
@@ -39,7 +36,7 @@ class TrainingResult:
 
     Attributes:
         name: of the method or operator.
-        weights: the file of weights.
+        weights: the file that is used, or else the one in the training's folder.
         in_use: True if they will be used from now on.
         validation_mse: mean squared error on the validation split.
         baseline, baseline_mse: what to compare it with, and its error.
@@ -66,48 +63,33 @@ class TrainingResult:
         return sentences
 
 
-@dataclass(frozen=True)
 class TrainingJob:
-    """A training on the data that its request names.
+    """A training of `model` on the data that a request names.
 
     Attributes:
-        files: of the weights.
+        request: what is asked for.
         recipe: with the epochs and the seed that are asked for.
+        scenario, sensor: what is trained on, and its nominal sensor.
+        folder: as requested, by default one in the cache.
+        settings: what decides the result beside the recipe: network, sensor and data.
+
+    Raises:
+        InputError: no epoch, a suite that cannot be trained on, or no such device.
     """
 
-    request: TrainingRequest
-    files: WeightFiles
-    recipe: Recipe
-    scenario: SimulatedScenario
-
-    @classmethod
-    def of(cls, request: TrainingRequest, model: type[Trainable]) -> TrainingJob:
-        """Return the job of training `model` as requested.
-
-        Raises:
-            InputError: no epoch, or a suite that cannot be trained on.
-        """
+    def __init__(self, request: TrainingRequest, model: type[Trainable]) -> None:
+        self.request, self._files = request, model.files
         epochs = model.recipe.epochs if request.epochs is None else request.epochs
-        recipe = replace(model.recipe, epochs=epochs, seed=request.seed)
-        return cls(request, model.files, recipe, training_scenario(load_suite(request.suite)))
-
-    @property
-    def sensor(self) -> Sensor:
-        """The nominal sensor."""
-        return self.scenario.nominal_sensor
-
-    @property
-    def folder(self) -> Path:
-        """The folder of the training: as requested, by default one in the cache."""
-        name = self.files.file_name(self.sensor).removesuffix(".safetensors")
-        return self.request.out or cache_dir() / "training" / name
-
-    @cached_property
-    def settings(self) -> dict[str, object]:
-        """Settings that decide the result beside the recipe: network, sensor and data."""
-        return {
-            "name": self.files.name,
-            "network_version": self.files.version,
+        self.recipe = replace(model.recipe, epochs=epochs, seed=request.seed)
+        self._device = training_device(request.device)
+        self.scenario = training_scenario(load_suite(request.suite))
+        self.sensor = self.scenario.nominal_sensor
+        self._file_name = self._files.file_name(self.sensor)
+        name = self._file_name.removesuffix(".safetensors")
+        self.folder = request.out or cache_dir() / "training" / name
+        self.settings: dict[str, object] = {
+            "name": self._files.name,
+            "network_version": self._files.version,
             "sensor_key": sensor_key(self.sensor),
             "scenario": self.scenario.name,
             "train_data": self.scenario.data_hash("train"),
@@ -129,65 +111,60 @@ class TrainingJob:
             )
         return count
 
-    def check(self, settings: Mapping[str, object], step: str = "") -> None:
-        """Check that `fit` can begin or continue, before minutes are spent on data.
+    def check(self, **settings: object) -> None:
+        """Add to the settings, and check that `fit` can begin or continue with them.
+
+        To be called before minutes are spent on data.
 
         Raises:
             InputError: the folder holds a training with other settings.
             DataCorruptError: its checkpoint is damaged.
         """
-        read_checkpoint(self.folder / step, self.recipe, self.settings | dict(settings))
+        self.settings |= settings
+        Checkpoint.read(self.folder, self.settings | asdict(self.recipe))
+
+    def clean_samples(self, split: Split, count: int) -> tuple[Tensor, Tensor]:
+        """Return conductivities (n, H, W) [S/m], float32, and clean voltages (n, M) [V/A]."""
+        request = self.request
+        voltages = clean_voltages(
+            self.scenario, split, count, jobs=request.jobs, progress=request.progress
+        )
+        return images(self.scenario, split, count), torch.from_numpy(voltages)
 
     def fit(
         self,
         task: TrainingTask,
         train: Data,
         validation: Data,
-        settings: Mapping[str, object],
+        baseline: str,
+        baseline_mse: float,
+        metadata: Mapping[str, str],
         *,
         compared: Data | None = None,
-        step: str = "",
-    ) -> FittedNetwork:
-        """Train a network, in the sub-folder `step`; see `loop.fit`.
+    ) -> TrainingResult:
+        """Train a network, write its weights with their learning curve, and put them in use.
 
-        `settings` decide the result beside those of the job.
+        Args:
+            task, train, validation, compared: see `loop.fit`.
+            baseline, baseline_mse: see `TrainingResult`.
+            metadata: of the weights, beside what concerns all trainings.
+
+        Raises:
+            TrainingInterruptedError, DivergedError: as for `loop.fit`.
+            EitbenchError: a folder is not writable or full.
         """
-        return fit(
+        state = fit(
             task,
             self.recipe,
             train,
             validation,
-            self.folder / step,
-            self.settings | dict(settings),
+            self.folder,
+            self.settings,
             compared=compared,
-            devices=self.request.devices,
+            device=self._device,
             progress=self.request.progress,
         )
-
-    def finish(
-        self,
-        fitted: FittedNetwork,
-        metadata: Mapping[str, str],
-        baseline: str,
-        baseline_mse: float,
-        *,
-        weights: Mapping[str, Tensor] | None = None,
-        curve: Sequence[Epoch] | None = None,
-    ) -> TrainingResult:
-        """Write the weights with their learning curve (JSON) beside them, and put them in use.
-
-        The file in the result is the one that is used, or else the one in the training's folder.
-
-        Args:
-            fitted: the network, the last one if there are several.
-            metadata: of the weights, beside what concerns all trainings.
-            baseline, baseline_mse: see `TrainingResult`.
-            weights, curve: of all networks, if there are several.
-
-        Raises:
-            EitbenchError: a folder is not writable or full.
-        """
-        curve = fitted.curve if curve is None else curve
+        best, on_gpu = state.best_epoch, self._device.type == "cuda"
         metadata = {
             "seed": str(self.request.seed),
             "scenario": self.scenario.name,
@@ -195,28 +172,39 @@ class TrainingJob:
             "validation_data": str(self.settings["validation_data"]),
             "command": self.request.command(self.recipe.epochs),
             **metadata,
-            **fitted.metadata(),
-            "train_s": f"{sum(epoch.seconds for epoch in curve):.1f}",
+            "epochs": str(len(state.curve)),
+            "best_epoch": str(best.epoch),
+            "validation_mse": repr(best.validation),
+            "device": torch.cuda.get_device_name(self._device) if on_gpu else "cpu",
+            "train_s": f"{sum(epoch.seconds for epoch in state.curve):.1f}",
             "eitbench": __version__,
             "torch": torch.__version__,
         }
-        path = self.folder / self.files.file_name(self.sensor)
-        self.files.save(path, self.sensor, weights or fitted.weights, metadata)
-        content = {**metadata, "curve": [epoch.row() for epoch in curve]}
+        path = self.folder / self._file_name
+        self._files.save(path, self.sensor, state.best, metadata)
+        content = {**metadata, "curve": [epoch.row() for epoch in state.curve]}
         path.with_suffix(".json").write_text(json.dumps(content, indent=1) + "\n")
+        if self.request.use:  # a copy where the user's own weights are looked for
+            made, path = path, user_weights() / path.name
+            for suffix in (".json", path.suffix):
+                atomic_write(path.with_suffix(suffix), made.with_suffix(suffix).read_bytes())
         return TrainingResult(
-            self.request.name,
-            _put_in_use(path) if self.request.use else path,
-            self.request.use,
-            fitted.best.validation,
-            baseline,
-            baseline_mse,
+            self.request.name, path, self.request.use, best.validation, baseline, baseline_mse
         )
 
 
-def _put_in_use(weights: Path) -> Path:
-    """Copy weights and learning curve to where the user's own are looked for."""
-    used = user_weights() / weights.name
-    for suffix in (".json", used.suffix):
-        atomic_write(used.with_suffix(suffix), weights.with_suffix(suffix).read_bytes())
-    return used
+def training_device(name: str) -> torch.device:
+    """The device "cpu" or "cuda"; "auto" is a GPU if there is any.
+
+    Raises:
+        InputError: another name, or no GPU.
+    """
+    if name not in ("auto", "cpu", "cuda"):
+        raise unknown_name("device", name, ("auto", "cpu", "cuda"))
+    found = torch.cuda.is_available()
+    if name == "cuda" and not found:
+        raise InputError(
+            "torch finds no GPU to train on: use --device cpu, or install a build of torch for "
+            "this machine's GPU and driver."
+        )
+    return torch.device("cuda" if found and name != "cpu" else "cpu")

@@ -2,23 +2,25 @@
 
 from __future__ import annotations
 
+import csv
 import math
+import sys
 import time
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import TYPE_CHECKING
 
 import torch
-from torch import Tensor
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from torch import Tensor, nn
 
 from eitbench.methods.training.checkpoint import (
     Checkpoint,
+    Epoch,
     optimizer_tensors,
     restore_optimizer,
 )
-from eitbench.methods.training.curve import Epoch, FittedNetwork, best, write_curve
-from eitbench.methods.training.progress import EpochProgress
-from eitbench.methods.training.replicas import Replica, replicas
-from eitbench.methods.training.request import Devices, DivergedError, TrainingInterruptedError
+from eitbench.methods.training.request import DivergedError, TrainingInterruptedError
 from eitbench.scenarios.interrupts import termination_interrupts
 from eitbench.scenarios.seeds import generator
 
@@ -26,11 +28,56 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
     from pathlib import Path
 
-    from eitbench.methods.training.recipe import Recipe
-    from eitbench.methods.training.task import Data, TrainingTask
+    from eitbench.methods.training.request import Recipe
 
 LARGEST_GRADIENT = 1.0
 """Norm to which the gradient of a step is shortened."""
+
+Data = tuple[Tensor, ...]
+"""Samples, along the first axis that all tensors have in common."""
+
+
+class TrainingTask(nn.Module):
+    """A network and the losses that it is trained and validated by.
+
+    `training` is true while the network learns, and false in validation. A subclass gives `loss`,
+    or `objective` and `losses` if it has several.
+    """
+
+    def __init__(self, network: nn.Module) -> None:
+        super().__init__()
+        self.network = network
+
+    def optimizer(self) -> torch.optim.Optimizer:
+        """Return Adam with decoupled weight decay; the loop sets its learning rate."""
+        return torch.optim.AdamW(self.network.parameters(), weight_decay=1e-4)
+
+    def loss(self, batch: Data) -> Tensor:
+        """Return the mean loss () over a batch."""
+        raise NotImplementedError
+
+    def objective(self, batch: Data, epochs_done: int) -> tuple[Tensor, Tensor]:
+        """Return what is minimised on a batch, and the loss that the curve shows, both ()."""
+        loss = self.loss(batch)
+        return loss, loss
+
+    def losses(self, batch: Data) -> dict[str, Tensor]:
+        """Return losses () of a batch by name; that named "" chooses the best epoch."""
+        return {"": self.loss(batch)}
+
+
+def working_precision(device: str) -> torch.autocast:
+    """bfloat16 where a kind of device computes in it; float32 elsewhere.
+
+    Processors without it take 15 times as long. Results of the two differ by rounding, so that one
+    seed makes one result on one kind of machine.
+    """
+    if device == "cuda":
+        able = torch.cuda.is_bf16_supported(including_emulation=False)
+    else:
+        found = torch.cpu.get_capabilities()
+        able = bool(found.get("amx_bf16") or found.get("avx512_bf16"))
+    return torch.autocast(device, dtype=torch.bfloat16, enabled=able)
 
 
 def fit(
@@ -42,9 +89,9 @@ def fit(
     settings: Mapping[str, object],
     *,
     compared: Data | None = None,
-    devices: Devices | None = None,
+    device: torch.device | None = None,
     progress: bool = False,
-) -> FittedNetwork:
+) -> Checkpoint:
     """Train by `recipe`, or continue what was begun in `folder`, with a checkpoint every epoch.
 
     On the CPU, a training that was continued gives the same weights as one that never stopped.
@@ -54,8 +101,8 @@ def fit(
         validation: likewise.
         settings: what else decides the result, as plain values: data, initial weights.
         compared: training samples whose losses are to be compared with those of validation.
-        devices: to train on; each but the first is driven by a process of its own.
-        progress: show the progress on stderr.
+        device: to train on; the CPU by default.
+        progress: show the progress on stderr: a bar on a terminal, else a line for each epoch.
 
     Raises:
         InputError: `folder` holds a training with other settings.
@@ -64,22 +111,46 @@ def fit(
         DivergedError: a loss is not finite; the last good state is stored.
         EitbenchError: the folder is not writable or full.
     """
-    devices = devices or Devices()
-    state = read_checkpoint(folder, recipe, settings)
+    settings = {**settings, **asdict(recipe)}
+    state = Checkpoint.read(folder, settings)
     seen = {"validation": validation} | ({} if compared is None else {"train": compared})
-    arguments = (task, recipe, train, seen, state)
-    with EpochProgress(recipe.epochs, quiet=not progress) as bar:
-        bar.moved(len(state.curve))
+    console = Console(file=sys.stderr, quiet=not progress)
+    columns = (
+        TextColumn("{task.description}", markup=False),
+        BarColumn(),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+    )
+    hidden = not (progress and console.is_terminal)
+    with Progress(*columns, console=console, disable=hidden) as bar:
+        shown = bar.add_task("training", total=recipe.epochs, completed=len(state.curve))
+        epochs = _epochs(
+            task,
+            recipe,
+            train,
+            seen,
+            state,
+            device or torch.device("cpu"),
+            lambda done: bar.update(shown, completed=done),
+        )
         try:
-            with (
-                termination_interrupts(),
-                torch.random.fork_rng(),
-                replicas(devices, run_epochs, arguments) as replica,
-            ):
-                for state in run_epochs(*arguments, replica, bar.moved):
-                    state.write(folder, {**settings, **asdict(recipe)})
-                    write_curve(folder, state.curve)
-                    bar.epoch_done(state.curve[-1])
+            with termination_interrupts(), torch.random.fork_rng():
+                for state in epochs:
+                    state.write(folder, settings)
+                    rows = [epoch.row() for epoch in state.curve]
+                    with (folder / "curve.csv").open("w", newline="") as file:
+                        table = csv.DictWriter(file, list(rows[-1]))
+                        table.writeheader()
+                        table.writerows(rows)
+                    last = state.curve[-1]
+                    line = (
+                        f"epoch {last.epoch}/{recipe.epochs}  train {last.train:.3g}  "
+                        f"validation {last.validation:.3g}"
+                    )
+                    bar.update(shown, description=line, completed=last.epoch)
+                    if hidden:
+                        line += f"  {last.seconds:.0f} s"
+                        console.print(line, markup=False, highlight=False)
         except KeyboardInterrupt as stop:
             raise TrainingInterruptedError(
                 f"Interrupted: finished epochs are stored in {folder}; the same command continues."
@@ -91,39 +162,27 @@ def fit(
                 f"The training in {folder} diverged: a loss in epoch {done + 1} is not finite; "
                 f"{stored}."
             ) from error
-    weights = {name: tensor.cpu() for name, tensor in state.best.items()}
-    return FittedNetwork(weights, state.curve, replica.device_name)
+    return state
 
 
-def read_checkpoint(folder: Path, recipe: Recipe, settings: Mapping[str, object]) -> Checkpoint:
-    """Return what `fit` would continue; also a quick way to learn that it cannot.
-
-    Raises:
-        InputError, DataCorruptError: as for `fit`.
-    """
-    return Checkpoint.read(folder, {**settings, **asdict(recipe)})
-
-
-def run_epochs(
+def _epochs(
     task: TrainingTask,
     recipe: Recipe,
     train: Data,
     seen: Mapping[str, Data],
     state: Checkpoint,
-    replica: Replica,
+    device: torch.device,
     moved: Callable[[float], None],
 ) -> Iterator[Checkpoint]:
     """Yield the state after every epoch that is to follow `state`.
 
     Args:
         seen: samples by split, whose losses are worked out after every epoch.
-        replica: the device, and this process's share of every batch.
         moved: called before every step with the number of epochs done.
 
     Raises:
         FloatingPointError: a loss is not finite.
     """
-    device = replica.device
     task.to(device)
     train = tuple(tensor.to(device) for tensor in train)
     seen = {split: tuple(tensor.to(device) for tensor in data) for split, data in seen.items()}
@@ -131,13 +190,12 @@ def run_epochs(
     if state.curve:
         task.network.load_state_dict(state.weights)
         restore_optimizer(optimizer, state.optimizer)
-    parameters = list(task.network.parameters())
-    while not recipe.over_after(state.curve):
+    while not _over(recipe, state):
         done, started = len(state.curve), time.perf_counter()
-        torch.manual_seed(replica.seed(generator("training epoch", recipe.seed, done)))
+        torch.manual_seed(int(generator("training epoch", recipe.seed, done).integers(2**63)))
         order = generator("training order", recipe.seed, done).permutation(len(train[0]))
-        batches = replica.shares(torch.from_numpy(order).to(device), recipe.batch)
-        total, count = torch.zeros((), device=device), 0
+        batches = torch.split(torch.from_numpy(order).to(device), recipe.batch)
+        total = torch.zeros((), device=device)
         for index, chosen in enumerate(batches):
             progress = done + index / len(batches)
             moved(progress)
@@ -145,16 +203,15 @@ def run_epochs(
             for group in optimizer.param_groups:
                 group["lr"] = rate
             objective, loss = task.objective(tuple(tensor[chosen] for tensor in train), done)
-            if replica.count == 1 and device.type == "cpu":  # elsewhere, asking would take time
+            if device.type == "cpu":  # elsewhere, asking would take time
                 _check_finite(float(objective.detach()))
             optimizer.zero_grad()
             objective.backward()  # type: ignore[no-untyped-call]
-            replica.average_gradients(parameters)
-            torch.nn.utils.clip_grad_norm_(parameters, LARGEST_GRADIENT)
+            nn.utils.clip_grad_norm_(task.network.parameters(), LARGEST_GRADIENT)
             optimizer.step()
-            total, count = total + loss.detach() * len(chosen), count + len(chosen)
+            total = total + loss.detach() * len(chosen)
         losses = _mean_losses(task, seen, recipe.batch)
-        losses["train"] = replica.mean(total, count)
+        losses["train"] = float(total / len(order))
         _check_finite(*losses.values())
         epoch = Epoch(
             epoch=done + 1,
@@ -165,11 +222,18 @@ def run_epochs(
             others=losses,
         )
         curve, weights = (*state.curve, epoch), task.network.state_dict()
-        best_weights = state.best
-        if best(curve) is epoch:
-            best_weights = {name: tensor.clone() for name, tensor in weights.items()}
-        state = Checkpoint(weights, best_weights, optimizer_tensors(optimizer), curve)
+        state = Checkpoint(weights, state.best, optimizer_tensors(optimizer), curve)
+        if state.best_epoch is epoch:
+            state = replace(state, best={name: t.clone() for name, t in weights.items()})
         yield state
+
+
+def _over(recipe: Recipe, state: Checkpoint) -> bool:
+    """True if all epochs are done, or patience is at its end."""
+    last = recipe.epochs
+    if state.curve and recipe.patience is not None:
+        last = min(last, state.best_epoch.epoch + recipe.patience)
+    return len(state.curve) >= last
 
 
 def _mean_losses(task: TrainingTask, seen: Mapping[str, Data], batch: int) -> dict[str, float]:

@@ -1,15 +1,21 @@
-"""Request for a training, as the command line or a study makes it."""
+"""What is trained and how: the request of a user, and what a method declares of its training."""
 
 from __future__ import annotations
 
+import math
+from abc import ABC, abstractmethod
 from collections.abc import Iterable
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
-from eitbench.scenarios.errors import EitbenchError, InputError, unknown_name
+from eitbench.scenarios.errors import EitbenchError, InputError
 
 if TYPE_CHECKING:
     from pathlib import Path
+
+    from eitbench.methods.training.job import TrainingJob, TrainingResult
+    from eitbench.methods.weights.weight_files import WeightFiles
+    from eitbench.scenarios.sensors.sensor import Sensor
 
 
 class TrainingInterruptedError(EitbenchError):
@@ -24,38 +30,6 @@ class DivergedError(EitbenchError):
 
 OPTIONS = ("limit", "operator", "beta", "backbone")
 """Options that not every training takes, and that decide its result."""
-
-KINDS = ("auto", "cpu", "cuda")
-
-
-@dataclass(frozen=True)
-class Devices:
-    """Devices to train on.
-
-    Attributes:
-        kind: "cpu", "cuda", or "auto" for GPUs if there are any.
-        count: how many; each takes its share of every batch.
-
-    Raises:
-        InputError: there are not so many of that kind.
-    """
-
-    kind: str = "auto"
-    count: int = 1
-
-    def __post_init__(self) -> None:
-        import torch
-
-        if self.kind not in KINDS:
-            raise unknown_name("device", self.kind, KINDS)
-        found = torch.cuda.device_count() if torch.cuda.is_available() else 0
-        if self.kind == "cuda" and not found:
-            raise InputError(
-                "torch finds no GPU to train on: use --device cpu, or install a build of torch for "
-                "this machine's GPU and driver."
-            )
-        if self.count < 1 or (found and self.kind != "cpu" and self.count > found):
-            raise InputError(f"Training on {self.count} devices was asked for; {found} are here.")
 
 
 @dataclass(frozen=True)
@@ -72,7 +46,7 @@ class TrainingRequest:
         operator: forward operator of the physical loss.
         beta: weight of the physical loss beside the data loss; by default the method's own.
         backbone: of the network.
-        devices: to train on; one, a GPU if there is any, by default.
+        device: "cpu", "cuda", or "auto" for a GPU if there is any.
         jobs: processes to simulate with.
         out: folder for checkpoint and results; one in the cache by default.
         use: True if the method is to use the weights from now on.
@@ -87,7 +61,7 @@ class TrainingRequest:
     operator: str = "surrogate"
     beta: float | None = None
     backbone: str = "unet"
-    devices: Devices | None = None
+    device: str = "auto"
     jobs: int = 1
     out: Path | None = None
     use: bool = True
@@ -108,7 +82,67 @@ class TrainingRequest:
             raise InputError(f"Training of {self.name!r} takes no{chosen}.")
 
     def _arguments(self, options: Iterable[str]) -> str:
-        """Return those of `options` that differ from the defaults, as arguments of the command."""
+        """Those of `options` that differ from the defaults, as arguments of the command."""
         defaults = {field.name: field.default for field in fields(self)}
         chosen = {name: getattr(self, name) for name in options}
         return "".join(f" --{name} {v}" for name, v in chosen.items() if v != defaults[name])
+
+
+WARM_UP = 0.05
+"""Share of all steps in which the learning rate rises."""
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """Hyper-parameters of a training.
+
+    Attributes:
+        epochs: how often every training sample is seen.
+        seed: of the order of samples, and of all else that is random in an epoch.
+        batch: samples in a step.
+        rate: the highest learning rate; it rises linearly at first, then falls as a cosine.
+        patience: epochs without a better validation loss after which the training ends early.
+
+    Raises:
+        InputError: no epoch.
+    """
+
+    epochs: int
+    seed: int = 0
+    batch: int = 64
+    rate: float = 1e-3
+    patience: int | None = None
+
+    def __post_init__(self) -> None:
+        if self.epochs < 1:
+            raise InputError(f"Training takes at least 1 epoch, got {self.epochs}.")
+
+    def rate_at(self, progress: float) -> float:
+        """Return the learning rate after the share `progress` of all steps."""
+        if progress < WARM_UP:
+            return self.rate * progress / WARM_UP
+        return self.rate * (1 + math.cos(math.pi * (progress - WARM_UP) / (1 - WARM_UP))) / 2
+
+
+class Trainable(ABC):
+    """Base of the methods and operators whose networks `eitbench train` trains.
+
+    Attributes:
+        files: where weights are looked for.
+        recipe: hyper-parameters of the training, unless others are asked for.
+        options: those of `OPTIONS` that its training takes.
+    """
+
+    files: ClassVar[WeightFiles]
+    recipe: ClassVar[Recipe]
+    options: ClassVar[tuple[str, ...]] = ()
+
+    @classmethod
+    def weights_hash(cls, sensor: Sensor) -> str:
+        """SHA-256 (hex) of the weights that it loads for `sensor`; "" if there are none."""
+        return cls.files.content_hash(sensor)
+
+    @classmethod
+    @abstractmethod
+    def train(cls, job: TrainingJob) -> TrainingResult:
+        """Train its networks; see `eitbench.methods.training.train`."""

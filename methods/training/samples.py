@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from eitbench.methods.weights.weight_files import sensor_key
-from eitbench.scenarios.data.simulation import clean_voltages, phantom
+from eitbench.scenarios.data.simulation import phantom
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.phantoms.phantom import rasterise
 from eitbench.scenarios.suites.scenario import SimulatedScenario
@@ -47,14 +47,6 @@ def training_scenario(suite: Suite) -> SimulatedScenario:
 def no_split(split: str, limit: int | None) -> Dataset:
     """Refuse to load a split, for problems whose data are read elsewhere."""
     raise RuntimeError(f"The {split} split is read elsewhere.")
-
-
-def clean_samples(
-    scenario: SimulatedScenario, split: Split, count: int, *, jobs: int, progress: bool
-) -> tuple[Tensor, Tensor]:
-    """Return conductivities (n, H, W) [S/m], float32, and clean voltages (n, M) [V/A], float64."""
-    voltages = clean_voltages(scenario, split, count, jobs=jobs, progress=progress)
-    return images(scenario, split, count), torch.from_numpy(voltages)
 
 
 def images(scenario: SimulatedScenario, split: Split, count: int) -> Tensor:

@@ -92,16 +92,13 @@ def train(
         str, typer.Option(help="Kind of network: unet, unet-small or mlp.")
     ] = "unet",
     device: Annotated[str, typer.Option(help="auto, cpu or cuda.")] = "auto",
-    devices: Annotated[
-        int, typer.Option(min=1, help="Devices of that kind, which share each batch.")
-    ] = 1,
     jobs: Annotated[int, typer.Option(min=1, help="Processes to simulate with.")] = 1,
     out: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Where it is stored (default: your cache).")
     ] = None,
 ) -> None:
     """Train on a suite's data, or continue a training that was stopped."""
-    from eitbench.methods.training import Devices, TrainingRequest
+    from eitbench.methods.training import TrainingRequest
     from eitbench.methods.training import train as train_named
 
     request = TrainingRequest(
@@ -113,7 +110,7 @@ def train(
         operator=operator,
         beta=beta,
         backbone=backbone,
-        devices=Devices(device, devices),
+        device=device,
         jobs=jobs,
         out=out,
         progress=True,

@@ -5,7 +5,6 @@ import json
 import math
 import os
 import signal
-import subprocess
 import sys
 import time
 from dataclasses import replace
@@ -22,16 +21,15 @@ from eitbench.methods import Problem, create
 from eitbench.methods.learned.image_network_training import ImageTask
 from eitbench.methods.learned.image_networks import Dnn, ImageNetworkMethod
 from eitbench.methods.training import (
-    Devices,
     DivergedError,
+    Recipe,
     TrainingInterruptedError,
     TrainingRequest,
     train,
 )
 from eitbench.methods.training.checkpoint import CHECKPOINT_FILE as FILE
-from eitbench.methods.training.job import TrainingResult
-from eitbench.methods.training.recipe import Recipe
-from eitbench.methods.training.task import Data
+from eitbench.methods.training.job import TrainingResult, training_device
+from eitbench.methods.training.loop import Data
 from eitbench.methods.weights import weight_files
 from eitbench.scenarios.array_file import read_arrays, write_arrays
 from eitbench.scenarios.data.datasets import Dataset, load
@@ -370,39 +368,15 @@ def test_what_cannot_be_trained_is_said_before_anything_is_simulated(
     assert not (tmp_path / "cache" / "simulated").exists()
 
 
-def test_devices_that_are_not_there_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_device_that_is_not_there_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
     with pytest.raises(InputError, match="torch finds no GPU to train on: use --device cpu"):
-        Devices("cuda")
+        training_device("cuda")
     with pytest.raises(InputError, match="Unknown device 'gpu'"):
-        Devices("gpu")
+        training_device("gpu")
+    assert training_device("auto").type == "cpu"
     monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
-    monkeypatch.setattr(torch.cuda, "device_count", lambda: 2)
-    assert Devices("cuda", 2).count == 2
-    with pytest.raises(InputError, match="on 3 devices was asked for; 2 are here"):
-        Devices("auto", 3)
-
-
-@pytest.mark.slow
-def test_two_processes_train_one_network(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "eitbench.cli", "train", "dnn", "--operator", "jacobian"]
-    noisy = suite_of(tmp_path, NOISY)
-    many = ["--device", "cpu", "--devices", "2", "--epochs", "3", "--out", str(tmp_path / "o")]
-    done = subprocess.run(
-        [*command, "--suite", noisy, *many],
-        cwd=tmp_path,
-        env=os.environ | {"EITBENCH_CACHE": str(tmp_path / "cache")},
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    assert done.stdout.count("Weights: ") == 1  # said by one of them
-    assert len(done.stderr.splitlines()) == 3
-    table = rows(tmp_path / "o")
-    assert len(table) == 3
-    optimizer = {name: t for name, t in state(tmp_path / "o").items() if name.endswith(".step")}
-    # 130 samples are two whole batches and one of two samples, one for each process.
-    assert {float(step) for step in optimizer.values()} == {9.0}
+    assert [training_device(name).type for name in ("auto", "cpu")] == ["cuda", "cpu"]
 
 
 def test_another_choice_needs_another_folder(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ import subprocess
 import sys
 import time
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -22,15 +22,12 @@ from torch import nn
 
 from eitbench.cli import main
 from eitbench.methods import operator
-from eitbench.methods.operators.surrogate import Surrogate, SurrogateNetwork
-from eitbench.methods.operators.surrogate_training import SurrogateTask
-from eitbench.methods.training import TrainingInterruptedError, TrainingRequest, train
+from eitbench.methods.operators.surrogate import Surrogate, SurrogateNetwork, SurrogateTask
+from eitbench.methods.training import Recipe, TrainingInterruptedError, TrainingRequest, train
 from eitbench.methods.training.augmentation import symmetries
 from eitbench.methods.training.checkpoint import CHECKPOINT_FILE as FILE
-from eitbench.methods.training.curve import FittedNetwork
-from eitbench.methods.training.loop import fit
-from eitbench.methods.training.recipe import Recipe
-from eitbench.methods.training.task import Data, OneLossTask
+from eitbench.methods.training.checkpoint import Checkpoint
+from eitbench.methods.training.loop import Data, TrainingTask, fit
 from eitbench.methods.weights.weight_files import user_weights
 from eitbench.scenarios.array_file import read_arrays, write_arrays
 from eitbench.scenarios.catalogue import sensor
@@ -75,11 +72,11 @@ def epochs_done(folder: Path) -> int:
     return 0 if found is None else len(json.loads(found[1]["curve"]))
 
 
-def equal(a: dict[str, Any], b: dict[str, Any]) -> bool:
+def equal(a: Mapping[str, Any], b: Mapping[str, Any]) -> bool:
     return a.keys() == b.keys() and all(np.array_equal(a[name], b[name]) for name in a)
 
 
-class Toy(OneLossTask):
+class Toy(TrainingTask):
     """A line with dropout; `at` calls a function on entering a training step of that number."""
 
     def __init__(self, at: dict[int, Callable[[], None]] | None = None) -> None:
@@ -105,7 +102,7 @@ def toy_data(count: int = 23) -> Data:
 
 def toy_fit(
     folder: Path, trainee: Toy, epochs: int = 6, rate: float = 0.1, progress: bool = False
-) -> FittedNetwork:
+) -> Checkpoint:
     recipe = Recipe(epochs=epochs, seed=3, batch=10, rate=rate)
     return fit(trainee, recipe, toy_data(), toy_data(7), folder, {"kind": "toy"}, progress=progress)
 
@@ -193,7 +190,7 @@ def test_ctrl_c_keeps_finished_epochs_and_the_same_call_continues(tmp_path: Path
     assert epochs_done(tmp_path / "stopped") == 2
     continued = toy_fit(tmp_path / "stopped", Toy())
     whole = toy_fit(tmp_path / "whole", Toy())
-    assert equal(continued.weights, whole.weights)
+    assert equal(continued.best, whole.best)
     assert equal(stored(tmp_path / "stopped", ""), stored(tmp_path / "whole", ""))
     losses = [
         [(e.epoch, e.train, e.validation, e.rate) for e in t.curve] for t in (continued, whole)
@@ -233,7 +230,7 @@ def test_a_finished_training_is_not_repeated(tmp_path: Path) -> None:
     first = toy_fit(tmp_path, Toy())
     unused = Toy({0: lambda: pytest.fail("trained again")})
     second = toy_fit(tmp_path, unused)
-    assert equal(first.weights, second.weights)
+    assert equal(first.best, second.best)
     assert first.curve == second.curve
 
 
@@ -244,11 +241,11 @@ def test_the_weights_are_those_of_the_best_epoch(tmp_path: Path) -> None:
 
     toy = Toy({11: spoil})  # in the fourth of six epochs
     trained = toy_fit(tmp_path, toy, rate=0.03)
-    assert trained.best.epoch < 4
-    assert trained.best.validation < min(e.validation for e in trained.curve[3:])
-    toy.network.load_state_dict(trained.weights)
+    assert trained.best_epoch.epoch < 4
+    assert trained.best_epoch.validation < min(e.validation for e in trained.curve[3:])
+    toy.network.load_state_dict(trained.best)
     loss = toy.eval().loss(toy_data(7))
-    assert loss.item() == pytest.approx(trained.best.validation, rel=1e-5)
+    assert loss.item() == pytest.approx(trained.best_epoch.validation, rel=1e-5)
 
 
 def test_the_rate_rises_then_falls() -> None:
