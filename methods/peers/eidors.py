@@ -17,7 +17,7 @@ import numpy as np
 import scipy.io
 from numpy.typing import NDArray
 
-from eitbench.methods.peers.peer import Peer, interpolation, pixels_inside
+from eitbench.methods.peers.peer import Peer, interpolation, lattice, pixels_inside
 from eitbench.methods.registry import register
 from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.errors import EitbenchError
@@ -85,26 +85,21 @@ def ask_eidors(request: Mapping[str, Any], limit_s: float = LIMIT_S) -> tuple[Ar
         if done.returncode != 0 or not answer.is_file():
             reason = " ".join(done.stderr.split())[-_LONGEST_REASON:] or "it says no more"
             raise EitbenchError(f"Octave ended with code {done.returncode}: {reason}")
-        n = np.shape(request["frames"])[1]
-        return _read(answer, n)
-
-
-def _read(path: Path, n: int) -> tuple[Array, Array]:
-    try:
-        content = scipy.io.loadmat(str(path), variable_names=["points", "values"])
-        points = np.asarray(content["points"], dtype=np.float64)
-        values = np.asarray(content["values"], dtype=np.float64)
-    except (KeyError, OSError, TypeError, ValueError) as error:
+        try:
+            content = scipy.io.loadmat(str(answer), variable_names=["points", "values"])
+            points, values = (np.asarray(content[k], np.float64) for k in ("points", "values"))
+        except (KeyError, OSError, TypeError, ValueError) as error:
+            raise EitbenchError(
+                f"EIDORS' answer does not hold points and values: {type(error).__name__}."
+            ) from error
+    n = np.shape(request["frames"])[1]
+    expected = ((len(points), 2), (len(points), n))
+    finite = np.isfinite(points).all() and np.isfinite(values).all()
+    if (points.shape, values.shape) != expected or not finite:
         raise EitbenchError(
-            f"EIDORS' answer does not hold points and values: {type(error).__name__}."
-        ) from error
-    if points.ndim != 2 or points.shape[1] != 2 or values.shape != (len(points), n):
-        raise EitbenchError(
-            f"EIDORS answered points {points.shape} and values {values.shape}, not (P, 2) and "
-            f"(P, {n})."
+            f"EIDORS answered points {points.shape} and values {values.shape}, not finite ones of "
+            f"shapes (P, 2) and (P, {n})."
         )
-    if not (np.isfinite(points).all() and np.isfinite(values).all()):
-        raise EitbenchError("EIDORS answered values that are not finite.")
     return points, values
 
 
@@ -240,13 +235,8 @@ class EidorsGreit(LinearEidors):
 
     def prepare(self, problem: Problem) -> None:
         """Choose the targets."""
-        outline = problem.sensor.outline
-        x0, y0, x1, y1 = outline.bounds
-        steps = (np.arange(TARGETS_ACROSS) + 0.5) / TARGETS_ACROSS
-        x, y = (c.ravel() for c in np.meshgrid(x0 + steps * (x1 - x0), y0 + steps * (y1 - y0)))
-        inside = outline.contains(x, y)
-        radius = np.full(int(inside.sum()), TARGET_RADIUS * max(x1 - x0, y1 - y0))
-        self._targets = np.stack([x[inside], y[inside], radius])
+        x, y, side = lattice(problem.sensor.outline, TARGETS_ACROSS)
+        self._targets = np.stack([x, y, np.full(len(x), TARGET_RADIUS * side)])
         super().prepare(problem)
 
     def parameters(self) -> dict[str, Any]:

@@ -13,6 +13,7 @@ from eitbench.methods.problem import Problem
 from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.physics.forward import forward_model
+from eitbench.scenarios.sensors.outlines import Outline
 from eitbench.scenarios.sensors.patterns import DrivePattern
 
 # The scale is found on discs of this radius (of the sensor's longer side), on a square lattice of
@@ -105,14 +106,19 @@ def reference_signs(problem: Problem) -> Array:
 def calibration_discs(problem: Problem) -> NDArray[np.bool_]:
     """(k, H, W): the pixels of each disc whose centre lies inside the sensor."""
     sensor = problem.sensor
-    x0, y0, x1, y1 = sensor.outline.bounds
-    side = max(x1 - x0, y1 - y0)
-    steps = (np.arange(DISCS_ACROSS) + 0.5) / DISCS_ACROSS
-    cx, cy = (c.ravel() for c in np.meshgrid(x0 + steps * (x1 - x0), y0 + steps * (y1 - y0)))
-    inside = sensor.outline.contains(cx, cy)
+    cx, cy, side = lattice(sensor.outline, DISCS_ACROSS)
     x, y = sensor.pixel_centres
-    apart = np.hypot(x - cx[inside, None, None], y - cy[inside, None, None])
+    apart = np.hypot(x - cx[:, None, None], y - cy[:, None, None])
     return np.asarray((apart < DISC_RADIUS * side) & sensor.mask)
+
+
+def lattice(outline: Outline, across: int) -> tuple[Array, Array, float]:
+    """x and y (k,) [m] of `across` x `across` points, where inside, and the longer side [m]."""
+    x0, y0, x1, y1 = outline.bounds
+    steps = (np.arange(across) + 0.5) / across
+    x, y = (c.ravel() for c in np.meshgrid(x0 + steps * (x1 - x0), y0 + steps * (y1 - y0)))
+    inside = outline.contains(x, y)
+    return x[inside], y[inside], max(x1 - x0, y1 - y0)
 
 
 def pixels_inside(problem: Problem) -> Array:

@@ -8,8 +8,9 @@ side is 1, as pyEIT's mesh generator expects; potentials in two dimensions do no
 from __future__ import annotations
 
 from abc import abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -103,6 +104,7 @@ def pyeit_protocol(pattern: DrivePattern) -> PyEITProtocol:
 
 DIFFERS = "run by pyEIT with point electrodes on a mesh of its own"
 UNEVEN = "pyEIT's triangles are not symmetric"
+Solve = Callable[[Array, Array], Array]
 LAMBDAS = (1e-3, 1e-2, 3e-2, 0.1, 0.3, 1.0, 3.0, 10.0)
 
 
@@ -111,7 +113,6 @@ class PyEit(Peer):
 
     source: ClassVar[str] = "Liu et al. (pyEIT), SoftwareX 7, 2018"
     differs = DIFFERS
-    normalize: bool = True
 
     @classmethod
     def unusable(cls, sensor: Sensor) -> str:
@@ -125,25 +126,18 @@ class PyEit(Peer):
         sensor = problem.sensor
         mesh = pyeit_mesh(sensor)
         self.differs = f"{DIFFERS} ({mesh.n_elems} triangles)"
-        self._solver, points = self.solver(mesh, pyeit_protocol(sensor.pattern))
+        self._solve, points = self.solver(mesh, pyeit_protocol(sensor.pattern))
         self._to_pixels = interpolation(points, scaled(sensor.outline, pixels_inside(problem)))
         self._v0 = self.reference()
 
     @abstractmethod
-    def solver(self, mesh: PyEITMesh, protocol: Any) -> tuple[Any, Array]:
-        """The solver, set up, and the points (p, 2) that its solutions belong to."""
+    def solver(self, mesh: PyEITMesh, protocol: Any) -> tuple[Solve, Array]:
+        """pyEIT's `solve` of (n, M) frames, and the points (p, 2) that its solutions belong to."""
 
     def contrast(self, difference: Array) -> Array:
         """See `Peer`; pyEIT's `solve`."""
-        found = self._solver.solve(self._v0 + difference, self._v0, **self.options())
-        return np.asarray((self._to_pixels @ self._kept(np.real(found))).T)
-
-    def options(self) -> dict[str, Any]:
-        """Arguments of pyEIT's `solve`."""
-        return {"normalize": self.normalize}
-
-    def _kept(self, found: Array) -> Array:
-        return found
+        found = np.real(self._solve(self._v0 + difference, self._v0))
+        return np.asarray((self._to_pixels @ found).T)
 
 
 @register("pyeit-jac")
@@ -173,7 +167,7 @@ class PyEitJac(PyEit):
     normalize: bool = True
     log_scale: bool = False
 
-    def solver(self, mesh: PyEITMesh, protocol: Any) -> tuple[Any, Array]:
+    def solver(self, mesh: PyEITMesh, protocol: Any) -> tuple[Solve, Array]:
         """`pyeit.eit.jac.JAC`, which estimates elements."""
         from pyeit.eit.jac import JAC
 
@@ -181,11 +175,8 @@ class PyEitJac(PyEit):
         solver.setup(
             p=self.p, lamb=self.lamb, method=self.method, perm=1.0, jac_normalized=self.normalize
         )
-        return solver, mesh.elem_centers[:, :2]
-
-    def options(self) -> dict[str, Any]:
-        """Arguments of pyEIT's `solve`."""
-        return {"normalize": self.normalize, "log_scale": self.log_scale}
+        solve = partial(solver.solve, normalize=self.normalize, log_scale=self.log_scale)
+        return solve, mesh.elem_centers[:, :2]
 
 
 @register("pyeit-greit")
@@ -214,7 +205,7 @@ class PyEitGreit(PyEit):
     ratio: float = 0.1
     normalize: bool = True
 
-    def solver(self, mesh: PyEITMesh, protocol: Any) -> tuple[Any, Array]:
+    def solver(self, mesh: PyEITMesh, protocol: Any) -> tuple[Solve, Array]:
         """`pyeit.eit.greit.GREIT`, which estimates points of a grid."""
         from pyeit.eit.greit import GREIT
 
@@ -224,11 +215,8 @@ class PyEitGreit(PyEit):
             jac_normalized=self.normalize,
         )  # fmt: skip
         x, y, outside = solver.get_grid()
-        self._inside = ~outside
-        return solver, np.column_stack([x.ravel(), y.ravel()])[self._inside]
-
-    def _kept(self, found: Array) -> Array:
-        return np.asarray(found[self._inside])
+        points = np.column_stack([x.ravel(), y.ravel()])[~outside]
+        return lambda *frames: solver.solve(*frames, normalize=self.normalize)[~outside], points
 
 
 @register("pyeit-bp")
@@ -244,10 +232,10 @@ class PyEitBp(PyEit):
     search: ClassVar = {"weight": ("none", "simple")}
     weight: str = "none"
 
-    def solver(self, mesh: PyEITMesh, protocol: Any) -> tuple[Any, Array]:
+    def solver(self, mesh: PyEITMesh, protocol: Any) -> tuple[Solve, Array]:
         """`pyeit.eit.bp.BP`, which estimates nodes."""
         from pyeit.eit.bp import BP
 
         solver = BP(mesh, protocol)
         solver.setup(weight=self.weight, perm=1.0)
-        return solver, mesh.node[:, :2]
+        return partial(solver.solve, normalize=True), mesh.node[:, :2]
