@@ -66,9 +66,8 @@ class Operator(ABC):
         Raises:
             InputError: a wrong image shape, a pixel inside the sensor that is not finite and
                 positive, numbers that are neither float32 nor float64, or an operator that returns
-                another shape than it must. Inside `jax.jit`, values
-                are looked at when the compiled function runs: JAX then raises an error of its own
-                that quotes this one.
+                another shape than it must. Inside `jax.jit`, values are looked at when the compiled
+                function runs: JAX then raises an error of its own that quotes this one.
         """
         if _is_jax(sigma):
             self._check_jax(sigma)
@@ -95,11 +94,11 @@ class Operator(ABC):
         """
         import torch
 
-        given, weights_shape = _shape(sigma), _shape(cotangent)
-        if weights_shape != (*given[:-2], self.sensor.n_measurements):
+        given, found = tuple(np.shape(sigma)), tuple(np.shape(cotangent))
+        expected = (*given[:-2], self.sensor.n_measurements)
+        if found != expected:
             raise InputError(
-                f"The cotangent of conductivities {given} has shape "
-                f"{(*given[:-2], self.sensor.n_measurements)}, got {weights_shape}."
+                f"The cotangent of conductivities {given} has shape {expected}, got {found}."
             )
         if str(getattr(cotangent, "dtype", "float64")).removeprefix("torch.") not in PRECISIONS:
             raise InputError("A cotangent is an array of float32 or float64.")
@@ -186,10 +185,6 @@ class Operator(ABC):
             lambda sigma, cotangent: (vjp(sigma, cotangent),),
         )
         return voltages, vjp
-
-
-def _shape(values: Any) -> tuple[int, ...]:
-    return tuple(np.shape(values))
 
 
 def _is_jax(values: object) -> bool:

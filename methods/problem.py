@@ -60,13 +60,7 @@ Splits = Callable[[str, int | None], Dataset]
 
 @dataclass(frozen=True, eq=False)
 class SamplesRead:
-    """Samples of one split that a method has read, to learn from.
-
-    Attributes:
-        split, scenario, data_hash: where they come from.
-        samples: their number; they are the first ones.
-        contents: a fingerprint of what each shows.
-    """
+    """The first `samples` of one split that a method has read, and what each shows."""
 
     split: str
     scenario: str
@@ -133,17 +127,10 @@ class Problem:
         self._read.add("model")
         return self._modelled
 
-    @property
+    @cached_property
     def jacobian(self) -> Array:
         """Derivative (M, H, W) [V/A per S/m] of the model at the background; 0 outside the mask."""
-        self._read.add("model")
-        return self._derivative
-
-    @property
-    def gain(self) -> float:
-        """Board units per V/A: the least-squares factor from the model's frame to v_ref."""
-        self._read.add("gain")
-        return self._factor
+        return self.model.jacobian(self.model.background)
 
     @cached_property
     def _modelled(self) -> Array:
@@ -151,12 +138,9 @@ class Problem:
         return model.voltages(model.background)
 
     @cached_property
-    def _derivative(self) -> Array:
-        model = forward_model(self._nominal)
-        return model.jacobian(model.background)
-
-    @cached_property
-    def _factor(self) -> float:
+    def gain(self) -> float:
+        """Board units per V/A: the least-squares factor from the model's frame to v_ref."""
+        self._read.add("gain")
         modelled = self._modelled
         gain = float(modelled @ self.reference / (modelled @ modelled))
         if not gain > 0:

@@ -188,8 +188,8 @@ def load_plugin(path: str | Path) -> Plugin:
     # One module per path, so that a file loaded twice is the same plugin.
     module_name = f"eitbench_plugin_{hashlib.sha256(str(file).encode()).hexdigest()[:12]}"
     spec = importlib.util.spec_from_file_location(module_name, file)
-    if spec is None or spec.loader is None:
-        raise InputError(f"{file.name} cannot be loaded as a Python module.")
+    assert spec is not None
+    assert spec.loader is not None  # of a Python file
     methods()  # first come, first served: a name that is taken must be taken by now
     module = importlib.util.module_from_spec(spec)
     sys.modules[module_name] = module

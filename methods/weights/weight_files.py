@@ -74,41 +74,15 @@ class WeightFiles:
             InputError: there are none, or they belong to another sensor or version of the network.
             DataCorruptError: the file is damaged.
         """
-        name = self.file_name(sensor)
-        for place in (
-            (user_weights() / name, packaged_weights() / name) if path is None else (path,)
-        ):
-            found = self._read(place, sensor)
-            if found is not None:
-                return found
-        if path is not None:
-            raise InputError(f"There is no file of weights {path}: make it with `{self.command}`.")
-        raise InputError(self.missing(sensor))
-
-    def missing(self, sensor: Sensor) -> str:
-        """Return the sentence that there are no weights for `sensor`, and what to do."""
-        height, width = sensor.image_shape
-        return (
-            f"{self.name!r} has no weights for the sensor {sensor.name!r} with "
-            f"{sensor.n_measurements} measurements on {height} x {width} pixels: train them with "
-            f"`{self.command}`, where SUITE simulates this sensor."
-        )
-
-    def content_hash(self, sensor: Sensor) -> str:
-        """SHA-256 (hex) of the file that `load` takes for `sensor`; "" if there is none."""
-        name = self.file_name(sensor)
-        for folder in (user_weights(), packaged_weights()):
-            if (folder / name).is_file():
-                return hashlib.sha256((folder / name).read_bytes()).hexdigest()
-        return ""
-
-    def _read(self, path: Path, sensor: Sensor) -> Weights | None:
+        path = path or self._found(sensor)
+        if path is None:
+            raise InputError(self.missing(sensor))
         try:
             found = read_arrays(path)
         except DataCorruptError as error:
             raise DataCorruptError(f"{error} {self._again(path)}") from error
         if found is None:
-            return None
+            raise InputError(f"There is no file of weights {path}: make it with `{self.command}`.")
         arrays, metadata = found
         if metadata.get("sensor_key") != sensor_key(sensor):
             raise InputError(
@@ -123,6 +97,26 @@ class WeightFiles:
         from torch import from_numpy
 
         return Weights(path, {name: from_numpy(array) for name, array in arrays.items()}, metadata)
+
+    def missing(self, sensor: Sensor) -> str:
+        """Return the sentence that there are no weights for `sensor`, and what to do."""
+        height, width = sensor.image_shape
+        return (
+            f"{self.name!r} has no weights for the sensor {sensor.name!r} with "
+            f"{sensor.n_measurements} measurements on {height} x {width} pixels: train them with "
+            f"`{self.command}`, where SUITE simulates this sensor."
+        )
+
+    def content_hash(self, sensor: Sensor) -> str:
+        """SHA-256 (hex) of the file that `load` takes for `sensor`; "" if there is none."""
+        path = self._found(sensor)
+        return hashlib.sha256(path.read_bytes()).hexdigest() if path else ""
+
+    def _found(self, sensor: Sensor) -> Path | None:
+        places = (
+            folder / self.file_name(sensor) for folder in (user_weights(), packaged_weights())
+        )
+        return next((path for path in places if path.is_file()), None)
 
     def _again(self, path: Path) -> str:
         if path.parent == packaged_weights():
