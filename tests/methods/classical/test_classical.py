@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from tests.support.small_sensors import no_split
+from tests.support.small_sensors import clean_problem, touch
 
-from eitbench.methods import Problem, create
+from eitbench.methods import create
 from eitbench.methods.classical.noser import noser_covariance
 from eitbench.scenarios.catalogue import sensor
 from eitbench.scenarios.errors import InputError
@@ -19,11 +19,6 @@ from eitbench.scenarios.sensors.sensor import Sensor, even_electrodes
 Array = NDArray[np.float64]
 ONE_STEP = ["tikhonov", "noser", "laplacian", "greit"]
 ALL = ["back-projection", *ONE_STEP, "tv", "gauss-newton-noser", "gauss-newton-tv"]
-
-
-def problem(s: Sensor, gain: float = 1.0) -> Problem:
-    reference = gain * forward_model(s).voltages(np.full(s.image_shape, s.background))
-    return Problem(s, reference, no_split)
 
 
 def foam(pixels: int = 20, upper: float = 20.0) -> Sensor:
@@ -40,21 +35,16 @@ def opposition_disc() -> Sensor:
     return Sensor("round", outline, electrodes, pattern, background=0.4, image_shape=(24, 24))
 
 
-def touch(s: Sensor, at: tuple[float, float], radius: float, contrast: float) -> Array:
-    x, y = s.pixel_centres
-    inside = np.hypot(x - at[0], y - at[1]) < radius
-    return np.where(inside & s.mask, s.background + contrast, s.background)
-
-
 @pytest.mark.parametrize("name", ALL)
 def test_the_reference_frame_gives_the_background(name: str) -> None:
     for s in (foam(), opposition_disc()):
-        p = problem(s)
+        p = clean_problem(s)
         method = create(name)
         method.fit(p)
         image = method.reconstruct(p.reference[None])
         assert image.shape == (1, *s.image_shape)
         np.testing.assert_allclose(image, s.background, atol=1e-9)
+        assert method.reconstruct(p.reference[None][:0]).shape == (0, *s.image_shape)
 
 
 @pytest.mark.parametrize("name", ALL)
@@ -63,8 +53,8 @@ def test_a_touch_is_seen_where_it_is_whatever_the_board_and_its_gain(
     name: str, gain: float
 ) -> None:
     for s, at in ((foam(), (0.065, 0.04)), (opposition_disc(), (0.02, 0.025))):
-        p = problem(s, gain)
-        truth = touch(s, at, 0.015, -0.3 * s.background)
+        p = clean_problem(s, gain)
+        truth = touch(s, at, 0.015, 0.7)
         method = create(name)
         method.fit(p)
         contrast = (
@@ -76,44 +66,23 @@ def test_a_touch_is_seen_where_it_is_whatever_the_board_and_its_gain(
         assert np.hypot(*(found - at)) < 0.012
 
 
-@pytest.mark.parametrize("name", ALL)
-def test_batch_equals_single_frames(name: str) -> None:
-    s = foam(16)
-    p = problem(s)
-    frames = np.stack(
-        [
-            forward_model(s).voltages(touch(s, (0.03 + 0.02 * k, 0.05), 0.015, -0.5))
-            for k in range(3)
-        ]
-    )
-    method = create(name)
-    method.fit(p)
-    batch = method.reconstruct(frames)
-    for k in range(3):
-        np.testing.assert_allclose(method.reconstruct(frames[k : k + 1])[0], batch[k], atol=1e-9)
-    assert method.reconstruct(frames[:0]).shape == (0, 16, 16)
-
-
-@pytest.mark.parametrize("name", ALL)
-def test_bad_frames_are_refused_in_one_sentence(name: str) -> None:
-    p = problem(foam(12))
-    method = create(name)
-    method.fit(p)
+def test_bad_frames_are_refused_in_one_sentence() -> None:
+    p = clean_problem(foam(12))
     with pytest.raises(InputError, match="208"):
-        method.reconstruct(np.zeros((2, 104)))
+        p.difference(np.zeros((2, 104)))
     frames = np.tile(p.reference, (3, 1))
     frames[1, 5] = np.nan
     with pytest.raises(InputError, match="Frame 1"):
-        method.reconstruct(frames)
+        p.difference(frames)
 
 
 @pytest.mark.parametrize("name", ["tv", "gauss-newton-tv", "gauss-newton-noser", "noser"])
 def test_bounds_are_kept(name: str) -> None:
     s = foam(16, upper=1.0)
     method = create(name)
-    p = problem(s)
+    p = clean_problem(s)
     method.fit(p)
-    image = method.reconstruct(forward_model(s).voltages(touch(s, (0.05, 0.05), 0.02, -0.95))[None])
+    image = method.reconstruct(forward_model(s).voltages(touch(s, (0.05, 0.05), 0.02, 0.05))[None])
     assert image.max() <= 1.0 + 1e-12
     assert image.min() >= 0.05 - 1e-12
 
@@ -121,8 +90,8 @@ def test_bounds_are_kept(name: str) -> None:
 def test_noser_is_the_regularised_least_squares_in_pixels() -> None:
     """The measurement-space form equals (J^T J + w C^-1)^-1 J^T dv."""
     s = foam(12)
-    p = problem(s)
-    frame = forward_model(s).voltages(touch(s, (0.05, 0.06), 0.02, -0.2))
+    p = clean_problem(s)
+    frame = forward_model(s).voltages(touch(s, (0.05, 0.06), 0.02, 0.8))
     method = create("noser", weight=0.1)
     method.fit(p)
     image = method.reconstruct(frame[None])[0]
@@ -136,8 +105,8 @@ def test_noser_is_the_regularised_least_squares_in_pixels() -> None:
 
 def test_gauss_newton_fits_the_data_better_than_one_step() -> None:
     s = foam(20)
-    p = problem(s)
-    frame = forward_model(s).voltages(touch(s, (0.04, 0.055), 0.018, -0.8))
+    p = clean_problem(s)
+    frame = forward_model(s).voltages(touch(s, (0.04, 0.055), 0.018, 0.2))
     misfit = {}
     for name in ("noser", "gauss-newton-noser", "gauss-newton-tv"):
         method = create(name, weight=1e-4)
@@ -151,10 +120,10 @@ def test_gauss_newton_fits_the_data_better_than_one_step() -> None:
 def test_greit_keeps_the_area_of_small_targets() -> None:
     """Its images are blurred, but the integral of the contrast is that of the target."""
     s = foam(40)
-    p = problem(s)
+    p = clean_problem(s)
     method = create("greit", weight=1e-4)
     method.fit(p)
-    truth = touch(s, (0.05, 0.05), 0.006, -0.01)
+    truth = touch(s, (0.05, 0.05), 0.006, 0.99)
     frame = p.reference + p.jacobian.reshape(208, -1) @ (truth - 1.0).ravel()
     contrast = method.reconstruct(frame[None])[0] - 1.0
     assert contrast.sum() == pytest.approx((truth - 1.0).sum(), rel=0.1)
@@ -162,13 +131,13 @@ def test_greit_keeps_the_area_of_small_targets() -> None:
 
 def test_an_offset_of_four_is_reconstructed_too() -> None:
     s = replace(foam(16), pattern=offset_pattern(16, 4))
-    p = problem(s)
+    p = clean_problem(s)
     method = create("tv")
     method.fit(p)
-    image = method.reconstruct(forward_model(s).voltages(touch(s, (0.05, 0.05), 0.02, -0.3))[None])
+    image = method.reconstruct(forward_model(s).voltages(touch(s, (0.05, 0.05), 0.02, 0.7))[None])
     assert image[0, 8, 8] < 0.95
 
 
 def test_an_unknown_variable_is_refused() -> None:
     with pytest.raises(InputError, match="one of conductivity, clausius-mossotti"):
-        create("noser", variable="resistivity").fit(problem(foam(12)))
+        create("noser", variable="resistivity").fit(clean_problem(foam(12)))

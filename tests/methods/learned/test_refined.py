@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 from numpy.typing import NDArray
-from tests.support.small_sensors import foam, no_split, round_board, suite_of
+from tests.support.small_sensors import TINY, clean_problem, foam, round_board, suite_of, tiny_mse
 
 from eitbench.methods import Problem, create
 from eitbench.methods.learned.gauss_newton_update import SNR_DB, GaussNewtonUpdate, expected_error
@@ -18,21 +18,10 @@ from eitbench.methods.learned.refiner_training import RefinerTask
 from eitbench.methods.networks.refiner import Refiner
 from eitbench.methods.training import TrainingInterruptedError, TrainingRequest, train
 from eitbench.methods.training.loop import Data
-from eitbench.scenarios.data.datasets import Dataset, load
 from eitbench.scenarios.errors import InputError
-from eitbench.scenarios.physics.forward import forward_model
 from eitbench.scenarios.sensors.sensor import Sensor
-from eitbench.scenarios.suites.scenario import SimulatedScenario
 
 Array = NDArray[np.float64]
-SCENARIO = SimulatedScenario(
-    name="tiny", image_shape=(16, 16), families=("circle",), train=240, validation=60, test=60
-)
-
-
-def problem_of(s: Sensor) -> Problem:
-    model = forward_model(s)
-    return Problem(s, model.voltages(model.background), no_split)
 
 
 def touched(s: Sensor, depth: float = 0.4) -> Array:
@@ -51,7 +40,7 @@ def difference(problem: Problem, relative: Array) -> Array:
 def test_an_update_is_the_textbook_step(make: Callable[[], Sensor]) -> None:
     """Over all measurements, in the pixels: (J^T J / s^2 + D^-1)^-1 J^T (dv - (F(x) - F(1)))."""
     s = make()
-    problem = problem_of(s)
+    problem = clean_problem(s)
     guess = touched(s, 0.2).astype(np.float32)
     frame = difference(problem, touched(s))
     update = GaussNewtonUpdate(problem)(frame[None], guess[None])[0]
@@ -74,7 +63,7 @@ def test_an_update_is_the_textbook_step(make: Callable[[], Sensor]) -> None:
 @pytest.mark.parametrize("make", [lambda: foam((12, 14)), round_board])
 def test_an_update_explains_more_of_the_frame(make: Callable[[], Sensor]) -> None:
     s = make()
-    problem = problem_of(s)
+    problem = clean_problem(s)
     guess, truth = touched(s, 0.3), touched(s)
     frame = difference(problem, truth)
     update = GaussNewtonUpdate(problem)
@@ -118,22 +107,10 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def mse(name: str, **parameters: object) -> float:
-    test = load(SCENARIO)
-
-    def splits(split: str, limit: int | None) -> Dataset:
-        return load(SCENARIO, split, limit)
-
-    method = create(name, **parameters)
-    method.fit(Problem(SCENARIO.nominal_sensor, test.reference, splits))
-    assert test.conductivity is not None
-    return float(np.mean((method.reconstruct(test.voltages) - test.conductivity) ** 2))
-
-
 def test_steps_through_the_model_improve_the_image_of_a_network(
     cache: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    tiny = suite_of(cache, SCENARIO)
+    tiny = suite_of(cache, TINY)
     train(TrainingRequest("dnn", tiny, epochs=6, operator="jacobian"))
     request = TrainingRequest("learned-gn", tiny, epochs=12, out=cache / "out")
     calls = []
@@ -154,22 +131,22 @@ def test_steps_through_the_model_improve_the_image_of_a_network(
     again = train(replace(request, out=cache / "again", use=False))
     assert again.weights.with_suffix(".json") != result.weights.with_suffix(".json")
     assert again.validation_mse == result.validation_mse
-    begun, found = mse("dnn"), mse("learned-gn")
+    begun, found = tiny_mse(create("dnn")), tiny_mse(create("learned-gn"))
     assert found < 0.5 * begun
-    assert found == mse("learned-gn", weights=str(again.weights))
+    assert found == tiny_mse(create("learned-gn", weights=str(again.weights)))
     assert result.baseline_mse == pytest.approx(begun, rel=0.3)
     assert result.validation_mse == pytest.approx(found, rel=0.3)
 
     train(TrainingRequest("dnn", tiny, epochs=1, operator="jacobian", out=cache / "other"))
     with pytest.raises(InputError, match="continue another network than the present one of 'dnn'"):
-        mse("learned-gn")
+        tiny_mse(create("learned-gn"))
     with pytest.raises(InputError, match="begun with begun_from"):
         train(request)
 
 
 def test_a_network_improves_a_coarse_image(cache: Path) -> None:
-    result = train(TrainingRequest("coarse-to-fine", suite_of(cache, SCENARIO), epochs=16))
+    result = train(TrainingRequest("coarse-to-fine", suite_of(cache, TINY), epochs=16))
     assert result.in_use
-    coarse = mse("noser", variable="clausius-mossotti", weight=0.01)
-    assert mse("coarse-to-fine") < 0.7 * coarse
+    coarse = tiny_mse(create("noser", variable="clausius-mossotti", weight=0.01))
+    assert tiny_mse(create("coarse-to-fine")) < 0.7 * coarse
     assert result.baseline_mse == pytest.approx(coarse, rel=0.3)

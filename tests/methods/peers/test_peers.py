@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from tests.support.small_sensors import no_split
+from tests.support.small_sensors import clean_problem
 
 from eitbench.commands.listing import LISTINGS
 from eitbench.methods import Problem, create, methods
@@ -61,8 +61,7 @@ def touched(of: Sensor, factor: float = 0.5) -> tuple[Problem, Array, Array]:
     model = forward_model(of)
     sigma = of.background * np.where(disc(of, *of.pixel_centres), factor, 1.0)
     gain = 250.0
-    problem = Problem(of, gain * model.voltages(model.background), no_split)
-    return problem, gain * model.voltages(sigma)[None], sigma
+    return clean_problem(of, gain), gain * model.voltages(sigma)[None], sigma
 
 
 def assert_in_place(
@@ -97,11 +96,8 @@ def test_the_protocol_holds_the_pattern_row_by_row(pattern: DrivePattern) -> Non
     plan = pyeit_protocol(pattern)
     drives = np.repeat(plan.ex_mat, plan.n_meas, axis=0)
     np.testing.assert_array_equal(np.hstack([drives, plan.meas_mat.reshape(-1, 2)]), pattern.table)
-
-
-@needs_pyeit
-def test_equal_runs_are_whole_excitations() -> None:
-    assert pyeit_protocol(offset_pattern(16, 3)).meas_mat.shape == (16, 13, 2)
+    if len(pattern.table) == 208:  # its runs are equal: one is a whole excitation
+        assert plan.meas_mat.shape == (16, 13, 2)
 
 
 @needs_pyeit
@@ -207,9 +203,8 @@ def test_the_scale_does_not_depend_on_gain_or_background() -> None:
         electrodes=tuple(replace(e, contact_impedance=5e-3) for e in of.electrodes),
     )
     model = forward_model(other_sensor)
-    other = Problem(other_sensor, 0.01 * model.voltages(model.background), no_split)
     again = create("pyeit-greit")
-    again.fit(other)
+    again.fit(clean_problem(other_sensor, 0.01))
     sigma = 0.2 * np.where(disc(of, *of.pixel_centres), 0.5, 1.0)
     np.testing.assert_allclose(
         again.reconstruct(0.01 * model.voltages(sigma)[None]) / 0.2, image, atol=1e-6
@@ -311,8 +306,8 @@ def test_what_octave_answers_stands_in_its_place(stub: Path, name: str) -> None:
     [
         ("error", "Octave ended with code 1: error: 'prior_noser' undefined"),
         ("silent", "Octave ended with code 0: it says no more"),
-        ("shape", r"EIDORS answered points \(\d+, 2\) and values \(\d+, 208\), not"),
-        ("nan", "EIDORS answered values that are not finite"),
+        ("shape", r"EIDORS answered points \(5, 2\) and values \(4, 208\), not"),
+        ("nan", "not finite ones of shapes"),
     ],
 )
 def test_a_failing_octave_is_one_sentence(

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from tests.support.small_sensors import PAIRS, foam, no_split, round_board
+from tests.support.small_sensors import PAIRS, foam, no_split, round_board, touch
 
 from eitbench.methods import Problem, create
 from eitbench.methods.untrained.dip import Dip, MovingVariance
@@ -18,12 +18,6 @@ Array = NDArray[np.float64]
 def disc() -> Sensor:
     """Magnitudes only, no two of them equal by reciprocity, and contacts of both signs."""
     return round_board(PAIRS[:4], PAIRS[4:])
-
-
-def touch(s: Sensor, at: tuple[float, float] = (0.065, 0.04), factor: float = 0.4) -> Array:
-    x, y = s.pixel_centres
-    inside = np.hypot(x - at[0], y - at[1]) < 0.02
-    return np.where(inside & s.mask, factor * s.background, s.background)
 
 
 def problem(s: Sensor, gain: float = 1.0, snr_db: float = np.inf) -> Problem:
@@ -90,14 +84,14 @@ def test_more_variation_costs_more() -> None:
 def test_images_keep_to_the_range_and_to_the_sensor() -> None:
     s = disc()
     p = problem(s)
-    frame = forward_model(s).voltages(touch(s, (0.01, 0.0), 0.3))
+    frame = forward_model(s).voltages(touch(s, (0.01, 0.0), factor=0.3))
     found = image(Dip(steps=60), p, frame)
     low, high = s.conductivity_range
     assert found.min() >= low * s.background
     assert found.max() <= high * s.background
     assert (found[~s.mask] == s.background).all()
-    assert error(found, touch(s, (0.01, 0.0), 0.3)) < error(
-        np.full(s.image_shape, s.background), touch(s, (0.01, 0.0), 0.3)
+    assert error(found, touch(s, (0.01, 0.0), factor=0.3)) < error(
+        np.full(s.image_shape, s.background), touch(s, (0.01, 0.0), factor=0.3)
     )
 
 
