@@ -107,12 +107,12 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def test_steps_through_the_model_improve_the_image_of_a_network(
+def test_a_step_through_the_model_improves_the_image_of_a_network(
     cache: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     tiny = suite_of(cache, TINY)
     train(TrainingRequest("dnn", tiny, epochs=6, operator="jacobian"))
-    request = TrainingRequest("learned-gn", tiny, epochs=12, out=cache / "out")
+    request = TrainingRequest("learned-gn", tiny, epochs=5, out=cache / "out")
     calls = []
     loss = RefinerTask.loss
 
@@ -132,7 +132,7 @@ def test_steps_through_the_model_improve_the_image_of_a_network(
     assert again.weights.with_suffix(".json") != result.weights.with_suffix(".json")
     assert again.validation_mse == result.validation_mse
     begun, found = tiny_mse(create("dnn")), tiny_mse(create("learned-gn"))
-    assert found < 0.5 * begun
+    assert found < 0.65 * begun
     assert found == tiny_mse(create("learned-gn", weights=str(again.weights)))
     assert result.baseline_mse == pytest.approx(begun, rel=0.3)
     assert result.validation_mse == pytest.approx(found, rel=0.3)
