@@ -94,7 +94,7 @@ class Operator(ABC):
         """
         import torch
 
-        given, found = tuple(np.shape(sigma)), tuple(np.shape(cotangent))
+        given, found = _shape(sigma), _shape(cotangent)
         expected = (*given[:-2], self.sensor.n_measurements)
         if found != expected:
             raise InputError(
@@ -185,6 +185,10 @@ class Operator(ABC):
             lambda sigma, cotangent: (vjp(sigma, cotangent),),
         )
         return voltages, vjp
+
+
+def _shape(values: Any) -> tuple[int, ...]:
+    return tuple(np.shape(values))
 
 
 def _is_jax(values: object) -> bool:

@@ -44,7 +44,8 @@ class Epoch:
     def row(self) -> dict[str, float]:
         """Return all figures by name."""
         figures = asdict(self)
-        return figures | figures.pop("others")
+        figures.update(figures.pop("others"))
+        return figures
 
 
 @dataclass(frozen=True)
