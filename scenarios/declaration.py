@@ -69,8 +69,13 @@ def read_declaration(kind: str, path: Path, model: type[Declared]) -> Declared:
         raise InputError(
             f"Cannot read the {kind.lower()} file {path}: {error.strerror}."
         ) from error
-    except (ValueError, RecursionError) as error:  # no text, a number too long, tables too deep
+    except tomllib.TOMLDecodeError as error:
         raise InputError(f"{kind} file {path} is not valid TOML: {error}.") from error
+    except (ValueError, RecursionError) as error:
+        raise InputError(
+            f"Cannot read the {kind.lower()} file {path}: it is not UTF-8 text, a number is too "
+            "long, or tables lie too deep in one another."
+        ) from error
     try:
         return model.model_validate_json(content, strict=True, context={"folder": path.parent})
     except ValidationError as error:
