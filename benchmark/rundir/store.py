@@ -67,9 +67,9 @@ class RunStore:
         text = json.dumps(content, indent=2, allow_nan=False, default=str) + "\n"
         self._write(self.path / manifest.FILE_NAME, text.encode())
 
-    def write_table(self, path: Path | str, rows: pd.DataFrame) -> None:
-        """Replace a table of the run."""
-        self._write(self.path / path, partial(write_parquet, rows))
+    def write_table(self, name: str, rows: pd.DataFrame, folder: Path | None = None) -> None:
+        """Replace a table of the run, or of one of its folders."""
+        self._write((folder or self.path) / name, partial(write_parquet, rows))
 
     def save_batch(self, cell: Cell, split: str, batch: Batch) -> None:
         """Store a batch."""
@@ -102,9 +102,9 @@ class RunStore:
     def save_cell(self, cell: Cell, samples: pd.DataFrame, row: dict[str, Any]) -> None:
         """Store the scored rows of a cell, and its own row."""
         folder = self._parts(cell)
-        self.write_table(folder / SAMPLES, samples)
+        self.write_table(SAMPLES, samples, folder)
         # Written last: its presence says that the cell is scored.
-        self.write_table(folder / self.kind.table, pd.DataFrame([row]))
+        self.write_table(self.kind.table, pd.DataFrame([row]), folder)
 
     def scored(self, cell: Cell) -> bool:
         """True if the cell has rows, be it of some of its frames only."""
