@@ -27,8 +27,8 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_auto_num_workers() -> int:
-    """With `-n auto`: one more than there are cores, as many a test waits for something."""
-    return (os.cpu_count() or 1) + 1
+    """With `-n auto`: two more than there are cores, as many a test waits for something."""
+    return (os.cpu_count() or 1) + 2
 
 
 @pytest.fixture(scope="session", autouse=True)
