@@ -14,7 +14,7 @@ from scipy import special
 
 from eitbench.benchmark.analysis.results import cells_of, checked_table
 from eitbench.benchmark.analysis.standings import SIGNIFICANT
-from eitbench.benchmark.metrics.aggregation import aggregate, figure_of
+from eitbench.benchmark.metrics.aggregation import aggregate, figure_of, numbers
 from eitbench.benchmark.metrics.metric_spec import MetricSpec
 from eitbench.benchmark.metrics.specs import METRICS
 from eitbench.benchmark.metrics.statistics import (
@@ -23,6 +23,7 @@ from eitbench.benchmark.metrics.statistics import (
     draw,
     holm,
     intervals,
+    signed_rank,
     student_t,
 )
 from eitbench.benchmark.rundir import manifest
@@ -238,11 +239,19 @@ def _change(
     difference, differences = after - before, drawn[1] - drawn[0]
     low, high = map(float, intervals(np.asarray(difference), differences, phantoms))
     negligible = NEGLIGIBLE * float(drawn[0].std()) * np.sqrt(phantoms)
-    if margin is None:
-        p = 2 * special.stdtr(phantoms - 1, -abs(student_t(difference, differences, phantoms)))
+    allowed = None if margin is None else max(margin, negligible)
+    if spec.aggregate == "median":
+        one, other = (numbers(cell, spec.name) for cell in cells)
+        if allowed is None:
+            p = signed_rank(other - one, phantom)
+        else:
+            p = signed_rank(-spec.sign * (other - one) - allowed, phantom, "greater")
+    elif allowed is None:
+        t = abs(student_t(difference, differences, phantoms))
+        p = 2 * float(special.stdtr(phantoms - 1, -t))
     else:
-        beyond = -spec.sign * difference - max(margin, negligible)
-        p = special.stdtr(phantoms - 1, -student_t(beyond, differences, phantoms))
+        beyond = -spec.sign * difference - allowed
+        p = float(special.stdtr(phantoms - 1, -student_t(beyond, differences, phantoms)))
     verdict: ChangeVerdict = "no difference found"
     if abs(difference) < EQUAL and low == high:
         verdict = "equal"

@@ -11,7 +11,7 @@ import pandas as pd
 
 from eitbench.benchmark import InputError
 from eitbench.benchmark.analysis.results import read_json, read_table
-from eitbench.benchmark.metrics.statistics import bootstrap, nested_bootstrap_means
+from eitbench.benchmark.metrics.statistics import bootstrap, seed_means
 from eitbench.benchmark.studies.training_study import METRICS, SAMPLES
 from eitbench.reports.figures.style import NOTE, label_axes, new_figure, save
 from eitbench.reports.studies.summaries import StudyRow, StudySummary
@@ -107,7 +107,7 @@ def _differences(table: pd.DataFrame) -> list[StudyRow]:
             if physics == "none":
                 continue
             difference = values - arrays["none"]
-            for k, interval in enumerate(nested_bootstrap_means(difference)):
+            for k, interval in enumerate(seed_means(difference)):
                 row = {"scenario": scenario, "physics": physics, "metric": METRICS[k]}
                 row |= {"without": float(arrays["none"][..., k].mean())}
                 row |= {"difference": interval.value, "low": interval.low, "high": interval.high}

@@ -13,9 +13,12 @@ from eitbench.benchmark.metrics.statistics import (
     intervals,
     means,
     medians,
-    nested_bootstrap_means,
     once,
+    seed_means,
+    signed_rank,
+    student_t,
 )
+from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.errors import InputError
 
 
@@ -105,7 +108,7 @@ def test_equal_values_have_no_spread() -> None:
     ("intervals_of", "shape"),
     [
         *((bootstrap, shape) for shape in [(1, 4), (5,)]),
-        *((nested_bootstrap_means, shape) for shape in [(1, 5, 2), (3, 1, 2), (3, 5)]),
+        *((seed_means, shape) for shape in [(1, 5, 2), (3, 0, 2), (3, 5)]),
     ],
 )
 def test_too_little_is_refused(
@@ -116,16 +119,59 @@ def test_too_little_is_refused(
             intervals_of(values)
 
 
-def test_the_nested_interval_knows_how_much_groups_differ() -> None:
-    """Groups that differ by far more than samples: the interval of the mean of their means."""
-    rng = np.random.default_rng(3)
-    levels = np.array([0.0, 1.0, 2.0, 5.0])
-    values = levels[:, None, None] + 1e-3 * rng.normal(size=(4, 50, 2))
-    flat = bootstrap(values.reshape(-1, 2))[0]
-    found = nested_bootstrap_means(values)[0]
-    assert found.value == pytest.approx(2.0, abs=1e-3)
-    means = [rng.choice(levels, 4).mean() for _ in range(20000)]
-    low, high = np.quantile(means, [0.025, 0.975])
-    assert found.low == pytest.approx(low, abs=0.15)
-    assert found.high == pytest.approx(high, abs=0.15)
-    assert found.high - found.low > 4 * (flat.high - flat.low)
+@pytest.mark.parametrize("seeds", [2, 3, 5])
+def test_intervals_over_few_seeds_cover_what_they_promise(seeds: int) -> None:
+    """Seeds and single samples vary; of 2,000 intervals the binomial bounds how many may miss."""
+    rng = np.random.default_rng(seeds)
+    trials = 2000
+    effects = 0.3 + rng.normal(0, 0.1, (seeds, 1, trials))
+    values = effects + rng.normal(0, 0.5, (seeds, 40, trials))
+    found = np.array(seed_means(values))
+    missed = int(((found[:, 1] > 0.3) | (found[:, 2] < 0.3)).sum())
+    low, high = (stats.binom.ppf(q, trials, 0.05) for q in (5e-4, 1 - 5e-4))
+    assert low <= missed <= high
+    assert found[:, 0] == pytest.approx(values.mean(axis=(0, 1)))
+
+
+def _presses(better: float, rng: np.random.Generator) -> tuple[Array, Array]:
+    """Errors (60,) [mm] of two methods: hard presses are hard for both, and errors are skewed."""
+    shared = 10 * np.exp(0.6 * rng.normal(size=60))
+    one, other = (shared * np.exp(0.3 * rng.normal(size=60)) for _ in range(2))
+    return one, better * other
+
+
+def test_signed_ranks_find_as_few_differences_by_chance_as_promised() -> None:
+    rng = np.random.default_rng(8)
+    trials = 1000
+    p = []
+    for _ in range(trials):
+        one, other = _presses(1.0, rng)
+        p.append(signed_rank(one - other, np.arange(60)))
+    low, high = (stats.binom.ppf(q, trials, 0.05) for q in (5e-4, 1 - 5e-4))
+    assert low <= sum(value < 0.05 for value in p) <= high
+
+
+def test_signed_ranks_find_what_the_bootstrap_of_medians_misses() -> None:
+    """An error that is 15 % smaller, with 60 presses."""
+    rng = np.random.default_rng(9)
+    found = {"ranks": 0, "bootstrap": 0}
+    for _ in range(100):
+        one, other = _presses(0.85, rng)
+        both = np.stack([one, other], axis=1)
+        drawn = draw(lambda counts: medians(counts, both), np.arange(60), draws=400)  # noqa: B023
+        t = student_t(np.median(one) - np.median(other), drawn[:, 0] - drawn[:, 1], 60)
+        found["bootstrap"] += int(2 * stats.t.sf(abs(t), 59) < 0.05)
+        found["ranks"] += int(signed_rank(one - other, np.arange(60)) < 0.05)
+    assert found["ranks"] > 65 > 50 > found["bootstrap"]
+
+
+def test_signed_ranks_take_a_phantom_once_and_leave_out_what_is_not_known() -> None:
+    rng = np.random.default_rng(1)
+    means, phantoms = rng.normal(0.4, 1, 30), np.repeat(np.arange(30), 4)
+    repeated = np.repeat(means, 4) + np.tile([0.2, -0.2, np.nan, 0.0], 30)
+    expected = stats.wilcoxon(means).pvalue
+    assert signed_rank(repeated, phantoms) == pytest.approx(expected)
+    assert signed_rank(means, np.arange(30), "greater") == pytest.approx(
+        stats.wilcoxon(means, alternative="greater").pvalue
+    )
+    assert signed_rank(np.zeros(20), np.arange(20)) == 1.0

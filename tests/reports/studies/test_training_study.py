@@ -54,7 +54,9 @@ def test_differences_are_paired_by_seed_and_sample(tmp_path: Path) -> None:
         row = found[scenario, "psnr"]
         assert row["each_seed"] == pytest.approx([effect, effect + 0.01, effect + 0.02])
         assert row["difference"] == pytest.approx(effect + 0.01)
-        assert effect - 1e-9 <= row["low"] < row["difference"] < row["high"] <= effect + 0.02 + 1e-9
+        half = 4.302653 * 0.01 / np.sqrt(3)  # Student's t with 2 degrees of freedom
+        assert row["low"] == pytest.approx(effect + 0.01 - half, abs=1e-6)
+        assert row["high"] == pytest.approx(effect + 0.01 + half, abs=1e-6)
         assert (row["physics"], row["n"]) == ("fem", 40)
     assert summary(tmp_path)["training_hours"] == 3.0  # six trainings of half an hour
     assert "| easy | fem | psnr |" in (tmp_path / "summary.md").read_text()
