@@ -16,6 +16,9 @@ CellStatistic = Callable[[pd.DataFrame, NDArray[np.float64]], NDArray[np.float64
 """Maps the rows of a cell (n) and how often each is drawn (b, n) to a figure in each draw (b,)."""
 
 
+Best = Literal["max", "min"]
+
+
 @dataclass(frozen=True)
 class MetricSpec:
     """Everything that statistics, tables and documents know of a metric.
@@ -41,7 +44,7 @@ class MetricSpec:
     title: str
     formula: str
     domain: str
-    best: Literal["max", "min"]
+    best: Best
     traps: str
     form: str
     unit: str = "1"

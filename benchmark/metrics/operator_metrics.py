@@ -37,19 +37,15 @@ class Standard:
             )
         return cls(voltages.mean(axis=0), std)
 
-    def __call__(self, voltages: Array) -> Array:
-        """`voltages` (..., M) standardised."""
-        return np.asarray((voltages - self.mean) / self.std)
-
 
 def mse(truth: Array, estimate: Array, standard: Standard) -> Array:
     """Mean squared error (n,) of standardised voltages; `truth` and `estimate` (n, M) [V/A]."""
     return np.asarray(np.mean(((estimate - truth) / standard.std) ** 2, axis=1))
 
 
-def correlation(truth: Array, estimate: Array, standard: Standard) -> float:
-    """Pearson correlation of standardised voltages (n, M) over all values; NaN if undefined."""
-    z, y = (standard(voltages).ravel() for voltages in (truth, estimate))
+def correlation(truth: Array, estimate: Array, reference: Array) -> float:
+    """Pearson correlation of responses v - reference (n, M) over all values; NaN if undefined."""
+    z, y = ((voltages - reference).ravel() for voltages in (truth, estimate))
     if not len(z):
         return float("nan")
     z, y = z - z.mean(), y - y.mean()
@@ -106,13 +102,15 @@ _SPECS = (
     _metric(
         "r",
         "R",
-        formula="Pearson correlation of y and z over all samples and measurements at once",
+        formula="Pearson correlation of w - v0 and v - v0 in V/A, v0 of the untouched sensor, over "
+        "all samples and measurements at once",
         best="max",
         mask=_ALL_VOLTAGES,
         aggregate=None,
         form=".5f",
         traps="Blind to a common scale and offset. Close to 1 it hardly moves: 0.97 and 0.995 "
-        "are an error six times as large in MSE. Not defined where all answers are alike.",
+        "are an error six times as large in MSE. The large responses beside the drive rule it. "
+        "Not defined where all answers are alike.",
     ),
     _metric(
         "rel_error",

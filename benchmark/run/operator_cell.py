@@ -245,4 +245,4 @@ class OperatorCellTask(CellTask):
         table.loc[valid, "rel_error"] = relative_error(truth, estimate)
         for name in ("grad_cosine", "grad_undefined", "forward_ms", "grad_ms"):
             table[name] = stored.values[name]
-        return table, {"r": correlation(truth, estimate, data.standard)}
+        return table, {"r": correlation(truth, estimate, data.reference)}

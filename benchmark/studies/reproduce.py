@@ -11,7 +11,7 @@ from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.suites.suite import load_suite
 
 CLAIMED_METHODS = ("noser", "tv", "dnn", "phydnn")
-CLAIMED_OPERATORS = ("surrogate", "jacobian")
+CLAIMED_OPERATORS = ("surrogate", "jacobian", "fem")
 SCENARIOS = ("paper",)
 
 

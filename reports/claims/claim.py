@@ -1,63 +1,72 @@
 """Published claims, their verdicts, and the findings of their evaluation."""
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import Literal
 
+from eitbench.benchmark.metrics.metric_spec import Best
 from eitbench.benchmark.metrics.statistics import Interval
 from eitbench.reports.claims.evidence import Evidence, NotMeasuredError
 
-Best = Literal["max", "min"]
-
 
 class Verdict(StrEnum):
-    """Results of testing a published claim."""
+    """Results of testing a published claim or one of its figures."""
 
     holds = "holds"
     in_part = "holds in part"
     fails = "does not hold"
+    undecided = "undecided"
     untestable = "not testable"
 
 
+LEAST_SAMPLES = 100
+"""Fewer test samples decide nothing: their intervals are too narrow, and their phantoms few."""
+
+
 @dataclass(frozen=True)
-class Tolerance:
-    """Largest allowed distance of a figure from a published one.
+class Range:
+    """Values that meet a claim; the ends themselves decide nothing."""
 
-    Attributes:
-        absolute: in the figure's unit.
-        relative: as a share of the published figure.
+    low: float = -math.inf
+    high: float = math.inf
+
+    def test(self, interval: Interval, n: int) -> Verdict:
+        """Test a figure by its whole interval: one that holds an end of the range is undecided."""
+        if n < LEAST_SAMPLES or not math.isfinite(interval.low + interval.high):
+            return Verdict.undecided
+        if self.low < interval.low and interval.high < self.high:
+            return Verdict.holds
+        outside = interval.high < self.low or self.high < interval.low
+        return Verdict.fails if outside else Verdict.undecided
+
+
+def around(published: float, *, absolute: float = 0.0, relative: float = 0.0) -> Range:
+    """Return the values as far from `published` as is allowed, on either side."""
+    room = absolute + relative * abs(published)
+    return Range(published - room, published + room)
+
+
+def towards(best: Best, allowed: Range) -> Range:
+    """Return the values in the `allowed` range and better ones."""
+    return Range(allowed.low) if best == "max" else Range(high=allowed.high)
+
+
+def better(best: Best) -> Range:
+    """Return the differences that are for the better; 0 is none."""
+    return Range(low=0.0) if best == "max" else Range(high=0.0)
+
+
+def together(verdicts: Sequence[Verdict]) -> Verdict:
+    """Return the verdict on a claim of several tested figures.
+
+    It holds in part where one figure holds and another does not; else it is undecided as long as
+    one of them is.
     """
-
-    absolute: float = 0.0
-    relative: float = 0.0
-
-
-def agrees(ours: float, published: float, tolerance: Tolerance) -> bool:
-    """True if `ours` lies within the tolerance of `published`, on either side."""
-    return abs(ours - published) <= tolerance.absolute + tolerance.relative * abs(published)
-
-
-def reaches(ours: float, published: float, tolerance: Tolerance, best: Best) -> bool:
-    """True if `ours` is as good as `published` within the tolerance, or better."""
-    return agrees(ours, published, tolerance) or better(ours - published, best)
-
-
-def better(difference: float, best: Best) -> bool:
-    """True if a `difference` is one for the better."""
-    return difference > 0 if best == "max" else difference < 0
-
-
-def surely_better(difference: Interval, best: Best) -> bool:
-    """True if the whole interval of a `difference` lies on the better side of 0."""
-    return better(difference.low, best) and better(difference.high, best)
-
-
-def together(met: Sequence[bool]) -> Verdict:
-    """Return the verdict on a claim of several figures: all, some or none of them met."""
-    if all(met):
-        return Verdict.holds
-    return Verdict.in_part if any(met) else Verdict.fails
+    found = set(verdicts)
+    if {Verdict.holds, Verdict.fails} <= found:
+        return Verdict.in_part
+    return found.pop() if len(found) == 1 else Verdict.undecided
 
 
 @dataclass(frozen=True)
@@ -66,17 +75,17 @@ class Figure:
 
     Attributes:
         name: what is measured, with its unit.
-        published: text where no number is known to us; None where nothing is.
+        published: None where no number is printed.
         ours: None where it was not measured.
         interval: ends of the 95 % interval of `ours`, if it has one.
-        met: True if ours meets the rule of the claim; None where it was not tested.
+        verdict: of this figure alone; None where it was not tested.
     """
 
     name: str
-    published: float | str | None
+    published: float | None
     ours: float | None = None
-    interval: tuple[float, float] | None = None
-    met: bool | None = None
+    interval: list[float] | None = None
+    verdict: Verdict | None = None
 
 
 @dataclass(frozen=True)

@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 from eitbench.benchmark import InputError
 from eitbench.benchmark.analysis.leaderboard import Row, leaderboard_rows
 from eitbench.benchmark.analysis.results import Run, failures
-from eitbench.benchmark.rundir.kinds import METHOD_RUNS, RunKind
+from eitbench.benchmark.rundir.kinds import RunKind
 from eitbench.reports.studies.summaries import StudySummary
 
 SCENARIO = "paper"
-SUITES = {"method": "paper", "operator": "operators"}  # others may call another scenario so
+# Suites of one's own may call other scenarios so.
+SUITES = {"method": ("paper", "noise", "shapes", "presses"), "operator": ("operators",)}
 
 
 class NotMeasuredError(Exception):
@@ -39,8 +40,10 @@ class Measured:
     def conditions(self) -> str:
         """Description of the samples and their mesh."""
         which = "all" if self.run.manifest["plan"]["limit"] is None else "the first"
-        crime = ", from the mesh that is inverted with (inverse crime)"
-        text = f"{which} {len(self.samples):,} test samples of {SCENARIO!r}"
+        text = f"{which} {len(self.samples):,} test samples of {self.row['scenario']!r}"
+        if self.row["scenario"] == SCENARIO:
+            text += "; sizes of phantoms are ours, since the paper does not state its own"
+        crime = "; from the mesh that is inverted with (inverse crime)"
         return text + crime if self.row["inverse_crime"] else text
 
     @property
@@ -50,19 +53,33 @@ class Measured:
 
 
 class Evidence:
-    """Runs and, by name, summaries of studies: looks measurements up."""
+    """Runs, summaries of studies by name, and learning curves by method: looks them up."""
 
     def __init__(
-        self, runs: Sequence[Run], studies: Mapping[str, StudySummary] | None = None
+        self,
+        runs: Sequence[Run],
+        studies: Mapping[str, StudySummary] | None = None,
+        curves: Mapping[str, pd.DataFrame] | None = None,
     ) -> None:
         self._runs = runs
         self._studies = studies or {}
+        self._curves = curves
         self._rows = [
             (run, row)
             for run in runs
             for row in leaderboard_rows([run])
-            if row["scenario"] == SCENARIO and row["suite"] == SUITES[run.kind.name]
+            if row["suite"] in SUITES[run.kind.name]
         ]
+
+    def curves(self) -> Mapping[str, pd.DataFrame]:
+        """Return the learning curves of "dnn" and "phydnn".
+
+        Raises:
+            NotMeasuredError: one of them has no weights.
+        """
+        if self._curves is None:
+            raise NotMeasuredError("There are no learning curves of DNN and PhyDNN here.")
+        return self._curves
 
     def study(self, name: str) -> StudySummary:
         """Return the summary of the study called `name`.
@@ -74,24 +91,28 @@ class Evidence:
             raise NotMeasuredError(f"There is no study {name!r} here.")
         return self._studies[name]
 
-    def of(self, kind: RunKind, name: str) -> Measured:
-        """Return the measurements of the method or operator `name`.
+    def of(self, kind: RunKind, name: str, scenario: str = SCENARIO) -> Measured:
+        """Return the measurements of the method or operator `name` on a scenario.
 
         Raises:
             NotMeasuredError: no run holds it whole, or it failed.
             InputError: several runs hold it.
         """
-        holders = [(run, row) for run, row in self._rows if row.get(kind.name) == name]
+        holders = [
+            (run, row)
+            for run, row in self._rows
+            if row.get(kind.name) == name and row["scenario"] == scenario
+        ]
         if not holders:
-            raise NotMeasuredError(self._why_missing(kind, name))
+            raise NotMeasuredError(self._why_missing(kind, name, scenario))
         if len(holders) > 1:
             raise InputError(
                 f"{holders[0][0].path} and {holders[1][0].path} both hold the {kind.name} "
-                f"{name!r} on {SCENARIO!r}: give only one of them."
+                f"{name!r} on {scenario!r}: give only one of them."
             )
         run, row = holders[0]
         table = run.samples
-        samples = table[(table["scenario"] == SCENARIO) & (table[kind.name] == name)]
+        samples = table[(table["scenario"] == scenario) & (table[kind.name] == name)]
         if row["coverage"] < 1:
             raise NotMeasuredError(f"{failures(replace(run, samples=samples))[0].rstrip('.')}.")
         if row["data_n"] != len(samples):
@@ -101,22 +122,27 @@ class Evidence:
             )
         return Measured(run, row, samples)
 
-    def _why_missing(self, kind: RunKind, name: str) -> str:
+    def _why_missing(self, kind: RunKind, name: str, scenario: str) -> str:
         for run in self._runs:
-            if reason := run.manifest.get("skipped", {}).get(f"{SCENARIO}/{name}"):
+            if reason := run.manifest.get("skipped", {}).get(f"{scenario}/{name}"):
                 return str(reason)
-        return f"No run holds the {kind.name} {name!r} on {SCENARIO!r}."
+        return f"No run holds the {kind.name} {name!r} on {scenario!r}."
 
     def paired(
-        self, first: str, second: str, names: Sequence[str]
+        self,
+        kind: RunKind,
+        first: str,
+        second: str,
+        names: Sequence[str],
+        scenario: str = SCENARIO,
     ) -> tuple[Measured, NDArray[np.float64]]:
-        """Figures `names` (k) of method `first` minus those of `second`, per sample: (n, k).
+        """Figures `names` (k) of `first` minus those of `second`, per sample: (n, k).
 
         Raises:
             NotMeasuredError: one of them was not measured, or not on the same frames.
             InputError: as `of`.
         """
-        one, other = self.of(METHOD_RUNS, first), self.of(METHOD_RUNS, second)
+        one, other = (self.of(kind, name, scenario) for name in (first, second))
         keys = ["sample", "input_hash"]
         both = one.samples.merge(other.samples, on=keys, suffixes=("", "_other"))
         if not len(one.samples) == len(other.samples) == len(both):

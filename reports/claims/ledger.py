@@ -1,22 +1,24 @@
 """The claim ledger as plain values: every published claim with its verdict, and their evidence."""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypedDict
 
 from eitbench.benchmark.analysis.results import Run, read_run
 from eitbench.benchmark.rundir import manifest
+from eitbench.benchmark.studies.readings import FILE_NAME as READINGS
 from eitbench.reports.claims.claim import Verdict
-from eitbench.reports.claims.classical_rows import ClassicalReadings, classical_readings
 from eitbench.reports.claims.evidence import SCENARIO, Evidence
 from eitbench.reports.claims.published_claims import CLAIMS
+from eitbench.reports.claims.published_rows import ReadRow, read_rows
 from eitbench.reports.studies.summaries import StudySummary, read_study
 from eitbench.reports.tables.columns import printable
 from eitbench.reports.tables.published import PAPER
 
 if TYPE_CHECKING:
+    import pandas as pd
     from rich.table import Table
 
 
@@ -60,20 +62,26 @@ class Ledger(TypedDict):
     summary: dict[str, int]
     claims: list[LedgerEntry]
     studies: list[StudySummary]
-    readings: ClassicalReadings
+    readings: list[ReadRow]
     runs: list[LedgerRun]
 
 
-def claim_ledger(runs: Sequence[Path], studies: Sequence[Path] = ()) -> Ledger:
-    """Test every published claim on the run directories and studies.
+def claim_ledger(
+    runs: Sequence[Path],
+    studies: Sequence[Path] = (),
+    curves: "Mapping[str, pd.DataFrame] | None" = None,
+) -> Ledger:
+    """Test every published claim on the run directories, studies and learning curves.
 
     Raises:
         InputError: a path is no run directory or no study, or several runs hold the same method.
         DataCorruptError: a file of a run is damaged.
     """
     read = [read_run(path) for path in runs]
-    summaries = {summary["study"]: summary for summary in map(read_study, studies)}
-    evidence = Evidence(read, summaries)
+    readings = [path for path in studies if (path / READINGS).is_file()]
+    others = [path for path in studies if path not in readings]
+    summaries = {summary["study"]: summary for summary in map(read_study, others)}
+    evidence = Evidence(read, summaries, curves)
     findings = [(claim, claim.finding(evidence)) for claim in CLAIMS]
     counted = Counter(finding.verdict for _, finding in findings)
     return Ledger(
@@ -96,7 +104,7 @@ def claim_ledger(runs: Sequence[Path], studies: Sequence[Path] = ()) -> Ledger:
             for claim, finding in findings
         ],
         studies=[summaries[name] for name in sorted(summaries)],
-        readings=classical_readings(evidence),
+        readings=read_rows(readings[-1]) if readings else [],
         runs=[_origin(run) for run in read],
     )
 
@@ -135,5 +143,6 @@ _STYLES: dict[str, str] = {
     Verdict.holds: "bold green",
     Verdict.in_part: "bold yellow",
     Verdict.fails: "bold red",
+    Verdict.undecided: "bold",
     Verdict.untestable: "dim",
 }

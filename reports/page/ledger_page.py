@@ -9,15 +9,15 @@ from pathlib import Path
 from markupsafe import Markup
 
 from eitbench.benchmark import EitbenchError, InputError
-from eitbench.benchmark.analysis.difference_images import FIGURES
 from eitbench.benchmark.metrics.specs import METRICS
 from eitbench.reports.claims.ledger import Ledger
+from eitbench.reports.claims.rules import IMAGE_METRICS
 from eitbench.reports.page.rendering import render
 from eitbench.reports.studies.summaries import training_budget
 from eitbench.reports.tables.leaderboard import FORMATS, ranked_rows
 
 FILES = {"md": "claims.md", "json": "claims.json", "html": "claims.html"}
-_TITLES = {name: METRICS[name].heading for name in FIGURES}
+_TITLES = {name: METRICS[name].heading for name in IMAGE_METRICS}
 
 
 @dataclass(frozen=True)

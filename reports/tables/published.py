@@ -9,21 +9,20 @@ PAPER = "PhyDNN, Physics-Driven Learning Framework for Tomographic Tactile Sensi
 Table = Mapping[str, Mapping[str, float]]
 """Figures by the name of an operator or method, then by the column they stand in."""
 
-# Standardised MSE and correlation R of forward operators.
+# Mean squared error and correlation R of forward operators, of voltages in a unit not stated.
 TABLE_I: Table = {
     "surrogate": {"mse": 2.57e-3, "r": 0.99498},
     "jacobian": {"mse": 1.62e-2, "r": 0.97123},
 }
 RATIO = TABLE_I["jacobian"]["mse"] / TABLE_I["surrogate"]["mse"]
-# Of methods only these figures are known to us; the paper's table has more rows and columns.
 TABLE_II: Table = {
-    "phydnn": {"ssim": 0.9754, "cc": 0.9875, "rie": 0.0295, "psnr": 33.12},
-    "noser": {"rie": 1.21, "psnr": -1.08},
-    "tv": {"rie": 1.57, "psnr": -3.35},
+    "noser": {"ssim": -0.0127, "cc": 0.1207, "rie": 1.2130, "psnr": -1.0795},
+    "tv": {"ssim": -0.3570, "cc": 0.0696, "rie": 1.5661, "psnr": -3.3490},
+    "dnn": {"ssim": 0.9754, "cc": 0.9875, "rie": 0.0295, "psnr": 33.1230},
+    "phydnn": {"ssim": 0.9765, "cc": 0.9880, "rie": 0.0290, "psnr": 33.2950},
 }
 BETA = 0.0029
-"""The weight of the physical loss that was found to be the best of 52."""
-SSIM_IN_WORDS = "near or below 0"  # all that is known to us of the SSIM of NOSER and TV
+"""The weight of the physical loss that was found to be the best of 52, for sums of squares."""
 
 # The scenarios whose phantoms follow the paper, by what is ranked on them.
 _TABLES: Mapping[str, tuple[Table, tuple[str, ...]]] = {
@@ -55,10 +54,7 @@ def comparison(board: Sequence[Row]) -> list[str]:
         return _of_operators(board, of_paper)
     if not of_paper:
         return []
-    notes = [
-        f"published: {PAPER}, on its own data; only the figures shown are known to us, and that "
-        f"the SSIM of NOSER and TV is {SSIM_IN_WORDS}"
-    ]
+    notes = [f"published: {PAPER}, Table II, on its own data"]
     if board[0]["inverse_crime"]:
         notes.append("the data come from the mesh that methods invert with (inverse crime)")
     return notes
@@ -70,7 +66,8 @@ def _ranked(board: Sequence[Row]) -> str:
 
 def _of_operators(board: Sequence[Row], of_paper: bool) -> list[str]:
     notes = [
-        "MSE and R: every measurement standardised over the clean voltages of the validation split",
+        "MSE: every measurement standardised over the clean voltages of the validation split; R: "
+        "of the responses to the touch",
     ]
     if of_paper:
         notes.append(

@@ -116,20 +116,24 @@ def edited_manifest(run: Path) -> Iterator[dict[str, Any]]:
     (run / "manifest.json").write_text(json.dumps(content))
 
 
-def write_operators(run: Path, mse: dict[str, float], suite: str = "operators") -> Path:
+def write_operators(run: Path, mse: dict[str, float], suite: str = "operators", n: int = 4) -> Path:
     """Write what a run of operators on the paper's scenario leaves, each with this MSE."""
     run.mkdir()
-    n = 4
     samples = [
         pd.DataFrame(
             {
                 "suite": suite, "scenario": "paper", "operator": name, "sample": np.arange(n),
-                "status": "ok", "message": "", "mse": value * np.array([0.5, 1.5, 0.5, 1.5]),
+                "input_hash": [f"h{k}" for k in range(n)], "status": "ok", "message": "",
+                "mse": value * np.tile([0.5, 1.5], n // 2),
+                "grad_cosine": np.full(n, 0.9),
             }
         )
         for name, value in mse.items()
     ]  # fmt: skip
-    cells = [{"scenario": "paper", "operator": name, "r": 1 - value} for name, value in mse.items()]
+    cells = [
+        {"scenario": "paper", "operator": name, "r": 1 - value, "grad_ms": 3.0}
+        for name, value in mse.items()
+    ]
     write_manifest(run, suite, {"paper": {"hash": "c0ffee", "n": n, "inverse_crime": True}})
     pd.concat(samples).to_parquet(run / "samples.parquet")
     pd.DataFrame(cells).to_parquet(run / "operators.parquet")

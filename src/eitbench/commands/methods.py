@@ -148,6 +148,22 @@ def study(
         typer.echo(str(path))
 
 
+@app.command("readings", epilog="Example: eitbench readings --jobs 2 --out runs/readings")
+def readings_command(
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Where the figures go.")],
+    samples: Annotated[int, typer.Option(min=2, help="Test samples that are read.")] = 120,
+    jobs: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
+) -> None:
+    """Score NOSER and TV with every simple mistake that the published rows could rest on."""
+    from eitbench.benchmark.studies.readings import published_readings, write_readings
+    from eitbench.reports.tables.published import TABLE_II
+
+    rows = {method: TABLE_II[method] for method in ("noser", "tv")}
+    table = published_readings(rows, samples=samples, jobs=jobs)
+    typer.echo(f"Readings: {write_readings(table, samples, out)}")
+    typer.echo(f"Next: eitbench reproduce --study {out}")
+
+
 @app.command("real-trained", epilog="Example: eitbench real-trained --jobs 2 --out runs/presses")
 def real_trained_command(
     out: Annotated[Path, typer.Option(metavar="DIR", help="Where the errors and figure go.")],

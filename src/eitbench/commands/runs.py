@@ -197,8 +197,10 @@ def reproduce(
     """Compare the published claims with own measurements, and write the claim ledger."""
     from eitbench.benchmark.run.progress import RunProgress
     from eitbench.benchmark.studies.reproduce import run_claims
+    from eitbench.benchmark.studies.training_study import paper_curves
     from eitbench.reports.claims.ledger import claim_ledger, table
     from eitbench.reports.page.ledger_page import write_ledger
+    from eitbench.scenarios.errors import InputError
 
     if runs and limit is not None:
         raise typer.BadParameter("--runs are used as they are: leave out --limit")
@@ -207,7 +209,11 @@ def reproduce(
         runs = run_claims(folder, limit=limit, jobs=jobs, progress=RunProgress())
         for path in runs:
             _complete(path)
-    ledger = claim_ledger(runs, study or ())
+    try:
+        curves = paper_curves()
+    except InputError:
+        curves = None  # one of the networks has no weights
+    ledger = claim_ledger(runs, study or (), curves)
     written = write_ledger(ledger, runs, folder)
     print_renderable(table(ledger))
     for path in written:

@@ -37,25 +37,23 @@ def test_the_published_methods_stand_below_ours(
     form: str, rows: list[dict[str, Any]], printed: Callable[..., str]
 ) -> None:
     text = printed(rows, form)
-    places = [text.index(f"{name} (published)") for name in ("phydnn", "noser", "tv")]
+    places = [text.index(f"{name} (published)") for name in ("noser", "tv", "dnn", "phydnn")]
     assert text.index("noser") < min(places)
     assert places == sorted(places)
-    for figure in ("0.975", "0.0295", "33.12", "1.2100", "-1.08", "1.5700", "-3.35"):
+    for figure in ("0.975", "0.0295", "0.0290", "33.12", "1.2130", "-1.08", "-3.35"):
         assert figure in text
     plain = text.replace("\\", "")
-    assert "only the figures shown are known to us" in plain
-    assert "the SSIM of NOSER and TV is near or below 0" in plain
+    assert "Table II, on its own data" in plain
     assert "inverse crime" in plain
 
 
 def test_what_is_not_known_is_none(rows: list[dict[str, Any]]) -> None:
     published = {row["method"].split(" ")[0]: row for row in published_rows(rows)}
-    assert set(published) == {"phydnn", "noser", "tv"}
+    assert set(published) == {"phydnn", "dnn", "noser", "tv"}
     for name, row in published.items():
         assert set(row) == set(rows[0])
         known = {key for key, value in row.items() if value is not None}
         assert known == {"method", *TABLE_II[name]}
-    assert published["noser"]["ssim"] is None
     assert published["phydnn"]["score"] is None
 
 
