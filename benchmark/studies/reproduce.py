@@ -10,15 +10,14 @@ from eitbench.benchmark.rundir.plan import Plan, make_plan, read_resumable
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.suites.suite import load_suite
 
-CLAIMED_METHODS = ("noser", "tv", "dnn", "phydnn")
-CLAIMED_OPERATORS = ("surrogate", "jacobian", "fem")
-SCENARIOS = ("paper",)
+METHODS = ("noser", "tv", "dnn", "phydnn")
+OPERATORS = ("surrogate", "jacobian", "fem")
 
 
 def run_claims(
     out: Path, *, limit: int | None = None, jobs: int = 1, progress: RunProgress | None = None
 ) -> list[Path]:
-    """Run the methods and operators of the published tables, each suite into its folder in `out`.
+    """Run what the claims are about in simulation, each suite into its folder in `out`.
 
     A stopped run is continued; a finished one is taken as it is.
 
@@ -47,10 +46,11 @@ def run_claims(
 
 
 def _plans(limit: int | None) -> Sequence[Plan]:
-    paper, operators = load_suite("paper"), load_suite("operators")
+    networks = [load_suite(name) for name in ("shapes", "noise")]
     return (
-        make_plan(paper, methods=CLAIMED_METHODS, scenarios=SCENARIOS, limit=limit),
-        make_plan(operators, operators=CLAIMED_OPERATORS, scenarios=SCENARIOS, limit=limit),
+        make_plan(load_suite("paper"), methods=METHODS, scenarios=["paper"], limit=limit),
+        make_plan(load_suite("operators"), operators=OPERATORS, scenarios=["paper"], limit=limit),
+        *(make_plan(suite, methods=["dnn", "phydnn"], limit=limit) for suite in networks),
     )
 
 

@@ -155,7 +155,7 @@ CLAIMS = (
         "Table II",
         "The physical loss makes PhyDNN better than DNN, whatever the seed of the training.",
         rules.difference_figures("PhyDNN minus DNN"),
-        f"differences paired by seed and sample, intervals over both; {_INTERVALS}",
+        f"differences on the same samples, Student's intervals over the seeds; {_INTERVALS}",
         "eitbench study physics --out runs/physics && eitbench reproduce --study runs/physics",
         rules.phydnn_over_dnn_with_seeds,
     ),
