@@ -4,13 +4,13 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, TypedDict
 
+from eitbench.benchmark import DataCorruptError
 from eitbench.benchmark.analysis.results import read_json
 from eitbench.benchmark.metrics.statistics import Interval
 from eitbench.benchmark.studies.readings import FILE_NAME
 from eitbench.reports.claims.claim import LEAST_SAMPLES, Verdict, around
 from eitbench.reports.claims.rules import IMAGE_METRICS, LABELS, TOLERANCES
 from eitbench.reports.tables.published import TABLE_II
-from eitbench.scenarios.errors import DataCorruptError
 
 SHOWN = 8
 """Readings of each method that are printed, those that reproduce most figures first."""
