@@ -45,7 +45,8 @@ def ssim(
     Source: Wang et al., IEEE Trans. Image Process. 13 (2004) 600, eq. 13.
 
     Args:
-        truth, estimate: (n, H, W) [S/m].
+        truth: (n, H, W) [S/m].
+        estimate: (n, H, W) [S/m].
         data_range: range of conductivity L [S/m]; the constants are (0.01 L)^2 and (0.03 L)^2.
         mask: (H, W) pixels of the sensor; all by default.
         window: side of the window [pixels], odd.
