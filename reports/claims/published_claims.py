@@ -112,23 +112,16 @@ CLAIMS = (
             "Table II",
             f"{rules.LABELS[name]} reconstructs clean test frames this well.",
             rules.row_figures(name),
-            f"as good as published or better: {_WITHIN}; {_INTERVALS}",
+            f"{rule}: {_WITHIN}; {_INTERVALS}",
             _PAPER,
-            partial(rules.learned_row, name),
+            partial(rules.table_row, name),
         )
-        for name in ("phydnn", "dnn")
-    ),
-    *(
-        Claim(
-            f"table2-{name}",
-            "Table II",
-            f"{rules.LABELS[name]}'s images of clean test frames score this.",
-            rules.row_figures(name),
-            f"as published, neither better nor worse: {_WITHIN}; {_INTERVALS}",
-            _PAPER,
-            partial(rules.classical_row, name),
+        for name, rule in (
+            ("phydnn", "as good as published or better"),
+            ("dnn", "as good as published or better"),
+            ("noser", "as published, neither better nor worse"),
+            ("tv", "as published, neither better nor worse"),
         )
-        for name in ("noser", "tv")
     ),
     Claim(
         "learned-over-classical",

@@ -9,7 +9,7 @@ from eitbench.benchmark.analysis.results import read_json
 from eitbench.benchmark.metrics.statistics import Interval
 from eitbench.benchmark.studies.readings import FILE_NAME
 from eitbench.reports.claims.claim import LEAST_SAMPLES, Verdict, around
-from eitbench.reports.claims.rules import IMAGE_METRICS, LABELS, TOLERANCES
+from eitbench.reports.claims.rules import CLASSICAL, IMAGE_METRICS, LABELS, TOLERANCES
 from eitbench.reports.tables.published import TABLE_II
 
 SHOWN = 8
@@ -42,7 +42,7 @@ def read_rows(folder: Path) -> list[ReadRow]:
     try:
         return [
             _row(method, [row for row in content["rows"] if row["method"] == method], content)
-            for method in ("noser", "tv")
+            for method in CLASSICAL
         ]
     except (KeyError, TypeError, ValueError) as error:
         raise DataCorruptError(f"{folder / FILE_NAME} is damaged: run the study again.") from error
