@@ -8,7 +8,8 @@ import importlib.util
 import sys
 import warnings
 from collections.abc import Callable
-from importlib.metadata import entry_points
+from functools import cache
+from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import TYPE_CHECKING, Generic, NamedTuple, TypeVar
 
@@ -25,6 +26,12 @@ FORBIDDEN = set("/\\,")  # paths inside a run directory, and the separator of --
 
 Base = TypeVar("Base", Method, Operator)
 AnyClass = TypeVar("AnyClass", bound=type)
+
+
+@cache
+def installed(group: str) -> tuple[EntryPoint, ...]:
+    """Members that installed packages offer; packages do not change while a process runs."""
+    return tuple(entry_points(group=group))
 
 
 class Registry(Generic[Base]):
@@ -86,7 +93,7 @@ class Registry(Generic[Base]):
     def known(self) -> dict[str, type[Base]]:
         """Every member: built in, installed (entry-point group), loaded from a file."""
         self.import_built_in()
-        for point in entry_points(group=self.group):
+        for point in installed(self.group):
             try:
                 loaded = point.load()
             except Exception as error:  # a broken plugin must not take the others down

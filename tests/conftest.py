@@ -33,9 +33,19 @@ def pytest_xdist_auto_num_workers() -> int:
 
 @pytest.fixture(scope="session", autouse=True)
 def own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """No test reads or fills the user's cache."""
+    """No test reads or fills the user's cache; the processes of a test run share one."""
+    base = tmp_path_factory.getbasetemp()
+    shared = base.parent if "PYTEST_XDIST_WORKER" in os.environ else base
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("EITBENCH_CACHE", str(tmp_path_factory.mktemp("cache")))
+        patch.setenv("EITBENCH_CACHE", str(shared / "cache"))
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def times_of_one_frame() -> Iterator[None]:
+    """Runs of tests time one frame of each method, not up to a second of frames."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("eitbench.benchmark.run.method_cell.WARM_SECONDS", 0.0)
         yield
 
 

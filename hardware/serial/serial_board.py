@@ -26,6 +26,7 @@ _PATIENCE_S = 3.0  # a board that sends no frame for so long, though bytes, is l
 _SILENCE_S = 5.0  # a board that was started sends something within this time
 _LISTEN_S = 0.5  # as long as it is listened to at another rate
 _ANSWER_S = 1.0  # a board answers a command within this time
+_WRITE_S = 1.0  # a board takes a command within this time
 
 
 class SerialBoard(Board):
@@ -69,7 +70,7 @@ class SerialBoard(Board):
                 self.port,
                 self.protocol.baud,
                 timeout=_POLL_S,
-                write_timeout=_ANSWER_S,
+                write_timeout=_WRITE_S,
                 exclusive=True if os.name == "posix" else None,
             )
         except OSError as error:  # pyserial's own errors are OSErrors

@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from numpy.typing import NDArray
+from scipy import stats
 
 from eitbench.benchmark.analysis.results import Run
 from eitbench.benchmark.analysis.standings import (
@@ -96,6 +97,33 @@ def test_pairs_tell_how_much_and_how_surely() -> None:
     tied = next(p for p in found.pairs if {names[p.first], names[p.second]} == {"best", "as-good"})
     assert tied.p > 0.05
     assert tied.low < 0 < tied.high
+
+
+@pytest.mark.parametrize("gain", [0.28, -0.34])
+def test_a_p_value_is_that_of_a_two_sided_paired_test(gain: float) -> None:
+    rng = np.random.default_rng(9)
+    shared, noise = rng.normal(25, 5, size=60), rng.normal(size=60)
+    noise -= noise.mean()
+    methods = {"one": shared + gain + noise, "other": shared}
+    (pair,) = standing(methods).pairs
+    expected = stats.ttest_rel(*methods.values()).pvalue
+    assert 0.005 < expected < 0.06
+    assert pair.p == pytest.approx(expected, rel=0.2)
+
+
+@pytest.mark.parametrize(("share", "ranks"), [(0.005, (1, 1)), (0.1, (1, 2)), (0.3, (1, 2))])
+def test_a_rank_interval_leaves_out_five_draws_of_a_hundred(
+    share: float, ranks: tuple[int, int]
+) -> None:
+    """The worse of two methods is the better one in about `share` of the draws."""
+    rng = np.random.default_rng(10)
+    shared, noise = rng.normal(25, 5, size=100), rng.normal(size=100)
+    noise = (noise - noise.mean()) / noise.std()
+    better = -stats.norm.ppf(share) / np.sqrt(len(noise))
+    first, second = standing({"one": shared + better + noise, "other": shared}).rows
+    assert second["first"] == pytest.approx(share, abs=0.03)
+    assert (first["rank_low"], first["rank_high"]) == ranks
+    assert (second["rank_low"], second["rank_high"]) == (3 - ranks[1], 2)
 
 
 def test_frames_of_the_same_phantom_do_not_count_as_many() -> None:

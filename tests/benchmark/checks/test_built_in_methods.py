@@ -8,6 +8,8 @@ from eitbench.methods.registry import METHOD_REGISTRY, methods
 
 # A network is fitted to every frame: minutes on one core.
 LONG = {"dip"}
+# Peers that share their code with one that is always checked.
+ALIKE = {"pyeit-bp", "pyeit-greit"}
 
 BUILT_IN = [name for name, cls in methods().items() if cls.__module__.startswith("eitbench.")]
 
@@ -21,7 +23,7 @@ SLOW = [pytest.mark.slow, pytest.mark.timeout(1800)]
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(n, marks=SLOW) if n in LONG else n for n in BUILT_IN]
+    "name", [pytest.param(n, marks=SLOW) if n in LONG | ALIKE else n for n in BUILT_IN]
 )
 def test_a_built_in_method_keeps_the_contract(name: str) -> None:
     if why := methods()[name].unusable(OWN_GRID.nominal_sensor):

@@ -14,7 +14,7 @@ import pytest
 pytest.importorskip("distributed")
 
 from distributed import Client
-from tests.benchmark.waiting import wait_for
+from tests.support.waiting import wait_for
 
 from eitbench.benchmark.run import executors as execution
 from eitbench.benchmark.run.runner import (
@@ -88,7 +88,7 @@ def machines(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Machines]:
 def longer(suite: Suite) -> Suite:
     """Some seconds of work for a method that takes its time."""
     (scenario,) = suite.scenarios
-    return suite.model_copy(update={"scenarios": (scenario.model_copy(update={"test": 40}),)})
+    return suite.model_copy(update={"scenarios": (scenario.model_copy(update={"test": 20}),)})
 
 
 @pytest.fixture(scope="module")
@@ -120,6 +120,7 @@ def test_a_cluster_gives_the_same_bits_batch_by_batch(
     assert (there / "logs" / "tiny--toy-nan.log").is_file()
 
 
+@pytest.mark.slow
 def test_a_cluster_has_what_operators_are_compared_with(
     machines: Machines, same_results: SameResults, tmp_path: Path
 ) -> None:

@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 import psutil
 import pytest
-from tests.benchmark.waiting import has_ended, wait_for
+from tests.support.waiting import has_ended, wait_for
 
 from eitbench.benchmark.run.runner import make_plan, start_run
 from eitbench.benchmark.workers.process import start_process

@@ -13,7 +13,7 @@ from typing import Any
 import pandas as pd
 import psutil
 import pytest
-from tests.benchmark.waiting import wait_for
+from tests.support.waiting import wait_for
 
 from eitbench.benchmark.run import method_cell
 from eitbench.benchmark.run.runner import RunResult, make_plan, resume_run, start_run
@@ -188,20 +188,24 @@ def _text(file: Path) -> str:
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="needs signals: run on Linux or macOS")
-def test_a_run_that_is_ended_leaves_no_process(toys: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    "number", [pytest.param(signal.SIGTERM, marks=pytest.mark.slow), signal.SIGKILL]
+)
+def test_a_run_that_is_ended_leaves_no_process(
+    number: signal.Signals, toys: Path, tmp_path: Path
+) -> None:
     suite = tmp_path / "tiny.toml"
     text = toys.with_name("tiny.toml").read_text()
     suite.write_text(text.replace("frame_limit_s = 2.0", "frame_limit_s = 600.0"))
     program = "from eitbench.cli import main; main()"
     command = [sys.executable, "-c", program, "run", str(suite), "--methods", "toy-hangs"]
-    for number in (signal.SIGTERM, signal.SIGKILL):
-        run = tmp_path / number.name
-        process = subprocess.Popen([*command, "--plugin", str(toys), "--out", str(run)])
-        log = run / "logs" / "tiny--toy-hangs.log"
-        worker = psutil.Process(int(wait_for(partial(_text, log))))
-        processes = [worker, *psutil.Process(process.pid).children(recursive=True)]
-        process.send_signal(number)
-        assert process.wait(60) == (130 if number == signal.SIGTERM else -signal.SIGKILL)
-        _, alive = psutil.wait_procs(processes, timeout=60)
-        assert not [p for p in alive if p.status() != psutil.STATUS_ZOMBIE]
-        assert (run / ".lock").exists() == (number == signal.SIGKILL)
+    run = tmp_path / "run"
+    process = subprocess.Popen([*command, "--plugin", str(toys), "--out", str(run)])
+    log = run / "logs" / "tiny--toy-hangs.log"
+    worker = psutil.Process(int(wait_for(partial(_text, log))))
+    processes = [worker, *psutil.Process(process.pid).children(recursive=True)]
+    process.send_signal(number)
+    assert process.wait(60) == (130 if number == signal.SIGTERM else -signal.SIGKILL)
+    _, alive = psutil.wait_procs(processes, timeout=60)
+    assert not [p for p in alive if p.status() != psutil.STATUS_ZOMBIE]
+    assert (run / ".lock").exists() == (number == signal.SIGKILL)

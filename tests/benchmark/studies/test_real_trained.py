@@ -37,6 +37,7 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(track, "_simulated", lambda scenario: presses(600, 3, 0.0))
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("quick")
 def test_errors_fall_with_the_presses_that_are_learned_from(tmp_path: Path) -> None:
     errors = real_trained("ohmc16")

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import psutil
 import pytest
-from tests.benchmark.waiting import has_ended, wait_for
+from tests.support.waiting import has_ended, wait_for
 
 from eitbench.benchmark.workers.method_service import MethodService, learning_splits
 from eitbench.benchmark.workers.worker import (

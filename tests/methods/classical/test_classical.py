@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from tests.support.small_sensors import clean_problem, touch
 
 from eitbench.methods import create
+from eitbench.methods.classical.linearisation import VARIABLES, Linearisation, Variable
 from eitbench.methods.classical.noser import noser_covariance
 from eitbench.scenarios.catalogue import sensor
 from eitbench.scenarios.errors import InputError
@@ -136,6 +137,19 @@ def test_an_offset_of_four_is_reconstructed_too() -> None:
     method.fit(p)
     image = method.reconstruct(forward_model(s).voltages(touch(s, (0.05, 0.05), 0.02, 0.7))[None])
     assert image[0, 8, 8] < 0.95
+
+
+@pytest.mark.parametrize("variable", VARIABLES)
+@pytest.mark.parametrize("background", [1.0, 0.3])
+def test_the_slope_is_the_derivative_of_conductivity(variable: Variable, background: float) -> None:
+    """Against central differences of the images, far from the background on both sides."""
+    p = clean_problem(replace(foam(12), background=background))
+    of = Linearisation(p, variable, 0.0)
+    n = int(p.mask.sum())
+    x = np.linspace(of.bounds[0] * 0.9, of.bounds[1] * 0.9, n)
+    step = 1e-5
+    more, less = (of.images((x + sign * step)[None])[0][p.mask] for sign in (1, -1))
+    np.testing.assert_allclose(of.slope(x), (more - less) / (2 * step), rtol=1e-7)
 
 
 def test_an_unknown_variable_is_refused() -> None:

@@ -107,6 +107,7 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
+@pytest.mark.slow
 def test_a_step_through_the_model_improves_the_image_of_a_network(
     cache: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -144,6 +145,7 @@ def test_a_step_through_the_model_improves_the_image_of_a_network(
         train(request)
 
 
+@pytest.mark.slow
 def test_a_network_improves_a_coarse_image(cache: Path) -> None:
     result = train(TrainingRequest("coarse-to-fine", suite_of(cache, TINY), epochs=16))
     assert result.in_use
