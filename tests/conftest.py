@@ -45,7 +45,8 @@ def own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
 def times_of_one_frame() -> Iterator[None]:
     """Runs of tests time one frame of each method, not up to a second of frames."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("eitbench.benchmark.run.method_cell.WARM_SECONDS", 0.0)
+        for name in ("WARM_SECONDS", "TAIL_SECONDS"):
+            patch.setattr(f"eitbench.benchmark.run.method_cell.{name}", 0.0)
         yield
 
 

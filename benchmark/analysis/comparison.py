@@ -27,14 +27,17 @@ from eitbench.benchmark.metrics.statistics import (
     student_t,
 )
 from eitbench.benchmark.rundir import manifest
-from eitbench.benchmark.rundir.kinds import METHOD_RUNS
+from eitbench.benchmark.rundir.kinds import METHOD_RUNS, PINNED
 from eitbench.benchmark.rundir.store import SAMPLES
 from eitbench.scenarios.errors import InputError, unknown_name
 
 ChangeVerdict = Literal["better", "worse", "no difference found", "negligible", "equal"]
 
 _NEEDED = ("scenario", "method", "sample", "phantom", "input_hash", "status")
-_NEEDED_OF_CELL = ("scenario", "method", "frame_ms_p50", "calibration_ms")
+_NEEDED_OF_CELL = ("scenario", "method", "frame_ms_p50", "calibration_ms", "machine", "timed")
+
+BUSY = 1.25
+"""Beside what is timed, the calibration solve may take so many times the machine's fastest."""
 
 NEGLIGIBLE = 1e-3
 """Share of the standard deviation between phantoms: what the rounding of another machine's
@@ -52,8 +55,9 @@ class Change:
             that were tested together (Holm).
         verdict: "equal" to the last digit; "negligible", see `NEGLIGIBLE`; "better" or "worse"
             beyond chance; or none of these.
-        time_ratio: warm frame after over before, each over its machine's calibration solve; None
-            where one of them is not known.
+        time_ratio: warm frame after over before, each over the calibration solve beside it; None
+            where one of them is not known, or was taken on a busy machine.
+        shared: true if one of them was taken beside other cells.
     """
 
     scenario: str
@@ -69,6 +73,7 @@ class Change:
     p: float
     verdict: ChangeVerdict
     time_ratio: float | None
+    shared: bool
 
 
 @dataclass(frozen=True)
@@ -80,11 +85,23 @@ class RunComparison:
         missing: a sentence for each scenario and method of the earlier run that the later one
             does not hold, or not on all of its frames.
         added: a sentence for each that only the later one holds.
+        busy: a sentence for each time that is not compared, as its machine was busy.
     """
 
     changes: list[Change]
     missing: list[str]
     added: list[str]
+    busy: list[str]
+
+
+@dataclass(frozen=True)
+class FrameTime:
+    """Time of a warm frame, and of the calibration solve beside it on the same processor [ms]."""
+
+    frame_ms: float
+    solve_ms: float
+    machine: str
+    shared: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,12 +111,14 @@ class Results:
     Attributes:
         path: a run directory, or its `samples.parquet` alone.
         samples: one row per scenario, method and sample.
-        frame_units: warm frame over the calibration solve, by scenario and method, where known.
+        times: by scenario and method, where known.
+        fastest_ms: the fastest calibration solve of each machine, by its name [ms].
     """
 
     path: Path
     samples: pd.DataFrame
-    frame_units: Mapping[tuple[str, str], float]
+    times: Mapping[tuple[str, str], FrameTime]
+    fastest_ms: Mapping[str, float]
 
 
 def read_results(path: Path) -> Results:
@@ -112,8 +131,9 @@ def read_results(path: Path) -> Results:
     table = path / SAMPLES if path.is_dir() else path
     if not table.is_file():
         raise InputError(f"{path} is neither a run directory nor the {SAMPLES} of one.")
+    about: manifest.Manifest = {}
     if (path / manifest.FILE_NAME).is_file():
-        manifest.read(path)  # nothing is scored by a run of which a part is damaged
+        about = manifest.read(path)  # nothing is scored by a run of which a part is damaged
     samples = checked_table(table, METHOD_RUNS)
     missing = [name for name in _NEEDED if name not in samples]
     if missing:
@@ -123,13 +143,20 @@ def read_results(path: Path) -> Results:
         )
     if samples.duplicated(["scenario", "method", "sample"]).any():
         raise InputError(f"{table} has several rows for one sample of a method: run again.")
-    cells, units = table.with_name(METHOD_RUNS.table), {}
+    cells, times = table.with_name(METHOD_RUNS.table), {}
     if cells.is_file():
         for row in checked_table(cells, METHOD_RUNS, _NEEDED_OF_CELL).to_dict("records"):
             solve, frame = row["calibration_ms"], row["frame_ms_p50"]
             if solve and frame and np.isfinite(frame / solve):
-                units[str(row["scenario"]), str(row["method"])] = frame / solve
-    return Results(path, samples, units)
+                key = str(row["scenario"]), str(row["method"])
+                times[key] = FrameTime(frame, solve, row["machine"], row["timed"] != PINNED)
+    fastest: dict[str, float] = {}
+    for timed in times.values():
+        fastest[timed.machine] = min(timed.solve_ms, fastest.get(timed.machine, np.inf))
+    own = about.get("machine", {}).get("cpu")
+    if own in fastest and about.get("calibration_ms"):
+        fastest[own] = min(fastest[own], about["calibration_ms"])
+    return Results(path, samples, times, fastest)
 
 
 def compare(before: Results, after: Results, figures: Sequence[str] = ()) -> RunComparison:
@@ -160,7 +187,11 @@ def _compared(
         if name not in METRICS:
             raise unknown_name("figure", name, METRICS)
     old, new = cells_of(before.samples), cells_of(after.samples)
-    changes, missing = [], []
+    changes, missing, busy = [], [], []
+    fastest = {
+        machine: min(of.fastest_ms.get(machine, np.inf) for of in (before, after))
+        for machine in {*before.fastest_ms, *after.fastest_ms}
+    }
     for (scenario, method), cell in old.items():
         who = f"{method!r} on {scenario!r}"
         if (scenario, method) not in new:
@@ -182,14 +213,25 @@ def _compared(
                 f"{who} lacks {len(cell) - len(cells[0])} of the {len(cell)} frames of "
                 f"{before.path} in {after.path}: the others are compared."
             )
-        units = [of.frame_units.get((scenario, method)) for of in (before, after)]
-        ratio = units[1] / units[0] if units[0] and units[1] else None
+        times = [of.times.get((scenario, method)) for of in (before, after)]
+        ratio, shared = _time_ratio(times, fastest)
+        busy += [
+            f"The time of {who} is not compared: beside it in {of.path} the calibration solve took "
+            f"{timed.solve_ms / fastest[timed.machine]:.2f} times as long as this machine can, "
+            "which was busy: run again on an idle machine with --jobs 1."
+            for of, timed in zip((before, after), times, strict=True)
+            if timed is not None and _was_busy(timed, fastest)
+        ]
         for spec in [METRICS[name] for name in margins] or _ranking(cells):
             figures = [figure_of(cell, spec) for cell in cells]
             if np.isfinite(figures).all():
                 margin = margins.get(spec.name, 0.0) if loss else None
                 change = _change(cells, figures, spec, margin)
-                changes.append(replace(change, scenario=scenario, method=method, time_ratio=ratio))
+                changes.append(
+                    replace(
+                        change, scenario=scenario, method=method, time_ratio=ratio, shared=shared
+                    )
+                )
             elif np.isfinite(figures[0]):  # else this scenario does not know it
                 missing.append(f"{who} has no {spec.title} in {after.path}.")
     added = [
@@ -208,7 +250,22 @@ def _compared(
             won = METRICS[changes[k].figure].sign * changes[k].difference > 0
             verdict = "better" if won and not loss else "worse"
         changes[k] = replace(changes[k], p=p, verdict=verdict)
-    return RunComparison(changes, missing, added)
+    return RunComparison(changes, missing, added, busy)
+
+
+def _was_busy(timed: FrameTime, fastest_ms: Mapping[str, float]) -> bool:
+    return timed.solve_ms > BUSY * fastest_ms[timed.machine]
+
+
+def _time_ratio(
+    times: Sequence[FrameTime | None], fastest_ms: Mapping[str, float]
+) -> tuple[float | None, bool]:
+    """Warm frame after over before in calibration solves, and if one of them is shared."""
+    before, after = times
+    if before is None or after is None or any(_was_busy(t, fastest_ms) for t in (before, after)):
+        return None, False
+    ratio = (after.frame_ms / after.solve_ms) / (before.frame_ms / before.solve_ms)
+    return ratio, before.shared or after.shared
 
 
 def _common(*cells: pd.DataFrame) -> list[pd.DataFrame]:
@@ -271,4 +328,5 @@ def _change(
         p=float(p),
         verdict=verdict,
         time_ratio=None,
+        shared=False,
     )

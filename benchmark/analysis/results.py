@@ -39,7 +39,8 @@ TEXTS = (
     "differs",
 )
 NUMBERS = (
-    *("sample", "snr_db", "x_m", "y_m", "cc_undefined", "calibration_ms", "overlap"),
+    *("sample", "snr_db", "x_m", "y_m", "cc_undefined", "overlap"),
+    *("calibration_ms", "calibration_spread", "load", "cpu_mhz"),
     *METRIC_COLUMNS,
     *LOAD_COLUMNS,
 )

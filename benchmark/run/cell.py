@@ -18,7 +18,7 @@ from pydantic import TypeAdapter
 
 from eitbench.benchmark.run.cell_task import NAN, CellTask, StoredSamples
 from eitbench.benchmark.run.progress import Advance
-from eitbench.benchmark.run.timing import calibration
+from eitbench.benchmark.run.timing import calibrated
 from eitbench.benchmark.rundir import manifest
 from eitbench.benchmark.rundir.cells import Batch, Values
 from eitbench.benchmark.workers.restarting import RestartingWorker, WorkerHistory
@@ -33,18 +33,28 @@ from eitbench.scenarios.errors import DataCorruptError, EitbenchError
 
 PRIOR_KNOWLEDGE_LIMIT_S = 60.0
 SAVE_SECONDS = 1.0  # samples that are asked for one by one are stored as often as this
+# Conditions of a cell that was not timed, see `calibrated`.
+_UNTIMED = {
+    "timed": "",
+    **dict.fromkeys(("calibration_ms", "calibration_spread", "load", "cpu_mhz"), NAN),
+}
 # Failures that asking again sample by sample would not mend.
 BROKEN_CONTRACT = frozenset({"mutated", "shape", "dtype"})
 
 
-def run_cell(task: CellTask, progress: Advance, stop: threading.Event) -> None:
+def run_cell(
+    task: CellTask, progress: Advance, stop: threading.Event, core: int | None = None
+) -> None:
     """Run the batches that are not stored yet, then score the cell; whatever it does is a row.
+
+    Args:
+        core: the core that it has to itself; None where it shares the machine with other cells.
 
     Raises:
         StoppedError: the run was interrupted; finished batches are stored.
         EitbenchError: the store could not be written or read.
     """
-    score_cell(task, BatchRunner(task, progress, stop).run())
+    score_cell(task, BatchRunner(task, progress, stop, core).run())
     if task.plan.cell.variant:  # other tracks keep figures, no images
         task.store.forget_answers(task.plan.cell)
 
@@ -95,11 +105,11 @@ def score_cell(task: CellTask, row: Mapping[str, Any] | None) -> None:
     cell_row = {
         **labels,
         **task.unknown,
+        **_UNTIMED,
         **(row or {}),
         **whole,
         "coverage": stored.valid.sum() / len(table) if len(table) else 0.0,
         "machine": manifest.cpu_model(),
-        "calibration_ms": calibration(),
         "n": len(table),
         "complete": row is not None and len(table) == len(test),
     }
@@ -174,8 +184,10 @@ class BatchRunner:
         pending: batches that are not stored yet, or not whole.
     """
 
-    def __init__(self, task: CellTask, progress: Advance, stop: threading.Event) -> None:
-        self.task, self.progress = task, progress
+    def __init__(
+        self, task: CellTask, progress: Advance, stop: threading.Event, core: int | None = None
+    ) -> None:
+        self.task, self.progress, self._core = task, progress, core
         self.plan, self.store = task.plan, task.store
         batches = [
             (split, slice(start, min(start + self.plan.batch, size)))
@@ -206,6 +218,7 @@ class BatchRunner:
             log=self.store.log(self.plan.cell),
             stop=stop,
             memory_limit_mb=self.plan.suite.memory_limit_mb,
+            core=core,
         )
 
     def run(self) -> dict[str, Any]:
@@ -228,7 +241,9 @@ class BatchRunner:
             elif state.working:
                 self._worker.start()
             self._run_pending()
-            measured = self.task.warm(lambda what, rows: self._ask("test", rows, what))
+            with calibrated(self._core) as measured:
+                ask = lambda what, rows: self._ask("test", rows, what)  # noqa: E731
+                measured |= self.task.warm(ask, pinned=self._core is not None)
             measured |= self._prior_knowledge()
         except WorkerLostError as lost:
             state.failure = lost.failure

@@ -141,8 +141,12 @@ class CellTask(ABC):
     def values(self, split: str, rows: slice, reply: Reply) -> tuple[Values, NDArray[np.bool_]]:
         """Return the stored arrays of an answer, and a mask (k,) of valid samples."""
 
-    def warm(self, ask: Ask) -> dict[str, float]:
-        """Return times of the warm task, measured on valid samples of the test split."""
+    def warm(self, ask: Ask, *, pinned: bool) -> dict[str, float]:
+        """Return times of the warm task, measured on valid samples of the test split.
+
+        Args:
+            pinned: true if it has a core to itself, so that longer measuring tells more.
+        """
         return {}
 
     def prior_knowledge(self, value: Any) -> dict[str, Any]:

@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any
 from eitbench.benchmark.run.cell import prepare, run_cell
 from eitbench.benchmark.run.cell_task import CellData, CellPlan
 from eitbench.benchmark.run.progress import Advance
+from eitbench.benchmark.run.timing import core_to_pin
 from eitbench.benchmark.rundir import manifest
 from eitbench.benchmark.rundir.cells import Cell
 from eitbench.benchmark.rundir.kinds import RUN_KINDS
@@ -68,7 +69,7 @@ class Executor:
         if plan.cell.name == TRUTH:
             prepare(task, progress, stop)
         else:
-            run_cell(task, progress, stop)
+            run_cell(task, progress, stop, core_to_pin() if self.slots == 1 else None)
 
 
 @dataclass(frozen=True, eq=False)

@@ -213,7 +213,7 @@ class OperatorCellTask(CellTask):
         inside = slice(rows.start - start, rows.stop - start)
         return stored.values["gradient"][inside].astype(np.float64)
 
-    def warm(self, ask: Ask) -> dict[str, float]:
+    def warm(self, ask: Ask, *, pinned: bool) -> dict[str, float]:
         """Return the time of a sample in whole valid batches: the median over batches [ms]."""
         valid = StoredSamples(self).valid
         size = min(self.plan.batch, len(self.data.clean))

@@ -13,7 +13,7 @@ from eitbench.benchmark.run.executors import Executor, executor
 from eitbench.benchmark.run.method_cell import MethodData
 from eitbench.benchmark.run.operator_cell import OperatorData
 from eitbench.benchmark.run.progress import RunProgress
-from eitbench.benchmark.run.timing import calibration
+from eitbench.benchmark.run.timing import calibration_solves
 from eitbench.benchmark.run.tracks import cell_entries, write_tracks
 from eitbench.benchmark.rundir import manifest as manifests
 from eitbench.benchmark.rundir.cells import Cell
@@ -203,7 +203,7 @@ def _new_manifest(plan: Plan, data: dict[str, CellData], lost: Lost, jobs: int) 
         "finished": None,
         "resumed": [],
         **manifests.environment(),
-        "calibration_ms": calibration(),
+        "calibration_ms": min(calibration_solves()),
         "jobs": jobs,
         "batch": DATA[plan.suite.ranks].batch,
         "threads": THREADS,
@@ -273,6 +273,7 @@ def _execute(
                 score_cell(data[cell.cell.scenario].task(cell, store), None)
     ranked = [c.cell for c in cells if not c.cell.variant]
     store.assemble(ranked, {name: there.truth() for name, there in data.items()})
+    manifest |= _calibration(store, manifest["calibration_ms"])
     write_tracks(store, cells)
     unfinished = sum(not store.finished(cell.cell) for cell in cells)
     ended = not interrupted and not unfinished
@@ -293,6 +294,17 @@ def _execute(
         )
     store.remove_parts()
     return _result(store.path, manifest)
+
+
+def _calibration(store: RunStore, at_start_ms: float) -> Manifest:
+    """The fastest calibration solve of a run, and how much slower it was beside some cell."""
+    cells = store.cells()
+    beside = cells["calibration_ms"].dropna().tolist() if len(cells) else []
+    fastest = min([at_start_ms, *beside])
+    return {
+        "calibration_ms": fastest,
+        "calibration_spread": max([at_start_ms, *beside]) / fastest,
+    }
 
 
 def _run_cells(

@@ -7,6 +7,9 @@ from eitbench.benchmark.metrics.metric_spec import MetricSpec
 from eitbench.benchmark.metrics.operator_metrics import OPERATOR_COSTS, OPERATOR_METRICS
 from eitbench.benchmark.metrics.specs import METRICS
 
+PINNED, SHARED = "pinned", "shared"
+"""How a cell was timed: on a core of its own, or beside other cells; column `timed`."""
+
 
 @dataclass(frozen=True)
 class RunKind:
@@ -51,7 +54,7 @@ METHOD_RUNS = RunKind(
         "train_s",
         "memory_mb",
     ),
-    facts=("differs",),
+    facts=("differs", "timed"),
     # A true conductivity gives a score, true classes a CC, presses a place, and recordings else a
     # response.
     ranked_by=("score", "cc", "localisation_mm", "repeatability_db"),
@@ -64,7 +67,7 @@ OPERATOR_RUNS = RunKind(
     labels=(),
     metrics=OPERATOR_METRICS,
     costs=tuple(OPERATOR_COSTS),
-    facts=("trained_on",),
+    facts=("trained_on", "timed"),
     ranked_by=("mse",),
 )
 RUN_KINDS = {"methods": METHOD_RUNS, "operators": OPERATOR_RUNS}

@@ -107,6 +107,9 @@ def command_line() -> str:
     return " ".join([Path(sys.argv[0]).name, *sys.argv[1:]])
 
 
+_Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+
+
 class _Part(BaseModel):
     """Values of the right kinds; what is not declared is only printed."""
 
@@ -148,7 +151,8 @@ class _Manifest(_Part):
     machine: dict[str, str | int | float | None] = {}
     versions: dict[str, str | None] = {}
     skipped: dict[str, str] = {}
-    calibration_ms: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
+    calibration_ms: _Positive | None = None
+    calibration_spread: _Positive | None = None
 
 
 def read(run: Path) -> Manifest:

@@ -29,15 +29,23 @@ _STARTING = threading.Lock()
 
 
 def start_process(
-    serve: Callable[..., None], arguments: tuple[object, ...], log: Path | None
+    serve: Callable[..., None],
+    arguments: tuple[object, ...],
+    log: Path | None,
+    core: int | None = None,
 ) -> tuple[BaseProcess, Connection]:
-    """Start `serve(connection, *arguments)` with its output going to `log` (None: nowhere)."""
+    """Start `serve(connection, *arguments)` with its output going to `log` (None: nowhere).
+
+    It and what it starts run on `core` alone, if there is one.
+    """
     with _STARTING:
         context = process_context()
         environment = dict(os.environ)
     ours, theirs = context.Pipe()
     process: BaseProcess = context.Process(  # type: ignore[attr-defined]
-        target=_enter, args=(theirs, log, environment, serve, arguments), name="eitbench-worker"
+        target=_enter,
+        args=(theirs, log, core, environment, serve, arguments),
+        name="eitbench-worker",
     )
     with _interrupts_blocked():
         process.start()
@@ -88,6 +96,7 @@ def _pinned_environment() -> Iterator[None]:
 def _enter(
     connection: Connection,
     log: Path | None,
+    core: int | None,
     environment: dict[str, str],
     serve: Callable[..., None],
     arguments: tuple[Any, ...],
@@ -96,6 +105,8 @@ def _enter(
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's business
     if hasattr(os, "setsid"):
         os.setsid()  # so that what the method starts dies with it
+    if core is not None:
+        os.sched_setaffinity(0, {core})
     _adopt_orphans()
     threading.Thread(target=_die_with_parent, daemon=True).start()
     # The server of processes has the environment it was started in, which may be an older one.

@@ -53,7 +53,7 @@ class RestartingWorker:
         Args:
             set_up_limit_s: seconds that `service.set_up()` may take.
             history: losses of an earlier process that this one continues.
-            options: `log`, `stop` and `memory_limit_mb` of `Worker`.
+            options: `log`, `stop`, `memory_limit_mb` and `core` of `Worker`.
         """
         self.history = history or WorkerHistory()
         self.memory_mb = float("nan")

@@ -89,16 +89,18 @@ class Worker:
         log: Path | None = None,
         stop: threading.Event | None = None,
         memory_limit_mb: float = MEMORY_LIMIT_MB,
+        core: int | None = None,
     ) -> None:
         """Start `serve(connection, *arguments)` with its output going to `log` (None: nowhere).
 
         Args:
             memory_limit_mb: resident memory that it and the processes it starts may take [MiB].
+            core: the only core that it runs on; None: any.
         """
         self._log = log
         self._stop = stop or threading.Event()
         self._memory_limit_mb = memory_limit_mb
-        self._process, self._connection = start_process(serve, arguments, log)
+        self._process, self._connection = start_process(serve, arguments, log, core)
 
     def __enter__(self) -> "Worker":
         return self

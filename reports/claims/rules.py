@@ -328,7 +328,10 @@ def frame_rate(evidence: Evidence) -> Finding:
     """Test the rate of single frames, at their 99th percentile."""
     both = [evidence.of(METHOD_RUNS, name) for name in ("dnn", "phydnn")]
     if any(measured.row["frame_ms_p99"] is None for measured in both):
-        raise NotMeasuredError("No warm single frame was timed.")
+        raise NotMeasuredError(
+            "The 99th percentile needs 1,000 warm single frames: run with --jobs 1 on an idle "
+            "machine."
+        )
     slowest = [measured.row["frame_ms_p99"] for measured in both]
     figures = [
         _exactly(figure, 1e3 / ms, Range(low=FRAMES_PER_SECOND))

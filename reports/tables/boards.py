@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from eitbench.benchmark.analysis.leaderboard import Row, boards
+from eitbench.benchmark.rundir.kinds import SHARED
 from eitbench.reports.tables.columns import Column, layout, printable, shown_columns
 from eitbench.reports.tables.published import comparison, published_rows
 
@@ -106,7 +107,11 @@ def notes(board: Sequence[Row]) -> list[str]:
     and test samples, and differences in software that is not ours.
     """
     return (
-        comparison(board) + _costs_of_failures(board) + overlaps(board) + _by_text(board, "differs")
+        comparison(board)
+        + _costs_of_failures(board)
+        + overlaps(board)
+        + _by_text(board, "differs")
+        + _shared_times(board)
     )
 
 
@@ -117,6 +122,15 @@ def _costs_of_failures(board: Sequence[Row]) -> list[str]:
         for row in board
         if row.get("rank_valid") not in (None, row["rank"]) and row["coverage"] < 1
     ]
+
+
+def _shared_times(board: Sequence[Row]) -> list[str]:
+    """A part of a sentence on times that were taken beside other cells; empty without any."""
+    shared = sum(row.get("timed") == SHARED for row in board)
+    if not shared:
+        return []
+    which = "times" if shared == len(board) else f"times of {shared} rows"
+    return [f"{which} were taken beside other cells: use --jobs 1 for times to compare"]
 
 
 def overlaps(board: Sequence[Row]) -> list[str]:

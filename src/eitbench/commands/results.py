@@ -128,7 +128,7 @@ def _print_changes(found: "RunComparison") -> None:
     from eitbench.commands.tables import changes_table
 
     print_renderable(changes_table(found))
-    for sentence in (*found.missing, *found.added):
+    for sentence in (*found.missing, *found.added, *found.busy):
         typer.echo(sentence)
 
 

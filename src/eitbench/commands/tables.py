@@ -8,7 +8,7 @@ if TYPE_CHECKING:
     from rich.console import Group
     from rich.table import Table
 
-    from eitbench.benchmark.analysis.comparison import RunComparison
+    from eitbench.benchmark.analysis.comparison import Change, RunComparison
 
 # Longer than a line; programs get it.
 _HIDDEN = ("citation",)
@@ -31,6 +31,12 @@ def names_table(rows: Sequence[Mapping[str, str | int | None]]) -> "Table":
     for row in shown:
         table.add_row(*(Text("" if value is None else str(value)) for value in row.values()))
     return table
+
+
+def _ratio(change: "Change") -> str:
+    if change.time_ratio is None:
+        return "–"
+    return f"x {change.time_ratio:.2f}{' shared' if change.shared else ''}"
 
 
 def changes_table(comparison: "RunComparison") -> "Table":
@@ -58,7 +64,7 @@ def changes_table(comparison: "RunComparison") -> "Table":
             number(change.after),
             f"{number(change.difference)} ({number(change.low)} to {number(change.high)})",
             f"{change.p:.3f}" if change.p >= 0.001 else "<0.001",
-            "–" if change.time_ratio is None else f"x {change.time_ratio:.2f}",
+            _ratio(change),
             Text(change.verdict, style=_STYLES.get(change.verdict, "")),
         )
     return shown

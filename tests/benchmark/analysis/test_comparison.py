@@ -36,7 +36,7 @@ def results(
         )
         for method, values in scores.items()
     ]  # fmt: skip
-    return Results(Path(name), pd.concat(cells, ignore_index=True), {})
+    return Results(Path(name), pd.concat(cells, ignore_index=True), {}, {})
 
 
 def before_and_after(n: int = N) -> tuple[Results, Results]:
@@ -142,30 +142,59 @@ def test_what_cannot_be_compared_is_said() -> None:
 def test_frames_that_are_gone_are_missed() -> None:
     old, new = before_and_after()
     rows = new.samples[(new.samples["method"] != "same") | (new.samples["sample"] >= 20)]
-    found = regressions(old, Results(new.path, rows, {}), {"score": 9.0})
+    found = regressions(old, Results(new.path, rows, {}, {}), {"score": 9.0})
     assert found.missing == [
         "'same' on 'one' lacks 20 of the 60 frames of old in new: the others are compared."
     ]
     assert by_method(found.changes)["same"].n == 40
 
 
-def written(folder: Path, calibration_ms: float) -> Path:
+def written(
+    folder: Path, calibration_ms: float, machine: str = "this", timed: str = "pinned"
+) -> Path:
     folder.mkdir()
     before_and_after()[0].samples.to_parquet(folder / "samples.parquet")
     times = {"frame_ms_p50": [6.0], "calibration_ms": [calibration_ms]}
-    cells = pd.DataFrame({"scenario": ["one"], "method": ["same"], **times})
+    conditions = {"machine": [machine], "timed": [timed]}
+    cells = pd.DataFrame({"scenario": ["one"], "method": ["same"], **times, **conditions})
     cells.to_parquet(folder / "methods.parquet")
     return folder
 
 
 def test_times_are_compared_in_units_of_the_calibration_solve(tmp_path: Path) -> None:
-    slow, fast = written(tmp_path / "slow", 60.0), written(tmp_path / "fast", 20.0)
-    found = by_method(compare(read_results(slow), read_results(fast)).changes)
+    slow, fast = written(tmp_path / "slow", 60.0, "slow"), written(tmp_path / "fast", 20.0, "fast")
+    compared = compare(read_results(slow), read_results(fast))
+    found = by_method(compared.changes)
     # The same 6 ms cost three times as much of a machine that is three times as fast.
     assert found["same"].time_ratio == pytest.approx(3)
+    assert not found["same"].shared
     assert found["noisy"].time_ratio is None
+    assert compared.busy == []
     alone = read_results(slow / "samples.parquet")
     assert len(alone.samples) == len(read_results(slow).samples)
+
+
+def test_times_of_a_busy_machine_are_not_compared(tmp_path: Path) -> None:
+    """The same code and processor: what was slower was the machine, not the method."""
+    calm, busy = written(tmp_path / "calm", 20.0), written(tmp_path / "busy", 26.0)
+    compared = compare(read_results(calm), read_results(busy))
+    assert by_method(compared.changes)["same"].time_ratio is None
+    (sentence,) = compared.busy
+    assert "'same' on 'one'" in sentence
+    assert "1.30 times as long" in sentence
+    assert str(tmp_path / "busy") in sentence
+    (tmp_path / "busy" / "manifest.json").write_text(
+        '{"machine": {"cpu": "this"}, "calibration_ms": 20.0}'
+    )
+    # The fastest solve that is known of the machine counts, whichever run tells it.
+    assert compare(read_results(busy), read_results(busy)).busy == compared.busy * 2
+
+
+def test_times_beside_other_cells_are_marked(tmp_path: Path) -> None:
+    alone, beside = written(tmp_path / "a", 20.0), written(tmp_path / "b", 21.0, timed="shared")
+    change = by_method(compare(read_results(alone), read_results(beside)).changes)["same"]
+    assert change.shared
+    assert change.time_ratio == pytest.approx(20 / 21)
 
 
 @pytest.mark.parametrize(

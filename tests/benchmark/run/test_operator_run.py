@@ -31,7 +31,10 @@ from eitbench.scenarios.suites.suite import Suite, load_suite
 DATA = Path(__file__).parents[1] / "data"
 TOYS = DATA / "toy_operators.py"
 N = 6
-TIMES = ["forward_ms", "grad_ms", "setup_s", "first_frame_ms", "batch_fps", "memory_mb"]
+TIMES = [
+    "forward_ms", "grad_ms", "setup_s", "first_frame_ms", "batch_fps", "memory_mb",
+    "calibration_ms", "calibration_spread", "load", "cpu_mhz", "timed",
+]  # fmt: skip
 
 
 @pytest.fixture(scope="module")

@@ -138,7 +138,8 @@ def test_times_are_told_apart(table: pd.DataFrame) -> None:
     good = table.loc["toy-slow"]
     assert good["setup_s"] > 0
     assert good["first_frame_ms"] > 20
-    assert 20 < good["frame_ms_p50"] <= good["frame_ms_p99"]
+    assert good["frame_ms_p50"] > 20
+    assert np.isnan(good["frame_ms_p99"])  # of one frame
     assert 0 < good["batch_fps"] < 50
     assert good["memory_mb"] > 10
     assert np.isnan(good["train_s"])

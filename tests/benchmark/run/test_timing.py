@@ -1,0 +1,114 @@
+"""What is recorded beside times, and what is said of too few of them."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from eitbench.benchmark.run import method_cell, timing
+from eitbench.benchmark.run.method_cell import MethodCellTask
+from eitbench.benchmark.run.runner import make_plan, start_run
+from eitbench.benchmark.workers.worker import Reply
+from eitbench.scenarios.suites.suite import Suite
+
+PINNABLE = pytest.mark.skipif(
+    not hasattr(os, "sched_getaffinity"), reason="needs to pin a process to a core: run on Linux"
+)
+
+
+def times_of(seconds: float, *, pinned: bool, monkeypatch: pytest.MonkeyPatch) -> dict[str, float]:
+    """Figures of frames that take `seconds` each, every tenth of them twice as long."""
+    monkeypatch.setattr(method_cell, "WARM_SECONDS", 1.0)
+    monkeypatch.setattr(method_cell, "TAIL_SECONDS", 20.0)
+    monkeypatch.setattr(
+        method_cell, "StoredSamples", lambda task: type("", (), {"valid": np.ones(7, dtype=bool)})
+    )
+    asked: list[slice] = []
+
+    def ask(what: str, rows: slice) -> Reply:
+        asked.append(rows)
+        return Reply(None, seconds * (1 + (len(asked) % 10 == 0)))
+
+    plan: Any = type("", (), {"cell": type("", (), {"variant": ""})})
+    nothing: Any = None
+    task = MethodCellTask(plan, nothing, nothing)
+    return task.warm(ask, pinned=pinned) | {"frames": len(asked)}
+
+
+@pytest.mark.parametrize(
+    ("seconds", "pinned", "frames", "p99"),
+    [
+        (0.0001, False, 1000, True),
+        (0.01, True, 1000, True),  # 11 s
+        (0.01, False, 91, False),  # 1 s: too few for a 99th percentile
+        (0.03, True, 31, False),  # 1,000 would take more than 20 s
+    ],
+)
+def test_a_99th_percentile_is_of_a_thousand_frames(
+    seconds: float, pinned: bool, frames: int, p99: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found = times_of(seconds, pinned=pinned, monkeypatch=monkeypatch)
+    assert found["frames"] == pytest.approx(frames, abs=1)
+    assert found["frame_ms_p50"] == pytest.approx(1e3 * seconds)
+    # The slowest tenth takes twice as long: p90 is not p99.
+    expected = 2e3 * seconds if p99 else np.nan
+    assert found["frame_ms_p99"] == pytest.approx(expected, nan_ok=True)
+
+
+@PINNABLE
+def test_one_cell_at_a_time_has_a_core_of_its_own_and_two_share(
+    tiny: Suite, tmp_path: Path
+) -> None:
+    plugin = tmp_path / "cores.py"
+    plugin.write_text(
+        "import os\n"
+        "import numpy as np\n"
+        "from eitbench.methods import Method, register\n"
+        "@register('cores')\n"
+        "class Cores(Method):\n"
+        "    def fit(self, problem):\n"
+        "        self.shape = problem.mask.shape\n"
+        "        print('cores', sorted(os.sched_getaffinity(0)))\n"
+        "    def reconstruct(self, voltages):\n"
+        "        return np.ones((len(voltages), *self.shape))\n"
+    )
+    before = os.sched_getaffinity(0)
+    plan = make_plan(tiny, methods=["cores"], plugins=[plugin])
+    for jobs, timed, cores in ((1, "pinned", {max(before)}), (2, "shared", before)):
+        run = start_run(plan, tmp_path / timed, jobs=jobs).path
+        said = (run / "logs" / "tiny--cores.log").read_text()
+        assert f"cores {sorted(cores)}" in said
+        (row,) = pd.read_parquet(run / "methods.parquet").to_dict("records")
+        assert row["timed"] == timed
+        assert row["calibration_ms"] > 0
+        assert row["calibration_spread"] >= 1
+    assert os.sched_getaffinity(0) == before
+
+
+def test_the_load_of_other_programs_leaves_out_our_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In 2 s all programs compute for 3 s, of which this one and its children 1 s."""
+    states = iter([(10.0, 100.0, 4.0), (12.0, 103.0, 5.0), (12.05, 103.0, 5.0)])
+    monkeypatch.setattr(timing._Load, "_state", staticmethod(lambda: next(states)))
+    assert timing._Load().of_others() == pytest.approx(1.0)
+
+
+def test_what_a_child_computes_is_our_own() -> None:
+    program = (
+        "import time\nwhile time.process_time() < 0.5: pass\nprint('done', flush=True)\ninput()"
+    )
+    before = timing._Load._state()
+    with subprocess.Popen(
+        [sys.executable, "-c", program], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+    ) as child:
+        assert child.stdout is not None
+        child.stdout.readline()
+        after = timing._Load._state()
+        child.communicate(b"\n")
+    assert after[2] - before[2] > 0.45
+    # The machine counts in hundredths of a second.
+    assert after[1] - before[1] > after[2] - before[2] - 0.1
