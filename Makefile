@@ -4,7 +4,7 @@ PYTHON ?= $(firstword $(shell for p in python3 python3.13 python3.12 python3.11;
 BIN := .venv/bin
 STAMPS := .venv/.stamps
 
-.PHONY: help demo test slow bench docs lint types audit tune clean
+.PHONY: help demo test slow bench mutants docs lint types audit tune clean
 
 help:  ## what can be made
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/'
@@ -22,6 +22,9 @@ bench: $(STAMPS)/bench  ## speed, measured beside rivals in one run (docs/speed.
 	@mkdir -p .benchmarks
 	$(BIN)/pytest tests/speed -o addopts="--import-mode=importlib" --benchmark-columns=median,iqr,rounds --benchmark-sort=name --benchmark-json=.benchmarks/last.json
 	$(BIN)/python tests/speed/ratios.py .benchmarks/last.json
+
+mutants: $(STAMPS)/mutants  ## mutation testing of what scores methods, hours (CONTRIBUTING.md)
+	$(BIN)/python tests/mutation/mutate.py
 
 docs: $(STAMPS)/docs  ## the documentation as a site, in build/site; warnings are errors
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
@@ -52,6 +55,10 @@ $(STAMPS)/demo: $(STAMPS)/venv pyproject.toml constraints.txt
 
 $(STAMPS)/test: $(STAMPS)/demo
 	$(BIN)/pip install --quiet -c constraints.txt -e '.[test]'
+	@touch $@
+
+$(STAMPS)/mutants: $(STAMPS)/test
+	$(BIN)/pip install --quiet -c constraints.txt -e '.[mutation]'
 	@touch $@
 
 $(STAMPS)/bench: $(STAMPS)/test
