@@ -135,10 +135,11 @@ def run(module: str, tests: Sequence[str], count: int, seed: int) -> list[Mutant
     return found
 
 
-def explanation(mutant: Mutant, explained: dict[str, dict[str, str]]) -> str:
-    """Why a mutant survives: the explanation of its change, or of its line; "" without one."""
-    known = explained.get(mutant.module, {})
-    return known.get(mutant.after, known.get(mutant.before, ""))
+def explanations(lost: pd.DataFrame) -> list[str]:
+    """Why each mutant survives, by its changed line or the line before; "" where nobody said."""
+    known = tomllib.loads(EXPLAINED.read_text())
+    lines = lost[["module", "before", "after"]].itertuples(index=False)
+    return [known.get(of, {}).get(new) or known.get(of, {}).get(old, "") for of, old, new in lines]
 
 
 def main() -> None:
@@ -153,9 +154,8 @@ def main() -> None:
         delayed(run)(module, tests, given.count, given.seed) for module, tests in TARGETS.items()
     )
     table = pd.DataFrame([mutant for of in found for mutant in of], columns=Mutant._fields)
-    explained = tomllib.loads(EXPLAINED.read_text())
     lost = table[table["survived"]].drop(columns="survived")
-    lost = lost.assign(why=[explanation(Mutant(*row, True), explained) for row in lost.to_numpy()])
+    lost = lost.assign(why=explanations(lost))
     score = table.groupby("module", sort=False)["survived"].agg(mutants="size", survived="sum")
     explained_of = (lost["why"] != "").groupby(lost["module"]).sum()
     score["explained"] = explained_of.reindex(score.index, fill_value=0)
