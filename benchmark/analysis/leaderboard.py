@@ -8,7 +8,12 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from eitbench.benchmark.analysis.results import NOTES, Run, describe_prior_knowledge
+from eitbench.benchmark.analysis.results import (
+    NOTES,
+    SNR_COLUMNS,
+    Run,
+    describe_prior_knowledge,
+)
 from eitbench.benchmark.metrics.aggregation import aggregate
 from eitbench.benchmark.metrics.statistics import once
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS, RunKind
@@ -128,6 +133,7 @@ def _row(run: Run, keys: Row, cell: pd.DataFrame) -> Row:
         row["frame_solves"] = _plain(frame / solve if solve and frame is not None else None)
         noted = run.notes.get(keys["scenario"], {})
         row |= {name: _plain(noted.get(name)) for name in NOTES}
+        row |= {n: _plain(cell[n].median() if n in cell else None) for n in SNR_COLUMNS}
         row["prior_knowledge"] = describe_prior_knowledge(known.get("prior_knowledge"))
         row["overlap"] = _plain(known.get("overlap"))
     return row

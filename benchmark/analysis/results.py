@@ -38,8 +38,10 @@ TEXTS = (
     "prior_knowledge",
     "differs",
 )
+SNR_COLUMNS = ("snr_db", "touch_snr_db")
+"""SNR of a frame, and of what a touch changes in it [dB]."""
 NUMBERS = (
-    *("sample", "snr_db", "x_m", "y_m", "cc_undefined", "overlap"),
+    *("sample", *SNR_COLUMNS, "x_m", "y_m", "cc_undefined", "overlap"),
     *("calibration_ms", "calibration_spread", "load", "cpu_mhz"),
     *METRIC_COLUMNS,
     *LOAD_COLUMNS,

@@ -78,7 +78,7 @@ class OperatorData(CellData):
         cls.registry.known()  # loads their libraries here, so that workers are forked with them
         measured = load(scenario, split="test", limit=limit, jobs=jobs, progress=progress)
         # Noise is no matter of operators.
-        test = replace(measured, samples=measured.samples.drop(columns="snr_db"))
+        test = replace(measured, samples=measured.samples.drop(columns=["snr_db", "touch_snr_db"]))
         validation = clean_voltages(
             scenario, "validation", scenario.validation, jobs=jobs, progress=progress
         )

@@ -168,7 +168,7 @@ def noise(boards: Sequence[BoardData]) -> Figure:
         return snr_db if isinstance(snr_db, float) else float("inf")
 
     ordered = sorted(boards, key=level)
-    labels = ["clean" if b["snr_db"] == "clean" else f"{b['snr_db']:g}" for b in ordered]
+    labels = ["clean" if b["snr_db"] == "clean" else f"{b['snr_db']:g}{_touch(b)}" for b in ordered]
     names = dict.fromkeys(row["label"] for row in rows_of(ordered))
     figure, axes = _blank(PAGE, 3.2)
     for k, name in enumerate(names):
@@ -181,10 +181,15 @@ def noise(boards: Sequence[BoardData]) -> Figure:
         )
         axes.plot(labels, value, **line_style(k), ms=4, lw=1, label=_name(name))
         axes.fill_between(labels, low, high, color=COLOURS[k % len(COLOURS)], alpha=0.12, lw=0)
-    axes.set_xlabel("SNR [dB]")
+    axes.set_xlabel("SNR of a frame (of what a touch changes in it, median) [dB]")
     axes.set_ylabel("S")
     figure.legend(loc="outside right upper", frameon=False)
     return figure
+
+
+def _touch(board: BoardData) -> str:
+    touch = board["touch_snr_db"]
+    return "" if touch is None else f" ({touch:.0f})"
 
 
 def _name(text: str) -> str:

@@ -53,7 +53,8 @@ class BoardData(TypedDict):
 
     `kind` is "method" or "operator". `columns`, `pairs` and `sensitivity` hold the fields of
     `Column`, `Pair` and `Sensitivity`. The first of `views` is that of all samples. `snr_db` is
-    "clean" for data without noise, and None for several levels or unknown ones. `presses` holds
+    "clean" for data without noise, and None for several levels or unknown ones; `touch_snr_db` is
+    the median over samples. `presses` holds
     for each method the places of presses and those that it found [m], in the coordinates of its
     image.
     """
@@ -74,6 +75,7 @@ class BoardData(TypedDict):
     views: list[View]
     pairs: list[dict[str, Any]]
     snr_db: float | str | None
+    touch_snr_db: float | None
     sensitivity: list[dict[str, Any]]
     images: dict[str, Any] | None
     presses: list[dict[str, Any]]
@@ -216,6 +218,7 @@ def _board(standing: Standing, runs: Sequence[Run], missing: list[str]) -> Board
         views=[view],
         pairs=[vars(pair) for pair in standing.pairs],
         snr_db=None,
+        touch_snr_db=first.get("touch_snr_db"),
         sensitivity=[],
         images=None,
         presses=[],

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from eitbench.benchmark.analysis.leaderboard import Row, boards
+from eitbench.benchmark.analysis.results import SNR_COLUMNS
 from eitbench.benchmark.rundir.kinds import SHARED
 from eitbench.reports.tables.columns import Column, layout, printable, shown_columns
 from eitbench.reports.tables.published import comparison, published_rows
@@ -103,11 +104,13 @@ def note(board: Sequence[Row]) -> str:
 def notes(board: Sequence[Row]) -> list[str]:
     """Return parts of a sentence on the reading of a board.
 
-    They compare with the published figures, and name the cost of failures, the overlap of training
-    and test samples, and differences in software that is not ours.
+    They tell the noise, compare with the published figures, and name the cost of failures, the
+    overlap of training and test samples, differences in software that is not ours, and times that
+    were taken beside other cells.
     """
     return (
-        comparison(board)
+        _noise(board)
+        + comparison(board)
         + _costs_of_failures(board)
         + overlaps(board)
         + _by_text(board, "differs")
@@ -124,12 +127,24 @@ def _costs_of_failures(board: Sequence[Row]) -> list[str]:
     ]
 
 
+def _noise(board: Sequence[Row]) -> list[str]:
+    """A part of a sentence on the noise of the frames; empty for clean and recorded ones."""
+    levels = [board[0].get(name) for name in SNR_COLUMNS]
+    if None in levels:
+        return []
+    frame, touch = levels
+    return [
+        f"SNR {frame:.0f} dB of a frame, {touch:.0f} dB of what the touch changes (medians)",
+        "all samples share one noisy reference frame, whose noise no interval includes",
+    ]
+
+
 def _shared_times(board: Sequence[Row]) -> list[str]:
     """A part of a sentence on times that were taken beside other cells; empty without any."""
     shared = sum(row.get("timed") == SHARED for row in board)
     if not shared:
         return []
-    which = "times" if shared == len(board) else f"times of {shared} rows"
+    which = "times" if shared == len(board) else f"times of {shared} of {len(board)} rows"
     return [f"{which} were taken beside other cells: use --jobs 1 for times to compare"]
 
 

@@ -13,7 +13,7 @@ from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.data.simulation import clean_reference, clean_voltages, phantom
 from eitbench.scenarios.errors import InputError, unknown_name
 from eitbench.scenarios.guard import check_open
-from eitbench.scenarios.imperfections.noise import measured_frames, measured_reference
+from eitbench.scenarios.imperfections.noise import measured_frames, measured_reference, touch_snr_db
 from eitbench.scenarios.phantoms.phantom import Phantom, rasterise
 from eitbench.scenarios.sensors.sensor import Sensor
 from eitbench.scenarios.suites.scenario import RecordedScenario, SimulatedScenario, Split
@@ -31,8 +31,9 @@ class Dataset:
         reference: (M,) the reference frame, measured like the others.
         samples: one row per frame. `sample` is its number in the split, `phantom` names the
             object: frames of the same object are not independent. Simulated: `family`,
-            `shape`, `snr_db` (NaN if clean), `inclusions` and what was drawn (NaN where a family
-            has no such value). Recorded: columns of the set, such as `x_m`, `y_m`, `depth_mm`.
+            `shape`, `snr_db` and `touch_snr_db` of the frame and of what the touch changes in it
+            (NaN if clean), `inclusions` and what was drawn (NaN where a family has no such value).
+            Recorded: columns of the set, such as `x_m`, `y_m`, `depth_mm`.
         truth: kind of truth that is known of each frame.
         data_hash: SHA-256 of all declared parameters.
         inverse_crime: true if the mesh of the data is no finer than the one methods invert with;
@@ -137,7 +138,7 @@ def _simulated(
         raise InputError(f"Scenario {scenario.name!r} declares no {split} samples.")
     count = size if limit is None else min(limit, size)
     clean = clean_voltages(scenario, split, count, jobs=jobs, progress=progress)
-    voltages, snr, reference = _measured(scenario, split, clean)
+    voltages, snr, touch_snr, reference = _measured(scenario, split, clean)
     phantoms = tuple(phantom(scenario, split, sample) for sample in range(count))
     declared = {
         "sample": np.arange(count),
@@ -145,6 +146,7 @@ def _simulated(
         "family": [p.family for p in phantoms],
         "shape": [p.shape for p in phantoms],
         "snr_db": snr,
+        "touch_snr_db": touch_snr,
         "inclusions": [len(p.inclusions) for p in phantoms],
     }
     drawn = pd.DataFrame([p.parameters for p in phantoms])
@@ -164,8 +166,11 @@ def _simulated(
 
 def _measured(
     scenario: SimulatedScenario, split: Split, clean: Array
-) -> tuple[Array, Array, Array]:
-    """Frames (n, M) as the board of `split` sends them, their SNR (n,) [dB], and the reference."""
+) -> tuple[Array, Array, Array, Array]:
+    """Frames (n, M) as the board of `split` sends them, and the reference frame (M,) last.
+
+    Between them the SNR (n,) of each frame and that of its touch [dB].
+    """
     board, pattern = scenario.split_imperfections(split), scenario.nominal_sensor.pattern
     untouched = clean_reference(scenario, split)
     analogue = board.analogue(clean, untouched, pattern)
@@ -177,10 +182,11 @@ def _measured(
     # imperfections: these are unknown to the other splits.
     times = np.array([-board.reference_age_s])
     (before,) = board.analogue(untouched[None], untouched, pattern, times)
+    touch_snr = touch_snr_db(clean - untouched, clean, snr)
     noise = scenario.split_noise("test" if scenario.imperfections is None else split)
     noisy = measured_reference(before, noise, scenario=scenario.name)
     (reference,) = board.digital(noisy[None], untouched, pattern)
-    return voltages, snr, reference
+    return voltages, snr, touch_snr, reference
 
 
 # Columns of recorded sets that name the object of a frame; without, each frame has its own.

@@ -24,6 +24,19 @@ def add_noise(frame: ArrayLike, snr_db: float, rng: np.random.Generator) -> Arra
     return np.asarray(clean + noise)
 
 
+def touch_snr_db(touch: ArrayLike, clean: ArrayLike, snr_db: ArrayLike) -> Array:
+    """SNR (n,) of the touch [dB]: rms of what a touch changes over rms of the noise of its frame.
+
+    Args:
+        touch: (n, M) change of the frames without noise by the touch.
+        clean: (n, M) these frames.
+        snr_db: (n,) SNR of the frames, NaN where they are clean.
+    """
+    size = np.mean(np.square(touch), axis=1) / np.mean(np.square(clean), axis=1)
+    with np.errstate(divide="ignore"):  # a frame without a touch has none
+        return np.asarray(snr_db + 10 * np.log10(size))
+
+
 def measured_frames(
     clean: ArrayLike, noise: Noise, *, scenario: str, split: str
 ) -> tuple[Array, Array]:

@@ -121,7 +121,8 @@ def run(module: str, tests: Sequence[str], count: int, seed: int) -> list[Mutant
             sys.exit(f"{module}: its tests fail without a mutant.\n{done.stdout[-2000:]}")
         for mutation in mutants(module, count, seed):
             result = mutate_and_test([mutation], command, timeout=600)
-            changed = (result.diff or "").splitlines()[2:]  # below the names of the file
+            lines = (result.diff or "").splitlines()
+            changed = [line for line in lines if not line.startswith(("---", "+++"))]
             before, after = (
                 " ".join(line[1:].strip() for line in changed if line.startswith(sign))
                 for sign in "-+"

@@ -184,7 +184,7 @@ function drawNoise() {
   of.sort((a, b) => level(a) - level(b));
   const names = [...new Set(of.flatMap((b) => b.views[0].rows.map(nameOf)))];
   if (!$("noise-figure").options.length) options($("noise-figure"), ["score", "ssim", "cc", "rie", "psnr", "localisation_mm"].map((n) => [n, titleOf(n)]), "score");
-  const figure = $("noise-figure").value, x = of.map((b) => b.snr_db === "clean" ? "clean" : `${b.snr_db} dB`);
+  const figure = $("noise-figure").value, x = of.map((b) => b.snr_db === "clean" ? "clean" : `${b.snr_db} dB${b.touch_snr_db === null ? "" : ` (${b.touch_snr_db.toFixed(0)} dB)`}`);
   const traces = names.flatMap((name, k) => {
     const rows = of.map((b) => b.views[0].rows.find((row) => nameOf(row) === name));
     const get = (end) => rows.map((row) => row ? row[figure + end] : null);
@@ -192,7 +192,7 @@ function drawNoise() {
     const band = get("_low").some((v) => v === null) ? [] : [{ x: [...x, ...[...x].reverse()], y: [...get("_high"), ...get("_low").reverse()], fill: "toself", mode: "none", fillcolor: COLOURS[k % COLOURS.length] + "22", hoverinfo: "skip", showlegend: false }];
     return [...band, { x, y: get(""), name: escaped(name), mode: "lines+markers", line: of_line, marker: { symbol: symbol(k), size: 7 } }];
   });
-  plot("noise", `${titleOf(figure)} of every method at ${x.join(", ")}`, traces, axis("SNR", { type: "category" }), axis(titleOf(figure)));
+  plot("noise", `${titleOf(figure)} of every method at ${x.join(", ")}`, traces, axis("SNR of a frame (of what a touch changes in it, median)", { type: "category" }), axis(titleOf(figure)));
 }
 
 // The edge of the sensor [mm], row by row of its mask: up along the right side, down along the left.

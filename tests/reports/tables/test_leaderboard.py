@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from tests.support.made_runs import edited_manifest
 
@@ -60,6 +61,19 @@ def test_markdown_shows_one_table_per_scenario_with_the_best_in_bold(full_run: P
     )
     line = next(x for x in tables["bench / position-set"].splitlines() if best["method"] in x)
     assert f"**{best['localisation_mm']:.1f}**" in line
+
+
+def test_a_note_tells_the_noise_of_frame_and_touch_and_shared_times(
+    build: Any, dataset_of: Callable[..., Any]
+) -> None:
+    made = dataset_of("conductivity", 12, scenario="noisy")
+    made.samples["snr_db"], made.samples["touch_snr_db"] = 40.0, np.arange(12.0)
+    build.add_scaled(made, {"one": 0.5, "other": 0.4})
+    build.methods[0]["timed"], build.methods[1]["timed"] = "pinned", "shared"
+    text = FORMATS["md"](ranked_rows([build.write()]))
+    assert "SNR 40 dB of a frame, 6 dB of what the touch changes (medians)" in text
+    assert "share one noisy reference frame" in text
+    assert "times of 1 of 2 rows were taken beside other cells" in text
 
 
 def test_names_are_data_in_markdown(nasty: list[dict[str, Any]]) -> None:

@@ -7,7 +7,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from eitbench.scenarios.imperfections.noise import add_noise, measured_frames, measured_reference
+from eitbench.scenarios.imperfections.noise import (
+    add_noise,
+    measured_frames,
+    measured_reference,
+    touch_snr_db,
+)
 from eitbench.scenarios.seeds import generator
 
 FRAMES = np.random.default_rng(1).normal(size=(400, 208)) * np.linspace(0.1, 5, 400)[:, None]
@@ -77,6 +82,19 @@ def test_reference_is_measured_like_any_frame() -> None:
     assert noise.std() == pytest.approx(np.sqrt(np.mean(frame**2)) * 10**-1.5, rel=0.03)
     for quiet in ("clean", "mixture"):
         assert np.array_equal(measured_reference(frame, quiet, scenario="s"), frame)
+
+
+def test_the_snr_of_the_touch_is_that_of_what_it_changes() -> None:
+    """Measured on noisy frames, whose touch changes a tenth and a hundredth of the frame."""
+    clean = np.full((2, 50_000), 2.0)
+    touch = np.stack([np.full(50_000, 0.2), np.full(50_000, -0.02)])
+    noisy, snr = measured_frames(clean, 40.0, scenario="s", split="test")
+    found = touch_snr_db(touch, clean, snr)
+    noise = (noisy - clean).std(axis=1)
+    assert found == pytest.approx(20 * np.log10(np.abs(touch[:, 0]) / noise), abs=0.1)
+    assert found == pytest.approx([20, 0], abs=1e-9)
+    assert np.isnan(touch_snr_db(touch, clean, np.full(2, np.nan))).all()
+    assert touch_snr_db(0 * touch, clean, snr).tolist() == [-np.inf, -np.inf]
 
 
 def test_input_is_not_changed() -> None:
