@@ -171,6 +171,7 @@ class _Given(BaseModel):
 
 class _Tuned(BaseModel):
     trials: int = 0
+    edges: list[str] = []
 
 
 class _Weights(BaseModel):
@@ -205,7 +206,9 @@ def describe_prior_knowledge(text: object) -> str:
     if known.noise:
         parts.append(f"noise level through {' and '.join(_NOISE[way] for way in known.noise)}")
     if known.tuned.trials:
-        parts.append(f"{known.tuned.trials} trials of tuning")
+        edges = ", ".join(known.tuned.edges)
+        where = f", {edges} at the edge of what was tried" if edges else ""
+        parts.append(f"{known.tuned.trials} trials of tuning{where}")
     for given in known.given:
         kind = "training" if given.split == "train" else given.split
         parts.append(f"{given.samples:,} {kind} samples")

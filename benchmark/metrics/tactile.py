@@ -116,7 +116,7 @@ def fit_similarity(source: ArrayLike, target: ArrayLike) -> Similarity | None:
     close = 0.01 * float(np.sqrt(np.mean((y - y.mean(axis=0)) ** 2)))
     fitted = _weighted_similarity(x, y, weights)
     for _ in range(_WEISZFELD_STEPS):
-        if fitted is None or close == 0:
+        if fitted is None:
             break
         weights = 1 / np.maximum(np.hypot(*(fitted(x) - y).T), close)
         fitted = _weighted_similarity(x, y, weights)

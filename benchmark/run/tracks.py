@@ -19,6 +19,7 @@ from eitbench.benchmark.run.cell_task import CellData, CellPlan
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
 from eitbench.benchmark.rundir.manifest import Manifest
 from eitbench.benchmark.rundir.store import TRACKS, RunStore
+from eitbench.benchmark.tuning.selection import at_edge
 
 if TYPE_CHECKING:
     from eitbench.benchmark.rundir.plan import Plan
@@ -31,7 +32,10 @@ def cell_entries(plan: "Plan", data: CellData, name: str) -> list[Manifest]:
     track = "default" if selection is None else "tuned"
     if data.scenario.calibrated:
         track = "calibrated"
-    cells = [("", track, own["parameters"], own["spent"])]
+    spent = own["spent"] | {"edges": at_edge(own)} if selection else {}
+    cells: list[tuple[str, str, dict[str, Any], dict[str, Any]]] = [
+        ("", track, own["parameters"], spent)
+    ]
     if selection is not None and "default" in plan.tracks:  # without one the ranked track is it
         cells.append(("default", "default", {}, {}))
     if "oracle" in plan.tracks:

@@ -101,6 +101,24 @@ class Selection:
         return {**plain, "spent": spent}
 
 
+def at_edge(selection: Mapping[str, Any]) -> list[str]:
+    """Return the parameters whose selected value is the least or the greatest that was tried.
+
+    A better value may lie beyond. Parameters that took 0 or fewer than three numbers have no open
+    range.
+
+    Args:
+        selection: as `Selection.describe` gives it.
+    """
+    edges = []
+    for name, value in selection["parameters"].items():
+        tried = {trial["parameters"].get(name) for trial in selection["trials"]}
+        numbers = [v for v in tried if isinstance(v, int | float) and not isinstance(v, bool)]
+        if len(numbers) >= 3 and min(numbers) > 0 and value in (min(numbers), max(numbers)):
+            edges.append(name)
+    return edges
+
+
 def validation_scenario(scenario: Scenario) -> Scenario:
     """Return the scenario whose validation split has the noise of the test split.
 

@@ -43,7 +43,7 @@ def tune(
 
     Every method has the same budget. A tuning that was stopped goes on where it stood.
     """
-    from eitbench.benchmark.tuning.selection import TuningBudget, user_selections
+    from eitbench.benchmark.tuning.selection import TuningBudget, at_edge, user_selections
     from eitbench.benchmark.tuning.tuner import tune as choose_all
 
     plan = plan_of(suite, methods, scenarios, None, plugin)
@@ -61,6 +61,11 @@ def tune(
             f"{scenario}  {name}  {json.dumps(choice.parameters)}  {spent['trials']} trials"
             f" ({spent['pruned']} pruned, {spent['failed']} failed), {spent['seconds']:.0f} s"
         )
+        for parameter in at_edge(choice.describe()):
+            typer.echo(
+                f"  {parameter} = {choice.parameters[parameter]} is at the edge of what was tried: "
+                "a better value may lie beyond it."
+            )
     if left := [name for name in plan.names if name not in tuned]:
         typer.echo(f"Nothing to select for {', '.join(left)}: see `search` in docs/tuning.md.")
     typer.echo(f"Selected hyper-parameters: {folder}")

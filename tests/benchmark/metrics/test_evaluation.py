@@ -62,6 +62,19 @@ def test_conductivity_is_scored_with_all_metrics() -> None:
     assert (rows["contact_count_error"] == 0).all()
     assert (rows["iou"] > 0.9).all()
     assert not rows["cc_undefined"].any()
+    np.testing.assert_allclose(rows[["found_x_m", "found_y_m"]], places(5), atol=2e-3)
+
+
+def test_the_response_is_the_rms_of_the_contrast_inside() -> None:
+    images = presses(places(3), level=-0.1)
+    images[:, ~SKIN.mask] = 9.0
+    inside = images[:, SKIN.mask] - SKIN.background
+    rows = evaluate(dataset("none", 3), images)
+    expected = np.sqrt((inside**2).mean(axis=1))
+    assert 0.005 < expected.min()
+    np.testing.assert_allclose(rows["response"], expected, rtol=1e-5)
+    assert not rows["cc_undefined"].any()
+    assert rows["localisation_mm"].isna().all()
 
 
 def test_the_truth_itself_is_perfect() -> None:
@@ -101,7 +114,7 @@ def test_classes_are_compared_with_the_contrast() -> None:
     assert (rows[["iou_resistive", "iou_conductive"]] == 1).all(axis=None)
     wrong = evaluate(data, SKIN.background - 0.02 * classes)
     np.testing.assert_allclose(wrong["cc"], -1, atol=1e-6)
-    assert (wrong["iou_resistive"] < 0.2).all()
+    assert (wrong[["iou_resistive", "iou_conductive"]] < 0.2).all(axis=None)
     assert rows[["ssim", "psnr", "score"]].isna().all(axis=None)
 
 
@@ -135,6 +148,8 @@ def test_a_method_that_cannot_be_registered_gains_nothing() -> None:
     registration = fit_registration(validation, blank)
     assert registration.scale == 1
     np.testing.assert_allclose(registration.turn, np.eye(2))
+    pressed = validation.samples[["x_m", "y_m"]].to_numpy()
+    np.testing.assert_allclose(registration.shift, pressed.mean(axis=0))  # the disc is centred
     always = presses(np.zeros((30, 2)))
     error = evaluate(validation, always, fit_registration(validation, always))["localisation_mm"]
     assert error.median() > 30

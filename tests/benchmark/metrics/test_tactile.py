@@ -79,6 +79,17 @@ def test_points_that_determine_no_similarity_give_none() -> None:
     assert tactile.fit_similarity(line, target) is None
     assert tactile.fit_similarity(np.full((5, 2), np.nan), target) is None
     assert tactile.fit_similarity(target[:2], target[:2]) is None
+    assert tactile.fit_similarity(target, np.ones((5, 2))) is None
+    for angle in np.linspace(0.1, 3, 30):  # of most, rounding leaves a little beside the line
+        turned = np.linspace(0, 1, 5)[:, None] * [np.cos(angle), np.sin(angle)] + 0.3
+        assert tactile.fit_similarity(turned, target) is None
+
+
+def test_three_points_are_enough() -> None:
+    points = np.random.default_rng(3).standard_normal((3, 2))
+    fitted = tactile.fit_similarity(points, 2 * points + 1)
+    assert fitted is not None
+    np.testing.assert_allclose(fitted(points), 2 * points + 1, atol=1e-9)
 
 
 def test_a_similarity_survives_contacts_that_were_found_elsewhere() -> None:

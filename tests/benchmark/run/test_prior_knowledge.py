@@ -167,6 +167,11 @@ def test_knowledge_by_tuning_is_reported() -> None:
         "nominal contact impedance; conductivity range; noise level through tuning; "
         "12 trials of tuning"
     )
+    spent = choice.describe()["spent"] | {"edges": ["weight"]}
+    edge = columns(problem.access_record(), {}, SMALL, test, spent=spent)["prior_knowledge"]
+    assert describe_prior_knowledge(edge).endswith(
+        "12 trials of tuning, weight at the edge of what was tried"
+    )
     assert "tuning" not in describe_prior_knowledge(
         columns(problem.access_record(), {}, SMALL, test, spent={})["prior_knowledge"]
     )

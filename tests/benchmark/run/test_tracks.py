@@ -67,6 +67,7 @@ def test_the_oracle_is_the_best_on_test_of_what_was_tried(run: Path) -> None:
     assert means["default"] == pytest.approx(score(1.4))
     assert means["oracle"] == pytest.approx(score(1.0))
     cells = json.loads((run / "manifest.json").read_text())["cells"]
+    assert cells[0]["spent"]["edges"] == []
     assert [c["variant"] for c in cells] == ["", "default", "trial-00", "trial-01"]
 
 

@@ -10,6 +10,7 @@ from eitbench.benchmark.tuning.selection import (
     Selection,
     Trial,
     TuningBudget,
+    at_edge,
     record,
     selected_parameters,
     validation_key,
@@ -25,6 +26,25 @@ assert isinstance(SMALL, SimulatedScenario)
 def choice(**parameters: object) -> Selection:
     trials = (Trial(parameters, 1.0), Trial({"weight": 9}, None, "failed", 2.0, "it said no"))
     return Selection(parameters, 1.0, trials, TuningBudget(), "space")
+
+
+@pytest.mark.parametrize(
+    ("tried", "selected", "edges"),
+    [
+        ((0.1, 0.3, 1.0), 0.1, ["weight"]),
+        ((0.1, 0.3, 1.0), 1.0, ["weight"]),
+        ((0.1, 0.3, 1.0), 0.3, []),
+        ((0.0, 0.5, 1.0), 1.0, []),  # from 0 to 1: nothing lies beyond
+        ((0.1, 1.0), 1.0, []),
+        (("conductivity", "clausius-mossotti", "other"), "other", []),
+    ],
+)
+def test_a_value_at_the_edge_of_what_was_tried_is_told(
+    tried: tuple[object, ...], selected: object, edges: list[str]
+) -> None:
+    trials = tuple(Trial({"weight": value}, 1.0) for value in tried)
+    found = Selection({"weight": selected}, 1.0, trials, TuningBudget(), "space")
+    assert at_edge(found.describe()) == edges
 
 
 def test_choices_are_found_by_the_data_they_were_made_on(
