@@ -3,9 +3,9 @@
     make mutants
 
 draws mutants of each module of `TARGETS`, runs the module's own tests on each in a copy of the
-checkout, and writes `score.csv` and `survivors.csv`. A mutant that no test notices is a missing
-test, or changes nothing that can be seen: `explained.toml` says why. The mutants are those of
-cosmic-ray: signs, comparisons, conditions and numbers.
+checkout, and writes `mutants.csv`, `score.csv` and `survivors.csv`. A mutant that no test notices
+is a missing test, or changes nothing that can be seen: `explained.toml` says why. The mutants are
+those of cosmic-ray: signs, comparisons, conditions and numbers.
 """
 
 import argparse
@@ -146,21 +146,30 @@ def explanations(lost: pd.DataFrame) -> list[str]:
 def main() -> None:
     """Draw, run and write."""
     parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("modules", nargs="*", help="only these; others keep what is stored")
     parser.add_argument("--count", type=int, default=0, help="mutants a module (0: all)")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--out", type=Path, default=ROOT / "docs" / "studies" / "mutation")
     given = parser.parse_args()
     found = Parallel(n_jobs=given.jobs, batch_size=1)(
-        delayed(run)(module, tests, given.count, given.seed) for module, tests in TARGETS.items()
+        delayed(run)(module, TARGETS[module], given.count, given.seed)
+        for module in given.modules or TARGETS
     )
     table = pd.DataFrame([mutant for of in found for mutant in of], columns=Mutant._fields)
+    stored = given.out / "mutants.csv"
+    if given.modules and stored.is_file():
+        old = pd.read_csv(stored)
+        table = pd.concat([old[~old["module"].isin(given.modules)], table], ignore_index=True)
+    order = list(TARGETS)
+    table = table.sort_values("module", key=lambda of: of.map(order.index), kind="stable")
     lost = table[table["survived"]].drop(columns="survived")
     lost = lost.assign(why=explanations(lost))
     score = table.groupby("module", sort=False)["survived"].agg(mutants="size", survived="sum")
     explained_of = (lost["why"] != "").groupby(lost["module"]).sum()
     score["explained"] = explained_of.reindex(score.index, fill_value=0)
     given.out.mkdir(parents=True, exist_ok=True)
+    table.to_csv(stored, index=False)
     score.to_csv(given.out / "score.csv")
     lost.to_csv(given.out / "survivors.csv", index=False)
     print(score.to_string())

@@ -29,8 +29,8 @@ FORBIDDEN_METHODS = {"extractall", "extract", "to_pickle", "unpack_archive"}
 
 BETWEEN_OUR_PROCESSES = {
     "benchmark/run/executors.py", "benchmark/workers/process.py", "benchmark/workers/worker.py",
-    "benchmark/studies/readings.py", "benchmark/studies/real_trained.py",
-    "benchmark/studies/training_study.py",
+    "benchmark/studies/priors.py", "benchmark/studies/readings.py",
+    "benchmark/studies/real_trained.py", "benchmark/studies/training_study.py",
     "methods/learned/refiner_training.py", "scenarios/data/simulation.py",
 }  # fmt: skip
 

@@ -169,6 +169,22 @@ def readings_command(
     typer.echo(f"Next: eitbench reproduce --study {out}")
 
 
+@app.command(epilog="Example: eitbench priors --jobs 2 --out runs/priors")
+def priors(
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Where the figures go.")],
+    samples: Annotated[int, typer.Option(min=2, help="Test samples of each scenario.")] = 120,
+    jobs: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
+) -> None:
+    """Measure what each prior of a method is worth: score it again without that prior."""
+    from eitbench.benchmark.studies.priors import worth_of_priors
+    from eitbench.reports.studies.priors import priors_table, write_priors
+
+    table = worth_of_priors(samples=samples, jobs=jobs)
+    typer.echo(priors_table(table))
+    for path in write_priors(table, out):
+        typer.echo(str(path))
+
+
 @app.command("real-trained", epilog="Example: eitbench real-trained --jobs 2 --out runs/presses")
 def real_trained_command(
     out: Annotated[Path, typer.Option(metavar="DIR", help="Where the errors and figure go.")],

@@ -169,6 +169,22 @@ def test_failed_samples_cost_and_the_rank_without_them_is_told() -> None:
     assert (rows["fair"]["rank"], rows["fair"]["rank_valid"]) == (1, 2)
 
 
+def test_gaps_between_tracks_are_those_of_the_method_and_scenario() -> None:
+    methods = four_methods(40)
+    run = run_of(methods)
+    default = run.samples.assign(track="default")
+    default["psnr"] -= np.where(default["method"] == "best", 2.0, 4.0)
+    four = {metric: default[metric] for metric in ("ssim", "cc", "rie", "psnr")}
+    default = default.assign(score=score(**four))
+    elsewhere = default.assign(scenario="another", score=0.0)
+    (found,) = standings([replace(run, tracks=pd.concat([default, elsewhere]))])
+    for row in found.rows:
+        lower = 2.0 if row["method"] == "best" else 4.0
+        assert row["tuning_gain"] == pytest.approx(0.25 * lower)
+        assert row["default_figure"] == pytest.approx(row["score"] - 0.25 * lower)
+        assert row["tuning_gain_low"] == pytest.approx(0.25 * lower)  # each sample gains it
+
+
 def test_too_few_phantoms_say_so() -> None:
     found = standing({"one": np.arange(MIN_PHANTOMS - 1.0), "other": np.arange(MIN_PHANTOMS - 1.0)})
     assert found.why_not == "Intervals need at least 10 phantoms, and here are 9."

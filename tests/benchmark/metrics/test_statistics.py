@@ -16,6 +16,7 @@ from eitbench.benchmark.metrics.statistics import (
     once,
     seed_means,
     signed_rank,
+    spearman,
     student_t,
 )
 from eitbench.scenarios.arrays import Array
@@ -72,6 +73,20 @@ def test_medians_of_draws_are_those_of_repeated_values() -> None:
         assert out[0] == pytest.approx(np.nanmedian(repeated[:, 0]))
         assert out[1] == pytest.approx(np.median(repeated[:, 1]))
     assert np.isnan(found[:, 2]).all()
+
+
+def test_rank_correlations_of_draws_are_those_of_repeated_values() -> None:
+    """Beside SciPy's, with ties, of values that are repeated as often as they are drawn."""
+    rng = np.random.default_rng(8)
+    y = rng.integers(4, size=12).astype(float)
+    x = y + rng.normal(size=12).round(1)
+    counts = rng.integers(1, 4, size=(20, 12)).astype(float)
+    found = spearman(counts, x, y)
+    for row, value in zip(counts.astype(int), found, strict=True):
+        other = stats.spearmanr(np.repeat(x, row), np.repeat(y, row)).statistic
+        assert value == pytest.approx(other, abs=1e-12)
+    assert spearman(counts, np.ones(12), y).tolist() == [0] * 20  # it tells nothing
+    assert np.isnan(spearman(counts, x, np.ones(12))).all()
 
 
 def test_draws_take_whole_clusters_as_often_as_there_are() -> None:
