@@ -42,7 +42,6 @@ TARGETS = {
         "tests/benchmark/analysis/test_standings.py",
     ),
     "benchmark/analysis/standings.py": ("tests/benchmark/analysis/test_standings.py",),
-    "benchmark/workers/method_service.py": ("tests/benchmark/workers", "tests/benchmark/tuning"),
     "scenarios/imperfections/noise.py": (
         "tests/scenarios/imperfections/test_noise.py",
         "tests/scenarios/data/test_datasets.py",
@@ -54,7 +53,7 @@ TARGETS = {
         "tests/scenarios/imperfections/test_noise.py",
         "tests/scenarios/phantoms/test_phantoms.py",
     ),
-    "scenarios/guard.py": ("tests/benchmark/tuning", "tests/benchmark/workers"),
+    "scenarios/guard.py": ("tests/scenarios/test_guard.py",),
     "scenarios/data/datasets.py": ("tests/scenarios/data/test_datasets.py",),
 }
 """Modules by the tests that have to notice a change in them."""
