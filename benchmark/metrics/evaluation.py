@@ -142,6 +142,8 @@ def _figures_of_images(
     if dataset.truth == "conductivity":
         four = image_figures(truth, images, sensor.data_range, mask)
         figures |= {**four, "score": score(**four), "bounded": bounded_score(four)}
+        edge, artefacts = tactile.edges_and_artefacts(true, truth - background, contrast, sensor)
+        figures |= {"edge": edge, "artefacts": artefacts}
     else:
         figures["cc"] = cc(truth, contrast, mask)
         for name, sign in (("iou_resistive", -1), ("iou_conductive", 1)):

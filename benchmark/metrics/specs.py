@@ -140,6 +140,27 @@ _SPECS = (
         traps="Blind to strength, hard on small contacts.",
     ),
     MetricSpec(
+        "edge",
+        "Edge",
+        formula="step of p across the edges of true contacts / that of t: mean of what lies within "
+        "3 % of the sensor's diameter inside, minus the same outside",
+        domain=_SIMULATED,
+        best="max",
+        form=".2f",
+        traps="Falls with a wrong place or strength as with blur. More than 1 where an image "
+        "overshoots.",
+    ),
+    MetricSpec(
+        "artefacts",
+        "Artefacts",
+        formula="norm of the contrast of p farther than 3 % of the sensor's diameter from true "
+        "contacts / norm of the contrast of t",
+        domain=_SIMULATED,
+        best="min",
+        form=".3f",
+        traps="An empty image has none. Wide blur counts, too.",
+    ),
+    MetricSpec(
         "iou_resistive",
         "IoU resistive",
         formula="as IoU, contrast below the background only",

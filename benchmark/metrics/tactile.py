@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.ndimage import distance_transform_edt
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist, pdist
 
@@ -16,6 +17,8 @@ from eitbench.scenarios.phantoms.contacts import Contacts
 from eitbench.scenarios.sensors.sensor import Sensor
 
 _WEISZFELD_STEPS = 30
+EDGE_ZONE = 0.03
+"""Half the width of the zone around the edges of true contacts, over the sensor's diameter."""
 
 
 def diameter(sensor: Sensor) -> float:
@@ -60,6 +63,46 @@ def overlap(
     result = np.full(len(truth), np.nan)
     np.divide(shared, union, out=result, where=union > 0)
     return result
+
+
+def edges_and_artefacts(
+    truth: Contacts, true: Array, found: Array, sensor: Sensor
+) -> tuple[Array, Array]:
+    """Sharpness at the edges of true contacts, and contrast that lies away from them.
+
+    The zone of an edge reaches `EDGE_ZONE` of the sensor's diameter to both of its sides.
+
+    Args:
+        truth: the true contacts.
+        true, found: (n, H, W) contrast of truth and estimate [S/m].
+
+    Returns:
+        The mean step of the estimate from the outer to the inner half of the zones, over that of
+        the truth (n,); and the norm of its contrast outside contacts and zones, over the norm of
+        the true contrast (n,). NaN where there is no true contact, or nothing else.
+    """
+    height, width = sensor.image_shape
+    x0, y0, x1, y1 = sensor.outline.bounds
+    pixel = ((y1 - y0) / height, (x1 - x0) / width)
+    reach = EDGE_ZONE * diameter(sensor)
+    edge, artefacts = np.full(len(true), np.nan), np.full(len(true), np.nan)
+    for n in np.unique(truth.image):
+        contact = truth.region[n] != 0
+        outside, nearest = distance_transform_edt(~contact, pixel, return_indices=True)
+        inside = distance_transform_edt(contact, pixel)
+        sign = truth.region[n][tuple(nearest)]  # of the contact that a pixel belongs to
+        inner = contact & (inside <= reach) & sensor.mask
+        outer = ~contact & (outside <= reach) & sensor.mask
+        far = (outside > reach) & sensor.mask
+        if not outer.any():
+            continue
+        step, whole = (
+            (sign * image[n])[inner].mean() - (sign * image[n])[outer].mean()
+            for image in (found, true)
+        )
+        edge[n] = step / whole
+        artefacts[n] = np.linalg.norm(found[n][far]) / np.linalg.norm(true[n][sensor.mask])
+    return edge, artefacts
 
 
 @dataclass(frozen=True, eq=False)

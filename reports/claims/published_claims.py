@@ -16,6 +16,7 @@ _PAPER = "eitbench run paper --methods noser,tv,dnn,phydnn"
 _OPERATORS = "eitbench run operators --operators surrogate,jacobian,fem"
 _RANGES = ("noise-60db", "noise-50db", "noise-40db", "noise-30db")
 _OVER_DNN = (("phydnn", "dnn"),)
+_OVER_CLASSICAL = tuple((a, b) for a in ("dnn", "phydnn") for b in ("noser", "tv"))
 
 
 def _not_testable(why: str) -> Callable[[Evidence], Finding]:
@@ -132,7 +133,7 @@ CLAIMS = (
         ),
         f"differences on the same samples; {_INTERVALS}",
         _PAPER,
-        partial(rules.better_than, [(a, b) for a in ("dnn", "phydnn") for b in ("noser", "tv")]),
+        partial(rules.better_than, _OVER_CLASSICAL),
     ),
     Claim(
         "phydnn-over-dnn",
@@ -151,6 +152,34 @@ CLAIMS = (
         f"differences on the same samples, Student's intervals over the seeds; {_INTERVALS}",
         "eitbench study physics --out runs/physics && eitbench reproduce --study runs/physics",
         rules.phydnn_over_dnn_with_seeds,
+    ),
+    *(
+        Claim(
+            name,
+            where,
+            says,
+            rules.difference_figures(
+                *(f"{rules.LABELS[a]} minus {rules.LABELS[b]}" for a, b in pairs),
+                metrics=rules.SHAPE_METRICS,
+            ),
+            f"differences on the same samples; {_INTERVALS}",
+            _PAPER,
+            partial(rules.better_than, pairs, metrics=rules.SHAPE_METRICS),
+        )
+        for name, where, says, pairs in (
+            (
+                "networks-cleaner",
+                "Section III-E",
+                "DNN and PhyDNN show sharper edges and fewer artefacts than NOSER and TV.",
+                _OVER_CLASSICAL,
+            ),
+            (
+                "phydnn-cleaner",
+                "Section V",
+                "The physical loss reduces artefacts and improves shapes.",
+                _OVER_DNN,
+            ),
+        )
     ),
     Claim(
         "every-case",

@@ -33,6 +33,7 @@ from eitbench.reports.studies.summaries import training_budget
 from eitbench.reports.tables.published import BETA, RATIO, TABLE_I, TABLE_II
 
 IMAGE_METRICS = ("ssim", "cc", "rie", "psnr")
+SHAPE_METRICS = ("edge", "artefacts")
 TOLERANCES: Mapping[str, Mapping[str, float]] = {
     "ssim": {"absolute": 0.01},
     "cc": {"absolute": 0.01},
@@ -69,10 +70,10 @@ def operator_figures(name: str) -> tuple[Figure, ...]:
     return Figure("R", TABLE_I[name]["r"]), Figure("MSE", TABLE_I[name]["mse"])
 
 
-def difference_figures(*pairs: str) -> tuple[Figure, ...]:
-    """Return a figure for every image metric of every pair, such as "PhyDNN minus DNN"."""
+def difference_figures(*pairs: str, metrics: Sequence[str] = IMAGE_METRICS) -> tuple[Figure, ...]:
+    """Return a figure for each of the metrics of every pair, such as "PhyDNN minus DNN"."""
     return tuple(
-        Figure(f"{METRICS[name].heading}, {pair}", None) for pair in pairs for name in IMAGE_METRICS
+        Figure(f"{METRICS[name].heading}, {pair}", None) for pair in pairs for name in metrics
     )
 
 
@@ -188,30 +189,33 @@ def table_row(method: str, evidence: Evidence) -> Finding:
     return _finding(figures, why, measured)
 
 
-def _sides(pair: str, intervals: Sequence[Interval], n: int) -> list[Figure]:
-    """Test the differences of the image metrics between two methods."""
+def _sides(
+    pair: str, intervals: Sequence[Interval], n: int, metrics: Sequence[str] = IMAGE_METRICS
+) -> list[Figure]:
+    """Test the differences of the metrics between two methods."""
+    figures = difference_figures(pair, metrics=metrics)
     return [
         _tested(figure, interval, better(best_of(name)), n)
-        for name, figure, interval in zip(
-            IMAGE_METRICS, difference_figures(pair), intervals, strict=True
-        )
+        for name, figure, interval in zip(metrics, figures, intervals, strict=True)
     ]
 
 
 def better_than(
-    pairs: Sequence[tuple[str, str]], evidence: Evidence, *, scenarios: Sequence[str] = (SCENARIO,)
+    pairs: Sequence[tuple[str, str]],
+    evidence: Evidence,
+    *,
+    scenarios: Sequence[str] = (SCENARIO,),
+    metrics: Sequence[str] = IMAGE_METRICS,
 ) -> Finding:
     """Test if the first method of each pair is better than the second, sample by sample."""
     figures: list[Figure] = []
     for scenario in scenarios:
         for first, second in pairs:
-            measured, differences = evidence.paired(
-                METHOD_RUNS, first, second, IMAGE_METRICS, scenario
-            )
+            measured, differences = evidence.paired(METHOD_RUNS, first, second, metrics, scenario)
             pair = f"{LABELS[first]} minus {LABELS[second]}"
             if len(scenarios) > 1:
                 pair += f" on {scenario}"
-            figures += _sides(pair, bootstrap(differences), len(differences))
+            figures += _sides(pair, bootstrap(differences), len(differences), metrics)
     return _finding(
         figures,
         f"{_counted(figures)}. One training of each network is compared: how much another seed "

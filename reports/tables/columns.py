@@ -113,8 +113,8 @@ METHOD_LAYOUT = Layout(
         Column("frame_ms_p50", "Frame p50 [ms]", TIME, "min"),
         Column("frame_ms_p99", "p99 [ms]", TIME, "min"),
         *_metrics(
-            METRICS, "localisation_mm", "contact_count_error", "area_error", "iou",
-            "iou_resistive", "iou_conductive", "strength_spearman", "repeatability_db",
+            METRICS, "localisation_mm", "contact_count_error", "area_error", "iou", "edge",
+            "artefacts", "iou_resistive", "iou_conductive", "strength_spearman", "repeatability_db",
         ),
         Column("setup_s", "Set-up [s]", TIME, "min"),
         Column("train_s", "Training [s]", TIME, "min"),

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.ndimage import gaussian_filter
 from tests.support.contact_images import FOAM, PIXEL, Array, blobs, disc_sensor
 
 from eitbench.benchmark.metrics import tactile
@@ -47,6 +48,55 @@ def test_overlap_counts_pixels_of_the_same_sign() -> None:
     estimate[2, :2] = -1
     np.testing.assert_allclose(tactile.overlap(truth, estimate), [1, 1 / 3, 0, np.nan])
     np.testing.assert_allclose(tactile.overlap(truth, estimate, (-1,)), [np.nan, np.nan, 0, np.nan])
+
+
+def bars(inside: float, outside: float, far: float = 0.0, sign: float = -1.0) -> Array:
+    """A bar of contrast `sign` over the whole height, with a step of its own near its edges."""
+    x = (np.arange(80) + 0.5) / 80 * 0.1
+    reach = tactile.EDGE_ZONE * tactile.diameter(FOAM)
+    off = np.abs(x - 0.05) - 0.02  # below 0 inside
+    profile = np.where(
+        off < -reach, 1.0, np.where(off < 0, inside, np.where(off < reach, outside, far))
+    )
+    return sign * np.broadcast_to(profile, (1, 80, 80))
+
+
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_edge_and_artefacts_of_a_bar_as_by_hand(sign: float) -> None:
+    truth = bars(1.0, 0.0, sign=sign)
+    true = contacts(truth, FOAM)
+
+    def figures(image: Array) -> tuple[float, float]:
+        edge, artefacts = tactile.edges_and_artefacts(true, truth, image, FOAM)
+        return float(edge[0]), float(artefacts[0])
+
+    assert figures(truth) == pytest.approx((1, 0))
+    assert figures(0 * truth) == pytest.approx((0, 0))
+    assert figures(bars(0.7, 0.3, sign=sign)) == pytest.approx((0.4, 0))
+    assert figures(bars(1.2, -0.1, sign=sign)) == pytest.approx((1.3, 0))
+    columns = np.count_nonzero(bars(0.0, 0.0, 1.0)[0, 0] == -1) - np.count_nonzero(
+        bars(0.0, 0.0)[0, 0] == -1
+    )
+    wide = np.count_nonzero(truth[0, 0])
+    expected = 0.2 * np.sqrt(columns / wide)
+    assert figures(bars(1.0, 0.0, 0.2, sign=sign)) == pytest.approx((1, expected))
+
+
+def test_edges_blur_and_contacts_of_both_signs_count_alike() -> None:
+    truth = blobs((0.03, 0.03, 0.012, -0.8), (0.07, 0.07, 0.012, 0.8))
+    true = contacts(truth, FOAM)
+    widths = [0, 1, 2, 4, 8]
+    found = [
+        tactile.edges_and_artefacts(true, truth, gaussian_filter(truth, (0, w, w)), FOAM)
+        for w in widths
+    ]
+    edges, artefacts = np.array(found)[:, :, 0].T
+    assert (np.diff(edges) < 0).all()
+    assert (np.diff(artefacts) > 0).all()
+    # Where nothing was touched there is nothing to compare with.
+    nothing = np.zeros_like(truth)
+    blank = tactile.edges_and_artefacts(contacts(nothing, FOAM), nothing, truth, FOAM)
+    assert np.isnan(blank).all()
 
 
 @given(

@@ -11,6 +11,7 @@ import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.ndimage import gaussian_filter
 from tests.support.made_runs import made
 
 from eitbench.benchmark import InputError
@@ -246,6 +247,23 @@ def test_the_best_in_every_case(
     assert [figure.name.split(", ")[1] for figure in over.figures[::4]] == [
         "DNN minus NOSER", "DNN minus TV", "PhyDNN minus NOSER", "PhyDNN minus TV",
     ]  # fmt: skip
+
+
+def test_blurred_images_have_softer_edges_and_more_artefacts(build: Any, many: Dataset) -> None:
+    build.suite = "paper"
+    truth = np.array(many.conductivity)
+    for method, width in (("noser", 5), ("tv", 3), ("dnn", 1), ("phydnn", 1)):
+        blurred = 1 + gaussian_filter(truth - 1, (0, width, width))
+        build.add(many, method, blurred)
+    found = findings(build.write())
+    cleaner = found["networks-cleaner"]
+    assert cleaner.verdict is Verdict.holds
+    assert [figure.name for figure in cleaner.figures[:2]] == [
+        "Edge, DNN minus NOSER", "Artefacts, DNN minus NOSER",
+    ]  # fmt: skip
+    assert cleaner.figures[0].ours is not None
+    assert cleaner.figures[0].ours > 0
+    assert found["phydnn-cleaner"].verdict is Verdict.undecided  # the same images
 
 
 def test_other_scenarios_are_compared_where_their_suite_is_the_packaged_one(
