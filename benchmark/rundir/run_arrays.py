@@ -149,6 +149,29 @@ def read_estimates(
         return images
 
 
+def read_responses(
+    path: Path, scenario: str, operators: Sequence[str], sample: int
+) -> dict[str, NDArray[np.float64]]:
+    """Read the responses (M,) to the touch of one sample [V/A], by operator.
+
+    That of the exact model is `TRUTH`. A response is the voltages minus those of the untouched
+    sensor, by the exact model.
+
+    Raises:
+        DataCorruptError: the file does not hold them, or is damaged.
+    """
+    found: dict[str, NDArray[np.float64]] = {}
+    reference = np.zeros(0)
+    for name in (TRUTH, *operators):
+        with _group(path, scenario, name) as group:
+            (row,) = _rows_of(_numbers(group, path), [sample])
+            if name == TRUTH:
+                reference = own_dataset(group, "reference", _most(path))[:]
+            voltages = own_dataset(group, "voltages", _most(path))[row]
+            found[name] = np.asarray(voltages - reference, dtype=np.float64)
+    return found
+
+
 @contextmanager
 def _group(path: Path, scenario: str, name: str) -> Iterator[h5py.Group]:
     """Open a group of the file at `path`; damage of any kind is one sentence."""

@@ -141,10 +141,11 @@ def _noise(board: Sequence[Row]) -> list[str]:
 
 def _shared_times(board: Sequence[Row]) -> list[str]:
     """A part of a sentence on times that were taken beside other cells; empty without any."""
-    shared = sum(row.get("timed") == SHARED for row in board)
+    timed = [row["timed"] for row in board if row.get("timed")]
+    shared = timed.count(SHARED)
     if not shared:
         return []
-    which = "times" if shared == len(board) else f"times of {shared} of {len(board)} rows"
+    which = "times" if shared == len(timed) else f"times of {shared} of {len(timed)} rows"
     return [f"{which} were taken beside other cells: use --jobs 1 for times to compare"]
 
 

@@ -169,12 +169,13 @@ def _complete(run: Path) -> tuple[list[dict[str, Any]], list[Path]]:
     from eitbench.benchmark.analysis.recording_notes import write_notes
     from eitbench.reports.figures.image_grid import write_figures
     from eitbench.reports.figures.ladder import write_ladder
+    from eitbench.reports.figures.voltages import write_voltages
     from eitbench.reports.tables.leaderboard import ranked_rows, write_leaderboard
 
     write_notes(run)
     rows = ranked_rows([run])
     write_leaderboard(rows, run)
-    return rows, [*write_ladder(run), *write_figures(run)]
+    return rows, [*write_ladder(run), *write_figures(run), *write_voltages(run)]
 
 
 @app.command(epilog="Example: eitbench reproduce --limit 200 --out runs/claims")

@@ -93,6 +93,16 @@ def test_reference_is_measured_once_for_all_splits_with_the_noise_of_the_test_sp
     assert np.std(noise) == pytest.approx(np.sqrt(np.mean(clean**2)) * 10**-2, rel=0.2)
 
 
+def test_the_snr_of_the_touch_is_measured_against_the_untouched_sensor() -> None:
+    noisy, clean = load(SCENARIO), load(SCENARIO.model_copy(update={"noise": SplitNoise()}))
+    noise = np.sqrt(np.mean((noisy.voltages - clean.voltages) ** 2, axis=1))
+    touch = np.sqrt(np.mean((clean.voltages - clean.reference) ** 2, axis=1))
+    # 208 values tell the size of the noise to 5 %, 0.4 dB.
+    expected = 20 * np.log10(touch / noise)
+    np.testing.assert_allclose(noisy.samples["touch_snr_db"], expected, atol=2)
+    assert clean.samples["touch_snr_db"].isna().all()
+
+
 def test_splits_have_their_own_noise_and_samples() -> None:
     train, validation = load(SCENARIO, "train"), load(SCENARIO, "validation")
     assert 0 < train.samples["snr_db"].isna().sum() < 30

@@ -104,6 +104,12 @@ def test_input_is_not_changed() -> None:
     assert (frames == 1).all()
 
 
+def test_a_key_that_is_no_number_is_refused() -> None:
+    """JSON has no such number, and nothing equals it: the draws could not be made again."""
+    with pytest.raises(ValueError, match="not JSON compliant"):
+        generator("noise", float("nan"))
+
+
 def test_generators_are_independent_of_each_other_and_reproducible() -> None:
     axes: list[Any] = [("a", 1), ("a", 2), ("a", "1"), ("a",), ("a", 1, 1), ("b", 1)]
     draws = [generator(*a).standard_normal(500) for a in axes]

@@ -1,0 +1,84 @@
+"""Voltages that forward operators predict for a touch, beside those of the exact model."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+from urllib.parse import quote
+
+import numpy as np
+
+from eitbench.benchmark.analysis.leaderboard import leaderboard_rows
+from eitbench.benchmark.analysis.results import read_run
+from eitbench.benchmark.rundir.kinds import OPERATOR_RUNS
+from eitbench.benchmark.rundir.run_arrays import TRUTH, read_responses
+from eitbench.reports.figures.style import COLOURS, NOTE, label_axes, new_figure, save
+from eitbench.reports.tables.columns import printable
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+    from matplotlib.figure import Figure
+
+    from eitbench.scenarios.arrays import Array
+
+
+_ROUNDING = 1e-9
+
+
+def write_voltages(run: Path) -> list[Path]:
+    """Draw `voltages-SCENARIO.png` and `.pdf` of a run of operators; nothing of other runs.
+
+    The sample shown is the one with the median error of the last operator on the board.
+
+    Raises:
+        DataCorruptError: the run's file of voltages is damaged.
+    """
+    read = read_run(run)
+    arrays = run / OPERATOR_RUNS.arrays
+    if read.kind != OPERATOR_RUNS or not arrays.is_file():
+        return []
+    written = []
+    for scenario in read.scenarios():
+        rows = [row for row in leaderboard_rows([read]) if row["scenario"] == scenario]
+        names = [row["operator"] for row in rows if row["coverage"] == 1]
+        if not names:
+            continue
+        samples = read.samples
+        last = samples[(samples["scenario"] == scenario) & (samples["operator"] == names[-1])]
+        order = last.sort_values(["mse", "sample"])["sample"].tolist()
+        sample = order[len(order) // 2]
+        responses = read_responses(arrays, scenario, names, sample)
+        (run / "figures").mkdir(exist_ok=True)
+        title = f"{printable(scenario)}, sample {sample}"
+        stem = run / "figures" / f"voltages-{quote(scenario, safe='')}"
+        written += save(draw(responses, title), stem)
+    return written
+
+
+def draw(responses: Mapping[str, Array], title: str) -> Figure:
+    """Draw responses to a touch above, and below them the errors of the operators.
+
+    Args:
+        responses: (M,) [V/A] by operator; that of the exact model is `TRUTH`.
+        title: of the figure.
+    """
+    figure = new_figure(7.2, 4.8)
+    above, below = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
+    truth = responses[TRUTH]
+    number = np.arange(len(truth))
+    above.plot(number, 1e3 * truth, color="0.75", lw=3, label="exact model")
+    operators = [name for name in responses if name != TRUTH]
+    # The best operator is drawn last, on top of the others.
+    for k, name in reversed(list(enumerate(operators))):
+        line = {"color": COLOURS[k % len(COLOURS)], "lw": 0.8}
+        label = printable(name).replace("$", r"\$")
+        above.plot(number, 1e3 * responses[name], label=f" {label}", **line)
+        error = np.abs(responses[name] - truth) / np.sqrt(np.mean(truth**2))
+        # An operator that is the model itself has no error that could be drawn.
+        below.semilogy(number, np.where(error > _ROUNDING, error, np.nan), **line)
+    label_axes(above, title, "", "response to the touch [mV/A]")
+    label_axes(below, "", "measurement", "|error| / rms response")
+    above.legend(fontsize=NOTE, frameon=False, loc="upper left", bbox_to_anchor=(1, 1))
+    figure.align_ylabels()
+    return figure
