@@ -25,6 +25,7 @@ NOTES = ("reciprocity_error", "repeat_noise", "guess_mm")
 NOTES_FILE = "recordings.json"
 _NOTES = TypeAdapter(dict[str, dict[str, float | None]], config=ConfigDict(strict=True))
 
+_FAMILIES = {"same": "the families of the test phantoms", "other": "other families of phantoms"}
 _NOISE = {"tuning": "tuning", "train": "training data", "validation": "validation data"}
 
 # Columns beside labels, metrics and costs, by what they hold.
@@ -187,6 +188,7 @@ class _PriorKnowledge(BaseModel):
     tuned: _Tuned
     given: list[_Given]
     trained_on: _Weights
+    families: Literal["same", "other"] | None = None
 
 
 def describe_prior_knowledge(text: object) -> str:
@@ -214,6 +216,8 @@ def describe_prior_knowledge(text: object) -> str:
         parts.append(f"{given.samples:,} {kind} samples")
     if known.trained_on.train_samples:
         parts.append(f"weights of {known.trained_on.train_samples:,} training samples")
+    if known.families:
+        parts.append(f"trained on {_FAMILIES[known.families]}")
     return "; ".join(parts) or "the reference frame only"
 
 

@@ -4,7 +4,7 @@ import json
 from collections.abc import Mapping
 from contextlib import suppress
 from io import BytesIO
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -35,7 +35,9 @@ def prior_knowledge_columns(
     `prior_knowledge` is JSON: true if it read the `model` with its contact impedance, the `gain`
     and the `conductivity_range`; `given`, the samples it learned from; `trained_on`, the data
     behind its weights; `tuned`, the cost of selecting its parameters; `noise`, the sources among
-    these that show the noise level of the test split. `overlap` is the number of test samples among
+    these that show the noise level of the test split; `families`, "same" where it learned from the
+    families of all test phantoms, else "other", None where it learned from none or they are not
+    known. `overlap` is the number of test samples among
     those it learned from, NaN where the data behind its weights are not known here.
 
     Args:
@@ -66,6 +68,7 @@ def prior_knowledge_columns(
         "trained_on": dict(trained_on),
         "tuned": dict(spent),
         "noise": noise,
+        "families": _families(access, source, scenario),
     }
     known = not trained_on or source is not None
     return {
@@ -102,6 +105,22 @@ def _source(trained_on: Mapping[str, str], scenario: Scenario) -> SimulatedScena
         ):
             return source
     return None
+
+
+def _families(
+    access: AccessRecord, source: SimulatedScenario | None, scenario: Scenario
+) -> Literal["same", "other"] | None:
+    """Compare the families of phantoms that a method learned from with those of the test split."""
+    if not isinstance(scenario, SimulatedScenario):
+        return None
+    origins = [source] if source is not None else []
+    if any(given.split == "train" for given in access.samples):
+        origins.append(scenario)
+    learned = {family.name for origin in origins for family in origin.split_families("train")}
+    if not learned:
+        return None
+    tested = {family.name for family in scenario.split_families("test")}
+    return "same" if tested <= learned else "other"
 
 
 def _has_test_noise(scenario: Scenario, split: str) -> bool:

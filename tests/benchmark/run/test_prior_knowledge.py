@@ -153,7 +153,7 @@ def test_an_honest_training_split_overlaps_nowhere() -> None:
     assert found["overlap"] == 0
     assert (
         describe_prior_knowledge(found["prior_knowledge"])
-        == "6 training samples; 8 validation samples"
+        == "6 training samples; 8 validation samples; trained on the families of the test phantoms"
     )
 
 
@@ -199,7 +199,13 @@ def test_weights_are_held_against_the_data_they_come_from(
     train = load(SMALL, split="train")
     found = columns(problem.access_record(), notes, SMALL, test, spent={})
     assert found["overlap"] == 0
-    assert describe_prior_knowledge(found["prior_knowledge"]) == "weights of 6 training samples"
+    assert describe_prior_knowledge(found["prior_knowledge"]) == (
+        "weights of 6 training samples; trained on the families of the test phantoms"
+    )
+    unseen = SMALL.model_copy(update={"families": ("ring",), "training_families": SMALL.families})
+    theirs = {**notes, "train_data": unseen.data_hash("train")}
+    other = columns(problem.access_record(), theirs, unseen, test, spent={})["prior_knowledge"]
+    assert describe_prior_knowledge(other).endswith("; trained on other families of phantoms")
     # What is tested on what it was trained on.
     assert columns(problem.access_record(), notes, SMALL, train, spent={})["overlap"] == 6
     # Nothing is known of data that are not here.
