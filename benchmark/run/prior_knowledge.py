@@ -116,11 +116,11 @@ def _families(
     origins = [source] if source is not None else []
     if any(given.split == "train" for given in access.samples):
         origins.append(scenario)
-    learned = {family.name for origin in origins for family in origin.split_families("train")}
+    learned = [family for origin in origins for family in origin.split_families("train")]
     if not learned:
         return None
-    tested = {family.name for family in scenario.split_families("test")}
-    return "same" if tested <= learned else "other"
+    tested = scenario.split_families("test")
+    return "same" if all(any(one.covers(of) for one in learned) for of in tested) else "other"
 
 
 def _has_test_noise(scenario: Scenario, split: str) -> bool:

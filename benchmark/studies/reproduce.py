@@ -46,7 +46,7 @@ def run_claims(
 
 
 def _plans(limit: int | None) -> Sequence[Plan]:
-    networks = [load_suite(name) for name in ("shapes", "noise")]
+    networks = [load_suite(name) for name in ("shapes", "noise", "objects")]
     return (
         make_plan(load_suite("paper"), methods=METHODS, scenarios=["paper"], limit=limit),
         make_plan(load_suite("operators"), operators=OPERATORS, scenarios=["paper"], limit=limit),

@@ -15,7 +15,7 @@ from eitbench.reports.studies.summaries import StudySummary
 
 SCENARIO = "paper"
 # Suites of one's own may call other scenarios so.
-SUITES = {"method": ("paper", "noise", "shapes", "presses"), "operator": ("operators",)}
+SUITES = {"method": ("paper", "noise", "shapes", "presses", "objects"), "operator": ("operators",)}
 
 
 class NotMeasuredError(Exception):

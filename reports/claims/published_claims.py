@@ -16,6 +16,7 @@ _PAPER = "eitbench run paper --methods noser,tv,dnn,phydnn"
 _OPERATORS = "eitbench run operators --operators surrogate,jacobian,fem"
 _RANGES = ("noise-60db", "noise-50db", "noise-40db", "noise-30db")
 _OVER_DNN = (("phydnn", "dnn"),)
+_OBJECT_METRICS = (*rules.IMAGE_METRICS, *rules.SHAPE_METRICS)
 _OVER_CLASSICAL = tuple((a, b) for a in ("dnn", "phydnn") for b in ("noser", "tv"))
 
 
@@ -230,10 +231,11 @@ CLAIMS = (
         "six-objects",
         "Section IV, cases 8 to 13",
         "PhyDNN shows six pressed objects rounder, sharper and more uniform than DNN.",
-        (),
-        "none: the recordings are not published, and no figures are printed",
-        "",
-        _not_testable("The recordings of the six objects are not published."),
+        rules.difference_figures("PhyDNN minus DNN", metrics=_OBJECT_METRICS),
+        "differences on the same samples of a simulated replica, since the recordings are not "
+        f"published; {_INTERVALS}",
+        "eitbench run objects --methods dnn,phydnn",
+        partial(rules.better_than, _OVER_DNN, scenarios=("objects",), metrics=_OBJECT_METRICS),
     ),
     Claim(
         "force",

@@ -18,14 +18,22 @@ background (foam16: 1 S/m, so they read as S/m). Every value is uniform in its r
 | `four-contacts` | four discs at least 0.03 apart | radii 0.05-0.1 | 0.1-0.9, each its own |
 | `conductive` | disc or rectangle | radius 0.08-0.22, sides 0.12-0.45 | 1.1-1.9 |
 | `soft-press` | disc or rectangular indenter | radius 0.06-0.15, sides 0.1-0.3 | 2-60 kPa |
+| `object-disc` | disc of 4 cm on a side of 10 cm | radius 0.198-0.202 | 0.3-0.7 |
+| `object-small-disc` | disc of 2 cm | radius 0.099-0.101 | 0.3-0.7 |
+| `object-triangle` | right isosceles triangle of 4 cm | leg 0.396-0.404 | 0.3-0.7 |
+| `object-l-shape` | L of 5 cm, 2 cm wide | arm 0.495-0.505, width 0.198-0.202 | 0.3-0.7 |
+| `object-ring` | ring, 6 and 3 cm | outer radius 0.297-0.303, inner 0.495-0.505 of it | 0.3-0.7 |
+| `object-rectangle` | 4 by 2 cm | sides 0.396-0.404 and 0.198-0.202 | 0.3-0.7 |
 
+The objects are those that the publication presses on its sensor (cases 8 to 13), uniformly. Their
+sizes are published but for the rectangle's; 1 % of them is drawn, and the conductivities are ours.
 `conductive` mirrors the contrasts of the published families, so the span stays 1 S/m, the data
 range of the metrics. `soft-press` turns pressure into conductivity by the law in
 `eitbench.scenarios.phantoms.press`.
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -70,6 +78,18 @@ class Family:
     count: int = 1
     gap: float = 0.0
     pressure: Range | None = None
+
+    def covers(self, other: "Family") -> bool:
+        """True if draws of `other` look like draws of this family, in shape, number and contrast.
+
+        Sizes are not compared.
+        """
+        (low, high), (least, greatest) = self.conductivity, other.conductivity
+        return (
+            {shape.name for shape in other.shapes} <= {shape.name for shape in self.shapes}
+            and (self.count, self.pressure) == (other.count, other.pressure)
+            and low <= least <= greatest <= high
+        )
 
     def describe(self) -> dict[str, object]:
         """The ranges as plain values, for hashing and printing."""
@@ -148,7 +168,33 @@ _OTHERS = (
     Family("conductive", (_disc(0.08, 0.22), _box(0.12, 0.45)), conductivity=(1.1, 1.9)),
     Family("soft-press", (_disc(0.06, 0.15), _box(0.1, 0.3)), pressure=(2e3, 60e3)),
 )
-FAMILIES = {family.name: family for family in (*_PUBLISHED, *_OTHERS)}
+_PRESSED = (0.3, 0.7)
+_OBJECTS = (
+    Family("object-disc", (_disc(0.198, 0.202),), conductivity=_PRESSED),
+    Family("object-small-disc", (_disc(0.099, 0.101),), conductivity=_PRESSED),
+    Family(
+        "object-triangle",
+        (replace(_TRIANGLE, sizes={"leg": (0.396, 0.404)}),),
+        conductivity=_PRESSED,
+    ),
+    Family(
+        "object-l-shape",
+        (replace(_L_SHAPE, sizes={"arm": (0.495, 0.505), "width": (0.198, 0.202)}),),
+        conductivity=_PRESSED,
+    ),
+    Family(
+        "object-ring",
+        (replace(_RING, sizes={"outer": (0.297, 0.303), "inner_ratio": (0.495, 0.505)}),),
+        conductivity=_PRESSED,
+    ),
+    Family(
+        "object-rectangle",
+        (Shape("rectangle", {"width": (0.396, 0.404), "height": (0.198, 0.202)}, _rectangle),),
+        conductivity=_PRESSED,
+    ),
+)
+FAMILIES = {family.name: family for family in (*_PUBLISHED, *_OTHERS, *_OBJECTS)}
+OBJECT_FAMILIES = tuple(family.name for family in _OBJECTS)
 PUBLISHED_FAMILIES = tuple(family.name for family in _PUBLISHED)
 
 

@@ -5,8 +5,9 @@ from pathlib import Path
 import pytest
 
 from eitbench.benchmark.metrics import image_metrics
+from eitbench.scenarios.data.datasets import load
 from eitbench.scenarios.errors import InputError
-from eitbench.scenarios.phantoms.families import FAMILIES, PUBLISHED_FAMILIES
+from eitbench.scenarios.phantoms.families import FAMILIES, OBJECT_FAMILIES, PUBLISHED_FAMILIES
 from eitbench.scenarios.suites.scenario import RecordedScenario, SimulatedScenario, SplitNoise
 from eitbench.scenarios.suites.suite import (
     WINDOW,
@@ -58,7 +59,7 @@ def simulated(suite: str) -> list[SimulatedScenario]:
 
 def test_packaged_suites_are_these() -> None:
     methods = {"quick", "paper", "paper-noise", "noise", "shapes", "presses", "recorded"}
-    methods |= {"sim2real"}
+    methods |= {"sim2real", "objects"}
     assert set(suites()) == methods | {"operators"}
     for name in suites():
         suite = load_suite(name)
@@ -101,10 +102,26 @@ def test_noise_suites_share_phantoms_over_their_levels(suite: str, crime: bool) 
     assert len({str(s.clean_parameters("test")) for s in levels}) == 1
 
 
+def test_objects_are_the_published_ones_on_an_imperfect_sensor() -> None:
+    (objects,) = simulated("objects")
+    assert objects.families == OBJECT_FAMILIES
+    assert objects.training_families == PUBLISHED_FAMILIES
+    assert objects.imperfections is not None
+    assert objects.inverse_crime is False
+    data = load(objects, "test", 6)
+    for name, size, mm in (
+        ("object-disc", "radius_m", 20), ("object-small-disc", "radius_m", 10),
+        ("object-triangle", "leg_m", 40), ("object-l-shape", "arm_m", 50),
+        ("object-l-shape", "width_m", 20), ("object-ring", "outer_m", 30),
+    ):  # fmt: skip
+        (drawn_m,) = data.samples.loc[data.samples["family"] == name, size].tolist()
+        assert 1e3 * drawn_m == pytest.approx(mm, rel=0.0101)
+
+
 def test_shapes_are_families_never_trained_on() -> None:
     (shapes,) = simulated("shapes")
     tested = {f.name for f in shapes.split_families("test")}
-    assert tested == set(FAMILIES) - set(PUBLISHED_FAMILIES)
+    assert tested == set(FAMILIES) - {*PUBLISHED_FAMILIES, *OBJECT_FAMILIES}
     for split in ("train", "validation"):
         assert not tested & {f.name for f in shapes.split_families(split)}
     assert shapes.inverse_crime is False
