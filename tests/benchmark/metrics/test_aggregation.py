@@ -5,7 +5,12 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from eitbench.benchmark.metrics.aggregation import aggregate, repeatability_db, strength_spearman
+from eitbench.benchmark.metrics.aggregation import (
+    aggregate,
+    figure_of,
+    repeatability_db,
+    strength_spearman,
+)
 from eitbench.benchmark.metrics.specs import METRICS
 
 SPECS = tuple(METRICS.values())
@@ -42,6 +47,7 @@ def test_means_and_medians_are_those_of_numpy() -> None:
     rows = cell()
     figures = dict(zip(METRICS, aggregate(rows, SPECS, np.ones((1, len(rows))))[0], strict=True))
     assert figures["ssim"] == pytest.approx(rows["ssim"].mean())
+    assert figure_of(rows, METRICS["ssim"]) == pytest.approx(figures["ssim"])
     assert figures["localisation_mm"] == pytest.approx(rows["localisation_mm"].median())
     assert np.isnan(figures["iou_resistive"])
     spearman = stats.spearmanr(rows["strength"], rows["depth_mm"]).statistic

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from eitbench.scenarios import InputError, load, sensor
-from eitbench.scenarios.imperfections.calibration import Calibration, calibrate
+from eitbench.scenarios.imperfections.calibration import Calibration, _misfit, calibrate
 from eitbench.scenarios.imperfections.imperfections import Imperfections, channels
 from eitbench.scenarios.imperfections.noise import add_noise
 from eitbench.scenarios.physics.forward import forward_model
@@ -50,6 +50,26 @@ def test_gains_shifts_and_contacts_are_found(found: Calibration) -> None:
     assert found.credible
     assert found.misfit_after < 0.1 * found.misfit_before
     assert found.factor == pytest.approx(250, rel=0.01)
+
+
+def test_the_description_is_in_the_units_that_it_names(found: Calibration) -> None:
+    described = found.describe()
+    electrodes, measured = described["electrodes"], described["channels"]
+    assert isinstance(electrodes, list)
+    assert isinstance(measured, list)
+    assert [row["shift_mm"] for row in electrodes] == pytest.approx((1e3 * found.shifts).tolist())
+    assert [row["contact_impedance"] for row in electrodes] == found.contacts.tolist()
+    assert [row["gain"] for row in measured] == found.gains.tolist()
+    assert described["misfit_before"] == found.misfit_before
+
+
+@pytest.mark.parametrize("units", [1.0, 250.0])
+def test_a_misfit_is_relative_to_the_rms_of_the_frame(units: float) -> None:
+    """White noise of 40 dB: the median of its size is 0.6745 of its deviation."""
+    model = forward_model(FOAM)
+    nominal = model.voltages(model.background)
+    noisy = units * add_noise(nominal, 40, np.random.default_rng(1))
+    assert _misfit(nominal, noisy) == pytest.approx(0.6745 * 10**-2, rel=0.15)
 
 
 def test_the_frame_it_was_made_from_becomes_the_nominal_one(found: Calibration) -> None:
