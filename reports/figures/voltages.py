@@ -19,8 +19,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from matplotlib.figure import Figure
-
-    from eitbench.scenarios.arrays import Array
+    from numpy.typing import NDArray
 
 
 _ROUNDING = 1e-9
@@ -56,7 +55,7 @@ def write_voltages(run: Path) -> list[Path]:
     return written
 
 
-def draw(responses: Mapping[str, Array], title: str) -> Figure:
+def draw(responses: Mapping[str, NDArray[np.float64]], title: str) -> Figure:
     """Draw responses to a touch above, and below them the errors of the operators.
 
     Args:
