@@ -23,7 +23,7 @@ from eitbench.benchmark.tuning.tuner import TuningTask, select, tune
 from eitbench.scenarios.data.datasets import load
 from eitbench.scenarios.data.simulation import clean_voltages, phantom
 from eitbench.scenarios.errors import DataUnavailableError, InputError
-from eitbench.scenarios.guard import closed_test_split
+from eitbench.scenarios.guard import closed_test_split, is_closed
 from eitbench.scenarios.recordings.fetch import read_recording
 from eitbench.scenarios.suites.scenario import Scenario, SimulatedScenario, SplitNoise
 from eitbench.scenarios.suites.suite import Suite, load_suite
@@ -272,6 +272,21 @@ def hook(event, arguments):
             os.close(with_fd)
 sys.addaudithook(hook)
 """
+
+
+def test_the_test_split_is_closed_in_this_process_while_methods_are_tuned(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    closed: list[bool] = []
+
+    def looking(*_: object) -> None:
+        closed.append(is_closed())
+
+    monkeypatch.setattr(tuning, "select", looking)
+    plan = make_plan(suite(SMALL), methods=["noser"])
+    assert list(tune(plan, tmp_path)) == []
+    assert closed == [True]
+    assert not is_closed()
 
 
 def test_a_whole_tuning_opens_no_file_of_the_test_split(tmp_path: Path) -> None:
