@@ -6,8 +6,11 @@ from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import ClassVar
 
+import numpy as np
+
 from eitbench.methods.problem import Problem
 from eitbench.scenarios.arrays import Array
+from eitbench.scenarios.data.datasets import Dataset, same_reference
 from eitbench.scenarios.sensors.sensor import Sensor
 
 
@@ -48,7 +51,10 @@ class Method(ABC):
 
     @abstractmethod
     def fit(self, problem: Problem) -> None:
-        """Prepare for one problem, once: factorise, load or train."""
+        """Prepare for one problem, once: factorise, load or train.
+
+        What is kept of `problem.reference` here is not that of later frames, see `Problem`.
+        """
 
     @abstractmethod
     def reconstruct(self, voltages: Array) -> Array:
@@ -59,3 +65,15 @@ class Method(ABC):
         Raises:
             InputError: a wrong number of values or a value that is not finite.
         """
+
+
+def reconstructed(method: Method, problem: Problem, data: Dataset) -> Array:
+    """Images (n, H, W) [S/m] of `data` by a method that is fitted to `problem`.
+
+    The frames of a session are reconstructed together, with their own reference frame.
+    """
+    images = []
+    for rows in same_reference(data.references):
+        problem.reference = data.references[rows.start]
+        images.append(method.reconstruct(data.voltages[rows]))
+    return np.concatenate(images)

@@ -93,8 +93,6 @@ class Problem:
 
     Attributes:
         sensor: the nominal sensor, with the range of conductivity to expect; a real one differs.
-        reference: (M,) the reference frame v_ref of the untouched sensor, in the board's units; it
-            is measured like any other.
     """
 
     def __init__(self, sensor: Sensor, reference: ArrayLike, splits: Splits) -> None:
@@ -102,8 +100,22 @@ class Problem:
         self._samples: dict[str, tuple[int, Callable[[], SamplesRead]]] = {}
         self._nominal = sensor
         self.sensor = tracked(sensor, self._read)
-        self.reference = self._frames(sensor, np.asarray(reference)[None])[0]
+        self.reference = np.asarray(reference)
         self._splits = splits
+
+    @property
+    def reference(self) -> Array:
+        """The reference frame v_ref (M,) of the untouched sensor, in the board's units.
+
+        It is measured like any other, and anew from time to time: it may be another one at every
+        call of `Method.reconstruct`, which has to read it, or `difference`, there.
+        """
+        return self._latest
+
+    @reference.setter
+    def reference(self, frame: ArrayLike) -> None:
+        self._latest: Array = self._frames(self._nominal, np.asarray(frame)[None])[0]
+        self.__dict__.pop("gain", None)
 
     @property
     def background(self) -> float:
@@ -141,14 +153,17 @@ class Problem:
     def gain(self) -> float:
         """Board units per V/A: the least-squares factor from the model's frame to v_ref."""
         self._read.add("gain")
-        modelled = self._modelled
-        gain = float(modelled @ self.reference / (modelled @ modelled))
-        if not gain > 0:
+        return float(self._gains(self.reference))
+
+    def _gains(self, references: Array) -> Array:
+        """Gains (...) of reference frames (..., M)."""
+        gains = references @ self._modelled / (self._modelled @ self._modelled)
+        if not (gains > 0).all():
             raise InputError(
                 "The reference frame does not match the sensor's drive pattern: their correlation "
                 "is not positive. Check the order and sign of the measurements."
             )
-        return gain
+        return np.asarray(gains)
 
     def difference(self, voltages: ArrayLike) -> Array:
         """Frames minus the reference frame, in model units: (n, M) to (n, M) [V/A].
@@ -157,6 +172,12 @@ class Problem:
             InputError: a wrong number of values or a value that is not finite.
         """
         return np.asarray((self._frames(self._nominal, voltages) - self.reference) / self.gain)
+
+    def differences(self, data: Dataset) -> Array:
+        """Frames of `data` minus their own reference frames, in model units: (n, M) [V/A]."""
+        self._read.add("gain")
+        gains = self._gains(data.references)
+        return np.asarray((data.voltages - data.references) / gains[:, None])
 
     def training(self, limit: int | None = None) -> Dataset:
         """The first `limit` samples of the training split, with their truth."""

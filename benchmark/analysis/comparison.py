@@ -19,11 +19,12 @@ from eitbench.benchmark.metrics.metric_spec import MetricSpec
 from eitbench.benchmark.metrics.specs import METRICS
 from eitbench.benchmark.metrics.statistics import (
     EQUAL,
-    MIN_PHANTOMS,
+    MIN_CLUSTERS,
     draw,
     holm,
     intervals,
     signed_rank,
+    signed_rank_of,
     student_t,
 )
 from eitbench.benchmark.rundir import manifest
@@ -33,14 +34,14 @@ from eitbench.scenarios.errors import InputError, unknown_name
 
 ChangeVerdict = Literal["better", "worse", "no difference found", "negligible", "equal"]
 
-_NEEDED = ("scenario", "method", "sample", "phantom", "input_hash", "status")
+_NEEDED = ("scenario", "method", "sample", "cluster", "input_hash", "status")
 _NEEDED_OF_CELL = ("scenario", "method", "frame_ms_p50", "calibration_ms", "machine", "timed")
 
 BUSY = 1.25
 """Beside what is timed, the calibration solve may take so many times the machine's fastest."""
 
 NEGLIGIBLE = 1e-3
-"""Share of the standard deviation between phantoms: what the rounding of another machine's
+"""Share of the standard deviation between clusters: what the rounding of another machine's
 arithmetic may change, however surely, and what nobody would notice."""
 
 
@@ -49,7 +50,7 @@ class Change:
     """One figure of one method on one scenario, before and after.
 
     Attributes:
-        n, phantoms: samples that both runs hold, and of how many phantoms.
+        n, clusters: samples that both runs hold, and of how many clusters.
         difference, low, high: after minus before with its 95 % interval.
         p: of a change (`compare`), or of a loss beyond the margin (`regressions`), adjusted for all
             that were tested together (Holm).
@@ -64,7 +65,7 @@ class Change:
     method: str
     figure: str
     n: int
-    phantoms: int
+    clusters: int
     before: float
     after: float
     difference: float
@@ -198,14 +199,14 @@ def _compared(
             missing.append(f"{who} is only in {before.path}.")
             continue
         cells = _common(cell, new[scenario, method])
-        phantoms = cells[0]["phantom"].nunique()
-        if phantoms == 0:
+        clusters = cells[0]["cluster"].nunique()
+        if clusters == 0:
             missing.append(f"{who} was given other frames in {after.path}.")
             continue
-        if phantoms < MIN_PHANTOMS:
+        if clusters < MIN_CLUSTERS:
             missing.append(
-                f"{who} was given the same frames of {phantoms} phantoms only; a comparison needs "
-                f"{MIN_PHANTOMS}."
+                f"{who} was given the same frames of {clusters} sessions or objects only; a "
+                f"comparison needs {MIN_CLUSTERS}."
             )
             continue
         if len(cells[0]) < len(cell):
@@ -288,27 +289,27 @@ def _change(
     cells: Sequence[pd.DataFrame], figures: Sequence[float], spec: MetricSpec, margin: float | None
 ) -> Change:
     """Change of a figure before it is adjusted, tested for a loss if there is a margin."""
-    phantom = cells[0]["phantom"]
-    phantoms = phantom.nunique()
+    cluster = cells[0]["cluster"]
+    clusters = cluster.nunique()
     # The same clusters give both the same draws.
-    drawn = [draw(lambda c: aggregate(cell, [spec], c)[:, 0], phantom) for cell in cells]  # noqa: B023
+    drawn = [draw(lambda c: aggregate(cell, [spec], c)[:, 0], cluster) for cell in cells]  # noqa: B023
     before, after = figures
     difference, differences = after - before, drawn[1] - drawn[0]
-    low, high = map(float, intervals(np.asarray(difference), differences, phantoms))
-    negligible = NEGLIGIBLE * float(drawn[0].std()) * np.sqrt(phantoms)
+    low, high = map(float, intervals(np.asarray(difference), differences, clusters))
+    negligible = NEGLIGIBLE * float(drawn[0].std()) * np.sqrt(clusters)
     allowed = None if margin is None else max(margin, negligible)
     if spec.aggregate == "median":
         one, other = (numbers(cell, spec.name) for cell in cells)
         if allowed is None:
-            p = signed_rank(other - one, phantom)
+            p = signed_rank_of(difference, other - one, cluster)
         else:
-            p = signed_rank(-spec.sign * (other - one) - allowed, phantom, "greater")
+            p = signed_rank(-spec.sign * (other - one) - allowed, cluster)
     elif allowed is None:
-        t = abs(student_t(difference, differences, phantoms))
-        p = 2 * float(special.stdtr(phantoms - 1, -t))
+        t = abs(student_t(difference, differences, clusters))
+        p = 2 * float(special.stdtr(clusters - 1, -t))
     else:
         beyond = -spec.sign * difference - allowed
-        p = float(special.stdtr(phantoms - 1, -student_t(beyond, differences, phantoms)))
+        p = float(special.stdtr(clusters - 1, -student_t(beyond, differences, clusters)))
     verdict: ChangeVerdict = "no difference found"
     if abs(difference) < EQUAL and low == high:
         verdict = "equal"
@@ -319,7 +320,7 @@ def _change(
         method="",
         figure=spec.name,
         n=len(cells[0]),
-        phantoms=phantoms,
+        clusters=clusters,
         before=before,
         after=after,
         difference=difference,

@@ -7,7 +7,7 @@ alone). Rungs that differ in `severity` alone form a curve, and the area under i
 its severities, sums a method up: 1 would be a perfect image whatever the sensor. Recorded
 scenarios, of which no true conductivity is known, are the last rungs, by the figure that ranks
 them, and without intervals. The differences of simulated rungs are paired touch by touch, and their
-intervals drawn over touches; fewer than `MIN_PHANTOMS` touches give none.
+intervals drawn over sessions; fewer than `MIN_CLUSTERS` sessions give none.
 """
 
 from collections.abc import Sequence
@@ -18,11 +18,16 @@ import numpy as np
 
 from eitbench.benchmark.analysis.leaderboard import leaderboard_rows
 from eitbench.benchmark.analysis.results import Run
-from eitbench.benchmark.metrics.statistics import MIN_PHANTOMS, Interval, bootstrap
+from eitbench.benchmark.metrics.statistics import MIN_CLUSTERS, Interval, bootstrap
 from eitbench.benchmark.rundir.manifest import suite_of
 from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.imperfections.imperfections import Imperfections
-from eitbench.scenarios.suites.scenario import RecordedScenario, Scenario, SimulatedScenario
+from eitbench.scenarios.suites.scenario import (
+    TOUCHES,
+    RecordedScenario,
+    Scenario,
+    SimulatedScenario,
+)
 
 FIGURE = "bounded"
 _LEAST_POINTS = 3
@@ -79,12 +84,12 @@ class Ladder:
 def read_ladder(run: Run) -> Ladder | None:
     """Compute the ladder of a run of methods; None if it has fewer than two rungs."""
     declared = run.manifest.get("plan", {}).get("suite", {}).get("scenarios", ())
-    if run.kind.name != "method" or not any(s.get("imperfections") for s in declared):
+    if run.kind.name != "method" or not any(s.get("ladder") for s in declared):
         return None
     suite = suite_of(run.manifest)
     present = set(run.scenarios())
     scenarios = [s for s in suite.scenarios if s.name in present]
-    rungs = [s for s in scenarios if isinstance(s, SimulatedScenario) and s.imperfections]
+    rungs = [s for s in scenarios if isinstance(s, SimulatedScenario) and s.ladder]
     nominal = [s for s in rungs if not s.calibrated]
     curve = _curve(nominal)
     nominal = _together(nominal, curve)
@@ -107,11 +112,17 @@ def read_ladder(run: Run) -> Ladder | None:
 
     def difference(scenario: str | None, other: str, method: str) -> Interval | None:
         values = together([(scenario, method), (other, method)])
-        return None if values is None else _mean(values[:, 0] - values[:, 1])
+        return None if values is None else mean(values[:, 0] - values[:, 1])
+
+    def mean(values: Array) -> Interval:
+        sessions = touches.index.to_numpy()[: len(values)] // TOUCHES
+        if len(np.unique(sessions)) < MIN_CLUSTERS:
+            return Interval(float(values.mean()), np.nan, np.nan)
+        return bootstrap(values[:, None], sessions)[0]
 
     steps = {
         (rung.name, method): Step(
-            value=_mean(values[:, 0]),
+            value=mean(values[:, 0]),
             loss=difference(ideal, rung.name, method),
             gain=difference(twins.get(rung.name), rung.name, method),
         )
@@ -119,7 +130,7 @@ def read_ladder(run: Run) -> Ladder | None:
         for method in methods
         if (values := together([(rung.name, method)])) is not None
     }
-    severities = {s.name: s.imperfections.severity for s in curve if s.imperfections}
+    severities = {s.name: s.imperfections.severity for s in curve}
     curves, areas = {}, {}
     for method, calibrated in product(methods if curve else (), (False, True)):
         names = [twins.get(s.name) if calibrated else s.name for s in curve]
@@ -128,7 +139,7 @@ def read_ladder(run: Run) -> Ladder | None:
             curves[method, calibrated] = values.mean(axis=0)
             at = list(severities.values())
             area = np.asarray(np.trapezoid(values, at, axis=1))
-            areas[method, calibrated] = _mean(area / (at[-1] - at[0]))
+            areas[method, calibrated] = mean(area / (at[-1] - at[0]))
 
     def merit(method: str) -> float:
         if (method, False) in areas:
@@ -147,12 +158,6 @@ def read_ladder(run: Run) -> Ladder | None:
     )
 
 
-def _mean(values: Array) -> Interval:
-    if len(values) < MIN_PHANTOMS:
-        return Interval(float(values.mean()), np.nan, np.nan)
-    return bootstrap(values[:, None])[0]
-
-
 def _twin(scenario: Scenario, scenarios: Sequence[Scenario]) -> Scenario | None:
     """The scenario that is calibrated and else the same."""
     if scenario.calibrated:
@@ -167,7 +172,6 @@ def _curve(rungs: Sequence[SimulatedScenario]) -> list[SimulatedScenario]:
     """The most rungs that differ in severity (and name) alone, by severity."""
 
     def apart_from_severity(rung: SimulatedScenario) -> SimulatedScenario:
-        assert rung.imperfections is not None
         imperfections = rung.imperfections.model_copy(update={"severity": 1.0})
         return rung.model_copy(update={"name": "rung", "imperfections": imperfections})
 
@@ -175,7 +179,7 @@ def _curve(rungs: Sequence[SimulatedScenario]) -> list[SimulatedScenario]:
     for rung in rungs:
         groups.setdefault(apart_from_severity(rung).model_dump_json(), []).append(rung)
     largest = max(groups.values(), key=len)
-    by_severity = {s.imperfections.severity: s for s in largest if s.imperfections}
+    by_severity = {s.imperfections.severity: s for s in largest}
     if len(by_severity) < _LEAST_POINTS:
         return []
     return [by_severity[severity] for severity in sorted(by_severity)]

@@ -34,6 +34,7 @@ TEXTS = (
     "status",
     "message",
     "phantom",
+    "cluster",
     "family",
     "machine",
     "prior_knowledge",

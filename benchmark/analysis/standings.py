@@ -1,6 +1,6 @@
 """Intervals, ranks and paired differences of the methods of a leaderboard.
 
-All methods of a board share their bootstrap draws of phantoms, so that every difference is paired.
+All methods of a board share their bootstrap draws of clusters, so that every difference is paired.
 Operators get no intervals: what is measured of them does not depend on noise.
 
 Medians are compared by Wilcoxon's signed-rank test of the paired differences. A limit: intervals of
@@ -31,12 +31,12 @@ from eitbench.benchmark.metrics.metric_spec import MetricSpec
 from eitbench.benchmark.metrics.specs import ANCHORS, anchored
 from eitbench.benchmark.metrics.statistics import (
     LEVEL,
-    MIN_PHANTOMS,
+    MIN_CLUSTERS,
     draw,
     holm,
     intervals,
     once,
-    signed_rank,
+    signed_rank_of,
     student_t,
 )
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
@@ -66,7 +66,7 @@ class Pair:
         difference, low, high: first minus second, with its 95 % interval.
         p: of no difference, adjusted for all pairs of the board (Holm); of medians by the signed
             ranks of paired differences.
-        effect: the difference over the standard deviation of that of one phantom, Cohen's d.
+        effect: the difference over the standard deviation of that of one cluster, Cohen's d.
         wins: share of the samples on which the first is better, equals counting half; None where
             single samples have no such figure.
     """
@@ -93,13 +93,13 @@ class Standing:
             of all weightings of SSIM, CC, RIE and PSNR under which it is the best; and the ends
             `NAME_low`, `NAME_high` of every figure; and those of `track_gaps`.
         pairs: every two methods that have all samples.
-        phantoms: number of those that were drawn; 0 where none were.
+        clusters: number of those that were drawn, of sessions or objects; 0 where none were.
         why_not: why there are no intervals, as a sentence; "" where there are.
     """
 
     rows: list[Row]
     pairs: list[Pair]
-    phantoms: int
+    clusters: int
     why_not: str
 
 
@@ -129,27 +129,29 @@ def _standing(board: Sequence[Entry]) -> Standing:
         row |= _gaps(entry, by)
     places = _whole(board)
     cells = [board[place].cell.sort_values("sample") for place in places]
-    if any("phantom" not in cell for cell in cells):
-        why = "Intervals need to know phantoms, and a run lacks that column: run the suite again."
+    if any("cluster" not in cell for cell in cells):
+        why = "Intervals need to know clusters, and a run lacks that column: run the suite again."
         return Standing(rows, [], 0, why)
-    phantoms = cells[0]["phantom"].nunique() if cells else 0
-    if phantoms < MIN_PHANTOMS:
-        why = f"Intervals need at least {MIN_PHANTOMS} phantoms, and here are {phantoms}."
+    clusters = cells[0]["cluster"].nunique() if cells else 0
+    if clusters < MIN_CLUSTERS:
+        why = (
+            f"Intervals need at least {MIN_CLUSTERS} sessions or objects, and here are {clusters}."
+        )
         return Standing(rows, [], 0, why)
 
     def figures(counts: Array) -> Array:
         return np.stack([aggregate(cell, specs, counts) for cell in cells], axis=1)
 
     value = once(figures, len(cells[0]))
-    drawn = draw(figures, cells[0]["phantom"])
-    ends = intervals(value, drawn, phantoms)
+    drawn = draw(figures, cells[0]["cluster"])
+    ends = intervals(value, drawn, clusters)
     main = next(k for k, spec in enumerate(specs) if spec.name == by)
     oriented = np.round(drawn[:, :, main], _DIGITS) * specs[main].sign
     ranks = 1 + (oriented[:, None, :] > oriented[:, :, None]).sum(axis=2)
     rank_ends = np.quantile(
         ranks, [SIGNIFICANT / 2, 1 - SIGNIFICANT / 2], axis=0, method="inverted_cdf"
     )
-    pairs = _pairs(cells, specs[main], value[:, main], drawn[:, :, main], phantoms)
+    pairs = _pairs(cells, specs[main], value[:, main], drawn[:, :, main], clusters)
     letters, won = groups(len(cells), pairs), weights_won(cells)
     for k, row in enumerate(rows[place] for place in places):
         row |= {"group": letters[k], "first": float((ranks[:, k] == 1).mean())}
@@ -159,7 +161,7 @@ def _standing(board: Sequence[Entry]) -> Standing:
             if np.isfinite(ends[:, k, j]).all():
                 row[f"{spec.name}_low"], row[f"{spec.name}_high"] = map(float, ends[:, k, j])
     placed = [replace(p, first=places[p.first], second=places[p.second]) for p in pairs]
-    return Standing(rows, placed, phantoms, "")
+    return Standing(rows, placed, clusters, "")
 
 
 def _gaps(entry: Entry, by: str) -> dict[str, float]:
@@ -176,7 +178,7 @@ def track_gaps(
 ) -> dict[str, float]:
     """Compute the columns of gaps between tracks that are known of a method on a scenario.
 
-    The intervals are of a paired bootstrap over phantoms; fewer than `MIN_PHANTOMS` give none.
+    The intervals are of a paired bootstrap over clusters; fewer than `MIN_CLUSTERS` give none.
 
     Args:
         tracks: its rows of the tracks beside the ranked one.
@@ -196,16 +198,16 @@ def track_gaps(
 
     names, values = list(cells), once(figures, len(main))
     found = {f"{track}_figure": value for track, value in zip(cells, values, strict=True)}
-    phantoms = next(iter(cells.values()))["phantom"] if "phantom" in main else pd.Series(dtype=str)
-    many = phantoms.nunique() >= MIN_PHANTOMS
-    drawn = draw(figures, phantoms) if many else None
+    clusters = next(iter(cells.values()))["cluster"] if "cluster" in main else pd.Series(dtype=str)
+    many = clusters.nunique() >= MIN_CLUSTERS
+    drawn = draw(figures, clusters) if many else None
     for gap, (better, worse) in _GAPS.items():
         if better in cells and worse in cells:
             one, other = names.index(better), names.index(worse)
             found[gap] = spec.sign * (values[one] - values[other])
             if drawn is not None:
                 each = spec.sign * (drawn[:, one] - drawn[:, other])
-                ends = intervals(np.array([found[gap]]), each[:, None], phantoms.nunique())
+                ends = intervals(np.array([found[gap]]), each[:, None], clusters.nunique())
                 found[f"{gap}_low"], found[f"{gap}_high"] = ends[:, 0]
     return {name: float(value) for name, value in found.items() if np.isfinite(value)}
 
@@ -232,7 +234,7 @@ def _ranks_of_valid(board: Sequence[Entry], by: str | None) -> list[int | None]:
 
 
 def _pairs(
-    cells: Sequence[pd.DataFrame], spec: MetricSpec, value: Array, drawn: Array, phantoms: int
+    cells: Sequence[pd.DataFrame], spec: MetricSpec, value: Array, drawn: Array, clusters: int
 ) -> list[Pair]:
     """All pairs of cells by the figure of `spec`: its `value` (k,) and what was `drawn` of it."""
     found = list(combinations(range(len(cells)), 2))
@@ -240,13 +242,18 @@ def _pairs(
         return []
     one, other = np.array(found).T
     difference, differences = value[one] - value[other], drawn[:, one] - drawn[:, other]
-    low, high = intervals(difference, differences, phantoms)
-    t = student_t(difference, differences, phantoms)
+    low, high = intervals(difference, differences, clusters)
+    t = student_t(difference, differences, clusters)
     if spec.aggregate == "median":
-        values, clusters = [numbers(cell, spec.name) for cell in cells], cells[0]["phantom"]
-        p = holm([signed_rank(values[a] - values[b], clusters) for a, b in found])
+        values, of = [numbers(cell, spec.name) for cell in cells], cells[0]["cluster"]
+        p = holm(
+            [
+                signed_rank_of(float(difference[k]), values[a] - values[b], of)
+                for k, (a, b) in enumerate(found)
+            ]
+        )
     else:
-        p = holm(2 * special.stdtr(phantoms - 1, -np.abs(t)))
+        p = holm(2 * special.stdtr(clusters - 1, -np.abs(t)))
     return [
         Pair(
             first=a,
@@ -255,7 +262,7 @@ def _pairs(
             low=float(low[k]),
             high=float(high[k]),
             p=float(p[k]),
-            effect=float(t[k] / np.sqrt(phantoms)),
+            effect=float(t[k] / np.sqrt(clusters)),
             wins=_wins(cells[a], cells[b], spec) if spec.name in cells[a] else None,
         )
         for k, (a, b) in enumerate(found)

@@ -43,6 +43,9 @@ methods without float32 are off by 1e-12, an electrode or a sign taken wrongly b
 GAIN = 1000.0
 """Between V/A and the units of a board: to the numbers that recorded sets hold, about."""
 
+LATER_DB = 30.0
+"""SNR of a reference frame that is measured after the fit: what is kept of the first one shows."""
+
 SNR_DB = (60.0, 45.0, 30.0)
 DRAWS = 2
 NOISE_GROWTH = 2.0
@@ -255,6 +258,19 @@ def gain_invariance(tested: MethodUnderTest) -> str:
     other = tested.refit(tested.contact * GAIN, gain=GAIN)
     what = f"images of frames and of {GAIN:g} times these (the reference too)"
     return tested.close(tested.images(tested.contact), other, SAME_FRAME, what)
+
+
+def new_reference(tested: MethodUnderTest) -> str:
+    """A reference frame measured later counts.
+
+    Sessions measure it anew; an image is that of the frame and the latest reference frame.
+    """
+    _seen(tested.contrast(tested.contact))
+    (reference,) = tested.reference
+    later = add_noise(reference, LATER_DB, generator("method check", "reference"))[None]
+    now, begun = tested.answer("with_other_reference", tested.contact, later)
+    what = "images by a reference frame measured after the fit, and by a fit with it,"
+    return tested.close(now, begun, SAME_FRAME, what)
 
 
 def noise_growth(tested: MethodUnderTest) -> str:

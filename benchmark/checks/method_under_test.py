@@ -25,6 +25,7 @@ from eitbench.benchmark.workers.process import PINNED, THREADS
 from eitbench.benchmark.workers.worker import Failure, Reply
 from eitbench.methods.registry import methods
 from eitbench.scenarios.arrays import Images
+from eitbench.scenarios.imperfections.imperfections import Imperfections
 from eitbench.scenarios.physics.forward import forward_model
 from eitbench.scenarios.sensors.symmetry import Motion, motions
 from eitbench.scenarios.suites.scenario import SimulatedScenario
@@ -35,7 +36,7 @@ SCENARIO = SimulatedScenario(
     image_shape=(40, 40),
     conductivity_range=(0.05, 20.0),  # contacts of both signs are shown
     families=("circle", "rectangle"),
-    mesh_refinement=2,
+    imperfections=Imperfections(mesh="fine"),
     train=64,
     validation=16,
     test=0,
@@ -119,7 +120,7 @@ class MethodUnderTest:
         """
         key = repr(frames.shape).encode() + frames.tobytes()
         if key not in self._replies:
-            self._replies[key] = self.worker.request("reconstruct", frames)
+            self._replies[key] = self.worker.request("reconstruct", *self._with_reference(frames))
         return self._replies[key]
 
     @property
@@ -140,7 +141,10 @@ class MethodUnderTest:
 
     def again(self, frames: Frames) -> Images:
         """Return the same, asked for again."""
-        return np.asarray(self.answer("reconstruct", frames))
+        return np.asarray(self.answer("reconstruct", *self._with_reference(frames)))
+
+    def _with_reference(self, frames: Frames) -> tuple[Frames, Frames]:
+        return frames, np.repeat(self.reference, len(frames), axis=0)
 
     def refit(
         self, frames: Frames, *, gain: float = 1.0, seed: int | None = None, threads: int = THREADS
@@ -218,13 +222,30 @@ class MethodTestService(MethodService):
             other = self._other(gain)
             other.set_up()
             _limit_threads(threads)  # of libraries that fitting loaded
-            return other.reconstruct(frames)
+            return other.reconstruct(frames, np.repeat(other.reference[None], len(frames), axis=0))
+
+    def with_other_reference(self, frames: Frames, reference: Frames) -> Reply:
+        """Return images of `frames` with the `reference` (1, M): measured later, and from the fit.
+
+        Two stacks (2, n, H, W): by the fitted method, which is given it now, and by another
+        instance, which is fitted with it.
+        """
+        references = np.repeat(reference, len(frames), axis=0)
+        later = self.reconstruct(frames, references)
+        other = MethodService(self.sensor, reference[0], self.splits, self.method, self.parameters)
+        other.set_up()
+        begun = other.reconstruct(frames, references)
+        failure = later.failure or begun.failure
+        if failure is not None:
+            return Reply(None, 0.0, failure)
+        return Reply(np.stack([later.value, begun.value]), 0.0)
 
     def random_state(self, frames: Frames) -> Reply:
         """Return the global generators that fitting, and reconstructing, leave in another state."""
         other = self._other(1.0)
         fitting, _ = _changed_generators(other.set_up)
-        asking, reply = _changed_generators(lambda: other.reconstruct(frames))
+        references = np.repeat(other.reference[None], len(frames), axis=0)
+        asking, reply = _changed_generators(lambda: other.reconstruct(frames, references))
         if reply.failure is not None:
             return reply
         return Reply({"fit": fitting, "reconstruct": asking}, reply.seconds)
@@ -242,7 +263,7 @@ class MethodTestService(MethodService):
         end = time.perf_counter() + seconds
         calls = 0
         while calls < least or (calls < most and time.perf_counter() < end):
-            failure = self.reconstruct(frame).failure
+            failure = self.reconstruct(frame, self.reference[None]).failure
             calls += 1
             if failure is not None:
                 return calls, failure

@@ -110,12 +110,13 @@ class MethodData(CellData):
         """See `CellData.selection`."""
         return recorded_selection(self.scenario, name)
 
-    def voltages(self, split: str) -> Frames:
-        """Return the frames (n, M) of "test" or "validation"."""
+    def frames(self, split: str) -> tuple[Frames, Frames]:
+        """Return the frames (n, M) of "test" or "validation", and their reference frames (n, M)."""
         dataset = self.test if split == "test" else self.validation
-        return (
-            np.empty((0, self.test.sensor.n_measurements)) if dataset is None else dataset.voltages
-        )
+        if dataset is None:
+            none = np.empty((0, self.test.sensor.n_measurements))
+            return none, none
+        return dataset.voltages, dataset.references
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,19 +142,20 @@ class MethodCellTask(CellTask):
     @property
     def sizes(self) -> Mapping[str, int]:
         """The validation frames that a registration needs, then the test frames."""
-        return {split: len(self.data.voltages(split)) for split in ("validation", "test")}
+        return {split: len(self.data.frames(split)[0]) for split in ("validation", "test")}
 
     def service(self) -> MethodService:
         """Return the method with its problem."""
         plan, test = self.plan, self.data.test
         splits = partial(learning_splits, self.data.scenario)
         return MethodService(
-            test.sensor, test.reference, splits, plan.cell.name, plan.parameters, plan.plugin
+            test.sensor, test.references[0], splits, plan.cell.name, plan.parameters, plan.plugin
         )
 
     def request(self, split: str, rows: slice) -> tuple[object, ...]:
         """Return a request for the images of frames."""
-        return "reconstruct", self.data.voltages(split)[rows]
+        frames, references = self.data.frames(split)
+        return "reconstruct", frames[rows], references[rows]
 
     def blank(self, n: int) -> dict[str, NDArray[Any]]:
         """Return images and times of NaN."""

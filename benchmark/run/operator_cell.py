@@ -38,7 +38,7 @@ from eitbench.benchmark.workers.worker import Reply
 from eitbench.methods.registry import OPERATOR_REGISTRY, Registry
 from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.data.datasets import load
-from eitbench.scenarios.data.simulation import clean_reference, clean_voltages
+from eitbench.scenarios.data.simulation import clean_frames
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.phantoms.phantom import rasterise
 from eitbench.scenarios.suites.scenario import Scenario, SimulatedScenario
@@ -75,20 +75,20 @@ class OperatorData(CellData):
             raise InputError(
                 f"Scenario {scenario.name!r} is recorded: operators need a known conductivity."
             )
+        if scenario.imperfections.drawn:
+            raise InputError(
+                f"Scenario {scenario.name!r} draws units of its sensor: operators are compared on "
+                "one sensor, so declare no tolerances."
+            )
         cls.registry.known()  # loads their libraries here, so that workers are forked with them
         measured = load(scenario, split="test", limit=limit, jobs=jobs, progress=progress)
         # Noise is no matter of operators.
         test = replace(measured, samples=measured.samples.drop(columns=["snr_db", "touch_snr_db"]))
-        validation = clean_voltages(
+        known = clean_frames(
             scenario, "validation", scenario.validation, jobs=jobs, progress=progress
         )
-        return cls(
-            scenario,
-            test,
-            clean_voltages(scenario, "test", len(test)),
-            clean_reference(scenario, "test"),
-            Standard.of(validation),
-        )
+        clean = clean_frames(scenario, "test", len(test))
+        return cls(scenario, test, clean.voltages, clean.untouched[0], Standard.of(known.voltages))
 
     def task(self, plan: CellPlan, store: RunStore) -> CellTask:
         """Return the operator of the cell, or the model."""

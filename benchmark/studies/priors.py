@@ -17,12 +17,13 @@ from eitbench.benchmark.metrics.evaluation import evaluate
 from eitbench.benchmark.metrics.statistics import Interval, bootstrap
 from eitbench.benchmark.tuning.selection import selected_parameters
 from eitbench.methods import Problem, create
+from eitbench.methods.method import reconstructed
 from eitbench.methods.training.samples import no_split
-from eitbench.scenarios.arrays import Array
+from eitbench.scenarios.arrays import Array, Index
 from eitbench.scenarios.data.datasets import load
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.sensors.sensor import Sensor
-from eitbench.scenarios.suites.scenario import SimulatedScenario
+from eitbench.scenarios.suites.scenario import TOUCHES, SimulatedScenario
 from eitbench.scenarios.suites.suite import scenario_by_name
 
 MATCHED, UNSEEN, CLEAN = "noise-50db", "shapes", "noise-clean"
@@ -118,8 +119,9 @@ def _scores(prior: str | None, method: str, scenario: str, samples: int) -> Arra
     if prior is not None:
         told = PRIORS[prior](told, method)
     reconstruction = create(method, **told.parameters)
-    reconstruction.fit(Problem(told.sensor, data.reference, no_split))
-    return evaluate(data, reconstruction.reconstruct(data.voltages))["score"].to_numpy()
+    problem = Problem(told.sensor, data.references[0], no_split)
+    reconstruction.fit(problem)
+    return evaluate(data, reconstructed(reconstruction, problem, data))["score"].to_numpy()
 
 
 def _selected(scenario: str, method: str) -> Mapping[str, Any]:
@@ -130,17 +132,21 @@ def _selected(scenario: str, method: str) -> Mapping[str, Any]:
 
 
 def _paired(prior: str, method: str, known: Array, unknown: Array) -> dict[str, Any]:
-    (worth,) = bootstrap((known - unknown)[:, None])
+    (worth,) = bootstrap((known - unknown)[:, None], _sessions(known))
     return _row(prior, method, known, unknown, worth)
 
 
 def _unpaired(method: str, known: Array, unknown: Array) -> dict[str, Any]:
     """The difference of means over two sets of samples; their intervals add in quadrature."""
-    one, other = (bootstrap(values[:, None])[0] for values in (known, unknown))
+    one, other = (bootstrap(values[:, None], _sessions(values))[0] for values in (known, unknown))
     value = one.value - other.value
     low = value - np.hypot(one.value - one.low, other.high - other.value)
     high = value + np.hypot(one.high - one.value, other.value - other.low)
     return _row(PHANTOMS, method, known, unknown, Interval(value, float(low), float(high)))
+
+
+def _sessions(values: Array) -> Index:
+    return np.arange(len(values)) // TOUCHES
 
 
 def _row(prior: str, method: str, known: Array, unknown: Array, worth: Interval) -> dict[str, Any]:

@@ -71,7 +71,8 @@ def wrong_frames(data: Dataset, images: Array) -> Iterator[Frames]:
     """
     sensor, count = data.sensor, data.sensor.n_electrodes
 
-    yield Frames("as they are", sensor, data.voltages, data.reference)
+    reference = data.references[0]
+    yield Frames("as they are", sensor, data.voltages, reference)
     electrodes = np.arange(count)
     for name, taken_for in (
         ("first electrode off by 1", (electrodes + 1) % count),
@@ -79,11 +80,9 @@ def wrong_frames(data: Dataset, images: Array) -> Iterator[Frames]:
         ("electrodes numbered the other way", -electrodes % count),
     ):
         rows = renumbered(sensor.pattern.table, taken_for)
-        yield Frames(name, sensor, data.voltages[:, rows], data.reference[rows])
+        yield Frames(name, sensor, data.voltages[:, rows], reference[rows])
     # The frame alone: with the reference reversed as well, a method's gain would undo it.
-    yield Frames(
-        "sign of the change reversed", sensor, 2 * data.reference - data.voltages, data.reference
-    )
+    yield Frames("sign of the change reversed", sensor, 2 * reference - data.voltages, reference)
     other = replace(sensor, pattern=offset_pattern(count, 4))
     model = forward_model(other)
     offset4 = model.voltages(images), model.voltages(model.background)

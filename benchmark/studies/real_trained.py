@@ -155,9 +155,9 @@ def _fold(
 def _real(scenario: RecordedScenario) -> Presses:
     """Return all presses of the set, of every split."""
     splits = [load(scenario, split) for split in ("validation", "test")]
-    problem = Problem(splits[0].sensor, splits[0].reference, no_split)
+    problem = Problem(splits[0].sensor, splits[0].references[0], no_split)
     return Presses(
-        np.concatenate([problem.difference(data.voltages) for data in splits]),
+        np.concatenate([problem.differences(data) for data in splits]),
         np.concatenate([data.samples[["x_m", "y_m"]].to_numpy(np.float64) for data in splits]),
     )
 
@@ -166,6 +166,6 @@ def _simulated(scenario: RecordedScenario) -> Presses:
     data = load(learned_from(scenario), "train", SIMULATED_PRESSES)
     assert data.conductivity is not None  # simulated
     return Presses(
-        data.voltages - data.reference,
+        data.voltages - data.references,
         locate(data.conductivity - data.sensor.background, data.sensor),
     )

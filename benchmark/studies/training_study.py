@@ -25,6 +25,7 @@ from eitbench.benchmark.metrics.evaluation import evaluate
 from eitbench.benchmark.rundir.lock import locked
 from eitbench.methods import Problem, create
 from eitbench.methods.learned.image_networks import TrainedMethod
+from eitbench.methods.method import reconstructed
 from eitbench.methods.registry import methods
 from eitbench.methods.training import DivergedError, TrainingRequest, train
 from eitbench.methods.training.samples import no_split, training_scenario
@@ -202,9 +203,11 @@ def _train_and_score(
     for scenario, split in _scenarios(study, request.suite):
         data = load(scenario, split, limit)
         method = create(request.name, weights=str(training.weights))
-        method.fit(Problem(data.sensor, data.reference, no_split))
-        table = evaluate(data, method.reconstruct(data.voltages))[["sample", *METRICS]]
-        tables.append(table.assign(scenario=scenario.name, train_s=float(about["train_s"])))
+        problem = Problem(data.sensor, data.references[0], no_split)
+        method.fit(problem)
+        table = evaluate(data, reconstructed(method, problem, data))[["sample", *METRICS]]
+        table = table.assign(cluster=data.samples["cluster"], train_s=float(about["train_s"]))
+        tables.append(table.assign(scenario=scenario.name))
     for weights in training.weights.parent.glob("*.safetensors"):
         weights.unlink()
     return pd.concat(tables, ignore_index=True)

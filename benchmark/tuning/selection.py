@@ -20,7 +20,7 @@ PACKAGED = Path(__file__).parent / "selected"
 RULE = (
     "Coordinate search over the values that a method declares in `search`, from its defaults, then "
     "seeded TPE for what is left of the budget of trials and seconds, which is the same for every "
-    "method; each trial scored on the first 18 validation samples (100 of a recorded set) with the "
+    "method; each trial scored on the first 36 validation samples (100 of a recorded set) with the "
     "noise of the test split, by the figure the scenario is ranked by, and given up where the "
     "samples so far say by Wilcoxon's test (p < 0.02) that it is worse than the best. The test "
     "split is never loaded."
@@ -125,7 +125,7 @@ def validation_scenario(scenario: Scenario) -> Scenario:
     A rung of the ladder from simulation to reality is tuned on what its user can simulate: the
     nominal sensor with the noise that is declared for the validation split.
     """
-    if isinstance(scenario, SimulatedScenario) and scenario.imperfections is None:
+    if isinstance(scenario, SimulatedScenario) and not scenario.ladder:
         noise = scenario.noise.model_copy(update={"validation": scenario.noise.test})
         return scenario.model_copy(update={"noise": noise})
     return scenario

@@ -32,7 +32,7 @@ if TYPE_CHECKING:  # the worker does without
     import optuna
 
 
-FRAMES = 18
+FRAMES = 36
 PARTS = 3
 """A trial is scored on the first third of its frames, on two thirds, on all."""
 SET_UP_LIMIT_S = 60.0
@@ -114,7 +114,7 @@ class Validation:
         splits = partial(_training_split, scenario)
         self._method = method
         self._worker = RestartingWorker(
-            TrialService(self.data.sensor, self.data.reference, splits, method, {}, plugin),
+            TrialService(self.data.sensor, self.data.references[0], splits, method, {}, plugin),
             set_up_limit_s=SET_UP_LIMIT_S,
             stop=stop,
             memory_limit_mb=suite.memory_limit_mb,
@@ -179,8 +179,8 @@ class Validation:
         if not count:
             return np.empty(0)
         limit, what = self.suite.frame_limit_s * count, f"{count} frames"
-        voltages = self.data.voltages[rows].copy()
-        found = self._ask(clock, "reconstruct", voltages, limit=limit, what=what)
+        frames = self.data.voltages[rows].copy(), self.data.references[rows].copy()
+        found = self._ask(clock, "reconstruct", *frames, limit=limit, what=what)
         if not np.isfinite(found[:, sensor.mask]).all():
             raise TrialFailedError("returned values that are not finite")
         self._images[rows] = found
@@ -255,6 +255,7 @@ def _part_of(data: Dataset, rows: slice) -> Dataset:
     return replace(
         data,
         voltages=data.voltages[rows],
+        references=data.references[rows],
         samples=data.samples.iloc[rows].reset_index(drop=True),
         phantoms=data.phantoms[rows],
         classes=None if data.classes is None else data.classes[rows],

@@ -15,7 +15,7 @@ from eitbench.benchmark.workers.worker import Reply, timed_answer
 from eitbench.methods.method import Method
 from eitbench.methods.problem import Problem, Splits
 from eitbench.methods.registry import create, load_plugin
-from eitbench.scenarios.data.datasets import Dataset, load
+from eitbench.scenarios.data.datasets import Dataset, load, same_reference
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.guard import close_test_split
 from eitbench.scenarios.sensors.sensor import Sensor
@@ -81,15 +81,25 @@ class MethodService:
         assert self._method is not None
         return Reply((self.problem.access_record(), dict(self._method.trained_on)), 0.0)
 
-    def reconstruct(self, frames: Frames) -> Reply:
-        """Return images (n, H, W) of `frames` (n, M), in float32."""
+    def reconstruct(self, frames: Frames, references: Frames) -> Reply:
+        """Return images (n, H, W), in float32, of `frames` (n, M) with `references` (n, M).
+
+        The method is asked for the frames of one reference frame at once.
+        """
         assert self._method is not None
-        shape = (len(frames), *self.sensor.image_shape)
-        reply = timed_answer(self._method.reconstruct, [frames], shape)
-        if reply.failure is not None:
-            return reply
-        with np.errstate(over="ignore"):  # what does not fit becomes inf and is reported as such
-            return replace(reply, value=reply.value.astype(np.float32))
+        images, seconds = [np.empty((0, *self.sensor.image_shape), np.float32)], 0.0
+        for rows in same_reference(references):
+            self.problem.reference = references[rows.start]
+            shape = (rows.stop - rows.start, *self.sensor.image_shape)
+            reply = timed_answer(self._method.reconstruct, [frames[rows]], shape)
+            if reply.failure is not None:
+                return reply
+            seconds += reply.seconds
+            with np.errstate(
+                over="ignore"
+            ):  # what does not fit becomes inf and is reported as such
+                images.append(reply.value.astype(np.float32))
+        return Reply(np.concatenate(images), seconds)
 
 
 def learning_splits(scenario: Scenario, split: str, limit: int | None) -> Dataset:

@@ -53,7 +53,8 @@ class EmulatedSensor:
         self.imperfections = TYPICAL.model_copy(update={"unit": unit})
         self._pattern = sensor.pattern
         built = replace(sensor, electrodes=self.imperfections.built(sensor))
-        self._model = ForwardModel(built.refined(self.imperfections.mesh_refinement))
+        # Converged triangles take too long for 10 frames/s.
+        self._model = ForwardModel(built.refined(2))
         self._untouched = self._model.voltages(self._model.background)
         self._crept = np.zeros(self._model.sensor.image_shape)  # logarithm of conductivity
         self._time_s: float | None = None

@@ -18,12 +18,14 @@ from eitbench.methods.training.loop import Data, TrainingTask, working_precision
 from eitbench.methods.training.samples import images, no_split
 from eitbench.scenarios.data.datasets import load
 from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.physics.forward import forward_model
 
 if TYPE_CHECKING:
     from eitbench.methods.learned.image_networks import ImageNetworkMethod
     from eitbench.methods.operator import Operator
     from eitbench.methods.training.augmentation import Symmetry
     from eitbench.methods.training.job import TrainingJob, TrainingResult
+    from eitbench.scenarios.arrays import Array
 
 DATA_ALONE = 0.3
 """Share of the epochs at the beginning in which only the data loss is minimised."""
@@ -112,14 +114,16 @@ def train_image_network(method: type[ImageNetworkMethod], job: TrainingJob) -> T
     seen = load(scenario, "validation", jobs=request.jobs, progress=request.progress)
     # As many training samples, as measured; those to train on get their noise by augmentation.
     compared = load(scenario, "train", min(count, scenario.validation))
-    problem = Problem(sensor, seen.reference, no_split)
-    train = _tensors(problem, clean.numpy(), sigma)
+    nominal = forward_model(sensor)
+    untouched = nominal.voltages(nominal.background)
+    problem = Problem(sensor, untouched, no_split)
+    train = _tensors(clean.numpy(), problem.difference(clean), sigma)
     seen_sigma = images(scenario, "validation", scenario.validation) / sensor.background
-    validation = _tensors(problem, seen.voltages, seen_sigma)
+    validation = _tensors(seen.voltages, problem.differences(seen), seen_sigma)
     std = train[0].std(0)
     physical = PhysicalLoss(
         forward,
-        torch.from_numpy(problem.reference / problem.gain).float(),
+        torch.from_numpy(untouched).float(),
         std.clamp(min=1e-6 * std.max()),
     )
     linear = _start(network, train, validation)
@@ -138,7 +142,7 @@ def train_image_network(method: type[ImageNetworkMethod], job: TrainingJob) -> T
             "train_samples": str(count),
             "linear_validation_mse": repr(linear.validation_mse),
         },
-        compared=_tensors(problem, compared.voltages, sigma[: len(compared)]),
+        compared=_tensors(compared.voltages, problem.differences(compared), sigma[: len(compared)]),
     )
 
 
@@ -154,11 +158,10 @@ def _start(network: ImageNetwork, train: Data, validation: Data) -> Ridge:
     return linear
 
 
-def _tensors(problem: Problem, voltages: np.ndarray, relative: Tensor) -> Data:
+def _tensors(voltages: Array, difference: Array, relative: Tensor) -> Data:
     """Differences (n, M), rms of the frames (n,), and the images (n, H, W) that belong to them."""
-    rms = np.sqrt(np.mean(voltages**2, axis=1)) / problem.gain
-    difference = torch.from_numpy(problem.difference(voltages))
-    return difference.float(), torch.from_numpy(rms).float(), relative
+    rms = np.sqrt(np.mean(voltages**2, axis=1))
+    return torch.from_numpy(difference).float(), torch.from_numpy(rms).float(), relative
 
 
 class PhysicalLoss(nn.Module):

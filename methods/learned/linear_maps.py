@@ -74,7 +74,7 @@ class LinearLearned(Method):
         self._problem = problem
         self._averaging = averaging(problem.sensor.pattern)
         train, validation = problem.training(TRAINING), problem.validation(VALIDATION)
-        inputs, seen = self._inputs(train), self._inputs(validation)
+        inputs, seen = (problem.differences(data) @ self._averaging for data in (train, validation))
         self._std = np.maximum(inputs.std(axis=0), 1e-6 * inputs.std(axis=0).max())
         found = ridge(
             inputs / self._std,
@@ -83,11 +83,6 @@ class LinearLearned(Method):
             contrasts(validation, problem),
         )
         self._matrix = found.matrix.astype(np.float64)
-
-    def _inputs(self, data: Dataset) -> Array:
-        """Averaged differences [V/A] to the reference frame of `data`, which may be another one."""
-        own = Problem(data.sensor, data.reference, lambda split, limit: data)
-        return np.asarray(own.difference(data.voltages) @ self._averaging)
 
     def reconstruct(self, voltages: Array) -> Array:
         """Absolute conductivity (n, H, W) [S/m] from frames (n, M), within the sensor's range."""
@@ -142,7 +137,7 @@ class LinearTouch(Method):
         """Solve for the map from the training split."""
         self._problem = problem
         data = problem.training(TOUCHES)
-        frames = data.voltages - data.reference  # simulated: in V/A whatever the board's units
+        frames = data.voltages - data.references  # simulated: in V/A whatever the board's units
         images = contrasts(data, problem).astype(np.float64)
         total = np.abs(images).sum(axis=1, keepdims=True)
         known = total[:, 0] > 0  # a frame equal to the reference has no place

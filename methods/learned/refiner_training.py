@@ -17,7 +17,7 @@ from eitbench.methods.training.loop import Data, TrainingTask, working_precision
 from eitbench.methods.training.samples import images, no_split
 from eitbench.scenarios.arrays import Array, Images
 from eitbench.scenarios.data.datasets import load
-from eitbench.scenarios.data.simulation import clean_reference
+from eitbench.scenarios.physics.forward import forward_model
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -59,7 +59,7 @@ class RefinerTask(TrainingTask):
 def train_refiner(method_class: type[RefinementMethod], job: TrainingJob) -> TrainingResult:
     """Train the network of a method; see `eitbench.methods.training.train`."""
     scenario, sensor, count = job.scenario, job.sensor, job.training_count()
-    problem = Problem(sensor, clean_reference(scenario, "train"), no_split)
+    problem = _nominal_problem(scenario)
     method = method_class()
     method.start(problem)
     job.check(limit=count, begun_from=method.begun_from)
@@ -91,11 +91,9 @@ def _samples(
     """The network's inputs (n, C, H, W), and conductivity over background (n, H, W)."""
     request, scenario = job.request, job.scenario
     data = load(scenario, split, count, jobs=request.jobs, progress=request.progress)
-    difference = Problem(data.sensor, data.reference, no_split).difference(data.voltages)
+    difference = _nominal_problem(scenario).differences(data)
     inputs = joblib.Parallel(n_jobs=request.jobs)(
-        joblib.delayed(_inputs)(
-            method, scenario, data.reference, difference[first : first + TOGETHER]
-        )
+        joblib.delayed(_inputs)(method, scenario, difference[first : first + TOGETHER])
         for first in range(0, count, TOGETHER)
     )
     truth = images(scenario, split, count) / data.sensor.background
@@ -103,18 +101,21 @@ def _samples(
 
 
 @lru_cache(maxsize=1)
-def _started(
-    method_class: type[RefinementMethod], scenario: SimulatedScenario, reference: bytes
-) -> RefinementMethod:
-    """A method that is ready for a scenario whose reference frame is `reference`."""
+def _started(method_class: type[RefinementMethod], scenario: SimulatedScenario) -> RefinementMethod:
+    """A method that is ready for differences on the scenario's sensor."""
     method = method_class()
-    method.start(Problem(scenario.nominal_sensor, np.frombuffer(reference), no_split))
+    method.start(_nominal_problem(scenario))
     return method
 
 
+def _nominal_problem(scenario: SimulatedScenario) -> Problem:
+    model = forward_model(scenario.nominal_sensor)
+    return Problem(scenario.nominal_sensor, model.voltages(model.background), no_split)
+
+
 def _inputs(
-    method: type[RefinementMethod], scenario: SimulatedScenario, reference: Array, difference: Array
+    method: type[RefinementMethod], scenario: SimulatedScenario, difference: Array
 ) -> Images:
     """The network's inputs of some samples; runs in a worker process, on one thread."""
     with threadpool_limits(1):
-        return _started(method, scenario, reference.tobytes()).inputs(difference)
+        return _started(method, scenario).inputs(difference)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -60,8 +61,8 @@ class Augmentation:
     """Random changes of a batch of simulated samples, drawn anew each time.
 
     Attributes:
-        noise: that the scenario declares for its training split. It is drawn anew each time, so
-            that no frame's noise can be learned by heart.
+        noise: that the scenario declares for its training split, of the frame and of its reference
+            frame. It is drawn anew each time, so that no frame's noise can be learned by heart.
         motions: the sensor's symmetries.
     """
 
@@ -74,14 +75,16 @@ class Augmentation:
         """Measured differences (n, M), images (n, H, W), and the symmetry that moved both.
 
         Args:
-            difference: clean frames minus the reference (n, M) [V/A].
+            difference: clean frames minus the clean reference frame (n, M) [V/A].
             rms: of the clean frames (n,) [V/A], which noise is relative to.
             images: conductivity over background (n, H, W).
         """
         untouched = torch.rand(len(images), device=images.device) < UNTOUCHED
         difference = torch.where(untouched[:, None], 0.0, difference)
         images = torch.where(untouched[:, None, None], 1.0, images)
-        noisy = difference + (rms * self._level(rms))[:, None] * torch.randn_like(difference)
+        # Two frames are measured for a difference, with the same board.
+        level = math.sqrt(2) * self._level(rms)
+        noisy = difference + (rms * level)[:, None] * torch.randn_like(difference)
         motion = self.motions[int(torch.randint(len(self.motions), ()))]
         return motion.voltages(noisy), motion.images(images), motion
 

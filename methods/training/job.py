@@ -15,7 +15,7 @@ from eitbench.methods.training.samples import images, training_scenario
 from eitbench.methods.weights.weight_files import sensor_key, user_weights
 from eitbench.scenarios.atomic_write import atomic_write
 from eitbench.scenarios.cache_dir import cache_dir
-from eitbench.scenarios.data.simulation import clean_voltages
+from eitbench.scenarios.data.simulation import clean_frames
 from eitbench.scenarios.errors import InputError, unknown_name
 from eitbench.scenarios.suites.suite import load_suite
 
@@ -126,10 +126,10 @@ class TrainingJob:
     def clean_samples(self, split: Split, count: int) -> tuple[Tensor, Tensor]:
         """Return conductivities (n, H, W) [S/m], float32, and clean voltages (n, M) [V/A]."""
         request = self.request
-        voltages = clean_voltages(
+        frames = clean_frames(
             self.scenario, split, count, jobs=request.jobs, progress=request.progress
         )
-        return images(self.scenario, split, count), torch.from_numpy(voltages)
+        return images(self.scenario, split, count), torch.from_numpy(frames.voltages)
 
     def fit(
         self,

@@ -60,11 +60,11 @@ def better(best: Best) -> Range:
 def together(verdicts: Sequence[Verdict]) -> Verdict:
     """Return the verdict on a claim of several tested figures.
 
-    It holds in part where one figure holds and another does not; else it is undecided as long as
-    one of them is.
+    It holds in part where a figure does, or where one holds and another does not; else it is
+    undecided as long as one of them is.
     """
     found = set(verdicts)
-    if {Verdict.holds, Verdict.fails} <= found:
+    if Verdict.in_part in found or {Verdict.holds, Verdict.fails} <= found:
         return Verdict.in_part
     return found.pop() if len(found) == 1 else Verdict.undecided
 

@@ -143,6 +143,12 @@ class Evidence:
             InputError: as `of`.
         """
         one, other = (self.of(kind, name, scenario) for name in (first, second))
+        for measured in (one, other):
+            if lacking := [name for name in names if name not in measured.samples]:
+                raise NotMeasuredError(
+                    f"{measured.run.path} has no {lacking[0]!r}: compute it with `eitbench rescore "
+                    f"{measured.run.path}`."
+                )
         keys = ["sample", "input_hash"]
         both = one.samples.merge(other.samples, on=keys, suffixes=("", "_other"))
         if not len(one.samples) == len(other.samples) == len(both):

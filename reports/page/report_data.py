@@ -43,7 +43,7 @@ class View(TypedDict):
     """The standing over all samples of a board or over a part of them; see `Standing`."""
 
     label: str
-    phantoms: int
+    clusters: int
     why_not: str
     rows: list[Row]
 
@@ -65,7 +65,7 @@ class BoardData(TypedDict):
     n: int
     data_hash: str | None
     inverse_crime: bool
-    phantoms: int
+    clusters: int
     why_not: str
     ranked_by: str
     columns: list[dict[str, Any]]
@@ -208,7 +208,7 @@ def _board(standing: Standing, runs: Sequence[Run], missing: list[str]) -> Board
         n=first["data_n"] or first["n"],
         data_hash=first["data_hash"],
         inverse_crime=first["inverse_crime"],
-        phantoms=standing.phantoms,
+        clusters=standing.clusters,
         why_not=standing.why_not,
         ranked_by=first.get("ranked_by") or "mse",
         columns=[vars(column) for column in shown_columns(standing.rows)],
@@ -279,7 +279,7 @@ def _view(label: str, standing: Standing, runs: Sequence[Run]) -> View:
         }
         for row, name in zip(standing.rows, names, strict=True)
     ]
-    return View(label=label, phantoms=standing.phantoms, why_not=standing.why_not, rows=rows)
+    return View(label=label, clusters=standing.clusters, why_not=standing.why_not, rows=rows)
 
 
 def _parts(runs: Sequence[Run], scenario: str, samples: pd.DataFrame) -> list[View]:

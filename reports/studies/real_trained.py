@@ -27,7 +27,7 @@ def summary(errors: pd.DataFrame) -> list[ErrorRow]:
     rows = []
     for (name, _), group in errors.groupby(["estimator", "presses"], sort=False):
         error = group["error_mm"].to_numpy()
-        middle = bootstrap(error[:, None], medians)[0]
+        middle = bootstrap(error[:, None], group["press"], medians)[0]
         rows.append(
             {
                 "estimator": str(name),

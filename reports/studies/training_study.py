@@ -75,7 +75,7 @@ def _text(value: object) -> str:
 
 
 def _choices(table: pd.DataFrame) -> list[str]:
-    known = {"scenario", "sample", "train_s", *METRICS}
+    known = {"scenario", "sample", "cluster", "train_s", *METRICS}
     return [str(name) for name in table.columns if name not in known]
 
 
@@ -86,7 +86,7 @@ def _means(table: pd.DataFrame) -> list[StudyRow]:
         row = dict(zip(_choices(table), choice, strict=True))
         if group["score"].notna().all():
             row |= {name: float(group[name].mean()) for name in METRICS}
-            (interval,) = bootstrap(group[["score"]])
+            (interval,) = bootstrap(group[["score"]], group["cluster"])
             row |= {"score_low": interval.low, "score_high": interval.high}
             row |= {"n": len(group), "train_s": float(group["train_s"].iloc[0])}
         rows.append(row)

@@ -135,7 +135,6 @@ def _noise(board: Sequence[Row]) -> list[str]:
     frame, touch = levels
     return [
         f"SNR {frame:.0f} dB of a frame, {touch:.0f} dB of what the touch changes (medians)",
-        "all samples share one noisy reference frame, whose noise no interval includes",
     ]
 
 

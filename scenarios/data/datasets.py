@@ -3,20 +3,22 @@
 import hashlib
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Literal, cast, get_args
+from itertools import pairwise
+from typing import Literal, NamedTuple, cast, get_args
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
 from eitbench.scenarios.arrays import Array
-from eitbench.scenarios.data.simulation import clean_reference, clean_voltages, phantom
+from eitbench.scenarios.data.simulation import CleanFrames, clean_frames, phantom
 from eitbench.scenarios.errors import InputError, unknown_name
 from eitbench.scenarios.guard import check_open
-from eitbench.scenarios.imperfections.noise import measured_frames, measured_reference, touch_snr_db
+from eitbench.scenarios.imperfections.imperfections import TOUCH_INTERVAL_S
+from eitbench.scenarios.imperfections.noise import measured, session_snr_db, snr_of_touch
 from eitbench.scenarios.phantoms.phantom import Phantom, rasterise
 from eitbench.scenarios.sensors.sensor import Sensor
-from eitbench.scenarios.suites.scenario import RecordedScenario, SimulatedScenario, Split
+from eitbench.scenarios.suites.scenario import TOUCHES, RecordedScenario, SimulatedScenario, Split
 from eitbench.scenarios.suites.suite import scenario_by_name
 
 
@@ -28,11 +30,13 @@ class Dataset:
         scenario, split: names of its origin.
         sensor: the nominal sensor.
         voltages: (n, M) frames: [V/A] if simulated, in the board's own units if recorded.
-        reference: (M,) the reference frame, measured like the others.
+        references: (n, M) the reference frame of each frame, measured like it. Frames of one
+            session share theirs.
         samples: one row per frame. `sample` is its number in the split, `phantom` names the
-            object: frames of the same object are not independent. Simulated: `family`,
-            `shape`, `snr_db` and `touch_snr_db` of the frame and of what the touch changes in it
-            (NaN if clean), `inclusions` and what was drawn (NaN where a family has no such value).
+            object, `cluster` what it shares with others: only frames of different clusters are
+            independent. Simulated: `session`, `family`, `shape`, `snr_db` and `touch_snr_db` of
+            the frame and of what the touch changes in it (NaN if clean), `inclusions` and what was
+            drawn (NaN where a family has no such value).
             Recorded: columns of the set, such as `x_m`, `y_m`, `depth_mm`.
         truth: kind of truth that is known of each frame.
         data_hash: SHA-256 of all declared parameters.
@@ -47,7 +51,7 @@ class Dataset:
     split: Split
     sensor: Sensor
     voltages: Array
-    reference: Array
+    references: Array
     samples: pd.DataFrame
     truth: Literal["conductivity", "position", "classes", "none"]
     data_hash: str
@@ -56,7 +60,7 @@ class Dataset:
     classes: NDArray[np.int8] | None = None
 
     def __post_init__(self) -> None:
-        for array in (self.voltages, self.reference, self.classes):
+        for array in (self.voltages, self.references, self.classes):
             if array is not None:
                 array.setflags(write=False)
 
@@ -77,9 +81,11 @@ class Dataset:
 
     @cached_property
     def frame_hashes(self) -> list[str]:
-        """SHA-256 (hex) of every frame together with the reference frame."""
-        reference = self.reference.tobytes()
-        return [hashlib.sha256(frame.tobytes() + reference).hexdigest() for frame in self.voltages]
+        """SHA-256 (hex) of every frame together with its reference frame."""
+        return [
+            hashlib.sha256(frame.tobytes() + reference.tobytes()).hexdigest()
+            for frame, reference in zip(self.voltages, self.references, strict=True)
+        ]
 
 
 def load(
@@ -126,8 +132,18 @@ def load(
     # Imported here: it is a small inverse problem, which few scenarios pose.
     from eitbench.scenarios.imperfections.calibration import calibrate
 
-    found = calibrate(data.sensor, data.reference[None])
-    return replace(data, voltages=found.corrected(data.voltages), reference=found.nominal)
+    voltages, references = np.empty_like(data.voltages), np.empty_like(data.voltages)
+    for rows in same_reference(data.references):
+        found = calibrate(data.sensor, data.references[rows][:1])
+        voltages[rows], references[rows] = found.corrected(data.voltages[rows]), found.nominal
+    return replace(data, voltages=voltages, references=references)
+
+
+def same_reference(references: Array) -> list[slice]:
+    """The runs of rows of `references` (n, M) that are equal, such as those of one session."""
+    changes = 1 + np.flatnonzero((references[1:] != references[:-1]).any(axis=1))
+    ends = [0, *changes.tolist(), len(references)]
+    return [slice(start, stop) for start, stop in pairwise(ends) if stop > start]
 
 
 def _simulated(
@@ -137,16 +153,22 @@ def _simulated(
     if size == 0:
         raise InputError(f"Scenario {scenario.name!r} declares no {split} samples.")
     count = size if limit is None else min(limit, size)
-    clean = clean_voltages(scenario, split, count, jobs=jobs, progress=progress)
-    voltages, snr, touch_snr, reference = _measured(scenario, split, clean)
+    seen = _measured(
+        scenario, split, clean_frames(scenario, split, count, jobs=jobs, progress=progress)
+    )
     phantoms = tuple(phantom(scenario, split, sample) for sample in range(count))
+    names = [f"{scenario.phantom_stream} {split} {sample}" for sample in range(count)]
+    session = np.arange(count) // TOUCHES
+    together = [f"{scenario.name} {split} session {k}" for k in session.tolist()]
     declared = {
         "sample": np.arange(count),
-        "phantom": [f"{scenario.phantom_stream} {split} {sample}" for sample in range(count)],
+        "phantom": names,
+        "cluster": together if scenario.sessions_differ(split) else names,
+        "session": session,
         "family": [p.family for p in phantoms],
         "shape": [p.shape for p in phantoms],
-        "snr_db": snr,
-        "touch_snr_db": touch_snr,
+        "snr_db": seen.snr_db,
+        "touch_snr_db": seen.touch_snr_db,
         "inclusions": [len(p.inclusions) for p in phantoms],
     }
     drawn = pd.DataFrame([p.parameters for p in phantoms])
@@ -154,8 +176,8 @@ def _simulated(
         scenario=scenario.name,
         split=split,
         sensor=scenario.nominal_sensor,
-        voltages=voltages,
-        reference=reference,
+        voltages=seen.voltages,
+        references=seen.references,
         samples=pd.concat([pd.DataFrame(declared), drawn], axis=1),
         truth="conductivity",
         data_hash=scenario.data_hash(split),
@@ -164,29 +186,41 @@ def _simulated(
     )
 
 
-def _measured(
-    scenario: SimulatedScenario, split: Split, clean: Array
-) -> tuple[Array, Array, Array, Array]:
-    """Frames (n, M) as the board of `split` sends them, and the reference frame (M,) last.
+class _Measured(NamedTuple):
+    """Frames (n, M) and their reference frames (n, M), as boards send them; SNRs (n,) [dB]."""
 
-    Between them the SNR (n,) of each frame and that of its touch [dB].
-    """
-    board, pattern = scenario.split_imperfections(split), scenario.nominal_sensor.pattern
-    untouched = clean_reference(scenario, split)
-    analogue = board.analogue(clean, untouched, pattern)
-    noisy, snr = measured_frames(
-        analogue, scenario.split_noise(split), scenario=scenario.name, split=split
-    )
-    voltages = board.received(board.digital(noisy, untouched, pattern))
-    # The reference frame is the same for all splits, unless the sensor of the test split has
-    # imperfections: these are unknown to the other splits.
-    times = np.array([-board.reference_age_s])
-    (before,) = board.analogue(untouched[None], untouched, pattern, times)
-    touch_snr = touch_snr_db(clean - untouched, clean, snr)
-    noise = scenario.split_noise("test" if scenario.imperfections is None else split)
-    noisy = measured_reference(before, noise, scenario=scenario.name)
-    (reference,) = board.digital(noisy[None], untouched, pattern)
-    return voltages, snr, touch_snr, reference
+    voltages: Array
+    references: Array
+    snr_db: Array
+    touch_snr_db: Array
+
+
+def _measured(scenario: SimulatedScenario, split: Split, clean: CleanFrames) -> _Measured:
+    pattern, noise = scenario.nominal_sensor.pattern, scenario.split_noise(split)
+    frames, references = np.empty_like(clean.voltages), np.empty_like(clean.voltages)
+    snr_db, touch_snr_db = np.empty(len(frames)), np.empty(len(frames))
+    for first in range(0, len(frames), TOUCHES):
+        session = first // TOUCHES
+        board = scenario.split_imperfections(split, session)
+        level = session_snr_db(noise, scenario=scenario.name, split=split, session=session)
+        rows = slice(first, first + TOUCHES)
+        touched, untouched = clean.voltages[rows], clean.untouched[first]
+        times = np.arange(first, first + len(touched)) * np.float64(TOUCH_INTERVAL_S)
+        analogue = board.analogue(touched, untouched, pattern, times)
+        noisy = np.array(
+            [
+                measured(frame, level, scenario.name, split, noise, first + k)
+                for k, frame in enumerate(analogue)
+            ]
+        )
+        frames[rows] = board.received(board.digital(noisy, untouched, pattern), first)
+        before = np.array([-board.reference_age_s])
+        (at_rest,) = board.analogue(untouched[None], untouched, pattern, before)
+        at_rest = measured(at_rest, level, scenario.name, split, noise, "reference", session)
+        references[rows] = board.digital(at_rest[None], untouched, pattern)
+        snr_db[rows] = level
+        touch_snr_db[rows] = snr_of_touch(touched - untouched, analogue, level)
+    return _Measured(frames, references, snr_db, touch_snr_db)
 
 
 # Columns of recorded sets that name the object of a frame; without, each frame has its own.
@@ -215,14 +249,15 @@ def _recorded(
     samples = recording.samples.iloc[rows].drop(columns=["split", "sample"], errors="ignore")
     samples = samples.reset_index(drop=True)
     samples.insert(0, "sample", np.arange(len(rows)))
-    measured = next((name for name in _OBJECT_COLUMNS if name in samples), "sample")
-    samples.insert(1, "phantom", [f"{recorded.name} {what}" for what in samples[measured]])
+    of_object = next((name for name in _OBJECT_COLUMNS if name in samples), "sample")
+    samples.insert(1, "phantom", [f"{recorded.name} {what}" for what in samples[of_object]])
+    samples.insert(2, "cluster", samples["phantom"])
     return Dataset(
         scenario=scenario.name,
         split=split,
         sensor=scenario.nominal_sensor,
         voltages=np.array(recording.voltages[rows], dtype=np.float64),
-        reference=np.array(recording.reference, dtype=np.float64),
+        references=np.tile(np.asarray(recording.reference, dtype=np.float64), (len(rows), 1)),
         samples=samples,
         truth=recorded.truth,
         data_hash=scenario.data_hash(split),

@@ -11,6 +11,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import joblib
 import numpy as np
@@ -27,9 +28,9 @@ from eitbench.scenarios.imperfections.imperfections import TOUCH_INTERVAL_S
 from eitbench.scenarios.phantoms.phantom import Phantom, draw, rasterise
 from eitbench.scenarios.seeds import generator
 from eitbench.scenarios.sensors.sensor import content_hash
-from eitbench.scenarios.suites.scenario import SimulatedScenario, Split
+from eitbench.scenarios.suites.scenario import TOUCHES, SimulatedScenario, Split
 
-CHUNK = 32
+CHUNK = 10 * TOUCHES
 
 _log = logging.getLogger(__name__)
 
@@ -42,10 +43,17 @@ def phantom(scenario: SimulatedScenario, split: Split, sample: int) -> Phantom:
     return draw(families[sample % len(families)], scenario.nominal_sensor, rng)
 
 
-def clean_voltages(
+class CleanFrames(NamedTuple):
+    """Frames (n, M) [V/A] without noise, and for each that of its untouched sensor (n, M) [V/A]."""
+
+    voltages: Array
+    untouched: Array
+
+
+def clean_frames(
     scenario: SimulatedScenario, split: Split, count: int, *, jobs: int = 1, progress: bool = False
-) -> Array:
-    """Voltages (count, M) [V/A] of the first `count` phantoms of `split`, without noise.
+) -> CleanFrames:
+    """Frames of the first `count` phantoms of `split`, without noise.
 
     Raises:
         InputError: the test split, where it is closed.
@@ -53,40 +61,37 @@ def clean_voltages(
     """
     check_open(split)
     chunks = _chunks(scenario, split, count)
-    ready: dict[int, Array] = {}
+    ready: dict[int, CleanFrames] = {}
     for chunk in chunks:
         try:
             stored = chunk.read()
         except DataCorruptError as error:
             _log.warning("%s It is made again.", error)
             continue
-        if stored is not None and len(stored) >= chunk.count:
-            ready[chunk.first] = stored[: chunk.count]
+        if stored is not None and len(stored.voltages) >= chunk.count:
+            ready[chunk.first] = CleanFrames(*(array[: chunk.count] for array in stored))
     missing = [chunk for chunk in chunks if chunk.first not in ready]
-    steps: Iterable[tuple[_Chunk, Array]] = _simulated(scenario, split, missing, jobs)
+    steps: Iterable[tuple[_Chunk, CleanFrames]] = _simulated(scenario, split, missing, jobs)
     console = Console(stderr=True)
     # Without a terminal there is nobody to watch, and a log needs no empty lines.
     if progress and missing and console.is_terminal:
         title = f"Simulating {scenario.name}"
         steps = track(steps, title, total=len(missing), console=console)
-    for chunk, voltages in steps:
-        ready[chunk.first] = voltages
+    for chunk, frames in steps:
+        ready[chunk.first] = frames
     empty = np.empty((0, scenario.nominal_sensor.n_measurements))
-    return np.concatenate([empty, *(ready[chunk.first] for chunk in chunks)])
-
-
-def clean_reference(scenario: SimulatedScenario, split: Split) -> Array:
-    """Voltages (M,) [V/A] of the untouched sensor of `split`, without noise."""
-    with threadpool_limits(1):
-        model, imperfections = scenario.data_model(split), scenario.split_imperfections(split)
-        drift = imperfections.drifted(model.sensor, -imperfections.reference_age_s)
-        return model.voltages(drift * model.background)
+    found = [ready[chunk.first] for chunk in chunks]
+    return CleanFrames(
+        np.concatenate([empty, *(frames.voltages for frames in found)]),
+        np.concatenate([empty, *(frames.untouched for frames in found)]),
+    )
 
 
 def conductivity(scenario: SimulatedScenario, split: Split, sample: int) -> Array:
     """Conductivity [S/m] of one sample on the grid of the data, with drift and relaxation."""
-    sensor = scenario.data_model(split).sensor
-    imperfections = scenario.split_imperfections(split)
+    session = sample // TOUCHES
+    sensor = scenario.data_model(split, session).sensor
+    imperfections = scenario.split_imperfections(split, session)
     touch = rasterise(phantom(scenario, split, sample), sensor)
     last = None
     if imperfections.relaxation and sample:
@@ -119,18 +124,18 @@ class _Chunk:
     metadata: Mapping[str, str]
 
     @_remedy()
-    def read(self) -> Array | None:
+    def read(self) -> CleanFrames | None:
         found = read_arrays(self.path)
         if found is None:
             return None
         arrays, metadata = found
-        if metadata != self.metadata or arrays.keys() != {"voltages"}:
+        if metadata != self.metadata or arrays.keys() != set(CleanFrames._fields):
             raise DataCorruptError(f"{self.path} was made from other parameters.")
-        return arrays["voltages"]
+        return CleanFrames(**arrays)
 
     @_remedy()
-    def write(self, voltages: Array) -> None:
-        write_arrays(self.path, {"voltages": voltages}, self.metadata)
+    def write(self, frames: CleanFrames) -> None:
+        write_arrays(self.path, frames._asdict(), self.metadata)
 
 
 def _chunks(scenario: SimulatedScenario, split: Split, count: int) -> list[_Chunk]:
@@ -146,7 +151,7 @@ def _chunks(scenario: SimulatedScenario, split: Split, count: int) -> list[_Chun
 
 def _simulated(
     scenario: SimulatedScenario, split: Split, chunks: list[_Chunk], jobs: int
-) -> Iterator[tuple[_Chunk, Array]]:
+) -> Iterator[tuple[_Chunk, CleanFrames]]:
     """Simulate and store `chunks`; yields each as soon as it is stored."""
     if jobs == 1 or len(chunks) < 2:
         yield from (_simulate(scenario, split, chunk) for chunk in chunks)
@@ -158,7 +163,9 @@ def _simulated(
     yield from pool(joblib.delayed(_simulate)(scenario, split, chunk) for chunk in chunks)
 
 
-def _simulate(scenario: SimulatedScenario, split: Split, chunk: _Chunk) -> tuple[_Chunk, Array]:
+def _simulate(
+    scenario: SimulatedScenario, split: Split, chunk: _Chunk
+) -> tuple[_Chunk, CleanFrames]:
     """Simulate the samples that the chunk's file lacks, and store all; runs in a worker process.
 
     Every sample is solved on its own and on one thread, so that its bits depend neither on the
@@ -167,12 +174,20 @@ def _simulate(scenario: SimulatedScenario, split: Split, chunk: _Chunk) -> tuple
     stored = None
     with suppress(DataCorruptError):
         stored = chunk.read()  # again: another process may have been faster
+    voltages, untouched = ([], []) if stored is None else map(list, stored)
+    units_differ = bool(scenario.split_imperfections(split).of_voltages())
     with threadpool_limits(1):
-        model = scenario.data_model(split)
-        frames = [] if stored is None else list(stored)
-        for sample in range(chunk.first + len(frames), chunk.first + chunk.count):
-            frames.append(model.voltages(conductivity(scenario, split, sample)))
-    voltages = np.array(frames)
-    if stored is None or len(stored) < len(voltages):
-        chunk.write(voltages)
-    return chunk, voltages[: chunk.count]
+        for sample in range(chunk.first + len(voltages), chunk.first + chunk.count):
+            session = sample // TOUCHES
+            model = scenario.data_model(split, session)
+            if not untouched or (sample % TOUCHES == 0 and units_differ):
+                imperfections = scenario.split_imperfections(split, session)
+                drift = imperfections.drifted(model.sensor, -imperfections.reference_age_s)
+                untouched.append(model.voltages(drift * model.background))
+            else:
+                untouched.append(untouched[-1])
+            voltages.append(model.voltages(conductivity(scenario, split, sample)))
+    frames = CleanFrames(np.array(voltages), np.array(untouched))
+    if stored is None or len(stored.voltages) < len(voltages):
+        chunk.write(frames)
+    return chunk, CleanFrames(*(array[: chunk.count] for array in frames))

@@ -3,8 +3,8 @@
 In the order in which they act on a touch:
 
 1. The sensor as built. Electrodes lie off their places along the rim, their widths and contact
-   impedances are uneven. (The finer mesh that data come from belongs here too: no real field is
-   computed on the grid of an image.)
+   impedances are uneven. (The mesh that data come from belongs here too: no real field is computed
+   on the grid of an image.)
 2. The material. Its conductivity drifts with temperature, evenly and as a gradient across the
    sensor, and it recovers slowly, so that the last touch is still there in part. Both multiply
    the conductivity, which therefore stays above 0.
@@ -19,7 +19,7 @@ declared magnitude, so that the same unit shows the same deviation alone, among 
 any severity.
 """
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,13 +44,23 @@ _GRADIENT = 0.5  # drift at the rim against that of the whole
 _NARROWEST = 0.3  # an electrode keeps so much of its width, and of its distance to the next
 
 
+MeshKind = Literal["image", "fine", "unstructured"]
+"""The mesh that data come from, see `data_mesh`."""
+
+
+_OF_ELECTRODES = {"electrode_shift_m", "electrode_width", "contact_impedance"}
+_OF_MATERIAL = {"drift", "relaxation"}
+
+
 class Imperfections(Declaration):
-    """Deviations of one sensor and its board; without any, both are ideal.
+    """Deviations of sensors and boards of one make; without any, they are ideal.
 
     Attributes:
-        unit: which of many sensors of the same make: decides what is drawn.
+        unit: which of many sensors of the same make: decides what is drawn. Of a scenario, the
+            first one: every session of touches is on another unit.
         severity: factor of all magnitudes; faults and the mesh are as they are.
-        mesh_refinement: the data come from a mesh this many times finer.
+        mesh: "image", the mesh of the image grid, which methods invert with; "fine", one of the
+            same kind twice as fine; "unstructured", triangles three times finer than pixels.
         electrode_shift_m: standard deviation along the rim [m].
         electrode_width: standard deviation relative to the nominal width.
         contact_impedance: standard deviation of its natural logarithm.
@@ -69,7 +79,7 @@ class Imperfections(Declaration):
 
     unit: int = Field(default=0, ge=0)
     severity: float = Field(default=1.0, ge=0, le=10)
-    mesh_refinement: int = Field(default=1, ge=1, le=8)
+    mesh: MeshKind = "image"
     electrode_shift_m: NonNegativeFloat = 0.0
     electrode_width: NonNegativeFloat = 0.0
     contact_impedance: NonNegativeFloat = 0.0
@@ -85,9 +95,22 @@ class Imperfections(Declaration):
     lost_every: int | None = Field(default=None, ge=2)
     reference_age_s: NonNegativeFloat = TOUCH_INTERVAL_S
 
+    @property
+    def drawn(self) -> bool:
+        """True if one unit differs from another."""
+        names = _OF_ELECTRODES | _OF_MATERIAL | {"gain", "offset", "mains"}
+        return any(getattr(self, name) for name in names)
+
+    def of_voltages(self) -> dict[str, object]:
+        """What decides voltages before they reach the board; empty without any of it."""
+        deciding = {name for name in _OF_ELECTRODES | _OF_MATERIAL if getattr(self, name)}
+        if not deciding:
+            return {}
+        return self.model_dump(include=deciding | {"unit", "severity", "reference_age_s"})
+
     def built(self, nominal: Sensor) -> tuple[Electrode, ...]:
         """The electrodes of this unit of the sensor `nominal`, none of which overlap."""
-        if not (self.electrode_shift_m or self.electrode_width or self.contact_impedance):
+        if not any(getattr(self, name) for name in _OF_ELECTRODES):
             return nominal.electrodes
         count = nominal.n_electrodes
         shift = self._drawn("electrode shift", count) * self.electrode_shift_m
@@ -180,13 +203,16 @@ class Imperfections(Declaration):
                 values = step * np.round(values / step)
         return values
 
-    def received(self, frames: Array) -> Array:
-        """The frames (n, M) that arrive: instead of a lost one, the last one."""
+    def received(self, frames: Array, first: int = 0) -> Array:
+        """The frames (n, M) of one session that arrive: instead of a lost one, the last one.
+
+        The first of them has the number `first`; it arrives always.
+        """
         if self.lost_every is None:
             return frames
-        number = np.arange(len(frames))
-        lost = number % self.lost_every == self.lost_every - 1
-        return frames[np.where(lost, number - 1, number)]
+        place = np.arange(len(frames))
+        lost = (first + place) % self.lost_every == self.lost_every - 1
+        return frames[np.where(lost & (place > 0), place - 1, place)]
 
     def _scaled(self, magnitude: float) -> float:
         return self.severity * magnitude
@@ -208,7 +234,7 @@ def channels(pattern: DrivePattern) -> tuple[NDArray[np.int64], list[tuple[int, 
 
 
 TYPICAL = Imperfections(
-    mesh_refinement=2,
+    mesh="unstructured",
     electrode_shift_m=0.0005,
     electrode_width=0.05,
     contact_impedance=0.3,

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from eitbench.scenarios.arrays import Array
-from eitbench.scenarios.seeds import generator
+from eitbench.scenarios.seeds import Axis, generator
 
 # SNR in dB, no noise, or the published training mixture.
 Noise = float | Literal["clean", "mixture"]
@@ -24,52 +24,38 @@ def add_noise(frame: ArrayLike, snr_db: float, rng: np.random.Generator) -> Arra
     return np.asarray(clean + noise)
 
 
-def touch_snr_db(touch: ArrayLike, clean: ArrayLike, snr_db: ArrayLike) -> Array:
+def snr_of_touch(touch: ArrayLike, frames: ArrayLike, snr_db: float) -> Array:
     """SNR (n,) of the touch [dB]: rms of what a touch changes over rms of the noise of its frame.
 
     Args:
-        touch: (n, M) change of the frames without noise by the touch.
-        clean: (n, M) these frames.
-        snr_db: (n,) SNR of the frames, NaN where they are clean.
+        touch: (n, M) change of the frames by the touch.
+        frames: (n, M) that noise is added to.
+        snr_db: of the frames; NaN where they are clean.
     """
-    size = np.mean(np.square(touch), axis=1) / np.mean(np.square(clean), axis=1)
+    size = np.mean(np.square(touch), axis=1) / np.mean(np.square(frames), axis=1)
     with np.errstate(divide="ignore"):  # a frame without a touch has none
         return np.asarray(snr_db + 10 * np.log10(size))
 
 
-def measured_frames(
-    clean: ArrayLike, noise: Noise, *, scenario: str, split: str
-) -> tuple[Array, Array]:
-    """Frames 0..n-1 of a split as measured, and the SNR of each.
+def session_snr_db(noise: Noise, *, scenario: str, split: str, session: int) -> float:
+    """SNR [dB] of all that is measured in a session, its reference frame too; NaN if it is clean.
 
-    The key of a frame's noise is ("noise", scenario, split, level, sample), so that every method
-    sees the same bits whatever the number of samples (trust rule 1 of CONTRIBUTING).
-
-    Returns:
-        Voltages (n, M) and SNR (n,) [dB], NaN where a frame is clean.
+    A mixture is drawn from the key ("noise", scenario, split, "mixture", "session", session).
     """
-    frames = np.array(clean, dtype=np.float64)
-    snr = np.full(len(frames), np.nan)
     if noise == "clean":
-        return frames, snr
-    for sample in range(len(frames)):
-        rng = generator("noise", scenario, split, noise, sample)
-        level = np.nan if noise == "mixture" else float(noise)
-        if noise == "mixture" and rng.random() < MIXTURE_SHARE:
-            level = rng.uniform(*MIXTURE_SNR_DB)
-        if not np.isnan(level):
-            frames[sample] = add_noise(frames[sample], level, rng)
-        snr[sample] = level
-    return frames, snr
+        return np.nan
+    if noise != "mixture":
+        return float(noise)
+    rng = generator("noise", scenario, split, noise, "session", session)
+    return rng.uniform(*MIXTURE_SNR_DB) if rng.random() < MIXTURE_SHARE else np.nan
 
 
-def measured_reference(clean: ArrayLike, noise: Noise, *, scenario: str) -> Array:
-    """The reference frame (M,) as measured, one for all splits of a scenario.
+def measured(frame: ArrayLike, snr_db: float, *axes: Axis) -> Array:
+    """`frame` (M,) as measured at `snr_db`, with noise drawn from the key ("noise", *axes).
 
-    A mixture leaves it clean: one noisy reference would repeat the same error in every sample,
-    which is the opposite of augmentation.
+    Axes name a sample or the reference frame of a session, so that every method sees the same bits
+    whatever the number of samples (trust rule 1 of CONTRIBUTING).
     """
-    frame = np.array(clean, dtype=np.float64)
-    if noise in ("clean", "mixture"):
-        return frame
-    return add_noise(frame, float(noise), generator("noise", scenario, "reference", noise))
+    if np.isnan(snr_db):
+        return np.array(frame, dtype=np.float64)
+    return add_noise(frame, snr_db, generator("noise", *axes))

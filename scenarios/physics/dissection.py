@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eitbench.scenarios.arrays import Array, Index
+from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.physics.elements import ElectrodeTerms, stiffness
 from eitbench.scenarios.physics.mesh import Mesh
 
@@ -68,23 +69,27 @@ def stride(size: int) -> int:
 
 
 def dissect(mesh: Mesh, terms: ElectrodeTerms) -> Dissection:
-    """The dissection of `mesh` with its electrodes' terms."""
-    mass = terms.mass.tocoo()
-    upper = mass.row <= mass.col
-    nodes, electrodes = np.nonzero(terms.coupling)
-    first = np.concatenate([mass.row[upper], nodes]).astype(np.int64)
-    second = np.concatenate([mass.col[upper], len(mesh.nodes) + electrodes]).astype(np.int64)
-    values = np.concatenate([mass.data[upper], -terms.coupling[nodes, electrodes]])
-    parts, order = _structure(mesh, first.tobytes(), second.tobytes())
-    return parts._replace(fixed=values[order])
+    """The dissection of `mesh` with its electrodes' terms.
+
+    Raises:
+        InputError: an electrode that lies outside the part of the rim that the mesh gives it.
+    """
+    parts, (first, second) = _structure(mesh)
+    n = len(mesh.nodes)
+    of_nodes = second < n
+    values = np.empty(len(first))
+    values[of_nodes] = terms.mass[first[of_nodes], second[of_nodes]]
+    values[~of_nodes] = -terms.coupling[first[~of_nodes], second[~of_nodes] - n]
+    if np.count_nonzero(values[~of_nodes]) < np.count_nonzero(terms.coupling):
+        raise InputError("An electrode lies too far from the place for which the mesh was made.")
+    return parts._replace(fixed=values)
 
 
-# Sensors that differ in contact impedance alone share all but their electrodes' values, and a
-# calibration builds dozens of them.
+# Sensors whose electrodes lie a little elsewhere share all but the electrodes' values.
 @lru_cache(maxsize=8)
-def _structure(mesh: Mesh, first: bytes, second: bytes) -> tuple[Dissection, Index]:
-    """The dissection without `fixed`, and which of the electrodes' terms is where there."""
-    pairs = np.column_stack([np.frombuffer(unknowns, np.int64) for unknowns in (first, second)])
+def _structure(mesh: Mesh) -> tuple[Dissection, Index]:
+    """The dissection without `fixed`, and the pairs (2, t) of unknowns whose terms it takes."""
+    pairs = _electrode_pairs(mesh)
     n_nodes, corners = len(mesh.nodes), mesh.elements
     parts, children = _cut(mesh.nodes[corners].mean(axis=1))
     owner = _owners(corners, parts, pairs)
@@ -132,7 +137,18 @@ def _structure(mesh: Mesh, first: bytes, second: bytes) -> tuple[Dissection, Ind
         np.empty(0),
         np.cumsum([0, *kept]),
     )
-    return dissection, np.concatenate(owned)
+    return dissection, np.ascontiguousarray(pairs[np.concatenate(owned)].T)
+
+
+def _electrode_pairs(mesh: Mesh) -> Index:
+    """Pairs (t, 2) of unknowns that an electrode anywhere in its part of the rim can couple."""
+    one, other = mesh.rim_edges.T
+    of_nodes = np.column_stack([np.minimum(one, other), np.maximum(one, other)])
+    ends = np.repeat(mesh.rim_edges, 2, axis=1).reshape(-1, 2, 2)
+    reached = np.tile(mesh.rim_electrodes, 2).reshape(-1, 2, 2)
+    of_electrodes = np.column_stack([ends.ravel(), len(mesh.nodes) + reached.ravel()])
+    alone = np.column_stack([one, one])
+    return np.unique(np.concatenate([of_nodes, alone, of_electrodes]), axis=0)
 
 
 def _cut(centres: Array) -> tuple[list[Index], list[tuple[int, ...]]]:

@@ -1,8 +1,7 @@
 """Meshes for the forward model: the pixel grid of a rectangle, triangles for any other outline."""
 
-import hashlib
 from dataclasses import dataclass
-from functools import cached_property
+from importlib.metadata import version
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +29,8 @@ class Mesh:
         elements: (k, 3) triangles or (k, 4) quadrilaterals as counter-clockwise node numbers.
         rim_edges: (r, 2) node numbers of the edges on the rim, counter-clockwise.
         rim_arcs: (r, 2) arc length [m] of the edges' ends along the outline, increasing.
+        rim_electrodes: (r, 2) the electrodes nearest to the ends of each edge of the rim. An
+            electrode may lie anywhere on the edges that it is nearest to.
         pixel_shares: (k, H*W) sparse; the fraction of each element that lies in each pixel. None
             where element k is pixel k.
     """
@@ -38,16 +39,15 @@ class Mesh:
     elements: Index
     rim_edges: Index
     rim_arcs: Array
+    rim_electrodes: Index
     pixel_shares: sparse.csr_array | None
 
-    @cached_property
-    def content_hash(self) -> str:
-        """SHA-256 (hex) of the mesh: two meshes with the same hash discretise alike."""
-        digest = hashlib.sha256()
-        scale = np.abs(self.nodes).max()
-        digest.update(np.round(self.nodes / scale, 9).tobytes())
-        digest.update(self.elements.tobytes())
-        return digest.hexdigest()
+
+def mesh_recipe(sensor: Sensor, *, triangles: bool) -> str:
+    """What decides the mesh of `sensor` beside the sensor itself: the way it is made."""
+    if is_rectangle(sensor.outline) and not triangles:
+        return "pixels"
+    return f"triangles of netgen {version('netgen-mesher')}"
 
 
 def build_mesh(sensor: Sensor) -> Mesh:
@@ -71,11 +71,13 @@ def grid_mesh(sensor: Sensor) -> Mesh:
     rim = np.concatenate([number[0], number[1:, -1], number[-1, -2::-1], number[-2::-1, 0]])
     steps = np.hypot(*np.diff(nodes[rim], axis=0).T)
     arc = np.concatenate([[0.0], np.cumsum(steps)])
+    arcs = np.column_stack([arc[:-1], arc[1:]])
     return Mesh(
         nodes,
         elements,
         np.column_stack([rim[:-1], rim[1:]]),
-        np.column_stack([arc[:-1], arc[1:]]),
+        arcs,
+        _nearest_electrodes(sensor, arcs),
         pixel_shares=None,
     )
 
@@ -109,7 +111,16 @@ def triangle_mesh(sensor: Sensor) -> Mesh:
     rim_arcs[backwards] = rim_arcs[backwards, ::-1]
 
     nodes, triangles, edges = _renumbered(nodes, triangles, edges)
-    return Mesh(nodes, triangles, edges, rim_arcs, _pixel_shares(nodes, triangles, sensor))
+    shares = _pixel_shares(nodes, triangles, sensor)
+    return Mesh(nodes, triangles, edges, rim_arcs, _nearest_electrodes(sensor, rim_arcs), shares)
+
+
+def _nearest_electrodes(sensor: Sensor, arcs: Array) -> Index:
+    """The electrode whose centre is nearest along the rim to each of the `arcs` (...) [m]."""
+    perimeter = sensor.outline.perimeter
+    centres = np.array([electrode.centre for electrode in sensor.electrodes])
+    apart = (arcs[..., None] - centres) % perimeter
+    return np.asarray(np.minimum(apart, perimeter - apart).argmin(axis=-1), dtype=np.int64)
 
 
 def _rim_points(sensor: Sensor, size: float) -> tuple[Array, NDArray[np.bool_]]:

@@ -10,17 +10,21 @@ from eitbench.scenarios.catalogue import is_file
 from eitbench.scenarios.catalogue import sensor as sensor_by_name
 from eitbench.scenarios.declaration import Declaration, Name, beside
 from eitbench.scenarios.errors import EitbenchError
-from eitbench.scenarios.imperfections.imperfections import Imperfections, channels
+from eitbench.scenarios.imperfections.imperfections import Imperfections, MeshKind, channels
 from eitbench.scenarios.imperfections.noise import Noise
 from eitbench.scenarios.phantoms.families import Family, family
 from eitbench.scenarios.phantoms.press import FOAM
-from eitbench.scenarios.physics.forward import ForwardModel, forward_model
+from eitbench.scenarios.physics.forward import ForwardModel
+from eitbench.scenarios.physics.mesh import Mesh, build_mesh, mesh_recipe, triangle_mesh
 from eitbench.scenarios.recordings import RecordedSet, is_recording, recorded_set
-from eitbench.scenarios.sensors.sensor import Sensor, content_hash
+from eitbench.scenarios.sensors.sensor import Electrode, Sensor, content_hash
 from eitbench.scenarios.sensors.sensor_file import ConductivityRange, Side
 
 # Raised by one whenever the same declared parameters give other numbers than before.
-GENERATOR_VERSION = 1
+GENERATOR_VERSION = 2
+
+TOUCHES = 3
+"""Touches of a session: they share a unit of the sensor and a reference frame."""
 
 Split = Literal["train", "validation", "test"]
 MAX_SNR_DB = 200.0
@@ -57,15 +61,16 @@ class SimulatedScenario(Declaration):
             multiples of the background; the sensor's own by default.
         families: phantom families of the test split, in equal numbers.
         training_families: those of the other two splits; `families` by default.
-        noise: of every split. The reference frame is measured once, with the noise of `test`.
-        mesh_refinement: the data come from a mesh this many times finer than the image grid.
+        noise: of every split, its reference frames included.
         train, validation, test: number of samples.
         phantoms: name that phantoms are drawn from; scenarios that share it share their phantoms.
-        imperfections: how the sensor of the test split and of the reference frame differs from the
-            nominal one, which methods know, learn from and are tuned on. Scenarios that
-            declare any, even none, are rungs of a ladder from simulation to reality: they are
-            tuned with the noise of `validation`, which all rungs share.
-        calibrated: methods get frames corrected by `calibration`, from the reference frame alone.
+        imperfections: how sensors and boards of the test and validation splits differ from the
+            nominal ones, which methods know. Every `TOUCHES` samples are a session: on a unit of
+            its own, with a reference frame of its own. Training data are of the nominal sensor, on
+            the mesh that methods invert with.
+        ladder: a rung of the ladder from simulation to reality. Its validation data are of the
+            nominal sensor too, and methods are tuned with their noise: all rungs share them.
+        calibrated: methods get frames corrected by `calibration`, from reference frames alone.
     """
 
     kind: Literal["simulated"] = "simulated"
@@ -76,12 +81,12 @@ class SimulatedScenario(Declaration):
     families: tuple[str, ...] = Field(min_length=1)
     training_families: tuple[str, ...] | None = Field(default=None, min_length=1)
     noise: SplitNoise = SplitNoise()
-    mesh_refinement: int = Field(default=1, ge=1, le=8)
     train: int = Field(ge=0)
     validation: int = Field(ge=0)
     test: int = Field(ge=0)
     phantoms: str = ""
-    imperfections: Imperfections | None = None
+    imperfections: Imperfections = Imperfections()
+    ladder: bool = False
     calibrated: bool = False
 
     @field_validator("sensor")
@@ -100,8 +105,6 @@ class SimulatedScenario(Declaration):
 
     @model_validator(mode="after")
     def _faults_exist(self) -> Self:
-        if self.imperfections is None:
-            return self
         sensor = self.nominal_sensor
         if any(k >= sensor.n_electrodes for k in self.imperfections.dead):
             raise ValueError(
@@ -116,24 +119,32 @@ class SimulatedScenario(Declaration):
     def title(self) -> str:
         """One line for listings."""
         noise = f"{self.noise.test:g} dB" if isinstance(self.noise.test, float) else self.noise.test
-        mesh = "finer mesh" if self.mesh_refinement > 1 else "same mesh"
-        return f"{self.sensor}, {noise}, {mesh}: {', '.join(self.families)}"
+        return f"{self.sensor}, {noise}, {self.imperfections.mesh} mesh: {', '.join(self.families)}"
 
     @property
     def nominal_sensor(self) -> Sensor:
         """The sensor that methods know."""
         return _nominal_sensor(self.sensor, self.image_shape, self.conductivity_range)
 
-    def data_model(self, split: Split) -> ForwardModel:
-        """The forward model that the data of `split` come from."""
-        imperfections = self.split_imperfections(split)
-        refinement = self.mesh_refinement * imperfections.mesh_refinement
+    def data_model(self, split: Split, session: int = 0) -> ForwardModel:
+        """The forward model that the data of a session of `split` come from."""
+        imperfections = self.split_imperfections(split, session)
         nominal = _nominal_sensor(self.sensor, self.image_shape)
-        return forward_model(_data_sensor(nominal, refinement, imperfections))
+        return _data_model(nominal, imperfections.mesh, imperfections.built(nominal))
 
-    def split_imperfections(self, split: Split) -> Imperfections:
-        """Imperfections of the sensor of `split`: those of the test split; none of the others."""
-        return (split == "test" and self.imperfections) or Imperfections()
+    def split_imperfections(self, split: Split, session: int = 0) -> Imperfections:
+        """Imperfections of the unit of a session; none where the sensor is the nominal one."""
+        if split == "train" or (split == "validation" and self.ladder):
+            return Imperfections()
+        unit = self.imperfections.unit + session
+        # No unit is in two splits.
+        return self.imperfections.model_copy(
+            update={"unit": unit if split == "test" else -1 - unit}
+        )
+
+    def sessions_differ(self, split: Split) -> bool:
+        """True if touches of one session have more in common than those of two."""
+        return self.split_noise(split) != "clean" or self.split_imperfections(split).drawn
 
     @property
     def phantom_stream(self) -> str:
@@ -142,9 +153,8 @@ class SimulatedScenario(Declaration):
 
     @property
     def inverse_crime(self) -> bool:
-        """True if the data come from a mesh no finer than the one methods invert with."""
-        data, nominal = self.data_model("test"), forward_model(self.nominal_sensor)
-        return len(data.mesh.elements) <= len(nominal.mesh.elements)
+        """True if the data come from the mesh that methods invert with."""
+        return self.imperfections.mesh == "image"
 
     def split_families(self, split: Split) -> tuple[Family, ...]:
         """The phantom families of `split`."""
@@ -158,21 +168,20 @@ class SimulatedScenario(Declaration):
 
     def clean_parameters(self, split: Split) -> dict[str, object]:
         """Parameters that decide the voltages of `split` before noise: the key of the cache."""
-        model = self.data_model(split)
         imperfections = self.split_imperfections(split)
-        material: dict[str, object] = {}
-        if imperfections.drift or imperfections.relaxation:
-            names = {"unit", "severity", "drift", "relaxation", "reference_age_s"}
-            material = {"material": imperfections.model_dump(include=names)}
+        nominal = _nominal_sensor(self.sensor, self.image_shape)
         return {
             "generator": GENERATOR_VERSION,
-            "sensor": model.sensor.describe(),
-            "mesh": model.mesh.content_hash,
+            "sensor": nominal.describe(),
+            "mesh": [
+                imperfections.mesh,
+                mesh_recipe(nominal, triangles=imperfections.mesh == "unstructured"),
+            ],
+            "sessions": [TOUCHES, imperfections.of_voltages()],
             "families": [f.describe() for f in self.split_families(split)],
             "foam": vars(FOAM),
             "phantoms": self.phantom_stream,
             "split": split,
-            **material,
         }
 
     def data_hash(self, split: Split) -> str:
@@ -237,7 +246,6 @@ class RecordedScenario(Declaration):
         own = recorded.own is not None
         return content_hash(
             {
-                "generator": GENERATOR_VERSION,
                 # The content of a recording of one's own counts, not its name.
                 "scenario": _declared(self, {"recording"} if own else set()),
                 "files": [[*([] if own else [f.path]), f.sha256] for f in recorded.files],
@@ -251,7 +259,7 @@ class RecordedScenario(Declaration):
 def _declared(scenario: SimulatedScenario | RecordedScenario, apart: set[str]) -> dict[str, Any]:
     """Declared fields of a scenario but `apart`, and but optional ones at their default."""
     declared = scenario.model_dump(mode="json", exclude=apart)
-    optional = {"imperfections": None, "calibrated": False}
+    optional = {"ladder": False, "calibrated": False}
     return {k: v for k, v in declared.items() if k not in optional or v != optional[k]}
 
 
@@ -284,7 +292,17 @@ def _adapted(
     )
 
 
-@lru_cache(maxsize=64)
-def _data_sensor(nominal: Sensor, refinement: int, imperfections: Imperfections) -> Sensor:
-    built = replace(nominal, electrodes=imperfections.built(nominal))
-    return built if refinement == 1 else built.refined(refinement)
+_REFINEMENT: dict[MeshKind, int] = {"image": 1, "fine": 2, "unstructured": 3}
+
+
+@lru_cache(maxsize=8)
+def _data_model(nominal: Sensor, kind: MeshKind, electrodes: tuple[Electrode, ...]) -> ForwardModel:
+    """The model of one unit of the sensor `nominal`."""
+    sensor = nominal if kind == "image" else nominal.refined(_REFINEMENT[kind])
+    return ForwardModel(replace(sensor, electrodes=electrodes), _data_mesh(sensor, kind))
+
+
+@lru_cache(maxsize=2)
+def _data_mesh(sensor: Sensor, kind: MeshKind) -> Mesh:
+    """The mesh of the nominal sensor; all units share it."""
+    return triangle_mesh(sensor) if kind == "unstructured" else build_mesh(sensor)

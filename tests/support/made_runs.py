@@ -63,6 +63,7 @@ def made(
     sensor = FOAM if truth == "conductivity" else DISC
     images, places = discs(sensor, n)
     samples = pd.DataFrame({"sample": np.arange(n), "phantom": [f"p{k}" for k in range(n)]})
+    samples["cluster"] = samples["phantom"]
     if truth == "conductivity":
         samples["family"] = [FAMILIES[k % len(FAMILIES)] for k in range(n)]
         samples["snr_db"] = [np.nan if k % 2 else 50.0 for k in range(n)]
@@ -75,7 +76,7 @@ def made(
         split="test",
         sensor=sensor,
         voltages=np.zeros((n, 208)),
-        reference=np.zeros(208),
+        references=np.zeros((n, 208)),
         samples=samples,
         truth=truth,
         data_hash="0",

@@ -60,7 +60,7 @@ TINY = SimulatedScenario(
 
 def tiny_problem(s: Sensor = TINY.nominal_sensor) -> Problem:
     """The problem of `TINY`, with its data; a method may be told that its sensor is `s`."""
-    return Problem(s, load(TINY).reference, lambda split, limit: load(TINY, split, limit))
+    return Problem(s, load(TINY).references[0], lambda split, limit: load(TINY, split, limit))
 
 
 def tiny_mse(method: Method) -> float:

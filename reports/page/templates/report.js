@@ -104,7 +104,7 @@ function drawBoard() {
   })));
   $("leaderboard").replaceChildren(el("caption", { class: "soft" }, `${board().suite} / ${board().scenario}, ${view().label}`),
     el("thead", {}, el("tr", {}, ...head)), el("tbody", {}, ...(body.length ? body : [el("tr", {}, el("td", { class: "text", colspan: columns.length }, "Nothing matches."))])));
-  const notes = [view().phantoms ? `Intervals from ${view().phantoms} phantoms` : view().why_not.replace(/\.$/, ""), ...board().notes];
+  const notes = [view().clusters ? `Intervals from ${view().clusters} sessions or objects` : view().why_not.replace(/\.$/, ""), ...board().notes];
   $("board-note").textContent = notes.filter(Boolean).join("; ") + ".";
   $("prior_knowledge").replaceChildren(...board().prior_knowledge.map((sentence) => el("li", {}, sentence)));
   $("knowledge-section").hidden = !board().prior_knowledge.length;
