@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
+import pandas as pd
 
 from eitbench.benchmark.analysis.leaderboard import leaderboard_rows
 from eitbench.benchmark.analysis.results import Run
@@ -66,6 +67,8 @@ class Ladder:
             those of the curve, which follow each other.
         methods: by falling area, or by B on the last rung where there is no curve.
         steps: by rung and method, of methods that ran there.
+        distances: of the nominal model from what a touch changes on each rung [dB], the median
+            over touches, where the model is not that of the data.
         severities: of the rungs of the curve; empty where there is none.
         curves: mean B (points,) of every method, nominal and, where it ran, calibrated.
         areas: under the curve, with its interval; the same for the calibrated one.
@@ -75,6 +78,7 @@ class Ladder:
     rungs: tuple[str, ...]
     methods: tuple[str, ...]
     steps: dict[tuple[str, str], Step]
+    distances: dict[str, float]
     severities: dict[str, float]
     curves: dict[tuple[str, bool], Array]
     areas: dict[tuple[str, bool], Interval]
@@ -102,27 +106,21 @@ def read_ladder(run: Run) -> Ladder | None:
     methods = [str(method) for method in samples["method"].unique()]
     touches = samples.pivot_table(FIGURE, "sample", ["scenario", "method"], "first")
 
-    def together(cells: Sequence[tuple[str | None, str]]) -> Array | None:
+    def together(cells: Sequence[tuple[str | None, str]]) -> pd.DataFrame | None:
         """B (touches, cells) of several cells; None where one is missing or lacks other touches."""
         if not set(cells) <= set(touches.columns):
             return None
         found = touches[list(cells)].dropna(how="all")
-        values = np.ascontiguousarray(found.to_numpy(np.float64, na_value=np.nan))
-        return None if np.isnan(values).any() else values
+        values = found.to_numpy(np.float64, na_value=np.nan)
+        return None if np.isnan(values).any() else pd.DataFrame(values, index=found.index)
 
     def difference(scenario: str | None, other: str, method: str) -> Interval | None:
         values = together([(scenario, method), (other, method)])
-        return None if values is None else mean(values[:, 0] - values[:, 1])
-
-    def mean(values: Array) -> Interval:
-        sessions = touches.index.to_numpy()[: len(values)] // TOUCHES
-        if len(np.unique(sessions)) < MIN_CLUSTERS:
-            return Interval(float(values.mean()), np.nan, np.nan)
-        return bootstrap(values[:, None], sessions)[0]
+        return None if values is None else _mean(values[0] - values[1])
 
     steps = {
         (rung.name, method): Step(
-            value=mean(values[:, 0]),
+            value=_mean(values[0]),
             loss=difference(ideal, rung.name, method),
             gain=difference(twins.get(rung.name), rung.name, method),
         )
@@ -136,10 +134,10 @@ def read_ladder(run: Run) -> Ladder | None:
         names = [twins.get(s.name) if calibrated else s.name for s in curve]
         values = together([(name, method) for name in names])
         if values is not None:
-            curves[method, calibrated] = values.mean(axis=0)
+            curves[method, calibrated] = values.mean(axis=0).to_numpy()
             at = list(severities.values())
-            area = np.asarray(np.trapezoid(values, at, axis=1))
-            areas[method, calibrated] = mean(area / (at[-1] - at[0]))
+            area = pd.Series(np.trapezoid(values, at, axis=1), index=values.index)
+            areas[method, calibrated] = _mean(area / (at[-1] - at[0]))
 
     def merit(method: str) -> float:
         if (method, False) in areas:
@@ -151,11 +149,27 @@ def read_ladder(run: Run) -> Ladder | None:
         rungs=tuple(s.name for s in nominal),
         methods=tuple(sorted(methods, key=merit)),
         steps=steps,
+        distances=_distances(samples),
         severities=severities,
         curves=curves,
         areas=areas,
         real=_real(run, [s for s in scenarios if isinstance(s, RecordedScenario)], twins),
     )
+
+
+def _distances(samples: pd.DataFrame) -> dict[str, float]:
+    if "model_distance_db" not in samples:
+        return {}
+    medians = samples.groupby("scenario")["model_distance_db"].median()
+    return {str(rung): float(value) for rung, value in medians.items() if np.isfinite(value)}
+
+
+def _mean(values: pd.Series) -> Interval:
+    """Mean of values by touch, with its interval over sessions."""
+    sessions = values.index // TOUCHES
+    if sessions.nunique() < MIN_CLUSTERS:
+        return Interval(float(values.mean()), np.nan, np.nan)
+    return bootstrap(values.to_numpy()[:, None], sessions)[0]
 
 
 def _twin(scenario: Scenario, scenarios: Sequence[Scenario]) -> Scenario | None:

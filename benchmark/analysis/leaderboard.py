@@ -10,13 +10,13 @@ import pandas as pd
 
 from eitbench.benchmark.analysis.results import (
     NOTES,
-    SNR_COLUMNS,
     Run,
     describe_prior_knowledge,
 )
 from eitbench.benchmark.metrics.aggregation import aggregate
 from eitbench.benchmark.metrics.statistics import once
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS, RunKind
+from eitbench.scenarios.data.datasets import SNR_COLUMNS
 from eitbench.scenarios.errors import InputError
 
 Row = dict[str, Any]

@@ -18,6 +18,7 @@ from eitbench.benchmark.rundir.kinds import RUN_KINDS, RunKind
 from eitbench.benchmark.rundir.run_arrays import Scene, read_estimates, read_scene
 from eitbench.benchmark.rundir.store import SAMPLES, TRACKS
 from eitbench.benchmark.rundir.tables import read_parquet, wrong_kind
+from eitbench.scenarios.data.datasets import SNR_COLUMNS
 from eitbench.scenarios.errors import DataCorruptError, InputError
 
 # What is known of a scenario's data beside its rows, if it is recorded.
@@ -40,8 +41,6 @@ TEXTS = (
     "prior_knowledge",
     "differs",
 )
-SNR_COLUMNS = ("snr_db", "touch_snr_db")
-"""SNR of a frame, and of what a touch changes in it [dB]."""
 NUMBERS = (
     *("sample", *SNR_COLUMNS, "x_m", "y_m", "cc_undefined", "overlap"),
     *("calibration_ms", "calibration_spread", "load", "cpu_mhz"),

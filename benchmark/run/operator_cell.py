@@ -37,7 +37,7 @@ from eitbench.benchmark.workers.operator_service import (
 from eitbench.benchmark.workers.worker import Reply
 from eitbench.methods.registry import OPERATOR_REGISTRY, Registry
 from eitbench.scenarios.arrays import Array
-from eitbench.scenarios.data.datasets import load
+from eitbench.scenarios.data.datasets import SNR_COLUMNS, load
 from eitbench.scenarios.data.simulation import clean_frames
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.phantoms.phantom import rasterise
@@ -75,15 +75,15 @@ class OperatorData(CellData):
             raise InputError(
                 f"Scenario {scenario.name!r} is recorded: operators need a known conductivity."
             )
-        if scenario.imperfections.drawn:
+        if scenario.imperfections.drawn or scenario.imperfections.mesh == "slab":
             raise InputError(
-                f"Scenario {scenario.name!r} draws units of its sensor: operators are compared on "
-                "one sensor, so declare no tolerances."
+                f"Scenario {scenario.name!r} draws units of its sensor, or is a slab: operators "
+                "are compared on one sensor of two dimensions."
             )
         cls.registry.known()  # loads their libraries here, so that workers are forked with them
         measured = load(scenario, split="test", limit=limit, jobs=jobs, progress=progress)
         # Noise is no matter of operators.
-        test = replace(measured, samples=measured.samples.drop(columns=["snr_db", "touch_snr_db"]))
+        test = replace(measured, samples=measured.samples.drop(columns=list(SNR_COLUMNS)))
         known = clean_frames(
             scenario, "validation", scenario.validation, jobs=jobs, progress=progress
         )

@@ -13,6 +13,7 @@ from eitbench.methods.registry import load_plugin, operator, operators
 from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.data.simulation import phantom
 from eitbench.scenarios.phantoms.phantom import rasterise
+from eitbench.scenarios.physics.forward import ForwardModel
 from eitbench.scenarios.sensors.sensor import Sensor
 from eitbench.scenarios.suites.scenario import SimulatedScenario
 
@@ -91,10 +92,15 @@ class ReferenceModelService:
 
     def set_up(self) -> Reply:
         """Make the model, and compile what it compiles."""
-        model = self.scenario.data_model("test")
+        model = self._model()
         voltages, fields = model.voltages_and_fields(model.background[None])
         model.pullback(fields, voltages)
         return Reply({}, 0.0)
+
+    def _model(self) -> ForwardModel:
+        model = self.scenario.data_model("test")
+        assert isinstance(model, ForwardModel)  # no slab is run
+        return model
 
     def gradients(self, rows: slice, cotangents: Array) -> Reply:
         """Return J(t)^T g (n, H, W) on the nominal grid for test samples `rows`, float32.
@@ -102,7 +108,7 @@ class ReferenceModelService:
         The image t is the phantom on the model's own grid. Rounding to float32 changes a
         cosine by less than 1e-14.
         """
-        model, scenario = self.scenario.data_model("test"), self.scenario
+        model, scenario = self._model(), self.scenario
         shape = scenario.nominal_sensor.image_shape
         found = np.empty((len(cotangents), *shape), dtype=np.float32)
         for first in range(0, len(cotangents), GRADIENTS_AT_ONCE):

@@ -29,8 +29,10 @@ if TYPE_CHECKING:
 _NOT_RUN = "–"
 AREAS = ((False, "area over severity"), (True, "area, calibrated"))
 LEGEND = (
+    "Model off: distance of the nominal model from what a touch changes, noise apart, in dB of "
+    "that change (median; – where it is the model of the data). "
     "B: mean of SSIM, CC, 1 - RIE and PSNR between fixed ends, 0 to 1; in brackets what "
-    "calibration adds, with ! where the 95 % interval over touches excludes 0. Area: under B "
+    "calibration adds, with ! where the 95 % interval over sessions excludes 0. Area: under B "
     "over severity, divided by its span. Real sensors: what ranks them, in brackets the change by "
     "calibration (circles in the figure)."
 )
@@ -105,15 +107,17 @@ def to_markdown(ladder: Ladder) -> str:
 def grid(ladder: Ladder) -> list[list[str]]:
     """Return the table of a ladder as texts, its heads first."""
     methods = ladder.methods
-    rows = [["rung", *map(printable, methods)]]
+    rows = [["rung", "model off [dB]", *map(printable, methods)]]
     for rung in ladder.rungs:
         steps = [ladder.steps.get((rung, method)) for method in methods]
-        rows.append([label(ladder, rung), *map(_step, steps)])
+        distance = ladder.distances.get(rung)
+        off = _NOT_RUN if distance is None else f"{distance:.0f}"
+        rows.append([label(ladder, rung), off, *map(_step, steps)])
     for title, areas in _areas(ladder).items():
-        rows.append([title, *(_NOT_RUN if np.isnan(area) else f"{area:.3f}" for area in areas)])
+        rows.append([title, "", *(_NOT_RUN if np.isnan(area) else f"{area:.3f}" for area in areas)])
     for rung in dict.fromkeys(rung for rung, _ in ladder.real):
         found = [ladder.real.get((rung, method)) for method in methods]
-        rows.append([_titled(ladder, rung), *map(_real, found)])
+        rows.append([_titled(ladder, rung), "", *map(_real, found)])
     return rows
 
 

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import Any
 
 from eitbench.benchmark.analysis.leaderboard import Row, boards
-from eitbench.benchmark.analysis.results import SNR_COLUMNS
 from eitbench.benchmark.rundir.kinds import SHARED
 from eitbench.reports.tables.columns import Column, layout, printable, shown_columns
 from eitbench.reports.tables.published import comparison, published_rows
@@ -128,14 +127,19 @@ def _costs_of_failures(board: Sequence[Row]) -> list[str]:
 
 
 def _noise(board: Sequence[Row]) -> list[str]:
-    """A part of a sentence on the noise of the frames; empty for clean and recorded ones."""
-    levels = [board[0].get(name) for name in SNR_COLUMNS]
-    if None in levels:
-        return []
-    frame, touch = levels
-    return [
-        f"SNR {frame:.0f} dB of a frame, {touch:.0f} dB of what the touch changes (medians)",
-    ]
+    """Parts of a sentence on how noisy frames are, and how far from the model; as far as known."""
+    names = ("snr_db", "touch_snr_db", "model_distance_db")
+    frame, touch, distance = (board[0].get(name) for name in names)
+    parts = []
+    if frame is not None and touch is not None:
+        parts.append(
+            f"SNR {frame:.0f} dB of a frame, {touch:.0f} dB of what the touch changes (medians)"
+        )
+    if distance is not None:
+        parts.append(
+            f"the model that methods know is {distance:.0f} dB off what the touch changes (median)"
+        )
+    return parts
 
 
 def _shared_times(board: Sequence[Row]) -> list[str]:

@@ -11,15 +11,28 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from eitbench.scenarios.arrays import Array
-from eitbench.scenarios.data.simulation import CleanFrames, clean_frames, phantom
+from eitbench.scenarios.data.simulation import (
+    CleanFrames,
+    clean_frames,
+    nominal_frames,
+    phantom,
+)
 from eitbench.scenarios.errors import InputError, unknown_name
 from eitbench.scenarios.guard import check_open
 from eitbench.scenarios.imperfections.imperfections import TOUCH_INTERVAL_S
-from eitbench.scenarios.imperfections.noise import measured, session_snr_db, snr_of_touch
+from eitbench.scenarios.imperfections.noise import (
+    distance_of_touch,
+    measured,
+    session_snr_db,
+    snr_of_touch,
+)
 from eitbench.scenarios.phantoms.phantom import Phantom, rasterise
 from eitbench.scenarios.sensors.sensor import Sensor
 from eitbench.scenarios.suites.scenario import TOUCHES, RecordedScenario, SimulatedScenario, Split
 from eitbench.scenarios.suites.suite import scenario_by_name
+
+SNR_COLUMNS = ("snr_db", "touch_snr_db", "model_distance_db")
+"""SNR of a frame, of what a touch changes in it, and distance of the model from that [dB]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,8 +48,9 @@ class Dataset:
         samples: one row per frame. `sample` is its number in the split, `phantom` names the
             object, `cluster` what it shares with others: only frames of different clusters are
             independent. Simulated: `session`, `family`, `shape`, `snr_db` and `touch_snr_db` of
-            the frame and of what the touch changes in it (NaN if clean), `inclusions` and what was
-            drawn (NaN where a family has no such value).
+            the frame and of what the touch changes in it (NaN if clean), `model_distance_db` (see
+            `distance_of_touch`; NaN outside the test split), `inclusions` and what was drawn (NaN
+            where a family has no such value).
             Recorded: columns of the set, such as `x_m`, `y_m`, `depth_mm`.
         truth: kind of truth that is known of each frame.
         data_hash: SHA-256 of all declared parameters.
@@ -169,6 +183,7 @@ def _simulated(
         "shape": [p.shape for p in phantoms],
         "snr_db": seen.snr_db,
         "touch_snr_db": seen.touch_snr_db,
+        "model_distance_db": seen.model_distance_db,
         "inclusions": [len(p.inclusions) for p in phantoms],
     }
     drawn = pd.DataFrame([p.parameters for p in phantoms])
@@ -187,18 +202,20 @@ def _simulated(
 
 
 class _Measured(NamedTuple):
-    """Frames (n, M) and their reference frames (n, M), as boards send them; SNRs (n,) [dB]."""
+    """Frames (n, M) and their reference frames (n, M), as boards send them; figures (n,) [dB]."""
 
     voltages: Array
     references: Array
     snr_db: Array
     touch_snr_db: Array
+    model_distance_db: Array
 
 
 def _measured(scenario: SimulatedScenario, split: Split, clean: CleanFrames) -> _Measured:
     pattern, noise = scenario.nominal_sensor.pattern, scenario.split_noise(split)
     frames, references = np.empty_like(clean.voltages), np.empty_like(clean.voltages)
-    snr_db, touch_snr_db = np.empty(len(frames)), np.empty(len(frames))
+    snr_db, touch_snr_db, distance_db = (np.full(len(frames), np.nan) for _ in range(3))
+    modelled = nominal_frames(scenario, split, len(frames)) if split == "test" else None
     for first in range(0, len(frames), TOUCHES):
         session = first // TOUCHES
         board = scenario.split_imperfections(split, session)
@@ -216,11 +233,17 @@ def _measured(scenario: SimulatedScenario, split: Split, clean: CleanFrames) -> 
         frames[rows] = board.received(board.digital(noisy, untouched, pattern), first)
         before = np.array([-board.reference_age_s])
         (at_rest,) = board.analogue(untouched[None], untouched, pattern, before)
+        if modelled is not None:
+            (still,) = board.digital(at_rest[None], untouched, pattern)
+            seen = board.digital(analogue, untouched, pattern) - still
+            touches, expected = modelled
+            gain = expected @ still / (expected @ expected)  # which every method fits
+            distance_db[rows] = distance_of_touch(gain * touches[rows], seen)
         at_rest = measured(at_rest, level, scenario.name, split, noise, "reference", session)
         references[rows] = board.digital(at_rest[None], untouched, pattern)
         snr_db[rows] = level
         touch_snr_db[rows] = snr_of_touch(touched - untouched, analogue, level)
-    return _Measured(frames, references, snr_db, touch_snr_db)
+    return _Measured(frames, references, snr_db, touch_snr_db, distance_db)
 
 
 # Columns of recorded sets that name the object of a frame; without, each frame has its own.

@@ -26,6 +26,7 @@ from eitbench.scenarios.errors import DataCorruptError, EitbenchError
 from eitbench.scenarios.guard import check_open
 from eitbench.scenarios.imperfections.imperfections import TOUCH_INTERVAL_S
 from eitbench.scenarios.phantoms.phantom import Phantom, draw, rasterise
+from eitbench.scenarios.physics.forward import forward_model
 from eitbench.scenarios.seeds import generator
 from eitbench.scenarios.sensors.sensor import content_hash
 from eitbench.scenarios.suites.scenario import TOUCHES, SimulatedScenario, Split
@@ -85,6 +86,20 @@ def clean_frames(
         np.concatenate([empty, *(frames.voltages for frames in found)]),
         np.concatenate([empty, *(frames.untouched for frames in found)]),
     )
+
+
+def nominal_frames(scenario: SimulatedScenario, split: Split, count: int) -> tuple[Array, Array]:
+    """The first `count` touches by the model that methods are given.
+
+    Returns:
+        What they change (n, M), and the untouched frame (M,) [V/A].
+    """
+    sensor = scenario.nominal_sensor
+    model = forward_model(sensor)
+    images = (rasterise(phantom(scenario, split, sample), sensor) for sample in range(count))
+    with threadpool_limits(1):
+        untouched = model.voltages(model.background)
+        return np.array([model.voltages(image) - untouched for image in images]), untouched
 
 
 def conductivity(scenario: SimulatedScenario, split: Split, sample: int) -> Array:

@@ -44,8 +44,8 @@ _GRADIENT = 0.5  # drift at the rim against that of the whole
 _NARROWEST = 0.3  # an electrode keeps so much of its width, and of its distance to the next
 
 
-MeshKind = Literal["image", "fine", "unstructured"]
-"""The mesh that data come from, see `data_mesh`."""
+MeshKind = Literal["image", "fine", "unstructured", "slab"]
+"""The mesh that data come from, see `Imperfections`."""
 
 
 _OF_ELECTRODES = {"electrode_shift_m", "electrode_width", "contact_impedance"}
@@ -60,7 +60,8 @@ class Imperfections(Declaration):
             first one: every session of touches is on another unit.
         severity: factor of all magnitudes; faults and the mesh are as they are.
         mesh: "image", the mesh of the image grid, which methods invert with; "fine", one of the
-            same kind twice as fine; "unstructured", triangles three times finer than pixels.
+            same kind twice as fine; "unstructured", triangles three times finer than pixels;
+            "slab", in three dimensions, with electrodes of half the height (see `slab.SLAB`).
         electrode_shift_m: standard deviation along the rim [m].
         electrode_width: standard deviation relative to the nominal width.
         contact_impedance: standard deviation of its natural logarithm.

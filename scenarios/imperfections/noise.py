@@ -37,6 +37,21 @@ def snr_of_touch(touch: ArrayLike, frames: ArrayLike, snr_db: float) -> Array:
         return np.asarray(snr_db + 10 * np.log10(size))
 
 
+def distance_of_touch(modelled: ArrayLike, seen: ArrayLike) -> Array:
+    """How far a model is from what a board sees, in dB (n,) of the touch; greater is nearer.
+
+    It is the rms of what the touch changes, as it is seen, over that of the model's error in it.
+
+    Args:
+        modelled: (n, M) change of the frames by the touch, by the model that methods are given,
+            in the units of the board.
+        seen: (n, M) the change without noise.
+    """
+    error = np.mean(np.square(np.subtract(seen, modelled)), axis=1)
+    with np.errstate(divide="ignore"):  # data of the model itself
+        return np.asarray(10 * np.log10(np.mean(np.square(seen), axis=1) / error))
+
+
 def session_snr_db(noise: Noise, *, scenario: str, split: str, session: int) -> float:
     """SNR [dB] of all that is measured in a session, its reference frame too; NaN if it is clean.
 

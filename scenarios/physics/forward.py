@@ -35,6 +35,7 @@ from eitbench.scenarios.physics.dissection import dissect
 from eitbench.scenarios.physics.elements import couplings, electrode_terms
 from eitbench.scenarios.physics.elimination import element_gradients, sensitivities, solve
 from eitbench.scenarios.physics.mesh import Mesh, build_mesh
+from eitbench.scenarios.sensors.patterns import DrivePattern
 from eitbench.scenarios.sensors.sensor import Sensor
 
 
@@ -173,14 +174,18 @@ class ForwardModel:
         return np.abs(voltages) if self.sensor.pattern.magnitudes else voltages, kept
 
     def _signed(self, resistance: Array) -> Array:
-        """Signed voltages (n, M) [V/A] from electrode resistances (n, E, E)."""
-        src, sink, a, b = self.sensor.pattern.table.T
-        return np.asarray(
-            resistance[:, a, src]
-            - resistance[:, b, src]
-            - resistance[:, a, sink]
-            + resistance[:, b, sink]
-        )
+        return signed_voltages(self.sensor.pattern, resistance)
+
+
+def signed_voltages(pattern: DrivePattern, resistance: Array) -> Array:
+    """Signed voltages (..., M) [V/A] of a drive pattern from electrode resistances (..., E, E)."""
+    src, sink, a, b = pattern.table.T
+    return np.asarray(
+        resistance[..., a, src]
+        - resistance[..., b, src]
+        - resistance[..., a, sink]
+        + resistance[..., b, sink]
+    )
 
 
 @lru_cache(maxsize=16)

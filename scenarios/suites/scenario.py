@@ -16,6 +16,7 @@ from eitbench.scenarios.phantoms.families import Family, family
 from eitbench.scenarios.phantoms.press import FOAM
 from eitbench.scenarios.physics.forward import ForwardModel
 from eitbench.scenarios.physics.mesh import Mesh, build_mesh, mesh_recipe, triangle_mesh
+from eitbench.scenarios.physics.slab import SLAB, SlabModel
 from eitbench.scenarios.recordings import RecordedSet, is_recording, recorded_set
 from eitbench.scenarios.sensors.sensor import Electrode, Sensor, content_hash
 from eitbench.scenarios.sensors.sensor_file import ConductivityRange, Side
@@ -126,7 +127,7 @@ class SimulatedScenario(Declaration):
         """The sensor that methods know."""
         return _nominal_sensor(self.sensor, self.image_shape, self.conductivity_range)
 
-    def data_model(self, split: Split, session: int = 0) -> ForwardModel:
+    def data_model(self, split: Split, session: int = 0) -> ForwardModel | SlabModel:
         """The forward model that the data of a session of `split` come from."""
         imperfections = self.split_imperfections(split, session)
         nominal = _nominal_sensor(self.sensor, self.image_shape)
@@ -176,6 +177,7 @@ class SimulatedScenario(Declaration):
             "mesh": [
                 imperfections.mesh,
                 mesh_recipe(nominal, triangles=imperfections.mesh == "unstructured"),
+                vars(SLAB) if imperfections.mesh == "slab" else None,
             ],
             "sessions": [TOUCHES, imperfections.of_voltages()],
             "families": [f.describe() for f in self.split_families(split)],
@@ -296,8 +298,12 @@ _REFINEMENT: dict[MeshKind, int] = {"image": 1, "fine": 2, "unstructured": 3}
 
 
 @lru_cache(maxsize=8)
-def _data_model(nominal: Sensor, kind: MeshKind, electrodes: tuple[Electrode, ...]) -> ForwardModel:
+def _data_model(
+    nominal: Sensor, kind: MeshKind, electrodes: tuple[Electrode, ...]
+) -> ForwardModel | SlabModel:
     """The model of one unit of the sensor `nominal`."""
+    if kind == "slab":
+        return SlabModel(replace(nominal, electrodes=electrodes))
     sensor = nominal if kind == "image" else nominal.refined(_REFINEMENT[kind])
     return ForwardModel(replace(sensor, electrodes=electrodes), _data_mesh(sensor, kind))
 

@@ -41,7 +41,9 @@ def test_one_frame(benchmark: BenchmarkFixture, name: str) -> None:
         pytest.skip(why)
     parameters = selected_parameters(scenarios()["paper-50db"], name) or {}
     method = create(name, **parameters)
-    method.fit(Problem(data.sensor, data.reference, lambda split, n: load("paper-50db", split, n)))
+    method.fit(
+        Problem(data.sensor, data.references[0], lambda split, n: load("paper-50db", split, n))
+    )
     benchmark(method.reconstruct, data.voltages)
 
 

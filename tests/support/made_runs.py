@@ -125,6 +125,7 @@ def write_operators(run: Path, mse: dict[str, float], suite: str = "operators", 
             {
                 "suite": suite, "scenario": "paper", "operator": name, "sample": np.arange(n),
                 "input_hash": [f"h{k}" for k in range(n)], "status": "ok", "message": "",
+                "cluster": [f"p{k}" for k in range(n)],
                 "mse": value * np.tile([0.5, 1.5], n // 2),
                 "grad_cosine": np.full(n, 0.9),
             }

@@ -23,13 +23,13 @@ N = 60
 
 
 def results(
-    scores: Mapping[str, Array], name: str = "run", frames: str = "", phantoms: int = N
+    scores: Mapping[str, Array], name: str = "run", frames: str = "", clusters: int = N
 ) -> Results:
     cells = [
         pd.DataFrame(
             {
                 "scenario": "one", "method": method, "sample": np.arange(len(values)),
-                "phantom": [f"p{k % phantoms}" for k in range(len(values))], "status": "ok",
+                "cluster": [f"p{k % clusters}" for k in range(len(values))], "status": "ok",
                 "input_hash": [f"{frames}{k}" for k in range(len(values))],
                 "score": values, "rie": 1 - 0.1 * values,
             }
@@ -65,7 +65,7 @@ def test_what_changed_is_told_from_chance() -> None:
     worse = changes["worse"]
     assert worse.low < worse.difference < worse.high < 0
     assert worse.after - worse.before == pytest.approx(worse.difference)
-    assert (worse.figure, worse.n, worse.phantoms) == ("score", N, N)
+    assert (worse.figure, worse.n, worse.clusters) == ("score", N, N)
     assert found.missing == found.added == []
 
 
@@ -111,8 +111,8 @@ def test_repeats_of_a_phantom_do_not_count_as_many() -> None:
     rng = np.random.default_rng(2)
     old = {"m": rng.normal(size=600)}
     new = {"m": old["m"] + np.tile(rng.normal(0.3, 1, size=12), 50)}
-    many = compare(results(old, phantoms=600), results(new, phantoms=600)).changes[0]
-    few = compare(results(old, phantoms=12), results(new, phantoms=12)).changes[0]
+    many = compare(results(old, clusters=600), results(new, clusters=600)).changes[0]
+    few = compare(results(old, clusters=12), results(new, clusters=12)).changes[0]
     assert many.difference == pytest.approx(few.difference)
     assert many.p < 1e-6 < 0.05 < few.p
 
@@ -125,7 +125,7 @@ def test_what_cannot_be_compared_is_said() -> None:
     assert found.added == ["'c' on 'one' is only in new."]
     with pytest.raises(InputError, match=r"'a' on 'one' .* other frames"):
         compare(results(one, "old"), results(one, "new", frames="other-"))
-    with pytest.raises(InputError, match="9 phantoms"):
+    with pytest.raises(InputError, match="9 sessions or objects"):
         compare(*before_and_after(9))
     with pytest.raises(InputError, match="did you mean 'score'"):
         regressions(results(one), results(one), {"scroe": 0.1})

@@ -9,7 +9,7 @@ import pytest
 
 from eitbench.benchmark.analysis.ladder import Ladder, read_ladder
 from eitbench.benchmark.analysis.results import Run
-from eitbench.benchmark.metrics.statistics import MIN_PHANTOMS
+from eitbench.benchmark.metrics.statistics import MIN_CLUSTERS
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
 from eitbench.scenarios.imperfections.imperfections import Imperfections
 from eitbench.scenarios.suites.scenario import SimulatedScenario
@@ -37,7 +37,7 @@ def scenario(name: str) -> SimulatedScenario:
     imperfections, calibrated = RUNGS[name]
     return SimulatedScenario(
         name=name, families=("circle",), train=0, validation=0, test=N,
-        imperfections=imperfections, calibrated=calibrated,
+        imperfections=imperfections, ladder=True, calibrated=calibrated,
     )  # fmt: skip
 
 
@@ -111,9 +111,9 @@ def test_rungs_of_the_curve_follow_each_other() -> None:
     assert ladder.rungs == ("none", "all", "triple", "gain", "ideal")
 
 
-def test_few_touches_give_no_intervals() -> None:
+def test_few_sessions_give_no_intervals() -> None:
     run = made()
-    few = run.samples[run.samples["sample"] < MIN_PHANTOMS - 1]
+    few = run.samples[run.samples["sample"] < 3 * (MIN_CLUSTERS - 1)]
     ladder = ladder_of(replace(run, samples=few))
     assert np.isnan(ladder.steps["all", "good"].value.low)
 

@@ -31,6 +31,7 @@ BROKEN = {
     "contract-turned": {"rotation_equivariance"},
     "contract-mirrored": {"mirror_equivariance"},
     "contract-gain": {"gain_invariance"},
+    "contract-reference": {"new_reference"},
     "contract-exploding": {"noise_growth"},
     "contract-diverging": {"noise_growth"},
     "contract-overconfident": {"noise_growth"},

@@ -209,6 +209,19 @@ class OwnGrid(Sound):
         super().fit(problem)
 
 
+@register("contract-reference")
+class FirstReference(Sound):
+    """Takes the reference frame of its fit for that of every frame."""
+
+    def fit(self, problem: Problem) -> None:
+        super().fit(problem)
+        self.first = problem.reference
+
+    def reconstruct(self, voltages: Array) -> Array:
+        self.problem.reference = self.first
+        return super().reconstruct(voltages)
+
+
 @register("contract-keeps")
 class Keeps(Sound):
     """Keeps every image it ever made."""

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from eitbench.methods import Method, Problem, register
 from eitbench.scenarios import load
-from eitbench.scenarios.data.simulation import clean_voltages, phantom
+from eitbench.scenarios.data.simulation import clean_frames, phantom
 from eitbench.scenarios.suites.scenario import SimulatedScenario
 from eitbench.scenarios.suites.suite import scenario_by_name
 
@@ -52,7 +52,7 @@ class Hostile(Constant):
         if self.way == "phantom":
             phantom(scenario, "test", 0)
         if self.way == "voltages":
-            clean_voltages(scenario, "test", 1)
+            clean_frames(scenario, "test", 1)
         if self.way == "hang":
             time.sleep(60)
         if self.way == "die":

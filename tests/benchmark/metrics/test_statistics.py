@@ -10,12 +10,12 @@ from eitbench.benchmark.metrics.statistics import (
     bootstrap,
     draw,
     holm,
-    intervals,
     means,
     medians,
     once,
     seed_means,
     signed_rank,
+    signed_rank_of,
     spearman,
     student_t,
 )
@@ -25,7 +25,7 @@ from eitbench.scenarios.errors import InputError
 
 def test_intervals_are_those_of_scipy() -> None:
     values = np.random.default_rng(1).exponential(size=(60, 2)) * [1, 10]
-    for column, interval in zip(values.T, bootstrap(values), strict=True):
+    for column, interval in zip(values.T, bootstrap(values, range(60)), strict=True):
         other = stats.bootstrap(
             (column,), np.mean, n_resamples=20000, method="percentile", rng=2
         ).confidence_interval
@@ -39,26 +39,40 @@ def test_intervals_are_those_of_scipy() -> None:
 def test_about_95_of_100_intervals_hold_the_truth(n: int, skew: bool) -> None:
     rng = np.random.default_rng(5)
     values = rng.exponential(1, size=(n, 1000)) - 1 if skew else rng.normal(size=(n, 1000))
-    held = sum(interval.low <= 0 <= interval.high for interval in bootstrap(values))
+    held = sum(interval.low <= 0 <= interval.high for interval in bootstrap(values, range(n)))
     assert 0.92 <= held / 1000 <= 0.97
 
 
-def test_intervals_of_clusters_hold_the_truth_where_those_of_samples_do_not() -> None:
-    """Six frames of each phantom, which differ far less among themselves than phantoms do."""
-    rng = np.random.default_rng(6)
-    phantoms, frames, tries = 30, 6, 500
-    values = rng.normal(size=(phantoms, 1, tries)) + 0.3 * rng.normal(
-        size=(phantoms, frames, tries)
-    )
-    table = values.reshape(-1, tries)
-    of = np.repeat(np.arange(phantoms), frames)
-    held = {}
-    for name, clusters in (("phantoms", of), ("samples", np.arange(len(of)))):
-        drawn = draw(lambda counts: means(counts, table), clusters, draws=1000)
-        low, high = intervals(table.mean(axis=0), drawn, len(np.unique(clusters)))
-        held[name] = ((low <= 0) & (high >= 0)).mean()
-    assert 0.92 <= held["phantoms"] <= 0.975
-    assert held["samples"] < 0.7
+def chance(trials: int, share: float) -> tuple[float, float]:
+    """How many of `trials` a share is: the bounds are left once in a thousand runs."""
+    low, high = (stats.binom.ppf(q, trials, share) for q in (5e-4, 1 - 5e-4))
+    return float(low), float(high)
+
+
+SESSIONS, TOUCHES = 40, 3
+
+
+def with_sessions(effect: float, shape: tuple[int, ...], rng: np.random.Generator) -> Array:
+    """Values (samples, ...) of deviation 1 whose sessions share so much: a reference's noise."""
+    shared = rng.normal(0, effect, size=(SESSIONS, 1, *shape))
+    alone = rng.normal(0, np.sqrt(1 - effect**2), size=(SESSIONS, TOUCHES, *shape))
+    return (shared + alone).reshape(-1, *shape)
+
+
+OF_SESSION = np.repeat(np.arange(SESSIONS), TOUCHES)
+
+
+@pytest.mark.parametrize("effect", [0.0, 0.5, 0.9])
+def test_intervals_over_sessions_cover_what_they_promise(effect: float) -> None:
+    """What sessions share, such as the noise of a reference frame, is in the interval."""
+    trials = 2000
+    values = with_sessions(effect, (trials,), np.random.default_rng(6))
+    missed = sum(not i.low <= 0 <= i.high for i in bootstrap(values, OF_SESSION))
+    low, high = chance(trials, 0.05)
+    assert low <= missed <= high
+    if effect == 0.9:
+        alone = sum(not i.low <= 0 <= i.high for i in bootstrap(values, range(len(values))))
+        assert alone > 3 * high  # as if no session shared anything
 
 
 def test_medians_of_draws_are_those_of_repeated_values() -> None:
@@ -108,26 +122,26 @@ def test_holm_as_worked_by_hand() -> None:
 
 def test_columns_share_resamples_and_seeds_repeat() -> None:
     one = np.random.default_rng(4).normal(size=30)
-    first, shifted = bootstrap(np.stack([one, 3 - 2 * one], axis=1))
+    first, shifted = bootstrap(np.stack([one, 3 - 2 * one], axis=1), range(30))
     assert shifted.low == pytest.approx(3 - 2 * first.high)
     assert shifted.high == pytest.approx(3 - 2 * first.low)
-    assert bootstrap(one[:, None])[0] == pytest.approx(first)
+    assert bootstrap(one[:, None], range(30))[0] == pytest.approx(first)
 
 
 def test_equal_values_have_no_spread() -> None:
-    (interval,) = bootstrap(np.full((5, 1), 0.25))
+    (interval,) = bootstrap(np.full((5, 1), 0.25), range(5))
     assert interval == (0.25, 0.25, 0.25)
 
 
 @pytest.mark.parametrize(
     ("intervals_of", "shape"),
     [
-        *((bootstrap, shape) for shape in [(1, 4), (5,)]),
+        *((lambda v: bootstrap(v, range(len(v))), shape) for shape in [(1, 4), (5,)]),
         *((seed_means, shape) for shape in [(1, 5, 2), (3, 0, 2), (3, 5)]),
     ],
 )
 def test_too_little_is_refused(
-    intervals_of: Callable[[object], object], shape: tuple[int, ...]
+    intervals_of: Callable[[Array], object], shape: tuple[int, ...]
 ) -> None:
     for values in (np.zeros(shape), np.full((5, 5, 5)[: len(shape)], np.nan)):
         with pytest.raises(InputError, match="finite values of at least 2"):
@@ -158,12 +172,15 @@ def _presses(better: float, rng: np.random.Generator) -> tuple[Array, Array]:
 def test_signed_ranks_find_as_few_differences_by_chance_as_promised() -> None:
     rng = np.random.default_rng(8)
     trials = 1000
-    p = []
+    greater, either = 0, 0
     for _ in range(trials):
         one, other = _presses(1.0, rng)
-        p.append(signed_rank(one - other, np.arange(60)))
-    low, high = (stats.binom.ppf(q, trials, 0.05) for q in (5e-4, 1 - 5e-4))
-    assert low <= sum(value < 0.05 for value in p) <= high
+        greater += int(signed_rank(one - other, np.arange(60)) < 0.05)
+        rise = float(np.median(one) - np.median(other))
+        either += int(signed_rank_of(rise, one - other, np.arange(60)) < 0.05)
+    low, high = chance(trials, 0.05)
+    assert low <= greater <= high
+    assert either <= high
 
 
 def test_signed_ranks_find_what_the_bootstrap_of_medians_misses() -> None:
@@ -176,17 +193,31 @@ def test_signed_ranks_find_what_the_bootstrap_of_medians_misses() -> None:
         drawn = draw(lambda counts: medians(counts, both), np.arange(60), draws=400)  # noqa: B023
         t = student_t(np.median(one) - np.median(other), drawn[:, 0] - drawn[:, 1], 60)
         found["bootstrap"] += int(2 * stats.t.sf(abs(t), 59) < 0.05)
-        found["ranks"] += int(signed_rank(one - other, np.arange(60)) < 0.05)
+        found["ranks"] += int(signed_rank_of(1.0, one - other, np.arange(60)) < 0.05)
     assert found["ranks"] > 65 > 50 > found["bootstrap"]
 
 
-def test_signed_ranks_take_a_phantom_once_and_leave_out_what_is_not_known() -> None:
+def test_signed_ranks_take_a_cluster_once_and_leave_out_what_is_not_known() -> None:
     rng = np.random.default_rng(1)
-    means, phantoms = rng.normal(0.4, 1, 30), np.repeat(np.arange(30), 4)
+    means, clusters = rng.normal(0.4, 1, 30), np.repeat(np.arange(30), 4)
     repeated = np.repeat(means, 4) + np.tile([0.2, -0.2, np.nan, 0.0], 30)
-    expected = stats.wilcoxon(means).pvalue
-    assert signed_rank(repeated, phantoms) == pytest.approx(expected)
-    assert signed_rank(means, np.arange(30), "greater") == pytest.approx(
-        stats.wilcoxon(means, alternative="greater").pvalue
-    )
+    expected = stats.wilcoxon(means, alternative="greater").pvalue
+    assert signed_rank(repeated, clusters) == pytest.approx(expected)
     assert signed_rank(np.zeros(20), np.arange(20)) == 1.0
+
+
+def test_equal_pairs_are_ranked_and_then_dropped() -> None:
+    """As Pratt does it: 20 zeros take the ranks 1 to 20, so that 8 ones have 24.5 each."""
+    differences = np.array([0.0] * 20 + [1.0] * 7 + [-1.0])
+    ranks = 24.5 * np.sign(differences)
+    deviation = np.sqrt(np.sum(ranks**2))
+    (expected,) = stats.norm.sf([ranks.sum() / deviation])
+    assert signed_rank(differences, np.arange(28)) == pytest.approx(expected, rel=0.05)
+
+
+def test_medians_that_differ_against_most_ranks_show_no_difference() -> None:
+    """A rise of the median is no finding where the errors of most pairs fell."""
+    rng = np.random.default_rng(3)
+    fell = -np.abs(rng.normal(1, 0.2, 36))
+    assert signed_rank_of(-1.0, fell, np.arange(36)) < 1e-6
+    assert signed_rank_of(0.4, fell, np.arange(36)) == 1.0

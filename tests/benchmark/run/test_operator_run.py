@@ -22,9 +22,11 @@ from eitbench.benchmark.rundir.store import RunStore
 from eitbench.methods import operator
 from eitbench.methods.registry import operators
 from eitbench.scenarios.data.datasets import load
-from eitbench.scenarios.data.simulation import clean_reference, clean_voltages
+from eitbench.scenarios.data.simulation import clean_frames
 from eitbench.scenarios.errors import EitbenchError, InputError
+from eitbench.scenarios.imperfections.imperfections import Imperfections
 from eitbench.scenarios.phantoms.phantom import rasterise
+from eitbench.scenarios.physics.forward import ForwardModel
 from eitbench.scenarios.suites.scenario import RecordedScenario, SimulatedScenario
 from eitbench.scenarios.suites.suite import Suite, load_suite
 
@@ -69,14 +71,16 @@ def test_figures_are_what_the_operator_gives(name: str, suite: Suite, run: Path)
     """Computed again here, in this process, the slow way."""
     of = scenario(suite, name)
     jacobian, model = operator("jacobian", of.nominal_sensor), of.data_model("test")
+    assert isinstance(model, ForwardModel)
     sigma = load(of).conductivity
     assert sigma is not None
-    clean, reference = clean_voltages(of, "test", N), clean_reference(of, "test")
-    known = clean_voltages(of, "validation", 8)
+    clean, untouched = clean_frames(of, "test", N)
+    reference = untouched[0]
+    known = clean_frames(of, "validation", 8).voltages
     mean, std = known.mean(axis=0), known.std(axis=0)
     voltages = jacobian.voltages(np.array(sigma))
     z, y = (clean - mean) / std, (voltages - mean) / std
-    factor = of.mesh_refinement
+    factor = len(model.sensor.mask) // len(of.nominal_sensor.mask)
     cosines = []
     for image, touch, response in zip(sigma, load(of).phantoms, clean - reference, strict=True):
         fine = rasterise(touch, model.sensor)
@@ -275,3 +279,7 @@ def test_methods_and_operators_are_not_mixed(tiny: Suite, suite: Suite) -> None:
     recorded = RecordedScenario(name="skin", recording="ohmc16")
     with pytest.raises(InputError, match="'skin' is recorded"):
         OperatorData.load(recorded, suite, None, jobs=1, progress=False)
+    uneven = {"imperfections": Imperfections(contact_impedance=0.1)}
+    units = scenario(suite, "tiny-finer").model_copy(update=uneven)
+    with pytest.raises(InputError, match="'tiny-finer' draws units of its sensor"):
+        OperatorData.load(units, suite, None, jobs=1, progress=False)

@@ -53,7 +53,7 @@ def leaking(split: str, limit: int | None) -> Dataset:
 
 def a_problem(splits: Callable[[str, int | None], Dataset] = own) -> Problem:
     data = own("validation", 1)
-    return Problem(data.sensor, data.reference, splits)
+    return Problem(data.sensor, data.references[0], splits)
 
 
 @pytest.mark.parametrize(
@@ -134,7 +134,7 @@ def test_training_on_the_test_stream_is_counted() -> None:
 def test_a_method_that_learns_from_the_test_stream_is_counted() -> None:
     """As in a worker: what the method asks for itself is what is compared."""
     data = own("test", None)
-    service = MethodService(data.sensor, data.reference, leaking, "linear-learned", {})
+    service = MethodService(data.sensor, data.references[0], leaking, "linear-learned", {})
     service.fitted({})
     access, trained_on = service.prior_knowledge().value
     assert [given.split for given in access.samples] == ["train"]
@@ -237,7 +237,7 @@ def test_packaged_weights_come_with_the_contents_of_their_training_data(
     assert isinstance(paper, SimulatedScenario)
     data = load("paper", split="validation", limit=2)
     method = Dnn()
-    method.fit(Problem(data.sensor, data.reference, own))
+    method.fit(Problem(data.sensor, data.references[0], own))
     assert method.trained_on["train_data"] == paper.data_hash("train")
     packaged = training_contents(paper, int(method.trained_on["train_samples"]))
     assert not (tmp_path / "contents").exists()

@@ -75,7 +75,7 @@ def test_the_gaps_stand_on_every_leaderboard(run: Path) -> None:
     (row,) = ranked_rows([run])
     assert row["tuning_gain"] == pytest.approx(score(0.9) - score(1.4))
     assert row["oracle_gap"] == pytest.approx(score(1.0) - score(0.9))
-    assert row["oracle_gap_low"] is row["oracle_gap_high"] is None  # of four phantoms
+    assert row["oracle_gap_low"] is row["oracle_gap_high"] is None  # of two sessions
     assert row["overlap"] == 0
     assert row["prior_knowledge"] == "noise level through tuning; 4 trials of tuning"
     heads, cells = tracks_table([row])
@@ -103,8 +103,8 @@ def test_gaps_are_paired_and_larger_is_better() -> None:
 
     def cell(track: str, shift: float) -> pd.DataFrame:
         values = shared + shift + rng.normal(0, 0.01, frames)
-        phantoms = [f"p{k}" for k in range(frames)]
-        columns = {"sample": range(frames), "phantom": phantoms, "localisation_mm": values}
+        clusters = [f"p{k}" for k in range(frames)]
+        columns = {"sample": range(frames), "cluster": clusters, "localisation_mm": values}
         return pd.DataFrame({"track": track, **columns})
 
     others = pd.concat([cell("default", 3.0), cell("oracle", -1.0)])
@@ -116,7 +116,7 @@ def test_gaps_are_paired_and_larger_is_better() -> None:
 
 
 def test_a_method_without_a_choice_has_one_track() -> None:
-    scores = pd.DataFrame({"sample": [0, 1], "phantom": ["a", "b"], "score": [1.0, 3.0]})
+    scores = pd.DataFrame({"sample": [0, 1], "cluster": ["a", "b"], "score": [1.0, 3.0]})
     found = track_gaps(pd.DataFrame({"track": []}), scores, "default", "score")
     assert found == {"default_figure": 2.0}
 

@@ -13,6 +13,7 @@ from eitbench.benchmark.studies.priors import PRIORS, Told, worth_of_priors
 from eitbench.benchmark.tuning.selection import selected_parameters
 from eitbench.reports.studies.priors import priors_table, read_priors, write_priors
 from eitbench.scenarios import load
+from eitbench.scenarios.suites.scenario import TOUCHES
 from eitbench.scenarios.suites.suite import scenario_by_name
 
 DOCS = Path(__file__).resolve().parents[3] / "docs"
@@ -64,7 +65,8 @@ def test_the_worth_is_the_paired_difference_of_scores(monkeypatch: pytest.Monkey
         own(None, "noser", "noise-50db", 6),
         own("conductivity range", "noser", "noise-50db", 6),
     )
-    (expected,) = bootstrap((told - wide)[:, None])
+    sessions = np.arange(6) // TOUCHES
+    (expected,) = bootstrap((told - wide)[:, None], sessions)
     row = table.iloc[0]
     assert (row["known"], row["unknown"]) == pytest.approx((told.mean(), wide.mean()))
     assert (row["worth"], row["low"], row["high"]) == pytest.approx(expected)
@@ -74,7 +76,8 @@ def test_the_worth_is_the_paired_difference_of_scores(monkeypatch: pytest.Monkey
     last = table.iloc[-1]
     assert (last["known"], last["unknown"]) == pytest.approx([lead.mean() for lead in leads])
     assert last["worth"] == pytest.approx(leads[0].mean() - leads[1].mean())
-    halves = [(one.value - one.low) for one in (bootstrap(lead[:, None])[0] for lead in leads)]
+    intervals = [bootstrap(lead[:, None], sessions)[0] for lead in leads]
+    halves = [one.value - one.low for one in intervals]
     assert last["worth"] - last["low"] >= max(halves)
 
 

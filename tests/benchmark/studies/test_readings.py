@@ -13,6 +13,7 @@ from eitbench.benchmark.studies.readings import (
 )
 from eitbench.benchmark.tuning.selection import selected_parameters
 from eitbench.methods import Problem, create
+from eitbench.methods.method import reconstructed
 from eitbench.methods.training.samples import no_split
 from eitbench.scenarios import forward_model, load, load_suite, sensor
 
@@ -59,8 +60,9 @@ def test_the_plain_reading_is_the_benchmark_s_own_and_axes_leave_its_rie_near() 
     truth = data.conductivity
     assert truth is not None
     method = create("noser", **(selected_parameters(scenario, "noser") or {}))
-    method.fit(Problem(data.sensor, data.reference, no_split))
-    images = method.reconstruct(data.voltages).astype(np.float64)
+    problem = Problem(data.sensor, data.references[0], no_split)
+    method.fit(problem)
+    images = reconstructed(method, problem, data).astype(np.float64)
     expected = image_figures(truth, images, data.sensor.data_range)
     plain = table.iloc[0]
     for name, values in expected.items():

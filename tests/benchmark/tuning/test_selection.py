@@ -16,6 +16,7 @@ from eitbench.benchmark.tuning.selection import (
     validation_key,
 )
 from eitbench.methods import methods
+from eitbench.scenarios.imperfections.imperfections import Imperfections
 from eitbench.scenarios.suites.scenario import SimulatedScenario, SplitNoise
 from eitbench.scenarios.suites.suite import load_suite, suites
 
@@ -59,7 +60,7 @@ def test_choices_are_found_by_the_data_they_were_made_on(
     assert selected_parameters(same, "tv") == {"weight": 0.7}
     for change in (
         {"noise": SplitNoise(test=50)},
-        {"mesh_refinement": 2},
+        {"imperfections": Imperfections(mesh="fine")},
         {"families": ("circle",)},
         {"image_shape": (18, 18)},
     ):

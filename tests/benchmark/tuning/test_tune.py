@@ -21,7 +21,7 @@ from eitbench.benchmark.tuning.sweep import SearchSpace
 from eitbench.benchmark.tuning.trials import Validation, frame_figures
 from eitbench.benchmark.tuning.tuner import TuningTask, select, tune
 from eitbench.scenarios.data.datasets import load
-from eitbench.scenarios.data.simulation import clean_voltages, phantom
+from eitbench.scenarios.data.simulation import clean_frames, phantom
 from eitbench.scenarios.errors import DataUnavailableError, InputError
 from eitbench.scenarios.guard import closed_test_split, is_closed
 from eitbench.scenarios.recordings.fetch import read_recording
@@ -101,7 +101,7 @@ def test_the_choice_is_the_best_of_what_is_known(tmp_path: Path) -> None:
     ((_, _, choice),) = tune(plan, tmp_path)
     assert choice.parameters == {"factor": 1.0}
     seen = SMALL.model_copy(update={"noise": SplitNoise(validation=40, test=40)})
-    data = load(seen, split="validation", limit=18)
+    data = load(seen, split="validation", limit=FRAMES)
     best = frame_figures(data, np.ones((8, 16, 16), np.float32))
     assert choice.figure == pytest.approx(best.mean(), abs=1e-12)
     assert choice.trials[0].parameters == {"factor": 1.4}
@@ -124,7 +124,7 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list[dict[str, Any]]:
             raise KeyboardInterrupt
         done.append(parameters)
         figure = -float((parameters["a"] - 3) ** 2 + (parameters["b"] - 4) ** 2)
-        for frame in range(18):
+        for frame in range(FRAMES):
             trial.report(figure + 0.01 * frame, frame)
         if trial.should_prune():
             return Trial(parameters, None, "pruned", 2.0)
@@ -241,7 +241,7 @@ def test_where_the_test_split_is_closed_nothing_gives_it() -> None:
         for reach in (
             lambda: load(SMALL, split="test"),
             lambda: phantom(SMALL, "test", 0),
-            lambda: clean_voltages(SMALL, "test", 1),
+            lambda: clean_frames(SMALL, "test", 1),
         ):
             with pytest.raises(InputError, match="The test split is closed"):
                 reach()

@@ -7,6 +7,7 @@ import threading
 from functools import partial
 from pathlib import Path
 
+import numpy as np
 import psutil
 import pytest
 from tests.support.waiting import has_ended, wait_for
@@ -48,7 +49,7 @@ def fitted(
     suite: Suite, data: Dataset, method: str, plugin: Path, stop: threading.Event | None = None
 ) -> Worker:
     splits = partial(learning_splits, suite.scenarios[0])
-    service = MethodService(data.sensor, data.reference, splits, method, {}, plugin)
+    service = MethodService(data.sensor, data.references[0], splits, method, {}, plugin)
     worker = Worker(serve, service, stop=stop)
     reply = worker.ask("set_up", limit=60, what="set-up")
     assert reply.failure is None
@@ -57,10 +58,11 @@ def fitted(
 
 def test_a_stopped_run_does_not_wait_for_a_method(tiny: Suite, data: Dataset, toys: Path) -> None:
     stop = threading.Event()
+    frame = data.voltages[:1], data.references[:1]
     with fitted(tiny, data, "toy-hangs", toys, stop=stop) as worker:
         threading.Timer(0.1, stop.set).start()
         with pytest.raises(StoppedError):
-            worker.ask("reconstruct", data.voltages[:1], limit=600, what="a frame")
+            worker.ask("reconstruct", *frame, limit=600, what="a frame")
 
 
 def test_one_thread_own_environment_no_orphans_no_test_split(
@@ -70,13 +72,34 @@ def test_one_thread_own_environment_no_orphans_no_test_split(
     plugin.write_text(SPY)
     # Set after worker processes have been started before: the server of processes is older.
     monkeypatch.setenv("SPY", "42")
+    frame = data.voltages[:1], data.references[:1]
     with fitted(tiny, data, "spy", plugin) as worker:
-        seen = worker.ask("reconstruct", data.voltages[:1], limit=60, what="it").value[0, 0, :4]
+        seen = worker.ask("reconstruct", *frame, limit=60, what="it").value[0, 0, :4]
     threads, environment, child, knows_test = seen
     assert threads == 1
     assert environment == 42
     assert not knows_test
     wait_for(lambda: has_ended(int(child)))
+
+
+def test_a_service_gives_each_frame_its_own_reference_frame(tiny: Suite, data: Dataset) -> None:
+    """In one request: the images are those of services that begin with that reference frame."""
+    splits = partial(learning_splits, tiny.scenarios[0])
+    service = MethodService(data.sensor, data.references[0], splits, "noser", {})
+    service.set_up()
+    changes = data.voltages[:4] - data.references[:4]
+    references = data.references[:4].copy()
+    references[1:3] *= 1.5
+    reply = service.reconstruct(references + changes, references)
+    assert reply.failure is None
+    assert reply.value.dtype == np.float32
+    for k in range(4):
+        fresh = MethodService(data.sensor, references[k], splits, "noser", {})
+        fresh.set_up()
+        alone = fresh.reconstruct((references + changes)[k : k + 1], references[k : k + 1])
+        np.testing.assert_allclose(reply.value[k], alone.value[0], atol=1e-5)
+    none = np.empty((0, data.sensor.n_measurements))
+    assert service.reconstruct(none, none).value.shape == (0, *data.sensor.image_shape)
 
 
 def test_a_method_is_never_given_the_test_split(tiny: Suite) -> None:

@@ -10,6 +10,7 @@ from eitbench.benchmark.metrics.evaluation import REGISTRATION_FRAMES, evaluate,
 from eitbench.benchmark.tuning.selection import selected_parameters
 from eitbench.benchmark.workers.method_service import learning_splits
 from eitbench.methods import Problem, create
+from eitbench.methods.method import reconstructed
 from eitbench.scenarios.data.datasets import load
 from eitbench.scenarios.suites.suite import scenarios
 
@@ -23,8 +24,9 @@ def figures(scenario: str, name: str) -> dict[str, float]:
     """Mean SSIM, CC, RIE and PSNR of `name` on the first test samples of `scenario`."""
     data = load(scenario, limit=SAMPLES)
     method = create(name, **(selected_parameters(scenarios()[scenario], name) or {}))
-    method.fit(Problem(data.sensor, data.reference, lambda split, n: load(scenario, split, n)))
-    estimates = method.reconstruct(data.voltages)
+    problem = Problem(data.sensor, data.references[0], lambda split, n: load(scenario, split, n))
+    method.fit(problem)
+    estimates = reconstructed(method, problem, data)
     truth, span = data.conductivity, data.sensor.data_range
     assert truth is not None
     return {
@@ -86,11 +88,12 @@ def median_error(name: str) -> float:
     assert len(test.voltages) == 400
     method = create(name, **(selected_parameters(scenario, name) or {}))
     splits = partial(learning_splits, scenario)
-    method.fit(Problem(test.sensor, test.reference, splits))
+    problem = Problem(test.sensor, test.references[0], splits)
+    method.fit(problem)
     validation = load("ohmc16", split="validation", limit=REGISTRATION_FRAMES)
-    registration = fit_registration(validation, method.reconstruct(validation.voltages))
-    errors = evaluate(test, method.reconstruct(test.voltages), registration)["localisation_mm"]
-    return float(np.median(errors))
+    registration = fit_registration(validation, reconstructed(method, problem, validation))
+    found = evaluate(test, reconstructed(method, problem, test), registration)
+    return float(np.median(found["localisation_mm"]))
 
 
 @pytest.mark.usefixtures("recorded_data")

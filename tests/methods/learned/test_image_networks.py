@@ -189,7 +189,7 @@ def test_an_interrupted_training_continues_as_if_it_had_not_been(
     assert "'phydnn' uses them from now on" in " ".join(result.sentences())
     method = create("phydnn")
     data = load(NOISY, "test")
-    method.fit(Problem(data.sensor, data.reference, no_split))
+    method.fit(Problem(data.sensor, data.references[0], no_split))
     assert method.reconstruct(data.voltages).shape == (1, 12, 12)
 
 
@@ -342,6 +342,6 @@ def test_a_recorded_set_has_nothing_to_fit_a_linear_map_on() -> None:
     def splits(split: str, limit: int | None) -> Dataset:
         return replace(load(TINY, split, limit), truth="position")
 
-    p = Problem(SENSOR, load(TINY, "test", 1).reference, splits)
+    p = Problem(SENSOR, load(TINY, "test", 1).references[0], splits)
     with pytest.raises(InputError, match="knows no conductivity to learn from"):
         create("linear-learned").fit(p)

@@ -14,6 +14,7 @@ from eitbench.methods.places.kernel_ridge import WEIGHTS, gaussians, kernel_ridg
 from eitbench.methods.places.place_network import SIMULATED, PlaceNetwork
 from eitbench.scenarios import InputError, RecordedScenario, load
 from eitbench.scenarios.data.datasets import Dataset
+from eitbench.scenarios.imperfections.imperfections import Imperfections
 from eitbench.scenarios.phantoms.contacts import locate
 from eitbench.scenarios.suites.suite import learned_from, scenario_by_name
 
@@ -89,14 +90,14 @@ def test_places_do_not_depend_on_the_strength_of_a_frame(factor: float) -> None:
 
 def few_presses(split: str, limit: int | None) -> Dataset:
     """300 simulated presses of the disc sensor, from the mesh that is inverted with."""
-    presses = scenario_by_name("presses").model_copy(update={"mesh_refinement": 1})
+    presses = scenario_by_name("presses").model_copy(update={"imperfections": Imperfections()})
     return load(presses, split, min(limit or 300, 300))
 
 
 def test_a_linear_map_learned_from_presses_finds_others_whatever_the_gain() -> None:
     test = few_presses("test", 40)
     method = create("linear-touch")
-    method.fit(Problem(test.sensor, 1e3 * test.reference, few_presses))
+    method.fit(Problem(test.sensor, 1e3 * test.references[0], few_presses))
     assert test.conductivity is not None
     background = test.sensor.background
     true = locate(test.conductivity - background, test.sensor)
@@ -105,8 +106,8 @@ def test_a_linear_map_learned_from_presses_finds_others_whatever_the_gain() -> N
     assert np.median(np.hypot(*(found - true).T)) < 0.008  # on a disc 171 mm across
     assert images.max() <= background  # a press lowers conductivity
     # Twice the difference is twice the contrast, up to the sensor's range.
-    weak = 1e3 * (test.reference + 0.01 * (test.voltages - test.reference))
-    weaker = 1e3 * (test.reference + 0.005 * (test.voltages - test.reference))
+    weak = 1e3 * (test.references + 0.01 * (test.voltages - test.references))
+    weaker = 1e3 * (test.references + 0.005 * (test.voltages - test.references))
     contrast = method.reconstruct(weak) - background
     np.testing.assert_allclose(2 * (method.reconstruct(weaker) - background), contrast, atol=1e-12)
 

@@ -24,8 +24,9 @@ families = ["circle"]
 noise = {{ validation = 50, test = {noise} }}
 train = 0
 validation = 4
-test = 12
+test = 60
 phantoms = "tiny"
+ladder = true
 {calibrated}
 [scenarios.imperfections]
 {imperfections}
@@ -99,13 +100,15 @@ def test_calibrated_areas_and_real_sets_stand_below_the_rungs() -> None:
         rungs=("a", "b"),
         methods=("good", "poor"),
         steps={(rung, "good"): Step(value, None, gain) for rung in ("a", "b")},
+        distances={"a": -12.3},
         severities={},
         curves={},
         areas={("good", True): value},
         real={("foam", "good"): Real("localisation_mm", 3.0, 2.0)},
     )
     _, *rows = grid(ladder)
-    assert rows[0] == ["a", "0.500 (+0.100!)", "–"]
-    assert rows[2] == ["area, calibrated", "0.500", "–"]
-    assert rows[3][1:] == ["3 (-1)", "–"]
+    assert rows[0] == ["a", "-12", "0.500 (+0.100!)", "–"]
+    assert rows[1] == ["b", "–", "0.500 (+0.100!)", "–"]
+    assert rows[2] == ["area, calibrated", "", "0.500", "–"]
+    assert rows[3][1:] == ["", "3 (-1)", "–"]
     assert len(draw(ladder).axes) == 3  # rungs with their colour bar, and the real set

@@ -50,7 +50,7 @@ def test_the_data_are_those_of_the_leaderboard(many: Path, full_run: Path) -> No
         "eitbench run bench --scenarios conductivity-set --methods good"
     )
     assert f"'{NASTY}'" in rows[NASTY]["command"]
-    assert board["phantoms"] == 24
+    assert board["clusters"] == 24
     assert len(board["sensitivity"]) == 6
     assert found["missing"] == []
     json.dumps(found, allow_nan=False)
@@ -242,7 +242,7 @@ def test_the_first_is_tied_with_all_that_differ_by_chance(many: Path) -> None:
 
 @pytest.mark.parametrize(
     "column",
-    ["psnr", "score", "localisation_mm", "found_x_m", "phantom", "frame_ms", "family", "status"],
+    ["psnr", "score", "localisation_mm", "found_x_m", "cluster", "frame_ms", "family", "status"],
 )
 def test_a_column_that_is_missing_costs_what_it_held(many: Path, column: str) -> None:
     table = pd.read_parquet(many / "samples.parquet")
@@ -254,10 +254,10 @@ def test_a_column_that_is_missing_costs_what_it_held(many: Path, column: str) ->
     found = report_data([many])
     to_page(found)
     said = [sentence for sentence in found["missing"] if f"no column {column!r}" in sentence]
-    assert len(said) == (column not in ("phantom", "frame_ms", "family"))
-    if column == "phantom":
+    assert len(said) == (column not in ("cluster", "frame_ms", "family"))
+    if column == "cluster":
         why = found["boards"][0]["why_not"]
-        assert why.startswith("Intervals need to know phantoms")
+        assert why.startswith("Intervals need to know clusters")
 
 
 def test_a_damaged_table_is_refused_with_one_sentence(many: Path, tmp_path: Path) -> None:

@@ -72,7 +72,6 @@ def test_a_note_tells_the_noise_of_frame_and_touch_and_shared_times(
     build.methods[0]["timed"], build.methods[1]["timed"] = "pinned", "shared"
     text = FORMATS["md"](ranked_rows([build.write()]))
     assert "SNR 40 dB of a frame, 6 dB of what the touch changes (medians)" in text
-    assert "share one noisy reference frame" in text
     assert "times of 1 of 2 rows were taken beside other cells" in text
 
 

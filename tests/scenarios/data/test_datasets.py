@@ -10,6 +10,7 @@ import pandas as pd
 import pytest
 
 from eitbench.scenarios import catalogue, load
+from eitbench.scenarios.data.datasets import same_reference
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.imperfections.imperfections import Imperfections
 from eitbench.scenarios.phantoms.families import FAMILIES, PUBLISHED_FAMILIES
@@ -18,14 +19,19 @@ from eitbench.scenarios.recordings import RECORDED_SETS, RecordedFrames, Recorde
 from eitbench.scenarios.recordings.descriptors import RecordedFile, Source
 from eitbench.scenarios.sensors.patterns import offset_pattern
 from eitbench.scenarios.sensors.sensor import foam16
-from eitbench.scenarios.suites.scenario import RecordedScenario, SimulatedScenario, SplitNoise
+from eitbench.scenarios.suites.scenario import (
+    TOUCHES,
+    RecordedScenario,
+    SimulatedScenario,
+    SplitNoise,
+)
 
 SMALL: dict[str, Any] = {
     "name": "small",
     "image_shape": (12, 12),
     "families": PUBLISHED_FAMILIES,
     "noise": SplitNoise(train="mixture", validation=30, test=40),
-    "mesh_refinement": 2,
+    "imperfections": Imperfections(mesh="fine"),
     "train": 30,
     "validation": 10,
     "test": 20,
@@ -37,10 +43,10 @@ def test_dataset_holds_what_the_contract_says() -> None:
     data = load(SCENARIO, "test")
     assert len(data) == 20
     assert data.voltages.shape == (20, 208)
-    assert data.reference.shape == (208,)
+    assert data.references.shape == (20, 208)
     assert data.conductivity is not None
     assert data.conductivity.shape == (20, 12, 12)
-    assert {data.voltages.dtype, data.reference.dtype, data.conductivity.dtype} == {np.dtype("f8")}
+    assert {data.voltages.dtype, data.references.dtype, data.conductivity.dtype} == {np.dtype("f8")}
     assert data.truth == "conductivity"
     assert data.sensor.image_shape == (12, 12)
     assert list(data.samples["sample"]) == list(range(20))
@@ -54,7 +60,7 @@ def test_default_split_is_test_and_a_limit_gives_the_first() -> None:
     every, few = load(SCENARIO), load(SCENARIO, limit=np.int64(7))  # type: ignore[arg-type]
     assert every.split == few.split == "test"
     assert np.array_equal(few.voltages, every.voltages[:7])
-    assert np.array_equal(few.reference, every.reference)
+    assert np.array_equal(few.references, every.references[:7])
     assert few.frame_hashes == every.frame_hashes[:7]
     assert len(load(SCENARIO, limit=1000)) == 20
 
@@ -68,7 +74,7 @@ def test_packaged_scenario_by_name() -> None:
     assert data.inverse_crime is True
     nominal = forward_model(data.sensor)
     assert np.allclose(data.voltages, nominal.voltages(data.conductivity), rtol=1e-12)
-    assert np.allclose(data.reference, nominal.voltages(nominal.background), rtol=1e-12)
+    assert np.allclose(data.references, nominal.voltages(nominal.background), rtol=1e-12)
 
 
 def test_conductivity_is_the_truth_on_the_nominal_grid_not_the_finer_one() -> None:
@@ -77,26 +83,76 @@ def test_conductivity_is_the_truth_on_the_nominal_grid_not_the_finer_one() -> No
     assert data.conductivity is not None
     modelled = nominal.voltages(data.conductivity) - nominal.voltages(nominal.background)
     clean = load(SCENARIO.model_copy(update={"noise": SplitNoise()}), limit=6)
-    measured = clean.voltages - clean.reference
+    measured = clean.voltages - clean.references
     # The same contacts on another mesh: alike, not equal.
     for one, other in zip(modelled, measured, strict=True):
         assert np.corrcoef(one, other)[0, 1] > 0.98
     assert not np.allclose(modelled, measured, rtol=1e-3)
 
 
-def test_reference_is_measured_once_for_all_splits_with_the_noise_of_the_test_split() -> None:
-    references = [load(SCENARIO, split).reference for split in ("train", "validation", "test")]
-    assert np.array_equal(references[0], references[1])
-    assert np.array_equal(references[0], references[2])
-    clean = load(SCENARIO.model_copy(update={"noise": SplitNoise()})).reference
-    noise = references[0] - clean
-    assert np.std(noise) == pytest.approx(np.sqrt(np.mean(clean**2)) * 10**-2, rel=0.2)
+def test_every_session_measures_its_own_reference_with_the_noise_of_its_split() -> None:
+    clean = load(SCENARIO.model_copy(update={"noise": SplitNoise()})).references
+    assert (clean == clean[0]).all()  # one sensor, without noise
+    for split, snr_db in (("validation", 30), ("test", 40)):
+        data = load(SCENARIO, split)
+        rows = [slice(k, k + TOUCHES) for k in range(0, len(data), TOUCHES)]
+        assert same_reference(data.references) == [
+            slice(r.start, min(r.stop, len(data))) for r in rows
+        ]
+        noise = (data.references - clean[: len(data)])[::TOUCHES]
+        scale = np.sqrt(np.mean(clean[0] ** 2)) * 10 ** (-snr_db / 20)
+        # At least 4 x 208 values tell a deviation to 2.5 %; sessions share none of it.
+        assert noise.std() == pytest.approx(scale, rel=0.1)
+        assert np.abs(np.corrcoef(noise) - np.eye(len(noise))).max() < 0.3
+        assert list(data.samples["session"]) == [k // TOUCHES for k in range(len(data))]
+
+
+def test_a_mixture_has_one_level_in_a_session() -> None:
+    data = load(SCENARIO.model_copy(update={"train": 60}), "train")
+    levels = data.samples.groupby("session")["snr_db"]
+    assert (levels.nunique(dropna=False) == 1).all()
+    clean = forward_model(data.sensor)
+    reference = clean.voltages(clean.background)
+    quiet = data.samples["snr_db"].isna().to_numpy()
+    assert np.allclose(data.references[quiet], reference, rtol=1e-12)
+    noise = (data.references - reference)[~quiet][::TOUCHES]
+    level = data.samples["snr_db"][~quiet].to_numpy()[::TOUCHES]
+    scale = np.sqrt(np.mean(reference**2)) * 10 ** (-level / 20)
+    assert (noise.std(axis=1) / scale) == pytest.approx(np.ones(len(level)), abs=0.25)
+
+
+def test_samples_of_one_session_are_one_cluster_where_they_share_something() -> None:
+    noisy = load(SCENARIO, limit=7).samples
+    assert noisy["cluster"].nunique() == 3
+    assert noisy.groupby("session")["cluster"].nunique().tolist() == [1, 1, 1]
+    clean = load(SCENARIO.model_copy(update={"noise": SplitNoise()}), limit=7).samples
+    assert clean["cluster"].tolist() == clean["phantom"].tolist()
+    board = Imperfections(gain=0.01)
+    drawn = SCENARIO.model_copy(update={"noise": SplitNoise(), "imperfections": board})
+    assert load(drawn, limit=7).samples["cluster"].nunique() == 3
+
+
+def test_every_session_is_on_a_unit_of_its_own_and_none_is_in_two_splits() -> None:
+    """A touch of one pixel's conductivity would not tell: the electrodes and gains do."""
+    board = Imperfections(electrode_shift_m=1e-3, gain=0.02)
+    made = SCENARIO.model_copy(update={"noise": SplitNoise(), "imperfections": board})
+    frames = {split: load(made, split, 9).references for split in ("validation", "test")}
+    every = np.concatenate([rows[::TOUCHES] for rows in frames.values()])
+    assert len(np.unique(every, axis=0)) == 6
+    # The spread of units is that of the declared gain, and more.
+    assert 0.01 < (every.std(axis=0) / np.abs(every).mean(axis=0)).mean() < 0.2
+    nominal = load(made, "train", 9).references
+    model = forward_model(SCENARIO.nominal_sensor)
+    assert np.allclose(nominal, model.voltages(model.background), rtol=1e-12)
+    rung = made.model_copy(update={"ladder": True})
+    assert np.array_equal(load(rung, "validation", 9).references, nominal)
+    assert np.array_equal(load(rung, "test", 9).references, frames["test"])
 
 
 def test_the_snr_of_the_touch_is_measured_against_the_untouched_sensor() -> None:
     noisy, clean = load(SCENARIO), load(SCENARIO.model_copy(update={"noise": SplitNoise()}))
     noise = np.sqrt(np.mean((noisy.voltages - clean.voltages) ** 2, axis=1))
-    touch = np.sqrt(np.mean((clean.voltages - clean.reference) ** 2, axis=1))
+    touch = np.sqrt(np.mean((clean.voltages - clean.references) ** 2, axis=1))
     # 208 values tell the size of the noise to 5 %, 0.4 dB.
     expected = 20 * np.log10(touch / noise)
     np.testing.assert_allclose(noisy.samples["touch_snr_db"], expected, atol=2)
@@ -113,13 +169,13 @@ def test_splits_have_their_own_noise_and_samples() -> None:
 def test_frame_hashes_tell_frames_and_references_apart() -> None:
     data = load(SCENARIO)
     assert len(set(data.frame_hashes)) == 20
-    other = replace(data, reference=np.nextafter(data.reference, np.inf))
+    other = replace(data, references=np.nextafter(data.references, np.inf))
     assert not set(data.frame_hashes) & set(other.frame_hashes)
 
 
 def test_arrays_cannot_be_changed_by_a_method() -> None:
     data = load(SCENARIO)
-    for array in (data.voltages, data.reference, data.conductivity):
+    for array in (data.voltages, data.references, data.conductivity):
         assert array is not None
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 0
@@ -133,12 +189,12 @@ OTHER: dict[str, Any] = {
     "families": ("circle", "star"),
     "training_families": ("circle",),
     "noise": SplitNoise(train="mixture", validation=30, test=41),
-    "mesh_refinement": 3,
     "train": 31,
     "validation": 11,
     "test": 21,
     "phantoms": "others",
     "imperfections": Imperfections(gain=0.01),
+    "ladder": True,
     "calibrated": True,
 }
 
@@ -181,9 +237,10 @@ def test_data_hash_is_the_same_in_another_process_and_differs_between_splits() -
     assert len({SCENARIO.data_hash(s) for s in ("train", "validation", "test")}) == 3
 
 
-def test_inverse_crime_is_computed_from_the_two_meshes() -> None:
-    assert SCENARIO.inverse_crime is False
-    assert SCENARIO.model_copy(update={"mesh_refinement": 1}).inverse_crime is True
+def test_inverse_crime_is_that_of_the_mesh_of_the_data() -> None:
+    for mesh, crime in (("image", True), ("fine", False), ("unstructured", False)):
+        board = Imperfections.model_validate({"mesh": mesh})
+        assert SCENARIO.model_copy(update={"imperfections": board}).inverse_crime is crime
     assert "inverse_crime" not in SimulatedScenario.model_fields
 
 

@@ -19,8 +19,9 @@ from safetensors.numpy import save
 
 from eitbench.scenarios.array_file import read_arrays, write_arrays
 from eitbench.scenarios.data.datasets import load
-from eitbench.scenarios.data.simulation import CHUNK, clean_voltages, phantom
+from eitbench.scenarios.data.simulation import CHUNK, clean_frames, phantom
 from eitbench.scenarios.errors import EitbenchError
+from eitbench.scenarios.imperfections.imperfections import Imperfections
 from eitbench.scenarios.phantoms.families import PUBLISHED_FAMILIES
 from eitbench.scenarios.phantoms.phantom import rasterise
 from eitbench.scenarios.physics.forward import ForwardModel
@@ -31,7 +32,7 @@ SCENARIO = SimulatedScenario(
     image_shape=(12, 12),
     families=PUBLISHED_FAMILIES,
     noise=SplitNoise(train="mixture", test=40),
-    mesh_refinement=2,
+    imperfections=Imperfections(mesh="fine"),
     train=70,
     validation=10,
     test=70,
@@ -63,7 +64,7 @@ def solves(monkeypatch: pytest.MonkeyPatch) -> list[int]:
 
 
 def test_voltages_are_those_of_the_phantoms_on_the_finer_mesh() -> None:
-    made = clean_voltages(SCENARIO, "test", 3)
+    made = clean_frames(SCENARIO, "test", 3).voltages
     model = SCENARIO.data_model("test")
     assert model.sensor.image_shape == (24, 24)
     for k in range(3):
@@ -86,11 +87,11 @@ def test_sample_is_the_same_whatever_the_count_the_order_and_the_number_of_proce
 
 
 def test_second_time_nothing_is_solved(cache: Path, solves: list[int]) -> None:
-    first = clean_voltages(SCENARIO, "test", 40)
-    assert len(solves) == 40
+    first = clean_frames(SCENARIO, "test", 40).voltages
+    assert len(solves) == 40 + 2  # each of two files begins with the untouched sensor
     before = {path: path.stat().st_mtime_ns for path in files(cache)}
-    again = clean_voltages(SCENARIO, "test", 40)
-    assert len(solves) == 40
+    again = clean_frames(SCENARIO, "test", 40).voltages
+    assert len(solves) == 42
     assert np.array_equal(first, again)
     assert {path: path.stat().st_mtime_ns for path in files(cache)} == before
 
@@ -98,24 +99,24 @@ def test_second_time_nothing_is_solved(cache: Path, solves: list[int]) -> None:
 def test_a_file_with_fewer_samples_is_completed_and_one_with_more_is_kept(
     cache: Path, solves: list[int]
 ) -> None:
-    clean_voltages(SCENARIO, "test", 5)
-    clean_voltages(SCENARIO, "test", 8)
-    assert len(solves) == 8
-    clean_voltages(SCENARIO, "test", 3)
-    clean_voltages(SCENARIO, "test", 8)
-    assert len(solves) == 8
-    clean_voltages(SCENARIO, "test", CHUNK + 1)
-    clean_voltages(SCENARIO, "train", 2)
-    assert [path.stem for path in files(cache)] == ["test-000000", "test-000032", "train-000000"]
+    clean_frames(SCENARIO, "test", 5)
+    clean_frames(SCENARIO, "test", 8)
+    assert len(solves) == 8 + 1
+    clean_frames(SCENARIO, "test", 3)
+    clean_frames(SCENARIO, "test", 8)
+    assert len(solves) == 8 + 1
+    clean_frames(SCENARIO, "test", CHUNK + 1)
+    clean_frames(SCENARIO, "train", 2)
+    assert [path.stem for path in files(cache)] == ["test-000000", "test-000030", "train-000000"]
 
 
 def test_scenarios_that_differ_in_noise_only_share_the_cache(solves: list[int]) -> None:
     shared = {"phantoms": "common"}
     first = SCENARIO.model_copy(update=shared)
     second = SCENARIO.model_copy(update={**shared, "name": "other", "noise": SplitNoise(test=30)})
-    clean = clean_voltages(first, "test", 4)
-    assert np.array_equal(clean_voltages(second, "test", 4), clean)
-    assert len(solves) == 4
+    clean = clean_frames(first, "test", 4).voltages
+    assert np.array_equal(clean_frames(second, "test", 4).voltages, clean)
+    assert len(solves) == 4 + 1
     assert not np.array_equal(load(first, "test", 4).voltages, load(second, "test", 4).voltages)
 
 
@@ -139,26 +140,26 @@ DAMAGE: dict[str, Callable[[Path], object]] = {
 def test_corrupt_cache_file_is_noticed_named_and_made_again(
     damage: str, cache: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    good = clean_voltages(SCENARIO, "test", 2)
+    good = clean_frames(SCENARIO, "test", 2).voltages
     (path,) = files(cache)
     DAMAGE[damage](path)
     with caplog.at_level(logging.WARNING):
-        assert np.array_equal(clean_voltages(SCENARIO, "test", 2), good)
+        assert np.array_equal(clean_frames(SCENARIO, "test", 2).voltages, good)
     assert len(caplog.records) == 1
     assert str(path) in caplog.text
     assert "made again" in caplog.text
     caplog.clear()
-    assert np.array_equal(clean_voltages(SCENARIO, "test", 2), good)
+    assert np.array_equal(clean_frames(SCENARIO, "test", 2).voltages, good)
     assert not caplog.records
 
 
 GENERATE = """
 import sys
 from eitbench.scenarios.suites.scenario import SimulatedScenario
-from eitbench.scenarios.data.simulation import clean_voltages
+from eitbench.scenarios.data.simulation import clean_frames
 scenario = SimulatedScenario.model_validate_json(sys.argv[1])
 print("started", flush=True)
-clean_voltages(scenario, "test", int(sys.argv[2]))
+clean_frames(scenario, "test", int(sys.argv[2]))
 """
 
 
@@ -179,10 +180,10 @@ def test_killed_generation_leaves_whole_files_that_are_used(
     process.communicate()
     whole = [path for path in files(cache) if path.suffix == ".safetensors"]
     assert len(whole) >= 3
-    made = clean_voltages(slow, "test", 3 * CHUNK)
+    made = clean_frames(slow, "test", 3 * CHUNK).voltages
     assert not caplog.records
     assert made.shape == (3 * CHUNK, 208)
-    assert np.array_equal(made[:2], clean_voltages(slow, "test", 2))
+    assert np.array_equal(made[:2], clean_frames(slow, "test", 2).voltages)
 
 
 def test_processes_that_generate_the_same_at_once_leave_one_good_copy(cache: Path) -> None:
@@ -190,16 +191,16 @@ def test_processes_that_generate_the_same_at_once_leave_one_good_copy(cache: Pat
     assert [process.wait(timeout=120) for process in processes] == [0, 0]
     for process in processes:
         process.communicate()
-    assert [path.stem for path in files(cache)] == [f"test-{k:06d}" for k in (0, 32, 64)]
-    shared = clean_voltages(SCENARIO, "test", 70)
+    assert [path.stem for path in files(cache)] == [f"test-{k:06d}" for k in (0, 30, 60)]
+    shared = clean_frames(SCENARIO, "test", 70).voltages
     for path in files(cache):
         path.unlink()
-    assert np.array_equal(clean_voltages(SCENARIO, "test", 70), shared)
+    assert np.array_equal(clean_frames(SCENARIO, "test", 70).voltages, shared)
 
 
 def test_threads_that_generate_the_same_at_once_agree(cache: Path) -> None:
     with ThreadPoolExecutor(4) as pool:
-        made = list(pool.map(lambda n: clean_voltages(SCENARIO, "test", n), (3, 20, 7, 20)))
+        made = list(pool.map(lambda n: clean_frames(SCENARIO, "test", n).voltages, (3, 20, 7, 20)))
     for frames in made:
         assert np.array_equal(frames, made[1][: len(frames)])
     assert [path.stem for path in files(cache)] == ["test-000000"]
@@ -212,7 +213,7 @@ def test_unwritable_cache_folder_is_one_clear_sentence(
     (tmp_path / "taken").write_text("")
     monkeypatch.setenv("EITBENCH_CACHE", str(tmp_path / "taken"))
     with pytest.raises(EitbenchError, match=r"cache.*set EITBENCH_CACHE to another folder\.$"):
-        clean_voltages(SCENARIO, "test", 1)
+        clean_frames(SCENARIO, "test", 1)
 
 
 class ThreadedParallel(joblib.Parallel):  # type: ignore[misc]
@@ -259,7 +260,7 @@ def test_full_disk_is_one_clear_sentence_and_leaves_nothing(
         # Worker processes do not share the patch, so it is run on threads.
         monkeypatch.setattr(joblib, "Parallel", ThreadedParallel)
     with pytest.raises(EitbenchError, match="No space left on device"):
-        clean_voltages(SCENARIO, "test", 40, jobs=jobs)
+        clean_frames(SCENARIO, "test", 40, jobs=jobs)
     # The other job may have been about to clean up, too.
     deadline = time.monotonic() + 120
     while files(cache) and time.monotonic() < deadline:

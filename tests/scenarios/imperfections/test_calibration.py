@@ -90,7 +90,7 @@ def _changes(board: Imperfections, *, calibrated: bool) -> np.ndarray:
         calibrated=calibrated,
     )
     data = load(scenario)
-    return data.voltages - data.reference
+    return np.asarray(data.voltages - data.references)
 
 
 @pytest.mark.parametrize(

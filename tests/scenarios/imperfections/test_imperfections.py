@@ -53,10 +53,8 @@ def test_an_ideal_sensor_is_nominal_to_the_last_bit(
 ) -> None:
     assert IDEAL.built(FOAM) == FOAM.electrodes
     assert np.array_equal(through(IDEAL, frames, untouched), frames)
-    plain = load(scenario().model_copy(update={"imperfections": None}))
-    declared = load(scenario())
-    assert np.array_equal(plain.voltages, declared.voltages)
-    assert np.array_equal(plain.reference, declared.reference)
+    assert not IDEAL.drawn
+    assert not IDEAL.of_voltages()
 
 
 def test_severity_scales_what_the_same_unit_shows() -> None:
@@ -162,21 +160,20 @@ def test_a_stale_reference_differs_more() -> None:
     stale = load(scenario(Imperfections(drift=0.01, reference_age_s=28_800)))
     assert np.array_equal(fresh.voltages, stale.voltages)
     ideal = load(scenario())
-    away = [np.linalg.norm(d.reference - fresh.voltages[0]) for d in (fresh, stale)]
+    away = [np.linalg.norm(d.references - d.voltages) for d in (fresh, stale)]
     assert away[1] != away[0]
-    assert np.linalg.norm(stale.reference - ideal.reference) > 1e-3 * np.linalg.norm(
-        ideal.reference
-    )
+    drift = np.linalg.norm(stale.references - ideal.references)
+    assert drift > 1e-3 * np.linalg.norm(ideal.references)
 
 
-def test_only_the_test_split_is_imperfect() -> None:
-    """Methods learn from and are tuned on the nominal sensor, with its own reference."""
-    real, ideal = scenario(TYPICAL), scenario()
+def test_of_a_rung_of_the_ladder_only_the_test_split_is_imperfect() -> None:
+    """Methods learn from and are tuned on the nominal sensor, with its own reference frames."""
+    real, ideal = scenario(TYPICAL, ladder=True), scenario(ladder=True)
     for split in ("train", "validation"):
         first, second = load(real, split), load(ideal, split)
         assert np.array_equal(first.voltages, second.voltages)
-        assert np.array_equal(first.reference, second.reference)
-    assert not np.allclose(load(real).reference, load(ideal).reference, rtol=1e-4)
+        assert np.array_equal(first.references, second.references)
+    assert not np.allclose(load(real).references, load(ideal).references, rtol=1e-4)
     assert np.array_equal(load(real).conductivity, load(ideal).conductivity)  # type: ignore[arg-type]
 
 
@@ -191,15 +188,6 @@ def test_every_declared_parameter_changes_the_data_hash() -> None:
     hashes = [scenario(one).data_hash("test") for one in (IDEAL, *alone)]
     hashes.append(scenario(calibrated=True).data_hash("test"))
     assert len(set(hashes)) == len(hashes)
-
-
-def test_scenarios_without_imperfections_are_what_they_were() -> None:
-    """The declarations that came later do not change the hashes of data that lack them."""
-    plain = scenario().model_copy(update={"imperfections": None})
-    assert plain.data_hash("test") == PLAIN_HASH
-
-
-PLAIN_HASH = "fafa025d4e9ce2b4f2649595df3cbdcb30b1bf845b631f60ca320e1a977ce463"
 
 
 @pytest.mark.parametrize(
@@ -220,7 +208,7 @@ def test_the_suite_declares_the_typical_board_and_each_of_its_imperfections_alon
     alone = [
         s.imperfections.model_dump(exclude_defaults=True)
         for s in declared.values()
-        if isinstance(s, SimulatedScenario) and s.imperfections and not s.calibrated
+        if isinstance(s, SimulatedScenario) and s.ladder and not s.calibrated
     ]
     for name, value in magnitudes.items():
         assert {name: value} in alone

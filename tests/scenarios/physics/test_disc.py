@@ -120,8 +120,8 @@ def test_conductivity_outside_the_disc_is_ignored() -> None:
 def test_the_mesh_does_not_depend_on_the_last_bits_of_sines(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Processors with other vector units round sines otherwise, which changed meshes and hashes."""
-    expected = triangle_mesh(disc_sensor(60)).content_hash
+    """Processors with other vector units round sines otherwise, which changed meshes."""
+    expected = triangle_mesh(disc_sensor(60))
     exact = Disc.point
     for seed in range(3):
         rng = np.random.default_rng(seed)
@@ -131,4 +131,6 @@ def test_the_mesh_does_not_depend_on_the_last_bits_of_sines(
             return points * (1 + np.finfo(float).eps * rng.integers(-1, 2, points.shape))
 
         monkeypatch.setattr(Disc, "point", rounded)
-        assert triangle_mesh(disc_sensor(60)).content_hash == expected
+        found = triangle_mesh(disc_sensor(60))
+        np.testing.assert_array_equal(found.nodes, expected.nodes)
+        np.testing.assert_array_equal(found.elements, expected.elements)

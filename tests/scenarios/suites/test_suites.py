@@ -7,6 +7,7 @@ import pytest
 from eitbench.benchmark.metrics import image_metrics
 from eitbench.scenarios.data.datasets import load
 from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.imperfections.imperfections import Imperfections
 from eitbench.scenarios.phantoms.families import FAMILIES, OBJECT_FAMILIES, PUBLISHED_FAMILIES
 from eitbench.scenarios.suites.scenario import RecordedScenario, SimulatedScenario, SplitNoise
 from eitbench.scenarios.suites.suite import (
@@ -106,7 +107,7 @@ def test_objects_are_the_published_ones_on_an_imperfect_sensor() -> None:
     (objects,) = simulated("objects")
     assert objects.families == OBJECT_FAMILIES
     assert objects.training_families == PUBLISHED_FAMILIES
-    assert objects.imperfections is not None
+    assert objects.ladder
     assert objects.inverse_crime is False
     data = load(objects, "test", 6)
     for name, size, mm in (
@@ -168,7 +169,12 @@ def test_own_suite_by_path(tmp_path: Path) -> None:
         ("noise = { test = 50 }", "noise = { tset = 5 }", "scenarios[1].noise.tset", "'test'"),
         ("noise = { test = 50 }", "test_ = 5", "scenarios[1].test_", "unknown field"),
         ("noise = { test = 50 }", 'sensor = "foam17"', "scenarios[1].sensor", "'foam16'"),
-        ("noise = { test = 50 }", "mesh_refinement = 0", "scenarios[1].mesh_refinement", "1"),
+        (
+            "noise = { test = 50 }",
+            'imperfections = { mesh = "x" }',
+            "scenarios[1].imperfections.mesh",
+            "'fine'",
+        ),
         ("noise = { test = 50 }", "image_shape = [1, 9]", "scenarios[1].image_shape[0]", "2"),
         ("train = 0", "train = -1", "scenarios[0].train", "greater"),
         ("train = 0", "train = 1.5", "scenarios[0].train", "integer"),
@@ -242,7 +248,11 @@ def test_operators_are_ranked_on_the_paper_and_on_a_finer_mesh() -> None:
     paper, finer = simulated("operators")
     assert paper == simulated("paper")[0]
     assert finer == paper.model_copy(
-        update={"name": "paper-finer", "mesh_refinement": 2, "phantoms": "paper"}
+        update={
+            "name": "paper-finer",
+            "imperfections": Imperfections(mesh="fine"),
+            "phantoms": "paper",
+        }
     )
     assert finer.phantom_stream == paper.phantom_stream
     assert (paper.inverse_crime, finer.inverse_crime) == (True, False)
