@@ -53,7 +53,7 @@ class Method(ABC):
     def fit(self, problem: Problem) -> None:
         """Prepare for one problem, once: factorise, load or train.
 
-        What is kept of `problem.reference` here is not that of later frames, see `Problem`.
+        What is kept of `problem.reference` here is not that of later sessions, see `Problem`.
         """
 
     @abstractmethod

@@ -66,31 +66,33 @@ def overlap(
 
 
 def edges_and_artefacts(
-    truth: Contacts, true: Array, found: Array, sensor: Sensor
+    contacts: Contacts, truth: Array, estimate: Array, sensor: Sensor
 ) -> tuple[Array, Array]:
     """Sharpness at the edges of true contacts, and contrast that lies away from them.
 
     The zone of an edge reaches `EDGE_ZONE` of the sensor's diameter to both of its sides.
 
     Args:
-        truth: the true contacts.
-        true, found: (n, H, W) contrast of truth and estimate [S/m].
+        contacts: the true contacts.
+        truth: (n, H, W) true contrast [S/m].
+        estimate: (n, H, W) contrast of the estimate [S/m].
 
     Returns:
         The mean step of the estimate from the outer to the inner half of the zones, over that of
         the truth (n,); and the norm of its contrast outside contacts and zones, over the norm of
-        the true contrast (n,). NaN where there is no true contact, or nothing else.
+        the true contrast (n,). NaN where there is no true contact, or no
+        pixel lies within `EDGE_ZONE` outside one (coarse images).
     """
     height, width = sensor.image_shape
     x0, y0, x1, y1 = sensor.outline.bounds
     pixel = ((y1 - y0) / height, (x1 - x0) / width)
     reach = EDGE_ZONE * diameter(sensor)
-    edge, artefacts = np.full(len(true), np.nan), np.full(len(true), np.nan)
-    for n in np.unique(truth.image):
-        contact = truth.region[n] != 0
+    edge, artefacts = np.full(len(truth), np.nan), np.full(len(truth), np.nan)
+    for n in np.unique(contacts.image):
+        contact = contacts.region[n] != 0
         outside, nearest = distance_transform_edt(~contact, pixel, return_indices=True)
         inside = distance_transform_edt(contact, pixel)
-        sign = truth.region[n][tuple(nearest)]  # of the contact that a pixel belongs to
+        sign = contacts.region[n][tuple(nearest)]  # of the contact that a pixel belongs to
         inner = contact & (inside <= reach) & sensor.mask
         outer = ~contact & (outside <= reach) & sensor.mask
         far = (outside > reach) & sensor.mask
@@ -98,10 +100,10 @@ def edges_and_artefacts(
             continue
         step, whole = (
             (sign * image[n])[inner].mean() - (sign * image[n])[outer].mean()
-            for image in (found, true)
+            for image in (estimate, truth)
         )
         edge[n] = step / whole
-        artefacts[n] = np.linalg.norm(found[n][far]) / np.linalg.norm(true[n][sensor.mask])
+        artefacts[n] = np.linalg.norm(estimate[n][far]) / np.linalg.norm(truth[n][sensor.mask])
     return edge, artefacts
 
 

@@ -242,8 +242,10 @@ class BatchRunner:
                 self._worker.start()
             self._run_pending()
             with calibrated(self._core) as measured:
-                ask = lambda what, rows: self._ask("test", rows, what)  # noqa: E731
-                measured |= self.task.warm(ask, pinned=self._core is not None)
+                measured |= self.task.warm(
+                    lambda what, rows: self._ask("test", rows, what),
+                    pinned=self._core is not None,
+                )
             measured |= self._prior_knowledge()
         except WorkerLostError as lost:
             state.failure = lost.failure

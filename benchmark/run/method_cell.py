@@ -176,7 +176,10 @@ class MethodCellTask(CellTask):
         return {"conductivity": images, "frame_ms": times}, good
 
     def warm(self, ask: Ask, *, pinned: bool) -> dict[str, float]:
-        """Return times of single valid frames, the first one last; p99 only of enough of them."""
+        """Return times of single valid frames; p99 is NaN below `TAIL_FRAMES` of them.
+
+        The first frame, which was timed before, is asked for last.
+        """
         if self.plan.cell.variant:
             return {}  # the parameters that are ranked are those that are timed
         valid = np.flatnonzero(StoredSamples(self).valid).tolist()

@@ -52,7 +52,8 @@ def prior_knowledge_columns(
     if trained_on:
         source = _source(trained_on, scenario)
         if source is not None:
-            learned.append(training_contents(source, int(trained_on["train_samples"])))
+            count = int(trained_on["train_samples"])
+            learned.append(training_contents(source, count, trained_on["train_data"]))
     if spent and _has_test_noise(validation_scenario(scenario), "validation"):
         noise.append("tuning")
     shown = contents(test.phantoms, test.voltages)
@@ -77,9 +78,14 @@ def prior_knowledge_columns(
     }
 
 
-def training_contents(scenario: SimulatedScenario, count: int) -> Contents:
+def contents_file(data_hash: str, count: int) -> str:
+    """Return the name of the file of the contents of `count` training samples."""
+    return f"contents-{data_hash[:16]}-{count}.npy"
+
+
+def training_contents(scenario: SimulatedScenario, count: int, data_hash: str) -> Contents:
     """Return the contents of the first `count` training samples: packaged, or computed once."""
-    name = f"contents-{scenario.data_hash('train')[:16]}-{count}.npy"
+    name = contents_file(data_hash, count)
     cached = cache_dir() / "contents" / name
     for path in (packaged_weights() / name, cached):
         with suppress(OSError, ValueError, EOFError):  # one that is damaged is made again
@@ -96,8 +102,15 @@ def training_contents(scenario: SimulatedScenario, count: int) -> Contents:
 
 
 def _source(trained_on: Mapping[str, str], scenario: Scenario) -> SimulatedScenario | None:
-    """Return the scenario that weights were trained on, if it is packaged or that of the run."""
+    """Return the scenario that weights were trained on, if it is packaged or that of the run.
+
+    Beside the weights that are shipped lie the contents of their training data, so that these stay
+    known when a later generator gives the data of the same phantoms another hash.
+    """
     named = scenarios().get(trained_on["scenario"])
+    shipped = contents_file(trained_on["train_data"], int(trained_on["train_samples"]))
+    if isinstance(named, SimulatedScenario) and (packaged_weights() / shipped).is_file():
+        return named
     for source in (named, scenario, learned_from(scenario)):
         if (
             isinstance(source, SimulatedScenario)

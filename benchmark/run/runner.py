@@ -273,7 +273,6 @@ def _execute(
                 score_cell(data[cell.cell.scenario].task(cell, store), None)
     ranked = [c.cell for c in cells if not c.cell.variant]
     store.assemble(ranked, {name: there.truth() for name, there in data.items()})
-    manifest |= _calibration(store, manifest["calibration_ms"])
     write_tracks(store, cells)
     unfinished = sum(not store.finished(cell.cell) for cell in cells)
     ended = not interrupted and not unfinished
@@ -294,17 +293,6 @@ def _execute(
         )
     store.remove_parts()
     return _result(store.path, manifest)
-
-
-def _calibration(store: RunStore, at_start_ms: float) -> Manifest:
-    """The fastest calibration solve of a run, and how much slower it was beside some cell."""
-    cells = store.cells()
-    beside = cells["calibration_ms"].dropna().tolist() if len(cells) else []
-    fastest = min([at_start_ms, *beside])
-    return {
-        "calibration_ms": fastest,
-        "calibration_spread": max([at_start_ms, *beside]) / fastest,
-    }
 
 
 def _run_cells(

@@ -25,6 +25,10 @@ SOLVES = 5
 """Solves before, and as many after, what is timed."""
 
 
+LOOK_S = 0.2
+"""How long cores are watched for the idlest one [s]."""
+
+
 @cache
 def _work() -> tuple[sparse.csc_array, Array, Array]:
     """Laplacian (6400, 6400), right-hand sides (6400, 16), and a matrix (208, 6400)."""
@@ -51,9 +55,15 @@ def calibration_solves() -> list[float]:
 
 
 def core_to_pin() -> int | None:
-    """Return the core that a run with one cell at a time is timed on; None where none can be."""
-    # The first core serves most interrupts.
-    return max(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else None
+    """Return the idlest core, which a run with one cell at a time is timed on.
+
+    None where a thread cannot be kept on a core.
+    """
+    if not hasattr(os, "sched_getaffinity"):
+        return None
+    busy = psutil.cpu_percent(LOOK_S, percpu=True)
+    # Of equal ones the last: the first core serves most interrupts.
+    return min(os.sched_getaffinity(0), key=lambda core: (busy[core], -core))
 
 
 @contextmanager

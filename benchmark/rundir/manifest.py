@@ -152,7 +152,6 @@ class _Manifest(_Part):
     versions: dict[str, str | None] = {}
     skipped: dict[str, str] = {}
     calibration_ms: _Positive | None = None
-    calibration_spread: _Positive | None = None
 
 
 def read(run: Path) -> Manifest:

@@ -145,12 +145,6 @@ class RunStore:
             lambda path: write_arrays(path, known, answers, self.kind.array),
         )
 
-    def cells(self) -> pd.DataFrame:
-        """Read the assembled table of cells."""
-        path = self.path / self.kind.table
-        with _damage_as_sentence(path):
-            return read_parquet(path)
-
     def pack(self, cell: Cell) -> Files:
         """Read all that is stored of a cell, to be sent elsewhere."""
         folder = self._parts(cell)

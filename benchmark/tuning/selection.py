@@ -104,8 +104,8 @@ class Selection:
 def at_edge(selection: Mapping[str, Any]) -> list[str]:
     """Return the parameters whose selected value is the least or the greatest that was tried.
 
-    A better value may lie beyond. Parameters that took 0 or fewer than three numbers have no open
-    range.
+    A better value may lie beyond. Left out are parameters with fewer than three numbers, or whose
+    range includes 0, below which nothing lies.
 
     Args:
         selection: as `Selection.describe` gives it.

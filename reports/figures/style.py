@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from eitbench.reports.tables.columns import printable
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
@@ -70,6 +72,12 @@ def label_axes(axes: Axes, title: str, x: str, y: str) -> None:
     axes.tick_params(which="both", labelsize=NOTE)
     axes.grid(alpha=0.25, lw=0.5)
     axes.spines[["top", "right"]].set_visible(False)
+
+
+def plain_label(text: str) -> str:
+    """Return a name that Matplotlib shows as it is: no mathematics, no hidden label."""
+    shown = printable(text).replace("$", r"\$")
+    return f" {shown}" if shown.startswith("_") else shown
 
 
 def save(

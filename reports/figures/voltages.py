@@ -11,13 +11,21 @@ from eitbench.benchmark.analysis.leaderboard import leaderboard_rows
 from eitbench.benchmark.analysis.results import read_run
 from eitbench.benchmark.rundir.kinds import OPERATOR_RUNS
 from eitbench.benchmark.rundir.run_arrays import TRUTH, read_responses
-from eitbench.reports.figures.style import COLOURS, NOTE, label_axes, new_figure, save
+from eitbench.reports.figures.style import (
+    COLOURS,
+    NOTE,
+    label_axes,
+    new_figure,
+    plain_label,
+    save,
+)
 from eitbench.reports.tables.columns import printable
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
+    import pandas as pd
     from matplotlib.figure import Figure
     from numpy.typing import NDArray
 
@@ -37,22 +45,26 @@ def write_voltages(run: Path) -> list[Path]:
     arrays = run / OPERATOR_RUNS.arrays
     if read.kind != OPERATOR_RUNS or not arrays.is_file():
         return []
-    written = []
+    written, rows = [], leaderboard_rows([read])
     for scenario in read.scenarios():
-        rows = [row for row in leaderboard_rows([read]) if row["scenario"] == scenario]
-        names = [row["operator"] for row in rows if row["coverage"] == 1]
+        whole = (row for row in rows if row["scenario"] == scenario and row["coverage"] == 1)
+        names = [row["operator"] for row in whole]
         if not names:
             continue
-        samples = read.samples
-        last = samples[(samples["scenario"] == scenario) & (samples["operator"] == names[-1])]
-        order = last.sort_values(["mse", "sample"])["sample"].tolist()
-        sample = order[len(order) // 2]
+        of_last = read.samples["operator"] == names[-1]
+        sample = typical_sample(read.samples[of_last & (read.samples["scenario"] == scenario)])
         responses = read_responses(arrays, scenario, names, sample)
         (run / "figures").mkdir(exist_ok=True)
         title = f"{printable(scenario)}, sample {sample}"
         stem = run / "figures" / f"voltages-{quote(scenario, safe='')}"
         written += save(draw(responses, title), stem)
     return written
+
+
+def typical_sample(samples: pd.DataFrame) -> int:
+    """Return the `sample` of the median `mse` (the upper one of two) among rows of an operator."""
+    order = samples.sort_values(["mse", "sample"])["sample"].tolist()
+    return int(order[len(order) // 2])
 
 
 def draw(responses: Mapping[str, NDArray[np.float64]], title: str) -> Figure:
@@ -71,8 +83,7 @@ def draw(responses: Mapping[str, NDArray[np.float64]], title: str) -> Figure:
     # The best operator is drawn last, on top of the others.
     for k, name in reversed(list(enumerate(operators))):
         line = {"color": COLOURS[k % len(COLOURS)], "lw": 0.8}
-        label = printable(name).replace("$", r"\$")
-        above.plot(number, 1e3 * responses[name], label=f" {label}", **line)
+        above.plot(number, 1e3 * responses[name], label=plain_label(name), **line)
         error = np.abs(responses[name] - truth) / np.sqrt(np.mean(truth**2))
         # An operator that is the model itself has no error that could be drawn.
         below.semilogy(number, np.where(error > _ROUNDING, error, np.nan), **line)

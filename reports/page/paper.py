@@ -20,10 +20,11 @@ from eitbench.reports.figures.style import (
     line_style,
     marker,
     new_figure,
+    plain_label,
     save,
 )
 from eitbench.reports.page.report_data import PAGE_COLUMNS, rows_of
-from eitbench.reports.tables.columns import layout, printable
+from eitbench.reports.tables.columns import layout
 from eitbench.reports.tables.leaderboard import write_leaderboard
 
 if TYPE_CHECKING:
@@ -141,7 +142,7 @@ def frontier(board: BoardData) -> Figure:
         axes.errorbar(
             row["frame_ms_p50"], row[by], error, fmt=marker(k), ms=4.5,
             color=COLOURS[k % len(COLOURS)], lw=0.7, capsize=1.5, mec="black", mew=0.3,
-            label=_name(row["label"]),
+            label=plain_label(row["label"]),
         )  # fmt: skip
     axes.axvline(FRAMES_PER_SECOND_MS, color="0.4", lw=0.7, ls="--")
     axes.annotate(
@@ -179,7 +180,7 @@ def noise(boards: Sequence[BoardData]) -> Figure:
             np.array([row.get(f"score{end}") for row in rows], dtype=float)
             for end in ("", "_low", "_high")
         )
-        axes.plot(labels, value, **line_style(k), ms=4, lw=1, label=_name(name))
+        axes.plot(labels, value, **line_style(k), ms=4, lw=1, label=plain_label(name))
         axes.fill_between(labels, low, high, color=COLOURS[k % len(COLOURS)], alpha=0.12, lw=0)
     axes.set_xlabel("SNR of a frame (of what a touch changes in it, median) [dB]")
     axes.set_ylabel("S")
@@ -190,9 +191,3 @@ def noise(boards: Sequence[BoardData]) -> Figure:
 def _touch(board: BoardData) -> str:
     touch = board["touch_snr_db"]
     return "" if touch is None else f" ({touch:.0f})"
-
-
-def _name(text: str) -> str:
-    """Return a name that Matplotlib shows as it is: no mathematics, no hidden label."""
-    shown = printable(text).replace("$", r"\$")
-    return f" {shown}" if shown.startswith("_") else shown

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from eitbench.methods import Problem, create
 from eitbench.methods.learned.linear_maps import unit_frames
+from eitbench.methods.method import reconstructed
 from eitbench.methods.places.kernel_ridge import WEIGHTS, gaussians, kernel_ridge, linear
 from eitbench.methods.places.place_network import SIMULATED, PlaceNetwork
 from eitbench.scenarios import InputError, RecordedScenario, load
@@ -96,20 +97,25 @@ def few_presses(split: str, limit: int | None) -> Dataset:
 
 def test_a_linear_map_learned_from_presses_finds_others_whatever_the_gain() -> None:
     test = few_presses("test", 40)
+
+    def seen(share: float) -> Dataset:
+        """As a board of another gain sees `share` of what each press changes."""
+        voltages = test.references + share * (test.voltages - test.references)
+        return replace(test, voltages=1e3 * voltages, references=1e3 * test.references)
+
     method = create("linear-touch")
-    method.fit(Problem(test.sensor, 1e3 * test.references[0], few_presses))
+    problem = Problem(test.sensor, seen(1.0).references[0], few_presses)
+    method.fit(problem)
     assert test.conductivity is not None
     background = test.sensor.background
     true = locate(test.conductivity - background, test.sensor)
-    images = method.reconstruct(1e3 * test.voltages)
+    images = reconstructed(method, problem, seen(1.0))
     found = locate(images - background, test.sensor)
     assert np.median(np.hypot(*(found - true).T)) < 0.008  # on a disc 171 mm across
     assert images.max() <= background  # a press lowers conductivity
     # Twice the difference is twice the contrast, up to the sensor's range.
-    weak = 1e3 * (test.references + 0.01 * (test.voltages - test.references))
-    weaker = 1e3 * (test.references + 0.005 * (test.voltages - test.references))
-    contrast = method.reconstruct(weak) - background
-    np.testing.assert_allclose(2 * (method.reconstruct(weaker) - background), contrast, atol=1e-12)
+    weak, weaker = (reconstructed(method, problem, seen(share)) for share in (0.01, 0.005))
+    np.testing.assert_allclose(2 * (weaker - background), weak - background, atol=1e-12)
 
 
 def test_recorded_presses_are_learned_from_simulated_ones_of_their_sensor() -> None:

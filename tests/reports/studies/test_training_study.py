@@ -66,7 +66,8 @@ def test_the_mean_of_every_choice_has_its_interval_and_a_lost_one_stands_empty(
     tmp_path: Path,
 ) -> None:
     rows: list[dict[str, Any]] = [
-        {"beta": beta, "scenario": "tiny", "sample": k} | figures(7 - beta + 0.1 * (k % 2))
+        {"beta": beta, "scenario": "tiny", "sample": k, "cluster": f"tiny {k // 3}"}
+        | figures(7 - beta + 0.1 * (k % 2))
         for beta in (0.001, 0.1)
         for k in range(20)
     ]

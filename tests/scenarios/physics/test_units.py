@@ -37,11 +37,11 @@ def apart_db(one: Array, other: Array) -> float:
 def test_a_unit_is_solved_on_the_mesh_of_the_nominal_sensor_as_on_its_own(
     electrodes: tuple[Electrode, ...],
 ) -> None:
-    """Its electrodes end between nodes there, which costs less than the mesh as a whole does."""
+    """Its electrodes end between nodes there: at most half of the error of the mesh as a whole."""
     unit = replace(FOAM, electrodes=electrodes)
     shared, own = (change(unit, triangle_mesh(of)) for of in (FOAM, unit))
     finer = replace(unit, image_shape=(60, 60))
-    assert apart_db(shared, own) > apart_db(own, change(finer, triangle_mesh(finer))) + 15
+    assert apart_db(shared, own) > apart_db(own, change(finer, triangle_mesh(finer))) + 6
 
 
 def test_an_electrode_beyond_its_part_of_the_rim_is_refused() -> None:
@@ -57,4 +57,4 @@ def test_unstructured_data_are_nearer_to_the_truth_than_the_model_of_methods_is(
     fine, finest = (replace(FOAM, image_shape=(20 * k, 20 * k)) for k in (3, 4))
     truth = change(finest, triangle_mesh(finest))
     nominal, data = change(FOAM, own), change(fine, triangle_mesh(fine))
-    assert apart_db(data, truth) > apart_db(nominal, truth) + 15
+    assert apart_db(data, truth) > apart_db(nominal, truth) + 10
