@@ -71,6 +71,15 @@ def reference_file() -> Path:
     return path
 
 
+@pytest.fixture(scope="session")
+def paper_text() -> str:
+    """The LaTeX source of the published work, which lies beside the project where it may."""
+    paths = list(SHARED.glob("000_*.txt"))
+    if not paths:
+        pytest.skip("needs the paper's text beside the checkout: ../shared/000_*.txt")
+    return paths[0].read_text(encoding="utf-8")
+
+
 @pytest.fixture
 def eitbench(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]

@@ -128,7 +128,8 @@ def train_image_network(method: type[ImageNetworkMethod], job: TrainingJob) -> T
     )
     linear = _start(network, train, validation)
     motions = symmetries(sensor, torch.from_numpy(problem.jacobian))
-    augmentation = Augmentation(scenario.split_noise("train"), motions)
+    rms = float(np.sqrt(np.mean(untouched**2)))
+    augmentation = Augmentation(scenario.split_noise("train"), motions, rms)
     return job.fit(
         ImageTask(network, augmentation, physical, beta, job.recipe.epochs),
         train,

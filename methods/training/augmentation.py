@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -64,10 +63,12 @@ class Augmentation:
         noise: that the scenario declares for its training split, of the frame and of its reference
             frame. It is drawn anew each time, so that no frame's noise can be learned by heart.
         motions: the sensor's symmetries.
+        reference_rms: of the reference frame [V/A], which its noise is relative to.
     """
 
     noise: Noise
     motions: Sequence[Symmetry]
+    reference_rms: float
 
     def __call__(
         self, difference: Tensor, rms: Tensor, images: Tensor
@@ -82,9 +83,8 @@ class Augmentation:
         untouched = torch.rand(len(images), device=images.device) < UNTOUCHED
         difference = torch.where(untouched[:, None], 0.0, difference)
         images = torch.where(untouched[:, None, None], 1.0, images)
-        # Two frames are measured for a difference, with the same board.
-        level = math.sqrt(2) * self._level(rms)
-        noisy = difference + (rms * level)[:, None] * torch.randn_like(difference)
+        deviation = self._level(rms) * (rms.square() + self.reference_rms**2).sqrt()
+        noisy = difference + deviation[:, None] * torch.randn_like(difference)
         motion = self.motions[int(torch.randint(len(self.motions), ()))]
         return motion.voltages(noisy), motion.images(images), motion
 

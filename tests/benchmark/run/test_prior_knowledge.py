@@ -62,6 +62,7 @@ def a_problem(splits: Callable[[str, int | None], Dataset] = own) -> Problem:
         (lambda p: p.mask.sum() + p.background + p.sensor.n_measurements, set()),
         (lambda p: p.sensor.n_electrodes + p.sensor.outline.perimeter, set()),
         (lambda p: p.difference(p.reference[None]), {"gain"}),
+        (lambda p: p.differences(own("validation", 1)), {"gain"}),
         (lambda p: p.jacobian, {"model"}),
         (lambda p: p.background_voltages, {"model"}),
         (lambda p: p.sensor.electrodes[0].contact_impedance, {"model"}),
@@ -217,15 +218,16 @@ def test_contents_of_a_training_set_are_found_out_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("EITBENCH_CACHE", str(tmp_path))
-    first = training_contents(SMALL, 6)
+    asked = SMALL, 6, SMALL.data_hash("train")
+    first = training_contents(*asked)
     assert set(first) == set(contents(load(SMALL, split="train").phantoms, None))
     (kept,) = (tmp_path / "contents").iterdir()
     monkeypatch.setattr("eitbench.benchmark.run.prior_knowledge.phantom", None)  # not drawn again
-    np.testing.assert_array_equal(training_contents(SMALL, 6), first)
+    np.testing.assert_array_equal(training_contents(*asked), first)
     kept.write_bytes(b"damaged")
     monkeypatch.undo()
     monkeypatch.setenv("EITBENCH_CACHE", str(tmp_path))
-    np.testing.assert_array_equal(training_contents(SMALL, 6), first)
+    np.testing.assert_array_equal(training_contents(*asked), first)
 
 
 def test_packaged_weights_come_with_the_contents_of_their_training_data(
@@ -238,8 +240,8 @@ def test_packaged_weights_come_with_the_contents_of_their_training_data(
     data = load("paper", split="validation", limit=2)
     method = Dnn()
     method.fit(Problem(data.sensor, data.references[0], own))
-    assert method.trained_on["train_data"] == paper.data_hash("train")
-    packaged = training_contents(paper, int(method.trained_on["train_samples"]))
+    count = int(method.trained_on["train_samples"])
+    packaged = training_contents(paper, count, method.trained_on["train_data"])
     assert not (tmp_path / "contents").exists()
     first = load(paper.model_copy(update={"train": 2}), split="train").phantoms
     assert np.isin(contents(first, None), packaged).all()

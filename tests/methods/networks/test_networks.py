@@ -100,7 +100,7 @@ def test_augmented_images_have_the_voltages_that_go_with_them() -> None:
     reference = torch.from_numpy(model.voltages(model.background))
     sigma = torch.from_numpy(np.random.default_rng(0).uniform(0.3, 1.0, (40, *s.image_shape)))
     difference = torch.from_numpy(model.voltages(sigma.numpy())) - reference
-    augment = Augmentation("clean", symmetric(s))
+    augment = Augmentation("clean", symmetric(s), 1.0)
     torch.manual_seed(3)
     seen, untouched = set(), 0
     for _ in range(25):
@@ -119,7 +119,7 @@ def test_augmented_images_have_the_voltages_that_go_with_them() -> None:
 def test_noise_is_drawn_anew_as_the_scenario_declares(
     noise: Noise, share: float, levels: tuple[float, float]
 ) -> None:
-    augment = Augmentation(noise, symmetric(foam())[:1])
+    augment = Augmentation(noise, symmetric(foam())[:1], reference_rms=4.0)
     difference, rms = torch.zeros(4000, 208), torch.full((4000,), 3.0)
     torch.manual_seed(0)
     first, images, _ = augment(difference, rms, torch.ones(4000, 12, 12))
@@ -128,8 +128,8 @@ def test_noise_is_drawn_anew_as_the_scenario_declares(
     deviation = first.std(1)
     noisy = deviation[deviation > 0]
     assert len(noisy) / 4000 == pytest.approx(share, abs=0.03)
-    # Two frames are measured for a difference, with the same noise.
-    snr = 20 * torch.log10(3.0 * 2**0.5 / noisy)
+    # A frame of rms 3 and a reference frame of rms 4 are measured for a difference.
+    snr = 20 * torch.log10(5.0 / noisy)
     # 208 values tell the level to half a decibel.
     assert float(snr.quantile(0.01)) == pytest.approx(levels[0], abs=1.5)
     assert float(snr.quantile(0.99)) == pytest.approx(levels[1], abs=1.5)

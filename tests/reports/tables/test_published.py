@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -73,3 +74,12 @@ def test_other_scenarios_have_none(scenario: str, build: Any, paper: Dataset) ->
     assert published_rows(rows) == []
     assert note(rows) == ""
     assert "published" not in FORMATS["md"](rows)
+
+
+def test_table_ii_is_that_of_the_paper(paper_text: str) -> None:
+    rows = {"SSIM": "ssim", "CC": "cc", "RIE": "rie", r"PSNR \(dB\)": "psnr"}
+    for title, name in rows.items():
+        line = re.search(rf"^{title} \$\\\w+\$\s*&(.*)\\\\", paper_text, re.MULTILINE)
+        assert line is not None
+        printed = [float(part) for part in line[1].split("&")]
+        assert printed == [TABLE_II[method][name] for method in ("noser", "tv", "dnn", "phydnn")]

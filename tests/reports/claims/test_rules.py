@@ -1,0 +1,222 @@
+"""Verdicts of every rule, on runs and studies that were made to deserve them."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.ndimage import gaussian_filter
+from tests.reports.claims.conftest import NAMES, N, findings
+
+from eitbench.reports.claims.claim import (
+    Verdict,
+)
+from eitbench.reports.claims.evidence import Evidence
+from eitbench.reports.claims.published_claims import CLAIMS
+from eitbench.reports.claims.rules import IMAGE_METRICS
+from eitbench.reports.studies.summaries import StudySummary
+from eitbench.reports.tables.published import TABLE_II
+from eitbench.scenarios.data.datasets import Dataset
+
+
+def study(name: str, rows: list[dict[str, Any]]) -> StudySummary:
+    return StudySummary(
+        study=name, suite="paper", epochs=12, limit=4000, scored=500, operator="fem",
+        training_hours=1.5, rows=rows,
+    )  # fmt: skip
+
+
+def test_a_small_study_finds_no_best_beta_and_says_why() -> None:
+    rows = [{"beta": 1e-3, "score": 7.0, "n": 500}, {"beta": 0.01, "score": 7.1, "n": 500}]
+    lost = {"beta": 0.5}  # a training that diverged
+    evidence = Evidence([], {"beta": study("beta", [*rows, lost])})
+    found = CLAIMS[NAMES.index("best-beta")].finding(evidence)
+    assert (found.verdict, found.figures[0].ours) == (Verdict.untestable, 0.01)
+    for reason in ("one seed", "4000 training samples", "12 epochs", "9.4e-05 in our units"):
+        assert reason in found.why
+
+
+@pytest.mark.parametrize(
+    ("sides", "verdict"),
+    [((1, 1, 1, 1), Verdict.holds), ((1, -1, 0, 0), Verdict.in_part),
+     ((-1, 0, -1, 0), Verdict.undecided), ((-1, -1, -1, -1), Verdict.fails)],
+)  # fmt: skip
+def test_phydnn_over_dnn_with_seeds(sides: tuple[int, ...], verdict: Verdict) -> None:
+    """+1: surely better, 0: the interval holds 0, -1: surely worse; RIE is better when smaller."""
+    rows = []
+    for metric, side in zip(IMAGE_METRICS, sides, strict=True):
+        middle = 0.1 * side * (-1 if metric == "rie" else 1)
+        for scenario, physics, value in (
+            ("paper", "surrogate", middle),
+            ("paper", "fem", -middle),
+            ("shapes", "surrogate", -middle),
+        ):
+            rows.append(
+                {"scenario": scenario, "physics": physics, "metric": metric, "difference": value,
+                 "low": value - 0.05, "high": value + 0.05, "each_seed": [value] * 3, "n": 500}
+            )  # fmt: skip
+    evidence = Evidence([], {"physics": study("physics", rows)})
+    found = CLAIMS[NAMES.index("phydnn-over-dnn-seeds")].finding(evidence)
+    assert (found.verdict, found.n) == (verdict, 500)
+    assert "3 trainings" in found.why
+
+
+@pytest.mark.parametrize(
+    ("noise", "verdict", "psnr"),
+    [(0.001, "holds", "holds"), (0.024, "holds in part", "holds"),
+     (0.3, "does not hold", "does not hold")],
+)  # fmt: skip
+def test_the_row_of_phydnn(
+    noise: float, verdict: str, psnr: str, add: Callable[..., None], build: Any
+) -> None:
+    add("phydnn", noise)
+    found = findings(build.write())["table2-phydnn"]
+    figures = dict(zip(IMAGE_METRICS, found.figures, strict=True))
+    assert {n: f.published for n, f in figures.items()} == TABLE_II["phydnn"]
+    assert figures["psnr"].ours == pytest.approx(-20 * np.log10(noise), abs=0.2)
+    assert (found.verdict, found.n, figures["psnr"].verdict) == (verdict, N, psnr)
+    assert found.conditions.startswith(f"all {N} test samples of 'paper'; sizes of phantoms")
+
+
+def test_a_classical_row_is_not_kept_by_being_better(add: Callable[..., None], build: Any) -> None:
+    add("noser", 0.001)
+    found = findings(build.write())["table2-noser"]
+    assert found.verdict is Verdict.fails
+    assert [figure.published for figure in found.figures] == [-0.0127, 0.1207, 1.2130, -1.0795]
+
+
+def test_a_classical_row_holds_where_figures_are_as_published(build: Any, many: Dataset) -> None:
+    """-0.22 everywhere: an error of about 1.2 on a background of 1; CC is 0, not 0.12."""
+    build.suite = "paper"
+    build.add(many, "noser", np.full_like(np.array(many.conductivity), -0.22))
+    found = findings(build.write())["table2-noser"]
+    assert found.verdict is Verdict.in_part
+    by_name = dict(zip(IMAGE_METRICS, found.figures, strict=True))
+    assert by_name["rie"].verdict is by_name["psnr"].verdict is Verdict.holds
+    assert by_name["cc"].verdict is Verdict.fails
+
+
+@pytest.mark.parametrize(
+    ("phydnn", "dnn", "verdict"),
+    [(0.02, 0.04, "holds"), (0.04, 0.02, "does not hold"), (0.02, 0.02, "undecided")],
+)
+def test_phydnn_against_dnn(
+    phydnn: float, dnn: float, verdict: str, add: Callable[..., None], build: Any
+) -> None:
+    add("phydnn", phydnn)
+    add("dnn", dnn, seed=1)
+    found = findings(build.write())["phydnn-over-dnn"]
+    assert (found.verdict, found.n) == (verdict, N)
+    psnr = found.figures[3]
+    assert psnr.interval is not None
+    assert psnr.ours is not None
+    assert psnr.ours == pytest.approx(20 * np.log10(dnn / phydnn), abs=0.05)
+    assert psnr.interval[0] <= psnr.ours <= psnr.interval[1]
+    assert "One training of each" in found.why
+
+
+@pytest.mark.parametrize(("ahead", "verdict"), [(N, "holds"), (N // 2, "does not hold")])
+def test_the_best_in_every_case(
+    ahead: int, verdict: str, add: Callable[..., None], build: Any, many: Dataset
+) -> None:
+    """PhyDNN is nearest to the truth in `ahead` samples, and farthest from it in the others."""
+    for k, method in enumerate(("noser", "tv", "dnn")):
+        add(method, 0.02, seed=k)
+    truth = np.array(many.conductivity)
+    noise = np.where(np.arange(N) < ahead, 0.005, 0.1)[:, None, None]
+    build.add(many, "phydnn", truth + noise * np.random.default_rng(5).standard_normal(truth.shape))
+    run = build.write()
+    found = findings(run)["every-case"]
+    assert (found.verdict, found.figures[0].ours) == (verdict, ahead / N)
+    over = findings(run)["learned-over-classical"]
+    assert [figure.name.split(", ")[1] for figure in over.figures[::4]] == [
+        "DNN minus NOSER", "DNN minus TV", "PhyDNN minus NOSER", "PhyDNN minus TV",
+    ]  # fmt: skip
+
+
+def test_blurred_images_have_softer_edges_and_more_artefacts(build: Any, many: Dataset) -> None:
+    build.suite = "paper"
+    truth = np.array(many.conductivity)
+    for method, width in (("noser", 5), ("tv", 3), ("dnn", 1), ("phydnn", 1)):
+        blurred = 1 + gaussian_filter(truth - 1, (0, width, width))
+        build.add(many, method, blurred)
+    found = findings(build.write())
+    cleaner = found["networks-cleaner"]
+    assert cleaner.verdict is Verdict.holds
+    assert [figure.name for figure in cleaner.figures[:2]] == [
+        "Edge, DNN minus NOSER", "Artefacts, DNN minus NOSER",
+    ]  # fmt: skip
+    assert cleaner.figures[0].ours is not None
+    assert cleaner.figures[0].ours > 0
+    assert found["phydnn-cleaner"].verdict is Verdict.undecided  # the same images
+
+
+@pytest.mark.parametrize(
+    ("lower", "verdict"), [(70, "holds"), (51, "holds in part"), (7, "does not hold")]
+)
+def test_the_learning_curves(lower: int, verdict: str) -> None:
+    """Before and in the warm-up of 30 epochs nothing counts."""
+    epochs = np.arange(1, 101)
+    dnn = pd.DataFrame({"epoch": epochs, "train_physical": 1.0, "validation_physical": 1.0})
+    below = np.where(epochs > 100 - lower, 0.9, 1.1)
+    phydnn = dnn.assign(train_physical=below, validation_physical=below)
+    found = CLAIMS[NAMES.index("physical-loss")].finding(
+        Evidence([], curves={"dnn": dnn, "phydnn": phydnn})
+    )
+    assert found.verdict == verdict
+    assert f"{lower} of 70 epochs" in found.why
+
+
+@pytest.mark.parametrize(
+    ("p99", "verdict"),
+    [
+        ((20.0, 99.0), Verdict.holds),
+        ((20.0, 101.0), Verdict.in_part),
+        ((200.0, 101.0), Verdict.fails),
+    ],
+)
+def test_the_frame_rate(
+    p99: tuple[float, float], verdict: Verdict, add: Callable[..., None], build: Any
+) -> None:
+    add("dnn", 0.02, p99[0])
+    add("phydnn", 0.02, p99[1])
+    found = findings(build.write())["frame-rate"]
+    assert found.verdict is verdict
+    assert [figure.ours for figure in found.figures] == pytest.approx([1e3 / ms for ms in p99])
+    assert f"{p99[0]:.3g} ms (DNN)" in found.why
+    assert found.conditions == "one thread of A processor"
+
+
+def test_a_frame_rate_that_was_not_timed(add: Callable[..., None], build: Any) -> None:
+    add("dnn", 0.02, None)
+    add("phydnn", 0.02)
+    assert findings(build.write())["frame-rate"].verdict is Verdict.untestable
+
+
+@pytest.mark.parametrize(
+    ("ratio", "verdict", "order"),
+    [(252.0, "does not hold", "holds"), (6.5, "holds", "holds"),
+     (0.9, "does not hold", "does not hold")],
+)  # fmt: skip
+def test_the_ratio_of_table_i_is_tested_on_both_sides(
+    ratio: float, verdict: str, order: str, build_operators: Callable[..., Path]
+) -> None:
+    """A weak Jacobian makes the ratio large, which confirms nothing."""
+    run = build_operators({"surrogate": 1e-3, "jacobian": ratio * 1e-3}, n=N)
+    found = findings(run)
+    assert (found["table1-ratio"].verdict, found["table1-order"].verdict) == (verdict, order)
+    (figure,) = found["table1-ratio"].figures
+    assert figure.published == 6.3
+    assert figure.ours == pytest.approx(ratio)
+    row = found["table1-surrogate"]
+    assert row.verdict is Verdict.holds
+    assert [figure.published for figure in row.figures] == [0.99498, 2.57e-3]
+    assert [figure.verdict for figure in row.figures] == ["holds", None]
+    assert "0.26 and 0.29" in row.why  # MSE / (1 - R^2), which a variance of 1 exceeds
+
+
+def test_the_exact_gradient_is_tested_by_its_time(build_operators: Callable[..., Path]) -> None:
+    found = findings(build_operators({"surrogate": 1e-3, "fem": 1e-9}))["exact-gradient"]
+    assert (found.verdict, found.figures[0].ours) == (Verdict.fails, 1.0)
