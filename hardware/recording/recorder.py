@@ -278,10 +278,10 @@ class Recorder:
                 for name, values in columns.items():
                     self._append(name, values)
                 self._digest.update(packed.tobytes())
-                self.written += len(frames)
             for name, rows in tables.items():
                 self._append(name, rows)
             self._flush()
+            self.written += len(frames)
 
         self._reserve_and(write, size)
 

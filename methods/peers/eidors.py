@@ -158,7 +158,7 @@ class Eidors(Peer):
             "electrode_nodes": electrode_nodes(sensor, mesh).astype(np.float64),
             "contact_impedance": np.array(impedances),
             "pattern": sensor.pattern.table + 1.0,
-            "reference": self.reference(),
+            "reference": self.unit_frames(problem.background_voltages),
         }
         self._inside = pixels_inside(problem)
 
@@ -187,7 +187,7 @@ class LinearEidors(Eidors):
         super().prepare(problem)
         self._matrix = self.ask(np.eye(problem.sensor.n_measurements))
 
-    def contrast(self, difference: Array) -> Array:
+    def contrast(self, difference: Array, reference: Array) -> Array:
         """See `Peer`."""
         return difference @ self._matrix
 
@@ -270,6 +270,6 @@ class EidorsTvPdipm(Eidors):
         """See `Eidors`."""
         return {"hyperparameter": self.hyperparameter, "iterations": float(self.iterations)}
 
-    def contrast(self, difference: Array) -> Array:
+    def contrast(self, difference: Array, reference: Array) -> Array:
         """See `Peer`."""
         return self.ask(difference)

@@ -51,27 +51,26 @@ class Peer(Method):
         """Set the other software up for one problem."""
 
     @abstractmethod
-    def contrast(self, difference: Array) -> Array:
+    def contrast(self, difference: Array, reference: Array) -> Array:
         """Contrast (n, P) of the P pixels inside, in any scale, from differences (n, M).
 
-        Differences are signed and belong to a sensor whose background is 1 S/m.
+        They are signed, as is the `reference` frame (M,), and belong to a sensor whose background
+        is 1 S/m [V/A].
         """
 
-    def reference(self) -> Array:
-        """(M,) [V/A] the signed reference frame of a sensor whose background is 1 S/m."""
-        problem = self._problem
-        return np.asarray(self._signs * problem.reference / problem.gain * problem.background)
+    def unit_frames(self, frames: Array) -> Array:
+        """Model frames (..., M) [V/A], signed, of a sensor whose background is 1 S/m."""
+        return np.asarray(self._signs * frames * self._problem.background)
 
     def reconstruct(self, voltages: Array) -> Array:
         """Absolute conductivity (n, H, W) [S/m] from frames (n, M), within the sensor's range."""
         problem = self._problem
-        relative = 1 + self._scale * self._relative_contrast(problem.difference(voltages))
+        difference = self.unit_frames(problem.difference(voltages))
+        reference = self.unit_frames(problem.reference / problem.gain)
+        relative = 1 + self._scale * self.contrast(difference, reference)
         images = np.full((len(relative), *problem.mask.shape), problem.background)
         images[:, problem.mask] *= relative.clip(*problem.sensor.conductivity_range)
         return images
-
-    def _relative_contrast(self, difference: Array) -> Array:
-        return self.contrast(difference * self._signs * self._problem.background)
 
     def _calibrated(self) -> float:
         """The least-squares factor from what the software returns for discs to the discs."""
@@ -79,7 +78,8 @@ class Peer(Method):
         discs = calibration_discs(problem)
         model = problem.model
         frames = model.voltages(problem.background * np.where(discs, DISC_FACTOR, 1.0))
-        found = self._relative_contrast(frames - problem.background_voltages)
+        untouched = problem.background_voltages
+        found = self.contrast(self.unit_frames(frames - untouched), self.unit_frames(untouched))
         true = np.where(discs[:, problem.mask], DISC_FACTOR - 1, 0.0)
         energy = float(np.sum(found**2))
         scale = float(np.sum(true * found)) / energy if energy > 0 else 0.0

@@ -128,15 +128,14 @@ class PyEit(Peer):
         self.differs = f"{DIFFERS} ({mesh.n_elems} triangles)"
         self._solve, points = self.solver(mesh, pyeit_protocol(sensor.pattern))
         self._to_pixels = interpolation(points, scaled(sensor.outline, pixels_inside(problem)))
-        self._v0 = self.reference()
 
     @abstractmethod
     def solver(self, mesh: PyEITMesh, protocol: Any) -> tuple[Solve, Array]:
         """pyEIT's `solve` of (n, M) frames, and the points (p, 2) that its solutions belong to."""
 
-    def contrast(self, difference: Array) -> Array:
+    def contrast(self, difference: Array, reference: Array) -> Array:
         """See `Peer`; pyEIT's `solve`."""
-        found = np.real(self._solve(self._v0 + difference, self._v0))
+        found = np.real(self._solve(reference + difference, reference))
         return np.asarray((self._to_pixels @ found).T)
 
 

@@ -177,7 +177,7 @@ class SimulatedScenario(Declaration):
             "mesh": [
                 imperfections.mesh,
                 mesh_recipe(nominal, triangles=imperfections.mesh == "unstructured"),
-                vars(SLAB) if imperfections.mesh == "slab" else None,
+                *([vars(SLAB)] if imperfections.mesh == "slab" else []),
             ],
             "sessions": [TOUCHES, imperfections.of_voltages()],
             "families": [f.describe() for f in self.split_families(split)],

@@ -11,7 +11,7 @@ from eitbench.methods import Problem, create
 from eitbench.methods.learned import image_network_training
 from eitbench.methods.method import reconstructed
 from eitbench.methods.training import TrainingRequest, augmentation, train
-from eitbench.methods.training.augmentation import Augmentation, symmetries
+from eitbench.methods.training.augmentation import Augmentation, Symmetry, symmetries
 from eitbench.methods.training.samples import no_split
 from eitbench.scenarios import load
 from eitbench.scenarios.data.simulation import clean_frames
@@ -60,11 +60,11 @@ def test_networks_that_learn_with_a_noisy_reference_are_better(
     suite, test = suite_of(tmp_path, scenario), load(scenario, "test")
     error: dict[bool, list[float]] = {False: [], True: []}
     for known in error:
-        monkeypatch.setattr(
-            image_network_training,
-            "Augmentation",
-            lambda *args, known=known: Augmentation(*args[:2], args[2] if known else 0.0),
-        )
+
+        def made(noise: Noise, motions: list[Symmetry], rms: float, known: bool = known) -> object:
+            return Augmentation(noise, motions, rms if known else 0.0)
+
+        monkeypatch.setattr(image_network_training, "Augmentation", made)
         for seed in range(3):
             out = tmp_path / f"{known}-{seed}"
             request = TrainingRequest(
