@@ -60,10 +60,11 @@ def test_methods_reach_their_bars(name: str, scenario: str, bars: dict[str, floa
     "scenario",
     [pytest.param(name, marks=() if name in ENDS else pytest.mark.slow) for name in LEVELS],
 )
-def test_total_variation_beats_noser_at_every_noise_level(scenario: str) -> None:
+def test_total_variation_beats_noser_until_noise_hides_edges(scenario: str) -> None:
+    """At 30 dB, with the noise of two frames in a difference, NOSER has the higher PSNR."""
     tv, noser = figures(scenario, "tv"), figures(scenario, "noser")
     assert tv["ssim"] > noser["ssim"]
-    assert tv["psnr"] > noser["psnr"]
+    assert (tv["psnr"] > noser["psnr"]) == (scenario != "paper-30db")
 
 
 @pytest.mark.parametrize("scenario", ["paper", "paper-50db", "paper-30db"])
