@@ -86,7 +86,7 @@ def test_a_service_gives_each_frame_its_own_reference_frame(tiny: Suite, data: D
     """In one request: the images are those of services that begin with that reference frame."""
     splits = partial(learning_splits, tiny.scenarios[0])
     service = MethodService(data.sensor, data.references[0], splits, "noser", {})
-    service.set_up()
+    service.fitted({})  # `set_up` would close the test split of this process
     changes = data.voltages[:4] - data.references[:4]
     references = data.references[:4].copy()
     references[1:3] *= 1.5
@@ -95,7 +95,7 @@ def test_a_service_gives_each_frame_its_own_reference_frame(tiny: Suite, data: D
     assert reply.value.dtype == np.float32
     for k in range(4):
         fresh = MethodService(data.sensor, references[k], splits, "noser", {})
-        fresh.set_up()
+        fresh.fitted({})
         alone = fresh.reconstruct((references + changes)[k : k + 1], references[k : k + 1])
         np.testing.assert_allclose(reply.value[k], alone.value[0], atol=1e-5)
     none = np.empty((0, data.sensor.n_measurements))

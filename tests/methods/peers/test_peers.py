@@ -164,7 +164,8 @@ def test_jac_is_what_pyeit_makes_of_its_own_protocol() -> None:
     problem, frame, _ = touched(of, 0.9)
     method: Any = create("pyeit-jac")
     method.fit(problem)
-    found = method.contrast(problem.difference(frame))[0]
+    reference = method.unit_frames(problem.reference / problem.gain)
+    found = method.contrast(problem.difference(frame), reference)[0]
 
     theirs = JAC(pyeit_mesh(of), protocol.create(16, dist_exc=1, step_meas=1, parser_meas="std"))
     theirs.setup(p=0.5, lamb=0.01, method="kotre", jac_normalized=True)
