@@ -4,7 +4,6 @@ from pathlib import Path
 
 import pandas as pd
 
-from eitbench.benchmark import DataCorruptError
 from eitbench.benchmark.studies.priors import PHANTOMS
 from eitbench.reports.tables.formats import markdown_table
 
@@ -19,18 +18,6 @@ def write_priors(table: pd.DataFrame, folder: Path) -> list[Path]:
     table.to_csv(written[0], index=False)
     written[1].write_text(priors_table(table), encoding="utf-8")
     return written
-
-
-def read_priors(folder: Path) -> pd.DataFrame:
-    """Read what `write_priors` wrote.
-
-    Raises:
-        DataCorruptError: the file is no such table.
-    """
-    try:
-        return pd.read_csv(folder / FILE_NAME)
-    except (OSError, ValueError) as error:
-        raise DataCorruptError(f"{folder} holds no {FILE_NAME}: run `eitbench priors`.") from error
 
 
 def priors_table(table: pd.DataFrame) -> str:

@@ -4,14 +4,14 @@ from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
-from eitbench.benchmark import DataCorruptError
 from eitbench.benchmark.metrics.statistics import bootstrap
 from eitbench.benchmark.studies import priors
 from eitbench.benchmark.studies.priors import PRIORS, Told, worth_of_priors
 from eitbench.benchmark.tuning.selection import selected_parameters
-from eitbench.reports.studies.priors import priors_table, read_priors, write_priors
+from eitbench.reports.studies.priors import priors_table, write_priors
 from eitbench.scenarios import load
 from eitbench.scenarios.suites.scenario import TOUCHES
 from eitbench.scenarios.suites.suite import scenario_by_name
@@ -82,12 +82,11 @@ def test_the_worth_is_the_paired_difference_of_scores(monkeypatch: pytest.Monkey
 
 
 def test_the_table_of_the_documentation_is_that_of_the_stored_run(tmp_path: Path) -> None:
-    stored = read_priors(DOCS / "studies" / "priors")
+    stored = pd.read_csv(DOCS / "studies" / "priors" / "priors.csv")
     table = priors_table(stored)
     assert table in (DOCS / "results" / "priors.md").read_text()
     assert (stored["n"] == priors.SAMPLES).all()
     assert set(stored["prior"]) == {*PRIORS, priors.PHANTOMS}
     write_priors(stored, tmp_path)
-    assert priors_table(read_priors(tmp_path)) == table
-    with pytest.raises(DataCorruptError, match="run `eitbench priors`"):
-        read_priors(tmp_path / "nothing")
+    assert (tmp_path / "priors.md").read_text() == table
+    assert priors_table(pd.read_csv(tmp_path / "priors.csv")) == table
