@@ -115,7 +115,6 @@ class Problem:
     @reference.setter
     def reference(self, frame: ArrayLike) -> None:
         self._latest: Array = self._frames(self._nominal, np.asarray(frame)[None])[0]
-        self.__dict__.pop("gain", None)
 
     @property
     def background(self) -> float:
@@ -149,7 +148,7 @@ class Problem:
         model = forward_model(self._nominal)
         return model.voltages(model.background)
 
-    @cached_property
+    @property
     def gain(self) -> float:
         """Board units per V/A: the least-squares factor from the model's frame to v_ref."""
         self._read.add("gain")

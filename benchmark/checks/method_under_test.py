@@ -120,7 +120,9 @@ class MethodUnderTest:
         """
         key = repr(frames.shape).encode() + frames.tobytes()
         if key not in self._replies:
-            self._replies[key] = self.worker.request("reconstruct", *self._with_reference(frames))
+            self._replies[key] = self.worker.request(
+                "reconstruct", frames, _of_each(self.reference, frames)
+            )
         return self._replies[key]
 
     @property
@@ -141,10 +143,7 @@ class MethodUnderTest:
 
     def again(self, frames: Frames) -> Images:
         """Return the same, asked for again."""
-        return np.asarray(self.answer("reconstruct", *self._with_reference(frames)))
-
-    def _with_reference(self, frames: Frames) -> tuple[Frames, Frames]:
-        return frames, np.repeat(self.reference, len(frames), axis=0)
+        return np.asarray(self.answer("reconstruct", frames, _of_each(self.reference, frames)))
 
     def refit(
         self, frames: Frames, *, gain: float = 1.0, seed: int | None = None, threads: int = THREADS
@@ -222,7 +221,7 @@ class MethodTestService(MethodService):
             other = self._other(gain)
             other.set_up()
             _limit_threads(threads)  # of libraries that fitting loaded
-            return other.reconstruct(frames, np.repeat(other.reference[None], len(frames), axis=0))
+            return other.reconstruct(frames, _of_each(other.reference[None], frames))
 
     def with_other_reference(self, frames: Frames, reference: Frames) -> Reply:
         """Return images of `frames` with the `reference` (1, M): measured later, and from the fit.
@@ -230,7 +229,7 @@ class MethodTestService(MethodService):
         Two stacks (2, n, H, W): by the fitted method, which is given it now, and by another
         instance, which is fitted with it.
         """
-        references = np.repeat(reference, len(frames), axis=0)
+        references = _of_each(reference, frames)
         later = self.reconstruct(frames, references)
         other = MethodService(self.sensor, reference[0], self.splits, self.method, self.parameters)
         other.set_up()
@@ -244,7 +243,7 @@ class MethodTestService(MethodService):
         """Return the global generators that fitting, and reconstructing, leave in another state."""
         other = self._other(1.0)
         fitting, _ = _changed_generators(other.set_up)
-        references = np.repeat(other.reference[None], len(frames), axis=0)
+        references = _of_each(other.reference[None], frames)
         asking, reply = _changed_generators(lambda: other.reconstruct(frames, references))
         if reply.failure is not None:
             return reply
@@ -273,6 +272,11 @@ class MethodTestService(MethodService):
         # The plugin is loaded already.
         reference = self.reference * gain
         return MethodService(self.sensor, reference, self.splits, self.method, self.parameters)
+
+
+def _of_each(reference: Frames, frames: Frames) -> Frames:
+    """Return the reference frame (1, M) of each of `frames` (n, M): the same for all, (n, M)."""
+    return np.repeat(reference, len(frames), axis=0)
 
 
 def _resident() -> float:

@@ -80,8 +80,8 @@ def edges_and_artefacts(
     Returns:
         The mean step of the estimate from the outer to the inner half of the zones, over that of
         the truth (n,); and the norm of its contrast outside contacts and zones, over the norm of
-        the true contrast (n,). NaN where there is no true contact, or no
-        pixel lies within `EDGE_ZONE` outside one (coarse images).
+        the true contrast (n,). NaN where there is no true contact, or no pixel lies within
+        `EDGE_ZONE` outside one (coarse images).
     """
     height, width = sensor.image_shape
     x0, y0, x1, y1 = sensor.outline.bounds

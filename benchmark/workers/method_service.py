@@ -95,9 +95,8 @@ class MethodService:
             if reply.failure is not None:
                 return reply
             seconds += reply.seconds
-            with np.errstate(
-                over="ignore"
-            ):  # what does not fit becomes inf and is reported as such
+            # What does not fit becomes inf and is reported as such.
+            with np.errstate(over="ignore"):
                 images.append(reply.value.astype(np.float32))
         return Reply(np.concatenate(images), seconds)
 
