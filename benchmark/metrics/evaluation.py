@@ -109,6 +109,13 @@ def _imputed(dataset: Known, estimates: ArrayLike) -> NDArray[np.float32]:
     return images
 
 
+def _soft_presses(dataset: Known) -> NDArray[np.bool_]:
+    """The samples (n,) that a pressure is known of."""
+    if "pressure_pa" not in dataset.samples:
+        return np.zeros(len(dataset.samples), dtype=np.bool_)
+    return dataset.samples["pressure_pa"].notna().to_numpy()
+
+
 def _presses(dataset: Known) -> Array:
     return dataset.samples[["x_m", "y_m"]].to_numpy(dtype=np.float64)
 
@@ -144,6 +151,11 @@ def _figures_of_images(
         figures |= {**four, "score": score(**four), "bounded": bounded_score(four)}
         edge, artefacts = tactile.edges_and_artefacts(true, truth - background, contrast, sensor)
         figures |= {"edge": edge, "artefacts": artefacts}
+        pressed = _soft_presses(dataset)[rows]
+        if pressed.any():
+            shown, applied = (tactile.force(which, sensor) for which in (images, truth))
+            error = np.abs(shown - applied) / applied
+            figures["force_error"] = np.where(pressed, error, np.nan)
     else:
         figures["cc"] = cc(truth, contrast, mask)
         for name, sign in (("iou_resistive", -1), ("iou_conductive", 1)):

@@ -161,6 +161,19 @@ _SPECS = (
         traps="An empty image has none. Wide blur counts, too.",
     ),
     MetricSpec(
+        "force_error",
+        "Force error",
+        formula="|F(p) - F(t)| / F(t), F the integral over the sensor of the pressure that the law "
+        "of the foam (`scenarios.phantoms.press`) gives to a conductivity",
+        domain="simulated soft presses",
+        best="min",
+        aggregate="median",
+        form=".3f",
+        traps="Blind to place and shape. The law is told: on a real sensor it has to be measured "
+        "first, and hysteresis and creep add to the error. Contrast of noise cancels in the sum, "
+        "a wrong offset of the image does not.",
+    ),
+    MetricSpec(
         "iou_resistive",
         "IoU resistive",
         formula="as IoU, contrast below the background only",

@@ -14,6 +14,7 @@ from scipy.spatial.distance import cdist, pdist
 
 from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.phantoms.contacts import Contacts
+from eitbench.scenarios.phantoms.press import FOAM
 from eitbench.scenarios.sensors.sensor import Sensor
 
 _WEISZFELD_STEPS = 30
@@ -105,6 +106,18 @@ def edges_and_artefacts(
         edge[n] = step / whole
         artefacts[n] = np.linalg.norm(estimate[n][far]) / np.linalg.norm(truth[n][sensor.mask])
     return edge, artefacts
+
+
+def force(images: NDArray[np.floating], sensor: Sensor) -> Array:
+    """Force (n,) [N] of what presses, from images (n, H, W) [S/m], by the law of the foam.
+
+    It is the integral of `FoamLayer.pressure` over the sensor.
+    """
+    height, width = sensor.image_shape
+    x0, y0, x1, y1 = sensor.outline.bounds
+    pixel = (y1 - y0) / height * (x1 - x0) / width
+    pressure = FOAM.pressure(images[:, sensor.mask] / sensor.background)
+    return np.asarray(pixel * pressure.sum(axis=1))
 
 
 @dataclass(frozen=True, eq=False)

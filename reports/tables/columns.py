@@ -114,7 +114,8 @@ METHOD_LAYOUT = Layout(
         Column("frame_ms_p99", "p99 [ms]", TIME, "min"),
         *_metrics(
             METRICS, "localisation_mm", "contact_count_error", "area_error", "iou", "edge",
-            "artefacts", "iou_resistive", "iou_conductive", "strength_spearman", "repeatability_db",
+            "artefacts", "force_error", "iou_resistive", "iou_conductive", "strength_spearman",
+            "repeatability_db",
         ),
         Column("setup_s", "Set-up [s]", TIME, "min"),
         Column("train_s", "Training [s]", TIME, "min"),

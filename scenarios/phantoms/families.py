@@ -38,6 +38,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from eitbench.scenarios.errors import unknown_name
+from eitbench.scenarios.phantoms.press import PRESSURE_PA
 from eitbench.scenarios.phantoms.regions import Circle, Ellipse, Polygonal, Pose, Region, Ring
 
 Range = tuple[float, float]
@@ -166,7 +167,7 @@ _OTHERS = (
     Family("three-contacts", (_disc(0.06, 0.12),), count=3, gap=0.03),
     Family("four-contacts", (_disc(0.05, 0.1),), count=4, gap=0.03),
     Family("conductive", (_disc(0.08, 0.22), _box(0.12, 0.45)), conductivity=(1.1, 1.9)),
-    Family("soft-press", (_disc(0.06, 0.15), _box(0.1, 0.3)), pressure=(2e3, 60e3)),
+    Family("soft-press", (_disc(0.06, 0.15), _box(0.1, 0.3)), pressure=PRESSURE_PA),
 )
 _PRESSED = (0.3, 0.7)
 _OBJECTS = (

@@ -25,9 +25,13 @@ The layer is an open-cell foam soaked with a conducting liquid or gel, on a rigi
        sigma(e) / sigma(0) = (1 - e) (f(e) / f_0)^m
 
 It falls strictly with pressure: 2 kPa leave 0.91 of the background, 60 kPa leave 0.28.
+
+Backwards, the laws give the pressure on the base under every pixel. Its integral over the sensor is
+the force on the indenter, whatever its shape: nothing else carries it.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -74,5 +78,24 @@ class FoamLayer:
         decay = np.exp(-np.asarray(distance, dtype=np.float64) / self.falloff)
         return self.conductivity_ratio(self.strain(pressure) * decay)
 
+    def pressure(self, conductivity_ratio: ArrayLike) -> Array:
+        """Pressure [Pa] on the base where the 2-D conductivity is this fraction of the untouched.
+
+        It is that of the firmest press where conductivity is lower than under it. Ratios above 1
+        count as a pull, so that noise cancels in a sum; more than doubled they count as doubled.
+        """
+        ratios, pressures = self._inverse
+        return np.interp(np.asarray(conductivity_ratio, dtype=np.float64), ratios, pressures)
+
+    @cached_property
+    def _inverse(self) -> tuple[Array, Array]:
+        """Ratios, increasing, and the pressures [Pa] that belong to them."""
+        strain = np.linspace(float(self.strain(PRESSURE_PA[1])), -1.0, 4001)
+        pressure = self.modulus * strain / (1 - strain / self.densification)
+        return self.conductivity_ratio(strain), np.asarray(pressure)
+
+
+PRESSURE_PA = (2e3, 60e3)
+"""A light and a firm press: the range of the family `soft-press`."""
 
 FOAM = FoamLayer()

@@ -1,6 +1,6 @@
 """Scenarios: simulated or recorded data, declared in full."""
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import lru_cache
 from typing import Annotated, Any, Literal, Self
 
@@ -177,11 +177,11 @@ class SimulatedScenario(Declaration):
             "mesh": [
                 imperfections.mesh,
                 mesh_recipe(nominal, triangles=imperfections.mesh == "unstructured"),
-                *([vars(SLAB)] if imperfections.mesh == "slab" else []),
+                *([asdict(SLAB)] if imperfections.mesh == "slab" else []),
             ],
             "sessions": [TOUCHES, imperfections.of_voltages()],
             "families": [f.describe() for f in self.split_families(split)],
-            "foam": vars(FOAM),
+            "foam": asdict(FOAM),
             "phantoms": self.phantom_stream,
             "split": split,
         }

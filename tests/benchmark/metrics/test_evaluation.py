@@ -11,6 +11,7 @@ from eitbench.benchmark.metrics import tactile
 from eitbench.benchmark.metrics.evaluation import GroundTruth, evaluate, fit_registration
 from eitbench.benchmark.metrics.image_metrics import PSNR_CEILING_DB
 from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.phantoms.press import FOAM
 from eitbench.scenarios.sensors.outlines import Disc
 from eitbench.scenarios.sensors.sensor import even_electrodes, foam16
 
@@ -63,6 +64,18 @@ def test_conductivity_is_scored_with_all_metrics() -> None:
     assert (rows["iou"] > 0.9).all()
     assert not rows["cc_undefined"].any()
     np.testing.assert_allclose(rows[["found_x_m", "found_y_m"]], places(5), atol=2e-3)
+
+
+def test_the_force_is_scored_where_a_pressure_is_known() -> None:
+    """Over the same area forces are to each other as pressures are."""
+    truth, found = presses(places(3), level=-0.1), presses(places(3), level=-0.15)
+    rows = evaluate(
+        dataset("conductivity", 3, truth, pressure_pa=np.array([5e3, np.nan, 5e3])), found
+    )
+    law = FOAM.pressure([0.2 / 0.3, 0.15 / 0.3])
+    expected = law[1] / law[0] - 1
+    np.testing.assert_allclose(rows["force_error"], [expected, np.nan, expected], rtol=1e-4)
+    assert evaluate(dataset("conductivity", 3, truth), found)["force_error"].isna().all()
 
 
 def test_the_response_is_the_rms_of_the_contrast_inside() -> None:

@@ -1,5 +1,7 @@
 """Tactile metrics of images that are made by hand."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -9,6 +11,7 @@ from tests.support.contact_images import FOAM, PIXEL, Array, blobs, disc_sensor
 
 from eitbench.benchmark.metrics import tactile
 from eitbench.scenarios.phantoms.contacts import contacts
+from eitbench.scenarios.phantoms.press import FOAM as LAW
 
 
 def test_diameter_is_the_longest_way_across() -> None:
@@ -97,6 +100,26 @@ def test_edges_blur_and_contacts_of_both_signs_count_alike() -> None:
     nothing = np.zeros_like(truth)
     blank = tactile.edges_and_artefacts(contacts(nothing, FOAM), nothing, truth, FOAM)
     assert np.isnan(blank).all()
+
+
+def test_force_of_a_strip_is_that_of_its_edges_and_its_middle() -> None:
+    """Under a strip p w; beside it, p(e exp(-d / l)) integrates to -E l e_d ln(1 - e / e_d)."""
+    pressure, width, side = 30e3, 0.03, 0.1
+    strain = float(LAW.strain(pressure))
+    edge = -LAW.modulus * LAW.falloff * LAW.densification * np.log(1 - strain / LAW.densification)
+    expected = side * (pressure * width + 2 * edge)
+    errors = []
+    for n in (80, 160, 320):
+        x = (np.arange(n) + 0.5) / n * side
+        profile = LAW.pressed(pressure, np.maximum(np.abs(x - side / 2) - width / 2, 0))
+        sensor = replace(FOAM, image_shape=(4, n))
+        image = FOAM.background * np.broadcast_to(profile, (1, 4, n))
+        (found,) = tactile.force(image, sensor)
+        errors.append(abs(found / expected - 1))
+    assert errors[0] < 0.003
+    assert errors[1] < errors[0] / 3.5
+    assert errors[2] < errors[1] / 3.5
+    assert tactile.force(np.full((1, 80, 80), FOAM.background), FOAM) == pytest.approx(0, abs=1e-4)
 
 
 @given(

@@ -1,6 +1,7 @@
 """Verdicts of every rule, on runs and studies that were made to deserve them."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -151,6 +152,34 @@ def test_blurred_images_have_softer_edges_and_more_artefacts(build: Any, many: D
     assert cleaner.figures[0].ours is not None
     assert cleaner.figures[0].ours > 0
     assert found["phydnn-cleaner"].verdict is Verdict.undecided  # the same images
+
+
+@pytest.mark.parametrize(
+    ("softer", "verdict"), [(0.002, "holds"), (-0.002, "does not hold"), (0.0, "undecided")]
+)
+def test_forces_are_compared_on_soft_presses_alone(
+    softer: float, verdict: str, build: Any, many: Dataset
+) -> None:
+    """Images with an offset show a wrong force; PhyDNN's is smaller by `softer` [S/m]."""
+    build.suite = "shapes"
+    pressure = np.where(np.arange(N) % 6 == 0, np.nan, 10e3)
+    shapes = replace(many, scenario="shapes", samples=many.samples.assign(pressure_pa=pressure))
+    shapes.__dict__["conductivity"] = truth = np.array(many.conductivity)
+    offset = 0.01 + np.random.default_rng(0).normal(0, 0.001, (2, N, 1, 1))
+    build.add(shapes, "dnn", truth - offset[0])
+    build.add(shapes, "phydnn", truth - offset[1] + softer)
+    found = findings(build.write())["force"]
+    assert (found.verdict, found.n) == (verdict, 100)
+    assert found.conditions.startswith(f"100 of all {N} test samples of 'shapes'")
+
+
+def test_a_run_without_soft_presses_says_nothing_of_forces(build: Any, many: Dataset) -> None:
+    build.suite = "shapes"
+    shapes = replace(many, scenario="shapes")
+    shapes.__dict__["conductivity"] = truth = np.array(many.conductivity)
+    for name in ("dnn", "phydnn"):
+        build.add(shapes, name, truth)
+    assert findings(build.write())["force"].verdict is Verdict.untestable
 
 
 @pytest.mark.parametrize(

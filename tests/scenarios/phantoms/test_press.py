@@ -2,9 +2,11 @@
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from eitbench.scenarios.phantoms.families import FAMILIES
-from eitbench.scenarios.phantoms.press import FOAM
+from eitbench.scenarios.phantoms.press import FOAM, PRESSURE_PA
 
 
 def test_strain_solves_the_stated_law() -> None:
@@ -41,3 +43,20 @@ def test_edge_decays_over_the_stated_length() -> None:
     assert ratio[-1] == pytest.approx(1.0, abs=1e-4)
     one_length = FOAM.conductivity_ratio(FOAM.strain(30e3) / np.e)
     assert FOAM.pressed(30e3, FOAM.falloff) == pytest.approx(float(one_length))
+
+
+@given(st.floats(0, PRESSURE_PA[1]))
+def test_pressure_is_found_again_from_conductivity(pressure: float) -> None:
+    ratio = FOAM.conductivity_ratio(FOAM.strain(pressure))
+    assert FOAM.pressure(ratio) == pytest.approx(pressure, rel=1e-5, abs=0.01)
+
+
+def test_noise_about_the_untouched_cancels_and_no_pressure_is_firmer_than_the_firmest() -> None:
+    up, down = FOAM.pressure([1.001, 0.999])
+    assert up < 0 < down
+    assert up + down == pytest.approx(0, abs=0.01 * down)
+    firmest = float(FOAM.conductivity_ratio(FOAM.strain(PRESSURE_PA[1])))
+    least, beyond = FOAM.pressure([firmest, 0.05])
+    assert least == pytest.approx(PRESSURE_PA[1])
+    assert beyond == pytest.approx(PRESSURE_PA[1])
+    assert FOAM.pressure(5.0) == FOAM.pressure(2.1)
