@@ -4,7 +4,7 @@ PYTHON ?= $(firstword $(shell for p in python3 python3.13 python3.12 python3.11;
 BIN := .venv/bin
 STAMPS := .venv/.stamps
 
-.PHONY: help demo test slow bench mutants docs lint types audit tune clean
+.PHONY: help demo test slow bench mutants docs tables lint types audit tune clean
 
 help:  ## what can be made
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/'
@@ -28,6 +28,9 @@ mutants: $(STAMPS)/mutants  ## mutation testing of what scores methods, hours (C
 
 docs: $(STAMPS)/docs  ## the documentation as a site, in build/site; warnings are errors
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
+
+tables: $(STAMPS)/test  ## write the tables of the documentation anew, from stored runs and studies
+	$(BIN)/python docs/tables.py
 
 lint: $(STAMPS)/lint  ## ruff
 	$(BIN)/ruff check .

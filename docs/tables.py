@@ -1,0 +1,174 @@
+"""Tables of the documentation, made from stored runs and studies.
+
+A table stands between `<!-- table: NAME -->` and `<!-- end of table -->`. `make tables` writes them
+all anew; a test fails where a page and its record differ.
+"""
+
+import json
+import re
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from pathlib import Path
+
+import pandas as pd
+
+from eitbench.reports.claims.rules import LABELS
+from eitbench.reports.studies.priors import priors_table
+from eitbench.reports.tables.formats import markdown_table
+from eitbench.reports.tables.published import TABLE_II
+
+DOCS = Path(__file__).resolve().parent
+STUDIES = DOCS / "studies"
+_PLACE = re.compile(r"(<!-- table: (.+?) -->\n).*?(\n<!-- end of table -->)", flags=re.DOTALL)
+
+
+def pages() -> list[Path]:
+    """Return all pages that may hold a table."""
+    return [DOCS.parent / "README.md", DOCS.parent / "CONTRIBUTING.md", *sorted(DOCS.rglob("*.md"))]
+
+
+def filled(text: str) -> str:
+    """Return a page with its tables made anew."""
+    return _PLACE.sub(lambda place: place[1] + TABLES[place[2]]().strip("\n") + place[3], text)
+
+
+def _table(
+    heads: Sequence[str], rows: Sequence[Sequence[str]], right: Sequence[bool] | None = None
+) -> str:
+    return "\n".join(markdown_table(heads, rows, right))
+
+
+_SCENARIOS = {
+    "noise-clean": "clean",
+    "noise-60db": "60 dB",
+    "noise-50db": "50 dB",
+    "noise-40db": "40 dB",
+    "noise-30db": "30 dB",
+    "shapes": "unseen shapes, 50 dB",
+}
+
+
+def _generators(*generators: int, form: str) -> str:
+    """Return the PSNR on each scenario, of one generator of the data or of several in turn."""
+    stored = pd.read_csv(STUDIES / "generator" / "generators.csv")
+    psnr = stored.set_index(["generator", "scenario", "method"])["psnr"]
+    rows = [
+        [
+            f"`{method}`",
+            *(" → ".join(format(psnr[g, s, method], form) for g in generators) for s in _SCENARIOS),
+        ]
+        for method in stored["method"].unique()
+    ]
+    return _table(["PSNR [dB]", *_SCENARIOS.values()], rows)
+
+
+def _families() -> str:
+    stored = pd.read_csv(STUDIES / "generator" / "families.csv")
+    psnr = stored.pivot_table(index="method", columns="family", values="psnr")
+    psnr = psnr.loc[psnr.mean(axis=1).sort_values(ascending=False).index]
+    rows = [[f"`{method}`", *(f"{value:.1f}" for value in row)] for method, row in psnr.iterrows()]
+    return _table(["PSNR [dB]", *psnr.columns], rows)
+
+
+def _mutation() -> str:
+    score = pd.read_csv(STUDIES / "mutation" / "score.csv")
+    counts = ["mutants", "survived", "explained"]
+    total = pd.DataFrame([{"module": "all", **score[counts].sum()}])
+    rows = pd.concat([score.assign(module="`" + score["module"] + "`"), total]).astype(str)
+    return _table(["module", *counts], rows.to_numpy().tolist())
+
+
+def _trap(run: str, scenario: str, columns: Mapping[str, tuple[str, str]]) -> Callable[[], str]:
+    """Return the table of a scenario of `traps.csv`; columns by name with heading and format."""
+
+    def table() -> str:
+        of = _traps().loc[run, scenario].reset_index().sort_values("ssim", ascending=False)
+        rows = [
+            [
+                f"`{row['method']}`",
+                *(format(row[name], form) for name, (_, form) in columns.items()),
+            ]
+            for row in of.to_dict("records")
+        ]
+        return _table(["", *(heading for heading, _ in columns.values())], rows)
+
+    return table
+
+
+def _traps() -> pd.DataFrame:
+    stored = pd.read_csv(STUDIES / "traps" / "traps.csv")
+    return stored.set_index(["run", "scenario", "method"]).sort_index()
+
+
+def _untuned_and_tuned() -> str:
+    stored = _traps()
+    rows = []
+    for method in ("noser", "tv"):
+        both = (stored.loc[run, "finer-mesh", method] for run in ("untuned", "tuned"))
+        rows.append([f"`{method}`", *(f"{r['score']:.2f} ({r['psnr']:.1f} dB)" for r in both)])
+    return _table(["S on `finer-mesh`", "as it comes", "tuned"], rows)
+
+
+def _meshes_and_noise() -> str:
+    psnr = _traps().loc["tuned"]["psnr"]
+    names = {"same-mesh": "same mesh", "finer-mesh": "finer mesh", "finer-mesh-40db": "and 40 dB"}
+    rows = [
+        [f"`{method}`", *(f"{psnr[name, method]:.2f}" for name in names)]
+        for method in ("tv", "noser", "back-projection", "nothing")
+    ]
+    return _table(["PSNR [dB]", *names.values()], rows)
+
+
+_READ = (
+    # frames, axes, background
+    ("absolute maps", "as they are", "as they are", True),
+    ("without their background", "as they are", "as they are", False),
+    ("the same, axes exchanged", "as they are", "exchanged", False),
+    ("frames of offset 4 taken for offset 3, without background",
+     "offset 4, taken for offset 3", "as they are", False),
+    ("electrodes numbered the other way, without background",
+     "electrodes numbered the other way", "as they are", False),
+)  # fmt: skip
+
+
+def _readings() -> str:
+    stored = pd.DataFrame(json.loads((STUDIES / "readings" / "readings.json").read_text())["rows"])
+    plain = stored[(stored["sign"] == 1) & (stored["strength"] == 1)]
+    by = plain.set_index(["method", "frames", "axes", "background"])
+    rows = []
+    for method in ("noser", "tv"):
+        rows.append([LABELS[method], "published", *_four(TABLE_II[method])])
+        rows += [["", title, *_four(by.loc[(method, *reading)])] for title, *reading in _READ]
+    return _table(["", "read as", "SSIM", "CC", "RIE", "PSNR"], rows, [False] * 2 + [True] * 4)
+
+
+def _four(row: Mapping[str, float]) -> list[str]:
+    return [
+        f"{row['ssim']:.3f}", f"{row['cc']:.2f}", f"{row['rie']:.2f}", f"{row['psnr']:.1f} dB",
+    ]  # fmt: skip
+
+
+TABLES: dict[str, Callable[[], str]] = {
+    "generators": partial(_generators, 1, 2, form=".2f"),
+    "noise and unseen shapes": partial(_generators, 2, form=".1f"),
+    "families of shapes": _families,
+    "mutation testing": _mutation,
+    "priors": lambda: priors_table(pd.read_csv(STUDIES / "priors" / "priors.csv")),
+    "nothing": _trap(
+        "untuned",
+        "finer-mesh-40db",
+        {
+            "ssim": ("SSIM", ".3f"), "rie": ("RIE", ".3f"), "psnr": ("PSNR [dB]", ".1f"),
+            "cc": ("CC", ".3f"), "iou": ("IoU", ".3f"), "score": ("S", ".2f"),
+            "bounded": ("B", ".3f"),
+        },
+    ),
+    "untuned and tuned": _untuned_and_tuned,
+    "meshes and noise": _meshes_and_noise,
+    "readings": _readings,
+}  # fmt: skip
+
+
+if __name__ == "__main__":
+    for page in pages():
+        page.write_text(filled(page.read_text()))

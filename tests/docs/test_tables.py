@@ -1,0 +1,48 @@
+"""Tables on pages are those of the stored runs."""
+
+import importlib.util
+import re
+from pathlib import Path
+from types import ModuleType
+
+import pandas as pd
+import pytest
+
+DOCS = Path(__file__).parents[2] / "docs"
+
+
+@pytest.fixture(scope="module")
+def tables() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("docs_tables", DOCS / "tables.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_every_table_is_that_of_its_record(tables: ModuleType) -> None:
+    used = []
+    for page in tables.pages():
+        text = page.read_text()
+        assert tables.filled(text) == text, f"{page} differs from its records: run `make tables`"
+        used += re.findall(r"<!-- table: (.+?) -->", text)
+        assert text.count("<!-- table: ") == text.count("<!-- end of table -->")
+    assert sorted(used) == sorted(tables.TABLES)
+
+
+def test_a_figure_that_was_typed_is_put_right(tables: ModuleType) -> None:
+    text = (DOCS / "results" / "data.md").read_text()
+    typed = text.replace("30.42", "32.42")
+    assert typed != text
+    assert tables.filled(typed) == text
+
+
+def test_runs_behind_the_tables_are_as_large_as_pages_say() -> None:
+    for name, n in (
+        ("generator/generators", 120),
+        ("generator/families", 20),
+        ("priors/priors", 120),
+        ("traps/traps", 120),
+    ):
+        assert (pd.read_csv(DOCS / "studies" / f"{name}.csv")["n"] == n).all()
