@@ -46,11 +46,12 @@ def run_claims(
 
 
 def _plans(limit: int | None) -> Sequence[Plan]:
-    networks = [load_suite(name) for name in ("shapes", "noise", "objects")]
+    networks = [load_suite(name) for name in ("shapes", "noise")]
     return (
         make_plan(load_suite("paper"), methods=METHODS, scenarios=["paper"], limit=limit),
         make_plan(load_suite("operators"), operators=OPERATORS, scenarios=["paper"], limit=limit),
         *(make_plan(suite, methods=["dnn", "phydnn"], limit=limit) for suite in networks),
+        make_plan(load_suite("objects"), methods=METHODS, limit=limit),
     )
 
 

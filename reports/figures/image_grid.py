@@ -103,11 +103,19 @@ def write_figures(run: Path) -> list[Path]:
     return written
 
 
-def comparison(run: Run, scenario: str) -> ImageGrid:
-    """Return the grid of a scenario: methods by rank, the first sample of each family."""
+def comparison(
+    run: Run,
+    scenario: str,
+    methods: Sequence[str] | None = None,
+    samples: Sequence[int] | None = None,
+) -> ImageGrid:
+    """Return the grid of a scenario: by default methods by rank, the first sample of each family.
+
+    Given `samples` are in increasing order.
+    """
     rows = [row for row in leaderboard_rows([run]) if row["scenario"] == scenario]
-    methods = list(dict.fromkeys(row["method"] for row in rows))
-    samples = _chosen(run.samples[run.samples["scenario"] == scenario])
+    methods = methods or list(dict.fromkeys(row["method"] for row in rows))
+    samples = samples or _chosen(run.samples[run.samples["scenario"] == scenario])
     scene = run.scene(scenario, samples)
     contrast = scene.truth is None or scene.has_classes
     shift = scene.background if contrast else 0.0

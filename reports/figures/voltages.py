@@ -22,12 +22,14 @@ from eitbench.reports.figures.style import (
 from eitbench.reports.tables.columns import printable
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterator, Mapping
     from pathlib import Path
 
     import pandas as pd
     from matplotlib.figure import Figure
     from numpy.typing import NDArray
+
+    from eitbench.benchmark.analysis.results import Run
 
 
 _ROUNDING = 1e-9
@@ -41,11 +43,20 @@ def write_voltages(run: Path) -> list[Path]:
     Raises:
         DataCorruptError: the run's file of voltages is damaged.
     """
-    read = read_run(run)
-    arrays = run / OPERATOR_RUNS.arrays
+    written = []
+    for scenario, figure in voltage_figures(read_run(run)):
+        (run / "figures").mkdir(exist_ok=True)
+        stem = run / "figures" / f"voltages-{quote(scenario, safe='')}"
+        written += save(figure, stem)
+    return written
+
+
+def voltage_figures(read: Run) -> Iterator[tuple[str, Figure]]:
+    """Yield the scenarios of a run of operators with their figures, see `write_voltages`."""
+    arrays = read.path / OPERATOR_RUNS.arrays
     if read.kind != OPERATOR_RUNS or not arrays.is_file():
-        return []
-    written, rows = [], leaderboard_rows([read])
+        return
+    rows = leaderboard_rows([read])
     for scenario in read.scenarios():
         whole = (row for row in rows if row["scenario"] == scenario and row["coverage"] == 1)
         names = [row["operator"] for row in whole]
@@ -54,11 +65,7 @@ def write_voltages(run: Path) -> list[Path]:
         of_last = read.samples["operator"] == names[-1]
         sample = typical_sample(read.samples[of_last & (read.samples["scenario"] == scenario)])
         responses = read_responses(arrays, scenario, names, sample)
-        (run / "figures").mkdir(exist_ok=True)
-        title = f"{printable(scenario)}, sample {sample}"
-        stem = run / "figures" / f"voltages-{quote(scenario, safe='')}"
-        written += save(draw(responses, title), stem)
-    return written
+        yield scenario, draw(responses, f"{printable(scenario)}, sample {sample}")
 
 
 def typical_sample(samples: pd.DataFrame) -> int:

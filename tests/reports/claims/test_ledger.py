@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 
 from eitbench.benchmark import EitbenchError, InputError
-from eitbench.benchmark.studies import training_study
+from eitbench.benchmark.studies import architecture, training_study
 from eitbench.benchmark.studies.readings import write_readings
 from eitbench.reports.claims.claim import Verdict
 from eitbench.reports.claims.ledger import Ledger, claim_ledger, table
@@ -79,13 +79,14 @@ class Page(HTMLParser):
 
 
 @pytest.fixture(autouse=True)
-def no_curves(monkeypatch: pytest.MonkeyPatch) -> None:
-    """No figure of losses: it takes seconds to draw."""
+def no_figures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No figures of networks and losses: they take seconds to draw."""
 
     def refuse() -> None:
         raise InputError("There are no weights.")
 
     monkeypatch.setattr(training_study, "paper_curves", refuse)
+    monkeypatch.setattr(architecture, "published_networks", dict)
 
 
 def page_of(found: Ledger, runs: list[Path], folder: Path) -> Page:
