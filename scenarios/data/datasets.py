@@ -6,9 +6,11 @@ from functools import cached_property
 from itertools import pairwise
 from typing import Literal, NamedTuple, cast, get_args
 
+import joblib
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
 from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.data.simulation import (
@@ -16,6 +18,7 @@ from eitbench.scenarios.data.simulation import (
     clean_frames,
     nominal_frames,
     phantom,
+    tracked,
 )
 from eitbench.scenarios.errors import InputError, unknown_name
 from eitbench.scenarios.guard import check_open
@@ -116,7 +119,7 @@ def load(
         scenario: one of the packaged suites' scenarios by name, or a scenario of your own.
         split: "train", "validation" or "test"; recorded scenarios have no "train".
         limit: number of samples; all by default.
-        jobs: number of processes to simulate with.
+        jobs: number of processes to simulate and calibrate with.
         progress: show a progress bar on stderr.
 
     Raises:
@@ -141,16 +144,36 @@ def load(
         data = _simulated(scenario, cast("Split", split), limit, jobs, progress)
         if split != "test":
             return data  # of the nominal sensor
-    if not scenario.calibrated:
-        return data
+    return _calibrated(data, jobs, progress) if scenario.calibrated else data
+
+
+def _calibrated(data: Dataset, jobs: int, progress: bool) -> Dataset:
+    """The data, corrected session by session by what each reference frame shows."""
+    sessions = same_reference(data.references)
+    pool = joblib.Parallel(n_jobs=min(jobs, len(sessions)), return_as="generator", batch_size=1)
+    steps = pool(
+        joblib.delayed(_corrected)(data.sensor, data.voltages[rows], data.references[rows.start])
+        for rows in sessions
+    )
+    voltages, references = np.empty_like(data.voltages), np.empty_like(data.voltages)
+    title = f"Calibrating {data.scenario}"
+    corrected = tracked(steps, title, len(sessions), show=progress)
+    for rows, found in zip(sessions, corrected, strict=True):
+        voltages[rows], references[rows] = found
+    return replace(data, voltages=voltages, references=references)
+
+
+def _corrected(sensor: Sensor, voltages: Array, reference: Array) -> tuple[Array, Array]:
+    """Frames (n, M) and reference frame (M,) as the nominal sensor would have given them.
+
+    It is found on one thread, so that its bits do not depend on how many there are.
+    """
     # Imported here: it is a small inverse problem, which few scenarios pose.
     from eitbench.scenarios.imperfections.calibration import calibrate
 
-    voltages, references = np.empty_like(data.voltages), np.empty_like(data.voltages)
-    for rows in same_reference(data.references):
-        found = calibrate(data.sensor, data.references[rows][:1])
-        voltages[rows], references[rows] = found.corrected(data.voltages[rows]), found.nominal
-    return replace(data, voltages=voltages, references=references)
+    with threadpool_limits(1):
+        found = calibrate(sensor, reference[None])
+        return found.corrected(voltages), found.nominal
 
 
 def same_reference(references: Array) -> list[slice]:

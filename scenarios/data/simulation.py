@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import joblib
 import numpy as np
@@ -34,6 +34,8 @@ from eitbench.scenarios.suites.scenario import TOUCHES, SimulatedScenario, Split
 CHUNK = 10 * TOUCHES
 
 _log = logging.getLogger(__name__)
+
+_Step = TypeVar("_Step")
 
 
 def phantom(scenario: SimulatedScenario, split: Split, sample: int) -> Phantom:
@@ -72,13 +74,8 @@ def clean_frames(
         if stored is not None and len(stored.voltages) >= chunk.count:
             ready[chunk.first] = CleanFrames(*(array[: chunk.count] for array in stored))
     missing = [chunk for chunk in chunks if chunk.first not in ready]
-    steps: Iterable[tuple[_Chunk, CleanFrames]] = _simulated(scenario, split, missing, jobs)
-    console = Console(stderr=True)
-    # Without a terminal there is nobody to watch, and a log needs no empty lines.
-    if progress and missing and console.is_terminal:
-        title = f"Simulating {scenario.name}"
-        steps = track(steps, title, total=len(missing), console=console)
-    for chunk, frames in steps:
+    steps = _simulated(scenario, split, missing, jobs)
+    for chunk, frames in tracked(steps, f"Simulating {scenario.name}", len(missing), show=progress):
         ready[chunk.first] = frames
     empty = np.empty((0, scenario.nominal_sensor.n_measurements))
     found = [ready[chunk.first] for chunk in chunks]
@@ -86,6 +83,15 @@ def clean_frames(
         np.concatenate([empty, *(frames.voltages for frames in found)]),
         np.concatenate([empty, *(frames.untouched for frames in found)]),
     )
+
+
+def tracked(steps: Iterable[_Step], title: str, total: int, *, show: bool) -> Iterable[_Step]:
+    """Return `steps`, so many in `total`; a bar on stderr shows how many are done."""
+    console = Console(stderr=True)
+    # Without a terminal there is nobody to watch, and a log needs no empty lines.
+    if show and total and console.is_terminal:
+        return track(steps, title, total=total, console=console)
+    return steps
 
 
 def nominal_frames(scenario: SimulatedScenario, split: Split, count: int) -> tuple[Array, Array]:

@@ -78,8 +78,8 @@ def test_the_frame_it_was_made_from_becomes_the_nominal_one(found: Calibration) 
     assert np.allclose(found.corrected(found.reference[None])[0], found.nominal)
 
 
-def _changes(board: Imperfections, *, calibrated: bool) -> np.ndarray:
-    scenario = SimulatedScenario(
+def _scenario(board: Imperfections, *, calibrated: bool) -> SimulatedScenario:
+    return SimulatedScenario(
         name="calibration-test",
         image_shape=(24, 24),
         families=("circle", "l-shape"),
@@ -89,8 +89,22 @@ def _changes(board: Imperfections, *, calibrated: bool) -> np.ndarray:
         imperfections=board,
         calibrated=calibrated,
     )
-    data = load(scenario)
+
+
+def _changes(board: Imperfections, *, calibrated: bool) -> np.ndarray:
+    data = load(_scenario(board, calibrated=calibrated))
     return np.asarray(data.voltages - data.references)
+
+
+def test_every_session_is_corrected_by_its_own_frame_in_any_number_of_processes() -> None:
+    measured = load(_scenario(BOARD, calibrated=False))
+    alone, together = (load(_scenario(BOARD, calibrated=True), jobs=jobs) for jobs in (1, 2))
+    np.testing.assert_array_equal(alone.voltages, together.voltages)
+    np.testing.assert_array_equal(alone.references, together.references)
+    for rows in (slice(0, 3), slice(3, 6)):
+        found = calibrate(measured.sensor, measured.references[rows][:1])
+        np.testing.assert_allclose(alone.voltages[rows], found.corrected(measured.voltages[rows]))
+        np.testing.assert_allclose(alone.references[rows], [found.nominal] * 3)
 
 
 @pytest.mark.parametrize(
