@@ -118,7 +118,11 @@ def _row(run: Run, keys: Row, cell: pd.DataFrame) -> Row:
     specs = tuple(kind.metrics.values())
     figures = once(lambda counts: aggregate(counted, specs, counts), len(counted))
     for spec, value in zip(specs, figures, strict=True):
-        row[spec.name] = _plain(known.get(spec.name) if spec.aggregate is None else value)
+        if spec.aggregate is not None:
+            row[spec.name] = _plain(value)
+            continue
+        for end in ("", "_low", "_high"):
+            row[f"{spec.name}{end}"] = _plain(known.get(f"{spec.name}{end}"))
     for name in kind.costs:
         row[name] = _plain(known.get(name))
     for name in kind.facts:

@@ -4,9 +4,10 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from eitbench.benchmark.metrics.metric_spec import SMALL, TIME, MetricSpec
+from eitbench.benchmark.metrics.statistics import Interval, bootstrap
 from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.errors import InputError
 
@@ -43,14 +44,32 @@ def mse(truth: Array, estimate: Array, standard: Standard) -> Array:
     return np.asarray(np.mean(((estimate - truth) / standard.std) ** 2, axis=1))
 
 
-def correlation(truth: Array, estimate: Array, reference: Array) -> float:
-    """Pearson correlation of responses v - reference (n, M) over all values; NaN if undefined."""
-    z, y = ((voltages - reference).ravel() for voltages in (truth, estimate))
-    if not len(z):
-        return float("nan")
-    z, y = z - z.mean(), y - y.mean()
-    size = float(np.linalg.norm(z) * np.linalg.norm(y))
-    return float(z @ y) / size if size > 0 else float("nan")
+def correlation(
+    truth: Array, estimate: Array, reference: Array, clusters: ArrayLike | None = None
+) -> Interval:
+    """Pearson correlation of responses v - reference (n, M) over all values; NaN if undefined.
+
+    Its interval is that over `clusters` (n,) of samples, see `bootstrap`; by default each sample
+    is one. Without two of them it is NaN.
+    """
+    z, y = truth - reference, estimate - reference
+    sums = np.stack([a.sum(axis=1) for a in (np.ones_like(z), z, y, z * z, y * y, z * y)], axis=1)
+    of = np.arange(len(sums)) if clusters is None else np.asarray(clusters)
+    if len(np.unique(of)) < 2:
+        value = float(_correlations(np.ones((1, len(sums))), sums)[0, 0])
+        return Interval(value, np.nan, np.nan)
+    (found,) = bootstrap(sums, of, _correlations)
+    return found
+
+
+def _correlations(counts: Array, sums: Array) -> Array:
+    """Correlations (b, 1) of draws from the sums of each sample (n, 6): 1, z, y, zz, yy, zy."""
+    count, z, y, zz, yy, zy = (counts @ sums).T
+    with np.errstate(divide="ignore", invalid="ignore"):
+        spread_z, spread_y = zz - z * z / count, yy - y * y / count
+        # What is left by rounding is no spread.
+        spread_y = np.where(spread_y > 1e-12 * yy, spread_y, np.nan)
+        return np.asarray((zy - z * y / count) / np.sqrt(spread_z * spread_y))[:, None]
 
 
 def relative_error(truth: Array, estimate: Array) -> Array:

@@ -245,4 +245,6 @@ class OperatorCellTask(CellTask):
         table.loc[valid, "rel_error"] = relative_error(truth, estimate)
         for name in ("grad_cosine", "grad_undefined", "forward_ms", "grad_ms"):
             table[name] = stored.values[name]
-        return table, {"r": correlation(truth, estimate, data.reference)}
+        clusters = data.test.samples["cluster"].to_numpy()[valid]
+        r = correlation(truth, estimate, data.reference, clusters)
+        return table, {"r": r.value, "r_low": r.low, "r_high": r.high}

@@ -82,6 +82,8 @@ STUDIES: dict[str, TrainingStudy] = {
     "physics": TrainingStudy(
         {"physics": ("none", "surrogate", "fem"), "seed": (0, 1, 2)}, "test", True, _with_loss
     ),
+    # What are the true images of the training worth?
+    "supervision": TrainingStudy({"alpha": (1.0, 0.0), "seed": (0, 1, 2)}, "test", False, dict),
     # What are more data and a larger network worth?
     "size": TrainingStudy(
         {"samples": (750, 1500, 3000, 6000), "backbone": ("unet-small", "unet")},

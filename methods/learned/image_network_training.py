@@ -36,13 +36,16 @@ batch has the same expectation; over all of it, physics would cost as much time 
 
 
 class ImageTask(TrainingTask):
-    """alpha * data loss + beta * physical loss, with alpha = 1.
+    """alpha * data loss + beta * physical loss, with alpha = 1 or 0.
 
     A batch for training holds differences (n, M) [V/A], rms of the frames (n,) [V/A] and relative
     images (n, H, W). The data loss is the mean over samples and pixels of (sigma_p - sigma)^2, both
     relative to the background; for the other see `PhysicalLoss`. It is minimised over
     `PHYSICAL_SHARE` of each batch after the first `DATA_ALONE` of the epochs, and always shown, for
     the validation split and for as many training samples.
+
+    With alpha = 0 the physical loss of whole batches is minimised from the first epoch on, and
+    chooses the best one: no true image has a part in it.
     """
 
     network: ImageNetwork
@@ -52,19 +55,23 @@ class ImageTask(TrainingTask):
         network: ImageNetwork,
         augmentation: Augmentation,
         physical: PhysicalLoss,
+        alpha: float,
         beta: float,
         epochs: int,
     ) -> None:
         super().__init__(network)
         self.augmentation = augmentation
         self.physical = physical
-        self._beta = beta
+        self._alpha, self._beta = alpha, beta
         self._alone = round(DATA_ALONE * epochs)
 
     def objective(self, batch: Data, epochs_done: int) -> tuple[Tensor, Tensor]:
-        """Return what is minimised on an augmented batch, and its data loss."""
+        """Return what is minimised on an augmented batch, and what is shown of it."""
         difference, truth, motion = self.augmentation(*batch)
         relative = self.images(difference)
+        if self._alpha == 0:
+            alone: Tensor = self.physical(relative, difference, motion)
+            return alone, alone
         data = (relative - truth).square().mean()
         # Images that are not finite have no voltages; the data loss tells of them.
         if self._beta == 0 or epochs_done < self._alone or not data.isfinite():
@@ -74,11 +81,13 @@ class ImageTask(TrainingTask):
         return data + self._beta * physical, data
 
     def losses(self, batch: Data) -> dict[str, Tensor]:
-        """See `TrainingTask`; the data loss and the physical loss."""
+        """See `TrainingTask`; the data loss and the physical loss. The first is minimised."""
         difference, _, truth = batch
         relative = self.images(difference)
         data = (relative - truth).square().mean()
         physical = self.physical(relative, difference, None) if data.isfinite() else data
+        if self._alpha == 0:
+            return {"": physical, "data": data}
         return {"": data, "physical": physical}
 
     def optimizer(self) -> torch.optim.Optimizer:
@@ -102,8 +111,19 @@ def train_image_network(method: type[ImageNetworkMethod], job: TrainingJob) -> T
         )
     if not 0 <= beta < float("inf"):
         raise InputError(f"The weight beta of the physical loss is at least 0, got {beta}.")
+    if request.alpha not in (0, 1) or (request.alpha == 0 and not beta):
+        raise InputError(
+            f"The weight alpha of the data loss is 1, or 0 with a physical loss; got "
+            f"{request.alpha} for {method.files.name!r}."
+        )
     count = job.training_count()
-    job.check(backbone=request.backbone, operator=request.operator, beta=beta, limit=count)
+    job.check(
+        backbone=request.backbone,
+        operator=request.operator,
+        alpha=request.alpha,
+        beta=beta,
+        limit=count,
+    )
     forward = operator(request.operator, sensor)
     with torch.random.fork_rng():
         torch.manual_seed(job.recipe.seed)
@@ -126,19 +146,29 @@ def train_image_network(method: type[ImageNetworkMethod], job: TrainingJob) -> T
         torch.from_numpy(untouched).float(),
         std.clamp(min=1e-6 * std.max()),
     )
-    linear = _start(network, train, validation)
+    _standardise(network, train)
+    linear = _best_linear_map(network, train, validation)
+    if request.alpha:
+        network.backbone.start_from(torch.from_numpy(linear.matrix))
+        baseline, baseline_loss = "the best linear map", linear.validation_mse
+    else:
+        network.backbone.start_from(torch.zeros(linear.matrix.shape))
+        baseline = "an image of the untouched sensor, by the physical loss"
+        flat = torch.ones_like(validation[2])
+        baseline_loss = float(physical(flat, validation[0], None))
     motions = symmetries(sensor, torch.from_numpy(problem.jacobian))
     rms = float(np.sqrt(np.mean(untouched**2)))
     augmentation = Augmentation(scenario.split_noise("train"), motions, rms)
     return job.fit(
-        ImageTask(network, augmentation, physical, beta, job.recipe.epochs),
+        ImageTask(network, augmentation, physical, request.alpha, beta, job.recipe.epochs),
         train,
         validation,
-        "the best linear map",
-        linear.validation_mse,
+        baseline,
+        baseline_loss,
         {
             "backbone": request.backbone,
             "operator": request.operator,
+            "alpha": repr(request.alpha),
             "beta": repr(beta),
             "train_samples": str(count),
             "linear_validation_mse": repr(linear.validation_mse),
@@ -147,16 +177,15 @@ def train_image_network(method: type[ImageNetworkMethod], job: TrainingJob) -> T
     )
 
 
-def _start(network: ImageNetwork, train: Data, validation: Data) -> Ridge:
-    """Standardise the network's inputs and make it the best linear map; return that map."""
-    raw = train[0] @ network.averaging
-    std = raw.std(0)
+def _standardise(network: ImageNetwork, train: Data) -> None:
+    std = (train[0] @ network.averaging).std(0)
     network.std.copy_(std.clamp(min=1e-6 * std.max()))  # a measurement that never changes
+
+
+def _best_linear_map(network: ImageNetwork, train: Data, validation: Data) -> Ridge:
     inputs = [network.inputs(data[0]).double().numpy() for data in (train, validation)]
     contrasts = [data[2].flatten(1).numpy() - 1 for data in (train, validation)]
-    linear = ridge(inputs[0], contrasts[0], inputs[1], contrasts[1])
-    network.backbone.start_from(torch.from_numpy(linear.matrix))
-    return linear
+    return ridge(inputs[0], contrasts[0], inputs[1], contrasts[1])
 
 
 def _tensors(voltages: Array, difference: Array, relative: Tensor) -> Data:

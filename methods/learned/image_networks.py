@@ -113,7 +113,7 @@ class ImageNetworkMethod(TrainedMethod):
 
     source: ClassVar[str] = "Physics-Driven Learning Framework for Tomographic Tactile Sensing"
     recipe: ClassVar = Recipe(epochs=100, patience=25)
-    options: ClassVar = ("limit", "operator", "beta", "backbone")
+    options: ClassVar = ("limit", "operator", "alpha", "beta", "backbone")
     beta: ClassVar[float] = 0.0
 
     @classmethod

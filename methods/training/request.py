@@ -28,7 +28,7 @@ class DivergedError(EitbenchError):
     """A loss is not finite; the state after the last good epoch is stored."""
 
 
-OPTIONS = ("limit", "operator", "beta", "backbone")
+OPTIONS = ("limit", "operator", "alpha", "beta", "backbone")
 """Options that not every training takes, and that decide its result."""
 
 
@@ -44,6 +44,7 @@ class TrainingRequest:
         seed: of initial weights, order, noise and symmetries.
         limit: training samples to use; all by default.
         operator: forward operator of the physical loss.
+        alpha: weight of the data loss, 1 or 0. With 0 no true image is learned from.
         beta: weight of the physical loss beside the data loss; by default the method's own.
         backbone: of the network.
         device: "cpu", "cuda", or "auto" for a GPU if there is any.
@@ -59,6 +60,7 @@ class TrainingRequest:
     seed: int = 0
     limit: int | None = None
     operator: str = "surrogate"
+    alpha: float = 1.0
     beta: float | None = None
     backbone: str = "unet"
     device: str = "auto"

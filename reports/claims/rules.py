@@ -133,10 +133,10 @@ def operator_row(name: str, evidence: Evidence) -> Finding:
     """Test R of an operator; the unit of the published MSE is not stated."""
     measured = evidence.of(OPERATOR_RUNS, name)
     r, mse = operator_figures(name)
-    # R has no interval: it is one figure over all samples and measurements.
-    r = _exactly(
-        r, measured.row["r"], around(TABLE_I[name]["r"], **R_TOLERANCE), len(measured.samples)
-    )
+    ends = (measured.row[key] for key in ("r_low", "r_high"))
+    interval = Interval(measured.row["r"], *(np.nan if end is None else end for end in ends))
+    met = around(TABLE_I[name]["r"], **R_TOLERANCE)
+    r = _tested(r, interval, met, len(measured.samples))
     variances = " and ".join(f"{row['mse'] / (1 - row['r'] ** 2):.2f}" for row in TABLE_I.values())
     return _finding(
         [r, replace(mse, ours=measured.row["mse"])],
@@ -159,15 +159,22 @@ def operator_order(evidence: Evidence) -> Finding:
 def operator_ratio(evidence: Evidence) -> Finding:
     """Test the ratio of the errors of the Jacobian and the surrogate, on either side."""
     surrogate, jacobian = (evidence.of(OPERATOR_RUNS, name) for name in ("surrogate", "jacobian"))
-    ratio = jacobian.row["mse"] / surrogate.row["mse"]
+    errors = np.stack([one.samples["mse"] for one in (jacobian, surrogate)], axis=1)
+    (ratio,) = bootstrap(errors, surrogate.samples["cluster"], _ratios)
     met = around(RATIO, **RATIO_TOLERANCE)
-    figure = _exactly(RATIO_FIGURE, ratio, met, len(surrogate.samples))
+    figure = _tested(RATIO_FIGURE, ratio, met, len(errors))
     return _finding(
         [figure],
-        f"The Jacobian's error is {ratio:.3g} times the surrogate's; published were {RATIO:.2g} "
-        "times. A larger ratio confirms nothing: it also says that our Jacobian is the weaker one.",
+        f"The Jacobian's error is {ratio.value:.3g} times the surrogate's; published were "
+        f"{RATIO:.2g} times. A larger ratio confirms nothing: it also says that our Jacobian is "
+        "the weaker one.",
         surrogate,
     )
+
+
+def _ratios(counts: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray[np.float64]:
+    first, second = (counts @ values).T
+    return np.asarray(first / second)[:, None]
 
 
 def table_row(method: str, evidence: Evidence) -> Finding:

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from eitbench.benchmark.analysis.results import Run
+from eitbench.benchmark.rundir.kinds import METHOD_RUNS
 from eitbench.reports.figures.image_grid import ImageGrid, comparison
 
 METHODS = ("noser", "tv", "dnn", "phydnn")
@@ -25,10 +26,12 @@ FAMILIES = {
 
 
 def published_cases(run: Run) -> Iterator[tuple[str, ImageGrid]]:
-    """Yield the names of the scenarios that a run holds the cases of, and their grids.
+    """Yield the names of the scenarios that a run of methods holds the cases of, and their grids.
 
     The cases are the first samples of their families in the test split: nobody chose them.
     """
+    if run.kind != METHOD_RUNS:
+        return
     for scenario, (first, families) in FAMILIES.items():
         table = run.samples[run.samples["scenario"] == scenario]
         if "family" not in table or not set(METHODS) <= set(table["method"]):

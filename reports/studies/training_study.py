@@ -141,6 +141,15 @@ def _draw_physics(axes: Axes, summary: StudySummary) -> None:
     label_axes(axes, "What the physical loss adds to the data loss", "", "PSNR difference [dB]")
 
 
+def _draw_supervision(axes: Axes, summary: StudySummary) -> None:
+    rows = pd.DataFrame(summary["rows"]).dropna(subset="psnr")
+    for alpha, of in rows.groupby("alpha", sort=False):
+        label = "voltages alone" if alpha == 0 else "true images and voltages"
+        axes.plot(of["seed"], of["psnr"], "o", ms=5, label=f"alpha = {alpha:g}: {label}")
+    axes.set_xticks(sorted(rows["seed"].unique()))
+    label_axes(axes, "What true images are worth in training", "seed", "PSNR [dB]")
+
+
 def _draw_size(axes: Axes, summary: StudySummary) -> None:
     rows = pd.DataFrame(summary["rows"])
     for backbone, of in rows.dropna(subset="psnr").groupby("backbone", sort=False):
@@ -158,4 +167,5 @@ STUDIES: dict[str, tuple[Summarise, Draw]] = {
     "beta": (_means, _draw_beta),
     "physics": (_differences, _draw_physics),
     "size": (_means, _draw_size),
+    "supervision": (_means, _draw_supervision),
 }

@@ -44,7 +44,7 @@ class Column:
     def ends(self, row: Row) -> str:
         """The 95 % interval of a rank, or of the figure that ranks, as printed; "" without one."""
         low, high = (row.get(f"{self.name}_{end}") for end in ("low", "high"))
-        if low is None or high is None or self.name not in ("rank", row["ranked_by"]):
+        if low is None or high is None or self.name not in ("rank", row.get("ranked_by")):
             return ""
         # A rank that all draws agree on needs none.
         if self.name == "rank" and low == high:

@@ -133,7 +133,14 @@ def write_operators(run: Path, mse: dict[str, float], suite: str = "operators", 
         for name, value in mse.items()
     ]  # fmt: skip
     cells = [
-        {"scenario": "paper", "operator": name, "r": 1 - value, "grad_ms": 3.0}
+        {
+            "scenario": "paper",
+            "operator": name,
+            "grad_ms": 3.0,
+            "r": 1 - value,
+            "r_low": 1 - 1.01 * value,
+            "r_high": 1 - 0.99 * value,
+        }
         for name, value in mse.items()
     ]
     write_manifest(run, suite, {"paper": {"hash": "c0ffee", "n": n, "inverse_crime": True}})

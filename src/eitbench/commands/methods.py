@@ -90,6 +90,9 @@ def train(
     operator: Annotated[
         str, typer.Option(help="Forward operator of the physical loss.")
     ] = "surrogate",
+    alpha: Annotated[
+        float, typer.Option(help="Weight of the data loss: 1, or 0 to learn from voltages alone.")
+    ] = 1.0,
     beta: Annotated[
         float | None, typer.Option(help="Weight of the physical loss (default: as published).")
     ] = None,
@@ -113,6 +116,7 @@ def train(
         seed=seed,
         limit=limit,
         operator=operator,
+        alpha=alpha,
         beta=beta,
         backbone=backbone,
         device=device,
@@ -128,7 +132,7 @@ def train(
     epilog="Example: eitbench study beta --epochs 12 --limit 1500 --jobs 2 --out runs/beta"
 )
 def study(
-    name: Annotated[str, typer.Argument(help="beta, physics or size.")],
+    name: Annotated[str, typer.Argument(help="beta, physics, size or supervision.")],
     out: Annotated[Path, typer.Option(metavar="DIR", help="Where it is stored, and continued.")],
     suite: Annotated[str, typer.Option(help="The suite with the data.")] = "paper",
     epochs: Annotated[int | None, typer.Option(min=1, help="Of each training.")] = None,

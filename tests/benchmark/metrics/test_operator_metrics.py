@@ -38,10 +38,40 @@ def test_correlation_is_pearsons_over_all_responses() -> None:
     untouched = STANDARD.mean
     estimate = TRUTH + RNG.normal(0, [0.02, 0.5, 1.0], TRUTH.shape)
     expected = np.corrcoef((TRUTH - untouched).ravel(), (estimate - untouched).ravel())[0, 1]
-    assert correlation(TRUTH, estimate, untouched) == pytest.approx(expected, rel=1e-12)
-    assert correlation(TRUTH, 2 * TRUTH - untouched, untouched) == pytest.approx(1)
-    assert np.isnan(correlation(TRUTH, np.broadcast_to(untouched, TRUTH.shape), untouched))
-    assert np.isnan(correlation(TRUTH[:0], TRUTH[:0], untouched))
+    assert correlation(TRUTH, estimate, untouched).value == pytest.approx(expected, rel=1e-12)
+    assert correlation(TRUTH, 2 * TRUTH - untouched, untouched).value == pytest.approx(1)
+    for constant in (untouched, untouched + 3.0):
+        same = np.broadcast_to(constant, TRUTH.shape)
+        assert np.isnan(correlation(TRUTH, same, untouched).value)
+    assert np.isnan(correlation(TRUTH[:0], TRUTH[:0], untouched).value)
+    one = correlation(TRUTH[:1], estimate[:1], untouched)
+    assert one.value == pytest.approx(
+        np.corrcoef(TRUTH[0] - untouched, estimate[0] - untouched)[0, 1]
+    )
+    assert np.isnan([one.low, one.high]).all()
+
+
+def test_the_interval_of_a_correlation_draws_whole_clusters() -> None:
+    """A few strong touches rule R, so that samples within them are no evidence of their own."""
+    rng = np.random.default_rng(4)
+    strength = np.repeat(rng.lognormal(0, 1, 40), 5)[:, None]
+    truth = strength * rng.normal(size=(200, 12))
+    estimate = truth + 0.3 * strength**1.5 * rng.normal(size=(200, 12))
+    of = np.repeat(np.arange(40), 5)
+    none = np.zeros(12)
+    found = correlation(truth, estimate, none, of)
+    slow = [
+        correlation(truth[rows], estimate[rows], none).value
+        for rows in (
+            np.concatenate([np.flatnonzero(of == k) for k in rng.integers(40, size=40)])
+            for _ in range(1000)
+        )
+    ]
+    assert found.low == pytest.approx(np.quantile(slow, 0.023), abs=0.02)
+    assert found.high == pytest.approx(np.quantile(slow, 0.977), abs=0.02)
+    alone = correlation(truth, estimate, none)
+    assert alone.value == found.value
+    assert alone.high - alone.low < 0.8 * (found.high - found.low)
 
 
 def test_relative_error_is_not_standardised() -> None:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from safetensors.torch import load_file
 from tests.support.small_sensors import TINY, no_split, suite_of, tiny_mse, tiny_problem
 
 from eitbench.cli import main
@@ -25,7 +26,7 @@ from eitbench.methods.training import (
     train,
 )
 from eitbench.methods.training.checkpoint import CHECKPOINT_FILE as FILE
-from eitbench.methods.training.job import TrainingResult, training_device
+from eitbench.methods.training.job import TrainingJob, TrainingResult, training_device
 from eitbench.methods.training.loop import Data
 from eitbench.methods.weights import weight_files
 from eitbench.scenarios.array_file import read_arrays
@@ -249,6 +250,34 @@ def test_the_gradient_is_that_of_both_losses(
         assert physical > 0
 
 
+def test_without_a_data_loss_no_true_image_has_a_part(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Weights are the same to the last bit where images are wrong, and explain the voltages."""
+    clean = {"noise": {"train": "clean", "validation": "clean"}}
+    suite = suite_of(tmp_path, SimulatedScenario(**NOISY.model_dump() | clean))
+    request = TrainingRequest("phydnn", suite, epochs=4, operator="fem", alpha=0.0, use=False)
+    first = train(replace(request, out=tmp_path / "true"))
+    assert first.validation_mse < 0.5 * first.baseline_mse
+    assert "physical loss" in first.sentences()[0]
+    about = json.loads(first.weights.with_suffix(".json").read_text())
+    assert (about["alpha"], about["beta"]) == ("0.0", "0.0029")
+    assert "--alpha 0" in about["command"]
+
+    right = TrainingJob.clean_samples
+
+    def wrong(job: TrainingJob, split: Any, count: int) -> tuple[torch.Tensor, torch.Tensor]:
+        sigma, voltages = right(job, split, count)
+        return torch.full_like(sigma, 0.5), voltages
+
+    monkeypatch.setattr(TrainingJob, "clean_samples", wrong)
+    second = train(replace(request, out=tmp_path / "wrong"))
+    weights = [load_file(result.weights) for result in (first, second)]
+    assert weights[0].keys() == weights[1].keys()
+    for name, tensor in weights[0].items():
+        assert torch.equal(tensor, weights[1][name])
+
+
 def test_a_training_that_diverges_says_so_and_keeps_what_was_good(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
@@ -294,6 +323,8 @@ def test_it_ends_early_when_nothing_improves(
         ("dnn", {"limit": 127}, "127 training samples are too few"),
         ("dnn", {"beta": 0.1}, "'dnn' has no physical loss: train 'phydnn'"),
         ("phydnn", {"beta": -1.0}, "beta of the physical loss is at least 0"),
+        ("phydnn", {"alpha": 0.5}, "alpha of the data loss is 1, or 0 with a physical loss"),
+        ("dnn", {"alpha": 0.0}, "alpha of the data loss is 1, or 0 with a physical loss"),
         ("dnn", {"operator": "fe"}, "Unknown operator 'fe': did you mean 'fem'"),
         ("dnn", {"backbone": "mpl", **QUICK}, "Unknown backbone 'mpl': did you mean 'mlp'"),
         ("dnn", {}, "'surrogate' has no weights for the sensor 'foam16'"),

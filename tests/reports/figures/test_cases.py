@@ -1,5 +1,7 @@
 """The published cases: which samples they are, and when they are shown."""
 
+from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -51,7 +53,10 @@ def test_cases_are_the_first_samples_of_their_families(build: Any, paper: Datase
     assert_no_text_overlaps_or_is_cut(draw(grid))
 
 
-def test_runs_without_a_method_or_a_family_have_no_cases(build: Any, paper: Dataset) -> None:
+def test_runs_without_a_method_or_a_family_have_no_cases(
+    build: Any, paper: Dataset, build_operators: Callable[..., Path]
+) -> None:
+    assert list(published_cases(read_run(build_operators({"fem": 1e-9})))) == []
     assert list(published_cases(run_of(build, paper, METHODS[1:]))) == []
     paper.samples["family"] = paper.samples["family"].replace("ring", "star")
     build.samples.clear()
