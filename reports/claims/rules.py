@@ -86,7 +86,10 @@ BETA_FIGURE = Figure("best beta", BETA)
 RATES = tuple(Figure(f"{LABELS[n]} [frames/s]", FRAMES_PER_SECOND) for n in ("dnn", "phydnn"))
 CASES_FIGURE = Figure("share of samples where PhyDNN is the best by all four metrics", 1.0)
 COST_FIGURE = Figure("gradient of the exact model / of the surrogate", None)
-DIP_FIGURE = Figure("frames per second of dip", None)
+UNSUPERVISED = (
+    Figure("dip, a fit to every frame [frames/s]", None),
+    Figure("a network trained with alpha = 0 [frames/s]", None),
+)
 PLACE_FIGURE = Figure("error of the place, PhyDNN minus DNN [mm]", None)
 FORCE_FIGURE = Figure("relative error of the force, PhyDNN minus DNN", None)
 
@@ -394,17 +397,18 @@ def frame_rate(evidence: Evidence) -> Finding:
 
 
 def unsupervised_rate(evidence: Evidence) -> Finding:
-    """Test if fitting a network to every frame is too slow for the sensor's frame rate."""
-    measured = evidence.of(METHOD_RUNS, "dip")
-    if measured.row["frame_ms_p50"] is None:
+    """Test if schemes that learn from voltages alone are too slow for the sensor's frame rate."""
+    both = [evidence.of(METHOD_RUNS, name) for name in ("dip", "phydnn")]
+    if any(measured.row["frame_ms_p50"] is None for measured in both):
         raise NotMeasuredError("No warm single frame was timed.")
-    rate = 1e3 / measured.row["frame_ms_p50"]
-    figure = _exactly(DIP_FIGURE, rate, Range(high=FRAMES_PER_SECOND))
+    rates = [1e3 / measured.row["frame_ms_p50"] for measured in both]
+    slower = Range(high=FRAMES_PER_SECOND)
     return _finding(
-        [figure],
+        [_exactly(fig, rate, slower) for fig, rate in zip(UNSUPERVISED, rates, strict=True)],
         f"`dip` minimises the published loss with alpha = 0 for every frame, through the exact "
-        f"model. It makes {rate:.2g} frames per second, and the sensor 10.",
-        conditions=f"one thread of {measured.machine}",
+        f"model: {rates[0]:.2g} frames per second. A network that is trained with alpha = 0 is "
+        f"PhyDNN's, and takes its time: {rates[1]:.2g}. The sensor makes 10.",
+        conditions=f"one thread of {both[0].machine}",
     )
 
 

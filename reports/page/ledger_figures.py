@@ -1,11 +1,12 @@
 """The figures of the claim ledger, in the order of the paper's."""
 
 import base64
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from eitbench.benchmark import InputError
+import pandas as pd
+
 from eitbench.benchmark.analysis.results import Run, read_run
 from eitbench.reports.claims.evidence import SCENARIO
 from eitbench.reports.claims.ledger import Ledger
@@ -30,7 +31,12 @@ class LedgerFigure:
         return f"data:image/png;base64,{base64.b64encode(self.path.read_bytes()).decode()}"
 
 
-def draw_figures(ledger: Ledger, runs: Sequence[Path], folder: Path) -> list[LedgerFigure]:
+def draw_figures(
+    ledger: Ledger,
+    runs: Sequence[Path],
+    folder: Path,
+    curves: Mapping[str, pd.DataFrame] | None,
+) -> list[LedgerFigure]:
     """Draw into `folder` what a reader of the paper looks for, as far as the runs hold it.
 
     These are the architectures, the voltages of a typical sample, the losses in training, the
@@ -40,7 +46,7 @@ def draw_figures(ledger: Ledger, runs: Sequence[Path], folder: Path) -> list[Led
     return [
         *_architectures(folder),
         *_voltages(read, folder),
-        *_training(ledger, folder),
+        *_training(ledger, curves, folder),
         *_cases(read, folder),
     ]
 
@@ -75,8 +81,9 @@ def _voltages(runs: Sequence[Run], folder: Path) -> Iterator[LedgerFigure]:
                 yield LedgerFigure(save(figure, folder / "voltages")[0], caption)
 
 
-def _training(ledger: Ledger, folder: Path) -> Iterator[LedgerFigure]:
-    from eitbench.benchmark.studies.training_study import paper_curves
+def _training(
+    ledger: Ledger, curves: Mapping[str, pd.DataFrame] | None, folder: Path
+) -> Iterator[LedgerFigure]:
     from eitbench.reports.figures.losses import write_losses
     from eitbench.reports.figures.style import save
     from eitbench.reports.studies.training_study import draw
@@ -84,12 +91,9 @@ def _training(ledger: Ledger, folder: Path) -> Iterator[LedgerFigure]:
     for summary in ledger["studies"]:
         path = save(draw(summary), folder / f"study-{summary['study']}")[0]
         yield LedgerFigure(path, f"Study {summary['study']!r}: {training_budget(summary)}.")
-    try:
-        curves = paper_curves()
-    except InputError:
-        return  # one of them has no weights
-    caption = "Losses of DNN and PhyDNN while the weights in use were trained, from their logs."
-    yield LedgerFigure(write_losses(curves, folder)[0], caption)
+    if curves is not None:
+        caption = "Losses of DNN and PhyDNN while the weights in use were trained, from their logs."
+        yield LedgerFigure(write_losses(curves, folder)[0], caption)
 
 
 def _cases(runs: Sequence[Run], folder: Path) -> Iterator[LedgerFigure]:

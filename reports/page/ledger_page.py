@@ -1,9 +1,10 @@
 """The claim ledger as Markdown, JSON and an HTML page, with its figures."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+import pandas as pd
 from markupsafe import Markup
 
 from eitbench.benchmark import EitbenchError
@@ -18,10 +19,16 @@ FILES = {"md": "claims.md", "json": "claims.json", "html": "claims.html"}
 _TITLES = {name: METRICS[name].heading for name in IMAGE_METRICS}
 
 
-def write_ledger(ledger: Ledger, runs: Sequence[Path], folder: Path) -> list[Path]:
+def write_ledger(
+    ledger: Ledger,
+    runs: Sequence[Path],
+    folder: Path,
+    curves: Mapping[str, pd.DataFrame] | None = None,
+) -> list[Path]:
     """Write `claims.md`, `claims.json`, `claims.html` and their figures into `folder`.
 
-    The page itself holds the figures, too, and the leaderboards of the run directories.
+    The page itself holds the figures, too, and the leaderboards of the run directories. `curves`
+    are the learning curves of "dnn" and "phydnn", if they have weights.
 
     Raises:
         EitbenchError: they cannot be written.
@@ -29,7 +36,7 @@ def write_ledger(ledger: Ledger, runs: Sequence[Path], folder: Path) -> list[Pat
     boards = [FORMATS["html"](ranked_rows([run])) for run in runs]
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        figures = draw_figures(ledger, runs, folder)
+        figures = draw_figures(ledger, runs, folder, curves)
         texts = {
             "md": to_markdown(ledger, figures),
             "json": json.dumps(ledger, indent=2, allow_nan=False) + "\n",

@@ -200,6 +200,8 @@ def test_the_claims_are_evaluated_on_runs_that_are_given(
     for form in ("md", "json", "html"):
         assert str(folder / f"claims.{form}") in out
     assert sorted(path.name for path in folder.iterdir()) == [
+        "architecture-phydnn.pdf", "architecture-phydnn.png",
+        "architecture-surrogate.pdf", "architecture-surrogate.png",
         "claims.html", "claims.json", "claims.md", "losses.pdf", "losses.png",
     ]  # fmt: skip
 

@@ -215,7 +215,7 @@ def reproduce(
     except InputError:
         curves = None  # one of the networks has no weights
     ledger = claim_ledger(runs, study or (), curves)
-    written = write_ledger(ledger, runs, folder)
+    written = write_ledger(ledger, runs, folder, curves)
     print_renderable(table(ledger))
     for path in written:
         typer.echo(f"Ledger: {path}")

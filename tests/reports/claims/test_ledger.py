@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 
 from eitbench.benchmark import EitbenchError, InputError
-from eitbench.benchmark.studies import architecture, training_study
+from eitbench.benchmark.studies import architecture
 from eitbench.benchmark.studies.readings import write_readings
 from eitbench.reports.claims.claim import Verdict
 from eitbench.reports.claims.ledger import Ledger, claim_ledger, table
@@ -80,23 +80,20 @@ class Page(HTMLParser):
 
 @pytest.fixture(autouse=True)
 def no_figures(monkeypatch: pytest.MonkeyPatch) -> None:
-    """No figures of networks and losses: they take seconds to draw."""
-
-    def refuse() -> None:
-        raise InputError("There are no weights.")
-
-    monkeypatch.setattr(training_study, "paper_curves", refuse)
+    """No figures of networks: they take seconds to draw."""
     monkeypatch.setattr(architecture, "published_networks", dict)
 
 
-def page_of(found: Ledger, runs: list[Path], folder: Path) -> Page:
-    write_ledger(found, runs, folder)
+def page_of(
+    found: Ledger, runs: list[Path], folder: Path, curves: dict[str, pd.DataFrame] | None = None
+) -> Page:
+    write_ledger(found, runs, folder, curves)
     text = (folder / "claims.html").read_text(encoding="utf-8").replace("<br>", "")
     return Page(text.removeprefix("<!doctype html>"))
 
 
 def test_figures_of_studies_and_training_stand_beside_the_ledger(
-    runs: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    runs: list[Path], tmp_path: Path
 ) -> None:
     """Losses need both curves, and a study is one that was given."""
     betas = np.geomspace(1e-4, 0.5, 5)
@@ -115,13 +112,12 @@ def test_figures_of_studies_and_training_stand_beside_the_ledger(
         {"epoch": [1, 2], "train": [2.0, 1.0], "validation": [2.0, 1.5],
          "train_physical": [1.0, 0.5], "validation_physical": [1.0, 0.7]}
     )  # fmt: skip
-    monkeypatch.setattr(training_study, "paper_curves", lambda: {"dnn": curve, "phydnn": curve})
     found = claim_ledger(runs, [study])
     assert found["studies"] == [summary]
     (claim,) = (c for c in found["claims"] if c["id"] == "best-beta")
     assert claim["figures"][0]["ours"] == betas[0]
-    page = page_of(found, runs, tmp_path / "out")
-    assert page.tags.count("img") >= 2
+    page = page_of(found, runs, tmp_path / "out", {"dnn": curve, "phydnn": curve})
+    assert page.tags.count("img") == 2
     assert page.loaded == []
     for stem in ("study-beta", "losses"):
         assert f"({stem}.png)" in (tmp_path / "out" / "claims.md").read_text()

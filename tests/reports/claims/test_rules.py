@@ -218,6 +218,25 @@ def test_the_frame_rate(
     assert found.conditions == "one thread of A processor"
 
 
+@pytest.mark.parametrize(
+    ("frame_ms", "verdict"),
+    [
+        ((5000.0, 8.0), Verdict.in_part),
+        ((5000.0, 200.0), Verdict.holds),
+        ((50.0, 8.0), Verdict.fails),
+    ],
+)
+def test_the_rate_of_schemes_without_true_images(
+    frame_ms: tuple[float, float], verdict: Verdict, add: Callable[..., None], build: Any
+) -> None:
+    for name, ms in zip(("dip", "phydnn"), frame_ms, strict=True):
+        add(name, 0.02)
+        build.methods[-1]["frame_ms_p50"] = ms
+    found = findings(build.write())["unsupervised-rate"]
+    assert found.verdict is verdict
+    assert [figure.ours for figure in found.figures] == pytest.approx([1e3 / ms for ms in frame_ms])
+
+
 def test_a_frame_rate_that_was_not_timed(add: Callable[..., None], build: Any) -> None:
     add("dnn", 0.02, None)
     add("phydnn", 0.02)
