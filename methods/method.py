@@ -25,8 +25,8 @@ class Method(ABC):
         differs: what else is different in software that is not ours, such as its electrode model
             and mesh, for the note under a leaderboard; `fit` may say it exactly.
         train_s: time that the weights it loads took to train [s]; NaN if it loads none.
-        trained_on: the data behind the weights it loads: `scenario`, the hash `train_data` and the
-            number `train_samples`; empty if it loads none.
+        trained_on: the training behind the weights it loads: `scenario`, the hash `train_data`,
+            the number `train_samples` and the `seed`; empty if it loads none.
     """
 
     source: ClassVar[str] = ""

@@ -177,6 +177,7 @@ class _Tuned(BaseModel):
 
 class _Weights(BaseModel):
     train_samples: int = 0
+    seed: str = ""
 
 
 class _PriorKnowledge(BaseModel):
@@ -214,8 +215,9 @@ def describe_prior_knowledge(text: object) -> str:
     for given in known.given:
         kind = "training" if given.split == "train" else given.split
         parts.append(f"{given.samples:,} {kind} samples")
-    if known.trained_on.train_samples:
-        parts.append(f"weights of {known.trained_on.train_samples:,} training samples")
+    if count := known.trained_on.train_samples:
+        seed = f" with seed {known.trained_on.seed}" if known.trained_on.seed else ""
+        parts.append(f"weights of one training{seed} on {count:,} samples")
     if known.families:
         parts.append(f"trained on {_FAMILIES[known.families]}")
     return "; ".join(parts) or "the reference frame only"

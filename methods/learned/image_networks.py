@@ -33,8 +33,8 @@ BATCH = 64
 LEARNED_SYMMETRY = "learned symmetry only approximately, from samples turned and mirrored at random"
 """Reason why a network that was trained here has the sensor's symmetry in part."""
 
-TRAINED_ON = ("scenario", "train_data", "train_samples")
-"""Metadata of weights that name the data which they were trained on."""
+TRAINED_ON = ("scenario", "train_data", "train_samples", "seed")
+"""Metadata of weights that name the data which they were trained on, and the seed."""
 
 
 @dataclass

@@ -195,13 +195,15 @@ def test_weights_are_held_against_the_data_they_come_from(
         "scenario": "small",
         "train_data": SMALL.data_hash("train"),
         "train_samples": "6",
+        "seed": "3",
     }
     problem, test = a_problem(), own("test", None)
     train = load(SMALL, split="train")
     found = columns(problem.access_record(), notes, SMALL, test, spent={})
     assert found["overlap"] == 0
     assert describe_prior_knowledge(found["prior_knowledge"]) == (
-        "weights of 6 training samples; trained on the families of the test phantoms"
+        "weights of one training with seed 3 on 6 samples; trained on the families of the test "
+        "phantoms"
     )
     unseen = SMALL.model_copy(update={"families": ("ring",), "training_families": SMALL.families})
     theirs = {**notes, "train_data": unseen.data_hash("train")}
