@@ -27,7 +27,7 @@ from eitbench.benchmark.run.cell_task import (
     warm_replies,
 )
 from eitbench.benchmark.rundir.cells import Cell, Values
-from eitbench.benchmark.rundir.run_arrays import TRUTH, Truth
+from eitbench.benchmark.rundir.run_arrays import TOUCHES_KEPT, TRUTH, Truth
 from eitbench.benchmark.rundir.store import RunStore
 from eitbench.benchmark.workers.operator_service import (
     Evaluation,
@@ -105,15 +105,18 @@ class OperatorData(CellData):
         return replace(plan, cell=Cell(plan.cell.scenario, TRUTH), suite=suite, plugin=None)
 
     def truth(self) -> Truth:
-        """Return the true voltages, with their mean and standard deviation."""
+        """Return the true voltages, with their mean and standard deviation, and a few touches."""
+        sensor = self.test.sensor
+        attributes = {"bounds": np.asarray(sensor.outline.bounds, dtype=np.float64)}
         arrays = {
             "sample": self.test.samples["sample"].to_numpy(np.int64),
             "voltages": self.clean,
             "reference": self.reference,
             "mean": self.standard.mean,
             "std": self.standard.std,
+            "conductivity": self.images(slice(0, TOUCHES_KEPT)).astype(np.float32),
         }
-        return {}, arrays
+        return attributes, arrays
 
     def images(self, rows: slice) -> Array:
         """Return true conductivity (k, H, W) [S/m], drawn anew, since all images would be large."""

@@ -24,6 +24,7 @@ from eitbench.scenarios.sensors.sensor_file import MAX_PIXELS
 TRUTH = RESERVED
 CHUNK = 6400  # values read at once: one image of 80 x 80 pixels
 
+Bounds = tuple[float, float, float, float]
 Truth = tuple[Mapping[str, Any], Values]
 """Known of a scenario: attributes and arrays by name."""
 
@@ -147,6 +148,26 @@ def read_estimates(
         images = np.full((len(samples), *stored.shape[1:]), np.nan, np.float32)
         images[known] = stored[_rows_of(numbers, np.array(samples)[known])]
         return images
+
+
+TOUCHES_KEPT = 200
+"""Images of touches in a run of operators: all of them would be large."""
+
+
+def read_touch(path: Path, scenario: str, sample: int) -> tuple[NDArray[np.float64], Bounds]:
+    """Read the true conductivity (H, W) [S/m] of one of the first samples of a run of operators.
+
+    Returns:
+        The image, and its bounds (x_min, y_min, x_max, y_max) [m].
+
+    Raises:
+        DataCorruptError: the file does not hold it, or is damaged.
+    """
+    with _group(path, scenario, TRUTH) as group:
+        images = own_dataset(group, "conductivity", _most(path))
+        (row,) = _rows_of(_numbers(group, path)[: len(images)], [sample])
+        x0, y0, x1, y1 = (float(value) for value in group.attrs["bounds"])
+        return images[row].astype(np.float64), (x0, y0, x1, y1)
 
 
 def read_responses(

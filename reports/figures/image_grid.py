@@ -16,7 +16,7 @@ from eitbench.benchmark.analysis.leaderboard import leaderboard_rows
 from eitbench.benchmark.analysis.results import Run, read_run
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
 from eitbench.benchmark.rundir.run_arrays import Scene
-from eitbench.reports.figures.style import HEADING, NOTE, TITLE, save
+from eitbench.reports.figures.style import CONDUCTIVITY_MAP, HEADING, NOTE, TITLE, save
 from eitbench.reports.tables.columns import printable
 
 if TYPE_CHECKING:
@@ -33,8 +33,7 @@ _HEAD_WIDTH = 15
 _MAX_ROWS = 12
 _ROWS_WITHOUT_FAMILIES = 5
 
-# Both perceptually uniform: viridis for conductivity, a diverging map for signed contrast.
-_CONDUCTIVITY_MAP, _CONTRAST_MAP = "viridis", "coolwarm"
+_CONTRAST_MAP = "coolwarm"  # a diverging map for signed values
 
 
 @dataclass(frozen=True, eq=False)
@@ -296,7 +295,7 @@ def draw(grid: ImageGrid) -> "Figure":
     )  # fmt: skip
     figure.supxlabel("\n".join(foot), x=0.15 / width, y=0.1 / height, ha="left", **plain)
     colours = ScalarMappable(
-        Normalize(*grid.limits), _CONTRAST_MAP if grid.contrast else _CONDUCTIVITY_MAP
+        Normalize(*grid.limits), _CONTRAST_MAP if grid.contrast else CONDUCTIVITY_MAP
     )
     inside = {
         "left": _LABEL / width,

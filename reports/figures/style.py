@@ -35,6 +35,7 @@ STYLE: Any = {  # the key type of Matplotlib's stubs names every parameter
 TITLE, HEADING, NOTE = 11, 8.5, 7
 """Sizes of type [pt] in figures for the screen."""
 
+CONDUCTIVITY_MAP = "viridis"  # perceptually uniform
 # Okabe and Ito's colours; markers and dashes tell lines apart in grey.
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#8a6d00", "#7f7f7f")
 _MARKERS = "osDP^*Xh"  # as many as colours: shifted by one each time round, no pair comes twice

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
 import numpy as np
@@ -10,10 +10,18 @@ import numpy as np
 from eitbench.benchmark.analysis.leaderboard import leaderboard_rows
 from eitbench.benchmark.analysis.results import read_run
 from eitbench.benchmark.rundir.kinds import OPERATOR_RUNS
-from eitbench.benchmark.rundir.run_arrays import TRUTH, read_responses
+from eitbench.benchmark.rundir.run_arrays import (
+    TOUCHES_KEPT,
+    TRUTH,
+    Bounds,
+    read_responses,
+    read_touch,
+)
 from eitbench.reports.figures.style import (
     COLOURS,
+    CONDUCTIVITY_MAP,
     NOTE,
+    TITLE,
     label_axes,
     new_figure,
     plain_label,
@@ -26,6 +34,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     import pandas as pd
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from numpy.typing import NDArray
 
@@ -38,7 +47,8 @@ _ROUNDING = 1e-9
 def write_voltages(run: Path) -> list[Path]:
     """Draw `voltages-SCENARIO.png` and `.pdf` of a run of operators; nothing of other runs.
 
-    The sample shown is the one with the median error of the last operator on the board.
+    The sample shown is the one with the median error of the last operator on the board, among those
+    whose images the run keeps.
 
     Raises:
         DataCorruptError: the run's file of voltages is damaged.
@@ -63,9 +73,11 @@ def voltage_figures(read: Run) -> Iterator[tuple[str, Figure]]:
         if not names:
             continue
         of_last = read.samples["operator"] == names[-1]
-        sample = typical_sample(read.samples[of_last & (read.samples["scenario"] == scenario)])
+        of_last &= read.samples["scenario"] == scenario
+        sample = typical_sample(read.samples[of_last].nsmallest(TOUCHES_KEPT, "sample"))
         responses = read_responses(arrays, scenario, names, sample)
-        yield scenario, draw(responses, f"{printable(scenario)}, sample {sample}")
+        touch = read_touch(arrays, scenario, sample)
+        yield scenario, draw(responses, *touch, f"{printable(scenario)}, sample {sample}")
 
 
 def typical_sample(samples: pd.DataFrame) -> int:
@@ -74,28 +86,52 @@ def typical_sample(samples: pd.DataFrame) -> int:
     return int(order[len(order) // 2])
 
 
-def draw(responses: Mapping[str, NDArray[np.float64]], title: str) -> Figure:
-    """Draw responses to a touch above, and below them the errors of the operators.
+def draw(
+    responses: Mapping[str, NDArray[np.float64]],
+    image: NDArray[np.float64],
+    bounds: Bounds,
+    title: str,
+) -> Figure:
+    """Draw a touch, beside it the responses to it, and below these the errors of the operators.
 
     Args:
         responses: (M,) [V/A] by operator; that of the exact model is `TRUTH`.
+        image: conductivity (H, W) [S/m], within `bounds` (x_min, y_min, x_max, y_max) [m].
         title: of the figure.
     """
-    figure = new_figure(7.2, 4.8)
-    above, below = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
+    figure = new_figure(9.6, 4.8)
+    panels = figure.subplot_mosaic(
+        [["touch", "responses"], ["touch", "errors"]],
+        width_ratios=(1, 2.6), height_ratios=(2, 1),
+    )  # fmt: skip
+    above, below = panels["responses"], panels["errors"]
+    below.sharex(above)
+    above.tick_params(labelbottom=False)
+    _draw_touch(panels["touch"], image, bounds)
     truth = responses[TRUTH]
     number = np.arange(len(truth))
     above.plot(number, 1e3 * truth, color="0.75", lw=3, label="exact model")
     operators = [name for name in responses if name != TRUTH]
     # The best operator is drawn last, on top of the others.
     for k, name in reversed(list(enumerate(operators))):
-        line = {"color": COLOURS[k % len(COLOURS)], "lw": 0.8}
+        line: dict[str, Any] = {"color": COLOURS[k % len(COLOURS)], "lw": 0.8}
         above.plot(number, 1e3 * responses[name], label=plain_label(name), **line)
         error = np.abs(responses[name] - truth) / np.sqrt(np.mean(truth**2))
         # An operator that is the model itself has no error that could be drawn.
         below.semilogy(number, np.where(error > _ROUNDING, error, np.nan), **line)
-    label_axes(above, title, "", "response to the touch [mV/A]")
+    figure.suptitle(title, fontsize=TITLE, weight="bold", x=0.01, ha="left")
+    label_axes(above, "", "", "response to the touch [mV/A]")
     label_axes(below, "", "measurement", "|error| / rms response")
     above.legend(fontsize=NOTE, frameon=False, loc="upper left", bbox_to_anchor=(1, 1))
     figure.align_ylabels()
     return figure
+
+
+def _draw_touch(axes: Axes, image: NDArray[np.float64], bounds: Bounds) -> None:
+    x0, y0, x1, y1 = bounds
+    shown = axes.imshow(image, origin="lower", extent=(x0, x1, y0, y1), cmap=CONDUCTIVITY_MAP)
+    axes.set(xticks=[], yticks=[])
+    axes.spines[:].set_visible(False)
+    scale = axes.figure.colorbar(shown, ax=axes, location="bottom", shrink=0.8)
+    scale.set_label("conductivity [S/m]", fontsize=NOTE)
+    scale.ax.tick_params(labelsize=NOTE)

@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 from eitbench.benchmark import DataCorruptError
-from eitbench.benchmark.rundir.run_arrays import TRUTH, read_responses
+from eitbench.benchmark.rundir.run_arrays import TRUTH, read_responses, read_touch
 from eitbench.reports.figures.voltages import draw, write_voltages
 
 M, N = 12, 4
@@ -28,7 +28,10 @@ def run(build_operators: Callable[..., Path]) -> Path:
             group = file.create_group(f"paper/{name}")
             group["sample"] = np.arange(N)
             group["voltages"] = voltages + off
-        file[f"paper/{TRUTH}/reference"] = np.full(M, 2.0)
+        truth = file[f"paper/{TRUTH}"]
+        truth["reference"] = np.full(M, 2.0)
+        truth["conductivity"] = np.arange(N, dtype=np.float32)[:, None, None] * np.ones((N, 3, 5))
+        truth.attrs["bounds"] = (0.0, 0.0, 0.5, 0.3)
     return path
 
 
@@ -48,11 +51,16 @@ def test_a_typical_sample_of_the_last_operator_is_drawn(run: Path) -> None:
 
 def test_lines_hold_responses_and_relative_errors(run: Path) -> None:
     responses = read_responses(run / "voltages.h5", "paper", ["fem", "jacobian"], 0)
-    above, below = draw(responses, "paper, sample 0").axes
+    image, bounds = read_touch(run / "voltages.h5", "paper", 2)
+    figure = draw(responses, image, bounds, "paper, sample 2")
+    touch, above, below = figure.axes[:3]
+    (shown,) = touch.images
+    np.testing.assert_array_equal(np.asarray(shown.get_array()), np.full((3, 5), 2.0))
+    assert tuple(shown.get_extent()) == (0.0, 0.5, 0.0, 0.3)
     lines = {str(line.get_label()).strip(): line for line in above.get_lines()}
     assert list(lines) == ["exact model", "jacobian", "fem"]  # the best one on top
-    shown = np.asarray(lines["jacobian"].get_ydata(), float)
-    np.testing.assert_allclose(shown, 1e3 * responses["jacobian"])
+    response = np.asarray(lines["jacobian"].get_ydata(), float)
+    np.testing.assert_allclose(response, 1e3 * responses["jacobian"])
     rms = np.sqrt(np.mean(responses[TRUTH] ** 2))
     worse, better = (np.asarray(line.get_ydata(), float) for line in below.get_lines())
     np.testing.assert_allclose(worse, 0.5 / rms)
