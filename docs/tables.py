@@ -15,7 +15,7 @@ import pandas as pd
 from eitbench.reports.claims.rules import LABELS
 from eitbench.reports.studies.priors import priors_table
 from eitbench.reports.tables.formats import markdown_table
-from eitbench.reports.tables.published import TABLE_II
+from eitbench.reports.tables.published import TABLE_I, TABLE_II
 
 DOCS = Path(__file__).resolve().parent
 STUDIES = DOCS / "studies"
@@ -119,6 +119,91 @@ def _meshes_and_noise() -> str:
     return _table(["PSNR [dB]", *names.values()], rows)
 
 
+def _objects() -> str:
+    columns = {
+        "group": ("Ties", ""), "score": ("S", ".2f"), "ssim": ("SSIM", ".3f"), "cc": ("CC", ".3f"),
+        "rie": ("RIE", ".3f"), "psnr": ("PSNR [dB]", ".1f"),
+        "localisation_mm": ("Localisation [mm]", ".1f"), "iou": ("IoU", ".2f"),
+        "edge": ("Edge", ".2f"), "artefacts": ("Artefacts", ".2f"),
+    }  # fmt: skip
+    stored = pd.read_csv(STUDIES / "objects" / "objects.csv")
+    rows = [
+        [f"`{row['method']}`", *(format(row[name], form) for name, (_, form) in columns.items())]
+        for row in stored.to_dict("records")
+    ]
+    return _table(["", *(heading for heading, _ in columns.values())], rows)
+
+
+def _claims() -> str:
+    stored = json.loads((STUDIES / "claims" / "claims.json").read_text())
+    rows = []
+    for claim in stored["claims"]:
+        says = claim["claim"].removesuffix(".")
+        rows.append([says, claim["source"], f"**{claim['verdict']}**", str(claim["n"] or "–")])
+    return _table(["claim", "in", "verdict", "samples"], rows, [False] * 3 + [True])
+
+
+def _supervision() -> str:
+    stored = json.loads((STUDIES / "supervision" / "summary.json").read_text())
+    psnr = pd.DataFrame(stored["rows"]).pivot_table(index="alpha", columns="seed", values="psnr")
+    words = {1.0: "1: true images and voltages", 0.0: "0: voltages alone"}
+    rows = [[words[alpha], *(f"{psnr.loc[alpha, seed]:.2f}" for seed in psnr)] for alpha in words]
+    return _table(["alpha", *(f"seed {seed} [dB]" for seed in psnr)], rows)
+
+
+_RUNGS = {
+    "sim2real-ideal": "ideal",
+    "sim2real-mesh": "unstructured triangles",
+    "sim2real-slab": "slab in three dimensions",
+    "sim2real-contact-impedance": "uneven contact impedances",
+    "sim2real-gain": "gains off by 1 %",
+    "sim2real-electrode-shift": "electrodes off by 0.5 mm",
+    "sim2real-drift": "conductivity drifts by 1 %",
+    "sim2real-relaxation": "5 % of the last touch is left",
+    "sim2real-emulated": "all, at 60 dB (`emulated`)",
+    "sim2real-severity-2": "all, twice as severe",
+    "sim2real-dead-electrode": "emulated, with a dead electrode",
+    "area": "**area under B over severity**",
+}
+
+
+def _rungs() -> str:
+    stored = pd.read_csv(STUDIES / "sim2real" / "ladder.csv")
+    value = stored.set_index(["rung", "method"])["value"]
+    methods = ("coarse-to-fine", "dnn", "learned-gn", "tv", "linear-learned", "noser")
+    rows = [
+        [title, *(f"{value[rung, method]:.3f}" for method in methods)]
+        for rung, title in _RUNGS.items()
+    ]
+    return _table(["B", *(f"`{method}`" for method in methods)], rows)
+
+
+def _ladder() -> str:
+    lines = (STUDIES / "sim2real" / "ladder.md").read_text().splitlines()
+    return "\n".join(line for line in lines if line.startswith("|"))
+
+
+def _operators() -> str:
+    stored = pd.read_csv(STUDIES / "operators" / "operators.csv")
+    names = {"paper": "same mesh", "paper-finer": "finer mesh"}
+    rows = [
+        [
+            names[row["scenario"]],
+            f"`{row['operator']}`",
+            f"{row['mse']:.3g}",
+            f"{row['r']:.4f}" + (f" ({row['r_low']:.4f} to {row['r_high']:.4f})"),
+            f"{100 * row['rel_error']:.2g} %",
+            f"{row['grad_cosine']:.3f}",
+        ]
+        for row in stored.to_dict("records")
+    ]
+    for name, title in (("surrogate", "learned operator"), ("jacobian", "Jacobian")):
+        table = TABLE_I[name]
+        rows.append(["published", title, f"{table['mse']:.3g}", f"{table['r']:.5f}", "", ""])
+    heads = ["data from", "operator", "MSE", "R (95 %)", "rel. error", "gradient cosine"]
+    return _table(heads, rows, [False] * 2 + [True] * 4)
+
+
 _READ = (
     # frames, axes, background
     ("absolute maps", "as they are", "as they are", True),
@@ -166,6 +251,12 @@ TABLES: dict[str, Callable[[], str]] = {
     "untuned and tuned": _untuned_and_tuned,
     "meshes and noise": _meshes_and_noise,
     "readings": _readings,
+    "objects": _objects,
+    "claims": _claims,
+    "supervision": _supervision,
+    "rungs": _rungs,
+    "ladder": _ladder,
+    "operators": _operators,
 }  # fmt: skip
 
 

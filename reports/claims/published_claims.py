@@ -34,7 +34,7 @@ CLAIMS = (
         "Unsupervised schemes (alpha = 0) lack real-time capability.",
         rules.UNSUPERVISED,
         "fewer frames per second than the sensor's 10",
-        "eitbench run paper --methods dip,phydnn --limit 12",
+        "eitbench run objects --methods dip,phydnn --limit 12",
         rules.unsupervised_rate,
     ),
     Claim(

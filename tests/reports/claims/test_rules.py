@@ -227,10 +227,13 @@ def test_the_frame_rate(
     ],
 )
 def test_the_rate_of_schemes_without_true_images(
-    frame_ms: tuple[float, float], verdict: Verdict, add: Callable[..., None], build: Any
+    frame_ms: tuple[float, float], verdict: Verdict, build: Any, many: Dataset
 ) -> None:
+    build.suite = "objects"
+    objects = replace(many, scenario="objects")
+    objects.__dict__["conductivity"] = truth = np.array(many.conductivity)
     for name, ms in zip(("dip", "phydnn"), frame_ms, strict=True):
-        add(name, 0.02)
+        build.add(objects, name, truth)
         build.methods[-1]["frame_ms_p50"] = ms
     found = findings(build.write())["unsupervised-rate"]
     assert found.verdict is verdict
