@@ -27,12 +27,18 @@ from eitbench.methods import Problem, create
 from eitbench.methods.learned.image_networks import TrainedMethod
 from eitbench.methods.method import reconstructed
 from eitbench.methods.registry import methods
-from eitbench.methods.training import DivergedError, TrainingRequest, train
+from eitbench.methods.training import (
+    DivergedError,
+    TrainingInterruptedError,
+    TrainingRequest,
+    train,
+)
 from eitbench.methods.training.samples import no_split, training_scenario
 from eitbench.methods.weights.weight_files import sensor_key
 from eitbench.scenarios.atomic_write import atomic_write
 from eitbench.scenarios.data.datasets import load
 from eitbench.scenarios.errors import DataCorruptError, InputError, unknown_name
+from eitbench.scenarios.interrupts import termination_interrupts
 from eitbench.scenarios.sensors.sensor import Sensor, foam16
 from eitbench.scenarios.suites.scenario import SimulatedScenario
 from eitbench.scenarios.suites.suite import load_suite
@@ -124,6 +130,7 @@ def run_study(
     Raises:
         InputError: no such study, one that does not fit its suite or its budget, a folder of
             another, or one that another process works in.
+        TrainingInterruptedError: Ctrl-C or SIGTERM; all processes have ended.
         EitbenchError: as for `train`.
     """
     if name not in STUDIES:
@@ -137,12 +144,18 @@ def run_study(
         dict(zip(study.grid, values, strict=True))
         for values in itertools.product(*study.grid.values())
     ]
-    with locked(out):
-        # One training a task: a process that is free takes the next, and none is begun twice.
-        tables = joblib.Parallel(n_jobs=jobs, batch_size=1)(
-            joblib.delayed(_rows)(study, variant, budget, out, progress and jobs == 1)
-            for variant in variants
-        )
+    with locked(out), termination_interrupts():
+        try:
+            # One training a task: a process that is free takes the next, and none is begun twice.
+            tables = joblib.Parallel(n_jobs=jobs, batch_size=1)(
+                joblib.delayed(_rows)(study, variant, budget, out, progress and jobs == 1)
+                for variant in variants
+            )
+        except KeyboardInterrupt as stop:
+            raise TrainingInterruptedError(
+                f"Interrupted: finished trainings and epochs are stored in {out}; the same command "
+                "continues."
+            ) from stop
     table: pd.DataFrame = pd.concat(tables, ignore_index=True)
     table.to_parquet(out / SAMPLES)
     return table

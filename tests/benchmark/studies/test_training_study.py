@@ -1,11 +1,16 @@
 """Studies: every combination is trained once and scored, also after an interruption."""
 
+import subprocess
+import sys
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import psutil
 import pytest
+from tests.support.waiting import has_ended, wait_for
 
 from eitbench.benchmark.studies import training_study as module
 from eitbench.benchmark.studies.training_study import (
@@ -128,3 +133,27 @@ def test_what_is_no_study_is_refused(budget: StudyBudget, tmp_path: Path) -> Non
     (tmp_path / "full" / "something").write_text("mine")
     with pytest.raises(InputError, match="is not empty and holds no study"):
         run_study("beta", budget, tmp_path / "full")
+
+
+def test_a_study_that_is_terminated_leaves_no_process(budget: StudyBudget, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    words = [
+        "study",
+        "beta",
+        "--suite",
+        budget.suite,
+        "--epochs",
+        "100000",
+        "--operator",
+        "jacobian",
+    ]
+    command = [sys.executable, "-m", "eitbench.cli", *words, "--jobs", "2", "--out", str(out)]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as study:
+        wait_for(lambda: len(list(out.glob("*/curve.csv"))) == 2)
+        workers = [child.pid for child in psutil.Process(study.pid).children(recursive=True)]
+        study.terminate()
+        _, said = study.communicate(timeout=60)
+    assert study.returncode != 0
+    assert "the same command continues" in said
+    for pid in workers:
+        wait_for(partial(has_ended, pid))
