@@ -139,8 +139,8 @@ def _claims() -> str:
     rows = []
     for claim in stored["claims"]:
         says = claim["claim"].removesuffix(".")
-        rows.append([says, claim["source"], f"**{claim['verdict']}**", str(claim["n"] or "–")])
-    return _table(["claim", "in", "verdict", "samples"], rows, [False] * 3 + [True])
+        rows.append([f"**{claim['verdict']}**", says, claim["source"], str(claim["n"] or "–")])
+    return _table(["verdict", "claim", "in", "samples"], rows, [False] * 3 + [True])
 
 
 def _supervision() -> str:
