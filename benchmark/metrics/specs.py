@@ -170,8 +170,8 @@ _SPECS = (
         aggregate="median",
         form=".3f",
         traps="Blind to place and shape. The law is told: on a real sensor it has to be measured "
-        "first, and hysteresis and creep add to the error. Contrast of noise cancels in the sum, "
-        "a wrong offset of the image does not.",
+        "first, and hysteresis and creep add to the error. The law is curved, so that noise in an "
+        "image adds to the force: 0.1 N on foam16 at 2 % of the background, 0.5 N at 5 %.",
     ),
     MetricSpec(
         "iou_resistive",

@@ -82,7 +82,8 @@ class FoamLayer:
         """Pressure [Pa] on the base where the 2-D conductivity is this fraction of the untouched.
 
         It is that of the firmest press where conductivity is lower than under it. Ratios above 1
-        count as a pull, so that noise cancels in a sum; more than doubled they count as doubled.
+        count as a pull, so that most of the noise cancels in a sum (the law is curved: not all of
+        it); more than doubled they count as doubled.
         """
         ratios, pressures = self._inverse
         return np.interp(np.asarray(conductivity_ratio, dtype=np.float64), ratios, pressures)
