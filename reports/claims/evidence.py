@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from eitbench.benchmark import InputError
 from eitbench.benchmark.analysis.leaderboard import Row, leaderboard_rows
 from eitbench.benchmark.analysis.results import Run, failures
-from eitbench.benchmark.rundir.kinds import RunKind
+from eitbench.benchmark.rundir.kinds import SHARED, RunKind
 from eitbench.reports.studies.summaries import StudySummary
 
 SCENARIO = "paper"
@@ -48,8 +48,9 @@ class Measured:
 
     @property
     def machine(self) -> str:
-        """The processor that times were taken on."""
-        return str(self.run.manifest["machine"]["cpu"])
+        """The processor that times were taken on, and whether other cells shared it."""
+        shared = ", which other cells shared" if self.row.get("timed") == SHARED else ""
+        return f"{self.run.manifest['machine']['cpu']}{shared}"
 
 
 class Evidence:

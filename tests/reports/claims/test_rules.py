@@ -240,6 +240,16 @@ def test_the_rate_of_schemes_without_true_images(
     assert [figure.ours for figure in found.figures] == pytest.approx([1e3 / ms for ms in frame_ms])
 
 
+def test_times_that_were_taken_beside_other_cells_say_so(
+    add: Callable[..., None], build: Any
+) -> None:
+    for name in ("dnn", "phydnn"):
+        add(name, 0.02)
+        build.methods[-1]["timed"] = "shared"
+    found = findings(build.write())["frame-rate"]
+    assert found.conditions == "one thread of A processor, which other cells shared"
+
+
 def test_a_frame_rate_that_was_not_timed(add: Callable[..., None], build: Any) -> None:
     add("dnn", 0.02, None)
     add("phydnn", 0.02)
