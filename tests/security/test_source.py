@@ -31,7 +31,8 @@ BETWEEN_OUR_PROCESSES = {
     "benchmark/run/executors.py", "benchmark/workers/process.py", "benchmark/workers/worker.py",
     "benchmark/studies/priors.py", "benchmark/studies/readings.py",
     "benchmark/studies/real_trained.py", "benchmark/studies/training_study.py",
-    "methods/learned/refiner_training.py", "scenarios/data/simulation.py",
+    "methods/learned/refiner_training.py", "scenarios/data/datasets.py",
+    "scenarios/data/simulation.py",
 }  # fmt: skip
 
 

@@ -21,7 +21,12 @@ from eitbench.benchmark.studies.training_study import (
     run_study,
 )
 from eitbench.methods.learned.image_networks import ImageNetworkMethod
-from eitbench.methods.training import DivergedError, TrainingRequest, train
+from eitbench.methods.training import (
+    DivergedError,
+    TrainingInterruptedError,
+    TrainingRequest,
+    train,
+)
 from eitbench.methods.training.job import TrainingResult
 from eitbench.scenarios.errors import InputError
 
@@ -72,7 +77,7 @@ def test_a_study_goes_on_where_it_stopped_and_to_the_same_figures(
     out = tmp_path / "out"
     with monkeypatch.context() as patch:
         patch.setattr(module, "train", stopping)
-        with pytest.raises(KeyboardInterrupt):
+        with pytest.raises(TrainingInterruptedError):
             run_study("beta", budget, out)
         table = run_study("beta", budget, out)
     assert trained == [0.0001, 1.0, 1.0]  # the one that was finished is not trained again
