@@ -84,9 +84,7 @@ def edges_and_artefacts(
         the true contrast (n,). NaN where there is no true contact, or no pixel lies within
         `EDGE_ZONE` outside one (coarse images).
     """
-    height, width = sensor.image_shape
-    x0, y0, x1, y1 = sensor.outline.bounds
-    pixel = ((y1 - y0) / height, (x1 - x0) / width)
+    pixel = _pixel(sensor)
     reach = EDGE_ZONE * diameter(sensor)
     edge, artefacts = np.full(len(truth), np.nan), np.full(len(truth), np.nan)
     for n in np.unique(contacts.image):
@@ -113,11 +111,16 @@ def force(images: NDArray[np.floating], sensor: Sensor) -> Array:
 
     It is the integral of `FoamLayer.pressure` over the sensor.
     """
+    height, width = _pixel(sensor)
+    pressure = FOAM.pressure(images[:, sensor.mask] / sensor.background)
+    return np.asarray(height * width * pressure.sum(axis=1))
+
+
+def _pixel(sensor: Sensor) -> tuple[float, float]:
+    """Height and width of a pixel [m]."""
     height, width = sensor.image_shape
     x0, y0, x1, y1 = sensor.outline.bounds
-    pixel = (y1 - y0) / height * (x1 - x0) / width
-    pressure = FOAM.pressure(images[:, sensor.mask] / sensor.background)
-    return np.asarray(pixel * pressure.sum(axis=1))
+    return (y1 - y0) / height, (x1 - x0) / width
 
 
 @dataclass(frozen=True, eq=False)

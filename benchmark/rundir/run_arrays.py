@@ -88,7 +88,7 @@ class Scene:
         has_classes: True if `truth` holds classes: -1 resistive, 0, +1 conductive.
     """
 
-    bounds: tuple[float, float, float, float]
+    bounds: Bounds
     background: float
     data_range: float
     mask: NDArray[np.bool_]

@@ -147,12 +147,12 @@ def train_image_network(method: type[ImageNetworkMethod], job: TrainingJob) -> T
         std.clamp(min=1e-6 * std.max()),
     )
     _standardise(network, train)
-    linear = _best_linear_map(network, train, validation)
     if request.alpha:
+        linear = _best_linear_map(network, train, validation)
         network.backbone.start_from(torch.from_numpy(linear.matrix))
         baseline, baseline_loss = "the best linear map", linear.validation_mse
     else:
-        network.backbone.start_from(torch.zeros(linear.matrix.shape))
+        network.backbone.start_from(torch.zeros_like(network.backbone.linear.weight.T))
         baseline = "an image of the untouched sensor, by the physical loss"
         flat = torch.ones_like(validation[2])
         baseline_loss = float(physical(flat, validation[0], None))
@@ -171,18 +171,20 @@ def train_image_network(method: type[ImageNetworkMethod], job: TrainingJob) -> T
             "alpha": repr(request.alpha),
             "beta": repr(beta),
             "train_samples": str(count),
-            "linear_validation_mse": repr(linear.validation_mse),
+            "baseline_loss": repr(baseline_loss),
         },
         compared=_tensors(compared.voltages, problem.differences(compared), sigma[: len(compared)]),
     )
 
 
 def _standardise(network: ImageNetwork, train: Data) -> None:
+    """Take the spread (K,) [V/A] of the network's inputs from the training differences."""
     std = (train[0] @ network.averaging).std(0)
     network.std.copy_(std.clamp(min=1e-6 * std.max()))  # a measurement that never changes
 
 
 def _best_linear_map(network: ImageNetwork, train: Data, validation: Data) -> Ridge:
+    """Return the map from standardised inputs (n, K) to contrasts (n, H * W), as `ridge` does."""
     inputs = [network.inputs(data[0]).double().numpy() for data in (train, validation)]
     contrasts = [data[2].flatten(1).numpy() - 1 for data in (train, validation)]
     return ridge(inputs[0], contrasts[0], inputs[1], contrasts[1])

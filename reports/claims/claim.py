@@ -60,13 +60,14 @@ def better(best: Best) -> Range:
 def together(verdicts: Sequence[Verdict]) -> Verdict:
     """Return the verdict on a claim of several tested figures.
 
-    It holds in part where a figure does, or where one holds and another does not; else it is
-    undecided as long as one of them is.
+    The claim is about all of them, so that one that does not hold refutes it: it holds in part
+    where another one does, or where one itself holds in part.
     """
-    found = set(verdicts)
-    if Verdict.in_part in found or {Verdict.holds, Verdict.fails} <= found:
+    if Verdict.in_part in verdicts:
         return Verdict.in_part
-    return found.pop() if len(found) == 1 else Verdict.undecided
+    if Verdict.fails in verdicts:
+        return Verdict.in_part if Verdict.holds in verdicts else Verdict.fails
+    return Verdict.holds if {*verdicts} == {Verdict.holds} else Verdict.undecided
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,8 @@ from eitbench.reports.claims.claim import Claim
 _WITHIN = "SSIM and CC within 0.01, RIE within 10 %, PSNR within 1 dB"
 _INTERVALS = (
     "each figure holds where its whole 95 % interval meets the rule, does not where all of it "
-    "misses, and is undecided otherwise; the claim holds in part where figures of both kinds are"
+    "misses, and is undecided otherwise; the claim holds where all figures do, holds in part where "
+    "one does and another does not, and does not hold where one does not and none does"
 )
 _PAPER = "eitbench run paper --methods noser,tv,dnn,phydnn"
 _OPERATORS = "eitbench run operators --operators surrogate,jacobian,fem"

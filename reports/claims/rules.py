@@ -88,7 +88,7 @@ CASES_FIGURE = Figure("share of samples where PhyDNN is the best by all four met
 COST_FIGURE = Figure("gradient of the exact model / of the surrogate", None)
 UNSUPERVISED = (
     Figure("dip, a fit to every frame [frames/s]", None),
-    Figure("a network trained with alpha = 0 [frames/s]", None),
+    Figure("PhyDNN, the network that alpha = 0 would train [frames/s]", None),
 )
 PLACE_FIGURE = Figure("error of the place, PhyDNN minus DNN [mm]", None)
 FORCE_FIGURE = Figure("relative error of the force, PhyDNN minus DNN", None)

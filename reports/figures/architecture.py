@@ -36,7 +36,8 @@ def write_architectures(networks: Mapping[str, Sequence[Layer]], folder: Path) -
 def draw(layers: Sequence[Layer], title: str, given: str, returned: str) -> Figure:
     """Draw layers from left to right, those on coarser grids lower; vectors are at the top."""
     words = {"input": given, "output": returned}
-    columns, lanes = _columns(layers), _lanes(layers)
+    columns = _columns(layers)
+    lanes = _lanes(layers, columns)
     bottom = max(lanes.values())
     size = (2 * _MARGIN + max(columns.values()) * _STEP, (bottom + 1) * _ROW + 0.35)
     figure = new_figure(*size)
@@ -64,11 +65,10 @@ def _columns(layers: Sequence[Layer]) -> dict[str, int]:
     return columns
 
 
-def _lanes(layers: Sequence[Layer]) -> dict[str, int]:
+def _lanes(layers: Sequence[Layer], columns: Mapping[str, int]) -> dict[str, int]:
     """Return the row of each layer: vectors above, a second chain of them below the first."""
     first: dict[int, str] = {}
     vectors: dict[str, int] = {}
-    columns = _columns(layers)
     for layer in layers:
         if len(layer.shape) == 1:
             chain = max((vectors.get(name, 0) for name in layer.inputs), default=0)

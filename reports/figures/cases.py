@@ -1,18 +1,15 @@
 """The cases that the paper shows images of, simulated and pressed, as they are here."""
 
-from collections import Counter
 from collections.abc import Iterator
 from dataclasses import replace
 
 from eitbench.benchmark.analysis.results import Run
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
+from eitbench.benchmark.studies.reproduce import METHODS
 from eitbench.reports.figures.image_grid import ImageGrid, comparison
 
-METHODS = ("noser", "tv", "dnn", "phydnn")
-"""Those that the paper shows, in its order."""
-
 FAMILIES = {
-    # Cases 1 to 7: what text says of them; the order of the ring and the rectangle is ours.
+    # Cases 1 to 7, as far as the text tells them apart; the order of the others is ours.
     "paper": (
         1, ("two-circles", "two-circles", "two-circles", "triangle", "ring", "l-shape", "rectangle")
     ),
@@ -36,15 +33,10 @@ def published_cases(run: Run) -> Iterator[tuple[str, ImageGrid]]:
         table = run.samples[run.samples["scenario"] == scenario]
         if "family" not in table or not set(METHODS) <= set(table["method"]):
             continue
-        numbers = table.drop_duplicates("sample").groupby("family")["sample"].apply(sorted)
-        taken: Counter[str] = Counter()
-        samples = []
-        for family in families:
-            of_family = numbers.get(family, [])
-            samples += [int(sample) for sample in of_family[taken[family] :][:1]]
-            taken[family] += 1
-        if len(samples) < len(families):
+        of = table.drop_duplicates("sample").groupby("family")["sample"].apply(sorted).to_dict()
+        if any(len(of.get(family, [])) < families.count(family) for family in families):
             continue
+        samples = [int(of[family][families[:k].count(family)]) for k, family in enumerate(families)]
         grid = comparison(run, scenario, METHODS, sorted(samples))
         rows = dict(zip(sorted(samples), grid.rows, strict=True))
         cases = [rows[sample] for sample in samples]

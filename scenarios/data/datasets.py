@@ -18,7 +18,7 @@ from eitbench.scenarios.data.simulation import (
     clean_frames,
     nominal_frames,
     phantom,
-    tracked,
+    with_bar,
 )
 from eitbench.scenarios.errors import InputError, unknown_name
 from eitbench.scenarios.guard import check_open
@@ -157,7 +157,7 @@ def _calibrated(data: Dataset, jobs: int, progress: bool) -> Dataset:
     )
     voltages, references = np.empty_like(data.voltages), np.empty_like(data.voltages)
     title = f"Calibrating {data.scenario}"
-    corrected = tracked(steps, title, len(sessions), show=progress)
+    corrected = with_bar(steps, title, len(sessions), show=progress)
     for rows, found in zip(sessions, corrected, strict=True):
         voltages[rows], references[rows] = found
     return replace(data, voltages=voltages, references=references)

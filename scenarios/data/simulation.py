@@ -75,7 +75,9 @@ def clean_frames(
             ready[chunk.first] = CleanFrames(*(array[: chunk.count] for array in stored))
     missing = [chunk for chunk in chunks if chunk.first not in ready]
     steps = _simulated(scenario, split, missing, jobs)
-    for chunk, frames in tracked(steps, f"Simulating {scenario.name}", len(missing), show=progress):
+    for chunk, frames in with_bar(
+        steps, f"Simulating {scenario.name}", len(missing), show=progress
+    ):
         ready[chunk.first] = frames
     empty = np.empty((0, scenario.nominal_sensor.n_measurements))
     found = [ready[chunk.first] for chunk in chunks]
@@ -85,7 +87,7 @@ def clean_frames(
     )
 
 
-def tracked(steps: Iterable[_Step], title: str, total: int, *, show: bool) -> Iterable[_Step]:
+def with_bar(steps: Iterable[_Step], title: str, total: int, *, show: bool) -> Iterable[_Step]:
     """Return `steps`, so many in `total`; a bar on stderr shows how many are done."""
     console = Console(stderr=True)
     # Without a terminal there is nobody to watch, and a log needs no empty lines.

@@ -10,6 +10,7 @@ from scipy.ndimage import gaussian_filter
 from tests.support.contact_images import FOAM, PIXEL, Array, blobs, disc_sensor
 
 from eitbench.benchmark.metrics import tactile
+from eitbench.benchmark.metrics.specs import METRICS
 from eitbench.scenarios.phantoms.contacts import contacts
 from eitbench.scenarios.phantoms.press import FOAM as LAW
 
@@ -120,6 +121,15 @@ def test_force_of_a_strip_is_that_of_its_edges_and_its_middle() -> None:
     assert errors[1] < errors[0] / 3.5
     assert errors[2] < errors[1] / 3.5
     assert tactile.force(np.full((1, 80, 80), FOAM.background), FOAM) == pytest.approx(0, abs=1e-4)
+
+
+def test_noise_adds_as_much_to_the_force_as_the_card_says() -> None:
+    """The law is curved: pressures of noise that is 0 in the mean are not."""
+    noise = np.random.default_rng(0).standard_normal((20, 80, 80))
+    for share, newtons in ((0.02, 0.1), (0.05, 0.5)):
+        found = tactile.force(FOAM.background * (1 + share * noise), FOAM).mean()
+        assert found == pytest.approx(newtons, abs=0.05)
+        assert f"{newtons} N" in METRICS["force_error"].traps
 
 
 @given(

@@ -65,7 +65,7 @@ KINDS = {"h": Verdict.holds, "f": Verdict.fails, "u": Verdict.undecided, "p": Ve
 
 @pytest.mark.parametrize(
     ("figures", "claim"),
-    [("h", "h"), ("f", "f"), ("hf", "p"), ("hfu", "p"), ("hu", "u"), ("fu", "u"), ("hp", "p"),
+    [("h", "h"), ("f", "f"), ("hf", "p"), ("hfu", "p"), ("hu", "u"), ("fu", "f"), ("hp", "p"),
      ("pf", "p"), ("pu", "p"), ("", "u")],
 )  # fmt: skip
 def test_figures_of_a_claim_together(figures: str, claim: str) -> None:

@@ -10,7 +10,8 @@ from tests.support.figures import assert_no_text_overlaps_or_is_cut
 from tests.support.made_runs import made
 
 from eitbench.benchmark.analysis.results import Run, read_run
-from eitbench.reports.figures.cases import METHODS, published_cases
+from eitbench.benchmark.studies.reproduce import METHODS
+from eitbench.reports.figures.cases import published_cases
 from eitbench.reports.figures.image_grid import draw
 from eitbench.scenarios.data.datasets import Dataset
 
