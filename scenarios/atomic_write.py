@@ -1,7 +1,7 @@
 """Files that appear whole or not at all, whoever writes them at once and whenever one is killed."""
 
 import os
-import threading
+import secrets
 import time
 from collections.abc import Callable
 from contextlib import suppress
@@ -15,6 +15,8 @@ ABANDONED_AFTER_S = 3600.0
 def atomic_write(path: Path, content: bytes | Callable[[Path], object]) -> None:
     """Make `content` the file `path`: others read the old file or the new, nothing between.
 
+    A link at `path` is replaced; what it leads to stays as it is.
+
     Args:
         path: where it appears; its folder is made.
         content: what it holds, or a function that writes it to the path that it is given.
@@ -22,7 +24,8 @@ def atomic_write(path: Path, content: bytes | Callable[[Path], object]) -> None:
     Raises:
         OSError: the folder is not writable or full; nothing is left of this file.
     """
-    part = path.with_name(f".{path.name}.{os.getpid()}-{threading.get_ident()}.part")
+    # Nobody can foresee the name, and put a link there.
+    part = path.with_name(f".{path.name}.{secrets.token_hex(8)}.part")
     path.parent.mkdir(parents=True, exist_ok=True)
     _sweep(path)
     try:
@@ -43,5 +46,5 @@ def _sweep(path: Path) -> None:
     for left in path.parent.glob(f".{path.name}.*.part"):
         # Its writer, or another process that sweeps, may be done with it meanwhile.
         with suppress(FileNotFoundError):
-            if time.time() - left.stat().st_mtime > ABANDONED_AFTER_S:
+            if time.time() - left.lstat().st_mtime > ABANDONED_AFTER_S:
                 left.unlink()

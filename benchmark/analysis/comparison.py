@@ -31,6 +31,7 @@ from eitbench.benchmark.rundir import manifest
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS, PINNED
 from eitbench.benchmark.rundir.store import SAMPLES
 from eitbench.scenarios.errors import InputError, unknown_name
+from eitbench.scenarios.try_reading import try_reading
 
 ChangeVerdict = Literal["better", "worse", "no difference found", "negligible", "equal"]
 
@@ -129,6 +130,11 @@ def read_results(path: Path) -> Results:
         InputError: it is neither, or a run of operators.
         DataCorruptError: its tables cannot be read.
     """
+    try_reading(path, _read_results, path)
+    return _read_results(path)
+
+
+def _read_results(path: Path) -> Results:
     table = path / SAMPLES if path.is_dir() else path
     if not table.is_file():
         raise InputError(f"{path} is neither a run directory nor the {SAMPLES} of one.")

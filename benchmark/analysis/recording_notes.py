@@ -7,6 +7,7 @@ import numpy as np
 
 from eitbench.benchmark.analysis.results import NOTES, NOTES_FILE
 from eitbench.benchmark.rundir import manifest as manifests
+from eitbench.scenarios.atomic_write import atomic_write
 from eitbench.scenarios.data.datasets import load
 from eitbench.scenarios.errors import DataCorruptError, DataUnavailableError
 from eitbench.scenarios.recordings.fetch import read_recording
@@ -33,7 +34,7 @@ def write_notes(run: Path) -> None:
                 continue
     if noted:
         text = json.dumps(noted, indent=2, allow_nan=False) + "\n"
-        (run / NOTES_FILE).write_text(text, encoding="utf-8")
+        atomic_write(run / NOTES_FILE, text.encode())
 
 
 def notes_of(scenario: RecordedScenario, n: int) -> dict[str, float | None]:

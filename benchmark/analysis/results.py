@@ -9,17 +9,20 @@ from typing import Any, Literal
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
+from pydantic import BaseModel, ConfigDict, TypeAdapter
 
 from eitbench.benchmark.metrics.aggregation import LOAD_COLUMNS
 from eitbench.benchmark.metrics.specs import METRIC_COLUMNS
 from eitbench.benchmark.rundir import manifest
+from eitbench.benchmark.rundir.folder import read_json_file
 from eitbench.benchmark.rundir.kinds import RUN_KINDS, RunKind
 from eitbench.benchmark.rundir.run_arrays import Scene, read_estimates, read_scene
 from eitbench.benchmark.rundir.store import SAMPLES, TRACKS
 from eitbench.benchmark.rundir.tables import read_parquet, wrong_kind
+from eitbench.methods.registry import MAX_NAME
 from eitbench.scenarios.data.datasets import SNR_COLUMNS
 from eitbench.scenarios.errors import DataCorruptError, InputError
+from eitbench.scenarios.try_reading import try_reading
 
 # What is known of a scenario's data beside its rows, if it is recorded.
 NOTES = ("reciprocity_error", "repeat_noise", "guess_mm")
@@ -75,6 +78,10 @@ class Run:
         """Return the names of the scenarios that have rows, in the order of the run."""
         return [] if self.samples.empty else list(self.samples["scenario"].unique())
 
+    def n(self, scenario: str) -> int:
+        """Return the number of samples of a scenario, as the manifest says."""
+        return manifest.samples_of(self.manifest).get(scenario, 0)
+
     def cell(self, scenario: str, method: str) -> pd.DataFrame:
         """Return the sample rows of one method on one scenario."""
         of = (self.samples["scenario"] == scenario) & (self.samples["method"] == method)
@@ -86,7 +93,7 @@ class Run:
         Raises:
             DataCorruptError: the file of arrays does not hold it, or is damaged.
         """
-        return read_scene(self.path / self.kind.arrays, scenario, samples)
+        return read_scene(self.path / self.kind.arrays, scenario, samples, self.n(scenario))
 
     def estimates(
         self, scenario: str, method: str, samples: Sequence[int]
@@ -96,16 +103,22 @@ class Run:
         Raises:
             DataCorruptError: as for `scene`.
         """
-        return read_estimates(self.path / self.kind.arrays, scenario, method, samples)
+        arrays, n = self.path / self.kind.arrays, self.n(scenario)
+        return read_estimates(arrays, scenario, method, samples, n)
 
 
 def read_run(path: Path) -> Run:
-    """Read a run directory.
+    """Read a run directory, which may come from somebody else.
 
     Raises:
         InputError: it is none, or its run was not finished.
-        DataCorruptError: one of its files is damaged.
+        DataCorruptError: one of its files is damaged, or takes more than a run's can.
     """
+    try_reading(path, _read_run, path)
+    return _read_run(path)
+
+
+def _read_run(path: Path) -> Run:
     content = manifest.read(path)
     kinds = [kind for kind in RUN_KINDS.values() if (path / kind.table).is_file()]
     if not (path / SAMPLES).is_file() or not kinds:
@@ -115,11 +128,13 @@ def read_run(path: Path) -> Run:
     notes, kind = path / NOTES_FILE, kinds[0]
     labels = ("scenario", kind.name, *kind.labels)
     try:
-        noted = _NOTES.validate_json(notes.read_bytes()) if notes.is_file() else {}
-    except ValidationError as error:
+        noted = _NOTES.validate_json(read_json_file(notes)) if notes.is_file() else {}
+    except ValueError as error:
         raise DataCorruptError(f"{notes} holds no figures of recordings: run again.") from error
-    samples = checked_table(path / SAMPLES, kind, ("suite", *labels, "sample", "status"))
-    cells = checked_table(path / kind.table, kind, labels)
+    # Tracks have rows of the same samples, once each.
+    most = sum(manifest.samples_of(content).values()) * max(1, len(content.get("cells", [])))
+    samples = checked_table(path / SAMPLES, kind, ("suite", *labels, "sample", "status"), most)
+    cells = checked_table(path / kind.table, kind, labels, most)
     if len(samples) and cells.empty:
         raise DataCorruptError(f"{path / kind.table} is empty: run again.")
     return Run(
@@ -129,7 +144,9 @@ def read_run(path: Path) -> Run:
         samples,
         cells,
         noted,
-        checked_table(path / TRACKS, kind, labels) if (path / TRACKS).is_file() else pd.DataFrame(),
+        checked_table(path / TRACKS, kind, labels, most)
+        if (path / TRACKS).is_file()
+        else pd.DataFrame(),
     )
 
 
@@ -141,17 +158,26 @@ def cells_of(samples: pd.DataFrame) -> dict[tuple[str, str], pd.DataFrame]:
     return {(str(s), str(m)): cell.sort_values("sample") for (s, m), cell in cells}
 
 
-def checked_table(path: Path, kind: RunKind, needed: Iterable[str] = ()) -> pd.DataFrame:
+def checked_table(
+    path: Path, kind: RunKind, needed: Iterable[str] = (), most_rows: int | None = None
+) -> pd.DataFrame:
     """Read a table of a run directory that has all `needed` columns, each of the right kind.
 
     Raises:
         DataCorruptError: it is none.
     """
-    table = read_table(path)
+    table = read_table(path, most_rows)
     for name in needed:
         if len(table) and name not in table:
             raise DataCorruptError(f"{path} has no column {name!r}: run again.")
     texts = ("suite", "scenario", kind.name, *kind.labels, *kind.facts, *TEXTS)
+    for name in ("suite", "scenario", kind.name, *kind.labels):
+        for text in table[name].dropna().unique() if name in table else ():
+            if not isinstance(text, str) or len(text.encode()) > MAX_NAME:
+                raise DataCorruptError(
+                    f"The column {name!r} of {path} holds a name of more than {MAX_NAME} bytes: "
+                    "run again with a shorter one."
+                )
     if wrong := wrong_kind(table, texts, (*kind.metrics, *kind.costs, *NUMBERS)):
         raise DataCorruptError(f"The column {wrong!r} of {path} is damaged: run again.")
     if "prior_knowledge" in table:
@@ -240,7 +266,7 @@ def read_json(path: Path) -> dict[str, Any]:
         DataCorruptError: it is none.
     """
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = json.loads(read_json_file(path).decode())
     except (ValueError, RecursionError) as error:
         raise DataCorruptError(f"{path} is not valid JSON: run again.") from error
     if not isinstance(content, dict):
@@ -248,14 +274,17 @@ def read_json(path: Path) -> dict[str, Any]:
     return content
 
 
-def read_table(path: Path) -> pd.DataFrame:
-    """Read a Parquet file of a run directory.
+def read_table(path: Path, most_rows: int | None = None) -> pd.DataFrame:
+    """Read a Parquet file of a run directory; see `read_parquet`.
 
     Raises:
         DataCorruptError: it cannot be read.
     """
     try:
-        return read_parquet(path)
+        return read_parquet(path, most_rows)
     # Damaged tables fail in whatever way the damage leads to.
     except Exception as error:
-        raise DataCorruptError(f"{path} is not a readable Parquet file: run again.") from error
+        reason = (str(error).splitlines() or [type(error).__name__])[0].rstrip(".")
+        raise DataCorruptError(
+            f"{path} is not a readable Parquet file ({reason}): run again."
+        ) from error

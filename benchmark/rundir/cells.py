@@ -37,16 +37,16 @@ class Cell:
         """Names of the folders of its scenario and of itself, fit for any system."""
         # No name holds a slash.
         own = f"{self.name}/{self.variant}" if self.variant else self.name
-        return _folder(self.scenario), _folder(own)
+        return file_name(self.scenario), file_name(own)
 
 
-def _folder(name: str) -> str:
-    """`name` as one folder name on any system: what could be a path is percent-encoded."""
+def file_name(name: str) -> str:
+    """Return `name` as a file's or folder's on any system: what could be a path is quoted."""
     quoted = quote(name, safe=" +=@")
     if len(quoted) > MAX_FOLDER:  # file systems limit a name to 255 bytes
         digest = hashlib.sha256(name.encode()).hexdigest()[:16]
         quoted = f"{quoted[: MAX_FOLDER - 17]}~{digest}"
-    return "%2E" + quoted[1:] if quoted.startswith(".") else quoted
+    return "%2E" + quoted[1:] if quoted.startswith(".") else quoted or "~"
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,10 +15,13 @@ import psutil
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 import eitbench
+from eitbench.benchmark.rundir.folder import check_folder, read_json_file
 from eitbench.scenarios.errors import DataCorruptError, InputError
 from eitbench.scenarios.suites.suite import Suite
 
 FILE_NAME = "manifest.json"
+MOST_SAMPLES = 1_000_000
+"""Of a scenario: more would fill memory wherever its images are read."""
 PACKAGES = (
     "numpy",
     "scipy",
@@ -108,6 +111,7 @@ def command_line() -> str:
 
 
 _Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+_Line = Annotated[str, Field(max_length=200)]
 
 
 class _Part(BaseModel):
@@ -118,7 +122,7 @@ class _Part(BaseModel):
 
 class _Data(_Part):
     hash: str | None = None
-    n: int | None = None
+    n: Annotated[int, Field(ge=0, le=MOST_SAMPLES)] | None = None
     inverse_crime: bool | None = None
 
 
@@ -129,7 +133,7 @@ class _Plugin(_Part):
 
 
 class _Suite(_Part):
-    name: str = ""
+    name: _Line = ""
     scenarios: list[dict[str, Any]] = []
 
 
@@ -146,26 +150,28 @@ class _Manifest(_Part):
 
     status: str = "finished"
     plan: _Plan = _Plan()
-    data: dict[str, _Data] = {}
+    data: dict[_Line, _Data] = {}
     cells: list[dict[str, Any]] = []
-    machine: dict[str, str | int | float | None] = {}
-    versions: dict[str, str | None] = {}
+    machine: dict[str, _Line | int | float | None] = {}
+    versions: dict[str, _Line | None] = {}
     skipped: dict[str, str] = {}
     calibration_ms: _Positive | None = None
 
 
 def read(run: Path) -> Manifest:
-    """Read the manifest of the run directory `run`.
+    """Read the manifest of the run directory `run`, after a look at all that the directory holds.
 
     Raises:
         InputError: `run` holds none.
-        DataCorruptError: it is damaged.
+        DataCorruptError: it is damaged, or something in the directory is no file.
     """
     path = run / FILE_NAME
     if not path.is_file():
         raise InputError(f"{run} is not a run directory: it holds no {FILE_NAME}.")
+    check_folder(run)
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = json.loads(read_json_file(path).decode())
+        json.dumps(content, ensure_ascii=False).encode()  # its texts are Unicode
         if not isinstance(content, dict):
             raise ValueError("it is not a JSON object")
         _Manifest.model_validate(content)
@@ -181,6 +187,11 @@ def first_problem(error: ValidationError) -> tuple[str, str]:
     """Place and reason of the first problem."""
     first = error.errors(include_url=False)[0]
     return ".".join(map(str, first["loc"])), first["msg"]
+
+
+def samples_of(manifest: Manifest) -> dict[str, int]:
+    """Return the number of test samples of each scenario of a run."""
+    return {name: data.get("n") or 0 for name, data in manifest.get("data", {}).items()}
 
 
 def suite_of(manifest: Manifest) -> Suite:

@@ -18,10 +18,14 @@ from numpy.typing import NDArray
 from eitbench.benchmark.rundir.cells import Batch, Cell, Values
 from eitbench.methods.registry import RESERVED
 from eitbench.scenarios.errors import DataCorruptError, EitbenchError
-from eitbench.scenarios.limits import GZIP_EXPANSION, most_bytes, own_dataset
+from eitbench.scenarios.limits import own_dataset
 from eitbench.scenarios.sensors.sensor_file import MAX_PIXELS
 
 TRUTH = RESERVED
+MOST_MEASUREMENTS = 2**16
+"""Of a frame."""
+MOST_BYTES = 2**32
+"""Of the images of a cell in memory."""
 CHUNK = 6400  # values read at once: one image of 80 x 80 pixels
 
 Bounds = tuple[float, float, float, float]
@@ -97,21 +101,25 @@ class Scene:
     has_classes: bool
 
 
-def read_scene(path: Path, scenario: str, samples: Sequence[int]) -> Scene:
+def read_scene(path: Path, scenario: str, samples: Sequence[int], n: int) -> Scene:
     """Read from the file at `path` what is known of a scenario, with the truth of `samples`.
+
+    Args:
+        n: number of samples of the scenario; the file may hold no more.
 
     Raises:
         DataCorruptError: the file does not hold it, or is damaged.
     """
     with _group(path, scenario, TRUTH) as group:
-        numbers, mask = _numbers(group, path), own_dataset(group, "mask", MAX_PIXELS**2)[:]
+        numbers, mask = _numbers(group, n), own_dataset(group, "mask", MAX_PIXELS**2)[:]
         rows = _rows_of(numbers, samples)
         names = [name for name in ("conductivity", "classes") if name in group]
         truth = None
         if names:
-            images = own_dataset(group, names[0], _most(path))
+            images = own_dataset(group, names[0], 8 * n * mask.size)
             if images.shape != (len(numbers), *mask.shape):
                 raise ValueError("images and mask are of unlike shapes")
+            _check_memory(len(rows), mask.shape, 8)
             truth = images[rows].astype(np.float64)
         x0, y0, x1, y1 = (float(value) for value in group.attrs["bounds"])
         return Scene(
@@ -126,25 +134,29 @@ def read_scene(path: Path, scenario: str, samples: Sequence[int]) -> Scene:
 
 
 def read_estimates(
-    path: Path, scenario: str, method: str, samples: Sequence[int]
+    path: Path, scenario: str, method: str, samples: Sequence[int], n: int
 ) -> NDArray[np.float32] | None:
     """Read conductivity (k, H, W) [S/m] of `samples`, NaN where there was no valid output.
 
     None where the file holds none of these samples of this method.
 
+    Args:
+        n: number of samples of the scenario; the file may hold no more.
+
     Raises:
         DataCorruptError: the file holds nothing of this method, or is damaged.
     """
+    with _group(path, scenario, TRUTH) as group:
+        shape = own_dataset(group, "mask", MAX_PIXELS**2).shape
     with _group(path, scenario, method) as group:
-        numbers = _numbers(group, path)
-        stored = own_dataset(group, "conductivity", _most(path))
-        if stored.ndim != 3 or len(stored) != len(numbers):
+        numbers = _numbers(group, n)
+        stored = own_dataset(group, "conductivity", 4 * n * math.prod(shape))
+        if stored.shape != (len(numbers), *shape):
             raise ValueError("there is not an image for each sample")
         known = np.isin(samples, numbers)
         if not known.any():
             return None
-        if 4 * len(samples) * math.prod(stored.shape[1:]) > _most(path):
-            raise ValueError("it claims to be larger than the file")
+        _check_memory(len(samples), shape, 4)
         images = np.full((len(samples), *stored.shape[1:]), np.nan, np.float32)
         images[known] = stored[_rows_of(numbers, np.array(samples)[known])]
         return images
@@ -154,8 +166,10 @@ TOUCHES_KEPT = 200
 """Images of touches in a run of operators: all of them would be large."""
 
 
-def read_touch(path: Path, scenario: str, sample: int) -> tuple[NDArray[np.float64], Bounds]:
-    """Read the true conductivity (H, W) [S/m] of one of the first samples of a run of operators.
+def read_touch(
+    path: Path, scenario: str, sample: int, n: int
+) -> tuple[NDArray[np.float64], Bounds]:
+    """Read the true conductivity (H, W) [S/m] of one of the first of `n` samples of operators.
 
     Returns:
         The image, and its bounds (x_min, y_min, x_max, y_max) [m].
@@ -164,16 +178,16 @@ def read_touch(path: Path, scenario: str, sample: int) -> tuple[NDArray[np.float
         DataCorruptError: the file does not hold it, or is damaged.
     """
     with _group(path, scenario, TRUTH) as group:
-        images = own_dataset(group, "conductivity", _most(path))
-        (row,) = _rows_of(_numbers(group, path)[: len(images)], [sample])
+        images = own_dataset(group, "conductivity", 8 * TOUCHES_KEPT * MAX_PIXELS**2)
+        (row,) = _rows_of(_numbers(group, n)[: len(images)], [sample])
         x0, y0, x1, y1 = (float(value) for value in group.attrs["bounds"])
         return images[row].astype(np.float64), (x0, y0, x1, y1)
 
 
 def read_responses(
-    path: Path, scenario: str, operators: Sequence[str], sample: int
+    path: Path, scenario: str, operators: Sequence[str], sample: int, n: int
 ) -> dict[str, NDArray[np.float64]]:
-    """Read the responses (M,) to the touch of one sample [V/A], by operator.
+    """Read the responses (M,) to the touch of one of `n` samples [V/A], by operator.
 
     That of the exact model is `TRUTH`. A response is the voltages minus those of the untouched
     sensor, by the exact model.
@@ -185,10 +199,10 @@ def read_responses(
     reference = np.zeros(0)
     for name in (TRUTH, *operators):
         with _group(path, scenario, name) as group:
-            (row,) = _rows_of(_numbers(group, path), [sample])
+            (row,) = _rows_of(_numbers(group, n), [sample])
             if name == TRUTH:
-                reference = own_dataset(group, "reference", _most(path))[:]
-            voltages = own_dataset(group, "voltages", _most(path))[row]
+                reference = own_dataset(group, "reference", 8 * MOST_MEASUREMENTS)[:]
+            voltages = own_dataset(group, "voltages", 8 * n * reference.size)[row]
             found[name] = np.asarray(voltages - reference, dtype=np.float64)
     return found
 
@@ -198,11 +212,15 @@ def _group(path: Path, scenario: str, name: str) -> Iterator[h5py.Group]:
     """Open a group of the file at `path`; damage of any kind is one sentence."""
     try:
         with h5py.File(path, "r") as file:
-            if f"{scenario}/{name}" not in file:
-                raise DataCorruptError(
-                    f"{path} holds no images of {name!r} on scenario {scenario!r}: resume the run."
-                )
-            yield file[f"{scenario}/{name}"]
+            group = file
+            for part in (scenario, name):
+                if not isinstance(group.get(part, getlink=True), h5py.HardLink):
+                    raise DataCorruptError(
+                        f"{path} holds no images of {name!r} on scenario {scenario!r}: resume the "
+                        "run."
+                    )
+                group = group[part]
+            yield group
     except EitbenchError:
         raise
     # HDF5 fails in whatever way the damage leads to.
@@ -210,13 +228,17 @@ def _group(path: Path, scenario: str, name: str) -> Iterator[h5py.Group]:
         raise DataCorruptError(f"{path} cannot be read: resume the run.") from error
 
 
-def _most(path: Path) -> int:
-    return most_bytes(path, GZIP_EXPANSION)
+def _check_memory(n: int, shape: tuple[int, ...], bytes_a_pixel: int) -> None:
+    if n * math.prod(shape) * bytes_a_pixel > MOST_BYTES:
+        raise ValueError(f"its images take more than {MOST_BYTES:,} bytes")
 
 
-def _numbers(group: h5py.Group, path: Path) -> NDArray[np.int64]:
-    """Sample numbers (n,) of the images of a group."""
-    return np.asarray(own_dataset(group, "sample", _most(path))[:], dtype=np.int64)
+def _numbers(group: h5py.Group, n: int) -> NDArray[np.int64]:
+    """Sample numbers of the images of a group, at most `n`."""
+    stored = own_dataset(group, "sample", 8 * n)
+    if stored.dtype.kind not in "iu" or stored.ndim != 1:
+        raise ValueError("samples are not numbered")
+    return np.asarray(stored[:], dtype=np.int64)
 
 
 def _rows_of(numbers: NDArray[np.int64], samples: Iterable[int]) -> list[int]:

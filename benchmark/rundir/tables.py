@@ -9,8 +9,11 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from eitbench.benchmark.rundir.parquet_footer import codecs
-from eitbench.scenarios.limits import most_bytes
+from eitbench.scenarios.limits import SPARE, most_bytes
 
+MOST_COLUMNS = 500
+BYTES_A_ROW = 2**14
+"""Texts of a row take some 100 bytes, those of a cell some kB."""
 CODECS = ("SNAPPY", "UNCOMPRESSED")
 """Those that we write; others can hold thousands of times their size."""
 
@@ -20,8 +23,8 @@ def write_parquet(table: pd.DataFrame, path: Path) -> None:
     table.to_parquet(path, index=False, write_page_checksum=True)
 
 
-def read_parquet(path: Path) -> pd.DataFrame:
-    """Read the table at `path`.
+def read_parquet(path: Path, most_rows: int | None = None) -> pd.DataFrame:
+    """Read the table at `path`, which has no more than `most_rows` if that is known.
 
     Raises:
         Exception: whatever the damage leads to, with its reason.
@@ -29,6 +32,10 @@ def read_parquet(path: Path) -> pd.DataFrame:
     most = most_bytes(path)
     with pq.ParquetFile(path) as file:
         about, schema = file.metadata, file.schema_arrow
+        if most_rows is not None and about.num_rows > most_rows:
+            raise ValueError(f"it has {about.num_rows:,} rows, and its run {most_rows:,}")
+        if about.num_columns > MOST_COLUMNS:
+            raise ValueError(f"it has more than {MOST_COLUMNS} columns")
         for field in schema:
             if pa.types.is_nested(field.type):
                 raise ValueError(f"column {field.name!r} holds neither numbers nor text")
@@ -41,8 +48,8 @@ def read_parquet(path: Path) -> pd.DataFrame:
     # As a dictionary a text that is repeated a million times takes its memory once.
     table = pq.read_table(path, columns=texts, read_dictionary=texts)
     table.validate(full=True)  # it is UTF-8
-    if sum(map(_length, table.columns)) > most:
-        raise ValueError("its texts are much larger than the file")
+    if sum(map(_length, table.columns)) > min(most, about.num_rows * BYTES_A_ROW + SPARE):
+        raise ValueError("its texts are longer than those of a run")
     # Without its checksums a flipped bit would be another figure.
     return pd.read_parquet(path, page_checksum_verification=True)
 

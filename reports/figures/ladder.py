@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
+from eitbench.benchmark import atomic_write
 from eitbench.benchmark.analysis.ladder import Ladder, read_ladder
 from eitbench.benchmark.analysis.results import read_run
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
@@ -56,9 +57,8 @@ def write_files(ladder: Ladder, tables: Path, figures: Path, stem: str) -> list[
     import matplotlib as mpl
 
     written = [tables / f"{stem}.md", tables / f"{stem}.csv"]
-    written[0].write_text(to_markdown(ladder), encoding="utf-8")
-    to_table(ladder).to_csv(written[1], index=False, float_format="%.6g")
-    figures.mkdir(exist_ok=True)
+    atomic_write(written[0], to_markdown(ladder).encode())
+    atomic_write(written[1], to_table(ladder).to_csv(index=False, float_format="%.6g").encode())
     with mpl.rc_context(STYLE):
         return written + save(draw(ladder), figures / stem, ("png", "pdf", "svg"), dpi=200)
 

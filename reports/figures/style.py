@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
+from eitbench.benchmark import atomic_write
 from eitbench.reports.tables.columns import printable
 
 if TYPE_CHECKING:
@@ -88,5 +90,6 @@ def save(
     written = []
     for form in formats:
         written.append(stem.with_name(f"{stem.name}.{form}"))
-        figure.savefig(written[-1], dpi=dpi, metadata=_METADATA[form])
+        kept = {"format": form, "dpi": dpi, "metadata": _METADATA[form]}
+        atomic_write(written[-1], partial(figure.savefig, **kept))
     return written

@@ -7,7 +7,7 @@ from pathlib import Path
 import pandas as pd
 from markupsafe import Markup
 
-from eitbench.benchmark import EitbenchError
+from eitbench.benchmark import EitbenchError, atomic_write
 from eitbench.benchmark.metrics.specs import METRICS
 from eitbench.reports.claims.ledger import Ledger
 from eitbench.reports.claims.rules import IMAGE_METRICS
@@ -35,7 +35,6 @@ def write_ledger(
     """
     boards = [FORMATS["html"](ranked_rows([run])) for run in runs]
     try:
-        folder.mkdir(parents=True, exist_ok=True)
         figures = draw_figures(ledger, runs, folder, curves)
         texts = {
             "md": to_markdown(ledger, figures),
@@ -43,7 +42,7 @@ def write_ledger(
             "html": to_page(ledger, boards, figures),
         }
         for form, text in texts.items():
-            (folder / FILES[form]).write_text(text, encoding="utf-8")
+            atomic_write(folder / FILES[form], text.encode())
     except OSError as error:
         raise EitbenchError(
             f"Could not write the claim ledger into {folder}: {error.strerror or error}."

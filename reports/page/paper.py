@@ -7,10 +7,11 @@ from collections.abc import Iterable, Iterator, Sequence
 from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING
-from urllib.parse import quote
 
 import numpy as np
 
+from eitbench.benchmark import atomic_write
+from eitbench.benchmark.rundir.cells import file_name
 from eitbench.reports.figures.style import (
     COLOURS,
     COLUMN,
@@ -93,19 +94,17 @@ def write_paper(report: ReportData, out: Path) -> list[Path]:
         kind: rows_of([board for board in boards if board["kind"] == kind])
         for kind in ("method", "operator")
     }
-    (out / "tables").mkdir(exist_ok=True)
     written = []
     for rows, stem in zip(rows_by_kind.values(), ("leaderboard", "operators"), strict=True):
         if rows:
             stored = [{k: v for k, v in row.items() if k not in PAGE_COLUMNS} for row in rows]
             written += write_leaderboard(stored, out / "tables", ("csv", "md", "latex"), stem)
-    (out / "figures").mkdir(exist_ok=True)
     with mpl.rc_context(STYLE):
         for stem, figure in _figures(boards):
-            written += save(figure, out / "figures" / quote(stem, safe=""), ("pdf", "svg"))
+            written += save(figure, out / "figures" / file_name(stem), ("pdf", "svg"))
     references = out / "references.bib"
     methods = [row["method"] for row in rows_by_kind["method"]]
-    references.write_text(bibliography(methods), encoding="utf-8")
+    atomic_write(references, bibliography(methods).encode())
     return [*written, references]
 
 

@@ -13,7 +13,7 @@ from typing import Any
 from markupsafe import Markup
 
 from eitbench import __version__
-from eitbench.benchmark import EitbenchError
+from eitbench.benchmark import EitbenchError, atomic_write
 from eitbench.benchmark.analysis.ladder import Ladder, read_ladder
 from eitbench.benchmark.analysis.results import read_run
 from eitbench.benchmark.metrics.specs import ANCHORS
@@ -40,10 +40,9 @@ def write_report(runs: Sequence[Path], out: Path) -> list[Path]:
     report = report_data(runs)
     ladders = _ladders(runs)
     try:
-        out.mkdir(parents=True, exist_ok=True)
         written = [out / PAGE, out / DATA]
-        written[0].write_text(to_page(report, list(ladders.values())), encoding="utf-8")
-        written[1].write_text(json.dumps(report, allow_nan=False) + "\n", encoding="utf-8")
+        atomic_write(written[0], to_page(report, list(ladders.values())).encode())
+        atomic_write(written[1], (json.dumps(report, allow_nan=False) + "\n").encode())
         written += write_paper(report, out)
         for stem, ladder in ladders.items():
             written += write_files(ladder, out / "tables", out / "figures", stem)

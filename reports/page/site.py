@@ -8,9 +8,12 @@ from pathlib import Path
 from urllib.parse import quote
 
 from markupsafe import Markup
+from packaging.version import InvalidVersion, Version
 
-from eitbench.benchmark import EitbenchError, InputError
+from eitbench import __version__
+from eitbench.benchmark import EitbenchError, InputError, atomic_write
 from eitbench.benchmark.rundir import manifest
+from eitbench.benchmark.rundir.cells import file_name
 from eitbench.reports.page.answer import answer
 from eitbench.reports.page.rendering import asset, render
 from eitbench.reports.page.report import to_page
@@ -48,9 +51,17 @@ class _Edition:
     @property
     def file(self) -> str:
         """The path of its page, from the front page."""
-        # A version that is nothing but dots would be another folder.
-        version = quote(self.version, safe="").replace(".", "%2E", not self.version.strip("."))
-        return f"archive/{version}/{quote(self.suite, safe='')}.html"
+        return f"archive/{file_name(self.version)}/{file_name(self.suite)}.html"
+
+    @property
+    def age(self) -> tuple[bool, Version]:
+        """Increases with the version; releases up to this one come after what is none."""
+        try:
+            version = Version(self.version)
+        except InvalidVersion:
+            return False, Version("0")
+        released = not version.is_prerelease and version <= Version(__version__)
+        return released, version
 
 
 def write_site(runs: Path, out: Path) -> list[Path]:
@@ -73,8 +84,7 @@ def write_site(runs: Path, out: Path) -> list[Path]:
     try:
         for name, text in pages.items():
             path = out / name
-            path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_text(text, encoding="utf-8")
+            atomic_write(path, text.encode())
             written.append(path)
     except OSError as error:
         raise EitbenchError(f"Could not write the site into {out}: {error.strerror}.") from error
@@ -89,27 +99,27 @@ def _editions(runs: Path) -> tuple[list[_Edition], list[str]]:
     paths_of: dict[tuple[str, str], list[Path]] = {}
     left_out = []
     for path in paths:
+        if path.is_symlink():
+            left_out.append(f"{path.name} is left out: it is a link")
+            continue
         try:
-            report_data([path])
+            to_page(report_data([path]))
             content = manifest.read(path)
             suite, version = content["plan"]["suite"]["name"], content["versions"]["eitbench"]
-        except (EitbenchError, KeyError, TypeError) as error:
-            left_out.append(f"{path.name} is left out: {error}")
+        # One run, whatever is wrong with it, does not take the site down.
+        except Exception as error:
+            left_out.append(f"{path.name} is left out: {error or type(error).__name__}")
             continue
         paths_of.setdefault((str(suite), str(version)), []).append(path)
-    ordered = sorted(
-        paths_of.items(), key=lambda item: (item[0][0], [-n for n in _parts(item[0][1])])
-    )
-    editions = [_Edition(suite, version, report_data(same)) for (suite, version), same in ordered]
-    return editions, left_out
-
-
-def _parts(version: str) -> list[int]:
-    return [int(part) if part.isdecimal() else 0 for part in version.split(".")]
+    editions = [
+        _Edition(suite, version, report_data(same)) for (suite, version), same in paths_of.items()
+    ]
+    editions.sort(key=lambda edition: edition.age, reverse=True)
+    return sorted(editions, key=lambda edition: edition.suite), left_out
 
 
 def _method_file(name: str) -> str:
-    return f"methods/{quote(name, safe='')}.html"
+    return f"methods/{file_name(name)}.html"
 
 
 def _front(editions: Sequence[_Edition], methods: Sequence[str], left_out: Sequence[str]) -> str:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pandas as pd
 
+from eitbench.benchmark import atomic_write
 from eitbench.benchmark.analysis.leaderboard import Row
 from eitbench.benchmark.analysis.results import read_run
 from eitbench.benchmark.analysis.standings import standings
@@ -36,7 +37,7 @@ def write_leaderboard(
     written = []
     for form in forms:
         path = folder / f"{stem}.{'tex' if form == 'latex' else form}"
-        path.write_text(FORMATS[form](rows), encoding="utf-8")
+        atomic_write(path, FORMATS[form](rows).encode())
         written.append(path)
     return written
 

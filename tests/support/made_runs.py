@@ -1,7 +1,7 @@
 """A small run directory with every kind of scenario, made without running a method."""
 
 import json
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -92,13 +92,18 @@ def write_manifest(
     run: Path,
     suite: str,
     data: dict[str, Any],
+    names: Iterable[str],
     limit: int | None = None,
     skipped: dict[str, str] | None = None,
 ) -> None:
     """Write what a report reads of a manifest."""
     content = {
         "skipped": skipped or {},
-        "cells": [{"name": "phydnn", "weights": "b10b"}, {"name": "noser", "weights": ""}],
+        "cells": [
+            {"scenario": scenario, "name": name, "weights": "b10b" if name == "phydnn" else ""}
+            for scenario in data
+            for name in names
+        ],
         "plan": {"suite": {"name": suite}, "limit": limit},
         "started": "2026-01-01T00:00:00+00:00",
         "command_line": f"eitbench run {suite}",
@@ -143,7 +148,8 @@ def write_operators(run: Path, mse: dict[str, float], suite: str = "operators", 
         }
         for name, value in mse.items()
     ]
-    write_manifest(run, suite, {"paper": {"hash": "c0ffee", "n": n, "inverse_crime": True}})
+    data = {"paper": {"hash": "c0ffee", "n": n, "inverse_crime": True}}
+    write_manifest(run, suite, data, mse)
     pd.concat(samples).to_parquet(run / "samples.parquet")
     pd.DataFrame(cells).to_parquet(run / "operators.parquet")
     return run
@@ -217,7 +223,8 @@ class RunBuilder:
             name: {"hash": self.hash, "n": len(d), "inverse_crime": d.inverse_crime}
             for name, d in self.datasets.items()
         }
-        write_manifest(self.path, self.suite, data, self.limit, self.skipped)
+        names = dict.fromkeys(row["method"] for row in self.methods)
+        write_manifest(self.path, self.suite, data, names, self.limit, self.skipped)
         pd.concat(self.samples, ignore_index=True).to_parquet(self.path / "samples.parquet")
         pd.DataFrame(self.methods).to_parquet(self.path / "methods.parquet")
         with h5py.File(self.path / "reconstructions.h5", "w") as file:

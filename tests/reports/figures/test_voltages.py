@@ -36,11 +36,11 @@ def run(build_operators: Callable[..., Path]) -> Path:
 
 
 def test_responses_are_voltages_minus_the_reference(run: Path) -> None:
-    found = read_responses(run / "voltages.h5", "paper", ["jacobian"], 2)
+    found = read_responses(run / "voltages.h5", "paper", ["jacobian"], 2, 4)
     np.testing.assert_array_equal(found[TRUTH], np.arange(24, 36) - 2.0)
     np.testing.assert_array_equal(found["jacobian"], np.arange(24, 36) - 1.5)
     with pytest.raises(DataCorruptError, match=r"voltages.h5"):
-        read_responses(run / "voltages.h5", "paper", ["surrogate"], 2)
+        read_responses(run / "voltages.h5", "paper", ["surrogate"], 2, 4)
 
 
 def test_a_typical_sample_of_the_last_operator_is_drawn(run: Path) -> None:
@@ -50,8 +50,8 @@ def test_a_typical_sample_of_the_last_operator_is_drawn(run: Path) -> None:
 
 
 def test_lines_hold_responses_and_relative_errors(run: Path) -> None:
-    responses = read_responses(run / "voltages.h5", "paper", ["fem", "jacobian"], 0)
-    image, bounds = read_touch(run / "voltages.h5", "paper", 2)
+    responses = read_responses(run / "voltages.h5", "paper", ["fem", "jacobian"], 0, 4)
+    image, bounds = read_touch(run / "voltages.h5", "paper", 2, 4)
     figure = draw(responses, image, bounds, "paper, sample 2")
     touch, above, below = figure.axes[:3]
     (shown,) = touch.images
