@@ -1,28 +1,56 @@
-"""Checks of a run that is submitted to a leaderboard: complete, on our data, scored by us."""
+"""Checks of a run that is submitted to a leaderboard: complete, on our data, scored by us.
+
+Nothing that the directory says of itself is believed where it can be had otherwise: data, truth,
+geometry, parameters and weights are ours, figures and the registration are computed again from the
+stored images. That the images are those of the method only a rerun tells, see `rerun`.
+"""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator
+import re
+import unicodedata
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
+from packaging.version import InvalidVersion, Version
 
 from eitbench.benchmark.analysis.recording_notes import notes_of
 from eitbench.benchmark.analysis.rescore import ROUNDING, rescored
 from eitbench.benchmark.analysis.results import NOTES_FILE, Run, cells_of, read_run
 from eitbench.benchmark.analysis.standings import standings
+from eitbench.benchmark.metrics.evaluation import fit_registration
+from eitbench.benchmark.metrics.tactile import Similarity
+from eitbench.benchmark.run.method_cell import MethodData
+from eitbench.benchmark.run.tracks import cell_entries
 from eitbench.benchmark.rundir import manifest as manifests
+from eitbench.benchmark.rundir.folder import read_json_file, unknown_entries
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
 from eitbench.benchmark.rundir.plan import Plan, plan_of
-from eitbench.scenarios.data.datasets import load
+from eitbench.benchmark.rundir.run_arrays import read_validation
+from eitbench.methods.registry import METHOD_REGISTRY, check_name
 from eitbench.scenarios.errors import EitbenchError, InputError
-from eitbench.scenarios.suites.scenario import RecordedScenario, Scenario
+from eitbench.scenarios.suites.scenario import RecordedScenario
 from eitbench.scenarios.suites.suite import load_suite, suites
 
 LEADERBOARD = "leaderboard.json"
+
+PLAUSIBLE_PSNR_DB = 45.0
+"""The best known method has 31 dB on clean data, and the published ones 33."""
+PLAUSIBLE_PLACE_MM = 0.1
+"""A press is placed by a robot that is not more accurate."""
+
+TRUST = (
+    "times and memory",
+    "prior knowledge, the parameters and weights of plugins",
+    "that the images are what the methods make of the frames",
+)
+"""What is taken on trust without a rerun; with one, the first only."""
 
 
 @dataclass(frozen=True)
@@ -38,15 +66,41 @@ class Check:
     problem: str
 
 
-def check_submission(path: Path, *, jobs: int = 1) -> list[Check]:
-    """Check the run directory `path` by all `CHECKS`.
+@dataclass(frozen=True, eq=False)
+class Submission:
+    """A run that is checked, with its plan; `jobs` processes simulate our data."""
 
-    What cannot be checked from outside is taken on trust: times, hyper-parameters and tracks, and
-    the similarity that maps the images of a method onto the robot's coordinates, which is fitted on
-    validation presses.
+    run: Run
+    plan: Plan
+    jobs: int
 
-    Args:
-        jobs: processes to simulate data with.
+    @cached_property
+    def data(self) -> Mapping[str, MethodData]:
+        """Our data of every scenario of the suite, by name.
+
+        Raises:
+            DataUnavailableError, DataCorruptError: recorded data cannot be had.
+        """
+        suite = self.plan.suite
+        return {
+            scenario.name: MethodData.load(
+                scenario, suite, self.plan.limit, jobs=self.jobs, progress=False
+            )
+            for scenario in suite.scenarios
+        }
+
+    @property
+    def same_numbers(self) -> bool:
+        """True if it was made with the versions of NumPy and SciPy that are here.
+
+        Others may give the inputs other last bits.
+        """
+        theirs, ours = self.run.manifest["versions"], manifests.versions()
+        return all(theirs.get(name) == ours[name] for name in ("numpy", "scipy"))
+
+
+def open_submission(path: Path, *, jobs: int = 1) -> Submission:
+    """Read the run directory `path`, to be checked.
 
     Raises:
         InputError: no run directory, or a run of operators.
@@ -56,25 +110,50 @@ def check_submission(path: Path, *, jobs: int = 1) -> list[Check]:
     if run.kind != METHOD_RUNS:
         raise InputError(f"{path} ranks operators: a submission is a run of methods.")
     try:
-        plan = plan_of(run.manifest, path)
+        return Submission(run, plan_of(run.manifest, path), jobs)
     except InputError as error:
-        raise InputError(
-            f"{path} cannot be checked: its manifest or a plugin was changed ({error})."
-        ) from error
-    return [Check(name, _problem(check, run, plan, jobs)) for name, check in CHECKS.items()]
+        raise InputError(f"{path} cannot be checked: its manifest was changed.") from error
 
 
-def _problem(check: Callable[[Run, Plan, int], str], run: Run, plan: Plan, jobs: int) -> str:
+def check_submission(submission: Submission, *, rerun: bool = False) -> list[Check]:
+    """Check a submission by all `CHECKS`.
+
+    Args:
+        rerun: the methods are run again, too, so that figures which are too good to be true are
+            left to that.
+    """
+    found = []
+    for name, check in CHECKS.items():
+        if check == _is_plausible and rerun:
+            continue
+        found.append(Check(name, _problem(check, submission)))
+        if check == _is_packaged and found[-1].problem:
+            break  # data of another suite are not ours to simulate
+    return found
+
+
+def _problem(check: Callable[[Submission], str], submission: Submission) -> str:
     """Problem that `check` finds; what it cannot read is one."""
     try:
-        return check(run, plan, jobs)
+        return check(submission)
     except EitbenchError as error:
         return str(error)
-    except (KeyError, TypeError, ValueError) as error:
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
         return f"The {manifests.FILE_NAME} or a table lacks something ({error})."
 
 
-def _is_packaged(run: Run, plan: Plan, jobs: int) -> str:
+def _holds_nothing_else(of: Submission) -> str:
+    if unknown := unknown_entries(of.run.path):
+        return f"The directory holds {unknown[0]!r}, which no run writes: delete it."
+    copies = {plugin.kept.name for plugin in of.plan.plugins}
+    folder = of.run.path / "plugins"
+    if folder.is_dir() and (more := {path.name for path in folder.iterdir()} - copies):
+        return f"The folder 'plugins' holds {min(more)!r}, which is none of this run: delete it."
+    return ""
+
+
+def _is_packaged(of: Submission) -> str:
+    plan = of.plan
     if plan.suite.name not in suites():
         return f"The suite {plan.suite.name!r} is not one of eitbench's."
     if plan.suite != load_suite(plan.suite.name):
@@ -85,63 +164,147 @@ def _is_packaged(run: Run, plan: Plan, jobs: int) -> str:
     return ""
 
 
-def _is_complete(run: Run, plan: Plan, jobs: int) -> str:
+def _is_of_a_release(of: Submission) -> str:
+    stated, ours = of.run.manifest["versions"]["eitbench"], manifests.versions()["eitbench"]
+    try:
+        newer = Version(stated) > Version(str(ours))
+    except InvalidVersion:
+        return f"{stated!r} is no version of eitbench."
+    if newer:
+        return f"It says that eitbench {stated} made it; this is {ours}: check it with that one."
+    commit = of.run.manifest["git_commit"]
+    if commit is not None and not re.fullmatch("[0-9a-f]{40}", commit):
+        return f"It was made with changed code (git commit {commit}): run it from a clean checkout."
+    return ""
+
+
+def _names_are_clear(of: Submission) -> str:
+    built_in, own = METHOD_REGISTRY.known(), of.plan.origins
+    known = {folded(name): name for name in built_in}
+    for name in of.plan.names:
+        check_name("method", name)
+        if not name.isascii():
+            return f"{name!r} is not ASCII: on a public board names are, so that none looks alike."
+        if name in own and name in built_in:
+            return f"{name!r} is a method of eitbench and cannot come from a plugin."
+        if known.setdefault(folded(name), name) != name:
+            return f"{name!r} looks like {known[folded(name)]!r}: choose another name."
+    return ""
+
+
+def folded(name: str) -> str:
+    """Return what names that look alike have in common: case, separators, digits like letters."""
+    plain = unicodedata.normalize("NFKC", name).casefold().translate(_ALIKE)
+    return plain.replace("rn", "m").replace("vv", "w")
+
+
+_ALIKE = str.maketrans({"0": "o", "1": "l", "i": "l", "|": "l", "5": "s", **dict.fromkeys("-_ .")})
+
+
+def _is_complete(of: Submission) -> str:
+    run, plan = of.run, of.plan
     if run.manifest["status"] != "finished":
         return f"The run is {run.manifest['status']}: resume it."
     if plan.limit != plan.suite.limit:
         return f"The run was limited to {plan.limit} samples a scenario."
-    cells = {(cell["scenario"], cell["name"]) for cell in run.manifest["cells"]}
+    expected = []
     for scenario in plan.suite.scenarios:
         for name in plan.names:
             # A method without weights for a sensor is left out by the run itself.
-            if f"{scenario.name}/{name}" in run.manifest["skipped"]:
-                continue
-            if (scenario.name, name) not in cells:
-                return f"{name!r} was not run on {scenario.name!r}."
-    for cell in run.manifest["cells"]:
-        rows = run.cell(cell["scenario"], cell["name"])
-        n = run.manifest["data"][cell["scenario"]]["n"]
-        if sorted(rows["sample"]) != list(range(n)):
-            return (
-                f"{cell['name']!r} on {cell['scenario']!r} has {len(rows)} rows, not one for each "
-                f"of {n} samples."
-            )
+            if name in plan.origins or not of.data[scenario.name].unusable(name):
+                expected.append((scenario.name, name))
+    ranked = [(c["scenario"], c["name"]) for c in run.manifest["cells"] if not c["variant"]]
+    rows = list(zip(run.cells["scenario"], run.cells["method"], strict=True))
+    sampled = [*cells_of(run.samples)]
+    for what, there in (("manifest", ranked), ("samples", sampled), ("methods", rows)):
+        if missing := [cell for cell in expected if cell not in there]:
+            return f"{missing[0][1]!r} was not run on {missing[0][0]!r}."
+        if len(there) != len(expected):
+            extra = next((cell for cell in there if cell not in expected), there[0])
+            return f"The {what} hold {extra[1]!r} on {extra[0]!r}, which the plan does not."
+    for (where, name), of_cell in cells_of(run.samples).items():
+        n = len(of.data[where].test)
+        if sorted(of_cell["sample"]) != list(range(n)):
+            return f"{name!r} on {where!r} has {len(of_cell)} rows, and there are {n} samples."
     return ""
 
 
-def _frames_are_ours(run: Run, plan: Plan, jobs: int) -> str:
-    cells = cells_of(run.samples)
-    for scenario in _scenarios(run, plan):
-        data = load(scenario, "test", plan.limit, jobs=jobs)
-        if run.manifest["data"][scenario.name]["hash"] != data.data_hash:
-            return f"The data of {scenario.name!r} are not those of this version of eitbench."
-        for (of, name), ordered in cells.items():
-            if of != scenario.name:
+def _choices_are_ours(of: Submission) -> str:
+    labels: dict[tuple[str, str], str] = {}
+    for entry in of.run.manifest["cells"]:
+        if entry["variant"]:
+            continue
+        name, data = entry["name"], of.data[entry["scenario"]]
+        labels[entry["scenario"], name] = entry["track"]
+        (ours, *_) = cell_entries(of.plan, data, name)
+        # What was chosen for a plugin, and its weights, are its author's.
+        compared = ("track", "parameters", "weights") if name not in of.plan.origins else ()
+        for what in compared:
+            if entry[what] != ours[what]:
+                return (
+                    f"The {what} of {name!r} on {entry['scenario']!r} are not those that come with "
+                    "eitbench: run it again without choices and weights of your own."
+                )
+        if entry["track"] not in ("default", "tuned", "calibrated"):
+            return f"{entry['track']!r} is no track that is ranked."
+    for table in (of.run.samples, of.run.cells):
+        for (scenario, name), rows in _rows_of(table).items():
+            if set(rows["track"]) != {labels[scenario, name]}:
+                return f"The track of {name!r} on {scenario!r} is not that of the manifest."
+            if "suite" in rows and set(rows["suite"]) != {of.plan.suite.name}:
+                return f"Rows of {name!r} on {scenario!r} say that they are of another suite."
+    return ""
+
+
+def _rows_of(table: pd.DataFrame) -> dict[tuple[str, str], pd.DataFrame]:
+    """Rows of a table by scenario and method."""
+    grouped = table.groupby(["scenario", "method"], sort=False)
+    return {(str(scenario), str(method)): rows for (scenario, method), rows in grouped}
+
+
+def _frames_are_ours(of: Submission) -> str:
+    run, cells = of.run, cells_of(of.run.samples)
+    for name, ours in of.data.items():
+        data = ours.test
+        if run.manifest["data"][name]["hash"] != data.data_hash:
+            return f"The data of {name!r} are not those of this version of eitbench."
+        for (scenario, method), ordered in cells.items():
+            if scenario != name:
                 continue
-            if ordered["input_hash"].tolist() != data.frame_hashes:
-                return f"{name!r} was given other frames of {scenario.name!r} than ours."
+            if of.same_numbers and ordered["input_hash"].tolist() != data.frame_hashes:
+                return f"{method!r} was given other frames of {name!r} than ours."
             known = data.samples.drop(columns="sample")
             for column in known:
                 if column not in ordered or not _same(ordered[column], known[column]):
-                    return f"The column {column!r} of {name!r} on {scenario.name!r} was changed."
-        scene = run.scene(scenario.name, range(len(data)))
+                    return f"The column {column!r} of {method!r} on {name!r} was changed."
+        scene, (attributes, arrays) = run.scene(name, range(len(data))), ours.truth()
+        for what, value in {**attributes, "mask": arrays["mask"]}.items():
+            if not np.array_equal(getattr(scene, what), value):
+                return f"The scenario {name!r} is stored with another {what!r} than ours."
         truth = data.conductivity if data.truth == "conductivity" else data.classes
-        if truth is not None and (scene.truth is None or not np.array_equal(scene.truth, truth)):
-            return f"The truth that is stored of {scenario.name!r} is not ours."
+        if truth is not None and (scene.truth is None or not _agree(scene.truth, truth)):
+            return f"The truth that is stored of {name!r} is not ours."
     return ""
 
 
 def _same(one: Any, other: Any) -> bool:
     # A column that another scenario of the run lacks is stored as float.
     if other.dtype.kind in "iuf":
-        return bool(np.array_equal(one.to_numpy(float), other.to_numpy(float), equal_nan=True))
+        return _agree(one.to_numpy(float), other.to_numpy(float))
     return bool(one.astype(str).tolist() == other.astype(str).tolist())
 
 
-def _failures_are_reported(run: Run, plan: Plan, jobs: int) -> str:
-    for (scenario, method), ordered in cells_of(run.samples).items():
-        images = run.estimates(scenario, method, ordered["sample"].tolist())
-        mask = run.scene(scenario, []).mask
+def _agree(one: Any, other: Any) -> bool:
+    """True if arrays are equal but for what other versions of NumPy round otherwise."""
+    return one.shape == other.shape and np.allclose(
+        one, other, rtol=ROUNDING, atol=ROUNDING, equal_nan=True
+    )
+
+
+def _failures_are_reported(of: Submission) -> str:
+    for (scenario, method), ordered in cells_of(of.run.samples).items():
+        images = of.run.estimates(scenario, method, ordered["sample"].tolist())
+        mask = of.data[scenario].test.sensor.mask
         if images is None:
             return f"There are no images of {method!r} on {scenario!r}."
         whole = np.isfinite(images[:, mask]).all(axis=1)
@@ -153,8 +316,43 @@ def _failures_are_reported(run: Run, plan: Plan, jobs: int) -> str:
     return ""
 
 
-def _scores_are_ours(run: Run, plan: Plan, jobs: int) -> str:
-    for cell, _ in rescored(run):
+def _registrations_are_ours(of: Submission) -> str:
+    for (scenario, method), rows in _rows_of(of.run.cells).items():
+        validation = of.data[scenario].validation
+        if validation is None:
+            continue
+        shape = (len(validation), *validation.sensor.image_shape)
+        images = read_validation(of.run.path / METHOD_RUNS.arrays, scenario, method, shape)
+        fitted = fit_registration(validation, images)
+        stored = Similarity.from_json(rows["registration"].iloc[0])
+        pairs = ((stored.scale, fitted.scale), (stored.turn, fitted.turn),
+                 (stored.shift, fitted.shift))  # fmt: skip
+        if not all(_agree(np.asarray(one), np.asarray(other)) for one, other in pairs):
+            return (
+                f"The registration of {method!r} on {scenario!r} is not that of its images of the "
+                "validation presses."
+            )
+    return ""
+
+
+def _is_plausible(of: Submission) -> str:
+    for (scenario, method), rows in cells_of(of.run.samples).items():
+        psnr, place = rows["psnr"].mean(), rows["localisation_mm"].median()
+        if psnr > PLAUSIBLE_PSNR_DB:
+            told = f"a PSNR of {psnr:.1f} dB"
+        elif rows["ssim"].isna().all() and place < PLAUSIBLE_PLACE_MM:
+            told = f"places that are right to {place:.2g} mm"
+        else:
+            continue
+        return (
+            f"{method!r} on {scenario!r} has {told}, more than frames with noise tell: only a run "
+            "of the method can confirm it (--rerun)."
+        )
+    return ""
+
+
+def _scores_are_ours(of: Submission) -> str:
+    for cell, _ in rescored(of.run):
         if cell.changed:
             return (
                 f"{cell.changed} of {cell.n} samples of {cell.method!r} on {cell.scenario!r} do "
@@ -163,9 +361,10 @@ def _scores_are_ours(run: Run, plan: Plan, jobs: int) -> str:
     return ""
 
 
-def _leaderboard_follows(run: Run, plan: Plan, jobs: int) -> str:
+def _leaderboard_follows(of: Submission) -> str:
+    run = of.run
     try:
-        stored = json.loads((run.path / LEADERBOARD).read_text(encoding="utf-8"))
+        stored = json.loads(read_json_file(run.path / LEADERBOARD).decode())
         rows = {(row["scenario"], row["method"]): row for row in stored}
     except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
         return f"{LEADERBOARD} cannot be read ({type(error).__name__})."
@@ -190,8 +389,9 @@ def _agrees(stored: Any, value: Any) -> bool:
     return bool(stored == value)
 
 
-def _notes_are_ours(run: Run, plan: Plan, jobs: int) -> str:
-    for scenario in _scenarios(run, plan):
+def _notes_are_ours(of: Submission) -> str:
+    run = of.run
+    for scenario in of.plan.suite.scenarios:
         if isinstance(scenario, RecordedScenario):
             n = run.manifest["data"][scenario.name]["n"]
             stored = run.notes.get(scenario.name, {})
@@ -204,16 +404,18 @@ def _notes_are_ours(run: Run, plan: Plan, jobs: int) -> str:
     return ""
 
 
-def _scenarios(run: Run, plan: Plan) -> Iterator[Scenario]:
-    return (scenario for scenario in plan.suite.scenarios if scenario.name in run.manifest["data"])
-
-
-CHECKS: dict[str, Callable[[Run, Plan, int], str]] = {
+CHECKS: dict[str, Callable[[Submission], str]] = {
+    "the directory holds what a run writes": _holds_nothing_else,
     "the suite is one of eitbench's": _is_packaged,
+    "a released version made it": _is_of_a_release,
+    "names are clear": _names_are_clear,
     "every sample of every method has its row": _is_complete,
-    "frames and truth are ours": _frames_are_ours,
+    "tracks, parameters and weights are ours": _choices_are_ours,
+    "frames, truth and geometry are ours": _frames_are_ours,
+    "registrations are those of the stored images": _registrations_are_ours,
     "figures are those of the stored images": _scores_are_ours,
     "failures are reported": _failures_are_reported,
     "notes on recordings are ours": _notes_are_ours,
     "the leaderboard follows from the figures": _leaderboard_follows,
+    "figures are plausible": _is_plausible,
 }

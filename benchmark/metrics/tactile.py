@@ -4,6 +4,7 @@
 """
 
 import json
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -151,9 +152,22 @@ class Similarity:
 
     @classmethod
     def from_json(cls, text: str) -> "Similarity":
-        """Read what `to_json` wrote."""
+        """Read what `to_json` wrote.
+
+        Raises:
+            ValueError, TypeError: it is no similarity.
+        """
         scale, turn, shift = json.loads(text)
-        return cls(scale, np.array(turn), np.array(shift))
+        found = cls(float(scale), np.array(turn, float), np.array(shift, float))
+        sound = found.turn.shape == (2, 2) and found.shift.shape == (2,)
+        if not (
+            sound
+            and 0 < found.scale < math.inf
+            and np.isfinite(found.shift).all()
+            and np.allclose(found.turn @ found.turn.T, np.eye(2), atol=1e-9)
+        ):
+            raise ValueError("it is no similarity")
+        return found
 
 
 def fit_similarity(source: ArrayLike, target: ArrayLike) -> Similarity | None:

@@ -92,6 +92,7 @@ def start_run(
                 lost["skipped"] |= _unusable(plan, data, progress)
                 manifest = _new_manifest(plan, data, lost, jobs)
                 store.write_manifest(manifest)
+                store.keep_plugins(plan.plugins)
             except BaseException:  # nothing has been run: leave nothing behind, after Ctrl-C too
                 shutil.rmtree(out, ignore_errors=True)
                 raise

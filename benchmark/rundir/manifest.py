@@ -89,7 +89,7 @@ def cpu_model() -> str:
 
 def git_commit() -> str | None:
     """The commit of the checkout eitbench runs from, "-dirty" if changed; None if installed."""
-    root = Path(eitbench.__file__).resolve().parents[3]
+    root = Path(eitbench.__file__).resolve().parents[2]
     if not (root / ".git").exists():
         return None
     try:

@@ -3,9 +3,9 @@
 import hashlib
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from eitbench.benchmark.rundir.kinds import RUN_KINDS, RunKind
 from eitbench.benchmark.rundir.manifest import Manifest, first_problem, read
@@ -26,8 +26,13 @@ class PluginFile(_Declared):
     """A file with more methods or operators, the SHA-256 of its content, and their names."""
 
     path: Path
-    sha256: str
+    sha256: Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
     names: tuple[str, ...]
+
+    @property
+    def kept(self) -> Path:
+        """The place of its copy in a run directory."""
+        return Path("plugins", f"{self.sha256[:16]}.py")
 
 
 class Plan(_Declared):
@@ -105,31 +110,31 @@ def plan_of(manifest: Manifest, run: Path, needed: type[_Planned] = _Planned) ->
     """Return the plan that `manifest` of the directory `run` describes.
 
     Raises:
-        InputError: something that is needed is missing, or a plugin has changed since.
+        InputError: something that is needed is missing.
     """
     try:
-        plan = needed.model_validate(manifest).plan
+        return needed.model_validate(manifest).plan
     except ValidationError as error:
         raise InputError(
             f"{run} cannot be resumed: its manifest is incomplete ({first_problem(error)[0]!r}). "
             "Start a new run."
         ) from error
-    for plugin in plan.plugins:
-        if not plugin.path.is_file() or _sha256(plugin.path) != plugin.sha256:
-            raise InputError(
-                f"{run} cannot be resumed: the plugin {plugin.path} has changed. Start a new run."
-            )
-    return plan
 
 
 def read_resumable(run: Path) -> tuple[Manifest, Plan]:
     """Read the manifest and the plan of a run that is to be continued.
 
     Raises:
-        InputError, DataCorruptError: as for `plan_of` and `manifest.read`.
+        InputError, DataCorruptError: as for `plan_of` and `manifest.read`, or a plugin has changed.
     """
     manifest = read(run)
-    return manifest, plan_of(manifest, run, _Resumable)
+    plan = plan_of(manifest, run, _Resumable)
+    for plugin in plan.plugins:
+        if not plugin.path.is_file() or sha256(plugin.path) != plugin.sha256:
+            raise InputError(
+                f"{run} cannot be resumed: the plugin {plugin.path} has changed. Start a new run."
+            )
+    return manifest, plan
 
 
 def make_plan(
@@ -171,7 +176,7 @@ def make_plan(
                     f"The {RUN_KINDS[ranks].name} name {min(both)!r} is registered by "
                     f"{other_file.path} and by {path}: choose another in one of them."
                 )
-        files.append(PluginFile(path=path, sha256=_sha256(path), names=tuple(offered)))
+        files.append(PluginFile(path=path, sha256=sha256(path), names=tuple(offered)))
     own = [name for file in files for name in file.names]
     known |= set(own)
     chosen = tuple(dict.fromkeys(asked or (*suite.names, *own)))
@@ -192,5 +197,7 @@ def make_plan(
     )
 
 
-def _sha256(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()
+def sha256(path: Path) -> str:
+    """Return the SHA-256 (hex) of the file at `path`."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

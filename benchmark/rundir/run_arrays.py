@@ -1,7 +1,8 @@
 """The HDF5 file of a finished run: the truth of every scenario, and the answers of every cell.
 
 A group `<scenario>/<TRUTH>` holds the truth, a group `<scenario>/<name>` the answers of a method or
-operator with the numbers of their samples.
+operator with the numbers of their samples, and in `validation` the images of the validation presses
+that registered a method with the robot, where there are such.
 """
 
 import math
@@ -36,7 +37,7 @@ Truth = tuple[Mapping[str, Any], Values]
 def write_arrays(
     path: Path,
     truths: Mapping[str, Truth],
-    cells: Iterable[tuple[Cell, NDArray[np.int64], Iterable[Batch]]],
+    cells: Iterable[tuple[Cell, NDArray[np.int64], Iterable[Batch], Sequence[Batch]]],
     array: str,
 ) -> None:
     """Write the file of arrays of a run to `path`.
@@ -44,7 +45,8 @@ def write_arrays(
     Args:
         path: of the new file.
         truths: by scenario, in the order of the file.
-        cells: with the numbers of their samples and their batches, one in memory at a time.
+        cells: with the numbers of their samples, their batches, one in memory at a time, and those
+            of validation.
         array: name of what is stored of the values of a batch.
     """
     with h5py.File(path, "w") as file:
@@ -54,7 +56,7 @@ def write_arrays(
             for name, values in arrays.items():
                 layout = _compression(values.shape) if values.ndim > 1 else {}
                 group.create_dataset(name, data=values, **layout)
-        for cell, numbers, batches in cells:
+        for cell, numbers, batches, validation in cells:
             group = file.create_group(f"{cell.scenario}/{cell.name}")
             group["sample"] = numbers
             row, stored = 0, None
@@ -65,6 +67,9 @@ def write_arrays(
                     stored = group.create_dataset(array, shape, values.dtype, **_compression(shape))
                 stored[row : row + len(values)] = values
                 row += len(values)
+            if validation:
+                images = np.concatenate([batch.values[array] for batch in validation])
+                group.create_dataset("validation", data=images, **_compression(images.shape))
 
 
 def _compression(shape: tuple[int, ...]) -> dict[str, Any]:
@@ -160,6 +165,21 @@ def read_estimates(
         images = np.full((len(samples), *stored.shape[1:]), np.nan, np.float32)
         images[known] = stored[_rows_of(numbers, np.array(samples)[known])]
         return images
+
+
+def read_validation(
+    path: Path, scenario: str, method: str, shape: tuple[int, ...]
+) -> NDArray[np.float32]:
+    """Read the images (k, H, W) [S/m] of `shape` that a method was registered with the robot by.
+
+    Raises:
+        DataCorruptError: the file does not hold them, or is damaged.
+    """
+    with _group(path, scenario, method) as group:
+        stored = own_dataset(group, "validation", 4 * math.prod(shape))
+        if stored.shape != shape:
+            raise ValueError("there is not an image for each validation press")
+        return np.asarray(stored[:], dtype=np.float32)
 
 
 TOUCHES_KEPT = 200

@@ -8,7 +8,7 @@ appears whole or not at all.
 
 import json
 import shutil
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
@@ -20,6 +20,7 @@ import pandas as pd
 from eitbench.benchmark.rundir import lock, manifest
 from eitbench.benchmark.rundir.cells import Batch, Cell
 from eitbench.benchmark.rundir.kinds import RunKind
+from eitbench.benchmark.rundir.plan import PluginFile
 from eitbench.benchmark.rundir.run_arrays import Truth, write_arrays
 from eitbench.benchmark.rundir.tables import read_parquet, write_parquet
 from eitbench.scenarios.atomic_write import atomic_write
@@ -66,6 +67,11 @@ class RunStore:
         """Replace the manifest."""
         text = json.dumps(content, indent=2, allow_nan=False, default=str) + "\n"
         self._write(self.path / manifest.FILE_NAME, text.encode())
+
+    def keep_plugins(self, plugins: Iterable[PluginFile]) -> None:
+        """Put a copy of every plugin into the folder, so that others can run it again."""
+        for plugin in plugins:
+            self._write(self.path / plugin.kept, plugin.path.read_bytes())
 
     def write_table(self, name: str, rows: pd.DataFrame, folder: Path | None = None) -> None:
         """Replace a table of the run, or of one of its folders."""
@@ -137,7 +143,12 @@ class RunStore:
         self.write_table(self.kind.table, rows.drop(columns="complete", errors="ignore"))
         known = {cell.scenario: truths[cell.scenario] for cell in scored}
         answers = (
-            (cell, self.rows(cell)["sample"].to_numpy(np.int64), self.batches(cell, "test"))
+            (
+                cell,
+                self.rows(cell)["sample"].to_numpy(np.int64),
+                self.batches(cell, "test"),
+                [*self.batches(cell, "validation")],
+            )
             for cell in scored
         )
         self._write(

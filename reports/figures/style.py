@@ -90,6 +90,6 @@ def save(
     written = []
     for form in formats:
         written.append(stem.with_name(f"{stem.name}.{form}"))
-        kept = {"format": form, "dpi": dpi, "metadata": _METADATA[form]}
-        atomic_write(written[-1], partial(figure.savefig, **kept))
+        about = _METADATA[form]
+        atomic_write(written[-1], partial(figure.savefig, format=form, dpi=dpi, metadata=about))
     return written

@@ -327,4 +327,5 @@ def _presses(label: str, cell: pd.DataFrame) -> dict[str, Any]:
 
 def _provenance(run: Run) -> dict[str, Any]:
     content = {name: run.manifest.get(name) for name in _PROVENANCE}
-    return {"run": printable(run.path.name), "kind": run.kind.name, **content}
+    # Whether its methods were run again is known where runs are collected, see `site`.
+    return {"run": printable(run.path.name), "kind": run.kind.name, "checked": "", **content}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import quote
@@ -12,6 +12,7 @@ from packaging.version import InvalidVersion, Version
 
 from eitbench import __version__
 from eitbench.benchmark import EitbenchError, InputError, atomic_write
+from eitbench.benchmark.analysis.rerun import digest, verified
 from eitbench.benchmark.rundir import manifest
 from eitbench.benchmark.rundir.cells import file_name
 from eitbench.reports.page.answer import answer
@@ -20,10 +21,13 @@ from eitbench.reports.page.report import to_page
 from eitbench.reports.page.report_data import ReportData, report_data, rows_of
 from eitbench.reports.tables.columns import layout, printable
 
+SELF_REPORTED = "self-reported"
 GUIDE = (
     "Run a whole suite with your method: as it comes with the suite, without --limit.",
     "Check the run: complete, on our data, and with the figures of its images.",
-    "Send the run directory as it is. We check it again, and put it among the others.",
+    "Send the run directory as it is. We check it again, and put it among the others. Where we run "
+    "the methods again and they make the same images, it is called verified; else its images are "
+    "self-reported.",
     "Times are taken on your machine. Those of different machines are compared in calibration "
     "solves, the time that each takes for one fixed solve.",
 )
@@ -42,11 +46,16 @@ class Section:
 
 @dataclass(frozen=True)
 class _Edition:
-    """The runs of one suite made with one version of eitbench."""
+    """The runs of one suite made with one version of eitbench.
+
+    Attributes:
+        checked: by the name of a run, whether its methods were run again.
+    """
 
     suite: str
     version: str
     report: ReportData
+    checked: Mapping[str, str]
 
     @property
     def file(self) -> str:
@@ -96,6 +105,7 @@ def _editions(runs: Path) -> tuple[list[_Edition], list[str]]:
     paths = sorted(path.parent for path in runs.glob(f"*/{manifest.FILE_NAME}"))
     if not paths:
         raise InputError(f"There is no run directory in {runs}: name the folder that holds them.")
+    known = verified(runs)
     paths_of: dict[tuple[str, str], list[Path]] = {}
     left_out = []
     for path in paths:
@@ -111,9 +121,18 @@ def _editions(runs: Path) -> tuple[list[_Edition], list[str]]:
             left_out.append(f"{path.name} is left out: {error or type(error).__name__}")
             continue
         paths_of.setdefault((str(suite), str(version)), []).append(path)
-    editions = [
-        _Edition(suite, version, report_data(same)) for (suite, version), same in paths_of.items()
-    ]
+    editions = []
+    for (suite, version), same in paths_of.items():
+        checked = {
+            path.name: f"verified on {n} samples"
+            if (n := known.get(digest(path)))
+            else SELF_REPORTED
+            for path in same
+        }
+        report = report_data(same)
+        for path, run in zip(same, report["runs"], strict=True):
+            run["checked"] = checked[path.name]
+        editions.append(_Edition(suite, version, report, checked))
     editions.sort(key=lambda edition: edition.age, reverse=True)
     return sorted(editions, key=lambda edition: edition.suite), left_out
 
@@ -156,7 +175,8 @@ def _guide() -> str:
 
 
 _HEADS = (
-    "Suite", "Scenario", "eitbench", "Date", "Run", "Rank", "Ties", "Figure", "Coverage", "Command",
+    "Suite", "Scenario", "eitbench", "Date", "Run", "Checked", "Rank", "Ties",
+    "Figure", "Coverage", "Command",
 )  # fmt: skip
 
 
@@ -172,7 +192,8 @@ def _method(name: str, editions: Sequence[_Edition]) -> str:
                     rank = f"{row['rank']} of {len(board['views'][0]['rows'])}"
                     rows.append((
                         _link(edition.suite, f"../{edition.file}"), row["scenario"],
-                        edition.version, starts.get(row["run"], ""), row["run"], rank,
+                        edition.version, starts.get(row["run"], ""), row["run"],
+                        edition.checked.get(row["run"], SELF_REPORTED), rank,
                         row["group"] or "–", figure, f"{row['coverage']:.1%}", row["command"],
                     ))  # fmt: skip
     section = Section("Every result, the newest version first", heads=_HEADS, rows=rows)

@@ -223,7 +223,7 @@ def _runs(folder: Path, run: Path) -> dict[str, Target]:
     def submitted(path: Path) -> None:
         spoilt = read_run(path.parent)
         check = submission.CHECKS["the leaderboard follows from the figures"]
-        check(spoilt, plan, 1)
+        check(submission.Submission(spoilt, plan, 1))
 
     notes = json.dumps({"tiny": {"guess_mm": 3.0, "repeat_noise": None}}).encode()
     kinds: dict[str, tuple[str, Mutation, Callable[[Path], object], int]] = {

@@ -3,6 +3,7 @@
 import json
 import shutil
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,17 +12,25 @@ import pandas as pd
 import pytest
 
 from eitbench.benchmark.analysis import submission
-from eitbench.benchmark.analysis.submission import CHECKS, check_submission
+from eitbench.benchmark.analysis.rerun import digest, note_verified, rerun, verified
+from eitbench.benchmark.analysis.rescore import rescore
+from eitbench.benchmark.analysis.submission import CHECKS, check_submission, open_submission
+from eitbench.benchmark.run import method_cell
 from eitbench.benchmark.run.runner import make_plan, start_run
 from eitbench.reports.tables.leaderboard import ranked_rows, write_leaderboard
+from eitbench.scenarios.data.datasets import Dataset
 from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.suites.scenario import RecordedScenario, Split
 from eitbench.scenarios.suites.suite import Suite
 
 
 @pytest.fixture(scope="module")
 def submitted(tmp_path_factory: pytest.TempPathFactory, tiny: Suite) -> Path:
     out = tmp_path_factory.mktemp("runs") / "mine"
-    run = start_run(make_plan(tiny, methods=["noser", "tikhonov"]), out).path
+    with pytest.MonkeyPatch.context() as patch:
+        # The checkout that is tested may be changed.
+        patch.setattr("eitbench.benchmark.rundir.manifest.git_commit", lambda: "a" * 40)
+        run = start_run(make_plan(tiny, methods=["noser", "tikhonov"]), out).path
     write_leaderboard(ranked_rows([run]), run)
     return run
 
@@ -33,9 +42,9 @@ def packaged(monkeypatch: pytest.MonkeyPatch, tiny: Suite) -> None:
 
 
 def test_an_honest_run_passes(submitted: Path) -> None:
-    checks = check_submission(submitted)
+    checks = check_submission(open_submission(submitted))
     assert [check.name for check in checks] == list(CHECKS)
-    assert [check.problem for check in checks] == [""] * 7
+    assert [check.problem for check in checks] == [""] * len(CHECKS)
 
 
 Edit = Callable[[Path], object]
@@ -83,59 +92,241 @@ def add_a_figure(run: Path) -> None:
     assert row["repeatability_db"] is None
 
 
+SUITE = "the suite is one of eitbench's"
+ROWS = "every sample of every method has its row"
+FRAMES = "frames, truth and geometry are ours"
+FIGURES = "figures are those of the stored images"
+FAILURES = "failures are reported"
+BOARD = "the leaderboard follows from the figures"
+CHOICES = "tracks, parameters and weights are ours"
+RELEASE = "a released version made it"
+NAMES = "names are clear"
+FOLDER = "the directory holds what a run writes"
+PLAUSIBLE = "figures are plausible"
+REGISTRATIONS = "registrations are those of the stored images"
+A_PLUGIN = {"path": "/a.py", "sha256": "0" * 64, "names": ["noser"]}
+
+
+def problem(run: Path, name: str) -> str:
+    """What is found by one of the checks."""
+    found = {check.name: check.problem for check in check_submission(open_submission(run))}
+    return found[name]
+
+
+def set_attribute(name: str, value: object) -> Edit:
+    def edit(run: Path) -> None:
+        with h5py.File(run / "reconstructions.h5", "a") as file:
+            file["tiny/truth"].attrs[name] = value
+
+    return edit
+
+
+def blank_the_mask(run: Path) -> None:
+    """Failed images, which are NaN inside the sensor, had no pixel left that tells of it."""
+    with h5py.File(run / "reconstructions.h5", "a") as file:
+        file["tiny/truth/mask"][:] = False
+
+
+def skip_a_method(run: Path) -> None:
+    drop_a_method(run)
+    edit_json(lambda m: m["skipped"].update({"tiny/noser": "no time"}))(run)
+
+
+def set_in_cells(name: str, value: object) -> Edit:
+    def edit(run: Path) -> None:
+        table = pd.read_parquet(run / "methods.parquet")
+        table[name] = value
+        table.to_parquet(run / "methods.parquet")
+
+    return edit
+
+
+def another_name(name: str) -> Edit:
+    return edit_json(lambda m: m["plan"]["names"].append(name))
+
+
+def copy_the_truth(run: Path) -> None:
+    """Images that no method made, with the figures that they really have."""
+    with h5py.File(run / "reconstructions.h5", "a") as file:
+        file["tiny/noser/conductivity"][:] = file["tiny/truth/conductivity"][:]
+    rescore(run)
+    write_leaderboard(ranked_rows([run]), run)
+
+
 @pytest.mark.parametrize(
     ("edit", "failed", "words"),
     [
         (
             set_in_a_row("psnr", 60.0),
-            3,
+            FIGURES,
             "1 of 5 samples of 'noser' on 'tiny' do not have the figures",
         ),
-        (set_in_a_row("input_hash", "0"), 2, "'noser' was given other frames of 'tiny'"),
-        (set_in_a_row("phantom", "another"), 2, "The column 'phantom' of 'noser' on 'tiny'"),
+        (set_in_a_row("input_hash", "0"), FRAMES, "'noser' was given other frames of 'tiny'"),
+        (set_in_a_row("phantom", "another"), FRAMES, "The column 'phantom' of 'noser' on 'tiny'"),
         (
             edit_samples(lambda table: table.drop(index=3)),
-            1,
-            "'noser' on 'tiny' has 4 rows, not one for each of 5 samples",
+            ROWS,
+            "'noser' on 'tiny' has 4 rows, and there are 5 samples",
         ),
         # An image as good as the truth, without the figures of one.
-        (copy_image("truth", "noser"), 3, "do not have the figures of their images: ssim"),
-        (copy_image("noser", "truth"), 2, "The truth that is stored of 'tiny' is not ours"),
+        (copy_image("truth", "noser"), FIGURES, "do not have the figures of their images: ssim"),
+        (copy_image("noser", "truth"), FRAMES, "The truth that is stored of 'tiny' is not ours"),
         (
             edit_json(
                 lambda rows: rows[1].update(score=rows[1]["score"] + 0.001), "leaderboard.json"
             ),
-            6,
+            BOARD,
             "leaderboard.json says score",
         ),
-        (lambda run: (run / "leaderboard.json").unlink(), 6, "leaderboard.json cannot be read"),
-        (lambda run: (run / "reconstructions.h5").unlink(), 3, "cannot be read: resume the run"),
-        (edit_json(lambda m: m.update(status="interrupted")), 1, "The run is interrupted"),
-        (edit_json(lambda m: m["plan"].update(limit=3)), 1, "limited to 3 samples"),
-        (edit_json(lambda m: m["data"]["tiny"].update(hash="0")), 2, "The data of 'tiny' are"),
+        (lambda run: (run / "leaderboard.json").unlink(), BOARD, "leaderboard.json cannot be read"),
+        (
+            lambda run: (run / "reconstructions.h5").unlink(),
+            FIGURES,
+            "cannot be read: resume the run",
+        ),
+        (edit_json(lambda m: m.update(status="interrupted")), ROWS, "The run is interrupted"),
+        (edit_json(lambda m: m["plan"].update(limit=3)), ROWS, "limited to 3 samples"),
+        (edit_json(lambda m: m["data"]["tiny"].update(hash="0")), FRAMES, "The data of 'tiny' are"),
         (
             edit_json(lambda m: m["plan"]["suite"]["scenarios"][0].update(test=4)),
-            0,
+            SUITE,
             "is not that of this version",
         ),
-        (edit_json(lambda m: m.pop("cells")), 1, "lacks something ('cells')"),
-        (drop_a_method, 1, "'noser' was not run on 'tiny'"),
-        (set_in_a_row("status", "error"), 4, "does not say which of its images are whole"),
-        (add_a_figure, 6, ""),
+        (edit_json(lambda m: m["cells"][0].pop("variant")), ROWS, "lacks something ('variant')"),
+        (drop_a_method, ROWS, "'noser' was not run on 'tiny'"),
+        (set_in_a_row("status", "error"), FAILURES, "does not say which of its images are whole"),
+        (add_a_figure, BOARD, ""),
+        # What was accepted once, see CHANGELOG.
+        (set_attribute("background", 0.5), FRAMES, "another 'background' than ours"),
+        (set_attribute("data_range", 9.0), FRAMES, "another 'data_range' than ours"),
+        (set_attribute("bounds", [0.0, 0.0, 9.0, 9.0]), FRAMES, "another 'bounds' than ours"),
+        (blank_the_mask, FRAMES, "another 'mask' than ours"),
+        (skip_a_method, ROWS, "'noser' was not run on 'tiny'"),
+        (set_in_cells("track", "oracle"), CHOICES, "The track of 'noser'"),
+        (edit_samples(lambda t: t.assign(suite="paper")), CHOICES, "of another suite"),
+        (
+            edit_json(lambda m: m["cells"][0].update(parameters={"weight": 3.0})),
+            CHOICES,
+            "The parameters of 'noser' on 'tiny' are not those that come with eitbench",
+        ),
+        (edit_json(lambda m: m["cells"][0].update(weights="0")), CHOICES, "The weights of 'noser'"),
+        (
+            edit_json(lambda m: m["versions"].update(eitbench="999.0.0")),
+            RELEASE,
+            "It says that eitbench 999.0.0 made it",
+        ),
+        (edit_json(lambda m: m["versions"].update(eitbench="best")), RELEASE, "is no version"),
+        (edit_json(lambda m: m.update(git_commit="ab-dirty")), RELEASE, "changed code"),
+        (another_name("n0ser"), NAMES, "'n0ser' looks like 'noser'"),
+        (another_name("n\u043eser"), NAMES, "is not ASCII"),
+        (another_name("a/b"), NAMES, "cannot name a method"),
+        (edit_json(lambda m: m["plan"]["names"].pop()), ROWS, "which the plan does not"),
+        (
+            edit_json(lambda m: m["plan"]["plugins"].append(A_PLUGIN)),
+            NAMES,
+            "'noser' is a method of eitbench",
+        ),
+        (lambda run: (run / "run.sh").write_text("date"), FOLDER, "holds 'run.sh'"),
+        (copy_the_truth, PLAUSIBLE, "more than frames with noise tell"),
     ],
 )
 def test_what_was_edited_is_found(
-    submitted: Path, tmp_path: Path, edit: Edit, failed: int, words: str
+    submitted: Path, tmp_path: Path, edit: Edit, failed: str, words: str
 ) -> None:
     run = shutil.copytree(submitted, tmp_path / "mine")
     edit(run)
-    assert words in check_submission(run)[failed].problem
+    assert words in problem(run, failed)
 
 
 def test_suites_of_ones_own_and_operators_are_no_submissions(
     submitted: Path, build_operators: Callable[..., Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(submission, "suites", lambda: {})
-    assert "is not one of eitbench's" in check_submission(submitted)[0].problem
+    assert "is not one of eitbench's" in problem(submitted, SUITE)
     with pytest.raises(InputError, match="operators"):
-        check_submission(build_operators({"fem": 0.1}))
+        open_submission(build_operators({"fem": 0.1}))
+
+
+METHOD = """
+import numpy as np
+from eitbench import Method, register
+@register("mine")
+class Mine(Method):
+    def fit(self, problem):
+        self.sensor = problem.sensor
+    def reconstruct(self, voltages):
+        shade = 1 + 0.1 * np.tanh(voltages.mean(axis=1))[:, None, None]
+        return np.broadcast_to(shade, (len(voltages), *self.sensor.image_shape)) + 0.0
+"""
+
+
+@pytest.fixture
+def with_plugin(tiny: Suite, tmp_path: Path) -> Path:
+    """A run of a plugin whose file is gone, as on the machine of who checks it."""
+    plugin = tmp_path / "mine.py"
+    plugin.write_text(METHOD)
+    plan = make_plan(tiny, methods=["noser", "mine"], plugins=[plugin])
+    run = start_run(plan, tmp_path / "runs" / "mine").path
+    write_leaderboard(ranked_rows([run]), run)
+    plugin.unlink()
+    return run
+
+
+def test_methods_are_run_again_plugins_from_the_directory(with_plugin: Path) -> None:
+    submission = open_submission(with_plugin)
+    checks = rerun(submission, 2)
+    assert [check.problem for check in checks] == ["", ""]
+    assert "'mine'" in checks[1].name
+
+    noted = note_verified(with_plugin, 2)
+    assert noted == with_plugin.parent / "verified.json"
+    assert verified(with_plugin.parent) == {digest(with_plugin): 2}
+    # Another content is not what was verified.
+    table = pd.read_parquet(with_plugin / "methods.parquet")
+    table.assign(memory_mb=1.0).to_parquet(with_plugin / "methods.parquet")
+    assert digest(with_plugin) not in verified(with_plugin.parent)
+
+
+def test_images_that_no_method_made_are_found(with_plugin: Path) -> None:
+    copy_the_truth(with_plugin)
+    found = rerun(open_submission(with_plugin), 2)
+    assert "5 of 5 images differ from those that it makes here" in found[0].problem
+    assert found[1].problem == ""
+
+
+def test_another_plugin_is_not_run(with_plugin: Path) -> None:
+    (copy,) = (with_plugin / "plugins").iterdir()
+    copy.write_text(METHOD.replace("0.1", "0.2"))
+    found = rerun(open_submission(with_plugin), 2)
+    assert "holds no copy of its plugin" in found[1].problem
+    (with_plugin / "plugins" / "more.py").write_text("")
+    assert "'more.py'" in problem(with_plugin, FOLDER)
+
+
+def test_a_registration_is_fitted_again(
+    tiny: Suite, data: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One of scale 1e-9 put every contact at the mean press; an affine one was taken, too."""
+
+    def presses(scenario: object, split: Split = "test", **kwargs: object) -> Dataset:
+        frames = data.samples[["sample", "x_m", "y_m"]].copy()
+        return replace(
+            data, scenario="skin", split=split, samples=frames, truth="position", phantoms=()
+        )
+
+    monkeypatch.setattr(method_cell, "load", presses)
+    monkeypatch.setattr(method_cell, "fetch_recording", lambda *args, **kwargs: tmp_path)
+    skin = RecordedScenario(name="skin", recording="ohmc16")
+    suite = tiny.model_copy(update={"scenarios": (skin,)})
+    monkeypatch.setattr(submission, "load_suite", lambda name: suite)
+    run = start_run(make_plan(suite), tmp_path / "run").path
+    assert problem(run, REGISTRATIONS) == ""
+    cells = pd.read_parquet(run / "methods.parquet")
+    scale, turn, shift = json.loads(cells["registration"][0])
+    for changed, words in (
+        ([1e-9, turn, shift], "is not that of its images"),
+        ([scale, [[1, 0], [0, 5]], shift], "similarity"),
+        ([-scale, turn, shift], "similarity"),
+    ):
+        cells.assign(registration=json.dumps(changed)).to_parquet(run / "methods.parquet")
+        assert words in problem(run, REGISTRATIONS)

@@ -3,6 +3,7 @@
 import getpass
 import json
 import platform
+import subprocess
 from pathlib import Path
 
 import pytest
@@ -22,6 +23,15 @@ def test_environment_names_versions_and_machine_but_no_host_and_no_user() -> Non
     assert machine["memory_mb"] > 100
     assert not {platform.node(), getpass.getuser()} & {str(value) for value in machine.values()}
     json.dumps(found, allow_nan=False)
+
+
+def test_the_commit_is_that_of_the_checkout() -> None:
+    root = Path(__file__).resolve().parents[3]
+    if not (root / ".git").exists():
+        pytest.skip("needs a git checkout")
+    command = ["git", "-C", str(root), "rev-parse", "HEAD"]
+    head = subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
+    assert str(manifest.git_commit()).removesuffix("-dirty") == head
 
 
 @pytest.mark.parametrize(

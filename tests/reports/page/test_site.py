@@ -1,5 +1,6 @@
 """The site: pages for suites, methods and versions, whose links lead somewhere."""
 
+import json
 import re
 import shutil
 from pathlib import Path
@@ -10,6 +11,7 @@ import pandas as pd
 import pytest
 from tests.support.made_runs import edited_manifest
 
+from eitbench.benchmark.analysis.rerun import digest
 from eitbench.reports.page.site import write_site
 from eitbench.reports.tables.leaderboard import FORMATS, ranked_rows
 from eitbench.scenarios.errors import InputError
@@ -86,3 +88,15 @@ def test_a_folder_without_runs_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no run directory"):
         write_site(tmp_path, tmp_path / "site")
     assert not (tmp_path / "site").exists()
+
+
+def test_runs_whose_methods_were_run_again_say_so(runs: Path, tmp_path: Path) -> None:
+    (runs / "verified.json").write_text(json.dumps({digest(runs / "first"): 32}))
+    write_site(runs, tmp_path / "site")
+    page = (tmp_path / "site" / "methods" / "good.html").read_text()
+    told = re.findall(r">(first|second|old)</td><td[^>]*>([^<]*)</td>", page.replace("\n", ""))
+    assert dict(told) == {
+        "first": "verified on 32 samples", "second": "self-reported", "old": "self-reported"
+    }  # fmt: skip
+    board = (tmp_path / "site" / "archive" / "0.1.0" / "bench.html").read_text()
+    assert "verified on 32 samples" in board

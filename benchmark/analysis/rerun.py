@@ -1,0 +1,134 @@
+"""Methods of a submission, run again on some samples: do they make the stored images?
+
+Built-in methods run as they are here, plugins from the copy that lies in the run directory, each in
+a new worker: nothing of what the directory says of them is needed. What was run so is kept in a
+file beside the run directories, by a digest of all that was compared.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import tempfile
+import threading
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from eitbench.benchmark.analysis.submission import Check, Submission
+from eitbench.benchmark.run.cell import BatchRunner
+from eitbench.benchmark.run.cell_task import CellPlan, StoredSamples
+from eitbench.benchmark.run.method_cell import MethodCellTask, MethodData
+from eitbench.benchmark.rundir import manifest as manifests
+from eitbench.benchmark.rundir.cells import Cell
+from eitbench.benchmark.rundir.folder import read_json_file
+from eitbench.benchmark.rundir.kinds import METHOD_RUNS
+from eitbench.benchmark.rundir.plan import sha256
+from eitbench.benchmark.rundir.run_arrays import read_validation
+from eitbench.benchmark.rundir.store import SAMPLES, RunStore
+from eitbench.scenarios.atomic_write import atomic_write
+from eitbench.scenarios.errors import DataCorruptError
+
+VERIFIED = "verified.json"
+"""Beside the run directories: numbers of samples that were run again, by digest."""
+
+ROUNDING = 1e-3
+"""Difference of images, as a share of the background, that another processor may cause."""
+
+
+def rerun(submission: Submission, n: int) -> list[Check]:
+    """Run every method again on the first `n` samples of its scenarios, rounded up to a batch.
+
+    Raises:
+        DataUnavailableError, DataCorruptError: our data cannot be had.
+    """
+    # A batch of another size has other last bits.
+    n = MethodData.batch * math.ceil(n / MethodData.batch)
+    plan = submission.plan
+    checks = []
+    for scenario in plan.suite.scenarios:
+        data = MethodData.load(scenario, plan.suite, n, jobs=submission.jobs, progress=False)
+        for entry in submission.run.manifest["cells"]:
+            if entry["scenario"] == scenario.name and not entry["variant"]:
+                what = f"{entry['name']!r} makes the stored images of {scenario.name!r} again"
+                checks.append(Check(what, _problem(submission, data, entry)))
+    return checks
+
+
+def _problem(submission: Submission, data: MethodData, entry: Mapping[str, Any]) -> str:
+    run, name, scenario = submission.run, entry["name"], entry["scenario"]
+    plugin = submission.plan.origins.get(name)
+    copy = None if plugin is None else run.path / plugin.kept
+    if plugin is not None and not (copy and copy.is_file() and sha256(copy) == plugin.sha256):
+        return "The directory holds no copy of its plugin: run it again with this eitbench."
+    cell, suite = Cell(scenario, name), submission.plan.suite
+    plan = CellPlan(
+        cell, entry["track"], entry["parameters"], entry["spent"], suite, copy, data.batch
+    )
+    with tempfile.TemporaryDirectory() as folder:
+        task = MethodCellTask(plan, RunStore.create(Path(folder), METHOD_RUNS), data)
+        row = BatchRunner(task, lambda done: None, threading.Event()).run()
+        made = {split: StoredSamples(task, split) for split in task.sizes}
+    stored = run.estimates(scenario, name, range(task.sizes["test"]))
+    if stored is None:
+        return "It holds no images."
+    allowed = 0.0 if _same_machine(submission) else ROUNDING * data.test.sensor.background
+    pairs = [(stored, made["test"].values["conductivity"])]
+    if data.validation is not None:
+        images = made["validation"].values["conductivity"]
+        arrays = run.path / METHOD_RUNS.arrays
+        pairs.append((read_validation(arrays, scenario, name, images.shape), images))
+    for theirs, ours in pairs:
+        if not np.allclose(theirs, ours, rtol=0, atol=allowed, equal_nan=True):
+            away = np.abs(theirs - ours).max(axis=(1, 2))
+            reasons = [message for message in made["test"].message if message]
+            return (
+                f"{np.count_nonzero(~(away <= allowed))} of {len(away)} images differ from those "
+                f"that it makes here{f' ({reasons[0]})' if reasons else ''}."
+            )
+    known = run.cells[(run.cells["scenario"] == scenario) & (run.cells["method"] == name)]
+    if known["prior_knowledge"].tolist() != [row.get("prior_knowledge")]:
+        return "Its prior knowledge is not what the directory says."
+    return ""
+
+
+def _same_machine(submission: Submission) -> bool:
+    """True if the same kind of processor and the same libraries made the images."""
+    ours, theirs = manifests.environment(), submission.run.manifest
+    return bool(
+        ours["machine"]["cpu"] == theirs["machine"].get("cpu")
+        and ours["versions"] == theirs["versions"]
+    )
+
+
+def digest(run: Path) -> str:
+    """Return the SHA-256 (hex) of a run directory: its manifest, tables, images and plugins."""
+    names = (manifests.FILE_NAME, SAMPLES, METHOD_RUNS.table, METHOD_RUNS.arrays)
+    paths = (*(run / name for name in names), *sorted((run / "plugins").glob("*.py")))
+    return hashlib.sha256("".join(map(sha256, paths)).encode()).hexdigest()
+
+
+def note_verified(run: Path, n: int) -> Path:
+    """Note beside the run directory that `n` samples of it were run again; return the file."""
+    file = run.resolve().parent / VERIFIED
+    known = verified(file.parent) | {digest(run): n}
+    atomic_write(file, (json.dumps(known, indent=1) + "\n").encode())
+    return file
+
+
+def verified(runs: Path) -> dict[str, int]:
+    """Return the numbers of samples that were run again, by digest, of the folder `runs`.
+
+    Raises:
+        DataCorruptError: the file is damaged.
+    """
+    file = runs / VERIFIED
+    if not file.is_file():
+        return {}
+    try:
+        return {str(of): int(n) for of, n in json.loads(read_json_file(file)).items()}
+    except (AttributeError, TypeError, ValueError) as error:
+        raise DataCorruptError(f"{file} is damaged: delete it and check the runs again.") from error
