@@ -8,6 +8,7 @@ import faulthandler
 import json
 import os
 import signal
+import stat
 import sys
 import warnings
 from collections.abc import Callable
@@ -16,12 +17,14 @@ from pathlib import Path
 
 import psutil
 
-from eitbench.scenarios.errors import DataCorruptError, EitbenchError, InputError
+from eitbench.scenarios.errors import DataCorruptError, EitbenchError, InputError, UnreadableError
 
 TIME_LIMIT_S, MEMORY_LIMIT_MB = 120, 4096
 
 MAX_MESSAGE = 2000  # characters
-_ERRORS = {kind.__name__: kind for kind in (EitbenchError, InputError, DataCorruptError)}
+_ERRORS = {
+    kind.__name__: kind for kind in (EitbenchError, InputError, UnreadableError, DataCorruptError)
+}
 
 
 def try_reading(path: Path, read: Callable[..., object], *arguments: object) -> None:
@@ -32,8 +35,13 @@ def try_reading(path: Path, read: Callable[..., object], *arguments: object) -> 
     Raises:
         DataCorruptError: it took longer than `TIME_LIMIT_S`, needed more than `MEMORY_LIMIT_MB`, or
             ended the process.
+        UnreadableError: it is no file that could be read to its end.
         EitbenchError: as `read` raises.
     """
+    with suppress(OSError):
+        kind = path.stat().st_mode
+        if not (stat.S_ISREG(kind) or stat.S_ISDIR(kind)):
+            raise UnreadableError(f"{path} is a pipe, a socket or a device: give a file.")
     if sys.platform != "linux":
         return
     answers, ours = os.pipe()

@@ -107,7 +107,9 @@ def _same_machine(submission: Submission) -> bool:
 def digest(run: Path) -> str:
     """Return the SHA-256 (hex) of a run directory: its manifest, tables, images and plugins."""
     names = (manifests.FILE_NAME, SAMPLES, METHOD_RUNS.table, METHOD_RUNS.arrays)
-    paths = (*(run / name for name in names), *sorted((run / "plugins").glob("*.py")))
+    # A run of operators has no rows of methods.
+    paths = [path for name in names if (path := run / name).is_file()]
+    paths += sorted((run / "plugins").glob("*.py"))
     return hashlib.sha256("".join(map(sha256, paths)).encode()).hexdigest()
 
 

@@ -21,6 +21,7 @@ from eitbench.scenarios.recordings.files.csv_mat import (
 from eitbench.scenarios.recordings.files.own import undamaged
 from eitbench.scenarios.recordings.files.recording_file import Content
 from eitbench.scenarios.sensors.sensor import Sensor
+from eitbench.scenarios.try_reading import try_reading
 
 _READERS = {".csv": read_csv, ".mat": read_mat_recording}
 
@@ -71,8 +72,12 @@ def import_recording(source: str, to: Path, sensor: Sensor | None = None) -> int
     check_new(to)
     if is_recording(source):
         raise InputError(f"{source} is a recording already: use it as it is.")
-    reader = _READERS.get(Path(source).suffix)
-    content = _public(source, sensor) if reader is None else reader(Path(source), sensor)
+    path, reader = Path(source), _READERS.get(Path(source).suffix)
+    if reader is None:
+        content = _public(source, sensor)
+    else:
+        try_reading(path, reader, path, sensor)
+        content = reader(path, sensor)
     write_recording(content, to)
     return len(content)
 

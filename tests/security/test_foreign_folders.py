@@ -21,11 +21,14 @@ from eitbench.benchmark.rundir.manifest import read as read_manifest
 from eitbench.benchmark.rundir.run_arrays import MOST_BYTES
 from eitbench.benchmark.rundir.store import SAMPLES
 from eitbench.benchmark.rundir.tables import write_parquet
+from eitbench.hardware.recording.exchange import import_recording
 from eitbench.reports.page.report import write_report
 from eitbench.reports.page.site import write_site
 from eitbench.reports.tables.leaderboard import write_leaderboard
 from eitbench.scenarios.atomic_write import atomic_write
-from eitbench.scenarios.errors import DataCorruptError, EitbenchError
+from eitbench.scenarios.errors import DataCorruptError, EitbenchError, UnreadableError
+from eitbench.scenarios.recordings.files.recording_file import read_file
+from eitbench.scenarios.sensors.sensor import foam16
 from eitbench.scenarios.try_reading import try_reading
 
 READERS: dict[str, Callable[[Path], object]] = {
@@ -177,6 +180,19 @@ def test_a_manifest_holds_unicode_and_short_texts(run: Path) -> None:
     path.write_text(json.dumps(content) + " " * 2**24)
     with pytest.raises(DataCorruptError, match="larger than"):
         read_manifest(run)
+
+
+def imported(path: Path) -> object:
+    return import_recording(str(path), path.with_name("new.h5"), foam16())
+
+
+@pytest.mark.parametrize("name", ["frames.csv", "frames.mat", "frames.h5"])
+def test_a_pipe_is_no_recording(tmp_path: Path, name: str) -> None:
+    os.mkfifo(tmp_path / name)
+    read = read_file if name.endswith(".h5") else imported
+    with pytest.raises(UnreadableError, match="is a pipe"):
+        read(tmp_path / name)
+    assert not (tmp_path / "new.h5").exists()
 
 
 def hang() -> None:
