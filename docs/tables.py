@@ -143,6 +143,40 @@ def _claims() -> str:
     return _table(["verdict", "claim", "in", "samples"], rows, [False] * 3 + [True])
 
 
+def _clean() -> str:
+    stored = pd.read_csv(STUDIES / "paper" / "paper.csv").to_dict("records")
+    rows = [[f"`{row['method']}`", *_clean_figures(row)] for row in stored]
+    for name in ("phydnn", "dnn"):
+        rows.append([f"published {LABELS[name]}", *_clean_figures(TABLE_II[name])])
+    return _table(["", "SSIM", "CC", "RIE", "PSNR [dB]"], rows)
+
+
+def _clean_figures(row: Mapping[str, float]) -> list[str]:
+    return [f"{row['ssim']:.4f}", f"{row['cc']:.4f}", f"{row['rie']:.4f}", f"{row['psnr']:.2f}"]
+
+
+def _physical_loss() -> str:
+    """Return PhyDNN minus DNN in PSNR, with intervals, wherever the ledger has it."""
+    claims = json.loads((STUDIES / "claims" / "claims.json").read_text())["claims"]
+    rows = []
+    for claim in claims:
+        names = {"phydnn-over-dnn": "clean, same mesh", "generalisation": "unseen shapes, 50 dB"}
+        for figure in claim["figures"]:
+            name = figure["name"]
+            if not name.startswith("PSNR") or "PhyDNN minus DNN" not in name or not claim["n"]:
+                continue
+            *_, level = name.rpartition("noise-")
+            data = names.get(claim["id"]) or (level if claim["id"] == "noise-robustness" else "")
+            if data:
+                low, high = figure["interval"]
+                rows.append([
+                    data.replace("db", " dB"), str(claim["n"]), f"{figure['ours']:+.3f}",
+                    f"{low:+.3f} to {high:+.3f}", figure["verdict"],
+                ])  # fmt: skip
+    heads = ["data", "samples", "PSNR, PhyDNN minus DNN [dB]", "95 %", "better"]
+    return _table(heads, rows, [False, True, True, True, False])
+
+
 def _supervision() -> str:
     stored = json.loads((STUDIES / "supervision" / "summary.json").read_text())
     psnr = pd.DataFrame(stored["rows"]).pivot_table(index="alpha", columns="seed", values="psnr")
@@ -254,6 +288,8 @@ TABLES: dict[str, Callable[[], str]] = {
     "readings": _readings,
     "objects": _objects,
     "claims": _claims,
+    "clean data": _clean,
+    "physical loss": _physical_loss,
     "supervision": _supervision,
     "rungs": _rungs,
     "ladder": _ladder,
