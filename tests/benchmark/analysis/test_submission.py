@@ -238,6 +238,18 @@ def test_what_was_edited_is_found(
     assert words in problem(run, failed)
 
 
+def test_another_version_of_numpy_may_round_otherwise(submitted: Path, tmp_path: Path) -> None:
+    """It gives frames other last bits, so that their hashes tell nothing."""
+    run = shutil.copytree(submitted, tmp_path / "mine")
+    set_in_a_row("input_hash", "0")(run)
+    edit_samples(lambda t: t.assign(x_m=t["x_m"] * (1 + 1e-12)))(run)
+    assert problem(run, FRAMES)
+    edit_json(lambda m: m["versions"].update(numpy="1.99.0"))(run)
+    assert problem(run, FRAMES) == ""
+    edit_samples(lambda t: t.assign(x_m=t["x_m"] + 0.1))(run)
+    assert "'x_m'" in problem(run, FRAMES)
+
+
 def test_suites_of_ones_own_and_operators_are_no_submissions(
     submitted: Path, build_operators: Callable[..., Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
