@@ -15,7 +15,7 @@ from eitbench.benchmark.analysis.results import read_run
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
 from eitbench.reports.figures.style import COLOURS, PAGE, STYLE, line_style, new_figure, save
 from eitbench.reports.tables.columns import printable
-from eitbench.reports.tables.formats import escape_markdown, markdown_table
+from eitbench.reports.tables.formats import csv_text, escape_markdown, markdown_table
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -57,7 +57,7 @@ def write_files(ladder: Ladder, tables: Path, figures: Path, stem: str) -> list[
 
     written = [tables / f"{stem}.md", tables / f"{stem}.csv"]
     written[0].write_text(to_markdown(ladder), encoding="utf-8")
-    to_table(ladder).to_csv(written[1], index=False, float_format="%.6g")
+    written[1].write_text(csv_text(to_table(ladder), "%.6g"), encoding="utf-8")
     figures.mkdir(exist_ok=True)
     with mpl.rc_context(STYLE):
         return written + save(draw(ladder), figures / stem, ("png", "pdf", "svg"), dpi=200)
