@@ -5,7 +5,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-from urllib.parse import quote
 
 import numpy as np
 import pandas as pd
@@ -14,6 +13,7 @@ from numpy.typing import NDArray
 from eitbench.benchmark import EitbenchError
 from eitbench.benchmark.analysis.leaderboard import leaderboard_rows
 from eitbench.benchmark.analysis.results import Run, read_run
+from eitbench.benchmark.rundir.file_names import file_name
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
 from eitbench.benchmark.rundir.run_arrays import Scene
 from eitbench.reports.figures.style import CONDUCTIVITY_MAP, HEADING, NOTE, TITLE, save
@@ -95,7 +95,7 @@ def write_figures(run: Path) -> list[Path]:
         for scenario in read.scenarios():
             figure = draw(comparison(read, scenario))
             (run / "figures").mkdir(exist_ok=True)
-            written += save(figure, run / "figures" / f"comparison-{quote(scenario, safe='')}")
+            written += save(figure, run / "figures" / f"comparison-{file_name(scenario)}")
     except OSError as error:
         reason = error.strerror or str(error)
         raise EitbenchError(f"Could not write the figures of {run}: {reason}.") from error

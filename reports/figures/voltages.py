@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
-from urllib.parse import quote
 
 import numpy as np
 
 from eitbench.benchmark.analysis.leaderboard import leaderboard_rows
 from eitbench.benchmark.analysis.results import read_run
+from eitbench.benchmark.rundir.file_names import file_name
 from eitbench.benchmark.rundir.kinds import OPERATOR_RUNS
 from eitbench.benchmark.rundir.run_arrays import (
     TOUCHES_KEPT,
@@ -56,7 +56,7 @@ def write_voltages(run: Path) -> list[Path]:
     written = []
     for scenario, figure in voltage_figures(read_run(run)):
         (run / "figures").mkdir(exist_ok=True)
-        stem = run / "figures" / f"voltages-{quote(scenario, safe='')}"
+        stem = run / "figures" / f"voltages-{file_name(scenario)}"
         written += save(figure, stem)
     return written
 

@@ -7,10 +7,10 @@ from collections.abc import Iterable, Iterator, Sequence
 from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING
-from urllib.parse import quote
 
 import numpy as np
 
+from eitbench.benchmark.rundir.file_names import file_name
 from eitbench.reports.figures.style import (
     COLOURS,
     COLUMN,
@@ -103,7 +103,7 @@ def write_paper(report: ReportData, out: Path) -> list[Path]:
     (out / "figures").mkdir(exist_ok=True)
     with mpl.rc_context(STYLE):
         for stem, figure in _figures(boards):
-            written += save(figure, out / "figures" / quote(stem, safe=""), ("pdf", "svg"))
+            written += save(figure, out / "figures" / file_name(stem), ("pdf", "svg"))
     references = out / "references.bib"
     methods = [row["method"] for row in rows_by_kind["method"]]
     references.write_text(bibliography(methods), encoding="utf-8")

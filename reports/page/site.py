@@ -11,6 +11,7 @@ from markupsafe import Markup
 
 from eitbench.benchmark import EitbenchError, InputError
 from eitbench.benchmark.rundir import manifest
+from eitbench.benchmark.rundir.file_names import file_name
 from eitbench.reports.page.answer import answer
 from eitbench.reports.page.rendering import asset, render
 from eitbench.reports.page.report import to_page
@@ -48,9 +49,7 @@ class _Edition:
     @property
     def file(self) -> str:
         """The path of its page, from the front page."""
-        # A version that is nothing but dots would be another folder.
-        version = quote(self.version, safe="").replace(".", "%2E", not self.version.strip("."))
-        return f"archive/{version}/{quote(self.suite, safe='')}.html"
+        return f"archive/{file_name(self.version)}/{file_name(self.suite)}.html"
 
 
 def write_site(runs: Path, out: Path) -> list[Path]:
@@ -109,7 +108,7 @@ def _parts(version: str) -> list[int]:
 
 
 def _method_file(name: str) -> str:
-    return f"methods/{quote(name, safe='')}.html"
+    return f"methods/{file_name(name)}.html"
 
 
 def _front(editions: Sequence[_Edition], methods: Sequence[str], left_out: Sequence[str]) -> str:
