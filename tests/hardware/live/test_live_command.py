@@ -23,7 +23,7 @@ from eitbench.scenarios.recordings.files.recording_file import read_file
     ("options", "sentence"),
     [
         (["--host", "0.0.0.0"], "EITBENCH_TOKEN, or in a file that you name with --token-file"),
-        (["--token", "correct-horse-battery"], "No such option: --token"),
+        (["--token", "correct-horse-battery"], "No such option"),
         (["--token-file", __file__], "say with --host where they connect"),
         (["--token-file", __file__, "--host", "::1"], "16 to 128 letters"),
         (["--method", "nose"], "did you mean 'noser'"),
@@ -38,7 +38,10 @@ def test_what_cannot_be_is_one_sentence(eitbench: Any, options: list[str], sente
     assert err.count("\n") == 1
 
 
-@pytest.mark.parametrize("end", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+ENDS = [getattr(signal, name, None) for name in ("SIGINT", "SIGTERM", "SIGHUP")]
+
+
+@pytest.mark.parametrize("end", [end for end in ENDS if end])
 def test_it_prints_its_address_serves_and_ends_with_a_signal(
     eitbench: Any,
     tmp_path: Path,

@@ -124,7 +124,7 @@ def test_impossible_values_are_named(wrong: float) -> None:
     """As a float32 of garbage may be."""
     foam, values = foam16(), np.ones(208)
     values[7] = wrong
-    parser = PROTOCOLS["teensy"](foam)
+    parser = Teensy(foam)
     messages = [teensy.encode(parser._pattern, k, 0.0, values) for k in range(PATIENCE)]
     said = refusal(parser, messages)
     assert f"impossible values, such as {wrong:.3g} V/A as value 7, where less than 1e+10" in said

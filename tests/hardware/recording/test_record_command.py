@@ -1,15 +1,12 @@
 """The commands `record` and `recordings`, as they are typed."""
 
 import errno
-import fcntl
 import os
-import pty
 import re
 import shutil
 import signal
 import subprocess
 import sys
-import termios
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -166,7 +163,7 @@ def test_an_emulated_board_is_recorded_until_a_signal(tmp_path: Path, end: signa
     """The whole way: a serial device file, the live status line of a terminal, the signal."""
     out = tmp_path / "a.h5"
     command = [sys.executable, "-m", "eitbench.cli", "record", "--board", "emulator"]
-    master, slave = pty.openpty()
+    master, slave = pytest.importorskip("pty").openpty()
     with subprocess.Popen(
         [*command, "--out", str(out)], stdout=subprocess.PIPE, stderr=slave, text=True
     ) as process:
@@ -193,6 +190,7 @@ def test_an_emulated_board_is_recorded_until_a_signal(tmp_path: Path, end: signa
 ANSWERS = ("", "", "", "30 30", "", "")  # one touch, and then nothing more
 
 
+@pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="this system has no SIGHUP")
 def test_a_terminal_that_is_closed_leaves_a_whole_recording(
     tmp_path: Path,
     eitbench: Run,
@@ -232,8 +230,9 @@ def test_a_terminal_that_is_closed_leaves_a_whole_recording(
 def test_a_terminal_that_is_closed_ends_a_guided_recording_cleanly(tmp_path: Path) -> None:
     (tmp_path / "bench.toml").write_text(SENSOR)
     out = tmp_path / "a.h5"
+    fcntl, termios = pytest.importorskip("fcntl"), pytest.importorskip("termios")
     command = [sys.executable, "-m", "eitbench.cli", "record", "--board", "emulator", "--guided"]
-    master, slave = pty.openpty()
+    master, slave = pytest.importorskip("pty").openpty()
     with subprocess.Popen(
         [*command, "--sensor", str(tmp_path / "bench.toml"), "--out", str(out)],
         stdin=slave, stdout=slave, stderr=slave, start_new_session=True,
