@@ -11,8 +11,16 @@ from typing import Annotated, Any, TypeVar
 from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError, ValidationInfo
 
 from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.limits import check_regular
 
 Key = tuple[str | int, ...]
+
+MAX_BYTES = 1_000_000
+"""Greatest size of a file: the largest packaged suite has 20 kB."""
+MAX_PARTS = 32
+"""Most parts of a dotted key: the time that Python takes to read one grows with their square."""
+_PART = r"""(?:[\w-]++|"(?:[^"\\\n]|\\.)*+"|'[^'\n]*+')"""
+_DEEP_KEY = re.compile(rf"(?<![\w-])(?:{_PART}[ \t]*+\.[ \t]*+){{{MAX_PARTS}}}")
 
 
 def _name(value: object) -> object:
@@ -61,10 +69,12 @@ def read_declaration(kind: str, path: Path, model: type[Declared]) -> Declared:
         InputError: the file cannot be read or declares something wrong.
     """
     try:
-        declared = tomllib.loads(path.read_text(encoding="utf-8"))
+        declared = tomllib.loads(_text(kind, path))
         # Read as JSON, so that numbers written as text are refused but lists can be tuples. No
         # field holds a date of TOML, but many hold text.
         content = json.dumps(declared, default=lambda value: {"date": str(value)})
+    except InputError:  # a ValueError, too
+        raise
     except OSError as error:
         raise InputError(
             f"Cannot read the {kind.lower()} file {path}: {error.strerror}."
@@ -85,6 +95,19 @@ def read_declaration(kind: str, path: Path, model: type[Declared]) -> Declared:
         loc = (*first["loc"], "kind") if first["type"].startswith("union_tag") else first["loc"]
         key, section = _declared_key(loc, declared)
         raise field_error(kind, path, key, _problem(dict(first), model), section) from error
+
+
+def _text(kind: str, path: Path) -> str:
+    """The text of the TOML file at `path`, unless it would take forever to parse."""
+    check_regular(path)
+    with path.open("rb") as file:
+        content = file.read(MAX_BYTES + 1)
+    if len(content) > MAX_BYTES:
+        raise InputError(f"{kind} file {path} is larger than 1 MB: declare less in it.")
+    text = content.decode()
+    if _DEEP_KEY.search(text):
+        raise InputError(f"{kind} file {path} has a key of more than {MAX_PARTS} parts.")
+    return text
 
 
 def beside(path: str, info: ValidationInfo) -> str:

@@ -1,4 +1,4 @@
-"""Termination as an interruption: SIGTERM does what Ctrl-C does."""
+"""Termination as an interruption: SIGTERM and SIGHUP do what Ctrl-C does."""
 
 import signal
 import threading
@@ -8,12 +8,35 @@ from contextlib import contextmanager
 
 @contextmanager
 def termination_interrupts() -> Iterator[None]:
-    """Raise KeyboardInterrupt on SIGTERM, so that what is finished is stored and workers end."""
+    """Raise KeyboardInterrupt on the first SIGTERM or SIGHUP, so that what is finished is stored.
+
+    SIGHUP comes when a terminal is closed or a connection breaks. Later signals change nothing: a
+    terminal that is closed sends several, and none of them may interrupt the storing. A signal
+    that is ignored (nohup) stays so.
+    """
     if threading.current_thread() is not threading.main_thread():
         yield  # only the main thread may say what a signal does
         return
-    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    terminated = False
+
+    def interrupt(number: int, frame: object) -> None:
+        nonlocal terminated
+        if not terminated:
+            terminated = True
+            raise KeyboardInterrupt
+
+    def terminate(number: int, frame: object) -> None:
+        signal.raise_signal(signal.SIGTERM)  # a server that ends in its own way knows only this one
+
+    handlers = {signal.SIGTERM: interrupt}
+    if hasattr(signal, "SIGHUP"):  # Windows has none
+        handlers[signal.SIGHUP] = terminate
+    before = {number: signal.getsignal(number) for number in handlers}
+    taken = [number for number, handler in before.items() if handler is not signal.SIG_IGN]
     try:
+        for number in taken:
+            signal.signal(number, handlers[number])
         yield
     finally:
-        signal.signal(signal.SIGTERM, before)
+        for number in taken:
+            signal.signal(number, before[number])

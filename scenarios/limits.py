@@ -1,6 +1,8 @@
 """Limits of memory for reading files: claimed sizes are compared with the size of the file."""
 
+import errno
 import math
+import stat
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +19,17 @@ def most_bytes(path: Path) -> int:
         OSError: there is no such file.
     """
     return EXPANSION * path.stat().st_size + SPARE
+
+
+def check_regular(path: Path) -> None:
+    """Refuse a pipe or a device, which may be read for ever.
+
+    Raises:
+        OSError: it is one, or there is no such file.
+    """
+    mode = path.stat().st_mode
+    if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
+        raise OSError(errno.EINVAL, "it is a pipe or a device, not a file", str(path))
 
 
 def own_dataset(group: Any, name: str, most: int) -> Any:

@@ -8,7 +8,6 @@ import faulthandler
 import json
 import os
 import signal
-import stat
 import sys
 import warnings
 from collections.abc import Callable
@@ -18,6 +17,7 @@ from pathlib import Path
 import psutil
 
 from eitbench.scenarios.errors import DataCorruptError, EitbenchError, InputError, UnreadableError
+from eitbench.scenarios.limits import check_regular
 
 TIME_LIMIT_S, MEMORY_LIMIT_MB = 120, 4096
 
@@ -38,10 +38,12 @@ def try_reading(path: Path, read: Callable[..., object], *arguments: object) -> 
         UnreadableError: it is no file that could be read to its end.
         EitbenchError: as `read` raises.
     """
-    with suppress(OSError):
-        kind = path.stat().st_mode
-        if not (stat.S_ISREG(kind) or stat.S_ISDIR(kind)):
-            raise UnreadableError(f"{path} is a pipe, a socket or a device: give a file.")
+    try:
+        check_regular(path)
+    except FileNotFoundError:
+        pass  # what reads it says so
+    except OSError as error:
+        raise UnreadableError(f"Cannot read {path}: {error.strerror}.") from error
     if sys.platform != "linux":
         return
     answers, ours = os.pipe()

@@ -1,17 +1,15 @@
 """Cells of a run, and the batches of answers that are stored of them."""
 
-import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
-from urllib.parse import quote
 from zipfile import ZipFile
 
 import numpy as np
 from numpy.typing import NDArray
 
-MAX_FOLDER = 120
+from eitbench.benchmark.rundir.file_names import file_name
 
 Values = Mapping[str, NDArray[Any]]
 """Arrays with a row for each of some samples, by name."""
@@ -38,15 +36,6 @@ class Cell:
         # No name holds a slash.
         own = f"{self.name}/{self.variant}" if self.variant else self.name
         return file_name(self.scenario), file_name(own)
-
-
-def file_name(name: str) -> str:
-    """Return `name` as a file's or folder's on any system: what could be a path is quoted."""
-    quoted = quote(name, safe=" +=@")
-    if len(quoted) > MAX_FOLDER:  # file systems limit a name to 255 bytes
-        digest = hashlib.sha256(name.encode()).hexdigest()[:16]
-        quoted = f"{quoted[: MAX_FOLDER - 17]}~{digest}"
-    return "%2E" + quoted[1:] if quoted.startswith(".") else quoted or "~"
 
 
 @dataclass(frozen=True, eq=False)

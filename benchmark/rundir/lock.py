@@ -1,7 +1,7 @@
 """One process at a time in a run directory."""
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from filelock import FileLock, Timeout
@@ -35,6 +35,12 @@ def locked(run: Path) -> Iterator[None]:
     try:
         yield
     finally:
-        # Before it is let go: nobody gets a lock on a file that is not there any more.
-        path.unlink(missing_ok=True)
-        lock.release()
+        try:
+            # Before it is let go: nobody gets a lock on a file that is not there any more.
+            path.unlink(missing_ok=True)
+            lock.release()
+        except PermissionError:
+            # Windows removes no file that is open: afterwards, unless another process holds it.
+            lock.release()
+            with suppress(PermissionError):
+                path.unlink(missing_ok=True)

@@ -2,13 +2,12 @@
 
 import contextlib
 import os
-import pty
 import select
 import threading
 import time
-import tty
 from collections.abc import Callable
 
+from eitbench.hardware.board import BoardError
 from eitbench.hardware.protocols import Protocol
 from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.sensors.sensor import Sensor
@@ -29,6 +28,9 @@ class BoardServer:
     Attributes:
         port: the device to open, such as "/dev/pts/7".
         rate_hz: frames per second.
+
+    Raises:
+        BoardError: this system has no pseudo-terminals.
     """
 
     def __init__(
@@ -40,6 +42,14 @@ class BoardServer:
         self._number = 0
         self._unsent = b""
         self._off = threading.Event()
+        try:
+            import pty  # not on Windows
+            import tty
+        except ImportError as error:
+            raise BoardError(
+                "An emulated board needs a pseudo-terminal, which this system has not: use "
+                "--board replay."
+            ) from error
         self._master, slave = pty.openpty()
         self.port = os.ttyname(slave)
         # Nothing is echoed, and bytes pass as they are, even before a program opens the port. It is

@@ -10,6 +10,7 @@ from pydantic import Field, ValidationInfo, field_validator
 
 from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.declaration import Declaration, read_declaration
+from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.imperfections.imperfections import TYPICAL
 from eitbench.scenarios.imperfections.noise import add_noise
 from eitbench.scenarios.phantoms.press import FOAM
@@ -142,10 +143,17 @@ class TouchScript(Declaration):
         return [t.touch for t in self.touches if t.start_s <= time_s < t.end_s]
 
 
-def read_script(path: Path) -> TouchScript:
-    """The touches scripted in the TOML file at `path`.
+def read_script(path: Path, sensor: Sensor) -> TouchScript:
+    """The touches on `sensor` that are scripted in the TOML file at `path`.
 
     Raises:
-        InputError: the file cannot be read or scripts something wrong (the field is named).
+        InputError: the file cannot be read, scripts something wrong (the field is named), or
+            touches outside the sensor.
     """
-    return read_declaration("Touch script", path, TouchScript)
+    script = read_declaration("Touch script", path, TouchScript)
+    for number, scripted in enumerate(script.touches):
+        try:
+            sensor.check_place(scripted.touch.x_m, scripted.touch.y_m)
+        except InputError as error:
+            raise InputError(f"Touch script {path}: touch {number} at {error}") from error
+    return script

@@ -39,7 +39,7 @@ class Emulator(Board):
         super().__init__(sensor, emulated=True)
         self._board = SERIAL_BOARDS[protocol]
         self._board.protocol.check(sensor)
-        self._script = None if script is None else read_script(script)
+        self._script = None if script is None else read_script(script, sensor)
         self._rate_hz = rate_hz
         self._press: Touch | None = None
         self._emulated: EmulatedSensor | None = None

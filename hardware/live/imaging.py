@@ -19,6 +19,7 @@ from eitbench.scenarios.docstrings import first_line
 from eitbench.scenarios.errors import EitbenchError, InputError, unknown_name
 from eitbench.scenarios.phantoms.contacts import contacts
 from eitbench.scenarios.physics.forward import forward_model
+from eitbench.scenarios.recordings.frames import impossible, peak
 from eitbench.scenarios.sensors.sensor import Sensor
 
 T = TypeVar("T")
@@ -58,9 +59,11 @@ def reference_of(sensor: Sensor, frames: Sequence[Array]) -> Reference:
     """The reference from `frames` (M,) of the untouched sensor, at least two.
 
     Raises:
-        InputError: the frames do not match the sensor's drive pattern, or are not finite.
+        InputError: the frames do not match the sensor's drive pattern, or are impossible.
     """
     stack = np.array(frames)
+    if (wrong := impossible(stack)).size:
+        raise InputError(f"A reference frame holds {peak(stack[wrong[0]])}: take it again.")
     problem = Problem(sensor, stack.mean(axis=0), no_data)
     noise = float(np.sqrt(np.mean(stack.var(axis=0, ddof=1))))
     return Reference(problem.reference, problem.gain, noise)
@@ -208,7 +211,9 @@ class Imaging:
         image: Array | None = None
         found: tuple[Contact, ...] = ()
         failed = ""
-        if method is not None and reference is not None:
+        if impossible(frame.values[None]).size:
+            failed = f"The frame holds {peak(frame.values)}."
+        elif method is not None and reference is not None:
             try:
                 image = self._image(method, reference, frame)
                 found = self._contacts(image, reference, frame)

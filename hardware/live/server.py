@@ -11,7 +11,8 @@ import json
 import re
 import socket
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from pathlib import Path
+from typing import Annotated, Any, Literal
 
 import uvicorn
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
@@ -20,11 +21,12 @@ from starlette.requests import HTTPConnection, Request
 from starlette.responses import HTMLResponse, PlainTextResponse, RedirectResponse, Response
 from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
+from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from eitbench.hardware.live.page import page, page_setup
 from eitbench.hardware.live.session import Session
 from eitbench.hardware.live.viewer import Broadcast, Viewer
-from eitbench.scenarios.errors import EitbenchError, InputError
+from eitbench.scenarios.errors import EitbenchError, InputError, UnreadableError
 
 LOCAL = "127.0.0.1"
 _TOKEN = re.compile(r"[A-Za-z0-9_-]{16,128}")
@@ -64,21 +66,35 @@ class Access:
         return name in {self.host.lower(), socket.gethostname().lower()} or _is_address(name)
 
 
-def access_to(host: str | None, token: str | None) -> Access:
-    """Return the access that the options `--host` and `--token` describe; both or none.
+def access_to(host: str | None, token_file: Path | None, token: str) -> Access:
+    """Return the access that `--host` and the token of other machines describe.
+
+    The token is in `token_file`, else in `token` ("" for none); a command line would show it to
+    every user of this machine.
 
     Raises:
-        InputError: one without the other, or a token that is too easily guessed.
+        InputError: a host without a token, a file of a token without a host, or a token that is
+            too easily guessed.
+        UnreadableError: the file cannot be read.
     """
-    if host is None and token is None:
-        return Access()
-    if token is None:
-        raise InputError(
-            f"--host {host} lets other machines look and press buttons: give them a --token, too, "
-            "of at least 16 characters."
-        )
     if host is None:
-        raise InputError("--token is for other machines: say with --host where they connect.")
+        if token_file is not None:
+            raise InputError(
+                "--token-file is for other machines: say with --host where they connect."
+            )
+        return Access()
+    if token_file is not None:
+        try:
+            token = token_file.read_text(encoding="utf-8", errors="replace").strip()
+        except OSError as error:
+            raise UnreadableError(
+                f"Cannot read the token {token_file}: {error.strerror}."
+            ) from error
+    if not token:
+        raise InputError(
+            f"--host {host} lets other machines look and press buttons: set a token of at least "
+            "16 characters in EITBENCH_TOKEN, or in a file that you name with --token-file."
+        )
     if not _TOKEN.fullmatch(token):
         raise InputError("A token has 16 to 128 letters, digits, hyphens and underscores.")
     return Access(host, token)
@@ -162,6 +178,8 @@ def read_request(text: str) -> PageRequest:
 STATE_EVERY_S = 0.25
 MOST_VIEWERS = 16
 COOKIE = "eitbench_live"
+HEADER_WITHIN_S = 10.0
+"""Time that a visitor has for the header of a request [s]."""
 _STOP_WITHIN_S = 2
 _POLICY_VIOLATED, _TRY_LATER = 1008, 1013  # WebSocket close codes (RFC 6455, IANA)
 
@@ -175,6 +193,10 @@ def listen(access: Access, port: int) -> socket.socket:
     family = socket.AF_INET6 if ":" in access.host else socket.AF_INET
     try:
         return socket.create_server((access.host, port), family=family)
+    except TypeError as error:  # Python's for a text that can name no machine
+        raise InputError(
+            f"{access.host!r} is no address of this machine: give another with --host."
+        ) from error
     except OSError as error:
         raise EitbenchError(
             f"Cannot listen on {access.host}, port {port} ({error.strerror or error}): give "
@@ -203,8 +225,47 @@ def make_server(
             ws_per_message_deflate=False,
             ws_max_size=MAX_BYTES,
             timeout_graceful_shutdown=_STOP_WITHIN_S,
+            http=_RequestsInTime,
         )
     )
+
+
+class _RequestsInTime(H11Protocol):
+    """HTTP that closes a connection where no whole request header comes in time.
+
+    uvicorn's own limit ends with the first byte of a header, so that one that is never finished
+    would hold its connection for ever.
+    """
+
+    _late: asyncio.TimerHandle | None = None
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        super().connection_made(transport)
+        self._expect_header()
+
+    def on_response_complete(self) -> None:
+        self._expect_header()
+        super().on_response_complete()  # which begins with a request that waits already
+
+    def handle_websocket_upgrade(self, event: Any) -> None:
+        self._expect_nothing()
+        super().handle_websocket_upgrade(event)
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        self._expect_nothing()
+        super().connection_lost(exc)
+
+    def _expect_header(self) -> None:
+        self._expect_nothing()
+        self._late = self.loop.call_later(HEADER_WITHIN_S, self._close_without, self.cycle)
+
+    def _expect_nothing(self) -> None:
+        if self._late is not None:
+            self._late.cancel()
+
+    def _close_without(self, before: object) -> None:
+        if self.cycle is before:  # no request came since
+            self.transport.close()
 
 
 @dataclass(frozen=True)
@@ -229,7 +290,7 @@ class _Pages:
             answer.set_cookie(COOKIE, given, httponly=True, samesite="strict")
             return answer
         if not self.access.has_token(request.cookies.get(COOKIE)):
-            return PlainTextResponse("Open the address with the token that eitbench printed.", 403)
+            return _no_token()
         html, policy = page()
         return HTMLResponse(
             html,
@@ -244,8 +305,12 @@ class _Pages:
         )
 
     async def watch(self, websocket: WebSocket) -> None:
-        if not self._may_connect(websocket):
+        if not self._is_same_origin(websocket):
             await websocket.close(_POLICY_VIOLATED)
+            return
+        token = websocket.cookies.get(COOKIE) or websocket.query_params.get("token")
+        if not self.access.has_token(token):
+            await websocket.send_denial_response(_no_token())
             return
         await websocket.accept()
         if len(self.broadcast.viewers) >= MOST_VIEWERS:
@@ -268,12 +333,15 @@ class _Pages:
     def _is_ours(self, connection: HTTPConnection) -> bool:
         return self.access.is_ours(connection.headers.get("host"), self.port)
 
-    def _may_connect(self, websocket: WebSocket) -> bool:
+    def _is_same_origin(self, websocket: WebSocket) -> bool:
         """A foreign page may open a WebSocket to here, but cannot choose its own Origin."""
         headers = websocket.headers
         same_origin = headers.get("origin") == f"http://{headers.get('host')}"
-        token = websocket.cookies.get(COOKIE) or websocket.query_params.get("token")
-        return self._is_ours(websocket) and same_origin and self.access.has_token(token)
+        return self._is_ours(websocket) and same_origin
+
+
+def _no_token() -> Response:
+    return PlainTextResponse("Open the address with the token that eitbench printed.", 401)
 
 
 @dataclass

@@ -7,6 +7,7 @@ on to the images. A board that is lost is opened again every second until it is 
 import threading
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -72,11 +73,12 @@ class Session:
         self.board.open()
         try:
             self.board.start()
-        except BoardError:
+            self.imaging.start()
+            self._thread.start()
+        except BaseException:  # also Ctrl-C
+            self._ended.set()
             self.board.close()
             raise
-        self.imaging.start()
-        self._thread.start()
 
     def stop(self) -> None:
         """End the recording and let go of the board."""
@@ -122,9 +124,14 @@ class Session:
         """Press an emulated sensor; of any, note in the recording where it is touched.
 
         Raises:
-            InputError: the board is real and nothing is recorded, or a recording takes its
-                reference.
+            InputError: a place off the sensor, which ends the touch; the board is real and
+                nothing is recorded; or a recording takes its reference.
         """
+        try:
+            self.board.sensor.check_place(x_m, y_m)
+        except InputError:
+            self.release()
+            raise
         recording = self._recording
         if recording is not None and recording.running and self._reference_frames is not None:
             raise InputError("Do not touch it yet: the recording takes its reference.")
@@ -208,6 +215,8 @@ class Session:
                 self.board.close()
                 self._lose(error)
                 self._ended.wait(RETRY_S)
+        with suppress(BoardError):  # it may be lost
+            self.board.stop()
         self.board.close()
 
     def _lose(self, error: Exception) -> None:

@@ -40,7 +40,7 @@ class LineProtocol(Protocol):
         if len(self._rest) > LONGEST:
             self.health.skipped_bytes += len(self._rest) - LONGEST
             del self._rest[:-LONGEST]
-        return frames
+        return [frame for frame in frames if frame is not None]
 
     @abstractmethod
     def _values(self, line: bytes) -> Array | None:

@@ -13,6 +13,7 @@ import numpy as np
 
 from eitbench.hardware.board import Frame, Health
 from eitbench.scenarios.arrays import Array
+from eitbench.scenarios.recordings.frames import impossible, peak
 from eitbench.scenarios.sensors.sensor import Sensor
 
 # So many frames in a row that are not the sensor's are no accident; fewer may still be under way
@@ -57,7 +58,7 @@ class Protocol(ABC):
         self.health = Health()
         self.refusal: str | None = None
         self.answers: list[bool] = []
-        self._refused = 0
+        self._refused = self._impossible = 0
         self._last_number: int | None = None  # of the last frame, where the board counts them
 
     @classmethod
@@ -98,8 +99,16 @@ class Protocol(ABC):
     def recognises(cls, data: bytes) -> bool:
         """True if the stream `data` of an unknown board is of this protocol."""
 
-    def _frame(self, number: int, time_s: float, received_s: float, values: Array) -> Frame:
-        """A whole frame, counted."""
+    def _frame(self, number: int, time_s: float, received_s: float, values: Array) -> Frame | None:
+        """A whole frame, counted; None if its values are impossible."""
+        if impossible(values[None]).size:
+            self._impossible += 1
+            self.health.damaged += 1
+            self._refuse(
+                f"The board sends impossible values, such as {peak(values)}: see whether its "
+                "firmware, its pattern and its wiring are those of the sensor."
+            )
+            return None
         self.health.frames += 1
         self._refused = 0
         self.refusal = None

@@ -195,7 +195,7 @@ class Sciospec(Protocol):
         self, sets: NDArray[np.uint8], numbers: list[int], received_s: float
     ) -> list[Frame]:
         """Frames from the result frames (k, injections, 140) of every injection."""
-        with np.errstate(invalid="ignore"):  # what is not finite is thrown away below
+        with np.errstate(invalid="ignore"):  # what is not finite is thrown away as impossible
             pairs = np.ascontiguousarray(sets[..., _VALUES]).view(">f4")
             potentials = pairs[..., 0::2].astype(np.float64)  # the parts in phase
             drive, a, b = self._places
@@ -203,13 +203,10 @@ class Sciospec(Protocol):
         stamps = np.ascontiguousarray(sets[:, -1, _TIME]).view(">u4")[:, 0] * 1e-3
         frames = []
         for frame, number, stamp in zip(values, numbers, stamps.tolist(), strict=True):
-            if not np.isfinite(frame).all():
-                self.health.damaged += 1
-                continue
             # Instruments that stamp nothing send 0.
             time_s = stamp or received_s
             frames.append(self._frame(number, time_s, received_s, frame))
-        return frames
+        return [frame for frame in frames if frame is not None]
 
     @classmethod
     def recognises(cls, data: bytes) -> bool:

@@ -73,7 +73,6 @@ class Teensy(Protocol):
         super().__init__(sensor)
         self._pattern = pattern_id(sensor.pattern)
         self._scanner = Scanner(re.compile(re.escape(SYNC)), _frame_length)
-        self._not_finite = 0
 
     @classmethod
     def check(cls, sensor: Sensor) -> None:
@@ -88,7 +87,7 @@ class Teensy(Protocol):
         """The frames that `data` completes."""
         decoded = [self._decode(raw, received_s) for raw in self._scanner.feed(data)]
         self.health.skipped_bytes = self._scanner.skipped
-        self.health.damaged = self._scanner.false_starts + self._not_finite
+        self.health.damaged = self._scanner.false_starts + self._impossible
         return [frame for frame in decoded if frame is not None]
 
     def _decode(self, raw: bytes, received_s: float) -> Frame | None:
@@ -103,9 +102,6 @@ class Teensy(Protocol):
             return None
         with np.errstate(invalid="ignore"):
             values = np.frombuffer(raw, "<f4", count, _HEADER.size).astype(np.float64)
-        if not np.isfinite(values).all():
-            self._not_finite += 1
-            return None
         # A board that was switched on again counts from 0, which is no loss.
         if self._last_number is not None and number > self._last_number:
             self.health.dropped += number - self._last_number - 1

@@ -168,13 +168,12 @@ class GuidedSession:
             except ValueError:
                 self._say(f"A place is two numbers such as 30 55, got {typed!r}.")
                 continue
-            if self._board.sensor.outline.contains(x / 1e3, y / 1e3):
-                return x, y
-            x0, y0, x1, y1 = (1e3 * bound for bound in self._board.sensor.outline.bounds)
-            self._say(
-                f"({x:g}, {y:g}) mm is outside the sensor, which reaches from ({x0:.4g}, "
-                f"{y0:.4g}) to ({x1:.4g}, {y1:.4g}) mm."
-            )
+            try:
+                self._board.sensor.check_place(x / 1e3, y / 1e3)
+            except InputError as outside:
+                self._say(str(outside))
+                continue
+            return x, y
         return None
 
 

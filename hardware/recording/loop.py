@@ -11,6 +11,7 @@ import numpy as np
 
 from eitbench.hardware.board import Board, BoardError, BoardLostError, Frame
 from eitbench.hardware.recording.recorder import Recorder
+from eitbench.scenarios.recordings.frames import impossible
 from eitbench.scenarios.recordings.quality import (
     reciprocity_error,
     suspect_electrodes,
@@ -84,10 +85,11 @@ class Monitor:
         """The status now, with the number of `damaged` frames that the board has counted."""
         reciprocity, snr_db = float("nan"), float("nan")
         suspects: tuple[int, ...] = ()
-        # Frames without numbers say nothing about noise or contacts.
-        last = [frame for frame in self._last if np.isfinite(frame.values).all()]
-        if last:
-            values = np.array([frame.values for frame in last])
+        values = np.array([frame.values for frame in self._last])
+        if len(values):
+            # Impossible frames say nothing about noise or contacts.
+            values = np.delete(values, impossible(values), axis=0)
+        if len(values):
             reference = values.mean(axis=0)
             if len(self._pattern.reciprocal_pairs()) and reference.any():
                 reciprocity = float(reciprocity_error(reference, self._pattern))

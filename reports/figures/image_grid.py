@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from eitbench.benchmark import EitbenchError
 from eitbench.benchmark.analysis.leaderboard import leaderboard_rows
 from eitbench.benchmark.analysis.results import Run, read_run
-from eitbench.benchmark.rundir.cells import file_name
+from eitbench.benchmark.rundir.file_names import file_name
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
 from eitbench.benchmark.rundir.run_arrays import Scene
 from eitbench.reports.figures.style import CONDUCTIVITY_MAP, HEADING, NOTE, TITLE, save

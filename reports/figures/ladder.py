@@ -16,7 +16,7 @@ from eitbench.benchmark.analysis.results import read_run
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
 from eitbench.reports.figures.style import COLOURS, PAGE, STYLE, line_style, new_figure, save
 from eitbench.reports.tables.columns import printable
-from eitbench.reports.tables.formats import escape_markdown, markdown_table
+from eitbench.reports.tables.formats import csv_text, escape_markdown, markdown_table
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -58,7 +58,7 @@ def write_files(ladder: Ladder, tables: Path, figures: Path, stem: str) -> list[
 
     written = [tables / f"{stem}.md", tables / f"{stem}.csv"]
     atomic_write(written[0], to_markdown(ladder).encode())
-    atomic_write(written[1], to_table(ladder).to_csv(index=False, float_format="%.6g").encode())
+    atomic_write(written[1], csv_text(to_table(ladder), "%.6g").encode())
     with mpl.rc_context(STYLE):
         return written + save(draw(ladder), figures / stem, ("png", "pdf", "svg"), dpi=200)
 

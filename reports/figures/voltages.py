@@ -8,7 +8,7 @@ import numpy as np
 
 from eitbench.benchmark.analysis.leaderboard import leaderboard_rows
 from eitbench.benchmark.analysis.results import read_run
-from eitbench.benchmark.rundir.cells import file_name
+from eitbench.benchmark.rundir.file_names import file_name
 from eitbench.benchmark.rundir.kinds import OPERATOR_RUNS
 from eitbench.benchmark.rundir.run_arrays import (
     TOUCHES_KEPT,

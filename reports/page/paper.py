@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from eitbench.benchmark import atomic_write
-from eitbench.benchmark.rundir.cells import file_name
+from eitbench.benchmark.rundir.file_names import file_name
 from eitbench.reports.figures.style import (
     COLOURS,
     COLUMN,
@@ -67,8 +67,9 @@ def bibliography(methods: Iterable[str]) -> str:
     names = sorted(set(methods))
     known = entries()
     keys = dict.fromkeys([SELF, *(KEYS[name] for name in names if name in KEYS)])
-    # A name stays in its comment.
-    lines = [name.encode("unicode_escape").decode() for name in names if name not in KEYS]
+    # BibTeX knows no comments: wherever an @ stands, an entry or a command begins.
+    unknown = [name.encode("unicode_escape").decode() for name in names if name not in KEYS]
+    lines = [name.replace("@", r"\x40") for name in unknown]
     parts = [f"% {line}: no reference is known here." for line in lines]
     return "\n\n".join([*parts, *(known[key] for key in keys)]) + "\n"
 

@@ -14,7 +14,7 @@ from eitbench import __version__
 from eitbench.benchmark import EitbenchError, InputError, atomic_write
 from eitbench.benchmark.analysis.rerun import digest, verified
 from eitbench.benchmark.rundir import manifest
-from eitbench.benchmark.rundir.cells import file_name
+from eitbench.benchmark.rundir.file_names import file_name
 from eitbench.reports.page.answer import answer
 from eitbench.reports.page.rendering import asset, render
 from eitbench.reports.page.report import to_page

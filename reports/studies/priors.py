@@ -5,7 +5,7 @@ from pathlib import Path
 import pandas as pd
 
 from eitbench.benchmark.studies.priors import PHANTOMS
-from eitbench.reports.tables.formats import markdown_table
+from eitbench.reports.tables.formats import csv_text, markdown_table
 
 FILE_NAME = "priors.csv"
 _HEADS = ("prior", "method", "S with it", "S without it", "worth (95 %)")
@@ -15,7 +15,7 @@ def write_priors(table: pd.DataFrame, folder: Path) -> list[Path]:
     """Write `priors.csv` and the table `priors.md` into `folder`."""
     folder.mkdir(parents=True, exist_ok=True)
     written = [folder / FILE_NAME, folder / "priors.md"]
-    table.to_csv(written[0], index=False)
+    written[0].write_text(csv_text(table), encoding="utf-8")
     written[1].write_text(priors_table(table), encoding="utf-8")
     return written
 

@@ -1,7 +1,10 @@
-"""Leaderboards as Markdown, LaTeX and HTML; names and texts are only data in each of them."""
+"""Leaderboards as Markdown, LaTeX and HTML, tables as CSV; names and texts are but data in them."""
 
 import html
 from collections.abc import Iterable, Sequence
+
+import pandas as pd
+from pandas.api.types import is_numeric_dtype
 
 from eitbench.benchmark.analysis.leaderboard import Row
 from eitbench.reports.tables.boards import (
@@ -12,6 +15,25 @@ from eitbench.reports.tables.boards import (
     tracks_table,
 )
 from eitbench.reports.tables.columns import Column, layout
+
+
+def csv_text(table: pd.DataFrame, float_format: str | None = None) -> str:
+    """`table` as CSV; a text that a spreadsheet would take for a formula gets an apostrophe.
+
+    Source: OWASP, CSV injection.
+    """
+    safe = table.copy()
+    for name in table.columns:
+        if not is_numeric_dtype(table[name]):
+            safe[name] = pd.Series(map(_no_formula, table[name]), table.index, dtype=object)
+    return safe.to_csv(index=False, lineterminator="\n", float_format=float_format)
+
+
+def _no_formula(value: object) -> object:
+    if not isinstance(value, str):
+        return value
+    text = f"'{value}" if value.startswith(("=", "+", "-", "@", "\t", "\r")) else value
+    return text.replace("\r", "\n")  # which is quoted, where a lone \r would begin a line
 
 
 def to_markdown(rows: Sequence[Row]) -> str:

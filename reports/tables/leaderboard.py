@@ -10,7 +10,7 @@ from eitbench.benchmark import atomic_write
 from eitbench.benchmark.analysis.leaderboard import Row
 from eitbench.benchmark.analysis.results import read_run
 from eitbench.benchmark.analysis.standings import standings
-from eitbench.reports.tables.formats import to_html, to_latex, to_markdown
+from eitbench.reports.tables.formats import csv_text, to_html, to_latex, to_markdown
 
 
 def ranked_rows(runs: Sequence[Path]) -> list[Row]:
@@ -49,8 +49,7 @@ def to_json(rows: Sequence[Row]) -> str:
 
 def to_csv(rows: Sequence[Row]) -> str:
     """One line per row, in full precision; empty where a figure is not defined."""
-    table = pd.DataFrame(rows, dtype=object)
-    return table.to_csv(index=False, lineterminator="\n") if len(rows) else ""
+    return csv_text(pd.DataFrame(rows, dtype=object)) if len(rows) else ""
 
 
 FORMATS: dict[str, Callable[[Sequence[Row]], str]] = {

@@ -24,6 +24,10 @@ from eitbench.scenarios.sensors.sensor import Sensor
 
 _CHUNK = 1 << 14
 _SILENCE_S = 30.0  # a server that sends nothing for so long is given up
+SPARE_S = 60.0
+"""Time of a download beside that of its bytes [s]."""
+LEAST_RATE = 20e3
+"""Rate below which a download is given up [bytes/s]."""
 
 
 def read_recording(name: str, *, progress: bool = False) -> RecordedFrames:
@@ -52,7 +56,8 @@ def fetch_recording(
 
     Args:
         recorded: the set.
-        limit_s: how long a download may take in all [s]; no limit by default.
+        limit_s: how long a download may take in all [s]; by default as long as a slow network
+            takes.
         progress: show a progress bar while downloading.
 
     Raises:
@@ -72,7 +77,8 @@ def fetch_recording(
             return folder
     folder = cached_folder(recorded)
     if files := altered(recorded, folder):
-        _download(recorded, folder, files, limit_s, progress)
+        slow_s = SPARE_S + sum(file.bytes for file in files) / LEAST_RATE
+        _download(recorded, folder, files, slow_s if limit_s is None else limit_s, progress)
     return folder
 
 
@@ -105,7 +111,7 @@ def _download(
     recorded: RecordedSet,
     folder: Path,
     files: list[RecordedFile],
-    limit_s: float | None,
+    limit_s: float,
     progress: bool,
 ) -> None:
     import pooch

@@ -7,8 +7,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from eitbench.scenarios.errors import DataCorruptError, InputError
 from eitbench.scenarios.recordings.descriptors import RecordedFrames
-from eitbench.scenarios.recordings.files.own import damage, outside
+from eitbench.scenarios.recordings.files.own import damage, off_sensor, outside
 from eitbench.scenarios.recordings.files.recording_file import Condition, Content, read_file
+from eitbench.scenarios.recordings.frames import impossible, peak
 from eitbench.scenarios.sensors.patterns import DrivePattern
 
 
@@ -163,8 +164,8 @@ def check(path: Path) -> tuple[list[str], list[str]]:
     needs = {"reference frames": len(content.reference), "labelled touches": len(content.labels)}
     if missing := " and ".join(what for what, count in needs.items() if not count):
         facts.append(f"To be a set for suites it needs {missing}: record with --guided.")
-    # Frames that hold no numbers say nothing about electrodes.
-    if len(content) and np.isfinite(content.values).all() and not outside(content):
+    # Impossible frames say nothing about electrodes.
+    if len(content) and not impossible(content.values).size and not outside(content):
         more_problems, more_facts = _electrodes(content)
         problems += more_problems
         facts += more_facts
@@ -185,10 +186,10 @@ def _frames(content: Content) -> list[str]:
     if len(content) == 0:
         return ["It holds no frames."]
     problems = []
-    if (bad := np.flatnonzero(~np.isfinite(content.values).all(axis=1))).size:
+    if (bad := impossible(content.values)).size:
         problems.append(
-            f"{_count(len(bad), 'frame')} with values that are not numbers, the first is "
-            f"frame {bad[0]}."
+            f"{_count(len(bad), 'impossible frame')}, the first is frame {bad[0]}: "
+            f"{peak(content.values[bad[0]])}."
         )
     for name, times in (("time_s", content.time_s), ("received_s", content.received_s)):
         if not np.isfinite(times).all():
@@ -217,13 +218,10 @@ def _marks(content: Content) -> list[str]:
         )
     if ((content.reference < 0) | (content.reference >= n)).any():
         problems.append("The reference names frames that are not there.")
-    places = content.labels[["x_m", "y_m"]].to_numpy(dtype=np.float64)
-    away = ~content.sensor.outline.contains(*places.T) & np.isfinite(places).all(axis=1)
-    if away.any():
-        x, y = 1e3 * places[away][0]
+    if (away := off_sensor(content)).size:
+        x, y = 1e3 * content.labels.loc[away[0], ["x_m", "y_m"]]
         problems.append(
-            f"{_count(int(away.sum()), 'label')} outside the sensor, the first at "
-            f"({x:.4g}, {y:.4g}) mm."
+            f"{_count(len(away), 'label')} outside the sensor, the first at ({x:.4g}, {y:.4g}) mm."
         )
     return problems
 

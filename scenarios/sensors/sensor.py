@@ -138,6 +138,19 @@ class Sensor:
         """(H, W): the pixels whose centre lies inside the outline."""
         return self.outline.contains(*self.pixel_centres)
 
+    def check_place(self, x_m: float, y_m: float) -> None:
+        """Refuse a place (x, y) [m] off the sensor.
+
+        Raises:
+            InputError: it lies outside the outline; the sentence says how far the sensor reaches.
+        """
+        if not self.outline.contains(x_m, y_m):
+            x0, y0, x1, y1 = (1e3 * bound for bound in self.outline.bounds)
+            raise InputError(
+                f"({1e3 * x_m:.6g}, {1e3 * y_m:.6g}) mm is outside the sensor, which reaches from "
+                f"({x0:.4g}, {y0:.4g}) to ({x1:.4g}, {y1:.4g}) mm."
+            )
+
     def refined(self, factor: int) -> "Sensor":
         """The same sensor on an image grid, and so a mesh, `factor` times finer."""
         height, width = self.image_shape

@@ -234,7 +234,7 @@ def read_listing(fence: Fence) -> None:
     elif "outline" in declared:
         sensor(str(path))
     elif "touches" in declared:
-        assert read_script(path)
+        assert read_script(path, sensor("foam16"))
     else:
         assert "project" in declared, "Nothing here reads such a file."
 

@@ -1,7 +1,6 @@
 """Fixtures of all tests of hardware: a small sensor and its frames, and byte streams of boards."""
 
 import os
-import pty
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -172,6 +171,7 @@ def serve() -> Iterator[Callable[..., BoardServer]]:
 @pytest.fixture
 def terminal() -> Iterator[tuple[int, str]]:
     """A bare pseudo-terminal: the end of the board, and the port."""
+    pty = pytest.importorskip("pty")  # not on Windows
     board_end, host_end = pty.openpty()
     port = os.ttyname(host_end)
     os.close(host_end)

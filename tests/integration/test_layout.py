@@ -25,10 +25,11 @@ def graph() -> dict[str, set[str]]:
 
 
 def test_links_lead_to_the_folders() -> None:
-    links = {p.name: p for p in (ROOT / "src/eitbench").iterdir() if p.is_symlink()}
-    assert set(links) == set(FOLDERS)
-    for name, link in links.items():
-        assert link.readlink() == Path(f"../../{name}")
+    """Where git makes no links, it writes a file with the target."""
+    for name in FOLDERS:
+        link = ROOT / "src/eitbench" / name
+        target = link.readlink().as_posix() if link.is_symlink() else link.read_text()
+        assert target == f"../../{name}"
 
 
 def test_a_wheel_holds_every_module_once(tmp_path: Path) -> None:

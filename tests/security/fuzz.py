@@ -13,7 +13,6 @@ import argparse
 import json
 import logging
 import multiprocessing
-import resource
 import sys
 import tempfile
 import time
@@ -84,6 +83,8 @@ def _serve(folder: Path, seed: int, known: dict[str, Target], pipe: Connection) 
     """Read the files that are asked for, and answer one by one (in a forked process)."""
     memory = _memory_mb("VmSize:")
     limit = int((memory + ADDRESSES_MB) * 2**20)
+    import resource  # not on Windows
+
     resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
     # Where a core file would go is not ours.
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))

@@ -2,6 +2,7 @@
 
 import io
 import json
+import os
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -24,6 +25,7 @@ from eitbench.scenarios.errors import DataCorruptError, InputError
 from eitbench.scenarios.recordings.files.csv_mat import read_csv
 from eitbench.scenarios.recordings.files.recording_file import read_file
 from eitbench.scenarios.sensors.sensor_file import read_sensor
+from eitbench.scenarios.suites.suite import read_suite
 
 CELL = Cell("s", "m")
 
@@ -160,6 +162,54 @@ def test_tables_much_larger_than_their_file_are_refused(
     pd.DataFrame(table["data"]).to_parquet(path, compression=table["compression"])
     with pytest.raises(DataCorruptError, match=r"bomb\.parquet"):
         read_table(path)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        f"a{'.a' * 400_000} = 1",
+        f"[a{'.a' * 400_000}]",
+        f"x = {{a{' . a' * 200_000} = 1}}",
+        "'a'" + """."\\"" . 'a'""" * 60_000 + " = 1",
+    ],
+)
+def test_dotted_keys_cost_no_quadratic_time(tmp_path: Path, text: str) -> None:
+    """Reading the first took hours: the time of a key grows with the square of its length."""
+    (tmp_path / "dots.toml").write_text(text)
+    with pytest.raises(InputError, match="a key of more than 32 parts"):
+        read_sensor(tmp_path / "dots.toml")
+
+
+def test_long_words_and_many_numbers_are_looked_through_at_once(tmp_path: Path) -> None:
+    (tmp_path / "long.toml").write_text(f"{'a' * 900_000} = 1")
+    with pytest.raises(InputError, match="unknown field"):
+        read_sensor(tmp_path / "long.toml")
+    (tmp_path / "large.toml").write_text("a = 1\n" + "# 1.5, 2.5\n" * 100_000)
+    with pytest.raises(InputError, match="larger than 1 MB"):
+        read_sensor(tmp_path / "large.toml")
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no named pipes")
+def test_a_pipe_in_place_of_a_file_is_refused(tmp_path: Path) -> None:
+    """Nobody writes to it, and opening it would wait for ever."""
+    for name in ("pipe.toml", "pipe.h5"):
+        os.mkfifo(tmp_path / name)
+    suite = """
+name = "s"
+title = "t"
+methods = ["noser"]
+[[scenarios]]
+name = "a"
+"""
+    for field in (
+        'kind = "simulated"\nsensor = "pipe.toml"',
+        'kind = "recorded"\nrecording = "pipe.h5"',
+    ):
+        (tmp_path / "suite.toml").write_text(suite + field)
+        with pytest.raises(InputError, match="it is a pipe or a device, not a file"):
+            read_suite(tmp_path / "suite.toml")
+    with pytest.raises(InputError, match="it is a pipe or a device, not a file"):
+        read_suite(tmp_path / "pipe.toml")
 
 
 DEEP = "[" * 100_000

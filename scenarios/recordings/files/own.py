@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from eitbench.scenarios.errors import DataCorruptError, InputError, UnreadableError
 from eitbench.scenarios.recordings.descriptors import (
@@ -17,6 +18,7 @@ from eitbench.scenarios.recordings.descriptors import (
     validation_every_fifth,
 )
 from eitbench.scenarios.recordings.files.recording_file import Condition, Content, read_file
+from eitbench.scenarios.recordings.frames import impossible, peak
 from eitbench.scenarios.sensors.sensor import Sensor
 
 
@@ -99,9 +101,23 @@ def _usable(path: Path) -> Content:
     for name, marked in (("labels", content.labels), ("reference frames", content.reference)):
         if not len(marked):
             raise InputError(f"{path} has no {name}, so it is no set: record with --guided.")
-    if not np.isfinite(content.values).all():
-        raise DataCorruptError(f"{path} holds values that are not numbers.")
+    if len(wrong := impossible(content.values)):
+        raise DataCorruptError(
+            f"{path} is not used: frame {wrong[0]} holds {peak(content.values[wrong[0]])}."
+        )
+    if (away := off_sensor(content)).size:
+        x, y = 1e3 * content.labels.loc[away[0], ["x_m", "y_m"]]
+        raise DataCorruptError(
+            f"{path} is not used: label {away[0]} at ({x:.4g}, {y:.4g}) mm is outside the sensor."
+        )
     return content
+
+
+def off_sensor(content: Content) -> NDArray[np.intp]:
+    """The labels that name a place outside the sensor, as their numbers."""
+    places = content.labels[["x_m", "y_m"]].to_numpy(dtype=np.float64)
+    inside = content.sensor.outline.contains(*places.T)
+    return np.flatnonzero(~inside & np.isfinite(places).any(axis=1))
 
 
 def damage(condition: Condition) -> str:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.errors import DataCorruptError, InputError, UnreadableError
-from eitbench.scenarios.limits import own_dataset
+from eitbench.scenarios.limits import check_regular, own_dataset
 from eitbench.scenarios.recordings.files import layout
 from eitbench.scenarios.sensors.sensor import Sensor
 from eitbench.scenarios.sensors.sensor_file import sensor_from_json, sensor_to_json
@@ -169,6 +169,7 @@ def _open(path: Path) -> Any:
     import h5py
 
     try:
+        check_regular(path)
         with path.open("rb") as stream:
             head = stream.read(8)
         source = _readable(path)

@@ -107,8 +107,6 @@ def record(
     ] = False,
 ) -> None:
     """Record a board into a file, free-running or guided."""
-    import signal
-
     from eitbench.hardware.recording.guided import (
         MIN_TOUCHES,
         GuidedSession,
@@ -116,6 +114,7 @@ def record(
         write_suite,
     )
     from eitbench.hardware.recording.recorder import Recorder, check_new
+    from eitbench.scenarios.interrupts import termination_interrupts
 
     if guided and seconds is not None:
         raise typer.BadParameter("a guided session ends when you say so: leave out --seconds")
@@ -124,9 +123,7 @@ def record(
     made = _board(
         board, sensor, port=port, file=file, script=script, protocol=protocol, speed=speed
     )
-    # SIGTERM ends it as Ctrl-C does: the file is closed.
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
-    with made:
+    with termination_interrupts(), made:
         recorder = Recorder(out, made.sensor, board, firmware=made.firmware, emulated=made.emulated)
         session = GuidedSession(made, recorder, _ask, typer.echo)
         try:
@@ -136,12 +133,13 @@ def record(
                 else:
                     _record_with_status(made, recorder, seconds)
         finally:  # the frames so far are usable, however it ended
-            if count := recorder.written:
-                typer.echo(f"{count} frames are in {out}: eitbench recordings check {out}")
             if suite is not None and session.touches:
                 write_suite(suite, out, made.sensor, board, emulated=made.emulated)
-                if session.touches >= MIN_TOUCHES:
-                    typer.echo(f"Score methods on them: eitbench run {suite}")
+            # Printed last: the terminal may be gone.
+            if count := recorder.written:
+                typer.echo(f"{count} frames are in {out}: eitbench recordings check {out}")
+            if suite is not None and session.touches >= MIN_TOUCHES:
+                typer.echo(f"Score methods on them: eitbench run {suite}")
 
 
 def _ask(question: str) -> str:
@@ -192,29 +190,40 @@ def live(
         str | None,
         typer.Option(metavar="ADDRESS", help="Let other machines look; needs a token."),
     ] = None,
-    token: Annotated[
-        str | None, typer.Option(help="What they have to know: 16 characters or more.")
+    token_file: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            dir_okay=False,
+            exists=True,
+            help="Holds the token that they have to know (default: EITBENCH_TOKEN).",
+        ),
     ] = None,
     browser: Annotated[
         bool, typer.Option("--browser/--no-browser", help="Open the page in a browser.")
     ] = True,
 ) -> None:
     """Watch a board on a page in the browser: images, contacts, voltages; record what it sends."""
+    import os
+
     from eitbench.hardware.live.run import live_view
     from eitbench.hardware.live.server import access_to
+    from eitbench.scenarios.interrupts import termination_interrupts
 
-    access = access_to(host, token)
+    access = access_to(host, token_file, os.environ.get("EITBENCH_TOKEN", ""))
     made = _board(
         board, sensor, port=port, file=file, script=script, protocol=protocol, speed=speed
     )
 
     with (
+        termination_interrupts(),
         live_view(made, board, method, access=access, port=http_port, out=out) as view,
         suppress(KeyboardInterrupt),
     ):
         emulated = " (emulated)" if made.emulated else ""
         typer.echo(f"{board}{emulated}: {view.address}  (Ctrl-C ends it)")
-        if browser and sys.stdout.isatty():
+        # A list of processes would show the token in the browser's command line.
+        if browser and sys.stdout.isatty() and not access.token:
             import webbrowser
 
             webbrowser.open(view.address)

@@ -175,15 +175,23 @@ def test_a_mistake_in_a_script_is_named_with_the_field(
     path = tmp_path / "bad.toml"
     path.write_text(SCRIPT.replace(*change))
     with pytest.raises(InputError) as caught:
-        read_script(path)
+        read_script(path, foam16())
     assert says in str(caught.value)
     assert str(path) in str(caught.value)
+
+
+def test_a_scripted_touch_off_the_sensor_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "t.toml"
+    path.write_text(SCRIPT.replace("x_mm = 30", "x_mm = 300"))
+    sentence = r"touch 0 at \(300, 60\) mm is outside the sensor, .* \(0, 0\) to \(100, 100\) mm"
+    with pytest.raises(InputError, match=sentence):
+        Emulator(foam16(), script=path)
 
 
 def test_the_documented_script_is_read(tmp_path: Path) -> None:
     text = (Path(__file__).parents[3] / "docs/boards.md").read_text()
     path = tmp_path / "touches.toml"
     path.write_text(text.split("```toml\n")[1].split("```")[0])
-    script = read_script(path)
+    script = read_script(path, foam16())
     assert script.at(4.9) == script.at(8.0) == []
     assert script.at(5.0) == [Touch(0.03, 0.06, 0.006, 20e3)]

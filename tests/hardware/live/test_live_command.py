@@ -1,6 +1,7 @@
 """`eitbench live`: what it refuses, and that it begins and ends well with an emulated board."""
 
 import os
+import re
 import signal
 import socket
 import threading
@@ -11,12 +12,20 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from websockets.sync.client import connect
+from websockets.typing import Origin
+
+from eitbench.hardware import registry
+from eitbench.scenarios.recordings.files.recording_file import read_file
 
 
 @pytest.mark.parametrize(
     ("options", "sentence"),
     [
-        (["--host", "0.0.0.0"], "give them a --token, too"),
+        (["--host", "0.0.0.0"], "EITBENCH_TOKEN, or in a file that you name with --token-file"),
+        (["--token", "correct-horse-battery"], "No such option"),
+        (["--token-file", __file__], "say with --host where they connect"),
+        (["--token-file", __file__, "--host", "::1"], "16 to 128 letters"),
         (["--method", "nose"], "did you mean 'noser'"),
         (["--method", "linear-touch"], "learns from simulated touches before its first image"),
         (["--out", "/dev/null/here"], "--out"),
@@ -29,28 +38,52 @@ def test_what_cannot_be_is_one_sentence(eitbench: Any, options: list[str], sente
     assert err.count("\n") == 1
 
 
-def test_it_prints_its_address_serves_and_ends_with_ctrl_c(eitbench: Any, tmp_path: Path) -> None:
+ENDS = [getattr(signal, name, None) for name in ("SIGINT", "SIGTERM", "SIGHUP")]
+
+
+@pytest.mark.parametrize("end", [end for end in ENDS if end])
+def test_it_prints_its_address_serves_and_ends_with_a_signal(
+    eitbench: Any,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    end: signal.Signals,
+    board: Any,
+) -> None:
+    """The recording under way is sealed, and the board stopped."""
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
+    calls: list[str] = []
+    monkeypatch.setattr(registry, "make_board", lambda name, **options: board)
+    monkeypatch.setattr(board, "stop", lambda: calls.append("stop"))
+    monkeypatch.setattr(board, "close", lambda: calls.append("close"))
     seen: list[int] = []
 
-    def look_and_press_ctrl_c() -> None:
-        end = time.monotonic() + 60
+    def visit() -> None:
+        deadline = time.monotonic() + 60
         try:
-            while not seen and time.monotonic() < end:
+            while not seen and time.monotonic() < deadline:
                 with (
                     suppress(OSError),
                     urllib.request.urlopen(f"http://127.0.0.1:{port}/", timeout=10) as answer,
                 ):
                     seen.append(answer.status)
-        finally:
+            page = f"127.0.0.1:{port}"
+            with connect(f"ws://{page}/ws", origin=Origin(f"http://{page}")) as visitor:
+                visitor.send('{"do": "record", "on": true}')
+                while not re.search(r'"frames": [1-9]', str(visitor.recv(timeout=20))):
+                    pass
+                os.kill(os.getpid(), end)
+        except BaseException:
             os.kill(os.getpid(), signal.SIGINT)
+            raise
 
-    visitor = threading.Thread(target=look_and_press_ctrl_c)
+    visitor = threading.Thread(target=visit)
     visitor.start()
     out = tmp_path / "new" / "folder"
-    code, said, _ = eitbench("live", "--board", "emulator", "--http-port", port, "--out", out)
+    code, said, err = eitbench("live", "--board", "emulator", "--http-port", port, "--out", out)
     visitor.join()
-    assert (code, seen) == (0, [200])
+    assert (code, seen, err) == (0, [200], "")
     assert said.startswith(f"emulator (emulated): http://127.0.0.1:{port}/")
-    assert out.is_dir()
+    (recording,) = out.glob("*.h5")
+    assert read_file(recording)[1].sealed
+    assert calls == ["stop", "close"]

@@ -145,6 +145,32 @@ def test_nothing_is_touched_while_a_recording_takes_its_reference(
     assert board._clean is not untouched
 
 
+def test_a_touch_that_leaves_the_sensor_ends_and_has_no_label(
+    running: Any, board: Any, hold: Any, wait_for: Any
+) -> None:
+    untouched = board._clean
+    running.session.start_recording()
+    wait_for(lambda: not running.session.state()["reference_left"])
+    running.session.touch(*PLACE, 0.008, 30e3)
+    hold(3)
+    with pytest.raises(InputError, match=r"\(130, 60\) mm is outside the sensor, which reaches"):
+        running.session.touch(0.13, 0.06, 0.008, 30e3)
+    assert board._clean is untouched
+    assert running.recorded().labels[["x_m", "y_m"]].to_numpy().tolist() == [list(PLACE)]
+
+
+def test_an_impossible_frame_is_named_and_blamed_on_no_method(
+    running: Any, board: Any, wait_for: Any
+) -> None:
+    board.gain = 3e38
+    wait_for(lambda: running.newest.failed)
+    assert running.newest.failed.startswith("The frame holds ")
+    assert running.newest.failed.endswith("where less than 1e+10 is possible.")
+    running.session.take_reference()
+    wait_for(lambda: running.session.state()["sentence"])
+    assert running.session.state()["sentence"].startswith("A reference frame holds ")
+
+
 def test_on_a_real_board_places_go_into_a_recording_alone(
     running: Any, board: Any, hold: Any, wait_for: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -2,6 +2,7 @@
 
 import http.client
 import json
+import socket
 import struct
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -13,9 +14,10 @@ import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
+from eitbench.hardware.live import server
 from eitbench.hardware.live.server import MAX_BYTES, MOST_VIEWERS, Access, access_to, listen
 from eitbench.hardware.live.viewer import MOST_UNPAINTED
-from eitbench.scenarios.errors import EitbenchError, InputError
+from eitbench.scenarios.errors import EitbenchError, InputError, UnreadableError
 from eitbench.scenarios.recordings.files.recording_file import read_file
 
 TOKEN = "correct-horse-battery"
@@ -269,8 +271,9 @@ def test_a_name_that_was_made_to_point_here_is_refused(served: Any) -> None:
 
 def test_with_a_token_nobody_else_gets_in(served: Any) -> None:
     one = served(Access("127.0.0.1", TOKEN))
-    assert get(one).status == 403
-    assert get(one, "/?token=wrong").status == 403
+    for wrong in ("", "?token=", "?token=wrong", "?token=%FF", "?token=%ED%A0%80", "?token=%00"):
+        assert get(one, f"/{wrong}").status == 401
+    assert get(one, Cookie="eitbench_live=\xff").status == 401
     welcome = get(one, f"/?token={TOKEN}")
     assert (welcome.status, welcome.headers["Location"]) == (303, "/")  # out of the address bar
     cookie = welcome.headers["Set-Cookie"]
@@ -278,9 +281,13 @@ def test_with_a_token_nobody_else_gets_in(served: Any) -> None:
     assert "samesite=strict" in cookie.lower()
     given = cookie.split(";")[0]
     assert get(one, Cookie=given).status == 200
-    for query, headers in (("", {}), ("?token=wrong", {}), ("", {"Cookie": given + "x"})):
-        with pytest.raises(InvalidStatus), page_of(one, query, additional_headers=headers):
+    for query, headers in (("", {}), ("?token=%FF", {}), ("", {"Cookie": given + "x"})):
+        with (
+            pytest.raises(InvalidStatus) as refused,
+            page_of(one, query, additional_headers=headers),
+        ):
             pass
+        assert refused.value.response.status_code == 401
     for query, headers in ((f"?token={TOKEN}", {}), ("", {"Cookie": given})):
         with page_of(one, query, additional_headers=headers) as page:
             assert page.message("setup")["sensor"] == "foam16"
@@ -296,16 +303,56 @@ def test_with_a_token_addresses_are_ours_and_foreign_names_are_not() -> None:
     assert not Access().is_ours("192.168.1.7:80", 80)
 
 
-def test_other_machines_need_host_and_token() -> None:
-    assert access_to(None, None) == Access("127.0.0.1", "")
-    assert access_to("0.0.0.0", TOKEN) == Access("0.0.0.0", TOKEN)
-    with pytest.raises(InputError, match="--token, too"):
-        access_to("0.0.0.0", None)
+def test_other_machines_need_host_and_token(tmp_path: Path) -> None:
+    """The token comes from the environment or a file, which wins."""
+    file = tmp_path / "token"
+    file.write_text(f"{TOKEN}\n")
+    assert access_to(None, None, TOKEN) == Access("127.0.0.1", "")
+    assert access_to("0.0.0.0", None, TOKEN) == Access("0.0.0.0", TOKEN)
+    assert access_to("0.0.0.0", file, "another-token-here") == Access("0.0.0.0", TOKEN)
+    with pytest.raises(InputError, match="EITBENCH_TOKEN, or in a file"):
+        access_to("0.0.0.0", None, "")
     with pytest.raises(InputError, match="--host"):
-        access_to(None, TOKEN)
-    for weak in ("short", "", "with spaces in it, and more"):
+        access_to(None, file, "")
+    with pytest.raises(UnreadableError, match="Cannot read the token"):
+        access_to("0.0.0.0", tmp_path, "")
+    for weak in (
+        "short",
+        "with spaces in it, and more",
+        "gr\u00fc\u00df-gott-und-servus",
+        "\udcff" * 20,
+    ):
         with pytest.raises(InputError, match="16 to 128"):
-            access_to("0.0.0.0", weak)
+            access_to("0.0.0.0", None, weak)
+
+
+HALF_OPEN = [
+    b"",
+    b"GET / HTTP/1.1\r\nHost: ",
+    b"GET /favicon.ico HTTP/1.1\r\nHost: x\r\n\r\nGET / HTT",  # one whole request, and half of one
+]
+
+
+def test_a_connection_that_never_asks_is_closed(
+    served: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(server, "HEADER_WITHIN_S", 0.3)
+    one = served()
+    with page_of(one) as page, ExitStack() as connections:
+        page.message("state")
+        for sent in HALF_OPEN:
+            half_open = connections.enter_context(
+                socket.create_connection(("127.0.0.1", port_of(one)), timeout=20)
+            )
+            half_open.sendall(sent)
+            while half_open.recv(1 << 16):
+                pass
+        assert page.message("state")  # it was open for longer than all of them
+
+
+def test_a_name_that_no_machine_has_is_said() -> None:
+    with pytest.raises(InputError, match="is no address of this machine"):
+        listen(Access("\u00e9..x", TOKEN), 0)
 
 
 def test_a_port_that_is_taken_is_said() -> None:

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from eitbench.hardware.protocols import PROTOCOLS, teensy
 from eitbench.hardware.protocols.eit_kit import EitKit
 from eitbench.hardware.protocols.lines import numbers
-from eitbench.hardware.protocols.openeit import MODES, OpenEit
+from eitbench.hardware.protocols.openeit import MARK, MODES, OpenEit
 from eitbench.hardware.protocols.protocol import PATIENCE
 from eitbench.hardware.protocols.sciospec import ACKNOWLEDGED, REFUSED, START, STOP, Sciospec
 from eitbench.hardware.protocols.teensy import Teensy, pattern_id
@@ -117,6 +117,25 @@ def refusal(parser: Any, messages: list[bytes]) -> str:
     assert parser.refusal is None
     assert parser.feed(b"".join(messages[PATIENCE - 1 :]), 0.0) == []
     return str(parser.refusal)
+
+
+@pytest.mark.parametrize("wrong", [3e38, -1e10, np.nan])
+def test_impossible_values_are_named(wrong: float) -> None:
+    """As a float32 of garbage may be."""
+    foam, values = foam16(), np.ones(208)
+    values[7] = wrong
+    parser = Teensy(foam)
+    messages = [teensy.encode(parser._pattern, k, 0.0, values) for k in range(PATIENCE)]
+    said = refusal(parser, messages)
+    assert f"impossible values, such as {wrong:.3g} V/A as value 7, where less than 1e+10" in said
+    assert parser.health.damaged == PATIENCE
+
+
+def test_a_line_of_impossible_values_is_no_frame(stream: MakeStream) -> None:
+    parser = OpenEit(sensor("ohmc16"))
+    (line,) = stream("openeit", 1).messages
+    parser.feed(MARK + b"99999999999.0000," + line[len(MARK) + 14 :], 0.0)
+    assert (parser.health.frames, parser.health.damaged) == (0, 1)
 
 
 def test_a_board_with_another_pattern_is_refused(stream: MakeStream) -> None:

@@ -1,7 +1,7 @@
 """The commands `record` and `recordings`, as they are typed."""
 
+import errno
 import os
-import pty
 import re
 import shutil
 import signal
@@ -163,7 +163,7 @@ def test_an_emulated_board_is_recorded_until_a_signal(tmp_path: Path, end: signa
     """The whole way: a serial device file, the live status line of a terminal, the signal."""
     out = tmp_path / "a.h5"
     command = [sys.executable, "-m", "eitbench.cli", "record", "--board", "emulator"]
-    master, slave = pty.openpty()
+    master, slave = pytest.importorskip("pty").openpty()
     with subprocess.Popen(
         [*command, "--out", str(out)], stdout=subprocess.PIPE, stderr=slave, text=True
     ) as process:
@@ -188,6 +188,75 @@ def test_an_emulated_board_is_recorded_until_a_signal(tmp_path: Path, end: signa
 
 
 ANSWERS = ("", "", "", "30 30", "", "")  # one touch, and then nothing more
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="this system has no SIGHUP")
+def test_a_terminal_that_is_closed_leaves_a_whole_recording(
+    tmp_path: Path,
+    eitbench: Run,
+    monkeypatch: pytest.MonkeyPatch,
+    board: Callable[..., Any],
+    frames: Frames,
+) -> None:
+    """SIGHUP, after which nothing can be printed: file sealed, suite written, board stopped."""
+    values = frames(1)[0].values
+    made = board([Frame(k, k / 100, k / 100, values) for k in range(5000)])
+    made.wait_s = 0.01
+    monkeypatch.setattr(registry, "make_board", lambda name, **choices: made)
+    monkeypatch.setattr(guided, "StepDurations", lambda: StepDurations(0.05, 0.01, 0.02))
+    left = list(ANSWERS)
+
+    def gone(*_: object, **__: object) -> None:
+        raise OSError(errno.EIO, os.strerror(errno.EIO))
+
+    def ask(question: str) -> str:
+        if not left:
+            monkeypatch.setattr(typer, "echo", gone)
+            os.kill(os.getpid(), signal.SIGHUP)
+        return left.pop(0)
+
+    monkeypatch.setattr(hardware_commands, "_ask", ask)
+    out = tmp_path / "a.h5"
+    with pytest.raises(OSError, match=os.strerror(errno.EIO)):
+        eitbench("record", "--board", "fake", "--guided", "--out", out)
+    content, condition = read_file(out)
+    assert condition.sealed
+    assert len(content.labels) == 1
+    assert load_suite(out.with_suffix(".toml")).scenarios[0].name == "a"
+    assert made.calls[-2:] == ["stop", "close"]
+
+
+@pytest.mark.slow
+def test_a_terminal_that_is_closed_ends_a_guided_recording_cleanly(tmp_path: Path) -> None:
+    (tmp_path / "bench.toml").write_text(SENSOR)
+    out = tmp_path / "a.h5"
+    fcntl, termios = pytest.importorskip("fcntl"), pytest.importorskip("termios")
+    command = [sys.executable, "-m", "eitbench.cli", "record", "--board", "emulator", "--guided"]
+    master, slave = pytest.importorskip("pty").openpty()
+    with subprocess.Popen(
+        [*command, "--sensor", str(tmp_path / "bench.toml"), "--out", str(out)],
+        stdin=slave, stdout=slave, stderr=slave, start_new_session=True,
+        preexec_fn=lambda: fcntl.ioctl(0, termios.TIOCSCTTY, 0),
+    ) as process:  # fmt: skip
+        os.close(slave)
+        try:
+            said = b""
+            for wanted, answer in (
+                (b"press Enter", b"\n"), (b"How often", b"\n"), (b"How deep", b"\n"),
+                (b"Place x y", b"30 30\n"), (b"1 touch so far", b""),
+            ):  # fmt: skip
+                while wanted not in said:
+                    said += os.read(master, 4096)
+                said = said.partition(wanted)[2]
+                os.write(master, answer)
+            os.close(master)
+            process.wait(60)
+        finally:
+            process.kill()
+    content, condition = read_file(out)
+    assert condition.sealed
+    assert len(content.labels) == 1
+    assert load_suite(out.with_suffix(".toml")).scenarios[0].name == "emulated-a"
 
 
 def test_a_guided_session_that_is_interrupted_keeps_its_touches(

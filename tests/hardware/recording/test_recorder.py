@@ -1,7 +1,6 @@
 """Recording: what is written can be read, whatever stops it."""
 
 import random
-import resource
 import subprocess
 import sys
 import time
@@ -183,6 +182,7 @@ def test_no_kill_of_many_loses_more_than_the_last_second(tmp_path: Path, seed: i
 @contextmanager
 def room(size: int) -> Iterator[None]:
     """A disk that is full where a file has `size` bytes."""
+    resource = pytest.importorskip("resource")  # not on Windows
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
     try:

@@ -1,6 +1,5 @@
 """Serial ports that cannot be used: missing, forbidden, in use, none."""
 
-import grp
 import os
 import subprocess
 import sys
@@ -53,6 +52,7 @@ def test_a_file_is_no_port(tmp_path: Any) -> None:
 @pytest.mark.skipif(os.geteuid() != 0, reason="becomes another user: run as root")
 def test_a_port_that_may_not_be_used_names_its_group(terminal: tuple[int, str]) -> None:
     port = terminal[1]
+    grp = pytest.importorskip("grp")  # not on Windows
     group = next(g for g in grp.getgrall() if g.gr_gid not in (0, os.getegid()))
     os.chown(port, 0, group.gr_gid)
     Path(port).chmod(0o660)

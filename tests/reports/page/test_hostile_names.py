@@ -44,6 +44,7 @@ def hostile(build: Any, dataset_of: Callable[..., Dataset]) -> Callable[..., Pat
         ("/etc/up", "../../up", "/"),
         ("s", "x" * 80, ""),
         ("s", "é" * 40, "1" * 150),
+        ("con", "PLAIN", "nul"),
     ],
 )
 def test_a_site_stays_in_its_folder(

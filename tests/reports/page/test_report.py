@@ -164,7 +164,7 @@ def test_every_method_has_its_citation() -> None:
     assert set(KEYS.values()) <= set(known)
     text = bibliography(["noser", "tv", "gauss-newton-tv", "mine\n@misc"])
     assert text.count("@article") == 2
-    assert text.startswith("% mine\\n@misc: no reference is known here.")
+    assert text.startswith("% mine\\n\\x40misc: no reference is known here.")
     for name, cls in methods().items():
         if name in KEYS:
             author = re.search(r"author = \{(\w+)", known[KEYS[name]])

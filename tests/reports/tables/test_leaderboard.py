@@ -42,6 +42,16 @@ def test_rows_hold_the_contract_and_full_precision(full_run: Path) -> None:
             assert (line[name] == "") if row[name] is None else (float(line[name]) == row[name])
 
 
+@pytest.mark.parametrize("start", ["=", "+", "-", "@", "\t", "\r"])
+def test_a_name_is_no_formula_of_a_spreadsheet(full_run: Path, start: str) -> None:
+    """An apostrophe before it, as OWASP advises; numbers stay numbers."""
+    rows = [row | {"method": f"{start}HYPERLINK(1)"} for row in ranked_rows([full_run])]
+    rows[0]["score"] = -0.5
+    lines = list(csv.DictReader(io.StringIO(FORMATS["csv"](rows), newline="")))
+    assert {line["method"] for line in lines} == {f"'{start}HYPERLINK(1)".replace("\r", "\n")}
+    assert lines[0]["score"] == "-0.5"
+
+
 def test_an_empty_leaderboard_prints_in_every_format() -> None:
     assert json.loads(FORMATS["json"]([])) == []
     assert all(FORMATS[form]([]) == "" for form in ("csv", "md", "latex", "html"))

@@ -16,7 +16,7 @@ import pandas as pd
 import pytest
 
 from eitbench.scenarios.errors import DataCorruptError, DataUnavailableError
-from eitbench.scenarios.recordings import RECORDED_SETS
+from eitbench.scenarios.recordings import RECORDED_SETS, fetch
 from eitbench.scenarios.recordings.descriptors import (
     RecordedFile,
     RecordedFrames,
@@ -226,6 +226,39 @@ def test_a_trickling_server_is_stopped(skin: RecordedSet, monkeypatch: pytest.Mo
         worker.join(60)
         assert not worker.is_alive()
         assert left_in_cache(skin) == set()
+
+
+def test_a_fetch_ends_though_the_server_goes_on_for_ever(
+    skin: RecordedSet, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """No silence is long, yet the last byte never comes."""
+    monkeypatch.setattr(fetch, "SPARE_S", 0.2)
+    monkeypatch.setattr(fetch, "LEAST_RATE", float("inf"))
+    given_up = threading.Event()
+
+    class Trickle(QuietHandler):
+        def do_GET(self) -> None:
+            self.send_response(200)
+            self.send_header("Content-Length", "50000")
+            self.end_headers()
+            while not given_up.wait(0.05):
+                self.wfile.write(b"1")
+
+    with serving(Trickle) as port:
+        redirect(monkeypatch, port)
+        outcome: list[BaseException] = []
+
+        def run() -> None:
+            try:
+                fetch_recording(skin)
+            except DataUnavailableError as error:
+                outcome.append(error)
+
+        thread = threading.Thread(target=run, daemon=True)
+        thread.start()
+        thread.join(10)
+        given_up.set()
+        assert "took longer than 0.2 s" in str(outcome)
 
 
 @pytest.mark.usefixtures("served")

@@ -1,6 +1,7 @@
 """Own recordings: what is read of damaged ones, and what is said of them."""
 
 import random
+import re
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -13,7 +14,8 @@ import pytest
 from eitbench.hardware.board import Frame
 from eitbench.hardware.recording.recorder import Recorder
 from eitbench.scenarios import forward_model, sensor
-from eitbench.scenarios.errors import DataUnavailableError, EitbenchError
+from eitbench.scenarios.errors import DataCorruptError, DataUnavailableError, EitbenchError
+from eitbench.scenarios.recordings.files.own import own_set
 from eitbench.scenarios.recordings.files.recording_file import read_file
 from eitbench.scenarios.recordings.quality import check, suspect_electrodes
 from eitbench.scenarios.sensors.sensor import Sensor
@@ -123,7 +125,7 @@ COUNT = np.arange(float(N))
 @pytest.mark.parametrize(
     ("recorded", "says"),
     [
-        ({"values": with_nan()}, "1 frame with values that are not numbers, the first is frame 12"),
+        ({"values": with_nan()}, "1 impossible frame, the first is frame 12: nan V/A as value"),
         ({"time_s": np.where(COUNT > 20, COUNT - 9, COUNT)}, "time_s goes back at frame 21"),
         ({"time_s": np.full(N, np.nan)}, "time_s holds values that are not numbers"),
         ({"number": COUNT + 3 * (COUNT > 7)}, "3 frames of the board's were dropped (9.1%)"),
@@ -162,6 +164,18 @@ def test_labels_off_the_sensor_are_told(tmp_path: Path) -> None:
         recorder.label(0, 0, x_m=0.05, y_m=0.2)
     problems, _ = check(tmp_path / "a.h5")
     assert problems == ["1 label outside the sensor, the first at (50, 200) mm."]
+    with pytest.raises(DataCorruptError, match=r"label 0 at \(50, 200\) mm is outside the sensor"):
+        own_set(tmp_path / "a.h5")
+
+
+def test_impossible_frames_are_told(tmp_path: Path) -> None:
+    values = untouched()
+    values[12, 3] = 3e38
+    path = record(tmp_path / "a.h5", values=values)
+    what = "3e+38 V/A as value 3, where less than 1e+10 is possible"
+    assert check(path)[0] == [f"1 impossible frame, the first is frame 12: {what}."]
+    with pytest.raises(DataCorruptError, match=re.escape(f"frame 12 holds {what}")):
+        own_set(path)
 
 
 def test_files_of_other_kinds_are_told(tmp_path: Path, sound: Path) -> None:

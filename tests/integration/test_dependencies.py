@@ -1,0 +1,57 @@
+"""pyproject.toml declares what is imported, and nothing else."""
+
+import ast
+import re
+import tomllib
+from functools import cache
+from importlib.metadata import packages_distributions
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+FOLDERS = ("scenarios", "methods", "benchmark", "hardware", "reports", "src/eitbench")
+OURS = {"eitbench", "tests"}
+BY_NAME = {"pytest.importorskip", "files"}  # functions that take the name of a package
+# Uvicorn imports it for the live view, whose tests use it.
+USED_BY_OTHERS = {"websockets"}
+# Programs, plugins of pytest, and what the others take.
+PROGRAMS = {"pytest-benchmark", "pytest-timeout", "pytest-xdist", "scikit-image", "playwright"}
+
+
+def normal(name: str) -> str:
+    return re.sub(r"[-_.]+", "-", name).lower()
+
+
+def declared(*groups: str) -> set[str]:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    lists = {"": project["dependencies"], **project["optional-dependencies"]}
+    lines = [line for group in groups for line in lists[group]]
+    return {normal(re.split(r"[\[<>=~! ]", line)[0]) for line in lines}
+
+
+@cache
+def imported(*folders: str) -> set[str]:
+    """Names of the packages on the index whose modules the files import."""
+    modules = set()
+    for file in (file for folder in folders for file in (ROOT / folder).rglob("*.py")):
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Import):
+                modules |= {alias.name.split(".")[0] for alias in node.names}
+            elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
+                modules.add(node.module.split(".")[0])
+            elif isinstance(node, ast.Call) and ast.unparse(node.func) in BY_NAME:
+                named = [part.value for part in node.args[:1] if isinstance(part, ast.Constant)]
+                modules |= {str(name).split(".")[0] for name in named}
+    known = packages_distributions()  # of what is installed: other imports fail by themselves
+    return {normal(known[module][0]) for module in modules & set(known) - OURS}
+
+
+def test_the_package_declares_what_it_imports_and_nothing_else() -> None:
+    needed = imported(*FOLDERS)
+    assert needed <= declared("", "cluster", "jax", "peers")
+    assert declared("") - needed <= USED_BY_OTHERS
+
+
+def test_the_tests_declare_what_they_import_and_nothing_else() -> None:
+    needed = imported("tests")
+    assert needed <= declared("", "test", "docs", "mutation")
+    assert declared("test") - needed <= PROGRAMS | imported(*FOLDERS)
