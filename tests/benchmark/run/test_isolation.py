@@ -1,6 +1,7 @@
 """Whatever a plugin does to its process costs its own rows only."""
 
 import os
+import signal
 from pathlib import Path
 
 import numpy as np
@@ -91,5 +92,5 @@ def test_a_worker_that_nobody_asks_any_more_ends_what_it_started(text: str, tmp_
     started = int(plugin.with_suffix(".pid").read_text())
     assert psutil.pid_exists(started)
     connection.close()
-    process.join(60)
+    assert process.exit_code() == -signal.SIGKILL  # with its group
     wait_for(lambda: has_ended(started))
