@@ -27,6 +27,7 @@ from typing import Any
 import psutil
 from threadpoolctl import threadpool_limits
 
+from eitbench.benchmark.workers.memory import SHARED_MEMORY, MemoryMeter
 from eitbench.scenarios.errors import EitbenchError
 
 THREADS = 1
@@ -53,7 +54,9 @@ class WorkerProcess:
 
     def __init__(self, process: BaseProcess, sentinel: Connection) -> None:
         self._process, self.sentinel = process, sentinel
+        assert process.pid is not None  # it was started
         self.pid = process.pid
+        self._memory = MemoryMeter(process.pid)
 
     def exit_code(self) -> int | None:
         """Return the exit code of the worker, or None if it has not ended within some seconds."""
@@ -62,6 +65,10 @@ class WorkerProcess:
         except (EOFError, OSError):  # its guard was killed, and so was the worker
             self._process.join(JOIN_SECONDS)
             return self._process.exitcode
+
+    def memory_mb(self) -> float:
+        """Return the memory that the worker takes, with all that it started [MiB]."""
+        return self._memory.used_mb()
 
     def end(self) -> None:
         """End the worker and every process that it started."""
@@ -241,7 +248,7 @@ def _fork_from_guard(connection: Connection, run: Connection) -> None:
     ended += _end_children()
     shutil.rmtree(folder, ignore_errors=True)
     for pid, _ in ended:  # by these, OpenMP libraries of LLVM and Intel know that they are loaded
-        for file in Path("/dev/shm").glob(f"__KMP_REGISTERED_LIB_{pid}_*"):
+        for file in SHARED_MEMORY.glob(f"__KMP_REGISTERED_LIB_{pid}_*"):
             file.unlink(missing_ok=True)
     os._exit(0)
 

@@ -135,7 +135,7 @@ class Worker:
                     raise EOFError
                 if not ready:
                     self._shorten_log()
-                    self._hold_to_memory(tree_memory_mb(self._process.pid), what)
+                    self._hold_to_memory(self._process.memory_mb(), what)
             reply = self._receive(what)
         except (EOFError, OSError) as error:
             raise WorkerLostError(self._death(what)) from error
@@ -283,16 +283,6 @@ def seed_everything() -> None:
     """Seed the global generators before every request, so that resuming changes nothing."""
     random.seed(SEED)
     np.random.seed(SEED)  # noqa: NPY002  (plugins may draw from the global generator)
-
-
-def tree_memory_mb(pid: int | None) -> float:
-    """Return the resident memory of all that the guard `pid` started [MiB]; 0 if it is gone."""
-    total = 0
-    with suppress(psutil.Error):
-        for process in psutil.Process(pid).children(recursive=True):
-            with suppress(psutil.Error):
-                total += process.memory_info().rss
-    return total / 2**20
 
 
 def peak_memory_mb() -> float:

@@ -1,4 +1,4 @@
-"""Worker processes end with their run, leave nothing behind, and are started again when that fails."""
+"""Worker processes end with their run, leave nothing behind, and start again when that fails."""
 
 import fcntl
 import operator
@@ -91,8 +91,7 @@ def test_no_worker_outlives_a_run_that_is_killed(tmp_path: Path) -> None:
     assert list(temporary.iterdir())
     run.kill()
     run.wait()
-    for pid in pids:
-        wait_for(lambda: has_ended(pid), 30)
+    wait_for(lambda: all(map(has_ended, pids)), 30)
     wait_for(lambda: not list(temporary.iterdir()), 30)
 
 
