@@ -37,6 +37,7 @@ SOCKETS = "EITBENCH_SOCKETS"  # names the folder of the server's socket to the s
 PRELOADED = "eitbench.benchmark.workers.preload"
 JOIN_SECONDS = 5.0
 READY_SECONDS = 300.0  # the server may have loops to compile first
+READY = b"ready"
 PAUSES = (0.0, 0.1, 1.0, 5.0)  # seconds before each attempt to start a worker
 _PR_SET_PDEATHSIG, _PR_SET_CHILD_SUBREAPER = 1, 36  # of Linux: sys/prctl.h
 # Cells run in threads. Starting a worker changes this process's environment for a moment, and ends
@@ -105,8 +106,8 @@ def start_process(
                 reason = error
                 _end_server()
     raise EitbenchError(
-        f"No worker process can be started ({reason or 'it ends at once'}), for which no method "
-        "is to blame: look for a lack of memory, processes or space for temporary files."
+        f"No worker process can be started ({str(reason) or 'it ends at once'}). No method is to "
+        "blame: look for a lack of memory, processes or space for temporary files."
     ) from reason
 
 
@@ -130,7 +131,8 @@ def _start(
     if not sentinel.poll(READY_SECONDS):
         worker.end()
         raise TimeoutError(f"it is not ready after {READY_SECONDS:g} s")
-    sentinel.recv_bytes()
+    if sentinel.recv_bytes() != READY:  # but its exit code
+        raise EOFError
     return worker, ours
 
 
@@ -209,7 +211,7 @@ def _enter(
         os.dup2(output.fileno(), 2)
         sys.stdout = sys.stderr = output
         faulthandler.enable(output)
-        run.send_bytes(b"ready")
+        run.send_bytes(READY)
         if hasattr(os, "fork"):
             run.close()  # it is the guard's
         with threadpool_limits(THREADS), suppress(EOFError, ConnectionError):
@@ -234,6 +236,8 @@ def _fork_from_guard(connection: Connection, run: Connection) -> None:
         _control(_PR_SET_PDEATHSIG, signal.SIGKILL)
         if os.getppid() != guard:
             os._exit(1)
+        with suppress(OSError):  # not on Linux: where memory ends, it is ended before the run
+            Path("/proc/self/oom_score_adj").write_text("500", encoding="utf-8")
         os.environ.update(dict.fromkeys(("TMPDIR", "TEMP", "TMP", "JOBLIB_TEMP_FOLDER"), folder))
         tempfile.tempdir = folder
         return
@@ -270,6 +274,7 @@ def _end_children() -> list[tuple[int, int]]:
                     process.kill()
             while (last := os.waitpid(-1, os.WNOHANG))[0]:
                 ended.append(last)
+            time.sleep(0.01)
     return ended
 
 

@@ -27,6 +27,7 @@ def run(tiny: Suite, tmp_path_factory: pytest.TempPathFactory) -> Path:
     plan = make_plan(tiny.model_copy(update=limits), plugins=[HOSTILE])
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("HOSTILE_PID", str(folder / "daemon"))
+        patch.setenv("HOSTILE_RUN", str(os.getpid()))
         return start_run(plan, folder / "run", jobs=2).path
 
 
@@ -37,6 +38,8 @@ def run(tiny: Suite, tmp_path_factory: pytest.TempPathFactory) -> Path:
         ("behaves", "ok", ""),
         ("segfaults", "error", "died of SIGSEGV"),
         ("is-killed", "out-of-memory", "its process was killed (out of memory, or by hand)"),
+        ("kills-its-guard", "out-of-memory", "its process was killed (out of memory, or by hand)"),
+        ("kills-the-server", "ok", ""),
         ("takes-memory", "out-of-memory", "took more than 1000 MB of memory"),
         ("forks", "ok", ""),
         ("leaves-a-daemon", "ok", ""),

@@ -160,7 +160,8 @@ def test_a_server_that_is_killed_costs_no_row(
     same_results: Callable[[Path, Path], None],
 ) -> None:
     """Neither while a worker is busy, nor before the next one is started."""
-    ask, killed = Worker.ask, []
+    killed: list[psutil.Process] = []
+    ask = Worker.ask
 
     def asked(self: Worker, operation: str, *request: object, **options: Any) -> Any:
         if operation == "reconstruct" and not killed:
@@ -208,3 +209,19 @@ def test_a_run_that_can_start_no_worker_ends_and_is_resumed(
             start_run(plan, tmp_path / "run")
     assert not list((tmp_path / "run").glob("parts/*/*/*"))
     same_results(undisturbed, resume_run(tmp_path / "run").path)
+
+
+def test_a_worker_that_ends_before_it_is_ready_is_no_death_of_scored_code(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(processes, "PAUSES", (0.0,))
+    with pytest.raises(EitbenchError, match=r"No worker .* \(it ends at once\)"):
+        Worker(operator.methodcaller("recv"), log=tmp_path / "no-folder" / "log")
+
+
+@LINUX
+def test_where_memory_ends_a_worker_is_ended_before_the_run() -> None:
+    own = int(Path("/proc/self/oom_score_adj").read_text())
+    with Worker(operator.methodcaller("recv")) as worker:
+        (process,) = psutil.Process(worker._process.pid).children()
+        assert int(Path(f"/proc/{process.pid}/oom_score_adj").read_text()) > own
