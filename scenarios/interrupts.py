@@ -1,9 +1,12 @@
-"""Termination as an interruption: SIGTERM does what Ctrl-C does."""
+"""Ends of processes: SIGTERM does what Ctrl-C does, and workers end with who started them."""
 
+import os
 import signal
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+
+import psutil
 
 
 @contextmanager
@@ -17,3 +20,17 @@ def termination_interrupts() -> Iterator[None]:
         yield
     finally:
         signal.signal(signal.SIGTERM, before)
+
+
+def end_with_parent() -> None:
+    """End this process, a worker of joblib, once the one that started it has gone.
+
+    Killed, that one cannot end its workers, which then wait for ever for each other.
+    """
+    parent = psutil.Process(os.getppid())
+
+    def watch() -> None:
+        parent.wait()
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
