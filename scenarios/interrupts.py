@@ -1,9 +1,12 @@
-"""Termination as an interruption: SIGTERM and SIGHUP do what Ctrl-C does."""
+"""Ends of processes: SIGTERM and SIGHUP do what Ctrl-C does, workers end with who started them."""
 
+import os
 import signal
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+
+import psutil
 
 
 @contextmanager
@@ -40,3 +43,17 @@ def termination_interrupts() -> Iterator[None]:
     finally:
         for number in taken:
             signal.signal(number, before[number])
+
+
+def end_with_parent() -> None:
+    """End this process, a worker of joblib, once the one that started it has gone.
+
+    Killed, that one cannot end its workers, which then wait for ever for each other.
+    """
+    parent = psutil.Process(os.getppid())
+
+    def watch() -> None:
+        parent.wait()
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()

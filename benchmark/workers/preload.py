@@ -4,15 +4,23 @@ Imported there, see `process_context`; without it, each worker would spend half 
 a method's set-up would be timed with it.
 """
 
+import atexit
 import gc
+import os
+import shutil
 from contextlib import suppress
 from dataclasses import replace
 
 import eitbench.benchmark.workers.method_service  # noqa: F401
+from eitbench.benchmark.workers.process import SOCKETS
 from eitbench.methods.registry import METHOD_REGISTRY
 from eitbench.scenarios.physics.forward import ForwardModel
 from eitbench.scenarios.sensors.sensor import foam16
 
+# The server outlives a run that is killed, which leaves this folder. No worker comes here: it ends
+# without a look at `atexit`.
+if SOCKETS in os.environ:
+    atexit.register(shutil.rmtree, os.environ[SOCKETS], ignore_errors=True)
 METHOD_REGISTRY.import_built_in()
 # What fails here fails again where it is needed, with a message.
 with suppress(Exception):

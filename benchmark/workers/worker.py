@@ -21,7 +21,7 @@ import numpy as np
 import psutil
 from numpy.typing import NDArray
 
-from eitbench.benchmark.workers.process import end_tree, start_process
+from eitbench.benchmark.workers.process import start_process
 from eitbench.methods.registry import Plugin, load_plugin
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.guard import close_test_split
@@ -30,7 +30,7 @@ from eitbench.scenarios.suites.suite import MEMORY_LIMIT_MB
 Status = Literal["ok", "error", "timeout", "invalid-output", "out-of-memory"]
 
 SEED = 0
-POLL_SECONDS, JOIN_SECONDS = 0.2, 5.0
+POLL_SECONDS = 0.2
 PLUGIN_LIMIT_S = 60.0
 MAX_MESSAGE = 500
 LOG_LIMIT, LOG_HEAD = 2**24, 2**20  # bytes: a log that is longer than the first keeps the second
@@ -135,7 +135,7 @@ class Worker:
                     raise EOFError
                 if not ready:
                     self._shorten_log()
-                    self._hold_to_memory(tree_memory_mb(self._process.pid), what)
+                    self._hold_to_memory(self._process.memory_mb(), what)
             reply = self._receive(what)
         except (EOFError, OSError) as error:
             raise WorkerLostError(self._death(what)) from error
@@ -172,16 +172,10 @@ class Worker:
     def close(self) -> None:
         """End the process and every process it started."""
         self._connection.close()
-        if self._process.is_alive():
-            if self._process.pid is not None:
-                end_tree(self._process.pid)
-            self._process.kill()
-        # Not for ever: a process that escaped holds the pipe by which an end is seen.
-        self._process.join(JOIN_SECONDS)
+        self._process.end()
 
     def _death(self, what: str) -> Failure:
-        self._process.join(JOIN_SECONDS)
-        code = self._process.exitcode
+        code = self._process.exit_code()
         if code is None:  # alive, but what it sent cannot be read
             self.close()
             return Failure("error", f"its process sent something that is no answer during {what}")
@@ -289,17 +283,6 @@ def seed_everything() -> None:
     """Seed the global generators before every request, so that resuming changes nothing."""
     random.seed(SEED)
     np.random.seed(SEED)  # noqa: NPY002  (plugins may draw from the global generator)
-
-
-def tree_memory_mb(pid: int | None) -> float:
-    """Return the resident memory of `pid` and of all that it started [MiB]; 0 if it is gone."""
-    total = 0
-    with suppress(psutil.Error):
-        parent = psutil.Process(pid)
-        for process in (parent, *parent.children(recursive=True)):
-            with suppress(psutil.Error):
-                total += process.memory_info().rss
-    return total / 2**20
 
 
 def peak_memory_mb() -> float:

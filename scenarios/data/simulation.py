@@ -25,6 +25,7 @@ from eitbench.scenarios.cache_dir import cache_dir
 from eitbench.scenarios.errors import DataCorruptError, EitbenchError
 from eitbench.scenarios.guard import check_open
 from eitbench.scenarios.imperfections.imperfections import TOUCH_INTERVAL_S
+from eitbench.scenarios.interrupts import end_with_parent
 from eitbench.scenarios.phantoms.phantom import Phantom, draw, rasterise
 from eitbench.scenarios.physics.forward import forward_model
 from eitbench.scenarios.seeds import generator
@@ -181,7 +182,10 @@ def _simulated(
         return
     # One chunk a task: each is stored and shown as soon as it is done.
     pool = joblib.Parallel(
-        n_jobs=min(jobs, len(chunks)), return_as="generator_unordered", batch_size=1
+        n_jobs=min(jobs, len(chunks)),
+        return_as="generator_unordered",
+        batch_size=1,
+        initializer=end_with_parent,
     )
     yield from pool(joblib.delayed(_simulate)(scenario, split, chunk) for chunk in chunks)
 

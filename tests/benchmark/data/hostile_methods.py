@@ -6,10 +6,12 @@ import signal
 import sys
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import psutil
 
 from eitbench.methods import Method, Problem, register
 
@@ -46,6 +48,20 @@ def leaves_a_daemon() -> None:
         os._exit(0)
 
 
+def kills_its_guard() -> None:
+    """End the process that would tell how this one ended."""
+    os.kill(os.getppid(), signal.SIGKILL)
+    time.sleep(600)
+
+
+def kills_the_server() -> None:
+    """End the process that forks the guards of workers."""
+    for process in psutil.Process(int(os.environ["HOSTILE_RUN"])).children():
+        with suppress(psutil.Error):  # it was killed before
+            if "multiprocessing.forkserver" in " ".join(process.cmdline()):
+                process.kill()
+
+
 written: list[int] = []
 
 
@@ -57,6 +73,8 @@ def prints_a_lot() -> None:
 
 untouched("segfaults", lambda: ctypes.string_at(0))
 untouched("is-killed", lambda: os.kill(os.getpid(), signal.SIGKILL))  # as without memory
+untouched("kills-its-guard", kills_its_guard)
+untouched("kills-the-server", kills_the_server)
 untouched("takes-memory", takes_memory)
 untouched("forks", os.fork)  # comes back twice
 untouched("leaves-a-daemon", leaves_a_daemon)

@@ -1,6 +1,7 @@
 """Whatever a plugin does to its process costs its own rows only."""
 
 import os
+import signal
 from pathlib import Path
 
 import numpy as np
@@ -26,6 +27,7 @@ def run(tiny: Suite, tmp_path_factory: pytest.TempPathFactory) -> Path:
     plan = make_plan(tiny.model_copy(update=limits), plugins=[HOSTILE])
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("HOSTILE_PID", str(folder / "daemon"))
+        patch.setenv("HOSTILE_RUN", str(os.getpid()))
         return start_run(plan, folder / "run", jobs=2).path
 
 
@@ -36,6 +38,8 @@ def run(tiny: Suite, tmp_path_factory: pytest.TempPathFactory) -> Path:
         ("behaves", "ok", ""),
         ("segfaults", "error", "died of SIGSEGV"),
         ("is-killed", "out-of-memory", "its process was killed (out of memory, or by hand)"),
+        ("kills-its-guard", "out-of-memory", "its process was killed (out of memory, or by hand)"),
+        ("kills-the-server", "ok", ""),
         ("takes-memory", "out-of-memory", "took more than 1000 MB of memory"),
         ("forks", "ok", ""),
         ("leaves-a-daemon", "ok", ""),
@@ -91,5 +95,5 @@ def test_a_worker_that_nobody_asks_any_more_ends_what_it_started(text: str, tmp_
     started = int(plugin.with_suffix(".pid").read_text())
     assert psutil.pid_exists(started)
     connection.close()
-    process.join(60)
+    assert process.exit_code() == -signal.SIGKILL  # with its group
     wait_for(lambda: has_ended(started))
