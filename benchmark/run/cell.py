@@ -21,14 +21,9 @@ from eitbench.benchmark.run.progress import Advance
 from eitbench.benchmark.run.timing import calibrated
 from eitbench.benchmark.rundir import manifest
 from eitbench.benchmark.rundir.cells import Batch, Values
+from eitbench.benchmark.workers.messages import Failure, Reply, WorkerLostError
 from eitbench.benchmark.workers.restarting import RestartingWorker, WorkerHistory
-from eitbench.benchmark.workers.worker import (
-    Failure,
-    Reply,
-    StoppedError,
-    WorkerLostError,
-    describe_exception,
-)
+from eitbench.benchmark.workers.worker import StoppedError, describe_exception
 from eitbench.scenarios.errors import DataCorruptError, EitbenchError
 
 PRIOR_KNOWLEDGE_LIMIT_S = 60.0
@@ -236,7 +231,7 @@ class BatchRunner:
                 raise WorkerLostError(state.failure)
             if not self._stored:
                 ready = self._worker.start()
-                state.row = {**ready.value, "setup_s": ready.seconds}
+                state.row = {**self.task.set_up(ready.value), "setup_s": ready.seconds}
                 state.row["first_frame_ms"] = self._first_sample()
             elif state.working:
                 self._worker.start()

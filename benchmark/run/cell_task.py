@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from eitbench.benchmark.rundir.cells import Cell, Values
 from eitbench.benchmark.rundir.run_arrays import Truth
 from eitbench.benchmark.rundir.store import RunStore
-from eitbench.benchmark.workers.worker import Reply, WorkerLostError
+from eitbench.benchmark.workers.messages import Reply, WorkerLostError
 from eitbench.methods.registry import Registry
 from eitbench.scenarios.data.datasets import Dataset
 from eitbench.scenarios.suites.scenario import Scenario
@@ -127,7 +127,7 @@ class CellTask(ABC):
 
     @abstractmethod
     def service(self) -> object:
-        """Return the object that answers in the worker; its `set_up` gives figures of the cell."""
+        """Return the object that answers in the worker; see `set_up` below."""
 
     @abstractmethod
     def request(self, split: str, rows: slice) -> tuple[object, ...]:
@@ -149,7 +149,11 @@ class CellTask(ABC):
         """
         return {}
 
-    def prior_knowledge(self, value: Any) -> dict[str, Any]:
+    def set_up(self, value: object) -> dict[str, Any]:
+        """Return figures of the cell from the answer of its service's `set_up`."""
+        return {}
+
+    def prior_knowledge(self, value: object) -> dict[str, Any]:
         """Return figures of the cell from the answer of its service's `prior_knowledge`."""
         return {}
 

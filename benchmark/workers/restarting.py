@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from eitbench.benchmark.workers.worker import Failure, Reply, Worker, WorkerLostError, serve
+from eitbench.benchmark.workers.messages import Failure, Reply, WorkerLostError
+from eitbench.benchmark.workers.worker import Worker, serve
 
 RESTARTS = 3
 
