@@ -9,6 +9,8 @@ import threading
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -21,16 +23,19 @@ from eitbench.benchmark.run.progress import Advance
 from eitbench.benchmark.run.timing import calibrated
 from eitbench.benchmark.rundir import manifest
 from eitbench.benchmark.rundir.cells import Batch, Values
+from eitbench.benchmark.workers.confinement import Confinement
 from eitbench.benchmark.workers.messages import Failure, Reply, WorkerLostError
 from eitbench.benchmark.workers.restarting import RestartingWorker, WorkerHistory
 from eitbench.benchmark.workers.worker import StoppedError, describe_exception
 from eitbench.scenarios.errors import DataCorruptError, EitbenchError
 
 PRIOR_KNOWLEDGE_LIMIT_S = 60.0
+ACTIONS = 5  # of each kind that are shown
 SAVE_SECONDS = 1.0  # samples that are asked for one by one are stored as often as this
 # Conditions of a cell that was not timed, see `calibrated`.
 _UNTIMED = {
     "timed": "",
+    "actions": "",
     **dict.fromkeys(("calibration_ms", "calibration_spread", "load", "cpu_mhz"), NAN),
 }
 # Failures that asking again sample by sample would not mend.
@@ -123,6 +128,7 @@ class CellState(WorkerHistory):
         alone: true if samples are asked for one by one from the start.
         suspected: number of losses when a whole batch cost a worker and its samples are tried.
         done, seconds: samples answered in whole batches, and the time that took.
+        actions: what its workers were noted to do, by kind.
     """
 
     row: dict[str, Any] = field(default_factory=dict)
@@ -133,6 +139,7 @@ class CellState(WorkerHistory):
     suspected: int | None = None
     done: int = 0
     seconds: float = 0.0
+    actions: dict[str, list[str]] = field(default_factory=dict)
 
 
 _STATE = TypeAdapter(CellState)
@@ -206,15 +213,7 @@ class BatchRunner:
                 raise DataCorruptError(
                     "A part of the run does not say where its cell stood: start a new run."
                 ) from error
-        self._worker = RestartingWorker(
-            task.service(),
-            set_up_limit_s=self.plan.suite.fit_limit_s,
-            history=self._state,
-            log=self.store.log(self.plan.cell),
-            stop=stop,
-            memory_limit_mb=self.plan.suite.memory_limit_mb,
-            core=core,
-        )
+        self._service, self._stop = task.service(), stop
 
     def run(self) -> dict[str, Any]:
         """Run the pending batches and return figures of the cell as a whole.
@@ -223,6 +222,21 @@ class BatchRunner:
             StoppedError: the run was interrupted; finished batches are stored.
             EitbenchError: the store could not be written or read.
         """
+        with TemporaryDirectory(prefix="eitbench-", ignore_cleanup_errors=True) as folder:
+            self._confinement = Confinement(Path(folder))
+            self._worker = RestartingWorker(
+                self._service,
+                set_up_limit_s=self.plan.suite.fit_limit_s,
+                history=self._state,
+                log=self.store.log(self.plan.cell),
+                stop=self._stop,
+                memory_limit_mb=self.plan.suite.memory_limit_mb,
+                core=self._core,
+                confinement=self._confinement,
+            )
+            return self._run()
+
+    def _run(self) -> dict[str, Any]:
         state = self._state
         self.progress(self._stored)
         measured: dict[str, Any] = {}
@@ -255,8 +269,19 @@ class BatchRunner:
                 result = self._stored_part(split, rows)
                 result.fail(rows.stop - rows.start - len(result), state.failure)
                 self._finish(split, rows, result)
-        fps = state.done / state.seconds if state.seconds > 0 else NAN
-        return state.row | measured | {"batch_fps": fps, "memory_mb": self._worker.memory_mb}
+        self._note_actions()
+        whole = {
+            "batch_fps": state.done / state.seconds if state.seconds > 0 else NAN,
+            "memory_mb": self._worker.memory_mb,
+            "actions": json.dumps(state.actions) if state.actions else "",
+        }
+        return state.row | measured | whole
+
+    def _note_actions(self) -> None:
+        """Add what the workers were noted to do to what those before an interruption did."""
+        for kind, noted in self._confinement.watch.all_noted().items():
+            known = self._state.actions.setdefault(kind, [])
+            known += [what for what in noted if what not in known][: ACTIONS - len(known)]
 
     def _first_sample(self) -> float:
         """Return the time of the first sample that the task sees [ms]; NaN where it fails."""
@@ -343,6 +368,7 @@ class BatchRunner:
 
     def _save(self, split: str, rows: slice, result: BatchResult) -> None:
         self._state.working = self._worker.running
+        self._note_actions()
         batch = result.batch(rows.start, json.dumps(asdict(self._state)))
         self.store.save_batch(self.plan.cell, split, batch)
 

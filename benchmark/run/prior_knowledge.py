@@ -34,7 +34,7 @@ class Training:
 
     scenario: str
     train_data: Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{64}\z")]
-    train_samples: Annotated[int, Field(ge=1)]
+    train_samples: Annotated[int, Field(ge=1, le=10**9)]
     seed: Annotated[str, StringConstraints(pattern=r"^[0-9]{0,20}\z")] = ""
 
 

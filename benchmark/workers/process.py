@@ -19,6 +19,8 @@ from typing import Any
 import psutil
 from threadpoolctl import threadpool_limits
 
+from eitbench.benchmark.workers.confinement import Confinement
+
 THREADS = 1
 LIBRARIES = ("OMP", "OPENBLAS", "MKL", "BLIS", "NUMBA")
 PINNED = {f"{library}_NUM_THREADS": str(THREADS) for library in LIBRARIES}
@@ -33,10 +35,11 @@ def start_process(
     arguments: tuple[object, ...],
     log: Path | None,
     core: int | None = None,
+    confinement: Confinement | None = None,
 ) -> tuple[BaseProcess, Connection]:
     """Start `serve(connection, *arguments)` with its output going to `log` (None: nowhere).
 
-    It and what it starts run on `core` alone, if there is one.
+    It and what it starts run on `core` alone, if there is one, within the `confinement`.
     """
     with _STARTING:
         context = process_context()
@@ -44,7 +47,7 @@ def start_process(
     ours, theirs = context.Pipe()
     process: BaseProcess = context.Process(  # type: ignore[attr-defined]
         target=_enter,
-        args=(theirs, log, core, environment, serve, arguments),
+        args=(theirs, log, core, confinement, environment, serve, arguments),
         name="eitbench-worker",
     )
     with _interrupts_blocked():
@@ -97,6 +100,7 @@ def _enter(
     connection: Connection,
     log: Path | None,
     core: int | None,
+    confinement: Confinement | None,
     environment: dict[str, str],
     serve: Callable[..., None],
     arguments: tuple[Any, ...],
@@ -108,7 +112,6 @@ def _enter(
     if core is not None:
         os.sched_setaffinity(0, {core})
     _adopt_orphans()
-    threading.Thread(target=_die_with_parent, daemon=True).start()
     # The server of processes has the environment it was started in, which may be an older one.
     os.environ.clear()
     os.environ.update(environment | PINNED)
@@ -117,6 +120,10 @@ def _enter(
         os.dup2(output.fileno(), 2)
         sys.stdout = sys.stderr = output
         faulthandler.enable(output)
+        if confinement is not None:
+            confinement.begin()
+        # Begun last: a thread keeps the rights that it had when it was begun.
+        threading.Thread(target=_die_with_parent, daemon=True).start()
         with threadpool_limits(THREADS), suppress(EOFError, ConnectionError):
             serve(connection, *arguments)
         # Nobody asks any more. Once this process is gone, nobody can tell what it started.

@@ -22,6 +22,7 @@ import psutil
 from numpy.typing import NDArray
 from pydantic import TypeAdapter
 
+from eitbench.benchmark.workers.confinement import Confinement
 from eitbench.benchmark.workers.messages import (
     MAX_ARRAYS,
     MAX_HEADER,
@@ -62,18 +63,20 @@ class Worker:
         stop: threading.Event | None = None,
         memory_limit_mb: float = MEMORY_LIMIT_MB,
         core: int | None = None,
+        confinement: Confinement | None = None,
     ) -> None:
         """Start `serve(connection, *arguments)` with its output going to `log` (None: nowhere).
 
         Args:
             memory_limit_mb: resident memory that it and the processes it starts may take [MiB].
             core: the only core that it runs on; None: any.
+            confinement: what it may write to and read; None: all that its user may.
         """
         self._log = log
         self._stop = stop or threading.Event()
         self._memory_limit_mb = memory_limit_mb
         self._late = threading.Event()
-        self._process, self._connection = start_process(serve, arguments, log, core)
+        self._process, self._connection = start_process(serve, arguments, log, core, confinement)
 
     def __enter__(self) -> "Worker":
         return self

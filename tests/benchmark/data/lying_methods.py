@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from eitbench.benchmark.workers.method_service import MethodService
 from eitbench.methods import Method, Problem, register
@@ -75,14 +76,10 @@ def sends(content: bytes) -> Callable[[Method], object]:
 
 PICKLED = bytes(ForkingPickler.dumps(RunsCode()))
 
-lying("surrogates", says(differs="\ud800"))
+lying("surrogates", says(differs="\ud800", train_s=math.inf))
 lying("long-text", says(differs=60 * 2**20 * "\ud800"))
 lying("endless-training", says(trained_on={**TRAINED, "train_samples": "2000000000"}))
-lying("negative-training", says(trained_on={**TRAINED, "train_samples": "-1"}))
-lying("training-elsewhere", says(trained_on={**TRAINED, "train_data": "../" * 8}))
-lying("training-is-no-number", says(trained_on={**TRAINED, "train_samples": "many"}))
 lying("training-runs-code", says(trained_on={**TRAINED, "seed": RunsCode()}))
-lying("endless-cost", says(train_s=math.inf))
 lying("forges-columns", forges_columns)
 lying("sends-an-object", sends(len(PICKLED).to_bytes(4) + PICKLED))
 lying("sends-a-huge-message", sends(b"\xff\xff\xff\xff" + (2**62).to_bytes(8) + b"half"))
@@ -102,3 +99,13 @@ class OddParameters(Method):
 
     def reconstruct(self, voltages: Array) -> Array:
         return np.repeat(self.image[None], len(voltages), axis=0)
+
+
+def rewrites_others(method: Method) -> None:
+    """Give the rows of another method, which are stored already, another memory."""
+    log = Path("/proc/self/fd/1").readlink()
+    path = log.parents[1] / "parts" / "tiny" / "noser" / "methods.parquet"
+    path.write_bytes(pd.read_parquet(path).assign(memory_mb=12345.0).to_parquet())
+
+
+lying("rewrites-others", rewrites_others)

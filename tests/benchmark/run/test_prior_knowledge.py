@@ -3,16 +3,23 @@
 import copy
 import json
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from eitbench.benchmark.analysis.results import describe_prior_knowledge
-from eitbench.benchmark.run.prior_knowledge import Training, read_report, training_contents
+from eitbench.benchmark.run.prior_knowledge import (
+    UNKNOWN,
+    Training,
+    read_report,
+    training_contents,
+)
 from eitbench.benchmark.run.prior_knowledge import prior_knowledge_columns as columns
 from eitbench.benchmark.tuning.selection import Selection, Trial, TuningBudget
+from eitbench.benchmark.workers.messages import WorkerLostError
 from eitbench.benchmark.workers.method_service import MethodService
 from eitbench.methods import Problem, create
 from eitbench.methods.learned.image_networks import Dnn
@@ -209,6 +216,53 @@ def test_weights_are_held_against_the_data_they_come_from(
     # Nothing is known of data that are not here.
     elsewhere = replace(notes, train_data="0" * 64)
     assert np.isnan(columns(problem.access_record(), elsewhere, SMALL, test, spent={})["overlap"])
+
+
+@pytest.mark.parametrize(
+    "lie",
+    [
+        {"train_samples": "-1"},
+        {"train_samples": "many"},
+        {"train_samples": "9" * 4000},
+        {"train_data": "../" * 8},
+        {"seed": "x" * 500},
+        {"scenario": None},
+    ],
+)
+def test_training_that_cannot_be_is_not_known(lie: dict[str, Any]) -> None:
+    access = asdict(a_problem().access_record())
+    honest = {"scenario": "small", "train_data": SMALL.data_hash("train"), "train_samples": "6"}
+    _, training = read_report({"access": access, "trained_on": honest})
+    assert training == Training("small", SMALL.data_hash("train"), 6)
+    _, training = read_report({"access": access, "trained_on": honest | lie})
+    assert training == UNKNOWN
+    test = own("test", None)
+    found = columns(a_problem().access_record(), training, SMALL, test, spent={})
+    assert np.isnan(found["overlap"])
+    assert describe_prior_knowledge(found["prior_knowledge"])
+
+
+def test_more_training_samples_than_a_scenario_has_are_not_drawn() -> None:
+    many = Training("small", SMALL.data_hash("train"), SMALL.train + 1)
+    found = columns(a_problem().access_record(), many, SMALL, own("test", None), spent={})
+    assert np.isnan(found["overlap"])
+
+
+@pytest.mark.parametrize(
+    "lie",
+    [
+        {"model": 3},
+        {"samples": [{}]},
+        {"samples": [{"split": "test", "samples": 0, "contents": np.empty(0, np.uint64)}]},
+        {"samples": [{"split": "train", "samples": 9, "contents": np.empty(0, np.uint64)}]},
+    ],
+)
+def test_a_record_of_access_that_cannot_be_is_no_answer(lie: dict[str, Any]) -> None:
+    access = asdict(a_problem().access_record())
+    named = {"scenario": "small", "data_hash": ""}
+    lie = {k: [s | named for s in v] if k == "samples" else v for k, v in lie.items()}
+    with pytest.raises(WorkerLostError, match="is no answer"):
+        read_report({"access": access | lie, "trained_on": {}})
 
 
 def test_contents_of_a_training_set_are_found_out_once(
