@@ -43,18 +43,24 @@ BROKEN_CONTRACT = frozenset({"mutated", "shape", "dtype"})
 
 
 def run_cell(
-    task: CellTask, progress: Advance, stop: threading.Event, core: int | None = None
+    task: CellTask,
+    progress: Advance,
+    stop: threading.Event,
+    core: int | None = None,
+    *,
+    isolate: bool = False,
 ) -> None:
     """Run the batches that are not stored yet, then score the cell; whatever it does is a row.
 
     Args:
         core: the core that it has to itself; None where it shares the machine with other cells.
+        isolate: true if it may neither use the network nor read files of others.
 
     Raises:
         StoppedError: the run was interrupted; finished batches are stored.
         EitbenchError: the store could not be written or read.
     """
-    score_cell(task, BatchRunner(task, progress, stop, core).run())
+    score_cell(task, BatchRunner(task, progress, stop, core, isolate=isolate).run())
     if task.plan.cell.variant:  # other tracks keep figures, no images
         task.store.forget_answers(task.plan.cell)
 
@@ -187,7 +193,13 @@ class BatchRunner:
     """
 
     def __init__(
-        self, task: CellTask, progress: Advance, stop: threading.Event, core: int | None = None
+        self,
+        task: CellTask,
+        progress: Advance,
+        stop: threading.Event,
+        core: int | None = None,
+        *,
+        isolate: bool = False,
     ) -> None:
         self.task, self.progress, self._core = task, progress, core
         self.plan, self.store = task.plan, task.store
@@ -214,6 +226,7 @@ class BatchRunner:
                     "A part of the run does not say where its cell stood: start a new run."
                 ) from error
         self._service, self._stop = task.service(), stop
+        self._readable = task.readable if isolate else None
 
     def run(self) -> dict[str, Any]:
         """Run the pending batches and return figures of the cell as a whole.
@@ -223,7 +236,7 @@ class BatchRunner:
             EitbenchError: the store could not be written or read.
         """
         with TemporaryDirectory(prefix="eitbench-", ignore_cleanup_errors=True) as folder:
-            self._confinement = Confinement(Path(folder))
+            self._confinement = Confinement(Path(folder), self._readable)
             self._worker = RestartingWorker(
                 self._service,
                 set_up_limit_s=self.plan.suite.fit_limit_s,

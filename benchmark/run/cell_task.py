@@ -1,5 +1,6 @@
 """Interfaces of what runs in a cell: the task, its plan and its data, of methods and operators."""
 
+import os
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -124,6 +125,14 @@ class CellTask(ABC):
     def sizes(self) -> Mapping[str, int]:
         """Number of samples of each split, in the order they run."""
         return {"test": len(self.data.test)}
+
+    @property
+    def readable(self) -> tuple[Path, ...]:
+        """Files and folders of the user that its service has to read."""
+        scenario = self.data.scenario
+        named = [os.environ.get(name) for name in ("EITBENCH_DATA", "EITBENCH_EIDORS")]
+        named += [getattr(scenario, name, None) for name in ("sensor", "recording")]
+        return tuple(Path(place) for place in (self.plan.plugin, *named) if place)
 
     @abstractmethod
     def service(self) -> object:

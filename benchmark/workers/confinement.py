@@ -12,6 +12,7 @@ import sys
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from multiprocessing import util
 from pathlib import Path
 
 from eitbench.benchmark.workers.audit_hook import Watch, own_places
@@ -138,13 +139,16 @@ def _restrict(writable: Sequence[Path], readable: Sequence[Path] | None) -> None
 
 
 def _leave_network() -> None:
-    """Leave the network, and hide the sockets by which processes of the run are asked for more."""
+    """Leave the network, and hide the sockets of services and of the server of processes."""
     libc = ctypes.CDLL(None, use_errno=True)
     user, group = os.getuid(), os.getgid()
     _called(libc.unshare, _CLONE_NEWUSER | _CLONE_NEWNET | _CLONE_NEWNS)
     Path("/proc/self/setgroups").write_text("deny")
     Path("/proc/self/uid_map").write_text(f"{user} {user} 1")
     Path("/proc/self/gid_map").write_text(f"{group} {group} 1")
+    for folder in ("/run", util.get_temp_dir()):
+        if Path(folder).is_dir():
+            _called(libc.mount, b"none", os.fsencode(folder), b"tmpfs", 0, None)
 
 
 def _called(function: "ctypes._NamedFuncPointer", *arguments: object) -> int:

@@ -15,6 +15,7 @@ from contextlib import suppress
 from dataclasses import replace
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -202,15 +203,22 @@ class _PluginReader:
 _PLUGIN = TypeAdapter(Plugin)
 
 
-def plugin_names(path: Path) -> Plugin:
+def plugin_names(path: Path, *, isolate: bool = False) -> Plugin:
     """Return the names of the methods and operators that the file `path` registers.
 
-    A worker loads the file.
+    A worker loads the file; with `isolate` it may neither use the network nor read other files.
 
     Raises:
         InputError: the file does not load, or registers nothing.
     """
-    with Worker(serve, _PluginReader(path)) as worker:
+    with (
+        TemporaryDirectory(prefix="eitbench-", ignore_cleanup_errors=True) as folder,
+        Worker(
+            serve,
+            _PluginReader(path),
+            confinement=Confinement(Path(folder), (path,)) if isolate else None,
+        ) as worker,
+    ):
         try:
             what = f"loading {path.name}"
             reply = worker.ask("names", limit=PLUGIN_LIMIT_S, what=what)

@@ -216,3 +216,41 @@ def test_what_the_claims_need_is_run(
     assert "not testable" in out
     for name in ("claims.md", "tiny/manifest.json", "tiny/leaderboard.md", "tiny/figures"):
         assert (tmp_path / "all" / name).exists()
+
+
+READS_A_SECRET = """
+import os, socket
+from pathlib import Path
+from eitbench.methods import methods, register
+
+HELD = []
+for name, way in (
+    ("secret", lambda: Path(__file__).with_name("secret").read_text()),
+    ("network", lambda: socket.create_connection(("127.0.0.1", int(os.environ["PORT"])), 10)),
+):
+    try:
+        way()
+    except OSError:
+        HELD.append(name)
+
+@register("reads-a-secret")
+class ReadsASecret(methods()["noser"]):
+    def fit(self, problem):
+        super().fit(problem)
+        self.differs = "+".join(HELD)
+"""
+
+
+def test_an_isolated_plugin_has_no_network_and_reads_no_files_of_others(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cli: Cli
+) -> None:
+    try:
+        check_isolation()
+    except InputError as error:
+        pytest.skip(str(error))
+    plugin, suite = tmp_path / "plugin.py", tmp_path / "tiny.toml"
+    plugin.write_text(READS_A_SECRET)
+    (tmp_path / "secret").write_text("secret")
+    suite.write_text((DATA / "tiny.toml").read_text())
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        monkeypatch.setenv("PORT", str(server.getsockname()[1]))

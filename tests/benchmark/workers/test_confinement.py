@@ -1,6 +1,8 @@
 """A confined worker: where it can write, what it can touch, and what is noted of it."""
 
+import multiprocessing.util
 import os
+import socket
 import subprocess
 import tempfile
 from collections.abc import Callable
@@ -9,10 +11,11 @@ from typing import Any
 
 import pytest
 
-from eitbench.benchmark.workers.confinement import Confinement, landlock_abi
+from eitbench.benchmark.workers.confinement import Confinement, check_isolation, landlock_abi
 from eitbench.benchmark.workers.messages import Reply
 from eitbench.benchmark.workers.worker import Worker, serve
 from eitbench.scenarios.cache_dir import cache_dir
+from eitbench.scenarios.errors import InputError
 
 needs_landlock = pytest.mark.skipif(landlock_abi() < 6, reason="needs Linux 6.12 with Landlock")
 
@@ -104,3 +107,48 @@ def lookup(pid: int) -> None:
 
 def signalled(pid: int) -> None:
     os.kill(pid, 0)
+
+
+@pytest.fixture
+def isolated(tmp_path: Path) -> Confinement:
+    try:
+        check_isolation()
+    except InputError as error:
+        pytest.skip(str(error))
+    folder, given = tmp_path / "isolated", tmp_path / "given"
+    folder.mkdir()
+    given.write_text("given")
+    return Confinement(folder, (given,))
+
+
+def listening() -> tuple[socket.socket, int]:
+    server = socket.create_server(("127.0.0.1", 0))
+    return server, server.getsockname()[1]
+
+
+def connect(port: int) -> None:
+    socket.create_connection(("127.0.0.1", port), 10).close()
+
+
+def test_an_isolated_one_reads_what_it_is_given_and_has_no_network(
+    isolated: Confinement, tmp_path: Path
+) -> None:
+    secret = tmp_path / "secret"
+    secret.write_text("secret")
+    server, port = listening()
+    with server:
+        for action, argument in ((Path.read_text, secret), (connect, port), (append, secret)):
+            assert in_worker(isolated, action, argument).failure is not None
+    assert in_worker(isolated, Path.read_text, tmp_path / "given").value == "given"
+    assert in_worker(isolated, own_file).failure is None
+
+
+def test_an_isolated_one_cannot_ask_the_server_of_processes_for_a_free_one(
+    isolated: Confinement, confinement: Confinement
+) -> None:
+    assert in_worker(confinement, own_file).failure is None  # there is a server by now
+    listeners = list(Path(multiprocessing.util.get_temp_dir()).glob("listener-*"))
+    assert listeners
+    for listener in listeners:
+        assert in_worker(confinement, os.path.exists, listener).value
+        assert not in_worker(isolated, os.path.exists, listener).value
