@@ -76,7 +76,7 @@ class Watch:
         # matplotlib, which many a library imports, makes a list of fonts when it finds none.
         os.environ["MPLCONFIGDIR"] = str(cache_dir() / "matplotlib")
         notes = os.open(self._notes, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o600)
-        places = [os.path.realpath(place) for place in own_places(self.folder)]
+        places = [os.path.realpath(place) for place in (*own_places(self.folder), _compiled())]
         sys.addaudithook(_hook(notes, places))
 
     def noted(self, kind: Kind) -> list[str]:
@@ -101,14 +101,15 @@ class Watch:
 
 
 def own_places(folder: Path) -> list[Path]:
-    """Return what a process watched in `folder` may write to.
+    """Return what a process watched in `folder` may write to: its own folder, eitbench's cache."""
+    return [folder / "own", cache_dir()]
 
-    Its own folder, and the caches of eitbench and of compiled loops.
-    """
+
+def _compiled() -> Path:
+    """Return the cache of compiled loops."""
     import pooch
 
-    compiled = os.environ.get("NUMBA_CACHE_DIR") or pooch.os_cache("numba")
-    return [folder / "own", cache_dir(), Path(compiled)]
+    return Path(os.environ.get("NUMBA_CACHE_DIR") or pooch.os_cache("numba"))
 
 
 def _code() -> tuple[str, ...]:

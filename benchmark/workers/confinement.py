@@ -1,4 +1,4 @@
-"""Confinement of a worker: it is watched, and writes to a temporary folder and the caches only.
+"""Confinement of a worker: it is watched, and writes to a temporary folder and the cache only.
 
 On Linux the kernel keeps it so (Landlock, 6.2 and newer): a process gives up rights, without any
 privilege, for itself and all that it starts, and cannot take them back. It then can neither change
@@ -58,6 +58,7 @@ class Confinement:
             OSError: the kernel does not isolate it.
         """
         self.watch.begin()
+        _keep_machine_code(self.folder / "own")
         writable = own_places(self.folder)
         for place in writable:
             with suppress(OSError):  # what cannot be made cannot be written to
@@ -98,6 +99,15 @@ def check_isolation() -> None:
             "--isolate needs user namespaces, which this machine does not allow: run in a "
             "container or a virtual machine instead."
         )
+
+
+def _keep_machine_code(folder: Path) -> None:
+    """Let numba compile in memory what is not on the disk; it fails where it cannot write."""
+    import numba
+    from numba.core.caching import FunctionCache
+
+    numba.config.CACHE_DIR = str(folder)
+    FunctionCache.save_overload = lambda *_: None
 
 
 def _needed() -> list[Path]:
