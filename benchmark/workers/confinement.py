@@ -8,6 +8,7 @@ send them signals. Elsewhere it is watched only.
 
 import ctypes
 import os
+import subprocess
 import sys
 from collections.abc import Sequence
 from contextlib import suppress
@@ -28,7 +29,7 @@ _SCOPES = 0b11  # no signals and no abstract sockets to processes outside
 _TRUNCATE_ABI, _SCOPES_ABI = 3, 6
 # linux/prctl.h, linux/sched.h, linux/mount.h
 _PR_SET_NO_NEW_PRIVS = 38
-_CLONE_NEWNS, _CLONE_NEWUSER, _CLONE_NEWNET = 0x20000, 0x10000000, 0x40000000
+_NAMESPACES = 0x20000 | 0x10000000 | 0x40000000  # of mounts, users and the network
 # Programs, libraries and devices; what else an isolated worker may read is its own.
 _SYSTEM = ("/usr", "/bin", "/lib", "/lib64", "/sbin", "/etc", "/opt", "/proc", "/sys", "/dev")
 
@@ -88,13 +89,9 @@ def check_isolation() -> None:
             "--isolate needs Linux 6.12 or newer with Landlock: run in a container or a virtual "
             "machine instead."
         )
-    child = os.fork()
-    if child == 0:
-        with suppress(OSError):
-            _leave_network()
-            os._exit(0)
-        os._exit(1)
-    if os.waitpid(child, 0)[1]:
+    # In another process: leaving cannot be taken back, and this one may have many threads.
+    leave = f"import ctypes; raise SystemExit(ctypes.CDLL(None).unshare({_NAMESPACES}) != 0)"
+    if subprocess.run([sys.executable, "-I", "-c", leave], check=False).returncode:
         raise InputError(
             "--isolate needs user namespaces, which this machine does not allow: run in a "
             "container or a virtual machine instead."
@@ -106,8 +103,8 @@ def _keep_machine_code(folder: Path) -> None:
     import numba
     from numba.core.caching import FunctionCache
 
-    numba.config.CACHE_DIR = str(folder)
-    FunctionCache.save_overload = lambda *_: None
+    vars(numba.config)["CACHE_DIR"] = str(folder)
+    setattr(FunctionCache, "save_overload", lambda *_: None)  # noqa: B010
 
 
 def _needed() -> list[Path]:
@@ -152,7 +149,7 @@ def _leave_network() -> None:
     """Leave the network, and hide the sockets of services and of the server of processes."""
     libc = ctypes.CDLL(None, use_errno=True)
     user, group = os.getuid(), os.getgid()
-    _called(libc.unshare, _CLONE_NEWUSER | _CLONE_NEWNET | _CLONE_NEWNS)
+    _called(libc.unshare, _NAMESPACES)
     Path("/proc/self/setgroups").write_text("deny")
     Path("/proc/self/uid_map").write_text(f"{user} {user} 1")
     Path("/proc/self/gid_map").write_text(f"{group} {group} 1")

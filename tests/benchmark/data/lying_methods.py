@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from eitbench.benchmark.workers.messages import Reply
 from eitbench.benchmark.workers.method_service import MethodService
 from eitbench.methods import Method, Problem, register
 from eitbench.scenarios.suites.suite import load_suite
@@ -54,8 +55,8 @@ def forges_columns(method: Method) -> None:
     """Answer set-up with columns of the cell's row that are not a method's to tell."""
     set_up = MethodService.set_up
 
-    def forged(service: MethodService) -> Any:
-        reply = set_up(service)
+    def forged(self: MethodService) -> Reply:
+        reply = set_up(self)
         reply.value.update(FORGED)
         return reply
 

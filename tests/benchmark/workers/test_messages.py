@@ -34,7 +34,13 @@ def message(header: object, content: bytes = b"") -> bytes:
 
 
 def header(**changes: Any) -> dict[str, Any]:
-    plain = {"value": None, "seconds": 0.1, "failure": None, "memory_mb": 1.0, "arrays": []}
+    plain: dict[str, Any] = {
+        "value": None,
+        "seconds": 0.1,
+        "failure": None,
+        "memory_mb": 1.0,
+        "arrays": [],
+    }
     return plain | changes
 
 
