@@ -28,6 +28,17 @@ Base = TypeVar("Base", Method, Operator)
 AnyClass = TypeVar("AnyClass", bound=type)
 
 
+def usable_name(name: str) -> bool:
+    """True if a method or operator may be called `name`."""
+    return (
+        name.isprintable()  # no lone surrogate is
+        and not FORBIDDEN & set(name)
+        and 0 < len(name.encode()) <= MAX_NAME
+        and not name.startswith(".")
+        and name != RESERVED
+    )
+
+
 @cache
 def installed(group: str) -> tuple[EntryPoint, ...]:
     """Members that installed packages offer; packages do not change while a process runs."""
@@ -58,7 +69,11 @@ class Registry(Generic[Base]):
             InputError: a name that cannot be used or belongs to another class; a decorated class
                 that is no subclass of `base`.
         """
-        check_name(self.kind, name)
+        if not usable_name(name):
+            raise InputError(
+                f"{name!r} cannot name a {self.kind}: use 1 to {MAX_NAME} bytes of printable "
+                f"characters without slashes and commas, not {RESERVED!r} and no dot at the start."
+            )
 
         def decorate(cls: AnyClass) -> AnyClass:
             if not (isinstance(cls, type) and issubclass(cls, self.base)):
@@ -122,24 +137,6 @@ class Registry(Generic[Base]):
         """Import the modules of eitbench that register members."""
         for module in self.built_in:
             importlib.import_module(f"eitbench.methods.{module}")
-
-
-def check_name(kind: str, name: str) -> None:
-    """Check that `name` can name a member of the kind.
-
-    Raises:
-        InputError: it cannot.
-    """
-    usable = name.isprintable() and not FORBIDDEN & set(name)
-    if (
-        not (usable and 0 < len(name.encode()) <= MAX_NAME)
-        or name.startswith(".")
-        or name == RESERVED
-    ):
-        raise InputError(
-            f"{name!r} cannot name a {kind}: use 1 to {MAX_NAME} bytes of printable "
-            f"characters without slashes and commas, not {RESERVED!r} and no dot at the start."
-        )
 
 
 METHOD_REGISTRY = Registry(

@@ -4,6 +4,7 @@ A switch of this process: it keeps a mistake, or a method that helps itself, fro
 see. It is no sandbox: a method is code that runs with the user's rights.
 """
 
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -40,6 +41,8 @@ def check_open(split: str) -> None:
     Raises:
         InputError: `split` is "test" and closed.
     """
+    if split == "test":
+        sys.audit("eitbench.test_split")  # what watches a worker notes it
     if split == "test" and is_closed():
         raise InputError(
             "The test split is closed to methods and to tuning: learn from the train and "

@@ -29,6 +29,7 @@ from eitbench.benchmark.rundir.kinds import METHOD_RUNS
 from eitbench.benchmark.rundir.plan import sha256
 from eitbench.benchmark.rundir.run_arrays import read_validation
 from eitbench.benchmark.rundir.store import SAMPLES, RunStore
+from eitbench.benchmark.workers.confinement import check_isolation
 from eitbench.scenarios.atomic_write import atomic_write
 from eitbench.scenarios.errors import DataCorruptError
 
@@ -39,12 +40,18 @@ ROUNDING = 1e-3
 """Difference of images, as a share of the background, that another processor may cause."""
 
 
-def rerun(submission: Submission, n: int) -> list[Check]:
+def rerun(submission: Submission, n: int, *, isolate: bool = False) -> list[Check]:
     """Run every method again on the first `n` samples of its scenarios, rounded up to a batch.
 
+    Args:
+        isolate: keep methods from the network, and from reading files that are not theirs.
+
     Raises:
+        InputError: methods cannot be isolated on this machine.
         DataUnavailableError, DataCorruptError: our data cannot be had.
     """
+    if isolate:
+        check_isolation()
     # A batch of another size has other last bits.
     n = MethodData.batch * math.ceil(n / MethodData.batch)
     plan = submission.plan
@@ -54,11 +61,13 @@ def rerun(submission: Submission, n: int) -> list[Check]:
         for entry in submission.run.manifest["cells"]:
             if entry["scenario"] == scenario.name and not entry["variant"]:
                 what = f"{entry['name']!r} makes the stored images of {scenario.name!r} again"
-                checks.append(Check(what, _problem(submission, data, entry)))
+                checks.append(Check(what, _problem(submission, data, entry, isolate)))
     return checks
 
 
-def _problem(submission: Submission, data: MethodData, entry: Mapping[str, Any]) -> str:
+def _problem(
+    submission: Submission, data: MethodData, entry: Mapping[str, Any], isolate: bool
+) -> str:
     run, name, scenario = submission.run, entry["name"], entry["scenario"]
     plugin = submission.plan.origins.get(name)
     copy = None if plugin is None else run.path / plugin.kept
@@ -70,7 +79,7 @@ def _problem(submission: Submission, data: MethodData, entry: Mapping[str, Any])
     )
     with tempfile.TemporaryDirectory() as folder:
         task = MethodCellTask(plan, RunStore.create(Path(folder), METHOD_RUNS), data)
-        row = BatchRunner(task, lambda done: None, threading.Event()).run()
+        row = BatchRunner(task, lambda done: None, threading.Event(), isolate=isolate).run()
         made = {split: StoredSamples(task, split) for split in task.sizes}
     stored = run.estimates(scenario, name, range(task.sizes["test"]))
     if stored is None:

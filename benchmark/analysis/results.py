@@ -43,6 +43,7 @@ TEXTS = (
     "machine",
     "prior_knowledge",
     "differs",
+    "actions",
 )
 NUMBERS = (
     *("sample", *SNR_COLUMNS, "x_m", "y_m", "cc_undefined", "overlap"),

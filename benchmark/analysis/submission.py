@@ -33,7 +33,7 @@ from eitbench.benchmark.rundir.folder import read_json_file, unknown_entries
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
 from eitbench.benchmark.rundir.plan import Plan, plan_of
 from eitbench.benchmark.rundir.run_arrays import read_validation
-from eitbench.methods.registry import METHOD_REGISTRY, check_name
+from eitbench.methods.registry import METHOD_REGISTRY, usable_name
 from eitbench.scenarios.errors import EitbenchError, InputError
 from eitbench.scenarios.suites.scenario import RecordedScenario
 from eitbench.scenarios.suites.suite import load_suite, suites
@@ -182,7 +182,8 @@ def _names_are_clear(of: Submission) -> str:
     built_in, own = METHOD_REGISTRY.known(), of.plan.origins
     known = {folded(name): name for name in built_in}
     for name in of.plan.names:
-        check_name("method", name)
+        if not usable_name(name):
+            return f"{name!r} cannot name a method."
         if not name.isascii():
             return f"{name!r} is not ASCII: on a public board names are, so that none looks alike."
         if name in own and name in built_in:

@@ -15,6 +15,8 @@ from eitbench.benchmark.checks.harness import (
     Check,
     CheckReport,
     CheckWorker,
+    SkippedError,
+    answer_of,
     checks_in,
     run_checks,
 )
@@ -87,7 +89,10 @@ def _expected_failures(worker: CheckWorker, name: str) -> Mapping[str, str]:
         raise InputError(
             f"The expected_failures of {name!r} should map names of checks to reasons."
         )
-    expected: Mapping[str, str] = reply.value
+    try:
+        expected: Mapping[str, str] = answer_of(dict[str, str], reply, "expected_failures")
+    except BrokenError:
+        return {}
     known = [check.__name__ for check in METHOD_CHECKS]
     for check in expected:
         if check not in known:
@@ -111,7 +116,7 @@ def check_operator(
     with tempfile.TemporaryDirectory() as folder:
         worker = CheckWorker(OperatorCheckService(name, plugin), limit_s, Path(folder) / "log")
         try:
-            height, width = worker.renew().value
+            height, width = answer_of(tuple[int, int], worker.renew(), "set-up")
             where = f"{SMALL.sensor}, {height} x {width}"
         except BrokenError:  # every check will say so
             where = SMALL.sensor
@@ -127,7 +132,10 @@ def _run_in(worker: CheckWorker, check: Check) -> str | None:
     reply = worker.request("run", check)
     if reply.failure is not None:
         raise BrokenError(f"it raises {reply.failure.message.rstrip('.')}.")
-    if isinstance(reply.value, Exception):
-        raise reply.value
-    measured: str | None = reply.value
+    found = answer_of(dict[str, str | None], reply, check.__name__)
+    if "skipped" in found:
+        raise SkippedError(found["skipped"])
+    if "broken" in found:
+        raise BrokenError(found["broken"])
+    measured: str | None = found.get("measured")
     return measured

@@ -8,8 +8,12 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, Literal, get_args
 
+import numpy as np
+from pydantic import TypeAdapter
+
+from eitbench.benchmark.workers.messages import Reply, WorkerLostError, array_in, parsed
 from eitbench.benchmark.workers.restarting import RESTARTS, RestartingWorker, SetUpFailedError
-from eitbench.benchmark.workers.worker import Reply, WorkerLostError
+from eitbench.scenarios.arrays import Images
 from eitbench.scenarios.docstrings import first_line
 
 LIMIT_S = 60.0
@@ -110,6 +114,22 @@ def answered(reply: Reply) -> Any:
     return reply.value
 
 
+def answer_of(kind: Any, reply: Reply, what: str) -> Any:
+    """Return the value of a `reply`, no failure and of the type `kind`."""
+    try:
+        return parsed(TypeAdapter(kind), answered(reply), what)
+    except WorkerLostError as lost:
+        raise BrokenError(f"{lost.failure.message}.") from lost
+
+
+def images_of(reply: Reply, shape: tuple[int, ...], what: str) -> Images:
+    """Return the images of a `reply`, no failure and of that `shape`."""
+    try:
+        return array_in(answered(reply), np.float32, shape, what)
+    except WorkerLostError as lost:
+        raise BrokenError(f"{lost.failure.message}.") from lost
+
+
 def require(condition: bool, sentence: str) -> None:
     """Raise a `BrokenError` unless `condition` holds."""
     if not condition:
@@ -179,9 +199,9 @@ class CheckWorker(RestartingWorker):
         with self._losses_found():
             return self.ask(*request, limit=self._limit_s, what=str(request[0]))
 
-    def answer(self, *request: object) -> Any:
-        """Return the value of the answer to `request`, which must not be a failure."""
-        return answered(self.request(*request))
+    def answer(self, kind: Any, *request: object) -> Any:
+        """Return the answer to `request`, a value of the type `kind`; no failure."""
+        return answer_of(kind, self.request(*request), str(request[0]))
 
     def renew(self) -> Reply:
         """Start another worker in the place of this one, and return the answer of its set-up.

@@ -116,7 +116,9 @@ def random_state(tested: MethodUnderTest) -> None:
 
     Others depend on it.
     """
-    for step, generators in tested.answer("random_state", tested.contact).items():
+    for step, generators in tested.answer(
+        dict[str, list[str]], "random_state", tested.contact
+    ).items():
         require(
             not generators,
             f"{step} leaves the global generator of {' and '.join(generators)} in another state: "
@@ -268,7 +270,7 @@ def new_reference(tested: MethodUnderTest) -> str:
     _seen(tested.contrast(tested.contact))
     (reference,) = tested.reference
     later = add_noise(reference, LATER_DB, generator("method check", "reference"))[None]
-    now, begun = tested.answer("with_other_reference", tested.contact, later)
+    now, begun = tested.with_other_reference(tested.contact, later)
     what = "images by a reference frame measured after the fit, and by a fit with it,"
     return tested.close(now, begun, SAME_FRAME, what)
 
@@ -318,7 +320,7 @@ def _seen(contrast: Array) -> float:
 def memory(tested: MethodUnderTest) -> str:
     """Memory does not grow."""
     tested.images(tested.contact)
-    calls, mib = tested.answer("repeat", tested.contact)
+    calls, mib = tested.answer(tuple[int, float], "repeat", tested.contact)
     said = (
         f"memory grows by {max(mib, 0.0):.2g} MiB over {calls} frames; {MEMORY_MIB:g} is allowed."
     )
@@ -387,7 +389,7 @@ def in_time(tested: MethodUnderTest) -> str:
     frames = np.concatenate([tested.inclusion(float(factor)) for factor in factors])
     tested.images(frames)
     return (
-        f"fitted in {tested.answer('fit_s'):.2g} s, "
+        f"fitted in {tested.answer(float, 'fit_s'):.2g} s, "
         f"{BATCH} frames in {tested.ask(frames).seconds:.2g} s; "
         f"{tested.limit_s:g} s each are allowed."
     )

@@ -18,11 +18,11 @@ from numpy.typing import NDArray
 from pydantic import StringConstraints, TypeAdapter
 from threadpoolctl import threadpool_limits
 
-from eitbench.benchmark.checks.harness import BrokenError, CheckWorker, answered, require
+from eitbench.benchmark.checks.harness import BrokenError, CheckWorker, images_of, require
 from eitbench.benchmark.workers.audit_hook import Watch
+from eitbench.benchmark.workers.messages import Failure, Reply
 from eitbench.benchmark.workers.method_service import Frames, MethodService, learning_splits
 from eitbench.benchmark.workers.process import PINNED, THREADS
-from eitbench.benchmark.workers.worker import Failure, Reply
 from eitbench.methods.registry import methods
 from eitbench.scenarios.arrays import Images
 from eitbench.scenarios.imperfections.imperfections import Imperfections
@@ -139,17 +139,27 @@ class MethodUnderTest:
         Raises:
             BrokenError: there are none.
         """
-        return np.asarray(answered(self.ask(frames)))
+        return self._images(frames, self.ask(frames))
 
     def again(self, frames: Frames) -> Images:
         """Return the same, asked for again."""
-        return np.asarray(self.answer("reconstruct", frames, _of_each(self.reference, frames)))
+        references = _of_each(self.reference, frames)
+        return self._images(frames, self.worker.request("reconstruct", frames, references))
+
+    def _images(self, frames: Frames, reply: Reply) -> Images:
+        return images_of(reply, (len(frames), *self.sensor.image_shape), "reconstruct")
 
     def refit(
         self, frames: Frames, *, gain: float = 1.0, seed: int | None = None, threads: int = THREADS
     ) -> Images:
         """Return images of `frames` by another instance, see `MethodTestService.refit`."""
-        return np.asarray(self.answer("refit", frames, gain, seed, threads))
+        return self._images(frames, self.worker.request("refit", frames, gain, seed, threads))
+
+    def with_other_reference(self, frames: Frames, reference: Frames) -> Images:
+        """Return images (2, n, H, W), see `MethodTestService.with_other_reference`."""
+        what = "with_other_reference"
+        reply = self.worker.request(what, frames, reference)
+        return images_of(reply, (2, len(frames), *self.sensor.image_shape), what)
 
     def contrast(self, frames: Frames) -> NDArray[np.float64]:
         """Return the contrast (n, P) [S/m] of the pixels inside the sensor."""

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from eitbench.benchmark.checks.harness import BrokenError, Check, SkippedError, require
-from eitbench.benchmark.workers.worker import Reply
+from eitbench.benchmark.workers.messages import Reply
 from eitbench.methods.operator import Operator
 from eitbench.methods.registry import load_plugin, operator
 from eitbench.scenarios.arrays import Array
@@ -117,11 +117,13 @@ class OperatorCheckService:
         return Reply(self._tested.sensor.image_shape, 0.0)
 
     def run(self, check: Check) -> Reply:
-        """Run one check; the reply holds what it measured, or its finding as an exception."""
+        """Run one check; the reply holds what is "measured", "broken", or why "skipped"."""
         try:
-            return Reply(check(self._tested), 0.0)
-        except (BrokenError, SkippedError) as finding:
-            return Reply(finding, 0.0)
+            return Reply({"measured": check(self._tested)}, 0.0)
+        except BrokenError as finding:
+            return Reply({"broken": str(finding)}, 0.0)
+        except SkippedError as reason:
+            return Reply({"skipped": str(reason)}, 0.0)
 
 
 def close(first: Any, second: Any, allowed: float, what: str) -> str:

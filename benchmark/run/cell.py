@@ -9,6 +9,8 @@ import threading
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -21,21 +23,21 @@ from eitbench.benchmark.run.progress import Advance
 from eitbench.benchmark.run.timing import calibrated
 from eitbench.benchmark.rundir import manifest
 from eitbench.benchmark.rundir.cells import Batch, Values
+from eitbench.benchmark.rundir.run_arrays import TRUTH
+from eitbench.benchmark.workers.audit_hook import Watch
+from eitbench.benchmark.workers.confinement import Confinement
+from eitbench.benchmark.workers.messages import Failure, Reply, WorkerLostError
 from eitbench.benchmark.workers.restarting import RestartingWorker, WorkerHistory
-from eitbench.benchmark.workers.worker import (
-    Failure,
-    Reply,
-    StoppedError,
-    WorkerLostError,
-    describe_exception,
-)
+from eitbench.benchmark.workers.worker import StoppedError, describe_exception
 from eitbench.scenarios.errors import DataCorruptError, EitbenchError
 
 PRIOR_KNOWLEDGE_LIMIT_S = 60.0
+ACTIONS = 5  # of each kind that are shown
 SAVE_SECONDS = 1.0  # samples that are asked for one by one are stored as often as this
 # Conditions of a cell that was not timed, see `calibrated`.
 _UNTIMED = {
     "timed": "",
+    "actions": "",
     **dict.fromkeys(("calibration_ms", "calibration_spread", "load", "cpu_mhz"), NAN),
 }
 # Failures that asking again sample by sample would not mend.
@@ -43,18 +45,24 @@ BROKEN_CONTRACT = frozenset({"mutated", "shape", "dtype"})
 
 
 def run_cell(
-    task: CellTask, progress: Advance, stop: threading.Event, core: int | None = None
+    task: CellTask,
+    progress: Advance,
+    stop: threading.Event,
+    core: int | None = None,
+    *,
+    isolate: bool = False,
 ) -> None:
     """Run the batches that are not stored yet, then score the cell; whatever it does is a row.
 
     Args:
         core: the core that it has to itself; None where it shares the machine with other cells.
+        isolate: true if it may neither use the network nor read files of others.
 
     Raises:
         StoppedError: the run was interrupted; finished batches are stored.
         EitbenchError: the store could not be written or read.
     """
-    score_cell(task, BatchRunner(task, progress, stop, core).run())
+    score_cell(task, BatchRunner(task, progress, stop, core, isolate=isolate).run())
     if task.plan.cell.variant:  # other tracks keep figures, no images
         task.store.forget_answers(task.plan.cell)
 
@@ -128,6 +136,7 @@ class CellState(WorkerHistory):
         alone: true if samples are asked for one by one from the start.
         suspected: number of losses when a whole batch cost a worker and its samples are tried.
         done, seconds: samples answered in whole batches, and the time that took.
+        actions: what its workers were noted to do, by kind.
     """
 
     row: dict[str, Any] = field(default_factory=dict)
@@ -138,6 +147,7 @@ class CellState(WorkerHistory):
     suspected: int | None = None
     done: int = 0
     seconds: float = 0.0
+    actions: dict[str, list[str]] = field(default_factory=dict)
 
 
 _STATE = TypeAdapter(CellState)
@@ -185,7 +195,13 @@ class BatchRunner:
     """
 
     def __init__(
-        self, task: CellTask, progress: Advance, stop: threading.Event, core: int | None = None
+        self,
+        task: CellTask,
+        progress: Advance,
+        stop: threading.Event,
+        core: int | None = None,
+        *,
+        isolate: bool = False,
     ) -> None:
         self.task, self.progress, self._core = task, progress, core
         self.plan, self.store = task.plan, task.store
@@ -211,15 +227,8 @@ class BatchRunner:
                 raise DataCorruptError(
                     "A part of the run does not say where its cell stood: start a new run."
                 ) from error
-        self._worker = RestartingWorker(
-            task.service(),
-            set_up_limit_s=self.plan.suite.fit_limit_s,
-            history=self._state,
-            log=self.store.log(self.plan.cell),
-            stop=stop,
-            memory_limit_mb=self.plan.suite.memory_limit_mb,
-            core=core,
-        )
+        self._service, self._stop = task.service(), stop
+        self._readable = task.readable if isolate else None
 
     def run(self) -> dict[str, Any]:
         """Run the pending batches and return figures of the cell as a whole.
@@ -228,6 +237,23 @@ class BatchRunner:
             StoppedError: the run was interrupted; finished batches are stored.
             EitbenchError: the store could not be written or read.
         """
+        with TemporaryDirectory(prefix="eitbench-", ignore_cleanup_errors=True) as folder:
+            self._watch = Watch(Path(folder))
+            # What others are compared with is our own code.
+            ours = self.plan.cell.name == TRUTH
+            self._worker = RestartingWorker(
+                self._service,
+                set_up_limit_s=self.plan.suite.fit_limit_s,
+                history=self._state,
+                log=self.store.log(self.plan.cell),
+                stop=self._stop,
+                memory_limit_mb=self.plan.suite.memory_limit_mb,
+                core=self._core,
+                confinement=None if ours else Confinement(Path(folder), self._readable),
+            )
+            return self._run()
+
+    def _run(self) -> dict[str, Any]:
         state = self._state
         self.progress(self._stored)
         measured: dict[str, Any] = {}
@@ -236,7 +262,7 @@ class BatchRunner:
                 raise WorkerLostError(state.failure)
             if not self._stored:
                 ready = self._worker.start()
-                state.row = {**ready.value, "setup_s": ready.seconds}
+                state.row = {**self.task.set_up(ready.value), "setup_s": ready.seconds}
                 state.row["first_frame_ms"] = self._first_sample()
             elif state.working:
                 self._worker.start()
@@ -260,8 +286,19 @@ class BatchRunner:
                 result = self._stored_part(split, rows)
                 result.fail(rows.stop - rows.start - len(result), state.failure)
                 self._finish(split, rows, result)
-        fps = state.done / state.seconds if state.seconds > 0 else NAN
-        return state.row | measured | {"batch_fps": fps, "memory_mb": self._worker.memory_mb}
+        self._note_actions()
+        whole = {
+            "batch_fps": state.done / state.seconds if state.seconds > 0 else NAN,
+            "memory_mb": self._worker.memory_mb,
+            "actions": json.dumps(state.actions) if state.actions else "",
+        }
+        return state.row | measured | whole
+
+    def _note_actions(self) -> None:
+        """Add what the workers were noted to do to what those before an interruption did."""
+        for kind, noted in self._watch.all_noted().items():
+            known = self._state.actions.setdefault(kind, [])
+            known += [what for what in noted if what not in known][: ACTIONS - len(known)]
 
     def _first_sample(self) -> float:
         """Return the time of the first sample that the task sees [ms]; NaN where it fails."""
@@ -348,6 +385,7 @@ class BatchRunner:
 
     def _save(self, split: str, rows: slice, result: BatchResult) -> None:
         self._state.working = self._worker.running
+        self._note_actions()
         batch = result.batch(rows.start, json.dumps(asdict(self._state)))
         self.store.save_batch(self.plan.cell, split, batch)
 

@@ -1,5 +1,6 @@
 """Interfaces of what runs in a cell: the task, its plan and its data, of methods and operators."""
 
+import os
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 from eitbench.benchmark.rundir.cells import Cell, Values
 from eitbench.benchmark.rundir.run_arrays import Truth
 from eitbench.benchmark.rundir.store import RunStore
-from eitbench.benchmark.workers.worker import Reply, WorkerLostError
+from eitbench.benchmark.workers.messages import Reply, WorkerLostError
 from eitbench.methods.registry import Registry
 from eitbench.scenarios.data.datasets import Dataset
 from eitbench.scenarios.suites.scenario import Scenario
@@ -125,9 +126,17 @@ class CellTask(ABC):
         """Number of samples of each split, in the order they run."""
         return {"test": len(self.data.test)}
 
+    @property
+    def readable(self) -> tuple[Path, ...]:
+        """Files and folders of the user that its service has to read."""
+        scenario = self.data.scenario
+        named = [os.environ.get(name) for name in ("EITBENCH_DATA", "EITBENCH_EIDORS")]
+        named += [getattr(scenario, name, None) for name in ("sensor", "recording")]
+        return tuple(Path(place) for place in (self.plan.plugin, *named) if place)
+
     @abstractmethod
     def service(self) -> object:
-        """Return the object that answers in the worker; its `set_up` gives figures of the cell."""
+        """Return the object that answers in the worker; see `set_up` below."""
 
     @abstractmethod
     def request(self, split: str, rows: slice) -> tuple[object, ...]:
@@ -149,7 +158,11 @@ class CellTask(ABC):
         """
         return {}
 
-    def prior_knowledge(self, value: Any) -> dict[str, Any]:
+    def set_up(self, value: object) -> dict[str, Any]:
+        """Return figures of the cell from the answer of its service's `set_up`."""
+        return {}
+
+    def prior_knowledge(self, value: object) -> dict[str, Any]:
         """Return figures of the cell from the answer of its service's `prior_knowledge`."""
         return {}
 

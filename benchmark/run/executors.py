@@ -27,6 +27,7 @@ from eitbench.benchmark.rundir.cells import Cell
 from eitbench.benchmark.rundir.kinds import RUN_KINDS
 from eitbench.benchmark.rundir.run_arrays import TRUTH
 from eitbench.benchmark.rundir.store import Files, RunStore
+from eitbench.benchmark.workers.confinement import check_isolation
 from eitbench.benchmark.workers.worker import StoppedError
 from eitbench.scenarios.errors import EitbenchError, InputError
 
@@ -47,9 +48,11 @@ class Executor:
 
     Attributes:
         slots: number of cells that may run at a time.
+        isolate: true if methods may neither use the network nor read files of others.
     """
 
     slots: int
+    isolate: bool = False
 
     def run(
         self,
@@ -69,7 +72,8 @@ class Executor:
         if plan.cell.name == TRUTH:
             prepare(task, progress, stop)
         else:
-            run_cell(task, progress, stop, core_to_pin() if self.slots == 1 else None)
+            core = core_to_pin() if self.slots == 1 else None
+            run_cell(task, progress, stop, core, isolate=self.isolate)
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,17 +201,23 @@ class DaskExecutor(Executor):
 
 
 @contextmanager
-def executor(jobs: int, scheduler: str | None) -> Iterator[Executor]:
+def executor(jobs: int, scheduler: str | None, isolate: bool) -> Iterator[Executor]:
     """Yield the executor: this machine with `jobs` cells at a time, or a cluster.
 
     Args:
         scheduler: address of the Dask scheduler of the cluster; None for this machine.
+        isolate: see `Executor`; for this machine only.
 
     Raises:
-        InputError: `distributed` is not installed, or no scheduler answers there.
+        InputError: `distributed` is not installed, no scheduler answers there, or methods cannot
+            be isolated.
     """
+    if isolate:
+        check_isolation()
+        if scheduler is not None:
+            raise InputError("--isolate is for this machine: leave out --scheduler.")
     if scheduler is None:
-        yield Executor(jobs)
+        yield Executor(jobs, isolate)
         return
     if not re.search(r":\d+$", scheduler):
         raise InputError(

@@ -1,5 +1,6 @@
 """Methods in the cells of a run: asked for images, which are scored by the known truth."""
 
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
@@ -8,6 +9,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
+from pydantic import TypeAdapter
 
 from eitbench.benchmark.metrics.evaluation import (
     LEAST_PRESSES,
@@ -24,14 +26,13 @@ from eitbench.benchmark.run.cell_task import (
     StoredSamples,
     warm_replies,
 )
-from eitbench.benchmark.run.prior_knowledge import prior_knowledge_columns
+from eitbench.benchmark.run.prior_knowledge import prior_knowledge_columns, read_report
 from eitbench.benchmark.rundir.cells import Values
 from eitbench.benchmark.rundir.run_arrays import Truth
 from eitbench.benchmark.rundir.store import RunStore
 from eitbench.benchmark.tuning.selection import recorded_selection
+from eitbench.benchmark.workers.messages import Cost, Reply, array_in, parsed
 from eitbench.benchmark.workers.method_service import Frames, MethodService, learning_splits
-from eitbench.benchmark.workers.worker import Reply
-from eitbench.methods.problem import AccessRecord
 from eitbench.methods.registry import METHOD_REGISTRY, Registry
 from eitbench.scenarios.data.datasets import Dataset, load
 from eitbench.scenarios.errors import InputError
@@ -119,6 +120,18 @@ class MethodData(CellData):
         return dataset.voltages, dataset.references
 
 
+@dataclass(frozen=True)
+class MethodSetUp:
+    """Answer of a method that is fitted; see `Method`."""
+
+    parameters: dict[str, Any]
+    train_s: Cost
+    differs: str
+
+
+_SET_UP = TypeAdapter(MethodSetUp)
+
+
 @dataclass(frozen=True, eq=False)
 class MethodCellTask(CellTask):
     """A method, asked for the images of frames."""
@@ -152,6 +165,11 @@ class MethodCellTask(CellTask):
             test.sensor, test.references[0], splits, plan.cell.name, plan.parameters, plan.plugin
         )
 
+    def set_up(self, value: object) -> dict[str, Any]:
+        """Return its `parameters` as JSON, and what it says of its training and differences."""
+        answer: MethodSetUp = parsed(_SET_UP, value, "set-up")
+        return {**vars(answer), "parameters": json.dumps(answer.parameters)}
+
     def request(self, split: str, rows: slice) -> tuple[object, ...]:
         """Return a request for the images of frames."""
         frames, references = self.data.frames(split)
@@ -167,9 +185,11 @@ class MethodCellTask(CellTask):
 
     def values(self, split: str, rows: slice, reply: Reply) -> tuple[Values, NDArray[np.bool_]]:
         """Return the images and the time of each frame."""
-        mask, images = self.data.test.sensor.mask, reply.value
+        sensor = self.data.test.sensor
+        shape = (rows.stop - rows.start, *sensor.image_shape)
+        mask, images = sensor.mask, array_in(reply.value, np.float32, shape, "reconstruction")
         # Pixels outside the sensor do not count.
-        images[:, ~mask] = self.data.test.sensor.background
+        images[:, ~mask] = sensor.background
         good = np.isfinite(images[:, mask]).all(axis=1)
         images[~good] = np.nan
         times = np.full(len(images), reply.seconds * 1e3 / len(images))
@@ -201,10 +221,13 @@ class MethodCellTask(CellTask):
             "frame_ms_p99": float(np.percentile(times, 99)) if len(times) >= TAIL_FRAMES else NAN,
         }
 
-    def prior_knowledge(self, value: tuple[AccessRecord, dict[str, str]]) -> dict[str, Any]:
+    def prior_knowledge(self, value: object) -> dict[str, Any]:
         """Return the columns of `prior_knowledge_columns`."""
         data = self.data
-        return prior_knowledge_columns(*value, data.scenario, data.test, spent=self.plan.spent)
+        access, training = read_report(value)
+        return prior_knowledge_columns(
+            access, training, data.scenario, data.test, spent=self.plan.spent
+        )
 
     def figures(self, stored: StoredSamples) -> tuple[pd.DataFrame, dict[str, Any]]:
         """Return the metrics of every image, and the registration as JSON if there is one."""

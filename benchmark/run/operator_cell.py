@@ -9,6 +9,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
+from pydantic import TypeAdapter
 
 from eitbench.benchmark.metrics.operator_metrics import (
     Standard,
@@ -29,12 +30,8 @@ from eitbench.benchmark.run.cell_task import (
 from eitbench.benchmark.rundir.cells import Cell, Values
 from eitbench.benchmark.rundir.run_arrays import TOUCHES_KEPT, TRUTH, Truth
 from eitbench.benchmark.rundir.store import RunStore
-from eitbench.benchmark.workers.operator_service import (
-    Evaluation,
-    OperatorService,
-    ReferenceModelService,
-)
-from eitbench.benchmark.workers.worker import Reply
+from eitbench.benchmark.workers.messages import Cost, Reply, Seconds, array_in, parsed
+from eitbench.benchmark.workers.operator_service import OperatorService, ReferenceModelService
 from eitbench.methods.registry import OPERATOR_REGISTRY, Registry
 from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.data.datasets import SNR_COLUMNS, load
@@ -160,6 +157,35 @@ class ReferenceModelTask(CellTask):
         return {"gradient": reply.value}, np.isfinite(reply.value).all(axis=(1, 2))
 
 
+@dataclass(frozen=True)
+class OperatorSetUp:
+    """Answer of an operator that is made; see `Operator`."""
+
+    train_s: Cost
+    trained_on: str
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluation:
+    """Answer of an operator for n images, see `OperatorService.evaluate`."""
+
+    voltages: object
+    gradients: object
+    forward_s: Seconds
+    grad_s: Seconds
+
+
+_SET_UP = TypeAdapter(OperatorSetUp)
+_EVALUATION = TypeAdapter(Evaluation)
+_EVALUATING = "an evaluation"
+
+
+def evaluation(reply: Reply) -> Evaluation:
+    """Return the answer of an operator, its arrays as they came."""
+    found: Evaluation = parsed(_EVALUATION, reply.value, _EVALUATING)
+    return found
+
+
 @dataclass(frozen=True, eq=False)
 class OperatorCellTask(CellTask):
     """An operator, asked for the voltages and gradients of true images."""
@@ -178,6 +204,11 @@ class OperatorCellTask(CellTask):
         plan = self.plan
         return OperatorService(self.data.test.sensor, plan.cell.name, plan.plugin)
 
+    def set_up(self, value: object) -> dict[str, Any]:
+        """Return what it says of its training."""
+        answer: OperatorSetUp = parsed(_SET_UP, value, "set-up")
+        return vars(answer)
+
     def request(self, split: str, rows: slice) -> tuple[object, ...]:
         """Return a request for the voltages and gradients of images."""
         return "evaluate", self.data.images(rows), self.data.cotangents(rows)
@@ -192,16 +223,17 @@ class OperatorCellTask(CellTask):
 
     def values(self, split: str, rows: slice, reply: Reply) -> tuple[Values, NDArray[np.bool_]]:
         """Return voltages, cosines of gradients with the model's, and the time of each sample."""
-        found: Evaluation = reply.value
-        inside = self.data.test.sensor.mask
-        gradients = found.gradients[:, inside]
-        good = np.asarray(np.isfinite(np.hstack([found.voltages, gradients])).all(axis=1))
+        found, n, sensor = evaluation(reply), rows.stop - rows.start, self.data.test.sensor
+        shapes = (n, sensor.n_measurements), (n, *sensor.image_shape)
+        voltages = array_in(found.voltages, np.float64, shapes[0], _EVALUATING)
+        inside = sensor.mask
+        gradients = array_in(found.gradients, np.float64, shapes[1], _EVALUATING)[:, inside]
+        good = np.asarray(np.isfinite(np.hstack([voltages, gradients])).all(axis=1))
         cosines, undefined = cosine(
             np.where(good[:, None], gradients, 0.0), self._model_gradients(rows)[:, inside]
         )
-        n = len(good)
         values = {
-            "voltages": np.where(good[:, None], found.voltages, np.nan),
+            "voltages": np.where(good[:, None], voltages, np.nan),
             "grad_cosine": np.where(good, cosines, np.nan),
             "grad_undefined": undefined & good,
             "forward_ms": np.full(n, found.forward_s * 1e3 / n),
@@ -231,7 +263,7 @@ class OperatorCellTask(CellTask):
             batches,
             lambda n, spent: n >= WARM_BATCHES and (spent >= WARM_SECONDS or n >= ENOUGH_BATCHES),
         )
-        found: list[Evaluation] = [reply.value for reply in replies]
+        found = [evaluation(reply) for reply in replies]
         if not found:
             return {}
         return {

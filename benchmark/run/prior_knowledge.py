@@ -3,13 +3,16 @@
 import json
 from collections.abc import Mapping
 from contextlib import suppress
+from dataclasses import dataclass
 from io import BytesIO
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
+from pydantic import Field, InstanceOf, StringConstraints, TypeAdapter, ValidationError
 
 from eitbench.benchmark.tuning.selection import validation_scenario
-from eitbench.methods.problem import AccessRecord
+from eitbench.benchmark.workers.messages import array_in, parsed
+from eitbench.methods.problem import AccessRecord, SamplesRead
 from eitbench.methods.weights.weight_files import packaged_weights
 from eitbench.scenarios.atomic_write import atomic_write
 from eitbench.scenarios.cache_dir import cache_dir
@@ -22,9 +25,71 @@ from eitbench.scenarios.suites.suite import learned_from, scenarios
 NAN = float("nan")
 
 
+_REPORTING = "the report of its prior knowledge"
+
+
+@dataclass(frozen=True)
+class Training:
+    """The training behind the weights that a method loads, see `Method.trained_on`."""
+
+    scenario: str
+    train_data: Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{64}\z")]
+    train_samples: Annotated[int, Field(ge=1, le=10**9)]
+    seed: Annotated[str, StringConstraints(pattern=r"^[0-9]{0,20}\z")] = ""
+
+
+UNKNOWN = Training("", "", 0)
+"""Of weights whose `trained_on` says something that cannot be."""
+
+
+@dataclass(frozen=True)
+class _SamplesRead:
+    split: Literal["train", "validation"]
+    scenario: str
+    data_hash: str
+    samples: Annotated[int, Field(ge=0)]
+    contents: InstanceOf[np.ndarray]
+
+
+@dataclass(frozen=True)
+class _Access:
+    model: bool
+    gain: bool
+    conductivity_range: bool
+    samples: list[_SamplesRead]
+
+
+@dataclass(frozen=True)
+class _Report:
+    access: _Access
+    trained_on: dict[str, Any]
+
+
+_REPORT, _TRAINING = TypeAdapter(_Report), TypeAdapter(Training)
+
+
+def read_report(value: object) -> tuple[AccessRecord, Training | None]:
+    """Return a method's record of access, and the training of the weights that it loads, if any.
+
+    Raises:
+        WorkerLostError: `value` is no answer of `MethodService.prior_knowledge`.
+    """
+    report: _Report = parsed(_REPORT, value, _REPORTING)
+    for given in report.access.samples:
+        array_in(given.contents, np.uint64, (given.samples,), _REPORTING)
+    samples = tuple(SamplesRead(**vars(given)) for given in report.access.samples)
+    access = AccessRecord(**{**vars(report.access), "samples": samples})
+    if not report.trained_on:
+        return access, None
+    try:
+        return access, _TRAINING.validate_python(report.trained_on)
+    except ValidationError:
+        return access, UNKNOWN
+
+
 def prior_knowledge_columns(
     access: AccessRecord,
-    trained_on: Mapping[str, str],
+    training: Training | None,
     scenario: Scenario,
     test: Dataset,
     *,
@@ -42,18 +107,17 @@ def prior_knowledge_columns(
 
     Args:
         access: its record of access to the problem.
-        trained_on: see `Method`.
+        training: that of the weights that it loads; None if it loads none.
         scenario, test: the test data.
         spent: cost of selecting its parameters on validation data; empty without a selection.
     """
     learned = [given.contents for given in access.samples]
     noise = [given.split for given in access.samples if _has_test_noise(scenario, given.split)]
     source = None
-    if trained_on:
-        source = _source(trained_on, scenario)
+    if training is not None:
+        source = _source(training, scenario)
         if source is not None:
-            count = int(trained_on["train_samples"])
-            learned.append(training_contents(source, count, trained_on["train_data"]))
+            learned.append(training_contents(source, training.train_samples, training.train_data))
     if spent and _has_test_noise(validation_scenario(scenario), "validation"):
         noise.append("tuning")
     shown = contents(test.phantoms, test.voltages)
@@ -66,12 +130,14 @@ def prior_knowledge_columns(
             {name: getattr(given, name) for name in ("split", "scenario", "samples", "data_hash")}
             for given in access.samples
         ],
-        "trained_on": dict(trained_on),
+        "trained_on": {name: str(said) for name, said in vars(training).items()}
+        if training is not None
+        else {},
         "tuned": dict(spent),
         "noise": noise,
         "families": _families(access, source, scenario),
     }
-    known = not trained_on or source is not None
+    known = training is None or source is not None
     return {
         "prior_knowledge": json.dumps(knowledge),
         "overlap": overlap if known or overlap else NAN,
@@ -101,20 +167,21 @@ def training_contents(scenario: SimulatedScenario, count: int, data_hash: str) -
     return found
 
 
-def _source(trained_on: Mapping[str, str], scenario: Scenario) -> SimulatedScenario | None:
+def _source(training: Training, scenario: Scenario) -> SimulatedScenario | None:
     """Return the scenario that weights were trained on, if it is packaged or that of the run.
 
     Beside the weights that are shipped lie the contents of their training data, so that these stay
     known when a later generator gives the data of the same phantoms another hash.
     """
-    named = scenarios().get(trained_on["scenario"])
-    shipped = contents_file(trained_on["train_data"], int(trained_on["train_samples"]))
+    named = scenarios().get(training.scenario)
+    shipped = contents_file(training.train_data, training.train_samples)
     if isinstance(named, SimulatedScenario) and (packaged_weights() / shipped).is_file():
         return named
     for source in (named, scenario, learned_from(scenario)):
         if (
             isinstance(source, SimulatedScenario)
-            and source.data_hash("train") == trained_on["train_data"]
+            and training.train_samples <= source.train
+            and source.data_hash("train") == training.train_data
         ):
             return source
     return None

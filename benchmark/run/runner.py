@@ -67,6 +67,7 @@ def start_run(
     *,
     jobs: int = 1,
     scheduler: str | None = None,
+    isolate: bool = False,
     progress: RunProgress | None = None,
 ) -> RunResult:
     """Run `plan` into the new directory `out`, `jobs` cells at a time.
@@ -74,17 +75,19 @@ def start_run(
     Args:
         scheduler: address of a Dask scheduler on whose machines the cells are run; `jobs` is then
             how many processes simulate data here.
+        isolate: keep methods from the network, and from reading files that are not theirs.
 
     Call it from a script only under `if __name__ == "__main__":`, since it starts processes.
 
     Raises:
-        InputError: `out` is not empty, another process works in it, or no scheduler answers.
+        InputError: `out` is not empty, another process works in it, or no scheduler answers,
+            or methods cannot be isolated on this machine.
         DataUnavailableError, DataCorruptError: no scenario's data could be had.
         RunInterruptedError: Ctrl-C or SIGTERM; `resume_run` continues.
         EitbenchError: `out` cannot be written.
     """
     progress = progress or RunProgress(quiet=True)
-    with executor(jobs, scheduler) as where:
+    with executor(jobs, scheduler, isolate) as where:
         store = RunStore.create(out, plan.kind)
         with locked(out), termination_interrupts():
             try:
@@ -105,13 +108,14 @@ def resume_run(
     suite: Suite | None = None,
     jobs: int = 1,
     scheduler: str | None = None,
+    isolate: bool = False,
     progress: RunProgress | None = None,
 ) -> RunResult:
     """Continue the run in `run`, in place, with the plan it was started with.
 
     Args:
         jobs: as for `start_run`; it may be another number than before.
-        scheduler: as for `start_run`; it may be another one, or none.
+        scheduler, isolate: as for `start_run`; they may be others.
 
     Raises:
         InputError: `run` is no run directory, belongs to another suite, plugin or data, or another
@@ -125,7 +129,7 @@ def resume_run(
             f"{suite.name!r}: leave the suite out to continue it, or start a new run."
         )
     progress = progress or RunProgress(quiet=True)
-    with locked(run), termination_interrupts(), executor(jobs, scheduler) as where:
+    with locked(run), termination_interrupts(), executor(jobs, scheduler, isolate) as where:
         manifest, _ = read_resumable(run)  # another process may just have finished it
         if manifest["status"] == "finished":
             RunStore(run, plan.kind).remove_parts()  # it may have been killed just before

@@ -146,8 +146,12 @@ def make_plan(
     limit: int | None = None,
     plugins: Iterable[Path] = (),
     tracks: Sequence[str] = (),
+    isolate: bool = False,
 ) -> Plan:
     """Choose from `suite`; without `methods` or `operators`, its own and those of the plugins.
+
+    Args:
+        isolate: load the plugins where they can neither use the network nor read other files.
 
     Raises:
         InputError: an unknown name (the nearest is suggested), methods for a suite that ranks
@@ -166,7 +170,7 @@ def make_plan(
     known = {*(METHOD_REGISTRY if ranks == "methods" else OPERATOR_REGISTRY).known()}
     files: list[PluginFile] = []
     for path in dict.fromkeys(path.resolve() for path in plugins):
-        registered = plugin_names(path)
+        registered = plugin_names(path, isolate=isolate)
         offered = registered.methods if ranks == "methods" else registered.operators
         if not offered:
             raise InputError(f"The plugin {path} registers no {ranks}, which {suite.name!r} ranks.")

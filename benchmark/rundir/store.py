@@ -6,6 +6,7 @@ it is answered, and every finished cell (scenario x method, or x operator) adds 
 appears whole or not at all.
 """
 
+import hashlib
 import json
 import shutil
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -34,11 +35,16 @@ Files = Mapping[str, bytes]
 
 
 class RunStore:
-    """Reads and writes one run directory of one kind."""
+    """Reads and writes one run directory of one kind.
+
+    It reads no part that was not there at the beginning, or that it did not write itself.
+    """
 
     def __init__(self, path: Path, kind: RunKind) -> None:
         self.path = path
         self.kind = kind
+        there = (path / "parts").rglob("*")
+        self._digests = {part: _digest(part) for part in there if part.is_file()}
 
     @classmethod
     def create(cls, path: Path, kind: RunKind) -> "RunStore":
@@ -89,6 +95,7 @@ class RunStore:
         """
         path = self._batch_path(cell, split, start)
         with _damage_as_sentence(path):
+            self._check_own(path)
             return Batch.read(path, start)
 
     def batches(self, cell: Cell, split: str) -> Iterator[Batch]:
@@ -130,10 +137,24 @@ class RunStore:
         Raises:
             DataCorruptError: they cannot be read.
         """
-        return _read_table(self._parts(cell) / SAMPLES, "sample")
+        return self._read_table(cell, SAMPLES, "sample")
 
     def _row(self, cell: Cell) -> pd.DataFrame:
-        return _read_table(self._parts(cell) / self.kind.table, "complete")
+        return self._read_table(cell, self.kind.table, "complete")
+
+    def _read_table(self, cell: Cell, name: str, column: str) -> pd.DataFrame:
+        """Read a table of a cell, of at least one row, that has `column`."""
+        path = self._parts(cell) / name
+        with _damage_as_sentence(path):
+            self._check_own(path)
+            table = read_parquet(path)
+            table[column].iloc[0]
+            return table
+
+    def _check_own(self, path: Path) -> None:
+        """Refuse a part that something else has written: a plugin runs as the same user."""
+        if self._digests.get(path) != _digest(path):
+            raise ValueError("it was changed by something else than this run")
 
     def assemble(self, cells: Sequence[Cell], truths: Mapping[str, Truth]) -> None:
         """Write the result files from the parts of all `cells` that have scored rows."""
@@ -191,8 +212,20 @@ class RunStore:
         return self._parts(cell) / f"{split}-{start:08d}.npz"
 
     def _write(self, path: Path, content: bytes | Callable[[Path], object]) -> None:
+        def write(part: Path) -> None:
+            if isinstance(content, bytes):
+                part.write_bytes(content)
+            else:
+                content(part)
+            self._digests[path] = _digest(part)
+
         with _as_sentence(path):
-            atomic_write(path, content)
+            atomic_write(path, write)
+
+
+def _digest(path: Path) -> bytes:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").digest()
 
 
 def _concatenate(tables: list[pd.DataFrame]) -> pd.DataFrame:
@@ -207,14 +240,6 @@ def _unused(path: Path) -> bool:
         or (there.name == "logs" and there.is_dir() and not any(there.iterdir()))
         for there in path.iterdir()
     )
-
-
-def _read_table(path: Path, column: str) -> pd.DataFrame:
-    """Read a table of at least one row that has `column`."""
-    with _damage_as_sentence(path):
-        table = read_parquet(path)
-        table[column].iloc[0]
-        return table
 
 
 @contextmanager

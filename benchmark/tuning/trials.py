@@ -8,19 +8,20 @@ import math
 import threading
 import time
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import TypeAdapter
 
 from eitbench.benchmark.metrics.evaluation import REGISTRATION_FRAMES, evaluate, fit_registration
 from eitbench.benchmark.tuning.selection import Trial, validation_scenario
+from eitbench.benchmark.workers.messages import Reply, WorkerLostError, array_in, parsed
 from eitbench.benchmark.workers.method_service import MethodService, learning_splits
 from eitbench.benchmark.workers.restarting import RestartingWorker, SetUpFailedError
-from eitbench.benchmark.workers.worker import Reply, WorkerLostError
 from eitbench.methods.registry import create, methods
 from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.data.datasets import Dataset, load
@@ -54,11 +55,28 @@ class TrialService(MethodService):
                     f"Method {self.method!r} lets {name!r} be chosen, but has no such parameter."
                 )
         defaults = {name: getattr(made, name) for name in search}
-        return Reply(({name: tuple(values) for name, values in search.items()}, defaults), 0.0)
+        return Reply(
+            {
+                "values": {name: tuple(values) for name, values in search.items()},
+                "defaults": defaults,
+            },
+            0.0,
+        )
 
     def fit(self, parameters: dict[str, Any]) -> Reply:
         """Fit the method with `parameters`."""
         return self.fitted(parameters)[1]
+
+
+@dataclass(frozen=True)
+class SearchSpace:
+    """The values of each parameter that may be chosen, and its default."""
+
+    values: dict[str, tuple[Any, ...]]
+    defaults: dict[str, Any]
+
+
+_SEARCH_SPACE = TypeAdapter(SearchSpace | None)
 
 
 class TrialFailedError(Exception):
@@ -148,14 +166,13 @@ class Validation:
             InputError: the method cannot be tuned.
         """
         try:
-            found: tuple[dict[str, tuple[Any, ...]], dict[str, Any]] | None
-            found = self._worker.start().value
+            found: SearchSpace | None = parsed(_SEARCH_SPACE, self._worker.start().value, "set-up")
         except SetUpFailedError as failed:
             raise InputError(failed.failure.message.removeprefix("InputError: ")) from failed
         except WorkerLostError as lost:
             said = lost.failure.message
             raise InputError(f"Method {self._method!r} cannot be tuned: {said}.") from lost
-        return found
+        return None if found is None else (found.values, found.defaults)
 
     def fit(self, parameters: dict[str, Any], clock: Clock) -> None:
         """Fit the method.
@@ -180,7 +197,11 @@ class Validation:
             return np.empty(0)
         limit, what = self.suite.frame_limit_s * count, f"{count} frames"
         frames = self.data.voltages[rows].copy(), self.data.references[rows].copy()
-        found = self._ask(clock, "reconstruct", *frames, limit=limit, what=what)
+        value = self._ask(clock, "reconstruct", *frames, limit=limit, what=what)
+        try:
+            found = array_in(value, np.float32, (count, *sensor.image_shape), what)
+        except WorkerLostError as lost:
+            raise TrialFailedError(lost.failure.message) from lost
         if not np.isfinite(found[:, sensor.mask]).all():
             raise TrialFailedError("returned values that are not finite")
         self._images[rows] = found

@@ -14,13 +14,18 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
+import eitbench
+from eitbench.benchmark.workers.messages import plain_text
 from eitbench.scenarios.cache_dir import cache_dir
 
-Kind = Literal["network", "write", "program"]
+Kind = Literal["network", "write", "program", "read", "test data"]
 
 WRITING = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND
+O_PATH = getattr(os, "O_PATH", 0)  # names a file without opening it
+TEMPORARY = ("TMPDIR", "TEMP", "TMP", "JOBLIB_TEMP_FOLDER")
+"""Variables that name a folder for temporary files."""
 # Where the paths that an event changes stand among its arguments, and the folder each is in.
 CHANGES: dict[str, tuple[tuple[int, int | None], ...]] = {
     "os.chmod": ((0, 2),),
@@ -48,7 +53,9 @@ PROGRAMS = {
     "subprocess.Popen",
 }
 FONT_LISTER = "fc-list"  # called by matplotlib
-MAX_NOTES = 100
+TEST_SPLIT = "eitbench.test_split"  # announced by `scenarios.guard`
+MAX_NOTES = 40  # of each kind
+MOST_BYTES = 2**20  # of all notes
 
 
 @dataclass(frozen=True)
@@ -66,41 +73,63 @@ class Watch:
         """Watch this process, from now to its end."""
         own = self.folder / "own"
         own.mkdir(exist_ok=True)
-        os.environ.update(dict.fromkeys(("TMPDIR", "TEMP", "TMP"), str(own)))
+        os.environ.update(dict.fromkeys(TEMPORARY, str(own)))
         tempfile.tempdir = str(own)
         # matplotlib, which many a library imports, makes a list of fonts when it finds none.
-        os.environ["MPLCONFIGDIR"] = str(own)
+        os.environ["MPLCONFIGDIR"] = str(cache_dir() / "matplotlib")
         notes = os.open(self._notes, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o600)
-        sys.addaudithook(_hook(notes, [str(place.resolve()) for place in (own, *_shared())]))
+        places = [os.path.realpath(place) for place in (*own_places(self.folder), _compiled())]
+        sys.addaudithook(_hook(notes, places))
 
     def noted(self, kind: Kind) -> list[str]:
         """Return the notes of that kind, as parts of a sentence, each once, in order."""
-        with suppress(FileNotFoundError):
-            lines = self._notes.read_text().splitlines()
-            found = (json.loads(line) for line in lines)
-            return list(dict.fromkeys(what for noted, what in found if noted == kind))
-        return []
+        return self.all_noted().get(kind, [])
+
+    def all_noted(self) -> dict[str, list[str]]:
+        """Return the notes by kind; the process that is watched could have written any."""
+        found: dict[str, list[str]] = {}
+        with suppress(FileNotFoundError), self._notes.open("rb") as file:
+            for line in file.read(MOST_BYTES).splitlines():
+                with suppress(ValueError, RecursionError, TypeError):
+                    kind, what = json.loads(line)
+                    notes = found.setdefault(kind, []) if kind in get_args(Kind) else []
+                    if (text := plain_text(str(what))) not in notes and len(notes) < MAX_NOTES:
+                        notes.append(text)
+        return found
 
     @property
     def _notes(self) -> Path:
         return self.folder / "notes"
 
 
-def _shared() -> list[Path]:
-    """Return caches that methods may fill: eitbench's, and that of compiled loops."""
+def own_places(folder: Path) -> list[Path]:
+    """Return what a process watched in `folder` may write to: its own folder, eitbench's cache."""
+    return [folder / "own", cache_dir()]
+
+
+def _compiled() -> Path:
+    """Return the cache of compiled loops."""
     import pooch
 
-    compiled = os.environ.get("NUMBA_CACHE_DIR") or pooch.os_cache("numba")
-    return [cache_dir(), Path(compiled)]
+    return Path(os.environ.get("NUMBA_CACHE_DIR") or pooch.os_cache("numba"))
+
+
+def _code() -> tuple[str, ...]:
+    """Return the beginnings of paths of the system, of Python and of eitbench."""
+    package = Path(eitbench.__file__).resolve().parents[2]
+    places = (sys.prefix, sys.base_prefix, package, "/usr", "/lib", "/etc", "/proc", "/sys", "/dev")
+    return tuple(f"{os.path.realpath(place)}{os.sep}" for place in places)
 
 
 def _hook(notes: int, allowed: list[str]) -> Callable[[str, tuple[Any, ...]], None]:
-    known: set[tuple[Kind, str]] = set()
+    known: dict[str, set[str]] = {kind: set() for kind in get_args(Kind)}
+    own, code = tuple(place + os.sep for place in allowed), _code()
+    simulated = os.path.realpath(cache_dir() / "simulated") + os.sep
 
     def note(kind: Kind, what: str) -> None:
-        if (kind, what) in known or len(known) >= MAX_NOTES:
+        if what in known[kind] or len(known[kind]) >= MAX_NOTES:
             return
-        known.add((kind, what))
+        known[kind].add(what)
         with suppress(OSError):
             os.write(notes, (json.dumps([kind, what]) + "\n").encode())
 
@@ -109,6 +138,8 @@ def _hook(notes: int, allowed: list[str]) -> Callable[[str, tuple[Any, ...]], No
             path, _, flags = arguments
             if isinstance(flags, int) and flags & WRITING:
                 _note_path(path, None)
+            elif isinstance(path, str | bytes | os.PathLike) and not flags & O_PATH:
+                _note_reading(os.fsdecode(path))
         elif event in CHANGES:
             for place, folder in CHANGES[event]:
                 _note_path(arguments[place], None if folder is None else arguments[folder])
@@ -117,14 +148,25 @@ def _hook(notes: int, allowed: list[str]) -> Callable[[str, tuple[Any, ...]], No
                 note("network", f"{event} to {arguments[1]}")
         elif event in LOOKUPS:
             note("network", f"{event} of {arguments[0]!r}")
+        elif event == TEST_SPLIT:
+            note("test data", "the test split was asked for")
         elif event in PROGRAMS and arguments[0] != FONT_LISTER:
             note("program", f"{event} of {str(arguments[0])!r}")
+
+    def _note_reading(path: str) -> None:
+        if path.startswith(code) or path.endswith((".py", ".pyc")):
+            return
+        path = os.path.realpath(path)
+        if path.startswith(simulated) and f"{os.sep}test-" in path:
+            note("test data", f"open of {path}")
+        elif path not in allowed and not path.startswith((*own, *code)):
+            note("read", path)
 
     def _note_path(path: object, folder: object) -> None:
         changed = _resolved(path, folder)
         if changed is None or changed == os.devnull or "__pycache__" in Path(changed).parts:
             return
-        if not any(changed == place or changed.startswith(place + os.sep) for place in allowed):
+        if not (changed in allowed or changed.startswith(own)):
             note("write", changed)
 
     return hook

@@ -1,9 +1,8 @@
 """Service of a worker: a method, which is fitted and asked for images."""
 
-import json
 import time
 from collections.abc import Mapping
-from dataclasses import Field, dataclass, field, replace
+from dataclasses import Field, asdict, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -11,7 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from eitbench.benchmark.workers.worker import Reply, timed_answer
+from eitbench.benchmark.workers.messages import Reply
+from eitbench.benchmark.workers.worker import timed_answer
 from eitbench.methods.method import Method
 from eitbench.methods.problem import Problem, Splits
 from eitbench.methods.registry import create, load_plugin
@@ -55,16 +55,16 @@ class MethodService:
             load_plugin(self.plugin)
 
     def set_up(self) -> Reply:
-        """Fit the method; the reply holds its `parameters` as JSON, and attributes for the cell."""
+        """Fit the method; the reply holds its `parameters`, and attributes for the cell."""
         self.load_plugin()
         method, reply = self.fitted(self.parameters)
         # Every constructor parameter of a method that is a dataclass, with defaults.
         declared: dict[str, Field[Any]] = getattr(method, "__dataclass_fields__", {})
         known = {name: getattr(method, name) for name, field in declared.items() if field.init}
         said = {
-            "parameters": json.dumps(known | dict(self.parameters), default=str),
+            "parameters": known | dict(self.parameters),
             "train_s": float(method.train_s),
-            "differs": str(method.differs),
+            "differs": method.differs,
         }
         return replace(reply, value=said)
 
@@ -77,9 +77,10 @@ class MethodService:
         return method, Reply(None, time.perf_counter() - start)
 
     def prior_knowledge(self) -> Reply:
-        """Return the method's record of access to its problem, and the data behind its weights."""
+        """Return the method's `access` to its problem, and `trained_on`, of its weights."""
         assert self._method is not None
-        return Reply((self.problem.access_record(), dict(self._method.trained_on)), 0.0)
+        access = asdict(self.problem.access_record())
+        return Reply({"access": access, "trained_on": dict(self._method.trained_on)}, 0.0)
 
     def reconstruct(self, frames: Frames, references: Frames) -> Reply:
         """Return images (n, H, W), in float32, of `frames` (n, M) with `references` (n, M).

@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from eitbench.benchmark.metrics.operator_metrics import coarse_gradient
-from eitbench.benchmark.workers.worker import Reply, timed_answer
+from eitbench.benchmark.workers.messages import Reply
+from eitbench.benchmark.workers.worker import timed_answer
 from eitbench.methods.operator import Operator
 from eitbench.methods.registry import load_plugin, operator, operators
 from eitbench.scenarios.arrays import Array
@@ -18,22 +19,6 @@ from eitbench.scenarios.sensors.sensor import Sensor
 from eitbench.scenarios.suites.scenario import SimulatedScenario
 
 GRADIENTS_AT_ONCE = 8  # the fields of more images of a fine mesh would fill the memory
-
-
-@dataclass(frozen=True)
-class Evaluation:
-    """Answer of an operator for n images.
-
-    Attributes:
-        voltages: (n, M) [V/A].
-        gradients: (n, H, W), J^T g.
-        forward_s, grad_s: time for all of them.
-    """
-
-    voltages: Array
-    gradients: Array
-    forward_s: float
-    grad_s: float
 
 
 @dataclass(eq=False)
@@ -61,10 +46,14 @@ class OperatorService:
         made = operator(self.operator, self.sensor)
         seconds = time.perf_counter() - start
         self._operator = made
-        return Reply({"train_s": float(made.train_s), "trained_on": str(made.trained_on)}, seconds)
+        return Reply({"train_s": float(made.train_s), "trained_on": made.trained_on}, seconds)
 
     def evaluate(self, images: Array, cotangents: Array) -> Reply:
-        """Return the `Evaluation` of `images` (n, H, W) with `cotangents` (n, M)."""
+        """Evaluate `images` (n, H, W) with `cotangents` (n, M).
+
+        The reply holds `voltages` (n, M) [V/A], `gradients` (n, H, W), which are J^T g, and the
+        times for all of them, `forward_s` and `grad_s`.
+        """
         assert self._operator is not None
         precision = self._operator.precision
         images, cotangents = images.astype(precision), cotangents.astype(precision)
@@ -75,12 +64,12 @@ class OperatorService:
         seconds = voltages.seconds + gradients.seconds
         if gradients.failure is not None:
             return replace(gradients, seconds=seconds)
-        evaluation = Evaluation(
-            voltages.value.astype(np.float64),
-            gradients.value.astype(np.float64),
-            forward_s=voltages.seconds,
-            grad_s=gradients.seconds,
-        )
+        evaluation = {
+            "voltages": voltages.value.astype(np.float64),
+            "gradients": gradients.value.astype(np.float64),
+            "forward_s": voltages.seconds,
+            "grad_s": gradients.seconds,
+        }
         return Reply(evaluation, seconds)
 
 

@@ -25,7 +25,10 @@ METHOD_REGISTRY.import_built_in()
 # What fails here fails again where it is needed, with a message.
 with suppress(Exception):
     model = ForwardModel(replace(foam16(), image_shape=(16, 16)))
-    model.jacobian(model.background)  # loads the compiled loops
+    # These load the compiled loops.
+    model.jacobian(model.background)
+    voltages, fields = model.voltages_and_fields(model.background[None])
+    model.pullback(fields, voltages)
 # Workers need not look through all this for garbage, nor copy its pages because they looked.
 gc.collect()
 gc.freeze()

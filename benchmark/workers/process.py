@@ -27,6 +27,8 @@ from typing import Any
 import psutil
 from threadpoolctl import threadpool_limits
 
+from eitbench.benchmark.workers.audit_hook import TEMPORARY
+from eitbench.benchmark.workers.confinement import Confinement
 from eitbench.benchmark.workers.memory import SHARED_MEMORY, MemoryMeter
 from eitbench.scenarios.errors import EitbenchError
 
@@ -88,10 +90,11 @@ def start_process(
     arguments: tuple[object, ...],
     log: Path | None,
     core: int | None = None,
+    confinement: Confinement | None = None,
 ) -> tuple[WorkerProcess, Connection]:
     """Start `serve(connection, *arguments)` with its output going to `log` (None: nowhere).
 
-    It and what it starts run on `core` alone, if there is one.
+    It and what it starts run on `core` alone, if there is one, within the `confinement`.
 
     Raises:
         EitbenchError: it cannot be started. No scored code has run, and none is to blame.
@@ -101,7 +104,7 @@ def start_process(
         time.sleep(pause)
         with _STARTING:
             try:
-                return _start(serve, arguments, log, core)
+                return _start(serve, arguments, log, core, confinement)
             except (OSError, EOFError) as error:
                 reason = error
                 _end_server()
@@ -112,7 +115,11 @@ def start_process(
 
 
 def _start(
-    serve: Callable[..., None], arguments: tuple[object, ...], log: Path | None, core: int | None
+    serve: Callable[..., None],
+    arguments: tuple[object, ...],
+    log: Path | None,
+    core: int | None,
+    confinement: Confinement | None,
 ) -> tuple[WorkerProcess, Connection]:
     context = process_context()
     environment = dict(os.environ)
@@ -120,7 +127,7 @@ def _start(
     sentinel, run = context.Pipe()
     process: BaseProcess = context.Process(  # type: ignore[attr-defined]
         target=_enter,
-        args=(theirs, run, log, core, environment, serve, arguments),
+        args=(theirs, run, log, core, confinement, environment, serve, arguments),
         name="eitbench-worker",
     )
     with _interrupts_blocked():
@@ -191,6 +198,7 @@ def _enter(
     run: Connection,
     log: Path | None,
     core: int | None,
+    confinement: Confinement | None,
     environment: dict[str, str],
     serve: Callable[..., None],
     arguments: tuple[Any, ...],
@@ -211,6 +219,8 @@ def _enter(
         os.dup2(output.fileno(), 2)
         sys.stdout = sys.stderr = output
         faulthandler.enable(output)
+        if confinement is not None:
+            confinement.begin()
         run.send_bytes(READY)
         if hasattr(os, "fork"):
             run.close()  # it is the guard's
@@ -238,7 +248,7 @@ def _fork_from_guard(connection: Connection, run: Connection) -> None:
             os._exit(1)
         with suppress(OSError):  # not on Linux: where memory ends, it is ended before the run
             Path("/proc/self/oom_score_adj").write_text("500", encoding="utf-8")
-        os.environ.update(dict.fromkeys(("TMPDIR", "TEMP", "TMP", "JOBLIB_TEMP_FOLDER"), folder))
+        os.environ.update(dict.fromkeys(TEMPORARY, folder))
         tempfile.tempdir = folder
         return
     connection.close()

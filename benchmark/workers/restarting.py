@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from eitbench.benchmark.workers.worker import Failure, Reply, Worker, WorkerLostError, serve
+from eitbench.benchmark.workers.messages import Failure, Reply, WorkerLostError
+from eitbench.benchmark.workers.worker import Worker, serve
 
 RESTARTS = 3
 
@@ -53,7 +54,7 @@ class RestartingWorker:
         Args:
             set_up_limit_s: seconds that `service.set_up()` may take.
             history: losses of an earlier process that this one continues.
-            options: `log`, `stop`, `memory_limit_mb` and `core` of `Worker`.
+            options: `log`, `stop`, `memory_limit_mb`, `core` and `confinement` of `Worker`.
         """
         self.history = history or WorkerHistory()
         self.memory_mb = float("nan")

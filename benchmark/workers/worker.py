@@ -12,67 +12,41 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
-from typing import Any, Literal
+from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
 import psutil
 from numpy.typing import NDArray
+from pydantic import TypeAdapter
 
+from eitbench.benchmark.workers.confinement import Confinement
+from eitbench.benchmark.workers.messages import (
+    MAX_ARRAYS,
+    MAX_HEADER,
+    Failure,
+    Reply,
+    Status,
+    WorkerLostError,
+    decode,
+    encode,
+    no_answer,
+    parsed,
+    plain_text,
+)
 from eitbench.benchmark.workers.process import start_process
-from eitbench.methods.registry import Plugin, load_plugin
+from eitbench.methods.registry import Plugin, load_plugin, usable_name
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.guard import close_test_split
 from eitbench.scenarios.suites.suite import MEMORY_LIMIT_MB
 
-Status = Literal["ok", "error", "timeout", "invalid-output", "out-of-memory"]
-
 SEED = 0
 POLL_SECONDS = 0.2
 PLUGIN_LIMIT_S = 60.0
-MAX_MESSAGE = 500
 LOG_LIMIT, LOG_HEAD = 2**24, 2**20  # bytes: a log that is longer than the first keeps the second
-
-
-@dataclass(frozen=True)
-class Failure:
-    """Reason why a method or operator gave no result.
-
-    Attributes:
-        message: a sentence for people.
-        kinds: for programs: class names of the exception, or "mutated", "shape", "dtype".
-    """
-
-    status: Status
-    message: str
-    kinds: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True, eq=False)
-class Reply:
-    """Answer of a worker.
-
-    Attributes:
-        value: the result.
-        seconds: time in the method or operator alone.
-        failure: set where it gave no result.
-        memory_mb: peak resident memory of the worker so far [MiB].
-    """
-
-    value: Any
-    seconds: float
-    failure: Failure | None = None
-    memory_mb: float = float("nan")
-
-
-class WorkerLostError(Exception):
-    """The worker is gone: past its limit, dead, or stopped."""
-
-    def __init__(self, failure: Failure) -> None:
-        super().__init__(failure.message)
-        self.failure = failure
 
 
 class StoppedError(Exception):
@@ -90,17 +64,20 @@ class Worker:
         stop: threading.Event | None = None,
         memory_limit_mb: float = MEMORY_LIMIT_MB,
         core: int | None = None,
+        confinement: Confinement | None = None,
     ) -> None:
         """Start `serve(connection, *arguments)` with its output going to `log` (None: nowhere).
 
         Args:
             memory_limit_mb: resident memory that it and the processes it starts may take [MiB].
             core: the only core that it runs on; None: any.
+            confinement: what it may write to and read; None: all that its user may.
         """
         self._log = log
         self._stop = stop or threading.Event()
         self._memory_limit_mb = memory_limit_mb
-        self._process, self._connection = start_process(serve, arguments, log, core)
+        self._late = threading.Event()
+        self._process, self._connection = start_process(serve, arguments, log, core, confinement)
 
     def __enter__(self) -> "Worker":
         return self
@@ -116,7 +93,10 @@ class Worker:
                 nonsense; `what` it was doing is said.
             StoppedError: the run was interrupted.
         """
-        deadline = time.monotonic() + limit
+        # Also against half a message, which would be waited for without end.
+        ending = threading.Timer(limit, self._end_late)
+        ending.daemon = True
+        ending.start()
         try:
             self._connection.send(request)
             # However fast it answers, a stop is noticed with the next request.
@@ -124,24 +104,32 @@ class Worker:
                 if self._stop.is_set():
                     self.close()
                     raise StoppedError
-                left = deadline - time.monotonic()
-                if left <= 0:
-                    self.close()
-                    raise WorkerLostError(
-                        Failure("timeout", f"{what} took longer than {limit:g} s")
-                    )
-                ready = wait([self._connection, self._process.sentinel], min(left, POLL_SECONDS))
+                ready = wait([self._connection, self._process.sentinel], POLL_SECONDS)
                 if self._process.sentinel in ready and not self._connection.poll():
                     raise EOFError
                 if not ready:
                     self._shorten_log()
                     self._hold_to_memory(self._process.memory_mb(), what)
-            reply = self._receive(what)
+            reply = decode(self._connection.recv_bytes(MAX_HEADER + MAX_ARRAYS))
+        except ValueError as error:
+            self.close()
+            raise no_answer(what) from error
         except (EOFError, OSError) as error:
-            raise WorkerLostError(self._death(what)) from error
+            if self._late.is_set():
+                ending.join()
+                self.close()
+                message = f"{what} took longer than {limit:g} s"
+                raise WorkerLostError(Failure("timeout", message)) from error
+            raise self._death(what) from error
+        finally:
+            ending.cancel()
         self._shorten_log()
         self._hold_to_memory(reply.memory_mb, what)
         return reply
+
+    def _end_late(self) -> None:
+        self._late.set()
+        self._process.end()
 
     def _hold_to_memory(self, used_mb: float, what: str) -> None:
         if used_mb > self._memory_limit_mb:
@@ -155,37 +143,24 @@ class Worker:
             if self._log is not None and self._log.stat().st_size > LOG_LIMIT:
                 os.truncate(self._log, LOG_HEAD)
 
-    def _receive(self, what: str) -> Reply:
-        answer: object
-        try:
-            answer = self._connection.recv()
-        except (EOFError, OSError):
-            raise
-        except Exception as error:  # what is on the pipe is no message of ours
-            answer = error
-        if isinstance(answer, Reply):
-            return answer
-        self.close()
-        message = f"its process sent something that is no answer during {what}"
-        raise WorkerLostError(Failure("error", message))
-
     def close(self) -> None:
         """End the process and every process it started."""
         self._connection.close()
         self._process.end()
 
-    def _death(self, what: str) -> Failure:
+    def _death(self, what: str) -> WorkerLostError:
         code = self._process.exit_code()
         if code is None:  # alive, but what it sent cannot be read
             self.close()
-            return Failure("error", f"its process sent something that is no answer during {what}")
-        if code < 0:
-            if -code == getattr(signal, "SIGKILL", None):
-                message = f"its process was killed (out of memory, or by hand) during {what}"
-                return Failure("out-of-memory", message)
-            name = signal.Signals(-code).name
-            return Failure("error", f"its process died of {name} during {what}")
-        return Failure("error", f"its process ended by itself (exit code {code}) during {what}")
+            return no_answer(what)
+        status: Status = "error"
+        if code >= 0:
+            how = f"ended by itself (exit code {code})"
+        elif -code == getattr(signal, "SIGKILL", None):
+            status, how = "out-of-memory", "was killed (out of memory, or by hand)"
+        else:
+            how = f"died of {signal.Signals(-code).name}"
+        return WorkerLostError(Failure(status, f"its process {how} during {what}"))
 
 
 def serve(connection: Connection, service: object) -> None:
@@ -197,11 +172,13 @@ def serve(connection: Connection, service: object) -> None:
         start = time.perf_counter()
         try:
             reply: Reply = getattr(service, operation)(*arguments)
+            message = encode(replace(reply, memory_mb=peak_memory_mb()))
         except BaseException as error:  # scored code may raise anything, SystemExit included
-            reply = Reply(None, time.perf_counter() - start, describe_exception(error))
+            failure, seconds = describe_exception(error), time.perf_counter() - start
+            message = encode(Reply(None, seconds, failure, peak_memory_mb()))
         if os.getpid() != own:  # scored code has forked, and its child came back, too
             os._exit(0)
-        connection.send(replace(reply, memory_mb=peak_memory_mb()))
+        connection.send_bytes(message)
 
 
 class _PluginReader:
@@ -212,28 +189,41 @@ class _PluginReader:
 
     def names(self) -> Reply:
         close_test_split()
-        return Reply(load_plugin(self._plugin), 0.0)
+        return Reply(load_plugin(self._plugin)._asdict(), 0.0)
 
 
-def plugin_names(path: Path) -> Plugin:
+_PLUGIN = TypeAdapter(Plugin)
+
+
+def plugin_names(path: Path, *, isolate: bool = False) -> Plugin:
     """Return the names of the methods and operators that the file `path` registers.
 
-    A worker loads the file.
+    A worker loads the file; with `isolate` it may neither use the network nor read other files.
 
     Raises:
         InputError: the file does not load, or registers nothing.
     """
-    with Worker(serve, _PluginReader(path)) as worker:
+    with (
+        TemporaryDirectory(prefix="eitbench-", ignore_cleanup_errors=True) as folder,
+        Worker(
+            serve,
+            _PluginReader(path),
+            confinement=Confinement(Path(folder), (path,)) if isolate else None,
+        ) as worker,
+    ):
         try:
-            reply = worker.ask("names", limit=PLUGIN_LIMIT_S, what=f"loading {path.name}")
+            what = f"loading {path.name}"
+            reply = worker.ask("names", limit=PLUGIN_LIMIT_S, what=what)
+            if reply.failure is None:
+                names: Plugin = parsed(_PLUGIN, reply.value, what)
+                if all(map(usable_name, (*names.methods, *names.operators))):
+                    return names
+                raise no_answer(what)  # the registry of its process lets none other pass
         except WorkerLostError as lost:
             raise InputError(
                 f"The plugin {path} cannot be loaded: {lost.failure.message}."
             ) from lost
-    if reply.failure is not None:
-        raise InputError(reply.failure.message.removeprefix("InputError: "))
-    names: Plugin = reply.value
-    return names
+    raise InputError(reply.failure.message.removeprefix("InputError: "))
 
 
 def timed_answer(
@@ -273,10 +263,7 @@ def describe_exception(error: BaseException) -> Failure:
         said = str(error)
     except Exception:  # its own __str__ may be wrong too
         said = "(its message cannot be printed)"
-    message = f"{kinds[0]}: {said}".encode(errors="backslashreplace").decode()
-    if len(message) > MAX_MESSAGE:
-        message = message[: MAX_MESSAGE - 1] + "…"
-    return Failure(status, message, kinds)
+    return Failure(status, plain_text(f"{kinds[0]}: {said}"), kinds)
 
 
 def seed_everything() -> None:

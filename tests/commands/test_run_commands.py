@@ -3,6 +3,7 @@
 import json
 import shutil
 import signal
+import socket
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -10,11 +11,14 @@ from typing import Any
 import pandas as pd
 import pytest
 
-from eitbench.benchmark.run import runner
+from eitbench.benchmark.run import executors, runner
 from eitbench.benchmark.run.method_cell import MethodData
 from eitbench.benchmark.rundir.store import RunStore
 from eitbench.benchmark.studies import reproduce
+from eitbench.benchmark.workers import confinement
+from eitbench.benchmark.workers.confinement import check_isolation
 from eitbench.reports.tables import leaderboard
+from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.suites.suite import load_suite
 
 DATA = Path(__file__).parents[1] / "benchmark" / "data"
@@ -216,3 +220,60 @@ def test_what_the_claims_need_is_run(
     assert "not testable" in out
     for name in ("claims.md", "tiny/manifest.json", "tiny/leaderboard.md", "tiny/figures"):
         assert (tmp_path / "all" / name).exists()
+
+
+READS_A_SECRET = """
+import os, socket
+from pathlib import Path
+from eitbench.methods import methods, register
+
+HELD = []
+for name, way in (
+    ("secret", lambda: Path(__file__).with_name("secret").read_text()),
+    ("network", lambda: socket.create_connection(("127.0.0.1", int(os.environ["PORT"])), 10)),
+):
+    try:
+        way()
+    except OSError:
+        HELD.append(name)
+
+@register("reads-a-secret")
+class ReadsASecret(methods()["noser"]):
+    def fit(self, problem):
+        super().fit(problem)
+        self.differs = "+".join(HELD)
+"""
+
+
+def test_an_isolated_plugin_has_no_network_and_reads_no_files_of_others(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, eitbench: Run
+) -> None:
+    try:
+        check_isolation()
+    except InputError as error:
+        pytest.skip(str(error))
+    plugin, run = tmp_path / "plugin.py", tmp_path / "run"
+    plugin.write_text(READS_A_SECRET)
+    (tmp_path / "secret").write_text("secret")
+    choices = (TINY, "--plugin", plugin, "--methods", "reads-a-secret", "--limit", "1")
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        monkeypatch.setenv("PORT", str(server.getsockname()[1]))
+        code, _, err = eitbench("run", *choices, "--isolate", "--out", run)
+    assert code == 0, err
+    (row,) = pd.read_parquet(run / "methods.parquet").to_dict("records")
+    assert (row["differs"], row["coverage"]) == ("secret+network", 1.0)
+    assert json.loads(row["actions"])["read"] == [str(tmp_path / "secret")]
+
+
+def test_what_cannot_be_isolated_is_said(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, eitbench: Run
+) -> None:
+    where = ("--scheduler", "tcp://127.0.0.1:9", "--isolate", "--out", tmp_path / "run")
+    monkeypatch.setattr(confinement, "landlock_abi", lambda: 0)
+    code, _, err = eitbench("run", TINY, *where)
+    assert (code, "needs Linux 6.12 or newer" in err) == (2, True)
+    monkeypatch.setattr(executors, "check_isolation", lambda: None)
+    monkeypatch.setattr(confinement, "check_isolation", lambda: None)
+    code, _, err = eitbench("run", TINY, *where)
+    assert (code, "leave out --scheduler" in err) == (2, True)
+    assert not (tmp_path / "run").exists()

@@ -17,4 +17,6 @@ def test_every_threat_has_a_test() -> None:
         for file, function in named:
             found = [path.read_text() for path in (ROOT / "tests").rglob(file)]
             assert found, file
-            assert function == "*" or any(f"def {function}(" in source for source in found), function
+            assert function == "*" or any(f"def {function}(" in source for source in found), (
+                function
+            )

@@ -1,8 +1,9 @@
 """No file of ours unpickles, evaluates, or starts a shell: a walk over the syntax trees of all.
 
-Between processes of our own, multiprocessing and joblib (with loky, which uses cloudpickle) pickle
-what goes through their pipes: nothing of it is a file or comes from outside. docs/security.md says
-so, and the only modules that may use them are listed here.
+Between processes of our own, multiprocessing (requests to workers) and joblib (with loky, which
+uses cloudpickle) pickle what goes through their pipes: nothing of it is a file or comes from
+outside. What workers answer is never unpickled. docs/security.md says so, and the only modules that
+may use them are listed here.
 """
 
 import ast
@@ -28,7 +29,8 @@ FORBIDDEN_CALLS = {
 FORBIDDEN_METHODS = {"extractall", "extract", "to_pickle", "unpack_archive"}
 
 BETWEEN_OUR_PROCESSES = {
-    "benchmark/run/executors.py", "benchmark/workers/process.py", "benchmark/workers/worker.py",
+    "benchmark/run/executors.py", "benchmark/workers/confinement.py",
+    "benchmark/workers/process.py", "benchmark/workers/worker.py",
     "benchmark/studies/priors.py", "benchmark/studies/readings.py",
     "benchmark/studies/real_trained.py", "benchmark/studies/training_study.py",
     "methods/learned/refiner_training.py", "scenarios/data/datasets.py",

@@ -22,7 +22,8 @@ from eitbench.benchmark.run import executors as execution
 from eitbench.benchmark.run.cell_task import CellTask
 from eitbench.benchmark.run.progress import Advance
 from eitbench.benchmark.run.runner import make_plan, start_run
-from eitbench.benchmark.workers.worker import Reply, Worker
+from eitbench.benchmark.workers.messages import Reply
+from eitbench.benchmark.workers.worker import Worker
 from eitbench.scenarios.data.datasets import load
 from eitbench.scenarios.suites.suite import load_suite
 

@@ -22,6 +22,13 @@ if TYPE_CHECKING:
     from eitbench.benchmark.run.runner import Plan, RunResult
 
 Limit = Annotated[int | None, typer.Option(min=1, help="Test samples of each scenario.")]
+Isolate = Annotated[
+    bool,
+    typer.Option(
+        "--isolate",
+        help="Keep methods from the network and from files that are not theirs (Linux).",
+    ),
+]
 Jobs = Annotated[int, typer.Option(min=1, help="Cells (scenario x method) at a time.")]
 
 app = typer.Typer()
@@ -64,6 +71,7 @@ def run(
         str | None,
         typer.Option(metavar="ADDRESS", help="Run the cells on the cluster of a Dask scheduler."),
     ] = None,
+    isolate: Isolate = False,
     out: Annotated[
         Path | None, typer.Option(metavar="DIR", help="New folder (default: runs/SUITE-TIME).")
     ] = None,
@@ -75,23 +83,35 @@ def run(
     """Run a suite and print its leaderboard."""
     from eitbench.benchmark.run.progress import RunProgress
     from eitbench.benchmark.run.runner import resume_run, start_run
+    from eitbench.benchmark.workers.confinement import check_isolation
     from eitbench.scenarios.suites.suite import load_suite
 
     choices = (methods, operators, scenarios, limit, plugin or None, tracks, out)
     if resume is not None and any(choice is not None for choice in choices):
         raise typer.BadParameter(
-            "a resumed run keeps its choices: only --jobs and --scheduler may be others"
+            "a resumed run keeps its choices: only --jobs, --scheduler and --isolate may be others"
         )
     if resume is None and suite is None:
         raise typer.BadParameter("name a suite (eitbench list suites), or give --resume DIR")
     progress = RunProgress()
     if resume is not None:
         chosen = None if suite is None else load_suite(suite)
-        result = resume_run(resume, suite=chosen, jobs=jobs, scheduler=scheduler, progress=progress)
+        result = resume_run(
+            resume,
+            suite=chosen,
+            jobs=jobs,
+            scheduler=scheduler,
+            isolate=isolate,
+            progress=progress,
+        )
     elif suite is not None:
-        plan = plan_of(suite, methods, scenarios, limit, plugin, operators, tracks)
+        if isolate:
+            check_isolation()  # before a plugin is loaded
+        plan = plan_of(suite, methods, scenarios, limit, plugin, operators, tracks, isolate=isolate)
         folder = out or _new_folder(plan.suite.name)
-        result = start_run(plan, folder, jobs=jobs, scheduler=scheduler, progress=progress)
+        result = start_run(
+            plan, folder, jobs=jobs, scheduler=scheduler, isolate=isolate, progress=progress
+        )
     _show_run(result, as_json, limit)
     if result.refused:
         raise typer.Exit(1)
@@ -109,6 +129,8 @@ def plan_of(
     plugins: Sequence[Path] | None,
     operators: str | None = None,
     tracks: str | None = None,
+    *,
+    isolate: bool = False,
 ) -> "Plan":
     """Make the plan of a command; names are lists with commas."""
     from eitbench.benchmark.run.runner import make_plan
@@ -126,6 +148,7 @@ def plan_of(
             limit=limit,
             plugins=plugins or (),
             tracks=names_in("--tracks", tracks),
+            isolate=isolate,
         )
     except InputError as error:
         # What it ranks is unknown to scenarios, so that only here a suite's own can be wrong.
@@ -250,6 +273,7 @@ def submission_check(
             min=1, metavar="N", help="Run the methods again, plugins too, on the first N samples."
         ),
     ] = None,
+    isolate: Isolate = False,
 ) -> None:
     """Check that a run is complete, on our data, and has the figures of its images."""
     from eitbench.benchmark.analysis.rerun import note_verified
@@ -260,7 +284,7 @@ def submission_check(
     checks = check_submission(submission, rerun=rerun is not None)
     # A plugin is code of somebody else: it runs only where all that can be read is right.
     if rerun is not None and not any(check_of.problem for check_of in checks):
-        checks += run_again(submission, rerun)
+        checks += run_again(submission, rerun, isolate=isolate)
     for check_of in checks:
         print_check("failed" if check_of.problem else "passed", check_of.name, check_of.problem)
     if any(check_of.problem for check_of in checks):

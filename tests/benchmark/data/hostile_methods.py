@@ -7,7 +7,6 @@ import sys
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -43,15 +42,17 @@ def leaves_a_daemon() -> None:
     """Leave a process behind, in a session of its own."""
     if os.fork() == 0:
         os.setsid()
-        Path(os.environ["HOSTILE_PID"]).write_text(str(os.getpid()))
+        print(os.getpid(), flush=True)
         time.sleep(600)
         os._exit(0)
 
 
 def kills_its_guard() -> None:
-    """End the process that would tell how this one ended."""
-    os.kill(os.getppid(), signal.SIGKILL)
-    time.sleep(600)
+    """End the process that would tell how this one ended, where the kernel lets it."""
+    with suppress(PermissionError):
+        os.kill(os.getppid(), signal.SIGKILL)
+        time.sleep(600)
+    os.kill(os.getpid(), signal.SIGKILL)
 
 
 def kills_the_server() -> None:

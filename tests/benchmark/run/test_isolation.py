@@ -26,7 +26,6 @@ def run(tiny: Suite, tmp_path_factory: pytest.TempPathFactory) -> Path:
     limits = {"frame_limit_s": 30.0, "memory_limit_mb": 1000.0, "limit": 2}
     plan = make_plan(tiny.model_copy(update=limits), plugins=[HOSTILE])
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("HOSTILE_PID", str(folder / "daemon"))
         patch.setenv("HOSTILE_RUN", str(os.getpid()))
         return start_run(plan, folder / "run", jobs=2).path
 
@@ -60,7 +59,8 @@ def test_what_it_prints_does_not_fill_the_disk(run: Path) -> None:
 
 
 def test_what_it_leaves_behind_is_ended(run: Path) -> None:
-    daemon = int((run.parent / "daemon").read_text())
+    (log,) = (run / "logs").glob("*leaves-a-daemon.log")
+    daemon = int(log.read_text().splitlines()[0])
     wait_for(lambda: has_ended(daemon))
 
 

@@ -3,16 +3,23 @@
 import copy
 import json
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from eitbench.benchmark.analysis.results import describe_prior_knowledge
+from eitbench.benchmark.run.prior_knowledge import (
+    UNKNOWN,
+    Training,
+    read_report,
+    training_contents,
+)
 from eitbench.benchmark.run.prior_knowledge import prior_knowledge_columns as columns
-from eitbench.benchmark.run.prior_knowledge import training_contents
 from eitbench.benchmark.tuning.selection import Selection, Trial, TuningBudget
+from eitbench.benchmark.workers.messages import WorkerLostError
 from eitbench.benchmark.workers.method_service import MethodService
 from eitbench.methods import Problem, create
 from eitbench.methods.learned.image_networks import Dnn
@@ -127,9 +134,9 @@ def test_training_on_the_test_stream_is_counted() -> None:
     problem = a_problem(leaking)
     test = own("test", None)
     problem.training()
-    assert columns(problem.access_record(), {}, SMALL, test, spent={})["overlap"] == 4
+    assert columns(problem.access_record(), None, SMALL, test, spent={})["overlap"] == 4
     few = own("test", 3)
-    assert columns(problem.access_record(), {}, SMALL, few, spent={})["overlap"] == 3
+    assert columns(problem.access_record(), None, SMALL, few, spent={})["overlap"] == 3
 
 
 def test_a_method_that_learns_from_the_test_stream_is_counted() -> None:
@@ -137,9 +144,9 @@ def test_a_method_that_learns_from_the_test_stream_is_counted() -> None:
     data = own("test", None)
     service = MethodService(data.sensor, data.references[0], leaking, "linear-learned", {})
     service.fitted({})
-    access, trained_on = service.prior_knowledge().value
+    access, training = read_report(service.prior_knowledge().value)
     assert [given.split for given in access.samples] == ["train"]
-    found = columns(access, trained_on, SMALL, data, spent={})
+    found = columns(access, training, SMALL, data, spent={})
     assert found["overlap"] == len(data)
     row = {"method": "linear-learned", "n": 4, "data_n": 4, "prior_knowledge": "", "overlap": 4.0}
     said = overlaps([row])
@@ -150,7 +157,7 @@ def test_an_honest_training_split_overlaps_nowhere() -> None:
     problem = a_problem()
     problem.training()
     problem.validation()
-    found = columns(problem.access_record(), {}, SMALL, own("test", None), spent={})
+    found = columns(problem.access_record(), None, SMALL, own("test", None), spent={})
     assert found["overlap"] == 0
     assert (
         describe_prior_knowledge(found["prior_knowledge"])
@@ -163,18 +170,18 @@ def test_knowledge_by_tuning_is_reported() -> None:
     choice = Selection({"weight": 0.0}, 1.0, trials, TuningBudget(), "seconds")
     problem, test = a_problem(), own("test", None)
     create("noser").fit(problem)
-    found = columns(problem.access_record(), {}, SMALL, test, spent=choice.describe()["spent"])
+    found = columns(problem.access_record(), None, SMALL, test, spent=choice.describe()["spent"])
     assert describe_prior_knowledge(found["prior_knowledge"]) == (
         "nominal contact impedance; conductivity range; noise level through tuning; "
         "12 trials of tuning"
     )
     spent = choice.describe()["spent"] | {"edges": ["weight"]}
-    edge = columns(problem.access_record(), {}, SMALL, test, spent=spent)["prior_knowledge"]
+    edge = columns(problem.access_record(), None, SMALL, test, spent=spent)["prior_knowledge"]
     assert describe_prior_knowledge(edge).endswith(
         "12 trials of tuning, weight at the edge of what was tried"
     )
     assert "tuning" not in describe_prior_knowledge(
-        columns(problem.access_record(), {}, SMALL, test, spent={})["prior_knowledge"]
+        columns(problem.access_record(), None, SMALL, test, spent={})["prior_knowledge"]
     )
 
 
@@ -183,7 +190,7 @@ def test_noise_is_known_from_data_that_have_it() -> None:
     problem = a_problem(lambda split, limit: load(same, split=split, limit=limit))
     problem.training()
     problem.validation()
-    found = columns(problem.access_record(), {}, same, load(same, split="test"), spent={})
+    found = columns(problem.access_record(), None, same, load(same, split="test"), spent={})
     assert json.loads(found["prior_knowledge"])["noise"] == ["train"]
 
 
@@ -191,12 +198,7 @@ def test_weights_are_held_against_the_data_they_come_from(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("EITBENCH_CACHE", str(tmp_path))
-    notes = {
-        "scenario": "small",
-        "train_data": SMALL.data_hash("train"),
-        "train_samples": "6",
-        "seed": "3",
-    }
+    notes = Training("small", SMALL.data_hash("train"), 6, "3")
     problem, test = a_problem(), own("test", None)
     train = load(SMALL, split="train")
     found = columns(problem.access_record(), notes, SMALL, test, spent={})
@@ -206,14 +208,61 @@ def test_weights_are_held_against_the_data_they_come_from(
         "phantoms"
     )
     unseen = SMALL.model_copy(update={"families": ("ring",), "training_families": SMALL.families})
-    theirs = {**notes, "train_data": unseen.data_hash("train")}
+    theirs = replace(notes, train_data=unseen.data_hash("train"))
     other = columns(problem.access_record(), theirs, unseen, test, spent={})["prior_knowledge"]
     assert describe_prior_knowledge(other).endswith("; trained on other families of phantoms")
     # What is tested on what it was trained on.
     assert columns(problem.access_record(), notes, SMALL, train, spent={})["overlap"] == 6
     # Nothing is known of data that are not here.
-    elsewhere = {**notes, "train_data": "0" * 64}
+    elsewhere = replace(notes, train_data="0" * 64)
     assert np.isnan(columns(problem.access_record(), elsewhere, SMALL, test, spent={})["overlap"])
+
+
+@pytest.mark.parametrize(
+    "lie",
+    [
+        {"train_samples": "-1"},
+        {"train_samples": "many"},
+        {"train_samples": "9" * 4000},
+        {"train_data": "../" * 8},
+        {"seed": "x" * 500},
+        {"scenario": None},
+    ],
+)
+def test_training_that_cannot_be_is_not_known(lie: dict[str, Any]) -> None:
+    access = asdict(a_problem().access_record())
+    honest = {"scenario": "small", "train_data": SMALL.data_hash("train"), "train_samples": "6"}
+    _, training = read_report({"access": access, "trained_on": honest})
+    assert training == Training("small", SMALL.data_hash("train"), 6)
+    _, training = read_report({"access": access, "trained_on": honest | lie})
+    assert training == UNKNOWN
+    test = own("test", None)
+    found = columns(a_problem().access_record(), training, SMALL, test, spent={})
+    assert np.isnan(found["overlap"])
+    assert describe_prior_knowledge(found["prior_knowledge"])
+
+
+def test_more_training_samples_than_a_scenario_has_are_not_drawn() -> None:
+    many = Training("small", SMALL.data_hash("train"), SMALL.train + 1)
+    found = columns(a_problem().access_record(), many, SMALL, own("test", None), spent={})
+    assert np.isnan(found["overlap"])
+
+
+@pytest.mark.parametrize(
+    "lie",
+    [
+        {"model": 3},
+        {"samples": [{}]},
+        {"samples": [{"split": "test", "samples": 0, "contents": np.empty(0, np.uint64)}]},
+        {"samples": [{"split": "train", "samples": 9, "contents": np.empty(0, np.uint64)}]},
+    ],
+)
+def test_a_record_of_access_that_cannot_be_is_no_answer(lie: dict[str, Any]) -> None:
+    access = asdict(a_problem().access_record())
+    named = {"scenario": "small", "data_hash": ""}
+    lie = {k: [s | named for s in v] if k == "samples" else v for k, v in lie.items()}
+    with pytest.raises(WorkerLostError, match="is no answer"):
+        read_report({"access": access | lie, "trained_on": {}})
 
 
 def test_contents_of_a_training_set_are_found_out_once(

@@ -13,7 +13,7 @@ import pytest
 from eitbench.benchmark.run import method_cell, timing
 from eitbench.benchmark.run.method_cell import MethodCellTask
 from eitbench.benchmark.run.runner import make_plan, start_run
-from eitbench.benchmark.workers.worker import Reply
+from eitbench.benchmark.workers.messages import Reply
 from eitbench.scenarios.suites.suite import Suite
 
 PINNABLE = pytest.mark.skipif(

@@ -112,3 +112,19 @@ def test_method_names_stay_inside_the_run(name: str, store: RunStore, tmp_path: 
     (part,) = run.rglob("*.npz")
     assert part.relative_to(run).parts[:2] == ("parts", "some-scenario")
     assert len(part.relative_to(run).parts) == 4
+
+
+def test_a_part_that_another_process_wrote_is_refused(store: RunStore, tmp_path: Path) -> None:
+    """Not one of a run that is continued: it knows those that are there as it begins."""
+    store.save_batch(CELL, "test", batch(0))
+    store.save_batch(CELL, "test", batch(2))
+    (first, second) = sorted(store.path.glob("parts/*/*/*.npz"))
+    second.write_bytes(first.read_bytes())
+    assert len(store.batch(CELL, "test", 0)) == 2
+    with pytest.raises(DataCorruptError, match=f"{second.name}.* was changed by something else"):
+        store.batch(CELL, "test", 2)
+    third = second.with_name("test-00000004.npz")
+    third.write_bytes(first.read_bytes())
+    with pytest.raises(DataCorruptError, match=f"{third.name}.* was changed by something else"):
+        store.batch_length(CELL, "test", 4)
+    assert RunStore(store.path, store.kind).batch_length(CELL, "test", 4) == 2

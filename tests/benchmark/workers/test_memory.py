@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 
 from eitbench.benchmark.workers.memory import SHARED_MEMORY, MemoryMeter
-from eitbench.benchmark.workers.worker import Worker, WorkerLostError, _PluginReader, serve
+from eitbench.benchmark.workers.messages import WorkerLostError
+from eitbench.benchmark.workers.worker import Worker, _PluginReader, serve
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="needs /dev/shm: run on Linux")
 # More than a worker takes by itself, and less than that with 256 MiB.

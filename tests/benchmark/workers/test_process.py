@@ -20,7 +20,8 @@ from tests.support.waiting import has_ended, wait_for
 
 from eitbench.benchmark.run.runner import make_plan, resume_run, start_run
 from eitbench.benchmark.workers import process as processes
-from eitbench.benchmark.workers.worker import Worker, WorkerLostError, _PluginReader, serve
+from eitbench.benchmark.workers.messages import WorkerLostError
+from eitbench.benchmark.workers.worker import Worker, _PluginReader, serve
 from eitbench.scenarios.errors import EitbenchError
 from eitbench.scenarios.suites.suite import Suite
 

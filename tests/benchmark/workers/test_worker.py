@@ -5,6 +5,8 @@ import os
 import signal
 import threading
 from functools import partial
+from multiprocessing.connection import Connection
+from multiprocessing.reduction import ForkingPickler
 from pathlib import Path
 
 import numpy as np
@@ -12,11 +14,11 @@ import psutil
 import pytest
 from tests.support.waiting import has_ended, wait_for
 
+from eitbench.benchmark.workers.messages import WorkerLostError
 from eitbench.benchmark.workers.method_service import MethodService, learning_splits
 from eitbench.benchmark.workers.worker import (
     StoppedError,
     Worker,
-    WorkerLostError,
     describe_exception,
     plugin_names,
     serve,
@@ -143,6 +145,42 @@ def test_an_answer_that_is_none_loses_the_worker() -> None:
     ):
         worker.ask("fit", limit=60, what="it")
     assert lost.value.failure.status == "error"
+
+
+def test_an_object_is_no_answer_and_its_code_is_not_run(tmp_path: Path) -> None:
+    """As multiprocessing would send it: unpickled, it makes a folder."""
+    made = tmp_path / "made"
+    message = bytes(ForkingPickler.dumps(MakesFolder(made)))
+    with (
+        Worker(operator.methodcaller("send_bytes", message)) as worker,
+        pytest.raises(WorkerLostError, match="sent something that is no answer during it"),
+    ):
+        worker.ask("fit", limit=60, what="it")
+    assert not made.exists()
+
+
+def test_half_an_answer_is_not_waited_for_without_end() -> None:
+    with (
+        Worker(send_half) as worker,
+        pytest.raises(WorkerLostError, match=r"it took longer than 0.5 s") as lost,
+    ):
+        worker.ask("fit", limit=0.5, what="it")
+    assert lost.value.failure.status == "timeout"
+
+
+class MakesFolder:
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return os.mkdir, (str(self.path),)
+
+
+def send_half(connection: Connection) -> None:
+    """Send less than was said, then nothing."""
+    os.write(connection.fileno(), (1000).to_bytes(4, "big") + b"half")
+    connection.recv()
+    connection.recv()
 
 
 class MuteError(Exception):

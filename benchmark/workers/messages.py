@@ -1,0 +1,213 @@
+"""Answers of workers as bytes: JSON and arrays of numbers, so that scored code can send data only.
+
+A message is the length of a JSON header, the header, and the content of its arrays one after the
+other. Whoever reads it checks it again: the process that sent it runs somebody else's code.
+"""
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+
+Status = Literal["ok", "error", "timeout", "invalid-output", "out-of-memory"]
+
+MAX_TEXT = 500  # characters
+MAX_HEADER = 2**16  # bytes
+MAX_ARRAYS = 2**28  # bytes: 32 images of the largest sensor, twice
+LARGEST = 1e9  # seconds, MiB
+_LENGTH = 4  # bytes of the length of a header
+_ARRAY = "array of the message"
+_NO_ANSWER = "its process sent something that is no answer"
+
+
+@dataclass(frozen=True)
+class Failure:
+    """Reason why a method or operator gave no result.
+
+    Attributes:
+        message: a sentence for people.
+        kinds: for programs: class names of the exception, or "mutated", "shape", "dtype".
+    """
+
+    status: Status
+    message: str
+    kinds: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Reply:
+    """Answer of a worker.
+
+    Attributes:
+        value: the result: an array of float32, float64 or uint64, text, a number, None, or lists
+            and dictionaries of these. `parsed` makes a value of a declared type of it.
+        seconds: time in the method or operator alone.
+        failure: set where it gave no result.
+        memory_mb: peak resident memory of the worker so far [MiB].
+    """
+
+    value: Any
+    seconds: float
+    failure: Failure | None = None
+    memory_mb: float = float("nan")
+
+
+class WorkerLostError(Exception):
+    """The worker is gone: past its limit, dead, stopped, or sending nonsense."""
+
+    def __init__(self, failure: Failure) -> None:
+        super().__init__(failure.message)
+        self.failure = failure
+
+
+def no_answer(what: str) -> WorkerLostError:
+    """Return the error of a worker that sent nonsense while it was doing `what`."""
+    return WorkerLostError(Failure("error", f"{_NO_ANSWER} during {what}"))
+
+
+def plain_text(text: str) -> str:
+    """Return `text` without lone surrogates, which no file takes, and not longer than others."""
+    plain = text[: MAX_TEXT + 1].encode(errors="backslashreplace").decode()
+    return plain if len(plain) <= MAX_TEXT else plain[: MAX_TEXT - 1] + "…"
+
+
+def _cost(given: float) -> float:
+    return given if 0 <= given <= LARGEST else math.nan
+
+
+Cost = Annotated[float, AfterValidator(_cost)]
+"""Seconds or MiB; NaN where it is not known, or cannot be."""
+Seconds = Annotated[float, Field(ge=0, le=LARGEST, allow_inf_nan=False)]
+
+
+def parsed(kind: TypeAdapter[Any], value: object, what: str) -> Any:
+    """Return the answer `value` as the type that `kind` declares.
+
+    Raises:
+        WorkerLostError: it is none; `what` was asked for is said.
+    """
+    try:
+        return kind.validate_python(value)
+    except (ValidationError, RecursionError) as error:
+        raise no_answer(what) from error
+
+
+def array_in(value: object, dtype: type, shape: tuple[int, ...], what: str) -> NDArray[Any]:
+    """Return the answer `value`, an array of that type and shape.
+
+    Raises:
+        WorkerLostError: it is none; `what` was asked for is said.
+    """
+    if not (isinstance(value, np.ndarray) and value.dtype == dtype and value.shape == shape):
+        raise no_answer(what)
+    return value
+
+
+class _Array(BaseModel):
+    dtype: Literal["<f4", "<f8", "<u8"]
+    shape: list[Annotated[int, Field(ge=0, le=2**40)]] = Field(max_length=8)
+
+
+class _Failure(BaseModel):
+    status: Status
+    message: str
+    kinds: list[str]
+
+
+class _Header(BaseModel):
+    model_config = ConfigDict(strict=True, extra="forbid")
+
+    value: Any
+    seconds: Seconds
+    failure: _Failure | None
+    memory_mb: Cost
+    arrays: list[_Array]
+
+
+def encode(reply: Reply) -> bytes:
+    """Return the message of `reply`, its texts shortened; objects become their texts.
+
+    Raises:
+        ValueError: it is larger than a message may be.
+    """
+    arrays: list[NDArray[Any]] = []
+    failure = reply.failure
+    header = {
+        "value": _plain(reply.value, arrays),
+        "seconds": reply.seconds,
+        "failure": failure and _plain(vars(failure), []),
+        "memory_mb": reply.memory_mb,
+        "arrays": [{"dtype": array.dtype.str, "shape": array.shape} for array in arrays],
+    }
+    text = json.dumps(header).encode()
+    if len(text) > MAX_HEADER:
+        raise ValueError(f"its answer holds more than {MAX_HEADER:,} bytes of text")
+    size = sum(array.nbytes for array in arrays)
+    if size > MAX_ARRAYS:
+        raise ValueError(f"its answer holds more than {MAX_ARRAYS:,} bytes of numbers")
+    return b"".join([len(text).to_bytes(_LENGTH), text, *(array.tobytes() for array in arrays)])
+
+
+def decode(message: bytes) -> Reply:
+    """Return the reply that `message` holds; its arrays may be written to.
+
+    Raises:
+        ValueError: it holds none.
+    """
+    end = _LENGTH + int.from_bytes(message[:_LENGTH])
+    if not _LENGTH < end <= min(len(message), _LENGTH + MAX_HEADER):
+        raise ValueError("no message: the length of its header is wrong")
+    arrays = []
+    try:
+        header = _Header.model_validate(json.loads(message[_LENGTH:end]))
+        for declared in header.arrays:
+            dtype = np.dtype(declared.dtype)
+            count = math.prod(declared.shape)
+            stop = end + count * dtype.itemsize
+            if stop > len(message):
+                raise ValueError("no message: an array is longer than the message")
+            arrays.append(np.ndarray(declared.shape, dtype, message, end).copy())
+            end = stop
+        value = _with_arrays(_plain(header.value, []), arrays)
+    except RecursionError as error:
+        raise ValueError("no message: it is nested too deeply") from error
+    if end != len(message):
+        raise ValueError("no message: something follows its arrays")
+    if (lost := header.failure) is None:
+        return Reply(value, header.seconds, None, header.memory_mb)
+    kinds = tuple(map(plain_text, lost.kinds))
+    failure = Failure(lost.status, plain_text(lost.message), kinds)
+    return Reply(None, header.seconds, failure, header.memory_mb)
+
+
+def _plain(value: object, arrays: list[NDArray[Any]]) -> Any:
+    """Return `value` as JSON; its arrays are added to `arrays`."""
+    if isinstance(value, np.ndarray):
+        arrays.append(value)
+        return {_ARRAY: len(arrays) - 1}
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, Mapping):
+        return {plain_text(str(name)): _plain(part, arrays) for name, part in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(part, arrays) for part in value]
+    if value is None or isinstance(value, bool | int | float):
+        return value
+    return plain_text(str(value))
+
+
+def _with_arrays(value: Any, arrays: list[NDArray[Any]]) -> Any:
+    """Return `value` with the arrays that it names."""
+    if isinstance(value, dict):
+        number = value.get(_ARRAY)
+        if type(number) is int and 0 <= number < len(arrays):
+            return arrays[number]
+        return {name: _with_arrays(part, arrays) for name, part in value.items()}
+    if isinstance(value, list):
+        return [_with_arrays(part, arrays) for part in value]
+    return value

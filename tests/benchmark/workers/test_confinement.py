@@ -1,0 +1,154 @@
+"""A confined worker: where it can write, what it can touch, and what is noted of it."""
+
+import multiprocessing.util
+import os
+import socket
+import subprocess
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from eitbench.benchmark.workers.confinement import Confinement, check_isolation, landlock_abi
+from eitbench.benchmark.workers.messages import Reply
+from eitbench.benchmark.workers.worker import Worker, serve
+from eitbench.scenarios.cache_dir import cache_dir
+from eitbench.scenarios.errors import InputError
+
+needs_landlock = pytest.mark.skipif(landlock_abi() < 6, reason="needs Linux 6.12 with Landlock")
+
+
+class Doing:
+    """A service that does what it is told."""
+
+    def do(self, action: Callable[..., object], *arguments: object) -> Reply:
+        return Reply(action(*arguments), 0.0)
+
+
+def in_worker(confinement: Confinement, action: Callable[..., Any], *arguments: object) -> Reply:
+    with Worker(serve, Doing(), confinement=confinement) as worker:
+        return worker.ask("do", action, *arguments, limit=60, what="it")
+
+
+@pytest.fixture
+def confinement(tmp_path: Path) -> Confinement:
+    folder = tmp_path / "worker"
+    folder.mkdir()
+    return Confinement(folder)
+
+
+def append(path: Path) -> None:
+    with path.open("a") as file:
+        file.write("x")
+
+
+def append_from_a_program(path: Path) -> None:
+    subprocess.run(["/bin/sh", "-c", 'echo x >> "$0"', str(path)], check=True)
+
+
+def in_shared_memory() -> None:
+    from multiprocessing import Lock
+
+    Lock()
+
+
+@needs_landlock
+@pytest.mark.parametrize(
+    "way", [append, append_from_a_program, Path.unlink, Path.rmdir, os.truncate]
+)
+def test_it_cannot_change_files_of_others(
+    way: Callable[..., Any], confinement: Confinement, tmp_path: Path
+) -> None:
+    results = tmp_path / "rows"
+    if way is Path.rmdir:
+        results.mkdir()
+    else:
+        results.write_text("rows")
+    more = (0,) if way is os.truncate else ()
+    reply = in_worker(confinement, way, results, *more)
+    assert reply.failure is not None
+    assert results.is_dir() or results.read_text() == "rows"
+
+
+def own_file() -> None:
+    with tempfile.NamedTemporaryFile("w") as file:
+        file.write("x")
+
+
+def cache_file() -> None:
+    file = cache_dir() / f"test-{os.getpid()}"
+    file.write_text("x")
+    file.unlink()
+
+
+def null() -> None:
+    Path(os.devnull).write_text("x")
+
+
+@pytest.mark.parametrize("way", [own_file, cache_file, null, in_shared_memory])
+def test_it_can_write_what_is_its_own(way: Callable[[], object], confinement: Confinement) -> None:
+    assert in_worker(confinement, way).failure is None
+    assert confinement.watch.noted("write") == []
+
+
+@needs_landlock
+def test_it_cannot_end_or_look_into_the_judge(confinement: Confinement) -> None:
+    for action in (lookup, signalled):
+        reply = in_worker(confinement, action, os.getpid())
+        assert reply.failure is not None
+        assert "PermissionError" in reply.failure.kinds
+
+
+def lookup(pid: int) -> None:
+    Path(f"/proc/{pid}/mem").open("rb").close()
+
+
+def signalled(pid: int) -> None:
+    os.kill(pid, 0)
+
+
+@pytest.fixture
+def isolated(tmp_path: Path) -> Confinement:
+    try:
+        check_isolation()
+    except InputError as error:
+        pytest.skip(str(error))
+    folder, given = tmp_path / "isolated", tmp_path / "given"
+    folder.mkdir()
+    given.write_text("given")
+    return Confinement(folder, (given,))
+
+
+def listening() -> tuple[socket.socket, int]:
+    server = socket.create_server(("127.0.0.1", 0))
+    return server, server.getsockname()[1]
+
+
+def connect(port: int) -> None:
+    socket.create_connection(("127.0.0.1", port), 10).close()
+
+
+def test_an_isolated_one_reads_what_it_is_given_and_has_no_network(
+    isolated: Confinement, tmp_path: Path
+) -> None:
+    secret = tmp_path / "secret"
+    secret.write_text("secret")
+    server, port = listening()
+    with server:
+        for action, argument in ((Path.read_text, secret), (connect, port), (append, secret)):
+            assert in_worker(isolated, action, argument).failure is not None
+    assert in_worker(isolated, Path.read_text, tmp_path / "given").value == "given"
+    assert in_worker(isolated, own_file).failure is None
+
+
+def test_an_isolated_one_cannot_ask_the_server_of_processes_for_a_free_one(
+    isolated: Confinement, confinement: Confinement
+) -> None:
+    assert in_worker(confinement, own_file).failure is None  # there is a server by now
+    listeners = list(Path(multiprocessing.util.get_temp_dir()).glob("listener-*"))
+    assert listeners
+    for listener in listeners:
+        assert in_worker(confinement, os.path.exists, listener).value
+        assert not in_worker(isolated, os.path.exists, listener).value
