@@ -49,7 +49,7 @@ def try_reading(path: Path, read: Callable[..., object], *arguments: object) -> 
     answers, ours = os.pipe()
     with warnings.catch_warnings():
         # Threads of this process are not in the new one, which asks nothing of them.
-        warnings.simplefilter("ignore", DeprecationWarning)
+        warnings.simplefilter("ignore")
         child = os.fork()
     if child == 0:
         _answer(ours, path, read, arguments)

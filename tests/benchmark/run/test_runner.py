@@ -163,7 +163,8 @@ def test_the_manifest_tells_the_whole_story(toy_run: Path, data: Dataset, tiny: 
     assert manifest["cells"][0]["track"] == "default"
     assert manifest["command_line"]
     assert {path.name for path in toy_run.iterdir()} == {
-        "logs", "manifest.json", "methods.parquet", "reconstructions.h5", "samples.parquet",
+        "logs", "manifest.json", "methods.parquet", "plugins", "reconstructions.h5",
+        "samples.parquet",
     }  # fmt: skip
 
 

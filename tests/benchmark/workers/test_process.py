@@ -9,6 +9,7 @@ import sys
 import tempfile
 from collections.abc import Callable
 from contextlib import suppress
+from multiprocessing import forkserver
 from multiprocessing.context import ForkServerProcess
 from multiprocessing.util import get_temp_dir
 from pathlib import Path
@@ -77,12 +78,14 @@ def noted(plugin: Path, name: str) -> str:
 
 
 @LINUX
-def test_no_worker_outlives_a_run_that_is_killed(tmp_path: Path) -> None:
+def test_no_worker_outlives_a_run_that_is_killed(
+    tmp_path: Path, tmp_path_factory: pytest.TempPathFactory
+) -> None:
     """Whatever its workers do meanwhile; neither do their daemons and temporary files."""
     plugins = [tmp_path / f"{name}.py" for name in ENDURES]
     for plugin in plugins:
         plugin.write_text(NOTES_PID + ENDURES[plugin.stem])
-    (temporary := tmp_path / "temporary").mkdir()
+    temporary = tmp_path_factory.mktemp("t")  # the path of a socket has 107 bytes at most
     run = subprocess.Popen(
         [sys.executable, "-c", ASKS_FOR_EVER, *map(str, plugins)],
         env=os.environ | {"TMPDIR": str(temporary)},
@@ -142,8 +145,7 @@ def test_temporary_files_of_a_worker_go_with_it(tmp_path: Path) -> None:
 
 def server() -> psutil.Process:
     """The process that workers are forked by."""
-    (found,) = (p for p in psutil.Process().children() if "forkserver" in " ".join(p.cmdline()))
-    return found
+    return psutil.Process(vars(forkserver)["_forkserver"]._forkserver_pid)
 
 
 @pytest.fixture(scope="module")
