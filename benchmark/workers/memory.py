@@ -8,6 +8,8 @@ from pathlib import Path
 
 import psutil
 
+from eitbench.benchmark.workers.control_group import control_group, group_memory_mb
+
 SHARED_MEMORY = Path("/dev/shm")  # noqa: S108  (files are looked at and removed there, none made)
 _IN_MEMORY = (f"{SHARED_MEMORY}/", "/memfd:")
 _BLOCK = 512  # bytes: the unit of `st_blocks`
@@ -17,12 +19,12 @@ class MemoryMeter:
     """Meter of the processes below one; on Linux also of their files in memory.
 
     A file counts from when one of them is seen to have it open, until it is gone. One that is
-    open for a moment only may not be seen.
+    open for a moment only may not be seen, unless the processes have a control group.
     """
 
     def __init__(self, pid: int) -> None:
         """Measure what runs below the process `pid`."""
-        self._pid = pid
+        self._pid, self._group = pid, control_group(pid)
         self._named: dict[tuple[int, int], Path] = {}
 
     def used_mb(self) -> float:
@@ -49,7 +51,8 @@ class MemoryMeter:
                 continue
             if key == (found.st_dev, found.st_ino):
                 files[key] = found.st_blocks * _BLOCK
-        return (resident + max(0, sum(files.values()) - mapped)) / 2**20
+        seen = (resident + max(0, sum(files.values()) - mapped)) / 2**20
+        return max(seen, group_memory_mb(self._group))
 
 
 def _open_in_memory(pid: int) -> Iterator[tuple[Path, os.stat_result]]:

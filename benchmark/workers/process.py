@@ -29,6 +29,7 @@ from threadpoolctl import threadpool_limits
 
 from eitbench.benchmark.workers.audit_hook import TEMPORARY
 from eitbench.benchmark.workers.confinement import Confinement
+from eitbench.benchmark.workers.control_group import enter_group, make_group
 from eitbench.benchmark.workers.memory import SHARED_MEMORY, MemoryMeter
 from eitbench.scenarios.errors import EitbenchError
 
@@ -240,8 +241,11 @@ def _fork_from_guard(connection: Connection, run: Connection) -> None:
     folder = tempfile.mkdtemp(prefix="eitbench-")
     os.setsid()  # not ended with the worker's group
     _control(_PR_SET_CHILD_SUBREAPER, 1)  # what the worker started is found below this process
+    group = make_group(os.getpid())
     guard, worker = os.getpid(), os.fork()
     if worker == 0:
+        if group is not None:
+            enter_group(group)
         os.setsid()  # so that what the method starts dies with it
         _control(_PR_SET_PDEATHSIG, signal.SIGKILL)
         if os.getppid() != guard:
@@ -261,6 +265,9 @@ def _fork_from_guard(connection: Connection, run: Connection) -> None:
     end_tree(worker)
     ended += _end_children()
     shutil.rmtree(folder, ignore_errors=True)
+    if group is not None:
+        with suppress(OSError):  # it is left, empty
+            group.rmdir()
     for pid, _ in ended:  # by these, OpenMP libraries of LLVM and Intel know that they are loaded
         for file in SHARED_MEMORY.glob(f"__KMP_REGISTERED_LIB_{pid}_*"):
             file.unlink(missing_ok=True)

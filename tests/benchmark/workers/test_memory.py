@@ -7,8 +7,10 @@ from pathlib import Path
 
 import pytest
 
+from eitbench.benchmark.workers.control_group import control_group, make_group
 from eitbench.benchmark.workers.memory import SHARED_MEMORY, MemoryMeter
 from eitbench.benchmark.workers.messages import WorkerLostError
+from eitbench.benchmark.workers.process import start_process
 from eitbench.benchmark.workers.worker import Worker, _PluginReader, serve
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="needs /dev/shm: run on Linux")
@@ -55,6 +57,39 @@ def test_files_in_memory_count(what: str, tmp_path: Path) -> None:
     finally:
         Path(plugin.with_suffix(".shared").read_text()).unlink(missing_ok=True)
     assert lost.value.failure.message == f"it took more than {LIMIT_MB} MB of memory"
+
+
+PASSING = """
+import os
+from pathlib import Path
+
+shared = Path("/dev/shm") / f"eitbench-test-{os.getpid()}"
+Path(__file__).with_suffix(".shared").write_text(str(shared))
+shared.write_bytes(bytes(2**28))
+"""
+
+
+def test_a_file_that_nobody_saw_open_counts(tmp_path: Path) -> None:
+    """Where the worker has a control group."""
+    group = make_group(os.getpid())
+    if group is None:
+        pytest.skip("needs a control group for memory: run as root, or under a delegated group")
+    group.rmdir()
+    plugin = tmp_path / "passing.py"
+    plugin.write_text(PASSING)
+    process, connection = start_process(serve, (_PluginReader(plugin),), None)
+    try:
+        connection.send(("names",))
+        connection.recv_bytes()  # the file is written and closed; nobody has looked meanwhile
+        used = process.memory_mb()
+    finally:
+        connection.close()
+        process.end()
+        Path(plugin.with_suffix(".shared").read_text()).unlink()
+    assert used > 256
+    groups = control_group(process.pid)
+    assert groups is not None
+    assert not groups.exists()
 
 
 HOLDS = """
