@@ -11,6 +11,7 @@ import pandas as pd
 from eitbench.benchmark.analysis.results import (
     NOTES,
     Run,
+    describe_actions,
     describe_prior_knowledge,
 )
 from eitbench.benchmark.metrics.aggregation import aggregate
@@ -140,6 +141,7 @@ def _row(run: Run, keys: Row, cell: pd.DataFrame) -> Row:
         row |= {n: _plain(cell[n].median() if n in cell else None) for n in SNR_COLUMNS}
         row["prior_knowledge"] = describe_prior_knowledge(known.get("prior_knowledge"))
         row["overlap"] = _plain(known.get("overlap"))
+        row["actions"] = describe_actions(known.get("actions"))
     return row
 
 

@@ -181,15 +181,24 @@ def checked_table(
                 )
     if wrong := wrong_kind(table, texts, (*kind.metrics, *kind.costs, *NUMBERS)):
         raise DataCorruptError(f"The column {wrong!r} of {path} is damaged: run again.")
-    if "prior_knowledge" in table:
+    described = {"prior_knowledge": describe_prior_knowledge, "actions": describe_actions}
+    for name, describe in described.items():
         try:
-            for text in table["prior_knowledge"].unique():
-                describe_prior_knowledge(text)
+            for text in table[name].unique() if name in table else ():
+                describe(text)
         except ValueError as error:
             raise DataCorruptError(
-                f"The column 'prior_knowledge' of {path} is damaged: run again."
+                f"The column {name!r} of {path} is damaged: run again."
             ) from error
     return table
+
+
+_ACTIONS = TypeAdapter(dict[str, list[str]])
+_DID = {
+    "network": "used the network",
+    "program": "started a program",
+    "test data": "asked for test data",
+}
 
 
 class _Given(BaseModel):
@@ -248,6 +257,21 @@ def describe_prior_knowledge(text: object) -> str:
     if known.families:
         parts.append(f"trained on {_FAMILIES[known.families]}")
     return "; ".join(parts) or "the reference frame only"
+
+
+def describe_actions(text: object) -> str:
+    """Return what the column `actions` of a cell says that a reader should know; else "".
+
+    That is the network, programs, and the test data; files that it read or wrote are not.
+
+    Raises:
+        ValueError: the text is no such JSON.
+    """
+    if not isinstance(text, str) or not text:
+        return ""
+    known = _ACTIONS.validate_json(text)
+    told = (f"{_DID[kind]} ({known[kind][0]})" for kind in _DID if known.get(kind))
+    return " and ".join(told)
 
 
 def failures(run: Run) -> list[str]:

@@ -104,8 +104,8 @@ def notes(board: Sequence[Row]) -> list[str]:
     """Return parts of a sentence on the reading of a board.
 
     They tell the noise, compare with the published figures, and name the cost of failures, the
-    overlap of training and test samples, differences in software that is not ours, and times that
-    were taken beside other cells.
+    overlap of training and test samples, differences in software that is not ours, methods that
+    used the network, programs or test data, and times that were taken beside other cells.
     """
     return (
         _noise(board)
@@ -113,6 +113,7 @@ def notes(board: Sequence[Row]) -> list[str]:
         + _costs_of_failures(board)
         + overlaps(board)
         + _by_text(board, "differs")
+        + _by_text(board, "actions")
         + _shared_times(board)
     )
 

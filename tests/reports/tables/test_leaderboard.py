@@ -8,15 +8,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 from tests.support.made_runs import edited_manifest
 
 from eitbench.benchmark.metrics.metric_spec import SMALL, TIME
 from eitbench.benchmark.metrics.specs import METRICS
-from eitbench.reports.tables.boards import note
+from eitbench.reports.tables.boards import note, notes
 from eitbench.reports.tables.columns import METHOD_LAYOUT as LAYOUT
 from eitbench.reports.tables.columns import Column
 from eitbench.reports.tables.leaderboard import FORMATS, ranked_rows
+from eitbench.scenarios.errors import DataCorruptError
 
 NASTY = "a|b_<img src=x>$\\%&`\x1b[31m\nend"
 CONTRACT = {
@@ -236,3 +238,17 @@ def test_what_failures_cost_is_said(build: Any, dataset_of: Any) -> None:
     assert [(row["method"], row["rank_valid"]) for row in rows] == [("fair", 2), ("good", 1)]
     assert "good would rank 1 if what failed were left out" in FORMATS["md"](rows)
     assert "fair would" not in FORMATS["md"](rows)
+
+
+def test_a_board_tells_of_network_programs_and_test_data(build: Any, dataset_of: Any) -> None:
+    run = build.add_scaled(dataset_of("conductivity", 3), {"calls": 0.9, "quiet": 0.5}).write()
+    cells = pd.read_parquet(run / "methods.parquet")
+    done = {"network": ["socket.connect to ('192.0.2.1', 80)"], "read": ["/etc/hosts"]}
+    cells["actions"] = [json.dumps(done), ""]
+    cells.to_parquet(run / "methods.parquet")
+    told = notes(ranked_rows([run]))
+    assert "calls: used the network (socket.connect to ('192.0.2.1', 80))" in told
+    assert not any("quiet" in text or "/etc/hosts" in text for text in told)
+    cells.assign(actions="{").to_parquet(run / "methods.parquet")
+    with pytest.raises(DataCorruptError, match="'actions'"):
+        ranked_rows([run])
