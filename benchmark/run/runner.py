@@ -115,7 +115,8 @@ def resume_run(
 
     Args:
         jobs: as for `start_run`; it may be another number than before.
-        scheduler, isolate: as for `start_run`; they may be others.
+        scheduler: as for `start_run`; it may be another one, or none.
+        isolate: as for `start_run`.
 
     Raises:
         InputError: `run` is no run directory, belongs to another suite, plugin or data, or another

@@ -56,6 +56,11 @@ def members_of(path: Path) -> dict[str, bytes]:
         return {name: file.read(name) for name in file.namelist()}
 
 
+def resumed(store: RunStore) -> RunStore:
+    """The same directory for a run that is continued, which wrote none of its parts."""
+    return RunStore(store.path, store.kind)
+
+
 def test_a_zip_bomb_is_not_unpacked(store: RunStore) -> None:
     path = part_of(store)
     zeros = io.BytesIO()
@@ -64,7 +69,7 @@ def test_a_zip_bomb_is_not_unpacked(store: RunStore) -> None:
     path.write_bytes(archive(members, zipfile.ZIP_DEFLATED))
     assert path.stat().st_size < 300_000
     with pytest.raises(DataCorruptError, match="more than the file"):
-        store.batch(CELL, "test", 0)
+        resumed(store).batch(CELL, "test", 0)
 
 
 def test_names_in_an_archive_lead_nowhere(store: RunStore, tmp_path: Path) -> None:
@@ -73,7 +78,7 @@ def test_names_in_an_archive_lead_nowhere(store: RunStore, tmp_path: Path) -> No
     array = members_of(path)["conductivity.npy"]
     names = dict.fromkeys(["../../../up.npy", "/root/up.npy", "C:\\up.npy"], array)
     path.write_bytes(archive(members_of(path) | names, zipfile.ZIP_STORED))
-    assert "../../../up" in store.batch(CELL, "test", 0).values
+    assert "../../../up" in resumed(store).batch(CELL, "test", 0).values
     assert sorted(tmp_path.rglob("*")) == before
 
 
@@ -88,7 +93,7 @@ def test_objects_in_an_archive_are_not_unpickled(store: RunStore, tmp_path: Path
     np.save(array, np.array([Touch()], dtype=object))
     path.write_bytes(archive(members_of(path) | {"x.npy": array.getvalue()}, zipfile.ZIP_STORED))
     with pytest.raises(DataCorruptError, match="Object arrays cannot be loaded"):
-        store.batch(CELL, "test", 0)
+        resumed(store).batch(CELL, "test", 0)
     assert not (tmp_path / "touched").exists()
 
 

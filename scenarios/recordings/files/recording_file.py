@@ -16,7 +16,6 @@ from eitbench.scenarios.limits import check_regular, own_dataset
 from eitbench.scenarios.recordings.files import layout
 from eitbench.scenarios.sensors.sensor import Sensor
 from eitbench.scenarios.sensors.sensor_file import sensor_from_json, sensor_to_json
-from eitbench.scenarios.try_reading import try_reading
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +79,6 @@ def read_file(path: Path) -> tuple[Content, Condition]:
         UnreadableError: there is no such file, or it may not be read.
         DataCorruptError: no recording, or one whose parts do not fit together.
     """
-    try_reading(path, _parts, path)
     header, parts = _parts(path)
     sensor = _sensor(path, header, parts)
     columns = [parts[n] for n in (layout.NUMBER, layout.TIME, layout.RECEIVED, layout.VALUES)]

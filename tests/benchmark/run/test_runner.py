@@ -297,9 +297,9 @@ def test_a_run_is_finished_only_with_every_cell(
 ) -> None:
     run_cell = cell.run_cell
 
-    def forget(task: Any, *args: Any) -> None:
+    def forget(task: Any, *args: Any, **options: Any) -> None:
         if task.plan.cell.name != "toy-good":
-            run_cell(task, *args)
+            run_cell(task, *args, **options)
 
     with monkeypatch.context() as patch:
         patch.setattr(execution, "run_cell", forget)
