@@ -15,7 +15,7 @@ from eitbench.scenarios.limits import check_regular
 
 Key = tuple[str | int, ...]
 
-MAX_BYTES = 1_000_000
+MAX_BYTES = 200_000
 """Greatest size of a file: the largest packaged suite has 20 kB."""
 MAX_PARTS = 32
 """Most parts of a dotted key: the time that Python takes to read one grows with their square."""
@@ -103,7 +103,7 @@ def _text(kind: str, path: Path) -> str:
     with path.open("rb") as file:
         content = file.read(MAX_BYTES + 1)
     if len(content) > MAX_BYTES:
-        raise InputError(f"{kind} file {path} is larger than 1 MB: declare less in it.")
+        raise InputError(f"{kind} file {path} is larger than 200 kB: declare less in it.")
     text = content.decode()
     if _DEEP_KEY.search(text):
         raise InputError(f"{kind} file {path} has a key of more than {MAX_PARTS} parts.")

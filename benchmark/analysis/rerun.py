@@ -14,10 +14,12 @@ import tempfile
 import threading
 from collections.abc import Mapping
 from pathlib import Path
+from random import SystemRandom
 from typing import Any
 
 import numpy as np
 
+from eitbench.benchmark.analysis.results import NOTES_FILE, describe_actions
 from eitbench.benchmark.analysis.submission import Check, Submission
 from eitbench.benchmark.run.cell import BatchRunner
 from eitbench.benchmark.run.cell_task import CellPlan, StoredSamples
@@ -28,20 +30,20 @@ from eitbench.benchmark.rundir.folder import read_json_file
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
 from eitbench.benchmark.rundir.plan import sha256
 from eitbench.benchmark.rundir.run_arrays import read_validation
-from eitbench.benchmark.rundir.store import SAMPLES, RunStore
+from eitbench.benchmark.rundir.store import SAMPLES, TRACKS, RunStore
 from eitbench.benchmark.workers.confinement import check_isolation
 from eitbench.scenarios.atomic_write import atomic_write
 from eitbench.scenarios.errors import DataCorruptError
 
 VERIFIED = "verified.json"
-"""Beside the run directories: numbers of samples that were run again, by digest."""
+"""Beside the run directories: what was run again, by digest."""
 
 ROUNDING = 1e-3
 """Difference of images, as a share of the background, that another processor may cause."""
 
 
 def rerun(submission: Submission, n: int, *, isolate: bool = False) -> list[Check]:
-    """Run every method again on the first `n` samples of its scenarios, rounded up to a batch.
+    """Run every method again on `n` samples of each scenario, in whole batches drawn at random.
 
     Args:
         isolate: keep methods from the network, and from reading files that are not theirs.
@@ -52,24 +54,16 @@ def rerun(submission: Submission, n: int, *, isolate: bool = False) -> list[Chec
     """
     if isolate:
         check_isolation()
-    # A batch of another size has other last bits.
-    n = MethodData.batch * math.ceil(n / MethodData.batch)
-    plan = submission.plan
     checks = []
-    for scenario in plan.suite.scenarios:
-        data = MethodData.load(scenario, plan.suite, n, jobs=submission.jobs, progress=False)
-        for entry in submission.run.manifest["cells"]:
-            if entry["scenario"] == scenario.name and not entry["variant"]:
-                what = f"{entry['name']!r} makes the stored images of {scenario.name!r} again"
-                checks.append(Check(what, _problem(submission, data, entry, isolate)))
+    for entry in submission.run.manifest["cells"]:
+        what = f"{entry['name']!r} makes the stored images of {entry['scenario']!r} again"
+        checks.append(Check(what, _problem(submission, entry, n, isolate)))
     return checks
 
 
-def _problem(
-    submission: Submission, data: MethodData, entry: Mapping[str, Any], isolate: bool
-) -> str:
+def _problem(submission: Submission, entry: Mapping[str, Any], n: int, isolate: bool) -> str:
     run, name, scenario = submission.run, entry["name"], entry["scenario"]
-    plugin = submission.plan.origins.get(name)
+    data, plugin = submission.data[scenario], submission.plan.origins.get(name)
     copy = None if plugin is None else run.path / plugin.kept
     if plugin is not None and not (copy and copy.is_file() and sha256(copy) == plugin.sha256):
         return "The directory holds no copy of its plugin: run it again with this eitbench."
@@ -79,13 +73,21 @@ def _problem(
     )
     with tempfile.TemporaryDirectory() as folder:
         task = MethodCellTask(plan, RunStore.create(Path(folder), METHOD_RUNS), data)
-        row = BatchRunner(task, lambda done: None, threading.Event(), isolate=isolate).run()
+        runner = BatchRunner(task, lambda done: None, threading.Event(), isolate=isolate)
+        # Nobody can foresee which; a batch of another size has other last bits.
+        tested = [rows for split, rows in runner.pending if split == "test"]
+        drawn = SystemRandom().sample(tested, min(len(tested), math.ceil(n / data.batch)))
+        runner.pending = [
+            (split, rows) for split, rows in runner.pending if split != "test" or rows in drawn
+        ]
+        row = runner.run()
         made = {split: StoredSamples(task, split) for split in task.sizes}
-    stored = run.estimates(scenario, name, range(task.sizes["test"]))
+    samples = np.flatnonzero(made["test"].status != "")
+    stored = run.estimates(scenario, name, samples.tolist())
     if stored is None:
         return "It holds no images."
     allowed = 0.0 if _same_machine(submission) else ROUNDING * data.test.sensor.background
-    pairs = [(stored, made["test"].values["conductivity"])]
+    pairs = [(stored, made["test"].values["conductivity"][samples])]
     if data.validation is not None:
         images = made["validation"].values["conductivity"]
         arrays = run.path / METHOD_RUNS.arrays
@@ -99,9 +101,11 @@ def _problem(
                 f"that it makes here{f' ({reasons[0]})' if reasons else ''}."
             )
     known = run.cells[(run.cells["scenario"] == scenario) & (run.cells["method"] == name)]
-    if known["prior_knowledge"].tolist() != [row.get("prior_knowledge")]:
-        return "Its prior knowledge is not what the directory says."
-    return ""
+    for column in ("prior_knowledge", "differs"):
+        if known[column].tolist() != [row.get(column, "")]:
+            return f"Its {column.replace('_', ' ')} is not what the directory says."
+    did = describe_actions(row.get("actions"))
+    return f"Run again, it {did}." if did else ""
 
 
 def _same_machine(submission: Submission) -> bool:
@@ -114,24 +118,39 @@ def _same_machine(submission: Submission) -> bool:
 
 
 def digest(run: Path) -> str:
-    """Return the SHA-256 (hex) of a run directory: its manifest, tables, images and plugins."""
-    names = (manifests.FILE_NAME, SAMPLES, METHOD_RUNS.table, METHOD_RUNS.arrays)
+    """Return the SHA-256 (hex) of what a run directory says: all but figures and leaderboards."""
+    names = (
+        manifests.FILE_NAME,
+        SAMPLES,
+        TRACKS,
+        METHOD_RUNS.table,
+        METHOD_RUNS.arrays,
+        NOTES_FILE,
+    )
     # A run of operators has no rows of methods.
     paths = [path for name in names if (path := run / name).is_file()]
     paths += sorted((run / "plugins").glob("*.py"))
     return hashlib.sha256("".join(map(sha256, paths)).encode()).hexdigest()
 
 
-def note_verified(run: Path, n: int) -> Path:
-    """Note beside the run directory that `n` samples of it were run again; return the file."""
+def note_verified(submission: Submission, n: int) -> Path:
+    """Note beside the run directory that `n` samples of each scenario were run again.
+
+    Returns:
+        The file. It says so as "32 of 36 samples", with those of the largest scenario.
+    """
+    run = submission.run.path
+    total = max(len(data.test) for data in submission.data.values())
+    batch = MethodData.batch
+    told = f"{min(total, batch * math.ceil(n / batch))} of {total} samples"
     file = run.resolve().parent / VERIFIED
-    known = verified(file.parent) | {digest(run): n}
+    known = verified(file.parent) | {digest(run): told}
     atomic_write(file, (json.dumps(known, indent=1) + "\n").encode())
     return file
 
 
-def verified(runs: Path) -> dict[str, int]:
-    """Return the numbers of samples that were run again, by digest, of the folder `runs`.
+def verified(runs: Path) -> dict[str, str]:
+    """Return what was run again of the runs in the folder `runs`, by digest.
 
     Raises:
         DataCorruptError: the file is damaged.
@@ -140,6 +159,6 @@ def verified(runs: Path) -> dict[str, int]:
     if not file.is_file():
         return {}
     try:
-        return {str(of): int(n) for of, n in json.loads(read_json_file(file)).items()}
-    except (AttributeError, TypeError, ValueError) as error:
+        return {str(of): str(told) for of, told in json.loads(read_json_file(file)).items()}
+    except (AttributeError, RecursionError, ValueError) as error:
         raise DataCorruptError(f"{file} is damaged: delete it and check the runs again.") from error

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import compress
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
@@ -22,6 +22,9 @@ from eitbench.scenarios.errors import DataCorruptError, InputError
 from eitbench.scenarios.suites.scenario import RecordedScenario, Scenario
 
 FIGURES = (*METRIC_COLUMNS, "cc_undefined")
+
+AT_ONCE = 1024
+"""Samples in memory at once; a multiple of the blocks that are scored together."""
 
 ROUNDING = 1e-9
 """Change of a figure, relative and absolute, that another processor's arithmetic may cause."""
@@ -57,12 +60,18 @@ def rescored(run: Run) -> Iterator[tuple[Rescored, pd.DataFrame]]:
     for (name, method), rows in cells_of(run.samples).items():
         if name not in scenarios:
             raise InputError(f"The suite of {run.path} has no scenario {name!r}.")
-        known = _stored(run, scenarios[name], rows)
-        images = run.estimates(name, method, rows["sample"].tolist())
-        if images is None:
-            raise InputError(f"{run.path} holds no images of {method!r} on {name!r}.")
-        images[(rows["status"] != "ok").to_numpy()] = np.nan
-        figures = evaluate(known, images, _registration(run, known, method))
+        registration = None
+        if _truth(scenarios[name]) == "position":
+            registration = _registration(run, name, method)
+        parts = []
+        for first in range(0, len(rows), AT_ONCE):
+            part = rows.iloc[first : first + AT_ONCE]
+            images = run.estimates(name, method, part["sample"].tolist())
+            if images is None:
+                raise InputError(f"{run.path} holds no images of {method!r} on {name!r}.")
+            images[(part["status"] != "ok").to_numpy()] = np.nan
+            parts.append(evaluate(_stored(run, scenarios[name], part), images, registration))
+        figures = pd.concat(parts)
         new = rows.assign(**{column: figures[column].to_numpy() for column in FIGURES})
         before, after = (
             table.reindex(columns=list(FIGURES)).to_numpy(np.float64, na_value=np.nan)
@@ -92,10 +101,12 @@ def rescore(path: Path) -> list[Rescored]:
     return list(found)
 
 
+def _truth(scenario: Scenario) -> Literal["conductivity", "position", "classes", "none"]:
+    return scenario.recorded_set.truth if isinstance(scenario, RecordedScenario) else "conductivity"
+
+
 def _stored(run: Run, scenario: Scenario, rows: pd.DataFrame) -> GroundTruth:
-    truth = (
-        scenario.recorded_set.truth if isinstance(scenario, RecordedScenario) else "conductivity"
-    )
+    truth = _truth(scenario)
     images = run.scene(scenario.name, rows["sample"].tolist()).truth
     if truth in ("conductivity", "classes") and (images is None or len(images) != len(rows)):
         raise InputError(f"{run.path} does not hold the truth of {scenario.name!r}.")
@@ -103,10 +114,8 @@ def _stored(run: Run, scenario: Scenario, rows: pd.DataFrame) -> GroundTruth:
     return GroundTruth(scenario.name, scenario.nominal_sensor, rows, truth, images, images)
 
 
-def _registration(run: Run, known: GroundTruth, method: str) -> Similarity | None:
-    if known.truth != "position":
-        return None
-    of = (run.cells["scenario"] == known.scenario) & (run.cells["method"] == method)
+def _registration(run: Run, scenario: str, method: str) -> Similarity:
+    of = (run.cells["scenario"] == scenario) & (run.cells["method"] == method)
     stored = run.cells[of].get("registration", pd.Series(dtype=str)).tolist()
     if len(stored) != 1 or not stored[0]:
         raise InputError(f"{run.path} does not hold the registration of {method!r}.")

@@ -33,6 +33,7 @@ from eitbench.benchmark.rundir.folder import read_json_file, unknown_entries
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
 from eitbench.benchmark.rundir.plan import Plan, plan_of
 from eitbench.benchmark.rundir.run_arrays import read_validation
+from eitbench.benchmark.rundir.store import TRACKS
 from eitbench.methods.registry import METHOD_REGISTRY, usable_name
 from eitbench.scenarios.errors import EitbenchError, InputError
 from eitbench.scenarios.suites.scenario import RecordedScenario
@@ -47,7 +48,7 @@ PLAUSIBLE_PLACE_MM = 0.1
 
 TRUST = (
     "times and memory",
-    "prior knowledge, the parameters and weights of plugins",
+    "prior knowledge, differences and actions of methods, parameters and weights of plugins",
     "that the images are what the methods make of the frames",
 )
 """What is taken on trust without a rerun; with one, the first only."""
@@ -115,20 +116,13 @@ def open_submission(path: Path, *, jobs: int = 1) -> Submission:
         raise InputError(f"{path} cannot be checked: its manifest was changed.") from error
 
 
-def check_submission(submission: Submission, *, rerun: bool = False) -> list[Check]:
-    """Check a submission by all `CHECKS`.
-
-    Args:
-        rerun: the methods are run again, too, so that figures which are too good to be true are
-            left to that.
-    """
+def check_submission(submission: Submission) -> list[Check]:
+    """Check a submission by all `CHECKS`, or to the first of `FIRST` that it fails."""
     found = []
     for name, check in CHECKS.items():
-        if check == _is_plausible and rerun:
-            continue
         found.append(Check(name, _problem(check, submission)))
-        if check == _is_packaged and found[-1].problem:
-            break  # data of another suite are not ours to simulate
+        if check in FIRST and found[-1].problem:
+            break
     return found
 
 
@@ -145,6 +139,8 @@ def _problem(check: Callable[[Submission], str], submission: Submission) -> str:
 def _holds_nothing_else(of: Submission) -> str:
     if unknown := unknown_entries(of.run.path):
         return f"The directory holds {unknown[0]!r}, which no run writes: delete it."
+    if (of.run.path / TRACKS).is_file():
+        return f"The directory holds {TRACKS}, which is not checked: run it without --tracks."
     copies = {plugin.kept.name for plugin in of.plan.plugins}
     folder = of.run.path / "plugins"
     if folder.is_dir() and (more := {path.name for path in folder.iterdir()} - copies):
@@ -208,6 +204,11 @@ def _is_complete(of: Submission) -> str:
         return f"The run is {run.manifest['status']}: resume it."
     if plan.limit != plan.suite.limit:
         return f"The run was limited to {plan.limit} samples a scenario."
+    if any(cell["variant"] for cell in run.manifest["cells"]):
+        return "The manifest holds cells of other tracks: run it without --tracks."
+    samples = {name: len(data.test) for name, data in of.data.items()}
+    if manifests.samples_of(run.manifest) != samples:
+        return f"The manifest is not of these numbers of samples: {samples}."
     expected = []
     for scenario in plan.suite.scenarios:
         for name in plan.names:
@@ -222,11 +223,11 @@ def _is_complete(of: Submission) -> str:
             return f"{missing[0][1]!r} was not run on {missing[0][0]!r}."
         if len(there) != len(expected):
             extra = next((cell for cell in there if cell not in expected), there[0])
-            return f"The {what} hold {extra[1]!r} on {extra[0]!r}, which the plan does not."
+            return f"{extra[1]!r} on {extra[0]!r} stands in the {what}, but not in the plan."
     for (where, name), of_cell in cells_of(run.samples).items():
         n = len(of.data[where].test)
         if sorted(of_cell["sample"]) != list(range(n)):
-            return f"{name!r} on {where!r} has {len(of_cell)} rows, and there are {n} samples."
+            return f"{name!r} on {where!r} has rows of other samples than 0 to {n - 1}, once each."
     return ""
 
 
@@ -346,8 +347,7 @@ def _is_plausible(of: Submission) -> str:
         else:
             continue
         return (
-            f"{method!r} on {scenario!r} has {told}, more than frames with noise tell: only a run "
-            "of the method can confirm it (--rerun)."
+            f"{method!r} on {scenario!r} has {told}, more than frames tell: look how it knows that."
         )
     return ""
 
@@ -404,6 +404,9 @@ def _notes_are_ours(of: Submission) -> str:
                     )
     return ""
 
+
+FIRST = (_holds_nothing_else, _is_packaged, _is_of_a_release, _names_are_clear, _is_complete)
+"""What fails one of these is not looked at any further."""
 
 CHECKS: dict[str, Callable[[Submission], str]] = {
     "the directory holds what a run writes": _holds_nothing_else,

@@ -38,6 +38,13 @@ def check_folder(run: Path) -> None:
     Raises:
         DataCorruptError: something is, or there is no end of entries.
     """
+    try:
+        _check_entries(run)
+    except OSError as error:
+        raise DataCorruptError(f"{run} cannot be looked through: {error.strerror}.") from error
+
+
+def _check_entries(run: Path) -> None:
     for count, entry in enumerate(_entries(run)):
         kind = entry.stat(follow_symlinks=False).st_mode
         if stat.S_ISLNK(kind):
@@ -55,11 +62,13 @@ def check_folder(run: Path) -> None:
 
 
 def _entries(folder: Path) -> Iterator["os.DirEntry[str]"]:
-    with os.scandir(folder) as entries:
-        for entry in entries:
-            yield entry
-            if entry.is_dir(follow_symlinks=False):
-                yield from _entries(Path(entry.path))
+    folders = [str(folder)]
+    while folders:
+        with os.scandir(folders.pop()) as entries:
+            for entry in entries:
+                yield entry
+                if entry.is_dir(follow_symlinks=False):
+                    folders.append(entry.path)
 
 
 def unknown_entries(run: Path) -> list[str]:

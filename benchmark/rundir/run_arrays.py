@@ -127,9 +127,14 @@ def read_scene(path: Path, scenario: str, samples: Sequence[int], n: int) -> Sce
             _check_memory(len(rows), mask.shape, 8)
             truth = images[rows].astype(np.float64)
         x0, y0, x1, y1 = (float(value) for value in group.attrs["bounds"])
+        background = float(group.attrs["background"])
+        if not (0 < x1 - x0 < math.inf and 0 < y1 - y0 < math.inf and 0 < background < math.inf):
+            raise ValueError("it has no bounds or no background")
+        if mask.ndim != 2 or not mask.any():
+            raise ValueError("its mask has no pixel")
         return Scene(
             bounds=(x0, y0, x1, y1),
-            background=float(group.attrs["background"]),
+            background=background,
             data_range=float(group.attrs["data_range"]),
             mask=mask.astype(bool),
             sample=numbers[rows],

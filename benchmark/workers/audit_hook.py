@@ -19,6 +19,7 @@ from typing import Any, Literal, get_args
 import eitbench
 from eitbench.benchmark.workers.messages import plain_text
 from eitbench.scenarios.cache_dir import cache_dir
+from eitbench.scenarios.data.simulation import split_folder
 
 Kind = Literal["network", "write", "program", "read", "test data"]
 
@@ -103,8 +104,13 @@ class Watch:
 
 
 def own_places(folder: Path) -> list[Path]:
-    """Return what a process watched in `folder` may write to: its own folder, eitbench's cache."""
-    return [folder / "own", cache_dir()]
+    """Return what a process watched in `folder` may write to.
+
+    That is its own folder, and caches of what methods learn from. It is nothing that others are
+    scored with.
+    """
+    learned = [split_folder(split) for split in ("train", "validation")]
+    return [folder / "own", *learned, cache_dir() / "matplotlib"]
 
 
 def _compiled() -> Path:
@@ -124,7 +130,7 @@ def _code() -> tuple[str, ...]:
 def _hook(notes: int, allowed: list[str]) -> Callable[[str, tuple[Any, ...]], None]:
     known: dict[str, set[str]] = {kind: set() for kind in get_args(Kind)}
     own, code = tuple(place + os.sep for place in allowed), _code()
-    simulated = os.path.realpath(cache_dir() / "simulated") + os.sep
+    test_data = os.path.realpath(split_folder("test")) + os.sep
 
     def note(kind: Kind, what: str) -> None:
         if what in known[kind] or len(known[kind]) >= MAX_NOTES:
@@ -157,7 +163,7 @@ def _hook(notes: int, allowed: list[str]) -> Callable[[str, tuple[Any, ...]], No
         if path.startswith(code) or path.endswith((".py", ".pyc")):
             return
         path = os.path.realpath(path)
-        if path.startswith(simulated) and f"{os.sep}test-" in path:
+        if path.startswith(test_data):
             note("test data", f"open of {path}")
         elif path not in allowed and not path.startswith((*own, *code)):
             note("read", path)

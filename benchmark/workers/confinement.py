@@ -1,4 +1,4 @@
-"""Confinement of a worker: it is watched, and writes to a temporary folder and the cache only.
+"""Confinement of a worker: it is watched, and writes to a temporary folder and caches of its own.
 
 On Linux the kernel keeps it so (Landlock, 6.2 and newer): a process gives up rights, without any
 privilege, for itself and all that it starts, and cannot take them back. It then can neither change
@@ -17,6 +17,7 @@ from multiprocessing import util
 from pathlib import Path
 
 from eitbench.benchmark.workers.audit_hook import Watch, own_places
+from eitbench.scenarios.cache_dir import cache_dir
 from eitbench.scenarios.errors import InputError
 
 # linux/landlock.h; the numbers of these calls are the same on all its architectures.
@@ -58,6 +59,8 @@ class Confinement:
         Raises:
             OSError: the kernel does not isolate it.
         """
+        if self.readable is not None:
+            _leave_network()  # before anything is noted: this is not what the method does
         self.watch.begin()
         _keep_machine_code(self.folder / "own")
         writable = own_places(self.folder)
@@ -65,8 +68,7 @@ class Confinement:
             with suppress(OSError):  # what cannot be made cannot be written to
                 place.mkdir(parents=True, exist_ok=True)
         if self.readable is not None:
-            _leave_network()
-            _restrict(writable, (*self.readable, *_needed()))
+            _restrict(writable, (*self.readable, cache_dir() / "weights", *_needed()))
         elif landlock_abi() >= _TRUNCATE_ABI:
             _restrict(writable, None)
 

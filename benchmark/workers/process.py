@@ -210,7 +210,7 @@ def _enter(
     os.environ.clear()
     os.environ.update(environment | PINNED)
     if hasattr(os, "fork"):
-        _fork_from_guard(connection, run)
+        _fork_from_guard(connection, run, confinement)
     else:
         threading.Thread(target=_end_with_run, args=(run, os.getpid()), daemon=True).start()
     if core is not None:
@@ -231,7 +231,9 @@ def _enter(
         end_tree(os.getpid())
 
 
-def _fork_from_guard(connection: Connection, run: Connection) -> None:
+def _fork_from_guard(
+    connection: Connection, run: Connection, confinement: Confinement | None
+) -> None:
     """Go on in a child, the worker; this process becomes its guard.
 
     The guard runs no scored code, so none can hold its locks. It ends the worker when the run says
@@ -260,11 +262,15 @@ def _fork_from_guard(connection: Connection, run: Connection) -> None:
     ended = [os.waitpid(-1, 0)]
     while ended[-1][0] != worker:
         ended.append(os.waitpid(-1, 0))
-    with suppress(OSError):  # the run is gone
+    folders = [folder]
+    try:
         run.send_bytes(b"%d" % os.waitstatus_to_exitcode(ended[-1][1]))
+    except OSError:  # the run is gone, and reads no notes
+        folders += [] if confinement is None else [str(confinement.folder)]
     end_tree(worker)
     ended += _end_children()
-    shutil.rmtree(folder, ignore_errors=True)
+    for left in folders:
+        shutil.rmtree(left, ignore_errors=True)
     if group is not None:
         with suppress(OSError):  # it is left, empty
             group.rmdir()

@@ -123,12 +123,8 @@ def _editions(runs: Path) -> tuple[list[_Edition], list[str]]:
         paths_of.setdefault((str(suite), str(version)), []).append(path)
     editions = []
     for (suite, version), same in paths_of.items():
-        checked = {
-            path.name: f"verified on {n} samples"
-            if (n := known.get(digest(path)))
-            else SELF_REPORTED
-            for path in same
-        }
+        told = {path.name: known.get(digest(path)) for path in same}
+        checked = {run: f"verified on {n}" if n else SELF_REPORTED for run, n in told.items()}
         report = report_data(same)
         for path, run in zip(same, report["runs"], strict=True):
             run["checked"] = checked[path.name]

@@ -162,9 +162,17 @@ class _Chunk:
         write_arrays(self.path, frames._asdict(), self.metadata)
 
 
+def split_folder(split: Split) -> Path:
+    """Return the cache of the simulated data of a split.
+
+    Each has a folder of its own, so that workers can be kept from that of the test split.
+    """
+    return cache_dir() / "simulated" / split
+
+
 def _chunks(scenario: SimulatedScenario, split: Split, count: int) -> list[_Chunk]:
     parameters = scenario.clean_parameters(split)
-    folder = cache_dir() / "simulated" / content_hash(parameters)
+    folder = split_folder(split) / content_hash(parameters)
     chunks = []
     for first in range(0, count, CHUNK):
         made_from = json.dumps({**parameters, "first": first}, sort_keys=True, allow_nan=False)

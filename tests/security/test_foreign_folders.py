@@ -129,6 +129,34 @@ def test_images_are_as_many_and_as_large_as_the_manifest_says(
         read_run(run).estimates("conductivity-set", "some", range(3))
 
 
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("bounds", [0.0, 0.0, np.nan, 1.0]), ("bounds", [0.0] * 4), ("background", 0.0)],
+)
+def test_images_have_a_place_and_a_background(run: Path, name: str, value: object) -> None:
+    with h5py.File(run / "reconstructions.h5", "r+") as file:
+        file["conductivity-set/truth"].attrs[name] = value
+    with pytest.raises(DataCorruptError, match=r"reconstructions\.h5 cannot be read"):
+        read_run(run).scene("conductivity-set", [0])
+
+
+def test_folders_may_lie_deep(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """1,500 of them ended in a traceback."""
+    monkeypatch.chdir(run)
+    for _ in range(1500):
+        Path("a").mkdir()
+        os.chdir("a")
+    Path("link").symlink_to("/")
+    try:
+        with pytest.raises(DataCorruptError, match="/a/a/a/"):
+            read_run(run)
+    finally:  # who tidies up would go down as deep
+        Path("link").unlink()
+        for _ in range(1500):
+            os.chdir("..")
+            Path("a").rmdir()
+
+
 def test_a_linked_group_is_refused(run: Path) -> None:
     with h5py.File(run / "reconstructions.h5", "r+") as file:
         file.move("conductivity-set/some", "elsewhere")

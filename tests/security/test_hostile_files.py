@@ -172,10 +172,10 @@ def test_tables_much_larger_than_their_file_are_refused(
 @pytest.mark.parametrize(
     "text",
     [
-        f"a{'.a' * 400_000} = 1",
-        f"[a{'.a' * 400_000}]",
-        f"x = {{a{' . a' * 200_000} = 1}}",
-        "'a'" + """."\\"" . 'a'""" * 60_000 + " = 1",
+        f"a{'.a' * 80_000} = 1",
+        f"[a{'.a' * 80_000}]",
+        f"x = {{a{' . a' * 40_000} = 1}}",
+        "'a'" + """."\\"" . 'a'""" * 15_000 + " = 1",
     ],
 )
 def test_dotted_keys_cost_no_quadratic_time(tmp_path: Path, text: str) -> None:
@@ -186,11 +186,11 @@ def test_dotted_keys_cost_no_quadratic_time(tmp_path: Path, text: str) -> None:
 
 
 def test_long_words_and_many_numbers_are_looked_through_at_once(tmp_path: Path) -> None:
-    (tmp_path / "long.toml").write_text(f"{'a' * 900_000} = 1")
+    (tmp_path / "long.toml").write_text(f"{'a' * 190_000} = 1")
     with pytest.raises(InputError, match="unknown field"):
         read_sensor(tmp_path / "long.toml")
     (tmp_path / "large.toml").write_text("a = 1\n" + "# 1.5, 2.5\n" * 100_000)
-    with pytest.raises(InputError, match="larger than 1 MB"):
+    with pytest.raises(InputError, match="larger than 200 kB"):
         read_sensor(tmp_path / "large.toml")
 
 

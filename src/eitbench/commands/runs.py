@@ -269,9 +269,7 @@ def submission_check(
     jobs: Annotated[int, typer.Option(min=1, help="Processes to simulate with.")] = 1,
     rerun: Annotated[
         int | None,
-        typer.Option(
-            min=1, metavar="N", help="Run the methods again, plugins too, on the first N samples."
-        ),
+        typer.Option(min=1, metavar="N", help="Run the methods again, plugins too, on N samples."),
     ] = None,
     isolate: Isolate = False,
 ) -> None:
@@ -281,7 +279,7 @@ def submission_check(
     from eitbench.benchmark.analysis.submission import TRUST, check_submission, open_submission
 
     submission = open_submission(run, jobs=jobs)
-    checks = check_submission(submission, rerun=rerun is not None)
+    checks = check_submission(submission)
     # A plugin is code of somebody else: it runs only where all that can be read is right.
     if rerun is not None and not any(check_of.problem for check_of in checks):
         checks += run_again(submission, rerun, isolate=isolate)
@@ -292,5 +290,5 @@ def submission_check(
     if rerun is None:
         typer.echo(f"Taken on trust: {'; '.join(TRUST)}. --rerun N runs the methods again.")
     else:
-        typer.echo(f"Taken on trust: {TRUST[0]}. Verified: {note_verified(run, rerun)}")
+        typer.echo(f"Taken on trust: {TRUST[0]}. Verified: {note_verified(submission, rerun)}")
     typer.echo(f"{run} can be submitted.")

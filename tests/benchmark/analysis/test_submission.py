@@ -37,6 +37,8 @@ def submitted(tmp_path_factory: pytest.TempPathFactory, tiny: Suite) -> Path:
 
 @pytest.fixture(autouse=True)
 def packaged(monkeypatch: pytest.MonkeyPatch, tiny: Suite) -> None:
+    # The checkout that is tested may be changed.
+    monkeypatch.setattr("eitbench.benchmark.rundir.manifest.git_commit", lambda: "a" * 40)
     monkeypatch.setattr(submission, "suites", lambda: {"tiny": None})
     monkeypatch.setattr(submission, "load_suite", lambda name: tiny)
 
@@ -166,7 +168,7 @@ def copy_the_truth(run: Path) -> None:
         (
             edit_samples(lambda table: table.drop(index=3)),
             ROWS,
-            "'noser' on 'tiny' has 4 rows, and there are 5 samples",
+            "'noser' on 'tiny' has rows of other samples than 0 to 4",
         ),
         # An image as good as the truth, without the figures of one.
         (copy_image("truth", "noser"), FIGURES, "do not have the figures of their images: ssim"),
@@ -200,7 +202,7 @@ def copy_the_truth(run: Path) -> None:
         (set_attribute("background", 0.5), FRAMES, "another 'background' than ours"),
         (set_attribute("data_range", 9.0), FRAMES, "another 'data_range' than ours"),
         (set_attribute("bounds", [0.0, 0.0, 9.0, 9.0]), FRAMES, "another 'bounds' than ours"),
-        (blank_the_mask, FRAMES, "another 'mask' than ours"),
+        (blank_the_mask, FRAMES, "cannot be read"),
         (skip_a_method, ROWS, "'noser' was not run on 'tiny'"),
         (set_in_cells("track", "oracle"), CHOICES, "The track of 'noser'"),
         (edit_samples(lambda t: t.assign(suite="paper")), CHOICES, "of another suite"),
@@ -220,14 +222,22 @@ def copy_the_truth(run: Path) -> None:
         (another_name("n0ser"), NAMES, "'n0ser' looks like 'noser'"),
         (another_name("n\u043eser"), NAMES, "is not ASCII"),
         (another_name("a/b"), NAMES, "cannot name a method"),
-        (edit_json(lambda m: m["plan"]["names"].pop()), ROWS, "which the plan does not"),
+        (edit_json(lambda m: m["plan"]["names"].pop()), ROWS, "but not in the plan"),
         (
             edit_json(lambda m: m["plan"]["plugins"].append(A_PLUGIN)),
             NAMES,
             "'noser' is a method of eitbench",
         ),
         (lambda run: (run / "run.sh").write_text("date"), FOLDER, "holds 'run.sh'"),
-        (copy_the_truth, PLAUSIBLE, "more than frames with noise tell"),
+        (
+            lambda run: shutil.copy(run / "samples.parquet", run / "tracks.parquet"),
+            FOLDER,
+            "without --tracks",
+        ),
+        (edit_json(lambda m: m["data"]["tiny"].update(n=1000)), ROWS, "these numbers of samples"),
+        (edit_json(lambda m: m["data"].update(more={"n": 3})), ROWS, "these numbers of samples"),
+        (edit_json(lambda m: m["cells"][1].update(variant="x")), ROWS, "cells of other tracks"),
+        (copy_the_truth, PLAUSIBLE, "more than frames tell"),
     ],
 )
 def test_what_was_edited_is_found(
@@ -290,13 +300,26 @@ def test_methods_are_run_again_plugins_from_the_directory(with_plugin: Path) -> 
     assert [check.problem for check in checks] == ["", ""]
     assert "'mine'" in checks[1].name
 
-    noted = note_verified(with_plugin, 2)
+    noted = note_verified(submission, 2)
     assert noted == with_plugin.parent / "verified.json"
-    assert verified(with_plugin.parent) == {digest(with_plugin): 2}
+    assert verified(with_plugin.parent) == {digest(with_plugin): "5 of 5 samples"}
     # Another content is not what was verified.
     table = pd.read_parquet(with_plugin / "methods.parquet")
     table.assign(memory_mb=1.0).to_parquet(with_plugin / "methods.parquet")
     assert digest(with_plugin) not in verified(with_plugin.parent)
+
+
+def test_all_samples_can_be_run_again_and_those_of_a_part_are_drawn(
+    with_plugin: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The first ones alone would leave the rest to whoever edits it."""
+    assert [check.problem for check in rerun(open_submission(with_plugin), 1000)] == ["", ""]
+    with h5py.File(with_plugin / "reconstructions.h5", "a") as file:
+        file["tiny/noser/conductivity"][4] = file["tiny/truth/conductivity"][4]
+    monkeypatch.setattr(method_cell.MethodData, "batch", 1)
+    found = [rerun(open_submission(with_plugin), 2)[0].problem for _ in range(12)]
+    assert any("1 of 2 images differ" in text for text in found)  # else by a chance of 0.6^12
+    assert not all(found)
 
 
 def test_images_that_no_method_made_are_found(with_plugin: Path) -> None:

@@ -58,7 +58,7 @@ INNOCENT = {
     "null": "open(os.devnull, 'w').write('x')",
     "temporary": "tempfile.NamedTemporaryFile().write(b'x')",
     "temporary folder": "d = tempfile.TemporaryDirectory(); open(d.name + '/x', 'w'); d.cleanup()",
-    "cache": "os.mkdir(cache_dir()); open(cache_dir() / 'x', 'w')",
+    "cache": "open(split_folder('train') / 'x', 'w')",
     "bytecode": "os.mkdir('__pycache__'); open('__pycache__/x.pyc', 'w')",
     "descriptor": "os.fdopen(os.dup(1), 'w').write('')",
     "memory": "sqlite3.connect(':memory:')",
@@ -74,7 +74,7 @@ import contextlib, ctypes, os, pathlib, shutil, socket, sqlite3, subprocess, sys
 import json, threading, urllib.request
 import h5py
 from eitbench.benchmark.workers.audit_hook import Watch
-from eitbench.scenarios.cache_dir import cache_dir
+from eitbench.scenarios.data.simulation import split_folder
 for number, code in enumerate(json.loads(sys.argv[1])):
     folder = pathlib.Path(sys.argv[2]) / str(number)
     (folder / "watch").mkdir(parents=True)
@@ -84,6 +84,7 @@ for number, code in enumerate(json.loads(sys.argv[1])):
     pid = os.fork()
     if pid == 0:
         os.environ["EITBENCH_CACHE"] = str(folder / "cache")
+        split_folder("train").mkdir(parents=True)
         os.chdir(folder / "work")
         open_ = os.open("folder", os.O_RDONLY)
         Watch(folder / "watch").begin()

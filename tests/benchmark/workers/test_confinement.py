@@ -5,7 +5,7 @@ import os
 import socket
 import subprocess
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,7 @@ import pytest
 from eitbench.benchmark.workers.confinement import Confinement, check_isolation, landlock_abi
 from eitbench.benchmark.workers.messages import Reply
 from eitbench.benchmark.workers.worker import Worker, serve
-from eitbench.scenarios.cache_dir import cache_dir
+from eitbench.scenarios.data.simulation import split_folder
 from eitbench.scenarios.errors import InputError
 
 needs_landlock = pytest.mark.skipif(landlock_abi() < 6, reason="needs Linux 6.12 with Landlock")
@@ -72,13 +72,35 @@ def test_it_cannot_change_files_of_others(
     assert results.is_dir() or results.read_text() == "rows"
 
 
+@pytest.fixture
+def test_data() -> Iterator[Path]:
+    """A file of the cached test split."""
+    (folder := split_folder("test")).mkdir(parents=True, exist_ok=True)
+    file = folder / f"test-{os.getpid()}"
+    file.write_text("ours")
+    yield file
+    file.unlink()
+
+
+@needs_landlock
+def test_it_cannot_change_test_data(confinement: Confinement, test_data: Path) -> None:
+    """A plugin forged them in the cache, and all methods after it were scored with the forgery."""
+    for way in (append, Path.unlink):
+        assert in_worker(confinement, way, test_data).failure is not None
+    assert test_data.read_text() == "ours"
+
+
+def test_an_isolated_one_cannot_read_test_data(isolated: Confinement, test_data: Path) -> None:
+    assert in_worker(isolated, Path.read_text, test_data).failure is not None
+
+
 def own_file() -> None:
     with tempfile.NamedTemporaryFile("w") as file:
         file.write("x")
 
 
 def cache_file() -> None:
-    file = cache_dir() / f"test-{os.getpid()}"
+    file = split_folder("train") / f"test-{os.getpid()}"
     file.write_text("x")
     file.unlink()
 

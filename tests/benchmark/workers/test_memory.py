@@ -127,5 +127,5 @@ def test_a_file_in_memory_counts_once_until_it_is_removed() -> None:
             shared.unlink()
         removed_mb = meter.used_mb() - before
         process.stdin.write("\n")
-    assert 64 <= closed_mb <= open_mb < 128
+    assert 64 <= closed_mb <= open_mb + 1 < 128  # its other pages come and go
     assert removed_mb == pytest.approx(closed_mb - 64, abs=8)

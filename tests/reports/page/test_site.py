@@ -91,12 +91,12 @@ def test_a_folder_without_runs_is_refused(tmp_path: Path) -> None:
 
 
 def test_runs_whose_methods_were_run_again_say_so(runs: Path, tmp_path: Path) -> None:
-    (runs / "verified.json").write_text(json.dumps({digest(runs / "first"): 32}))
+    (runs / "verified.json").write_text(json.dumps({digest(runs / "first"): "32 of 36 samples"}))
     write_site(runs, tmp_path / "site")
     page = (tmp_path / "site" / "methods" / "good.html").read_text()
     told = re.findall(r">(first|second|old)</td><td[^>]*>([^<]*)</td>", page.replace("\n", ""))
     assert dict(told) == {
-        "first": "verified on 32 samples", "second": "self-reported", "old": "self-reported"
+        "first": "verified on 32 of 36 samples", "second": "self-reported", "old": "self-reported"
     }  # fmt: skip
     board = (tmp_path / "site" / "archive" / "0.1.0" / "bench.html").read_text()
-    assert "verified on 32 samples" in board
+    assert "verified on 32 of 36 samples" in board
