@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
@@ -15,7 +16,7 @@ from eitbench.benchmark.metrics.aggregation import LOAD_COLUMNS
 from eitbench.benchmark.metrics.specs import METRIC_COLUMNS
 from eitbench.benchmark.rundir import manifest
 from eitbench.benchmark.rundir.folder import read_json_file
-from eitbench.benchmark.rundir.kinds import RUN_KINDS, RunKind
+from eitbench.benchmark.rundir.kinds import METHOD_RUNS, RUN_KINDS, RunKind
 from eitbench.benchmark.rundir.run_arrays import Scene, read_estimates, read_scene
 from eitbench.benchmark.rundir.store import SAMPLES, TRACKS
 from eitbench.benchmark.rundir.tables import read_parquet, wrong_kind
@@ -115,8 +116,17 @@ def read_run(path: Path) -> Run:
         InputError: it is none, or its run was not finished.
         DataCorruptError: one of its files is damaged, or takes more than a run's can.
     """
-    try_reading(path, _read_run, path)
+    try_reading(path, _try_run, path)
     return _read_run(path)
+
+
+def _try_run(path: Path) -> None:
+    """Read a run, and look at all of its images, as far as a parser could stumble over them."""
+    run = _read_run(path)
+    for scenario, method in cells_of(run.samples) if run.kind == METHOD_RUNS else ():
+        with suppress(DataCorruptError):  # who asks for these images is told
+            run.scene(scenario, [])
+            run.estimates(scenario, method, [])
 
 
 def _read_run(path: Path) -> Run:

@@ -223,6 +223,12 @@ def test_a_pipe_is_no_recording(tmp_path: Path, name: str) -> None:
     assert not (tmp_path / "new.h5").exists()
 
 
+def test_images_are_tried_first_too(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("eitbench.benchmark.analysis.results.read_estimates", lambda *_: crash())
+    with pytest.raises(DataCorruptError, match="died of SIGSEGV"):
+        read_run(run)
+
+
 def hang() -> None:
     time.sleep(3600)
 
