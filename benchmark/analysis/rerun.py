@@ -76,7 +76,7 @@ def _problem(submission: Submission, entry: Mapping[str, Any], n: int, isolate: 
         runner = BatchRunner(task, lambda done: None, threading.Event(), isolate=isolate)
         # Nobody can foresee which; a batch of another size has other last bits.
         tested = [rows for split, rows in runner.pending if split == "test"]
-        drawn = SystemRandom().sample(tested, min(len(tested), math.ceil(n / data.batch)))
+        drawn = SystemRandom().sample(tested, min(len(tested), _batches(n)))
         runner.pending = [
             (split, rows) for split, rows in runner.pending if split != "test" or rows in drawn
         ]
@@ -108,12 +108,17 @@ def _problem(submission: Submission, entry: Mapping[str, Any], n: int, isolate: 
     return f"Run again, it {did}." if did else ""
 
 
+def _batches(n: int) -> int:
+    """Number of batches that hold `n` samples."""
+    return math.ceil(n / MethodData.batch)
+
+
 def _same_machine(submission: Submission) -> bool:
     """True if the same kind of processor and the same libraries made the images."""
-    ours, theirs = manifests.environment(), submission.run.manifest
+    theirs = submission.run.manifest
     return bool(
-        ours["machine"]["cpu"] == theirs["machine"].get("cpu")
-        and ours["versions"] == theirs["versions"]
+        theirs["machine"].get("cpu") == manifests.cpu_model()
+        and theirs["versions"] == manifests.versions()
     )
 
 
@@ -141,8 +146,7 @@ def note_verified(submission: Submission, n: int) -> Path:
     """
     run = submission.run.path
     total = max(len(data.test) for data in submission.data.values())
-    batch = MethodData.batch
-    told = f"{min(total, batch * math.ceil(n / batch))} of {total} samples"
+    told = f"{min(total, MethodData.batch * _batches(n))} of {total} samples"
     file = run.resolve().parent / VERIFIED
     known = verified(file.parent) | {digest(run): told}
     atomic_write(file, (json.dumps(known, indent=1) + "\n").encode())

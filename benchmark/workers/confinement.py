@@ -30,7 +30,7 @@ _SCOPES = 0b11  # no signals and no abstract sockets to processes outside
 _TRUNCATE_ABI, _SCOPES_ABI = 3, 6
 # linux/prctl.h, linux/sched.h, linux/mount.h
 _PR_SET_NO_NEW_PRIVS = 38
-_NAMESPACES = 0x20000 | 0x10000000 | 0x40000000  # of mounts, users and the network
+_MOUNTS_AND_USERS, _NETWORK = 0x20000 | 0x10000000, 0x40000000  # kinds of namespaces
 # Programs, libraries and devices; what else an isolated worker may read is its own.
 _SYSTEM = ("/usr", "/bin", "/lib", "/lib64", "/sbin", "/etc", "/opt", "/proc", "/sys", "/dev")
 
@@ -60,7 +60,11 @@ class Confinement:
             OSError: the kernel does not isolate it.
         """
         if self.readable is not None:
-            _leave_network()  # before anything is noted: this is not what the method does
+            # Before anything is noted: this is not what the method does.
+            _hide(("/run", util.get_temp_dir()), _NETWORK)
+        elif landlock_abi() >= _TRUNCATE_ABI:
+            with suppress(OSError):  # where that is allowed
+                _hide((util.get_temp_dir(),))
         self.watch.begin()
         _keep_machine_code(self.folder / "own")
         writable = own_places(self.folder)
@@ -92,7 +96,8 @@ def check_isolation() -> None:
             "machine instead."
         )
     # In another process: leaving cannot be taken back, and this one may have many threads.
-    leave = f"import ctypes; raise SystemExit(ctypes.CDLL(None).unshare({_NAMESPACES}) != 0)"
+    kinds = _MOUNTS_AND_USERS | _NETWORK
+    leave = f"import ctypes; raise SystemExit(ctypes.CDLL(None).unshare({kinds}) != 0)"
     if subprocess.run([sys.executable, "-I", "-c", leave], check=False).returncode:
         raise InputError(
             "--isolate needs user namespaces, which this machine does not allow: run in a "
@@ -147,15 +152,17 @@ def _restrict(writable: Sequence[Path], readable: Sequence[Path] | None) -> None
     os.close(ruleset)
 
 
-def _leave_network() -> None:
-    """Leave the network, and hide the sockets of services and of the server of processes."""
+def _hide(folders: Sequence[str], more: int = 0) -> None:
+    """Hide folders, such as that with the socket of the server of processes, which asks nobody who
+    he is; and leave `more` namespaces.
+    """
     libc = ctypes.CDLL(None, use_errno=True)
     user, group = os.getuid(), os.getgid()
-    _called(libc.unshare, _NAMESPACES)
+    _called(libc.unshare, _MOUNTS_AND_USERS | more)
     Path("/proc/self/setgroups").write_text("deny")
     Path("/proc/self/uid_map").write_text(f"{user} {user} 1")
     Path("/proc/self/gid_map").write_text(f"{group} {group} 1")
-    for folder in ("/run", util.get_temp_dir()):
+    for folder in folders:
         if Path(folder).is_dir():
             _called(libc.mount, b"none", os.fsencode(folder), b"tmpfs", 0, None)
 
