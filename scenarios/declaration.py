@@ -11,7 +11,7 @@ from typing import Annotated, Any, TypeVar
 from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError, ValidationInfo
 
 from eitbench.scenarios.errors import InputError
-from eitbench.scenarios.limits import check_regular
+from eitbench.scenarios.storage.limits import check_regular
 
 Key = tuple[str | int, ...]
 

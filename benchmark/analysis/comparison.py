@@ -31,7 +31,7 @@ from eitbench.benchmark.rundir import manifest
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS, PINNED
 from eitbench.benchmark.rundir.store import SAMPLES
 from eitbench.scenarios.errors import InputError, unknown_name
-from eitbench.scenarios.try_reading import try_reading
+from eitbench.scenarios.storage.try_reading import try_reading
 
 ChangeVerdict = Literal["better", "worse", "no difference found", "negligible", "equal"]
 

@@ -7,11 +7,11 @@ import numpy as np
 
 from eitbench.benchmark.analysis.results import NOTES, NOTES_FILE
 from eitbench.benchmark.rundir import manifest as manifests
-from eitbench.scenarios.atomic_write import atomic_write
 from eitbench.scenarios.data.datasets import load
 from eitbench.scenarios.errors import DataCorruptError, DataUnavailableError
 from eitbench.scenarios.recordings.fetch import read_recording
 from eitbench.scenarios.recordings.quality import quality
+from eitbench.scenarios.storage.atomic_write import atomic_write
 from eitbench.scenarios.suites.scenario import RecordedScenario
 
 

@@ -32,8 +32,8 @@ from eitbench.benchmark.rundir.plan import sha256
 from eitbench.benchmark.rundir.run_arrays import read_validation
 from eitbench.benchmark.rundir.store import SAMPLES, TRACKS, RunStore
 from eitbench.benchmark.workers.confinement import check_isolation
-from eitbench.scenarios.atomic_write import atomic_write
 from eitbench.scenarios.errors import DataCorruptError
+from eitbench.scenarios.storage.atomic_write import atomic_write
 
 VERIFIED = "verified.json"
 """Beside the run directories: what was run again, by digest."""

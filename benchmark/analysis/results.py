@@ -23,7 +23,7 @@ from eitbench.benchmark.rundir.tables import read_parquet, wrong_kind
 from eitbench.methods.registry import MAX_NAME
 from eitbench.scenarios.data.datasets import SNR_COLUMNS
 from eitbench.scenarios.errors import DataCorruptError, InputError
-from eitbench.scenarios.try_reading import try_reading
+from eitbench.scenarios.storage.try_reading import try_reading
 
 # What is known of a scenario's data beside its rows, if it is recorded.
 NOTES = ("reciprocity_error", "repeat_noise", "guess_mm")

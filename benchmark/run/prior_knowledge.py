@@ -14,11 +14,11 @@ from eitbench.benchmark.tuning.selection import validation_scenario
 from eitbench.benchmark.workers.messages import array_in, parsed
 from eitbench.methods.problem import AccessRecord, SamplesRead
 from eitbench.methods.weights.weight_files import packaged_weights
-from eitbench.scenarios.atomic_write import atomic_write
-from eitbench.scenarios.cache_dir import cache_dir
 from eitbench.scenarios.data.datasets import Dataset
 from eitbench.scenarios.data.simulation import phantom
 from eitbench.scenarios.phantoms.phantom import Contents, contents
+from eitbench.scenarios.storage.atomic_write import atomic_write
+from eitbench.scenarios.storage.cache_dir import cache_dir
 from eitbench.scenarios.suites.scenario import Scenario, SimulatedScenario
 from eitbench.scenarios.suites.suite import learned_from, scenarios
 

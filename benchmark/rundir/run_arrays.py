@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from eitbench.benchmark.rundir.cells import Batch, Cell, Values
 from eitbench.methods.registry import RESERVED
 from eitbench.scenarios.errors import DataCorruptError, EitbenchError
-from eitbench.scenarios.limits import own_dataset
 from eitbench.scenarios.sensors.sensor_file import MAX_PIXELS
+from eitbench.scenarios.storage.limits import own_dataset
 
 TRUTH = RESERVED
 MOST_MEASUREMENTS = 2**16

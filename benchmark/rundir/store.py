@@ -24,8 +24,8 @@ from eitbench.benchmark.rundir.kinds import RunKind
 from eitbench.benchmark.rundir.plan import PluginFile
 from eitbench.benchmark.rundir.run_arrays import Truth, write_arrays
 from eitbench.benchmark.rundir.tables import read_parquet, write_parquet
-from eitbench.scenarios.atomic_write import atomic_write
 from eitbench.scenarios.errors import DataCorruptError, EitbenchError, InputError
+from eitbench.scenarios.storage.atomic_write import atomic_write
 
 SAMPLES = "samples.parquet"
 TRACKS = "tracks.parquet"

@@ -9,7 +9,7 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from eitbench.benchmark.rundir.parquet_footer import codecs
-from eitbench.scenarios.limits import SPARE, most_bytes
+from eitbench.scenarios.storage.limits import SPARE, most_bytes
 
 MOST_COLUMNS = 500
 BYTES_A_ROW = 2**14

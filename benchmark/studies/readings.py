@@ -22,11 +22,11 @@ from eitbench.benchmark.tuning.selection import selected_parameters
 from eitbench.methods import Problem, create
 from eitbench.methods.training.samples import no_split
 from eitbench.scenarios.arrays import Array, Index
-from eitbench.scenarios.atomic_write import atomic_write
 from eitbench.scenarios.data.datasets import Dataset, load
 from eitbench.scenarios.physics.forward import forward_model
 from eitbench.scenarios.sensors.patterns import offset_pattern
 from eitbench.scenarios.sensors.sensor import Sensor
+from eitbench.scenarios.storage.atomic_write import atomic_write
 from eitbench.scenarios.suites.suite import load_suite
 
 FILE_NAME = "readings.json"

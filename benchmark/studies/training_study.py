@@ -35,11 +35,11 @@ from eitbench.methods.training import (
 )
 from eitbench.methods.training.samples import no_split, training_scenario
 from eitbench.methods.weights.weight_files import sensor_key
-from eitbench.scenarios.atomic_write import atomic_write
 from eitbench.scenarios.data.datasets import load
 from eitbench.scenarios.errors import DataCorruptError, InputError, unknown_name
 from eitbench.scenarios.interrupts import termination_interrupts
 from eitbench.scenarios.sensors.sensor import Sensor, foam16
+from eitbench.scenarios.storage.atomic_write import atomic_write
 from eitbench.scenarios.suites.scenario import SimulatedScenario
 from eitbench.scenarios.suites.suite import load_suite
 

@@ -8,10 +8,10 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from eitbench.scenarios.atomic_write import atomic_write
-from eitbench.scenarios.cache_dir import cache_dir
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.sensors.sensor import content_hash
+from eitbench.scenarios.storage.atomic_write import atomic_write
+from eitbench.scenarios.storage.cache_dir import cache_dir
 from eitbench.scenarios.suites.scenario import Scenario, SimulatedScenario
 
 _log = logging.getLogger(__name__)

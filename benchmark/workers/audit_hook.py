@@ -18,8 +18,8 @@ from typing import Any, Literal, get_args
 
 import eitbench
 from eitbench.benchmark.workers.messages import plain_text
-from eitbench.scenarios.cache_dir import cache_dir
 from eitbench.scenarios.data.simulation import split_folder
+from eitbench.scenarios.storage.cache_dir import cache_dir
 
 Kind = Literal["network", "write", "program", "read", "test data"]
 

@@ -17,8 +17,8 @@ from multiprocessing import util
 from pathlib import Path
 
 from eitbench.benchmark.workers.audit_hook import Watch, own_places
-from eitbench.scenarios.cache_dir import cache_dir
 from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.storage.cache_dir import cache_dir
 
 # linux/landlock.h; the numbers of these calls are the same on all its architectures.
 _CREATE_RULESET, _ADD_RULE, _RESTRICT_SELF = 444, 445, 446

@@ -21,7 +21,7 @@ from eitbench.scenarios.recordings.files.csv_mat import (
 from eitbench.scenarios.recordings.files.own import undamaged
 from eitbench.scenarios.recordings.files.recording_file import Content
 from eitbench.scenarios.sensors.sensor import Sensor
-from eitbench.scenarios.try_reading import try_reading
+from eitbench.scenarios.storage.try_reading import try_reading
 
 _READERS = {".csv": read_csv, ".mat": read_mat_recording}
 

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 import torch
 from torch import Tensor
 
-from eitbench.scenarios.array_file import read_arrays, write_arrays
 from eitbench.scenarios.errors import DataCorruptError, InputError
+from eitbench.scenarios.storage.array_file import read_arrays, write_arrays
 
 if TYPE_CHECKING:
     from pathlib import Path

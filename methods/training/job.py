@@ -13,10 +13,10 @@ from eitbench.methods.training.checkpoint import Checkpoint
 from eitbench.methods.training.loop import fit
 from eitbench.methods.training.samples import images, training_scenario
 from eitbench.methods.weights.weight_files import sensor_key, user_weights
-from eitbench.scenarios.atomic_write import atomic_write
-from eitbench.scenarios.cache_dir import cache_dir
 from eitbench.scenarios.data.simulation import clean_frames
 from eitbench.scenarios.errors import InputError, unknown_name
+from eitbench.scenarios.storage.atomic_write import atomic_write
+from eitbench.scenarios.storage.cache_dir import cache_dir
 from eitbench.scenarios.suites.suite import load_suite
 
 if TYPE_CHECKING:

@@ -8,10 +8,10 @@ from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from eitbench.scenarios.array_file import read_arrays, write_arrays
-from eitbench.scenarios.cache_dir import cache_dir
 from eitbench.scenarios.errors import DataCorruptError, InputError
 from eitbench.scenarios.sensors.sensor import content_hash
+from eitbench.scenarios.storage.array_file import read_arrays, write_arrays
+from eitbench.scenarios.storage.cache_dir import cache_dir
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -19,9 +19,7 @@ from rich.console import Console
 from rich.progress import track
 from threadpoolctl import threadpool_limits
 
-from eitbench.scenarios.array_file import read_arrays, write_arrays
 from eitbench.scenarios.arrays import Array
-from eitbench.scenarios.cache_dir import cache_dir
 from eitbench.scenarios.errors import DataCorruptError, EitbenchError
 from eitbench.scenarios.guard import check_open
 from eitbench.scenarios.imperfections.imperfections import TOUCH_INTERVAL_S
@@ -30,6 +28,8 @@ from eitbench.scenarios.phantoms.phantom import Phantom, draw, rasterise
 from eitbench.scenarios.physics.forward import forward_model
 from eitbench.scenarios.seeds import generator
 from eitbench.scenarios.sensors.sensor import content_hash
+from eitbench.scenarios.storage.array_file import read_arrays, write_arrays
+from eitbench.scenarios.storage.cache_dir import cache_dir
 from eitbench.scenarios.suites.scenario import TOUCHES, SimulatedScenario, Split
 
 CHUNK = 10 * TOUCHES

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eitbench.scenarios.errors import DataCorruptError, UnreadableError
-from eitbench.scenarios.limits import most_bytes
+from eitbench.scenarios.storage.limits import most_bytes
 
 _HEADER = 128
 _MATRIX, _COMPRESSED = 14, 15

@@ -30,7 +30,6 @@ from eitbench.hardware.board import Frame
 from eitbench.hardware.recording.recorder import Recorder
 from eitbench.reports.page.report_data import report_data
 from eitbench.reports.tables.leaderboard import FORMATS, ranked_rows, write_leaderboard
-from eitbench.scenarios.array_file import read_arrays
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.recordings.files.csv_mat import (
     read_csv,
@@ -43,6 +42,7 @@ from eitbench.scenarios.recordings.files.recording_file import read_file
 from eitbench.scenarios.recordings.quality import check
 from eitbench.scenarios.sensors.sensor import Sensor
 from eitbench.scenarios.sensors.sensor_file import read_sensor
+from eitbench.scenarios.storage.array_file import read_arrays
 from eitbench.scenarios.suites.suite import load_suite, read_suite, suites
 
 

@@ -25,11 +25,11 @@ from eitbench.hardware.recording.exchange import import_recording
 from eitbench.reports.page.report import write_report
 from eitbench.reports.page.site import write_site
 from eitbench.reports.tables.leaderboard import write_leaderboard
-from eitbench.scenarios.atomic_write import atomic_write
 from eitbench.scenarios.errors import DataCorruptError, EitbenchError, UnreadableError
 from eitbench.scenarios.recordings.files.recording_file import read_file
 from eitbench.scenarios.sensors.sensor import foam16
-from eitbench.scenarios.try_reading import try_reading
+from eitbench.scenarios.storage.atomic_write import atomic_write
+from eitbench.scenarios.storage.try_reading import try_reading
 
 READERS: dict[str, Callable[[Path], object]] = {
     "leaderboard": read_run,
@@ -248,6 +248,6 @@ def swallow() -> None:
 def test_what_reads_a_file_may_die_of_it(
     monkeypatch: pytest.MonkeyPatch, read: Callable[[], None], why: str
 ) -> None:
-    monkeypatch.setattr("eitbench.scenarios.try_reading.TIME_LIMIT_S", 1)
+    monkeypatch.setattr("eitbench.scenarios.storage.try_reading.TIME_LIMIT_S", 1)
     with pytest.raises(DataCorruptError, match=why):
         try_reading(Path("file"), read)

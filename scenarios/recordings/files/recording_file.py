@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.errors import DataCorruptError, InputError, UnreadableError
-from eitbench.scenarios.limits import check_regular, own_dataset
 from eitbench.scenarios.recordings.files import layout
 from eitbench.scenarios.sensors.sensor import Sensor
 from eitbench.scenarios.sensors.sensor_file import sensor_from_json, sensor_to_json
+from eitbench.scenarios.storage.limits import check_regular, own_dataset
 
 
 @dataclass(frozen=True, eq=False)

@@ -29,9 +29,9 @@ from eitbench.methods.training.checkpoint import CHECKPOINT_FILE as FILE
 from eitbench.methods.training.job import TrainingJob, TrainingResult, training_device
 from eitbench.methods.training.loop import Data
 from eitbench.methods.weights import weight_files
-from eitbench.scenarios.array_file import read_arrays
 from eitbench.scenarios.data.datasets import Dataset, load
 from eitbench.scenarios.errors import DataCorruptError, InputError
+from eitbench.scenarios.storage.array_file import read_arrays
 from eitbench.scenarios.suites.scenario import SimulatedScenario, SplitNoise
 
 NOISY = SimulatedScenario(

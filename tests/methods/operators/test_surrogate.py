@@ -15,7 +15,6 @@ from eitbench.methods import operator
 from eitbench.methods.operators.surrogate import Surrogate, SurrogateNetwork
 from eitbench.methods.weights import weight_files
 from eitbench.methods.weights.weight_files import sensor_key, user_weights
-from eitbench.scenarios.array_file import write_arrays
 from eitbench.scenarios.catalogue import sensor
 from eitbench.scenarios.errors import DataCorruptError, InputError
 from eitbench.scenarios.physics.forward import forward_model
@@ -26,6 +25,7 @@ from eitbench.scenarios.sensors.patterns import (
     offset_pattern,
 )
 from eitbench.scenarios.sensors.sensor import Sensor, even_electrodes
+from eitbench.scenarios.storage.array_file import write_arrays
 
 ABOUT = {"train_s": "12.5", "device": "abacus"}
 

@@ -29,12 +29,12 @@ from eitbench.methods.training.checkpoint import CHECKPOINT_FILE as FILE
 from eitbench.methods.training.checkpoint import Checkpoint
 from eitbench.methods.training.loop import Data, TrainingTask, fit
 from eitbench.methods.weights.weight_files import user_weights
-from eitbench.scenarios.array_file import read_arrays, write_arrays
 from eitbench.scenarios.catalogue import sensor
 from eitbench.scenarios.errors import DataCorruptError, InputError
 from eitbench.scenarios.physics.forward import forward_model
 from eitbench.scenarios.sensors.patterns import offset_pattern
 from eitbench.scenarios.sensors.sensor import Sensor, even_electrodes
+from eitbench.scenarios.storage.array_file import read_arrays, write_arrays
 from eitbench.scenarios.suites.scenario import SimulatedScenario
 from eitbench.scenarios.suites.suite import load_suite
 

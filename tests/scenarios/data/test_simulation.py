@@ -17,7 +17,6 @@ import pytest
 from safetensors.numpy import load as load_bytes
 from safetensors.numpy import save
 
-from eitbench.scenarios.array_file import read_arrays, write_arrays
 from eitbench.scenarios.data.datasets import load
 from eitbench.scenarios.data.simulation import CHUNK, clean_frames, phantom
 from eitbench.scenarios.errors import EitbenchError
@@ -25,6 +24,7 @@ from eitbench.scenarios.imperfections.imperfections import Imperfections
 from eitbench.scenarios.phantoms.families import PUBLISHED_FAMILIES
 from eitbench.scenarios.phantoms.phantom import rasterise
 from eitbench.scenarios.physics.forward import ForwardModel
+from eitbench.scenarios.storage.array_file import read_arrays, write_arrays
 from eitbench.scenarios.suites.scenario import SimulatedScenario, SplitNoise
 
 SCENARIO = SimulatedScenario(

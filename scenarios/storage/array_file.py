@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from eitbench.scenarios.atomic_write import atomic_write
 from eitbench.scenarios.errors import DataCorruptError, EitbenchError
+from eitbench.scenarios.storage.atomic_write import atomic_write
 
 AnyArray = NDArray[Any]
 

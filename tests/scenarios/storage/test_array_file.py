@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from eitbench.scenarios.array_file import read_arrays, write_arrays
+from eitbench.scenarios.storage.array_file import read_arrays, write_arrays
 
 
 def test_stored_arrays_come_back_as_they_were(tmp_path: Path) -> None:

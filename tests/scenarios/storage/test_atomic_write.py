@@ -9,13 +9,13 @@ from pathlib import Path
 
 import pytest
 
-from eitbench.scenarios.atomic_write import ABANDONED_AFTER_S, atomic_write
+from eitbench.scenarios.storage.atomic_write import ABANDONED_AFTER_S, atomic_write
 
 # Writes one of two contents for as long as it lives.
 WRITER = """
 import sys
 from pathlib import Path
-from eitbench.scenarios.atomic_write import atomic_write
+from eitbench.scenarios.storage.atomic_write import atomic_write
 for k in range(10**9):
     atomic_write(Path(sys.argv[1]), b"ab"[k % 2 : k % 2 + 1] * 3_000_000)
 """

@@ -17,7 +17,7 @@ from pathlib import Path
 import psutil
 
 from eitbench.scenarios.errors import DataCorruptError, EitbenchError, InputError, UnreadableError
-from eitbench.scenarios.limits import check_regular
+from eitbench.scenarios.storage.limits import check_regular
 
 TIME_LIMIT_S, MEMORY_LIMIT_MB = 120, 4096
 
