@@ -31,7 +31,7 @@ NOTES_FILE = "recordings.json"
 _NOTES = TypeAdapter(dict[str, dict[str, float | None]], config=ConfigDict(strict=True))
 
 _FAMILIES = {"same": "the families of the test phantoms", "other": "other families of phantoms"}
-_NOISE = {"tuning": "tuning", "train": "training data", "validation": "validation data"}
+_NOISE = {"tuning": "tuning", "train": "training samples", "validation": "validation samples"}
 
 # Columns beside labels, metrics and costs, by what they hold.
 TEXTS = (
@@ -249,21 +249,22 @@ def describe_prior_knowledge(text: object) -> str:
     known = _PriorKnowledge.model_validate_json(text)
     parts = []
     if known.model:
-        parts.append("nominal contact impedance")
+        parts.append("knows the nominal contact impedance")
     if known.conductivity_range:
-        parts.append("conductivity range")
+        parts.append("knows the conductivity range")
     if known.noise:
-        parts.append(f"noise level through {' and '.join(_NOISE[way] for way in known.noise)}")
+        ways = " and ".join(_NOISE[way] for way in known.noise)
+        parts.append(f"learned the noise level from {ways}")
     if known.tuned.trials:
         edges = ", ".join(known.tuned.edges)
-        where = f", {edges} at the edge of what was tried" if edges else ""
-        parts.append(f"{known.tuned.trials} trials of tuning{where}")
+        where = f" ({edges} at the edge of the search range)" if edges else ""
+        parts.append(f"tuned with {known.tuned.trials} trials{where}")
     for given in known.given:
         kind = "training" if given.split == "train" else given.split
-        parts.append(f"{given.samples:,} {kind} samples")
+        parts.append(f"learned from {given.samples:,} {kind} samples")
     if count := known.trained_on.train_samples:
         seed = f" with seed {known.trained_on.seed}" if known.trained_on.seed else ""
-        parts.append(f"weights of one training{seed} on {count:,} samples")
+        parts.append(f"weights trained once{seed} on {count:,} samples")
     if known.families:
         parts.append(f"trained on {_FAMILIES[known.families]}")
     return "; ".join(parts) or "the reference frame only"

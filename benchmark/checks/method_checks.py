@@ -92,14 +92,14 @@ def batch_equals_single(tested: MethodUnderTest) -> str:
     frames = tested.frames
     together = tested.images(frames)
     alone = np.concatenate([tested.images(frame[None]) for frame in frames])
-    return tested.close(together, alone, SAME_FRAME, "a frame alone and in a batch")
+    return tested.close(together, alone, SAME_FRAME, "images of a frame alone and in a batch")
 
 
 def order(tested: MethodUnderTest) -> str:
     """The order of frames does not matter."""
     frames = tested.frames
     backwards = tested.images(np.ascontiguousarray(frames[::-1]))[::-1]
-    what = "images of a batch and of the same frames backwards"
+    what = "images of a batch, and of the same frames in reverse order,"
     return tested.close(tested.images(frames), backwards, SAME_FRAME, what)
 
 
@@ -107,7 +107,7 @@ def seed(tested: MethodUnderTest) -> str:
     """The global seed does not matter."""
     first = tested.images(tested.contact)
     other = tested.refit(tested.contact, seed=OTHER_SEED)
-    what = "images under two seeds of the global generators"
+    what = "images with two seeds of the global random generators"
     return tested.close(first, other, SAME_RUN, what)
 
 
@@ -121,7 +121,7 @@ def random_state(tested: MethodUnderTest) -> None:
     ).items():
         require(
             not generators,
-            f"{step} leaves the global generator of {' and '.join(generators)} in another state: "
+            f"{step} changes the global random generator of {' and '.join(generators)}: "
             "use a generator of your own.",
         )
 
@@ -179,7 +179,7 @@ def resistive_contact(tested: MethodUnderTest) -> str:
 def conductive_contact(tested: MethodUnderTest) -> str:
     """A conductive contact is positive."""
     if tested.sensor.conductivity_range[1] <= 1:
-        raise SkippedError("on this sensor, conductivity can only fall.")
+        raise SkippedError("the conductivity range of this sensor allows it to fall only.")
     where = "conductivity is 1.5 times higher"
     return _require_sign(tested, 1.5, 1, where, "positive and higher")
 
@@ -204,7 +204,7 @@ def linearity(tested: MethodUnderTest) -> str:
     one = tested.contrast(tested.inclusion(1 - SMALL))[0]
     two = tested.contrast(tested.inclusion(1 - 2 * SMALL))[0]
     energy = float(one @ one)
-    require(energy > 0, f"a contrast of {SMALL:g} is not seen at all.")
+    require(energy > 0, f"the image does not show a contrast of {SMALL:g} at all.")
     ratio = float(one @ two) / energy
     low, high = (2**exponent for exponent in EXPONENT)
     said = (
@@ -219,7 +219,7 @@ def rotation_equivariance(tested: MethodUnderTest) -> str:
     """Rotation equivariance."""
     turns = [motion for motion in tested.motions if motion.turns and not motion.mirrored]
     # The first is of 90 degrees, or of 180 where that is none: all others follow from it.
-    return _require_equivariance(tested, turns, "turn", "turned")
+    return _require_equivariance(tested, turns, "rotation", "turned")
 
 
 def mirror_equivariance(tested: MethodUnderTest) -> str:
@@ -236,7 +236,7 @@ def _require_equivariance(
     Differences to the reference are moved, so that its frame need not be symmetric.
     """
     if not motions:
-        raise SkippedError(f"no {what} brings this sensor onto itself.")
+        raise SkippedError(f"this sensor has no {what} symmetry.")
     difference = tested.contact - tested.reference
     moved = tested.images(tested.reference + motions[0].voltages(difference))
     mask, background = tested.sensor.mask, tested.sensor.background
@@ -244,8 +244,8 @@ def _require_equivariance(
     contrast = _seen(expected[:, mask] - background)
     apart = _rms(moved[:, mask] - expected[:, mask])
     said = (
-        f"voltages of the {moved_is} sensor give an image that differs from the {moved_is} one by "
-        f"{apart / contrast:.2g} of its contrast (rms); {MOVED:g} is allowed."
+        f"the image of {moved_is} voltages and the {moved_is} image differ by "
+        f"{apart / contrast:.2g} of the contrast (rms); {MOVED:g} is allowed."
     )
     require(apart <= MOVED * contrast, said)
     return said
@@ -258,7 +258,7 @@ def gain_invariance(tested: MethodUnderTest) -> str:
     """
     _seen(tested.contrast(tested.contact))
     other = tested.refit(tested.contact * GAIN, gain=GAIN)
-    what = f"images of frames and of {GAIN:g} times these (the reference too)"
+    what = f"images of the same frames in V/A and in other units ({GAIN:g} per V/A)"
     return tested.close(tested.images(tested.contact), other, SAME_FRAME, what)
 
 
@@ -271,7 +271,7 @@ def new_reference(tested: MethodUnderTest) -> str:
     (reference,) = tested.reference
     later = add_noise(reference, LATER_DB, generator("method check", "reference"))[None]
     now, begun = tested.with_other_reference(tested.contact, later)
-    what = "images by a reference frame measured after the fit, and by a fit with it,"
+    what = "images with a reference frame that came after `fit`, and images after a `fit` with it,"
     return tested.close(now, begun, SAME_FRAME, what)
 
 
@@ -288,13 +288,15 @@ def noise_growth(tested: MethodUnderTest) -> str:
     figures = ", ".join(
         f"{error:.2g} S/m at {snr_db:g} dB" for snr_db, error in zip(SNR_DB, errors, strict=True)
     )
-    said = f"noise adds {figures} to an image (rms)"
+    said = f"noise of the frames adds {figures} to an image (rms)"
     for less, more in itertools.pairwise(errors):
         require(less <= MONOTONE * more, f"{said}; it should grow with the noise.")
     allowed = NOISE_GROWTH * 10 ** ((SNR_DB[0] - SNR_DB[-1]) / 20)
     floor = SAME_FRAME * tested.sensor.data_range
     grown = errors[-1] / max(errors[0], floor / allowed)
-    require(grown <= allowed, f"{said}, {grown:.0f} times more; {allowed:.0f} is allowed.")
+    require(
+        grown <= allowed, f"{said}: it grows {grown:.0f} times; {allowed:.0f} times is allowed."
+    )
     most = CONTRAST * tested.sensor.background
     require(errors[-1] <= most, f"{said}; more than {most:g} hides the contact.")
     return f"{said}."
@@ -313,7 +315,7 @@ def _rms(values: Array) -> float:
 def _seen(contrast: Array) -> float:
     """Return the rms of a contact's contrast, which must not be 0."""
     rms = _rms(contrast)
-    require(rms > 0, "the contact is not seen at all.")
+    require(rms > 0, "the image does not show the contact at all.")
     return rms
 
 
@@ -334,7 +336,9 @@ def deterministic(tested: MethodUnderTest) -> str:
     frames = tested.frames
     first = tested.images(frames)
     tested.worker.renew()
-    return tested.close(first, tested.again(frames), SAME_RUN, "two fits on the same problem")
+    return tested.close(
+        first, tested.again(frames), SAME_RUN, "images after two fits on the same problem"
+    )
 
 
 def quiet(tested: MethodUnderTest) -> None:
@@ -353,7 +357,7 @@ def threads(tested: MethodUnderTest) -> str:
     """The thread count does not matter."""
     one = tested.again(tested.contact)
     two = tested.refit(tested.contact, threads=2)
-    return tested.close(one, two, SAME_FRAME, "images made on one thread and on two")
+    return tested.close(one, two, SAME_FRAME, "images made with one thread and with two")
 
 
 # What the processes were seen to do comes after all that makes them do something.

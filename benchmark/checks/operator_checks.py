@@ -62,10 +62,10 @@ def shapes(tested: OperatorUnderTest) -> None:
 def batch_equals_single(tested: OperatorUnderTest) -> str:
     """A batch equals its single images."""
     alone = [tested.voltages_of(image) for image in tested.sigma]
-    said = close(tested.voltages, alone, SAME, "voltages alone and in a batch")
+    said = close(tested.voltages, alone, SAME, "voltages of an image alone and in a batch")
     pairs = zip(tested.sigma, tested.cotangent, strict=True)
     gradients = [tested.gradient_of(image, weights) for image, weights in pairs]
-    close(tested.gradient, gradients, SAME, "gradients alone and in a batch")
+    close(tested.gradient, gradients, SAME, "gradients of an image alone and in a batch")
     return said
 
 
@@ -168,7 +168,7 @@ def single_precision(tested: OperatorUnderTest) -> str:
 def reference_voltages(tested: OperatorUnderTest) -> str:
     """The background gives the untouched sensor."""
     model = forward_model(tested.sensor)
-    what = "voltages of the background and the model's"
+    what = "voltages of the untouched sensor, and those of the model,"
     return close(tested.background, model.voltages(model.background), REFERENCE, what)
 
 
@@ -281,7 +281,9 @@ def reciprocity(tested: OperatorUnderTest) -> str:
     pattern = tested.sensor.pattern
     pairs = pattern.reciprocal_pairs()
     if not len(pairs):
-        raise SkippedError("The drive pattern measures no pair both ways.")
+        raise SkippedError(
+            "The drive pattern measures no pair of electrodes as drive and as sense."
+        )
     voltages = tested.voltages
     violation = (
         voltages[:, pairs[:, 1]] - pattern.reciprocal_signs(pairs) * voltages[:, pairs[:, 0]]
@@ -314,7 +316,8 @@ def scaling(tested: OperatorUnderTest) -> str:
     )
     other = tested.make(replace(tested.sensor, electrodes=electrodes))
     scaled = tested.voltages_of(factor * tested.sigma, other)
-    return close(scaled, tested.voltages / factor, LAW, "V of z/2 at 2 sigma and V/2")
+    what = "voltages at 2 sigma and half the contact impedance, and half of the voltages,"
+    return close(scaled, tested.voltages / factor, LAW, what)
 
 
 def refuses_pixels(tested: OperatorUnderTest) -> None:

@@ -81,8 +81,8 @@ def prepare(task: CellTask, progress: Advance, stop: threading.Event) -> None:
     if not stored.valid.all():
         task.store.forget_answers(cell)
         raise EitbenchError(
-            f"What the cells of scenario {cell.scenario!r} are compared with cannot be computed: "
-            f"{stored.message[~stored.valid][0]}."
+            f"The exact gradients that operators on {cell.scenario!r} are compared with cannot be "
+            f"computed: {stored.message[~stored.valid][0]}."
         )
 
 
@@ -225,7 +225,7 @@ class BatchRunner:
                 self._state = _STATE.validate_python(json.loads(text))
             except ValueError as error:
                 raise DataCorruptError(
-                    "A part of the run does not say where its cell stood: start a new run."
+                    "A stored part of the run lacks the state of its cell: start a new run."
                 ) from error
         self._service, self._stop = task.service(), stop
         self._readable = task.readable if isolate else None

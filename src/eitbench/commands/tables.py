@@ -78,13 +78,15 @@ def calibration_table(found: dict[str, Any]) -> "Group":
 
     before, after = found["misfit_before"], found["misfit_after"]
     head = (
-        f"{found['sensor']}: the model misses a value of the reference frame by {before:.2%} of "
-        f"the frame's rms, calibrated by {after:.2%}; {found['factor']:.4g} board units per V/A.\n"
+        f"{found['sensor']}: the reference frame of the model differs from the measured one by "
+        f"{before:.2%} (rms, relative to the frame's), and by {after:.2%} after calibration. "
+        f"1 V/A is {found['factor']:.4g} of the board's units.\n"
     )
     if not found["credible"]:
         head += (
-            "Calibration explains less than half of it, so that frames are not corrected: what is "
-            "left is noise, or the sensor differs in other ways than electrodes and gains.\n"
+            "Calibration removes less than half of the difference, so frames are not corrected. "
+            "The rest is noise, or errors of the sensor that gains, electrode places and contact "
+            "impedances do not describe.\n"
         )
         return Group(Text(head))
     columns = Table("electrode", "shift mm", "contact x", "channel", "gain %", box=None)

@@ -161,7 +161,8 @@ def test_an_honest_training_split_overlaps_nowhere() -> None:
     assert found["overlap"] == 0
     assert (
         describe_prior_knowledge(found["prior_knowledge"])
-        == "6 training samples; 8 validation samples; trained on the families of the test phantoms"
+        == "learned from 6 training samples; learned from 8 validation samples; "
+        "trained on the families of the test phantoms"
     )
 
 
@@ -172,13 +173,13 @@ def test_knowledge_by_tuning_is_reported() -> None:
     create("noser").fit(problem)
     found = columns(problem.access_record(), None, SMALL, test, spent=choice.describe()["spent"])
     assert describe_prior_knowledge(found["prior_knowledge"]) == (
-        "nominal contact impedance; conductivity range; noise level through tuning; "
-        "12 trials of tuning"
+        "knows the nominal contact impedance; knows the conductivity range; "
+        "learned the noise level from tuning; tuned with 12 trials"
     )
     spent = choice.describe()["spent"] | {"edges": ["weight"]}
     edge = columns(problem.access_record(), None, SMALL, test, spent=spent)["prior_knowledge"]
     assert describe_prior_knowledge(edge).endswith(
-        "12 trials of tuning, weight at the edge of what was tried"
+        "tuned with 12 trials (weight at the edge of the search range)"
     )
     assert "tuning" not in describe_prior_knowledge(
         columns(problem.access_record(), None, SMALL, test, spent={})["prior_knowledge"]
@@ -204,8 +205,8 @@ def test_weights_are_held_against_the_data_they_come_from(
     found = columns(problem.access_record(), notes, SMALL, test, spent={})
     assert found["overlap"] == 0
     assert describe_prior_knowledge(found["prior_knowledge"]) == (
-        "weights of one training with seed 3 on 6 samples; trained on the families of the test "
-        "phantoms"
+        "weights trained once with seed 3 on 6 samples; "
+        "trained on the families of the test phantoms"
     )
     unseen = SMALL.model_copy(update={"families": ("ring",), "training_families": SMALL.families})
     theirs = replace(notes, train_data=unseen.data_hash("train"))

@@ -77,7 +77,7 @@ def test_the_gaps_stand_on_every_leaderboard(run: Path) -> None:
     assert row["oracle_gap"] == pytest.approx(score(1.0) - score(0.9))
     assert row["oracle_gap_low"] is row["oracle_gap_high"] is None  # of two sessions
     assert row["overlap"] == 0
-    assert row["prior_knowledge"] == "noise level through tuning; 4 trials of tuning"
+    assert row["prior_knowledge"] == "learned the noise level from tuning; tuned with 4 trials"
     heads, cells = tracks_table([row])
     assert heads[1:4] == ["default", "tuned", "oracle"]
     assert cells[2] == f"{score(0.9):.3f}"
@@ -85,7 +85,7 @@ def test_the_gaps_stand_on_every_leaderboard(run: Path) -> None:
     for form in ("md", "html"):
         text = FORMATS[form]([row])
         assert "left to the oracle" in text
-        assert "noise level through tuning" in text
+        assert "learned the noise level from tuning" in text
 
 
 def test_no_images_of_other_tracks_are_kept(run: Path) -> None:
