@@ -9,8 +9,14 @@ STAMPS := .venv/.stamps
 help:  ## what can be made
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/'
 
-demo: $(STAMPS)/demo  ## install, run the suite `quick`, print its leaderboard
+demo: $(STAMPS)/demo  ## install, run the suite `quick`, print its leaderboards and what to do next
+	@echo "Step 3 of 3: the suite 'quick', simulated touches and presses on a real skin (some minutes)"
 	$(BIN)/eitbench run quick --jobs 2
+	@echo
+	@echo "Next:"
+	@echo "  $(BIN)/eitbench report $$(ls -td runs/quick-* | head -n 1)    # a page to look at, tables and figures for a paper"
+	@echo "  $(BIN)/eitbench new-method my-method    # your own method, to be ranked beside these"
+	@echo "  $(BIN)/eitbench recordings import --help    # your own data; docs/tutorials/lab.md shows the way"
 
 test: $(STAMPS)/test  ## install what tests need and run them
 	$(BIN)/pytest -n auto --dist loadfile --no-loadscope-reorder
@@ -49,11 +55,13 @@ tune: $(STAMPS)/test  ## choose the packaged hyper-parameters again (about an ho
 
 $(STAMPS)/venv:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "eitbench needs Python 3.11 or newer: make PYTHON=python3.x")'
+	@echo "Step 1 of 3: a Python environment in .venv"
 	$(PYTHON) -m venv .venv
 	@mkdir -p $(STAMPS) && touch $@
 
 $(STAMPS)/demo: $(STAMPS)/venv pyproject.toml constraints.txt
-	$(BIN)/pip install --quiet -c constraints.txt -e .
+	@echo "Step 2 of 3: eitbench and its libraries go into .venv (once, some minutes; PyTorch is the largest)"
+	$(BIN)/pip install -c constraints.txt -e .
 	@touch $@
 
 $(STAMPS)/test: $(STAMPS)/demo
