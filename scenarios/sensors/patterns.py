@@ -69,19 +69,46 @@ class DrivePattern:
         return {"table": self.table.tolist(), "magnitudes": self.magnitudes}
 
 
-def offset_pattern(n_electrodes: int, offset: int, *, driven: bool = False) -> DrivePattern:
-    """Drive (i, i+offset), measure (j, j+offset), drive-major, j ascending.
+def rotating_pattern(
+    n_electrodes: int, drive: int, sense: int, *, driven: bool = False, magnitudes: bool = False
+) -> DrivePattern:
+    """Drive (i, i+drive), measure (j, j+sense), drive-major, i and j ascending from 0.
 
-    Pairs that share an electrode with the drive pair are skipped unless `driven`. For 16
-    electrodes `offset=3` and `offset=4` both give 208 values, of which 104 and 62 are independent.
+    A negative offset -k reverses its pairs: (i+k, i). Pairs that share an electrode with the drive
+    pair are skipped unless `driven`.
 
     Raises:
-        InputError: an offset that is not between 1 and n_electrodes - 1.
+        InputError: an offset whose size is not between 1 and n_electrodes - 1, or nothing is left
+            to measure.
     """
-    if not (isinstance(offset, int) and 1 <= offset < n_electrodes):
-        raise InputError(f"An offset is a whole number from 1 to {n_electrodes - 1}, got {offset}.")
-    pairs = [(i, (i + offset) % n_electrodes) for i in range(n_electrodes)]
-    return pair_pattern(pairs, pairs, driven=driven)
+    for offset in (drive, sense):
+        if not (isinstance(offset, int) and 1 <= abs(offset) < n_electrodes):
+            raise InputError(
+                f"An offset is a whole number from 1 to {n_electrodes - 1}, or its negative for "
+                f"reversed pairs, got {offset}."
+            )
+    pattern = pair_pattern(_ring(n_electrodes, drive), _ring(n_electrodes, sense), driven=driven)
+    return replace(pattern, magnitudes=magnitudes)
+
+
+def offset_pattern(n_electrodes: int, offset: int, *, driven: bool = False) -> DrivePattern:
+    """Drive (i, i+offset), measure (j, j+offset), as `rotating_pattern` does.
+
+    For 16 electrodes `offset=3` and `offset=4` both give 208 values, of which 104 and 62 are
+    independent.
+    """
+    return rotating_pattern(n_electrodes, offset, offset, driven=driven)
+
+
+def opposition_pattern(n_electrodes: int) -> DrivePattern:
+    """Drive (i, i + E/2), measure (j + 1, j) for j ascending, magnitudes only."""
+    return rotating_pattern(n_electrodes, n_electrodes // 2, -1, magnitudes=True)
+
+
+def _ring(n_electrodes: int, offset: int) -> list[tuple[int, int]]:
+    """Pairs of each electrode with the one `offset` further; reversed where it is negative."""
+    pairs = [(i, (i + abs(offset)) % n_electrodes) for i in range(n_electrodes)]
+    return pairs if offset > 0 else [(b, a) for a, b in pairs]
 
 
 def pair_pattern(
@@ -91,14 +118,6 @@ def pair_pattern(
     senses = list(senses)
     rows = [(*d, *s) for d in drives for s in senses if driven or not set(d) & set(s)]
     return DrivePattern(np.array(rows, dtype=np.int64).reshape(-1, 4))
-
-
-def opposition_pattern(n_electrodes: int) -> DrivePattern:
-    """Drive (i, i + E/2), measure (j + 1, j) for j ascending, magnitudes only."""
-    half = n_electrodes // 2
-    drives = [(i, (i + half) % n_electrodes) for i in range(n_electrodes)]
-    senses = [((j + 1) % n_electrodes, j) for j in range(n_electrodes)]
-    return replace(pair_pattern(drives, senses), magnitudes=True)
 
 
 def independent(

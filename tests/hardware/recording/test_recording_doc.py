@@ -31,7 +31,7 @@ def test_its_sensor_can_be_read_with_every_alternative(tmp_path: Path) -> None:
     assert (sensor(str(path)).n_measurements, sensor(str(path)).image_shape) == (208, (48, 60))
     for line in re.findall(r"^# (\w+ = \S.*?)(?:  #.*)?$", SENSOR, flags=re.MULTILINE):
         assert line.split()[0] in (
-            "disc_radius_mm", "polygon_mm", "centres_mm", "opposition", "table",
+            "disc_radius_mm", "polygon_mm", "centres_mm", "drive", "sense", "table",
         )  # fmt: skip
     path.write_text(
         SENSOR.replace("rectangle_mm", "# rectangle_mm").replace("# disc_radius", "disc_radius")
