@@ -10,7 +10,7 @@ from pydantic import BeforeValidator, Field, ValidationError, model_validator
 from eitbench.scenarios.declaration import Declaration, Name, field_error, read_declaration
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.sensors.outlines import Disc, Outline, Polygon, rectangle
-from eitbench.scenarios.sensors.patterns import DrivePattern, rotating_pattern
+from eitbench.scenarios.sensors.patterns import DrivePattern, ring_pattern
 from eitbench.scenarios.sensors.sensor import Electrode, Sensor, even_electrodes
 
 MAX_PIXELS = 1024
@@ -179,6 +179,7 @@ class PatternDeclaration(Declaration):
         offset: drive (i, i + offset), measure (j, j + offset).
         drive: drive (i, i + drive); a negative offset -k drives (i + k, i).
         sense: measure (j, j + sense); a negative offset -k measures (j + k, j).
+        rotating: j ascends from i, not from 0 (EIDORS: `rotate_meas`; not with `table`).
         driven: pairs that share an electrode with the drive are measured, too (not with `table`).
         table: one row src, sink, a, b for each value.
         magnitudes: the board reports values without their sign.
@@ -187,6 +188,7 @@ class PatternDeclaration(Declaration):
     offset: int | None = None
     drive: int | None = None
     sense: int | None = None
+    rotating: bool = False
     driven: bool = False
     table: tuple[Row, ...] | None = Field(default=None, min_length=1)
     magnitudes: bool = False
@@ -196,8 +198,8 @@ class PatternDeclaration(Declaration):
         given = [name for name in ("offset", "drive", "table") if getattr(self, name) is not None]
         if len(given) != 1 or (self.drive is None) != (self.sense is None):
             raise ValueError("it has one of `offset`, `drive` with `sense`, and `table`")
-        if self.driven and self.table is not None:
-            raise ValueError("`driven` goes with `offset`, or with `drive` and `sense`")
+        if (self.driven or self.rotating) and self.table is not None:
+            raise ValueError("`driven` and `rotating` do not go with `table`")
         return self
 
     def build(self, n_electrodes: int) -> DrivePattern:
@@ -205,9 +207,10 @@ class PatternDeclaration(Declaration):
         if self.table is None:
             drive = self.offset or self.drive or 0
             sense = self.offset or self.sense or 0
-            return rotating_pattern(
-                n_electrodes, drive, sense, driven=self.driven, magnitudes=self.magnitudes
-            )
+            return ring_pattern(
+                n_electrodes, drive, sense,
+                rotating=self.rotating, driven=self.driven, magnitudes=self.magnitudes,
+            )  # fmt: skip
         table = np.array(self.table, dtype=np.int64)
         if table.max() >= n_electrodes:
             raise InputError(

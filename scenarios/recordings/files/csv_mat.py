@@ -153,7 +153,7 @@ def read_csv(path: Path, sensor: Sensor | None) -> Content:
         DataCorruptError: something in it is not what it should be.
     """
     try:
-        text = path.read_text(encoding="utf-8")
+        text = path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or "it is not UTF-8 text"
         raise UnreadableError(f"Cannot read {path}: {reason}.") from error

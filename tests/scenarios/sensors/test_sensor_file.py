@@ -76,6 +76,12 @@ def test_every_kind_of_sensor_can_be_declared_and_described(
     assert (again, again.name) == (made, made.name)
 
 
+def test_a_byte_order_mark_is_no_part_of_a_file(tmp_path: Path) -> None:
+    made = sensor(str(write(tmp_path)))
+    (tmp_path / "bench.toml").write_text(GOOD, encoding="utf-8-sig")
+    assert sensor(str(tmp_path / "bench.toml")) == made
+
+
 def test_what_is_declared_is_what_is_made(tmp_path: Path) -> None:
     text = GOOD.replace("rectangle_mm = [100, 80]", "disc_radius_mm = 60")
     text = text.replace("start_mm = 10", "clockwise = true")
@@ -104,6 +110,15 @@ def test_signed_opposite_drive_and_adjacent_sensing_are_two_lines(tmp_path: Path
     assert two_lines == table
 
 
+def test_eidors_order_is_rotating(tmp_path: Path) -> None:
+    text = GOOD.replace("offset = 3", "drive = 1\nsense = -1\nrotating = true")
+    made = sensor(str(write(tmp_path, text))).pattern
+    assert made.table.tolist() == [
+        [i, (i + 1) % 16, (i + m + 1) % 16, (i + m) % 16] for i in range(16) for m in range(2, 15)
+    ]
+    assert np.array_equal(made.table, sensor("pyeidors-tank").pattern.table)
+
+
 @pytest.mark.parametrize(
     ("old", "new", "field", "says"),
     [
@@ -115,16 +130,14 @@ def test_signed_opposite_drive_and_adjacent_sensing_are_two_lines(tmp_path: Path
         ("width_mm = 8", "width_mm = 30", "electrodes", "overlap"),
         ("width_mm = 8", "width_mm = [8, 8]", "electrodes", "has 2 values for 16 electrodes"),
         ("count = 16", "", "electrodes", "either `count` or `centres_mm`"),
-        ("offset = 3", "offset = 16", "pattern", "from 1 to 15, or its negative for reversed pairs, got 16"),
+        ("offset = 3", "offset = 16", "pattern", "from 1 to 15, or its negative"),
         ("offset = 3", "", "pattern", "one of `offset`"),
         ("offset = 3", "drive = 3", "pattern", "`drive` with `sense`"),
         ("offset = 3", "sense = 3", "pattern", "`drive` with `sense`"),
         ("offset = 3", "offset = 3\ndrive = 8\nsense = 1", "pattern", "one of `offset`"),
         ("offset = 3", "drive = 8\nsense = -16", "pattern", "from 1 to 15, or its negative"),
         ("offset = 3", "drive = 0\nsense = 1", "pattern", "from 1 to 15, or its negative"),
-        (
-            "offset = 3", "table = [[0, 1, 2, 3]]\ndriven = true", "pattern", "`driven` goes with"
-        ),
+        ("offset = 3", "table = [[0, 1, 2, 3]]\ndriven = true", "pattern", "`driven` and"),
         ("offset = 3", "table = [[0, 1, 2, 16]]", "pattern", "uses electrode 16"),
         ("offset = 3", "table = [[0, 1, 2]]", "pattern.table[0][3]", "missing"),
         ("[100, 80]", "[100, 0]", "outline.rectangle_mm[1]", "greater than 0"),
