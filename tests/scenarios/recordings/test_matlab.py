@@ -19,9 +19,11 @@ ARRAYS = {
     "logical": np.array([[True, False, True]]),
     "cube": RNG.normal(size=(2, 3, 4)),
     "none": np.zeros((0, 4)),
+    "complex": RNG.normal(size=(3, 2)) + 1j * RNG.normal(size=(3, 2)),
+    "complex_single": np.array([[1 + 2j, 3]], dtype=np.complex64),
     "tiny": np.array([[1, 2]], dtype=np.uint8),
 }
-OTHERS = {"cells": np.array([[1], "a"], dtype=object), "complex": np.array([[1j]]), "text": "öäü 1"}
+OTHERS = {"cells": np.array([[1], "a"], dtype=object), "text": "öäü 1"}
 
 
 @pytest.mark.parametrize("compressed", [True, False])
