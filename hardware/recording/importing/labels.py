@@ -8,25 +8,26 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from eitbench.hardware.recording.importing.sources import Arrays
+from eitbench.hardware.recording.importing.sources import ALL_COLUMNS, Arrays
 from eitbench.scenarios.arrays import Array, Index
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.recordings.files import layout
 
 _VALUES = {
-    "x_m": ("x_m", 1.0),
     "x_mm": ("x_m", 1e-3),
-    "y_m": ("y_m", 1.0),
+    "x_m": ("x_m", 1.0),
     "y_mm": ("y_m", 1e-3),
-    "depth_m": ("depth_mm", 1e3),
+    "y_m": ("y_m", 1.0),
     "depth_mm": ("depth_mm", 1.0),
-    "force_n": ("force_N", 1.0),
-    "pressure_pa": ("pressure_Pa", 1.0),
-    "pressure_kpa": ("pressure_Pa", 1e3),
+    "depth_m": ("depth_mm", 1e3),
+    "force_N": ("force_N", 1.0),
+    "pressure_Pa": ("pressure_Pa", 1.0),
+    "pressure_kPa": ("pressure_Pa", 1e3),
 }
-_ROWS = ("first", "last", "frame", "reference_first", "reference_last")
+"""Columns of numbers: that of the recording, and its unit in theirs."""
+_ROWS = ("frame", "first", "last", "reference_first", "reference_last")
 _TEXTS = ("file", "state")
-_KNOWN = (*_ROWS, *_VALUES, *_TEXTS)
+_KNOWN = {name.lower(): name for name in (*_TEXTS, *_ROWS, *_VALUES)}
 _PREFIX = "label_"  # in exported MATLAB files
 
 
@@ -40,44 +41,51 @@ class FramesOf:
 
 
 def is_label(name: str) -> bool:
-    """True if an array or a column of this name describes touches."""
-    return _plain(name) in _KNOWN
+    """True if an array or a column of this name describes touches, and not only their frames."""
+    known = _known(name)
+    return known in (*_VALUES, "state") or (known is not None and name.startswith(_PREFIX))
 
 
-def _plain(name: str) -> str:
-    """The name of a column as `_KNOWN` has it: without case, spaces and what we put before it."""
+def _known(name: str) -> str | None:
+    """The column of labels that a name stands for, whatever its case; None for another."""
     # The parts of an HDF5 file and the sheets of a workbook stand before a stroke.
-    plain = name.rsplit("/", 1)[-1].strip().lower().replace(" ", "_")
-    return plain.removeprefix(_PREFIX).replace("[", "").replace("]", "")
+    plain = name.rsplit("/", 1)[-1].strip().lower().replace(" ", "_").removeprefix(_PREFIX)
+    return _KNOWN.get(plain)
 
 
 def parsed(arrays: Arrays, path: Path) -> pd.DataFrame:
-    """The label columns among `arrays`: one row per contact, in SI units and mm of depth.
+    """The label columns among `arrays`: one row per contact, in the units of a recording.
+
+    What has one value alone holds for all rows.
 
     Raises:
         InputError: columns of unlike lengths, two for one thing, or text where numbers belong.
     """
     columns: dict[str, Any] = {}
     for name, array in arrays.items():
-        plain = _plain(name)
-        if plain not in _KNOWN:
+        known = _known(name)
+        if known is None:
             continue
-        target, factor = _VALUES.get(plain, (plain, 1.0))
+        target, factor = _VALUES.get(known, (known, 1.0))
         if target in columns:
             raise InputError(f"{path} has two columns for {target!r}: leave one out.")
+        if array.size != max(array.shape, default=1):
+            raise InputError(f"{name!r} of {path} is no column, but of shape {array.shape}.")
         cells = array.reshape(-1)
-        if plain in _TEXTS:
+        if known in _TEXTS:
             columns[target] = [_text(cell) for cell in cells.tolist()]
         elif cells.dtype.kind not in "iufb":
             raise InputError(f"Column {name!r} of {path} holds something else than numbers.")
-        elif plain in _ROWS:
-            columns[target] = _whole(cells.astype(float), name, path)
+        elif known in _ROWS:
+            columns[target] = _whole(cells.astype(float), known, path)
         else:
             columns[target] = cells.astype(float) * factor
-    if len({len(column) for column in columns.values()}) > 1:
-        lengths = ", ".join(f"{name} ({len(column)})" for name, column in columns.items())
-        raise InputError(f"The labels of {path} are of unlike lengths: {lengths}.")
-    return pd.DataFrame(columns)
+    lengths = {len(column) for column in columns.values()} - {1}
+    if len(lengths) > 1:
+        told = ", ".join(f"{name} ({len(column)})" for name, column in columns.items())
+        raise InputError(f"The labels of {path} are of unlike lengths: {told}.")
+    n = max(lengths, default=1)
+    return pd.DataFrame({k: list(c) * n if len(c) == 1 else c for k, c in columns.items()})
 
 
 def _text(cell: object) -> str:
@@ -101,24 +109,22 @@ def read_sheet(arrays: Arrays, path: Path) -> pd.DataFrame:
     Raises:
         InputError: an unknown column, or as `parsed` raises.
     """
-    columns = {n: a for n, a in arrays.items() if a.ndim == 1 or 1 in a.shape}
-    for name in columns:
-        plain = _plain(name)
-        if plain in _KNOWN or name in ("", "all columns"):
+    for name in arrays:
+        plain = name.strip().lower()
+        if _known(name) or name in ("", ALL_COLUMNS):
             continue
         if plain in ("x", "y", "depth", "force", "pressure"):
-            known = [column for column in _VALUES if column.startswith(plain)]
+            units = [column for column in _VALUES if column.startswith(plain)]
             raise InputError(
-                f"Column {name!r} of {path} has no unit: name it {' or '.join(known)}."
+                f"Column {name!r} of {path} has no unit: name it {' or '.join(units)}."
             )
         raise InputError(
-            f"Column {name!r} of {path} is unknown: labels have the columns {', '.join(_KNOWN)}."
+            f"Column {name!r} of {path} is unknown: the first line of a sheet of labels names its "
+            f"columns, out of {', '.join(_KNOWN.values())}."
         )
-    table = parsed(columns, path)
+    table = parsed(arrays, path)
     if not len(table):
-        raise InputError(
-            f"{path} holds no labels: name its columns in its first line ({', '.join(_KNOWN)})."
-        )
+        raise InputError(f"{path} holds no labels.")
     return table
 
 
@@ -145,9 +151,9 @@ def placed(
     elif has_rows:
         how = "by rows of frames, counted from 0"
         of = [FramesOf(path, files[0].start, len(frames))] * len(table)
-    elif len(table) == len(files) > 1:
+    elif len(table) == len(files):
         how = f"row by row, for the files {files[0].path.name} to {files[-1].path.name}"
-        of = files
+        of = [_touched(file, touched) for file in files]
     elif len(table) in (len(frames), len(touched)):
         how = "row by row, for the frames"
         rows = frames if len(table) == len(frames) else touched
@@ -180,6 +186,14 @@ def placed(
             given = made[name].to_numpy()
             made[name] = np.where(given < 0, -1, start + given).astype(np.int64)
     return made, how
+
+
+def _touched(file: FramesOf, touched: Index) -> FramesOf:
+    """The part of a file from its first to its last frame that is no reference frame."""
+    rows = touched[(touched >= file.start) & (touched < file.start + file.count)]
+    if not rows.size:
+        return file
+    return FramesOf(file.path, int(rows[0]), int(rows[-1] - rows[0]) + 1)
 
 
 def _described(table: pd.DataFrame) -> NDArray[np.bool_]:

@@ -11,7 +11,12 @@ import pandas as pd
 from eitbench.hardware.recording.importing import labels as sheets
 from eitbench.hardware.recording.importing.arrays import Choice, FoundFrames, find_frames
 from eitbench.hardware.recording.importing.labels import FramesOf
-from eitbench.hardware.recording.importing.sources import Arrays, found_files, read_arrays
+from eitbench.hardware.recording.importing.sources import (
+    ALL_COLUMNS,
+    Arrays,
+    found_files,
+    read_arrays,
+)
 from eitbench.scenarios.arrays import Array, Index
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.recordings.files.csv_mat import without_times
@@ -232,7 +237,8 @@ def _label_table(
     tables = []
     for file, part in zip(files, parts, strict=True):
         beside = {n: a for n, a in file.arrays.items() if n != file.frames.name}
-        if len(inside := sheets.parsed(beside, file.path)):
+        if any(map(sheets.is_label, beside)):
+            inside = sheets.parsed(beside, file.path)
             tables.append(sheets.placed(inside, [part], reference, file.path)[0])
     if not tables:
         return pd.DataFrame(), (
@@ -254,9 +260,9 @@ def _unused(files: list[_File], options: ImportOptions) -> list[str]:
     found: dict[str, None] = {}
     for file in files:
         for name, array in file.arrays.items():
-            used = name in (file.frames.name, _REFERENCE, "all columns")
+            used = name in (file.frames.name, _REFERENCE, ALL_COLUMNS)
             used |= f"array:{name}" == options.reference
-            used |= file.frames.name == "all columns" and array.dtype.kind != "U"
+            used |= file.frames.name == ALL_COLUMNS and array.dtype.kind != "U"
             used |= sheets.is_label(name) and options.labels is None
             if not used:
                 shape = " x ".join(map(str, array.shape))

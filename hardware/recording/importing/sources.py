@@ -27,6 +27,8 @@ Rows = list[tuple[int, list[str]]]
 
 TABLE = "values"
 """Name of the array of a table without names of columns, and of a file with one array."""
+ALL_COLUMNS = "all columns"
+"""Name of the array of all columns of numbers, where a table has more than one series."""
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _SERIES = re.compile(r"(.*?)[\s_.(\[-]*(\d+)[)\]]?")
 
@@ -77,7 +79,7 @@ def read_arrays(path: Path) -> Arrays:
     """All arrays of the file at `path`, tried first in a process of its own.
 
     Of a table with names of columns: series such as v0, v1, ... by what stands before the number,
-    other columns each by its name, and `all columns` together.
+    other columns each by its name, and `ALL_COLUMNS` together.
 
     Raises:
         InputError: a package is missing that reads it.
@@ -140,7 +142,8 @@ def _text(path: Path) -> Arrays:
         else:
             (cells,) = csv.reader([line], delimiter=delimiter, skipinitialspace=True)
             rows.append((number, [cell.strip() for cell in cells]))
-    if delimiter != "," and not any("." in cell for _, cells in rows[1:] for cell in cells):
+    points = ("." in cell and _is_number(cell) for _, cells in rows for cell in cells)
+    if delimiter != "," and not any(points):
         rows = [(k, [_with_point(cell) for cell in cells]) for k, cells in rows]
     return _table(rows)
 
@@ -187,10 +190,11 @@ def _grouped(columns: Arrays, rows: Rows) -> Arrays:
                     _refuse_text(part, rows)
                 found[prefix or TABLE] = np.column_stack(parts)
     in_series = {name for m in series.values() if len(m) > 1 for name in m.values()}
-    found |= {n: c for n, c in columns.items() if n not in in_series and n not in found}
+    for name in (name for name in columns if name not in in_series):
+        found[f"{name} alone" if name in found else name] = columns[name]
     numbers = [column for column in columns.values() if column.dtype.kind != "U"]
     if 1 < len(numbers) != max((a.shape[1] for a in found.values() if a.ndim == 2), default=0):
-        found["all columns"] = np.column_stack(numbers)
+        found[ALL_COLUMNS] = np.column_stack(numbers)
     return found
 
 
@@ -205,6 +209,8 @@ def _column(cells: Rows | list[tuple[int, str]]) -> NDArray[Any]:
 
 
 def _number(text: str) -> complex:
+    if "_" in text:  # which Python allows in numbers
+        raise ValueError(text)
     if text[-1] in "ij":
         return complex(text[:-1].replace(" ", "") + "j")
     return float(text)

@@ -196,15 +196,18 @@ def test_rows_of_a_sheet_find_their_frames(tmp_path: Path, imported: Import) -> 
     assert rows("x_mm\n1\n2\n3\n", "a.csv", reference="first:3") == [(3, 3), (4, 4), (5, 5)]
     # Of a row for every frame, those that say nothing are no touches.
     assert rows("x_mm,y_mm\n,\n,\n1,2\n,\n3,4\n,\n", "a.csv") == [(2, 2), (4, 4)]
-    # Two contacts of one touch.
+    # A row alone is for all frames of its file that show no untouched sensor.
+    assert rows("x_mm,y_mm\n1,2\n", "a.csv", reference="first:2") == [(2, 5)]
+    # Two contacts of one touch, in a spreadsheet with decimal commas.
+    assert rows("file;frame;x_mm\na.csv;3;1,5\na.csv;3;9,5\n", "a.csv") == [(3, 3), (3, 3)]
     assert rows("frame,x_mm\n3,1\n3,9\n", "a.csv") == [(3, 3), (3, 3)]
 
 
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("x_mm,y\n1,2\n", "Column 'y' .* has no unit: name it y_m or y_mm"),
-        ("x_mm,colour\n1,2\n", "Column 'colour' .* is unknown: labels have the columns"),
+        ("x_mm,y\n1,2\n", "Column 'y' .* has no unit: name it y_mm or y_m"),
+        ("x_mm,colour\n1,2\n", "Column 'colour' .* is unknown: the first line"),
         ("x_mm,x_m\n1,2\n", "two columns for 'x_m'"),
         ("x_mm\n1\n2\n", "2 rows of labels for 6 frames .* add a column file, frame"),
         ("file,x_mm\nc.csv,1\n", "Row 1 of .* is for the file 'c.csv', which is none of the 1"),
@@ -212,7 +215,8 @@ def test_rows_of_a_sheet_find_their_frames(tmp_path: Path, imported: Import) -> 
         ("first,last\n3,2\n", "Row 1 of .* frames 3 to 2"),
         ("frame,x_mm\n1.5,1\n", "whole numbers from 0"),
         ("frame,x_mm\n1,left\n", "Column 'x_mm' of .* something else than numbers"),
-        ("1,2,3\n", "is unknown|holds no labels"),
+        ("1,2,3\n", "Column 'values' .* is unknown: the first line .* names its columns"),
+        ("x_mm1,x_mm2\n1,2\n3,4\n", "'x_mm' .* is no column, but of shape"),
         ("", "holds no lines"),
     ],
 )
@@ -251,6 +255,11 @@ def test_labels_inside_of_files_are_kept(tmp_path: Path, imported: Import, skin:
     assert content.labels["first"].tolist() == [2, 3, 4, 5]
     assert content.labels["state"].tolist() == ["p", "q", "r", "s"]
     assert "Not used: time_s (6)." in said
+    # Names of arrays alone make no labels; one place may stand for all frames of a file.
+    np.savez(tmp_path / "frame.npz", frame=VALUES, first=3, x_mm=10.0, y_mm=20.0)
+    content, _ = imported("frame.npz")
+    assert content.labels[["first", "last"]].to_numpy().tolist() == [[0, 5]]
+    assert content.labels["x_m"].tolist() == [0.01]
     # Of two files each has its own; so has a frame that is called reference.
     content, _ = imported("a.mat", "a.npz")
     assert content.labels["last"].tolist() == [3, 5, 9, 11]
