@@ -12,10 +12,10 @@ from eitbench.hardware.recording.importing.labels import as_labels
 from eitbench.hardware.recording.importing.recording import (
     ImportOptions,
     import_files,
-    reference_rows,
     relabelled,
     touches,
 )
+from eitbench.hardware.recording.importing.reference import reference_rows
 from eitbench.hardware.recording.importing.sources import is_own
 from eitbench.hardware.recording.recorder import Recorder, check_new
 from eitbench.scenarios.errors import InputError

@@ -52,6 +52,15 @@ class FoundFrames:
 
 
 @dataclass(frozen=True, eq=False)
+class FrameFile:
+    """A file with all its arrays, and the frames among them."""
+
+    path: Path
+    arrays: Arrays
+    frames: FoundFrames
+
+
+@dataclass(frozen=True, eq=False)
 class _Fit:
     name: str
     order: Order

@@ -145,15 +145,18 @@ def placed(
     frames = np.arange(files[0].start, files[-1].start + files[-1].count)
     touched = np.setdiff1d(frames, reference)
     has_rows = "frame" in table or {"first", "last"} <= set(table)
+    base: Index | int = files[0].start  # that rows of frames are counted from
     if "file" in table:
         how = "by the names of the files"
         of = [_file(name, k, files, path) for k, name in enumerate(table["file"])]
+        base = np.array([file.start for file in of])
     elif has_rows:
         how = "by rows of frames, counted from 0"
         of = [FramesOf(path, files[0].start, len(frames))] * len(table)
     elif len(table) == len(files):
         how = f"row by row, for the files {files[0].path.name} to {files[-1].path.name}"
         of = [_touched(file, touched) for file in files]
+        base = np.array([file.start for file in files])
     elif len(table) in (len(frames), len(touched)):
         how = "row by row, for the frames"
         rows = frames if len(table) == len(frames) else touched
@@ -184,7 +187,7 @@ def placed(
     for name in ("reference_first", "reference_last"):
         if name in made:
             given = made[name].to_numpy()
-            made[name] = np.where(given < 0, -1, start + given).astype(np.int64)
+            made[name] = np.where(given < 0, -1, base + given).astype(np.int64)
     return made, how
 
 

@@ -5,15 +5,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-import numpy as np
 import pandas as pd
 
 from eitbench.hardware.recording.importing import labels as sheets
-from eitbench.hardware.recording.importing.arrays import Choice, FoundFrames, find_frames
+from eitbench.hardware.recording.importing.arrays import Choice, FrameFile, find_frames
 from eitbench.hardware.recording.importing.labels import FramesOf
+from eitbench.hardware.recording.importing.reference import REFERENCE, reference_paths, stacked
 from eitbench.hardware.recording.importing.sources import (
     ALL_COLUMNS,
-    Arrays,
     found_files,
     read_arrays,
 )
@@ -22,8 +21,6 @@ from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.recordings.files.csv_mat import without_times
 from eitbench.scenarios.recordings.files.recording_file import Content
 from eitbench.scenarios.sensors.sensor import Sensor
-
-_REFERENCE = "reference"
 
 
 @dataclass(frozen=True)
@@ -41,13 +38,6 @@ class ImportOptions:
     reference: str | None = None
 
 
-@dataclass(frozen=True, eq=False)
-class _File:
-    path: Path
-    arrays: Arrays
-    frames: FoundFrames
-
-
 def import_files(
     sources: Sequence[str], sensor: Sensor, options: ImportOptions
 ) -> tuple[Content, list[str]]:
@@ -57,12 +47,11 @@ def import_files(
         InputError: something is not there or fits twice, with what to say about it.
         UnreadableError, DataCorruptError: a file cannot be read, or is not what it should be.
     """
-    reference_paths = _reference_paths(options.reference)
-    beside = [*reference_paths, *([options.labels] if options.labels else [])]
+    beside = [*reference_paths(options.reference), *([options.labels] if options.labels else [])]
     paths, others = found_files(sources, beside)
     files = [_read(path, sensor, options.frames) for path in paths]
-    values, parts, rows, of_reference = _stacked(files, sensor, options, reference_paths)
-    sheet = None if options.labels is None else read_sheet(options.labels)
+    values, parts, rows, of_reference = stacked(files, sensor, options.frames, options.reference)
+    sheet = None if options.labels is None else _read_sheet(options.labels)
     table, of_labels = _label_table(files, sheet, parts, rows, options.labels)
     hows = Counter(file.frames.how for file in files)
     said = [f"From {_count(count, 'file')}: {how}." for how, count in hows.items()]
@@ -94,117 +83,21 @@ def as_content(
     return replace(content, reference=reference, labels=labels), lost
 
 
-def _reference_paths(reference: str | None) -> list[Path]:
-    if reference is None or reference == "none" or reference.startswith(("first:", "array:")):
-        return []
-    return found_files([reference])[0]
-
-
-def _read(path: Path, sensor: Sensor, choice: Choice) -> _File:
+def _read(path: Path, sensor: Sensor, choice: Choice) -> FrameFile:
     arrays = read_arrays(path)
     # `reference` and `label_...` are what our exported files call them.
     others = {
         name: array
         for name, array in arrays.items()
-        if choice.name == name or not (name == _REFERENCE or sheets.is_label(name))
+        if choice.name == name or not (name == REFERENCE or sheets.is_label(name))
     }
-    return _File(path, arrays, find_frames(others, sensor, path, choice))
-
-
-def _stacked(
-    files: list[_File], sensor: Sensor, options: ImportOptions, reference_paths: list[Path]
-) -> tuple[Array, list[FramesOf], Index, str]:
-    """Frames (n, M), those of each file, the rows of the reference, and what it is.
-
-    Reference frames that are no frames of the files come first.
-    """
-    untouched, own_rows, said = _reference_frames(files, sensor, options, reference_paths)
-    start = sum(map(len, untouched))
-    parts, rows = [], [np.arange(start)]
-    at = start
-    for file, own in zip(files, own_rows, strict=True):
-        parts.append(FramesOf(file.path, at, len(file.frames.values)))
-        rows.append(at + own)
-        at += len(file.frames.values)
-    if options.reference is not None and options.reference.startswith("first:"):
-        rows = [reference_rows(options.reference, at)]
-    reference = np.concatenate(rows).astype(np.int64)
-    values = np.concatenate([*untouched, *(file.frames.values for file in files)])
-    said = f"Reference: {_count(len(reference), 'frame')}{said}."
-    return values, parts, reference, said
-
-
-def _reference_frames(
-    files: list[_File], sensor: Sensor, options: ImportOptions, reference_paths: list[Path]
-) -> tuple[list[Array], list[Index], str]:
-    """Reference frames beside the frames, rows of those among each file's, and where from."""
-    none = [np.empty(0, dtype=np.int64) for _ in files]
-    given = options.reference
-    if given == "none" or (given or "").startswith("first:"):
-        return [], none, "" if given == "none" else ", the first ones"
-    if reference_paths:
-        # The array that holds the frames may have another name there.
-        choice = replace(options.frames, name=None)
-        found = []
-        for path in reference_paths:
-            arrays = read_arrays(path)
-            same = {n: a for n, a in arrays.items() if n == options.frames.name}
-            found.append(find_frames(same or arrays, sensor, path, choice).values)
-        return found, none, f" of {given}"
-    if given is not None:
-        name = given.removeprefix("array:")
-        choice = replace(options.frames, name=name)
-        return (
-            [find_frames(file.arrays, sensor, file.path, choice).values for file in files],
-            none,
-            f" of array {name!r}",
-        )
-    if not any(_REFERENCE in file.arrays for file in files):
-        return [], none, ", since neither the files nor --reference name any"
-    untouched, rows = [], []
-    for file, nothing in zip(files, none, strict=True):
-        array = file.arrays.get(_REFERENCE)
-        if array is None or not array.size or file.frames.name == _REFERENCE:
-            rows.append(nothing)
-        elif _are_rows(array, len(file.frames.values)):
-            rows.append(array.reshape(-1).astype(np.int64))
-        else:
-            rows.append(nothing)
-            one = {_REFERENCE: array}
-            choice = replace(options.frames, name=None)
-            untouched.append(find_frames(one, sensor, file.path, choice).values)
-    return untouched, rows, f" of array {_REFERENCE!r}"
-
-
-def _are_rows(array: Array, count: int) -> bool:
-    """True if an array `reference` holds rows of the `count` frames beside it."""
-    if array.dtype.kind not in "iuf" or array.size != max(array.shape):
-        return False
-    flat = array.reshape(-1)
-    return bool(((flat == np.floor(flat)) & (flat >= 0) & (flat < count)).all())
-
-
-def reference_rows(reference: str, count: int) -> Index:
-    """Rows of the reference among `count` frames, by `first:N` or `none`.
-
-    Raises:
-        InputError: it is neither.
-    """
-    number = reference.removeprefix("first:")
-    if reference == "none":
-        return np.empty(0, dtype=np.int64)
-    if not (number.isdecimal() and number != reference and 1 <= int(number) <= count):
-        raise InputError(
-            f"--reference {reference}: of these {count} frames it is first:N, with N from 1 to "
-            f"{count}, or none."
-        )
-    return np.arange(int(number))
+    return FrameFile(path, arrays, find_frames(others, sensor, path, choice))
 
 
 def relabelled(content: Content, path: Path, sheet: Path) -> tuple[pd.DataFrame, list[str]]:
     """The labels that a sheet gives to the recording at `path`, and what they are."""
     part = FramesOf(path, 0, len(content))
-    table, how = sheets.placed(read_sheet(sheet), [part], content.reference, sheet)
+    table, how = sheets.placed(_read_sheet(sheet), [part], content.reference, sheet)
     labels, lost = sheets.as_labels(table)
     return labels, [f"{touches(table)} by {sheet} ({how}).", *_not_held(lost)]
 
@@ -215,8 +108,7 @@ def _not_held(lost: list[str]) -> list[str]:
     return [f"A recording cannot hold these columns of labels: {', '.join(lost)}."]
 
 
-def read_sheet(path: Path) -> pd.DataFrame:
-    """The sheet of labels at `path`, as `labels.read_sheet` gives it."""
+def _read_sheet(path: Path) -> pd.DataFrame:
     paths, _ = found_files([str(path)])
     if len(paths) > 1:
         raise InputError(f"{path} holds {len(paths)} files: labels are one sheet.")
@@ -224,7 +116,7 @@ def read_sheet(path: Path) -> pd.DataFrame:
 
 
 def _label_table(
-    files: list[_File],
+    files: list[FrameFile],
     sheet: pd.DataFrame | None,
     parts: list[FramesOf],
     reference: Index,
@@ -255,12 +147,12 @@ def touches(table: pd.DataFrame) -> str:
     return f"Touches: {count}, {places if places < len(table) else 'all'} with a place,"
 
 
-def _unused(files: list[_File], options: ImportOptions) -> list[str]:
+def _unused(files: list[FrameFile], options: ImportOptions) -> list[str]:
     """Arrays and columns of the files that are neither frames nor labels nor reference."""
     found: dict[str, None] = {}
     for file in files:
         for name, array in file.arrays.items():
-            used = name in (file.frames.name, _REFERENCE, ALL_COLUMNS)
+            used = name in (file.frames.name, REFERENCE, ALL_COLUMNS)
             used |= f"array:{name}" == options.reference
             used |= file.frames.name == ALL_COLUMNS and array.dtype.kind != "U"
             used |= sheets.is_label(name) and options.labels is None
