@@ -113,13 +113,22 @@ def _variable(data: bytes) -> tuple[str, Variable | None]:
     if kind & 0xFF != _CHAR and kind & 0xFF not in _CLASSES:
         return called, None
     stored, values = next(elements, (1, b""))
-    if kind & 0xFF == _CHAR:
-        return called, values.decode(_TEXTS[stored])
     sizes = np.frombuffer(shape, "<i4").tolist()
+    if kind & 0xFF == _CHAR:
+        return called, _lines(values.decode(_TEXTS[stored]), sizes)
     array = _array(stored, values, sizes, _CLASSES[kind & 0xFF])
     if kind & _COMPLEX:
         return called, array + 1j * _array(*next(elements), sizes, _CLASSES[kind & 0xFF])
     return called, array
+
+
+def _lines(text: str, sizes: list[int]) -> Variable | None:
+    """A text, or the lines (n,) of a matrix of characters; None where these are not told apart."""
+    if len(sizes) != 2 or sizes[0] < 2:
+        return text
+    if sizes[0] * sizes[1] != len(text):
+        return None
+    return np.array([text[k :: sizes[0]].rstrip() for k in range(sizes[0])], dtype=np.str_)
 
 
 def _array(stored: int, values: bytes, sizes: list[int], kind: str) -> NDArray[Any]:

@@ -192,8 +192,9 @@ def write_mat(content: Content, path: Path) -> None:
     arrays["pattern"] = content.sensor.pattern.table
     arrays["reference"] = content.reference
     for name in layout.LABEL.names or ():
-        if name != "state":
-            arrays[f"label_{name}"] = content.labels[name].to_numpy()
+        text = layout.LABEL[name].kind == "S"
+        column = content.labels[name].to_numpy(dtype=np.str_ if text else None)
+        arrays[f"label_{name}"] = column
     path.touch(exist_ok=False)
     scipy.io.savemat(str(path), arrays, appendmat=False, do_compression=True, oned_as="column")
 

@@ -40,6 +40,15 @@ def test_it_agrees_with_scipy(tmp_path: Path, compressed: bool) -> None:
         np.testing.assert_array_equal(array, expected[name], strict=True)
 
 
+def test_a_matrix_of_characters_is_lines(tmp_path: Path) -> None:
+    path = tmp_path / "data.mat"
+    savemat(path, {"a": np.array(["one", "", "drei ü"]), "b": np.array(["alone"]), "c": [""]})
+    found = variables(path)
+    assert isinstance(found["a"], np.ndarray)
+    assert found["a"].tolist() == ["one", "", "drei ü"]
+    assert found["b"] == "alone"
+
+
 def test_only_what_is_asked_for_is_read(tmp_path: Path) -> None:
     savemat(tmp_path / "data.mat", {"a": [1.0], "b": [2.0]})
     assert set(variables(tmp_path / "data.mat", ["b"])) == {"b"}

@@ -13,11 +13,13 @@ import scipy.io
 
 from eitbench.hardware.recording.exchange import export_recording, import_recording
 from eitbench.hardware.recording.importing.arrays import Choice, find_frames, full_table
+from eitbench.hardware.recording.importing.labels import FramesOf, as_labels, parsed, placed
 from eitbench.hardware.recording.importing.recording import ImportOptions
 from eitbench.hardware.recording.importing.sources import arrays_of, found_files
 from eitbench.scenarios.errors import DataCorruptError, EitbenchError, InputError
 from eitbench.scenarios.recordings import recorded_set
 from eitbench.scenarios.recordings.fetch import fetch_recording, read_recording
+from eitbench.scenarios.recordings.files import layout
 from eitbench.scenarios.recordings.files.recording_file import Content, read_file
 from eitbench.scenarios.sensors.patterns import offset_pattern, ring_pattern
 from eitbench.scenarios.sensors.sensor import Sensor
@@ -203,6 +205,34 @@ def test_rows_of_a_sheet_find_their_frames(tmp_path: Path, imported: Import) -> 
     assert rows("frame,x_mm\n3,1\n3,9\n", "a.csv") == [(3, 3), (3, 3)]
 
 
+def test_rows_of_a_reference_are_those_of_the_file(monkeypatch: pytest.MonkeyPatch) -> None:
+    files = [FramesOf(Path("a.csv"), 2, 4), FramesOf(Path("b.csv"), 6, 3)]
+    arrays = {
+        "file": np.array(["a", "b"]),
+        "frame": np.array([1, 2]),
+        "reference_first": np.array([0, 1]),
+        "reference_last": np.array([np.nan, 1]),
+        "force_N": np.array([0.5, np.nan]),
+    }
+    path = Path("sheet.csv")
+    table, _ = placed(parsed(arrays, path), files, np.array([0, 1]), path)
+    assert table["first"].tolist() == [3, 8]
+    assert table["reference_first"].tolist() == [2, 7]
+    assert table["reference_last"].tolist() == [-1, 7]
+    del arrays["file"]
+    table, _ = placed(parsed(arrays, path), files, np.array([0, 1]), path)
+    assert table["reference_first"].tolist() == [2, 3]
+    # A column is kept as soon as the layout has it.
+    more = [("force_N", "<f8"), ("reference_first", "<i8"), ("reference_last", "<i8")]
+    old = [("first", "<i8"), ("last", "<i8"), ("x_m", "<f8"), ("state", "S64")]
+    monkeypatch.setattr(layout, "LABEL", np.dtype(old + more))
+    labels, lost = as_labels(table)
+    assert not lost
+    assert labels["reference_last"].tolist() == [-1, 3]
+    assert labels["force_N"].isna().tolist() == [False, True]
+    assert labels["state"].tolist() == ["", ""]
+
+
 @pytest.mark.parametrize(
     ("text", "says"),
     [
@@ -268,6 +298,23 @@ def test_labels_inside_of_files_are_kept(tmp_path: Path, imported: Import, skin:
     content, said = imported("b.mat")
     np.testing.assert_array_equal(content.values[content.reference], VALUES[:1] / 2)
     assert "Reference: 1 frame of array 'reference'." in said
+
+
+def test_an_exported_file_without_its_header_keeps_labels(
+    tmp_path: Path, imported: Import, skin: Sensor
+) -> None:
+    np.save(tmp_path / "a.npy", VALUES)
+    (tmp_path / "sheet.csv").write_text("frame,x_mm,y_mm,state\n2,10,20,one\n3,10,30,two ü\n")
+    first, _ = imported("a.npy", labels=tmp_path / "sheet.csv", reference="first:2")
+    export_recording(tmp_path / "0-out.h5", tmp_path / "whole.mat")
+    arrays = scipy.io.loadmat(tmp_path / "whole.mat")
+    kept = {n: a for n, a in arrays.items() if not n.startswith("__") and n != "header"}
+    scipy.io.savemat(tmp_path / "bare.mat", kept)
+    again, said = imported("bare.mat")
+    np.testing.assert_array_equal(again.values, VALUES)
+    assert again.reference.tolist() == [0, 1]
+    pd.testing.assert_frame_equal(again.labels, first.labels)
+    assert "Touches: 2, all with a place, by the files." in said
 
 
 def test_a_reference_is_another_array_or_nothing(tmp_path: Path, imported: Import) -> None:
