@@ -104,7 +104,7 @@ def _text(kind: str, path: Path) -> str:
         content = file.read(MAX_BYTES + 1)
     if len(content) > MAX_BYTES:
         raise InputError(f"{kind} file {path} is larger than 200 kB: declare less in it.")
-    text = content.decode()
+    text = content.decode("utf-8-sig")
     if _DEEP_KEY.search(text):
         raise InputError(f"{kind} file {path} has a key of more than {MAX_PARTS} parts.")
     return text

@@ -85,7 +85,7 @@ def access_to(host: str | None, token_file: Path | None, token: str) -> Access:
         return Access()
     if token_file is not None:
         try:
-            token = token_file.read_text(encoding="utf-8", errors="replace").strip()
+            token = token_file.read_text(encoding="utf-8-sig", errors="replace").strip()
         except OSError as error:
             raise UnreadableError(
                 f"Cannot read the token {token_file}: {error.strerror}."

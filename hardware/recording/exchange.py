@@ -1,15 +1,25 @@
-"""Recordings to and from other formats: CSV, MATLAB, HDF5 and the public recorded sets."""
+"""Recordings to and from other formats, and public recorded sets as recordings."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 
 from eitbench.hardware.board import Frame
+from eitbench.hardware.recording.importing.arrays import Choice
+from eitbench.hardware.recording.importing.labels import as_labels
+from eitbench.hardware.recording.importing.recording import (
+    ImportOptions,
+    import_files,
+    relabelled,
+    touches,
+)
+from eitbench.hardware.recording.importing.reference import reference_rows
+from eitbench.hardware.recording.importing.sources import is_own
 from eitbench.hardware.recording.recorder import Recorder, check_new
 from eitbench.scenarios.errors import InputError
-from eitbench.scenarios.recordings import is_recording, recorded_set
+from eitbench.scenarios.recordings import recorded_set
 from eitbench.scenarios.recordings.fetch import read_recording
 from eitbench.scenarios.recordings.files.csv_mat import (
     read_csv,
@@ -23,7 +33,8 @@ from eitbench.scenarios.recordings.files.recording_file import Content
 from eitbench.scenarios.sensors.sensor import Sensor
 from eitbench.scenarios.storage.try_reading import try_reading
 
-_READERS = {".csv": read_csv, ".mat": read_mat_recording}
+_EXPORTED = {".csv": read_csv, ".mat": read_mat_recording}
+_NOTHING_SAID = ImportOptions()
 
 
 def export_recording(path: Path, to: Path) -> str:
@@ -55,31 +66,78 @@ def export_recording(path: Path, to: Path) -> str:
     return f"{written} {path} was not closed: what followed them is lost."
 
 
-def import_recording(source: str, to: Path, sensor: Sensor | None = None) -> int:
-    """Make the new recording `to` of `source`; the number of its frames.
+def import_recording(
+    sources: Sequence[str],
+    to: Path,
+    sensor: Sensor | None = None,
+    options: ImportOptions = _NOTHING_SAID,
+) -> list[str]:
+    """Make the new recording `to` of `sources`; what was found, in sentences.
 
     Args:
-        source: path of a .csv or .mat file, or name of a public recorded set.
+        sources: files of other programs, folders and patterns of them; or one file that
+            `export_recording` wrote, one recording that gets other labels or another reference, or
+            the name of a public recorded set.
         to: a name that ends in .h5.
         sensor: that the frames were measured on, for files that do not say.
+        options: what the user says about the files.
 
     Raises:
         InputError: a sensor where none is needed or none where one is, an unknown source, or `to`
             exists already.
-        UnreadableError, DataUnavailableError, DataCorruptError: the source cannot be read, or is
+        UnreadableError, DataUnavailableError, DataCorruptError: a source cannot be read, or is
             not what it should be.
     """
     check_new(to)
-    if is_recording(source):
-        raise InputError(f"{source} is a recording already: use it as it is.")
-    path, reader = Path(source), _READERS.get(Path(source).suffix)
-    if reader is None:
-        content = _public(source, sensor)
-    else:
-        try_reading(path, reader, path, sensor)
-        content = reader(path, sensor)
+    content, said = _imported(sources, sensor, options)
     write_recording(content, to)
-    return len(content)
+    frames = f"{len(content)} frame{'s' * (len(content) != 1)}"
+    values = f"{content.sensor.n_measurements} values of sensor {content.sensor.name!r}"
+    return [f"{frames} of {values} are in {to}.", *said]
+
+
+def _imported(
+    sources: Sequence[str], sensor: Sensor | None, options: ImportOptions
+) -> tuple[Content, list[str]]:
+    path = Path(sources[0])
+    if len(sources) == 1 and not path.suffix and path.name == sources[0] and not path.exists():
+        if sensor is not None or options != _NOTHING_SAID:
+            recorded_set(sources[0])  # which may be unknown
+            raise InputError(
+                f"The recorded set {sources[0]!r} has a sensor and labels of its own: leave out "
+                "all options but --out."
+            )
+        return _public(sources[0])
+    if len(sources) == 1 and is_own(path):
+        if sensor is not None or options.frames != Choice():
+            raise InputError(
+                f"{path} says on which sensor it was measured: leave out --sensor, --frames, "
+                "--order and --values."
+            )
+        return _relabelled(path, options)
+    if sensor is None:
+        raise InputError(
+            f"{sources[0]} does not say on which sensor it was measured: give --sensor."
+        )
+    return import_files(sources, sensor, options)
+
+
+def _relabelled(path: Path, options: ImportOptions) -> tuple[Content, list[str]]:
+    """A recording, or an exported one, with the labels and the reference that the user gives."""
+    if (reader := _EXPORTED.get(path.suffix)) is not None:
+        try_reading(path, reader, path)
+        content = reader(path)
+    elif options == _NOTHING_SAID:
+        raise InputError(f"{path} is a recording already: use it as it is.")
+    else:
+        content, _ = undamaged(path)
+    if options.reference is not None:
+        content = replace(content, reference=reference_rows(options.reference, len(content)))
+    said = [f"Reference: {len(content.reference)} frames."]
+    if options.labels is not None:
+        labels, of_labels = relabelled(content, path, options.labels)
+        return replace(content, labels=labels), [*said, *of_labels]
+    return content, [*said, f"{touches(content.labels)} by the file."]
 
 
 def write_recording(content: Content, to: Path) -> None:
@@ -102,18 +160,21 @@ def write_recording(content: Content, to: Path) -> None:
             recorder.event(event["text"], event["time_s"])
 
 
-def _public(name: str, sensor: Sensor | None) -> Content:
+def _public(name: str) -> tuple[Content, list[str]]:
     """A public set: its reference as the first frame, then a frame for each of its samples."""
     recorded = recorded_set(name)
-    if sensor is not None:
-        raise InputError(f"The recorded set {name!r} has a sensor of its own: leave out --sensor.")
     recording = read_recording(name)
     samples = recording.samples
     rows = np.arange(1, len(samples) + 1)
-    labels = pd.DataFrame({"first": rows, "last": rows})
-    for column in ("x_m", "y_m", "depth_mm"):
-        labels[column] = samples[column].to_numpy(float) if column in samples else np.nan
-    labels["state"] = samples["state"].astype(str).to_numpy() if "state" in samples else ""
+    table = samples[[c for c in ("x_m", "y_m", "depth_mm") if c in samples]].astype(float)
+    table = table.assign(first=rows, last=rows)
+    if "state" in samples:
+        table["state"] = samples["state"].astype(str)
+    labels, _ = as_labels(table)
     frames = np.concatenate([recording.reference[None], recording.voltages])
     content = without_times(frames, recorded.sensor(), name, f"from {recorded.repository}")
-    return replace(content, reference=np.array([0]), labels=labels)
+    lost = [str(column) for column in samples if column not in labels]
+    lost += ["true classes"] * (recording.classes is not None)
+    said = ["Reference: 1 frame.", f"{touches(labels)} by the set."]
+    said += [f"Not used: {', '.join(lost)}."] * bool(lost)
+    return replace(content, reference=np.array([0]), labels=labels), said

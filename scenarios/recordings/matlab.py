@@ -31,8 +31,12 @@ _CLASSES = {6: "f8", 7: "f4", 8: "i1", 9: "u1", 10: "i2", 11: "u2", 12: "i4", 13
 Variable = NDArray[Any] | str
 
 
-def variables(path: Path, names: Collection[str]) -> dict[str, Variable]:
-    """Read those of the variables `names` in the file at `path` that are real arrays or text.
+def variables(path: Path, names: Collection[str] | None = None) -> dict[str, Variable]:
+    """Read the variables of the file at `path` that are arrays of numbers or text.
+
+    Args:
+        path: of the file.
+        names: of those to be read; by default all.
 
     Raises:
         UnreadableError: the file cannot be read.
@@ -54,7 +58,7 @@ def read_arrays(path: Path, *names: str) -> dict[str, NDArray[np.float64]]:
     return {name: np.asarray(found[name], dtype=np.float64) for name in names}
 
 
-def _variables(path: Path, names: Collection[str]) -> dict[str, Variable]:
+def _variables(path: Path, names: Collection[str] | None) -> dict[str, Variable]:
     content = path.read_bytes()
     if content[124:_HEADER] != b"\x00\x01IM":  # little-endian, as every MATLAB of today writes
         raise ValueError("it is not of version 5 to 7")
@@ -70,7 +74,7 @@ def _variables(path: Path, names: Collection[str]) -> dict[str, Variable]:
             kind, data = next(_elements(_unpacked(data, most_bytes(path))))
         if kind == _MATRIX and data:
             name, value = _variable(data)
-            if name in names and value is not None:
+            if (names is None or name in names) and value is not None:
                 found[name] = value
     return found
 
@@ -101,18 +105,34 @@ def _elements(data: bytes) -> Iterator[tuple[int, bytes]]:
 
 
 def _variable(data: bytes) -> tuple[str, Variable | None]:
-    """Name and value of a matrix; None for one that is neither real numbers nor text."""
+    """Name and value of a matrix; None for one that is neither numbers nor text."""
     elements = _elements(data)
     (_, flags), (_, shape), (_, name) = next(elements), next(elements), next(elements)
     (kind,) = struct.unpack_from("<I", flags)
     called = name.decode("ascii")
-    if kind & _COMPLEX or (kind & 0xFF != _CHAR and kind & 0xFF not in _CLASSES):
+    if kind & 0xFF != _CHAR and kind & 0xFF not in _CLASSES:
         return called, None
     stored, values = next(elements, (1, b""))
-    if kind & 0xFF == _CHAR:
-        return called, values.decode(_TEXTS[stored])
     sizes = np.frombuffer(shape, "<i4").tolist()
+    if kind & 0xFF == _CHAR:
+        return called, _lines(values.decode(_TEXTS[stored]), sizes)
+    array = _array(stored, values, sizes, _CLASSES[kind & 0xFF])
+    if kind & _COMPLEX:
+        return called, array + 1j * _array(*next(elements), sizes, _CLASSES[kind & 0xFF])
+    return called, array
+
+
+def _lines(text: str, sizes: list[int]) -> Variable | None:
+    """A text, or the lines (n,) of a matrix of characters; None where these are not told apart."""
+    if len(sizes) != 2 or sizes[0] < 2:
+        return text
+    if sizes[0] * sizes[1] != len(text):
+        return None
+    return np.array([text[k :: sizes[0]].rstrip() for k in range(sizes[0])], dtype=np.str_)
+
+
+def _array(stored: int, values: bytes, sizes: list[int], kind: str) -> NDArray[Any]:
     array = np.frombuffer(values, f"<{_NUMBERS[stored]}")
     if min(sizes, default=-1) < 0 or math.prod(sizes) != array.size:
         raise ValueError("an array has not as many values as it claims")
-    return called, array.astype(_CLASSES[kind & 0xFF]).reshape(sizes, order="F")
+    return array.astype(kind).reshape(sizes, order="F")

@@ -1,13 +1,15 @@
 """Drive patterns: driving and measuring pairs of electrodes, as an (M, 4) table."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eitbench.scenarios.arrays import Index
 from eitbench.scenarios.errors import InputError
+
+Pair = tuple[int, int]
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,36 +71,71 @@ class DrivePattern:
         return {"table": self.table.tolist(), "magnitudes": self.magnitudes}
 
 
-def offset_pattern(n_electrodes: int, offset: int, *, driven: bool = False) -> DrivePattern:
-    """Drive (i, i+offset), measure (j, j+offset), drive-major, j ascending.
+def ring_pattern(
+    n_electrodes: int,
+    drive: int,
+    sense: int,
+    *,
+    rotating: bool = False,
+    driven: bool = False,
+    magnitudes: bool = False,
+) -> DrivePattern:
+    """Drive (i, i+drive), measure (j, j+sense), drive-major.
 
-    Pairs that share an electrode with the drive pair are skipped unless `driven`. For 16
-    electrodes `offset=3` and `offset=4` both give 208 values, of which 104 and 62 are independent.
+    A negative offset -k reverses its pairs: (i+k, i). i ascends from 0, and j from 0, or from i if
+    `rotating` (EIDORS: `rotate_meas`). Pairs that share an electrode with the drive pair are
+    skipped unless `driven`.
 
     Raises:
-        InputError: an offset that is not between 1 and n_electrodes - 1.
+        InputError: an offset whose size is not between 1 and n_electrodes - 1, or nothing is left
+            to measure.
     """
-    if not (isinstance(offset, int) and 1 <= offset < n_electrodes):
-        raise InputError(f"An offset is a whole number from 1 to {n_electrodes - 1}, got {offset}.")
-    pairs = [(i, (i + offset) % n_electrodes) for i in range(n_electrodes)]
-    return pair_pattern(pairs, pairs, driven=driven)
+    for offset in (drive, sense):
+        if not (isinstance(offset, int) and 1 <= abs(offset) < n_electrodes):
+            raise InputError(
+                f"An offset is a whole number from 1 to {n_electrodes - 1}, or its negative for "
+                f"reversed pairs, got {offset}."
+            )
+    senses = _ring(n_electrodes, sense)
+    rows = [
+        row
+        for i, pair in enumerate(_ring(n_electrodes, drive))
+        for row in _rows(pair, senses[i * rotating :] + senses[: i * rotating], driven)
+    ]
+    return DrivePattern(np.array(rows, dtype=np.int64).reshape(-1, 4), magnitudes)
 
 
-def pair_pattern(
-    drives: Iterable[tuple[int, int]], senses: Iterable[tuple[int, int]], *, driven: bool = False
-) -> DrivePattern:
-    """Every drive with every sense pair, drive-major; sharing an electrode needs `driven`."""
-    senses = list(senses)
-    rows = [(*d, *s) for d in drives for s in senses if driven or not set(d) & set(s)]
-    return DrivePattern(np.array(rows, dtype=np.int64).reshape(-1, 4))
+def offset_pattern(n_electrodes: int, offset: int, *, driven: bool = False) -> DrivePattern:
+    """Drive (i, i+offset), measure (j, j+offset), as `ring_pattern` does.
+
+    For 16 electrodes `offset=3` and `offset=4` both give 208 values, of which 104 and 62 are
+    independent.
+    """
+    return ring_pattern(n_electrodes, offset, offset, driven=driven)
 
 
 def opposition_pattern(n_electrodes: int) -> DrivePattern:
     """Drive (i, i + E/2), measure (j + 1, j) for j ascending, magnitudes only."""
-    half = n_electrodes // 2
-    drives = [(i, (i + half) % n_electrodes) for i in range(n_electrodes)]
-    senses = [((j + 1) % n_electrodes, j) for j in range(n_electrodes)]
-    return replace(pair_pattern(drives, senses), magnitudes=True)
+    return ring_pattern(n_electrodes, n_electrodes // 2, -1, magnitudes=True)
+
+
+def _ring(n_electrodes: int, offset: int) -> list[Pair]:
+    """Pairs of each electrode with the one `offset` further; reversed where it is negative."""
+    pairs = [(i, (i + abs(offset)) % n_electrodes) for i in range(n_electrodes)]
+    return pairs if offset > 0 else [(b, a) for a, b in pairs]
+
+
+def pair_pattern(
+    drives: Iterable[Pair], senses: Iterable[Pair], *, driven: bool = False
+) -> DrivePattern:
+    """Every drive with every sense pair, drive-major; sharing an electrode needs `driven`."""
+    senses = list(senses)
+    rows = [row for drive in drives for row in _rows(drive, senses, driven)]
+    return DrivePattern(np.array(rows, dtype=np.int64).reshape(-1, 4))
+
+
+def _rows(drive: Pair, senses: list[Pair], driven: bool) -> list[tuple[int, ...]]:
+    return [(*drive, *sense) for sense in senses if driven or not set(drive) & set(sense)]
 
 
 def independent(
@@ -130,7 +167,7 @@ def averaging(pattern: DrivePattern) -> NDArray[np.float64]:
     return np.asarray(matrix / np.bincount(owner))
 
 
-Drives = list[tuple[int, int]]
+Drives = list[Pair]
 
 
 def in_phase_differences(

@@ -10,7 +10,7 @@ from pydantic import BeforeValidator, Field, ValidationError, model_validator
 from eitbench.scenarios.declaration import Declaration, Name, field_error, read_declaration
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.sensors.outlines import Disc, Outline, Polygon, rectangle
-from eitbench.scenarios.sensors.patterns import DrivePattern, offset_pattern, opposition_pattern
+from eitbench.scenarios.sensors.patterns import DrivePattern, ring_pattern
 from eitbench.scenarios.sensors.sensor import Electrode, Sensor, even_electrodes
 
 MAX_PIXELS = 1024
@@ -173,45 +173,50 @@ class ElectrodesDeclaration(Declaration):
 
 
 class PatternDeclaration(Declaration):
-    """The drive pattern: `offset`, `opposition` or `table`.
+    """The drive pattern: `offset`, `drive` with `sense`, or `table`.
 
     Attributes:
         offset: drive (i, i + offset), measure (j, j + offset).
-        driven: pairs that share an electrode with the drive are measured, too (`offset` only).
-        opposition: drive (i, i + E/2), measure (j + 1, j), magnitudes only.
+        drive: drive (i, i + drive); a negative offset -k drives (i + k, i).
+        sense: measure (j, j + sense); a negative offset -k measures (j + k, j).
+        rotating: j ascends from i, not from 0 (EIDORS: `rotate_meas`; not with `table`).
+        driven: pairs that share an electrode with the drive are measured, too (not with `table`).
         table: one row src, sink, a, b for each value.
-        magnitudes: the board reports values without their sign (`opposition` always does).
+        magnitudes: the board reports values without their sign.
     """
 
     offset: int | None = None
+    drive: int | None = None
+    sense: int | None = None
+    rotating: bool = False
     driven: bool = False
-    opposition: bool = False
     table: tuple[Row, ...] | None = Field(default=None, min_length=1)
     magnitudes: bool = False
 
     @model_validator(mode="after")
     def _one(self) -> "PatternDeclaration":
-        if (self.offset is not None) + self.opposition + (self.table is not None) != 1:
-            raise ValueError("it has one of `offset`, `opposition = true` and `table`")
-        if self.driven and self.offset is None:
-            raise ValueError("`driven` goes with `offset`")
+        given = [name for name in ("offset", "drive", "table") if getattr(self, name) is not None]
+        if len(given) != 1 or (self.drive is None) != (self.sense is None):
+            raise ValueError("it has one of `offset`, `drive` with `sense`, and `table`")
+        if (self.driven or self.rotating) and self.table is not None:
+            raise ValueError("`driven` and `rotating` do not go with `table`")
         return self
 
     def build(self, n_electrodes: int) -> DrivePattern:
         """The pattern of `n_electrodes`."""
-        if self.opposition:
-            if n_electrodes % 2:
-                raise InputError(f"Opposition needs an even number, not {n_electrodes} electrodes.")
-            return opposition_pattern(n_electrodes)
-        if self.offset is not None:
-            table = offset_pattern(n_electrodes, self.offset, driven=self.driven).table
-        else:
-            table = np.array(self.table, dtype=np.int64)
-            if table.max() >= n_electrodes:
-                raise InputError(
-                    f"The table uses electrode {table.max()}, and there are electrodes 0 to "
-                    f"{n_electrodes - 1}."
-                )
+        if self.table is None:
+            drive = self.offset or self.drive or 0
+            sense = self.offset or self.sense or 0
+            return ring_pattern(
+                n_electrodes, drive, sense,
+                rotating=self.rotating, driven=self.driven, magnitudes=self.magnitudes,
+            )  # fmt: skip
+        table = np.array(self.table, dtype=np.int64)
+        if table.max() >= n_electrodes:
+            raise InputError(
+                f"The table uses electrode {table.max()}, and there are electrodes 0 to "
+                f"{n_electrodes - 1}."
+            )
         return DrivePattern(table, magnitudes=self.magnitudes)
 
 

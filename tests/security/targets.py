@@ -27,10 +27,13 @@ from eitbench.benchmark.rundir.plan import make_plan, read_resumable
 from eitbench.benchmark.rundir.store import SAMPLES, RunStore
 from eitbench.benchmark.tuning import selection as recorded
 from eitbench.hardware.board import Frame
+from eitbench.hardware.recording.importing.arrays import Choice, find_frames
+from eitbench.hardware.recording.importing.labels import parsed
+from eitbench.hardware.recording.importing.sources import arrays_of
 from eitbench.hardware.recording.recorder import Recorder
 from eitbench.reports.page.report_data import report_data
 from eitbench.reports.tables.leaderboard import FORMATS, ranked_rows, write_leaderboard
-from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.errors import EitbenchError
 from eitbench.scenarios.recordings.files.csv_mat import (
     read_csv,
     read_mat_recording,
@@ -40,7 +43,6 @@ from eitbench.scenarios.recordings.files.csv_mat import (
 from eitbench.scenarios.recordings.files.own import own_set
 from eitbench.scenarios.recordings.files.recording_file import read_file
 from eitbench.scenarios.recordings.quality import check
-from eitbench.scenarios.sensors.sensor import Sensor
 from eitbench.scenarios.sensors.sensor_file import read_sensor
 from eitbench.scenarios.storage.array_file import read_arrays
 from eitbench.scenarios.suites.suite import load_suite, read_suite, suites
@@ -147,11 +149,13 @@ def _recordings(folder: Path) -> dict[str, Target]:
         check(path)
         own_set(path).read(path.parent)
 
-    def imported(read: Callable[[Path, Sensor | None], object], path: Path) -> None:
+    def imported(read_own: Callable[[Path], object], path: Path) -> None:
         try:
-            read(path, None)
-        except InputError:
-            read(path, eight)
+            read_own(path)
+        except EitbenchError:  # it is, or looks like, a file of another program
+            arrays = arrays_of(path)
+            parsed(arrays, path)
+            find_frames(arrays, eight, path, Choice())
 
     return {
         "recording": Target("spoilt.h5", [recording.read_bytes()], mutations.hdf5, own, 6),

@@ -211,7 +211,7 @@ def test_a_manifest_holds_unicode_and_short_texts(run: Path) -> None:
 
 
 def imported(path: Path) -> object:
-    return import_recording(str(path), path.with_name("new.h5"), foam16())
+    return import_recording([str(path)], path.with_name("new.h5"), foam16())
 
 
 @pytest.mark.parametrize("name", ["frames.csv", "frames.mat", "frames.h5"])

@@ -232,7 +232,7 @@ def test_nesting_without_end_is_refused(tmp_path: Path) -> None:
         read_manifest(tmp_path)
     (tmp_path / "deep.csv").write_text(f"# eitbench recording 1\n# sensor: {DEEP}\n")
     with pytest.raises(DataCorruptError, match="sensor"):
-        read_csv(tmp_path / "deep.csv", None)
+        read_csv(tmp_path / "deep.csv")
 
 
 @pytest.mark.parametrize(

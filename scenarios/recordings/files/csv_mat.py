@@ -1,4 +1,4 @@
-"""Recordings as files of other programs: CSV and MATLAB, our own or plain frames.
+"""Recordings as files for other programs: CSV and MATLAB, without loss.
 
 Our CSV files hold lines `# name: JSON`, a line of column names and a line for each frame; the last
 line, `# frames: n`, shows that nothing was cut off. Our MATLAB files hold arrays by the names of
@@ -70,20 +70,12 @@ def content_of(
         raise DataCorruptError(
             f"{path} cannot be imported: its header is not complete ({error})."
         ) from error
-    check_width(content.values, content.sensor, path)
+    if content.values.ndim != 2 or content.values.shape[1] != content.sensor.n_measurements:
+        raise DataCorruptError(
+            f"{path} cannot be imported: its values have the shape {content.values.shape}, and a "
+            f"frame of its sensor has {content.sensor.n_measurements}."
+        )
     return content
-
-
-def frames_alone(values: NDArray[np.float64], sensor: Sensor | None, path: Path) -> Content:
-    """Return a recording of frames (n, M) alone.
-
-    Raises:
-        InputError: no sensor, or one of another number of values.
-    """
-    if sensor is None:
-        raise InputError(f"{path} does not say on which sensor it was measured: give --sensor.")
-    check_width(values, sensor, path)
-    return without_times(values, sensor, "imported")
 
 
 def without_times(values: NDArray[np.float64], sensor: Sensor, board: str, *events: str) -> Content:
@@ -105,20 +97,8 @@ def without_times(values: NDArray[np.float64], sensor: Sensor, board: str, *even
     )
 
 
-def check_width(values: NDArray[np.float64], sensor: Sensor, path: Path) -> None:
-    """Refuse frames (n, M) that `sensor` does not measure.
-
-    Raises:
-        InputError: another number of values.
-    """
-    if values.ndim != 2 or values.shape[1] != sensor.n_measurements:
-        raise InputError(
-            f"{path} has values of shape {values.shape}, and a frame of sensor {sensor.name!r} "
-            f"has {sensor.n_measurements}: name the sensor that it was measured on."
-        )
-
-
-_FIRST, _COUNT = "# eitbench recording 1", "# frames: "
+FIRST_LINE = "# eitbench recording 1"
+_COUNT = "# frames: "
 
 Lines = list[tuple[int, str]]
 """Lines of a file by their numbers, from 1."""
@@ -128,7 +108,7 @@ def write_csv(content: Content, path: Path) -> None:
     """Write `content` to the new file `path`; `read_csv` reads it without loss."""
     values = (f"v{k}" for k in range(content.sensor.n_measurements))
     with path.open("x", encoding="utf-8", newline="") as file:
-        file.write(f"{_FIRST}\n")
+        file.write(f"{FIRST_LINE}\n")
         for name, value in head_of(content).items():
             file.write(f"# {name}: {json.dumps(value)}\n")
         writer = csv.writer(file, lineterminator="\n")
@@ -140,36 +120,20 @@ def write_csv(content: Content, path: Path) -> None:
         file.write(f"{_COUNT}{len(content)}\n")
 
 
-def read_csv(path: Path, sensor: Sensor | None) -> Content:
-    """The recording in the CSV file at `path`: our own, or lines of M values, named or not.
-
-    Args:
-        path: of the file.
-        sensor: that lines of values were measured on; our own files know it.
+def read_csv(path: Path) -> Content:
+    """The recording in the CSV file at `path` that `write_csv` wrote.
 
     Raises:
-        InputError: no sensor where one is needed, or one where none is.
         UnreadableError: the file cannot be read.
         DataCorruptError: something in it is not what it should be.
     """
     try:
-        text = path.read_text(encoding="utf-8")
+        text = path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or "it is not UTF-8 text"
         raise UnreadableError(f"Cannot read {path}: {reason}.") from error
     lines = text.splitlines()
     body = [(k, line) for k, line in enumerate(lines, 1) if line.strip() and line[0] != "#"]
-    if not lines or lines[0] != _FIRST:
-        rows = body[_are_names(body[:1]) :]
-        table = _table(rows, path)
-        if (wrong := ~np.isfinite(table).all(axis=1)).any():
-            raise DataCorruptError(
-                f"{path} cannot be imported: line {rows[int(np.argmax(wrong))][0]} holds a value "
-                "that is not a finite number."
-            )
-        return frames_alone(table, sensor, path)
-    if sensor is not None:
-        raise InputError(f"{path} says on which sensor it was measured: leave out --sensor.")
     head = _head(
         [line for line in lines[1:] if line.startswith("#") and not line.startswith(_COUNT)], path
     )
@@ -184,15 +148,6 @@ def read_csv(path: Path, sensor: Sensor | None) -> Content:
         )
     columns = {name: table[:, k] for k, name in enumerate(COLUMNS)}
     return content_of(head, columns, table[:, len(COLUMNS) :], path)
-
-
-def _are_names(lines: Lines) -> bool:
-    """True if the first line holds names of columns, not numbers."""
-    try:
-        [float(cell) for _, line in lines for cell in line.split(",")]
-    except ValueError:
-        return True
-    return False
 
 
 def _head(lines: list[str], path: Path) -> dict[str, Any]:
@@ -237,21 +192,17 @@ def write_mat(content: Content, path: Path) -> None:
     arrays["pattern"] = content.sensor.pattern.table
     arrays["reference"] = content.reference
     for name in layout.LABEL.names or ():
-        if name != "state":
-            arrays[f"label_{name}"] = content.labels[name].to_numpy()
+        text = layout.LABEL[name].kind == "S"
+        column = content.labels[name].to_numpy(dtype=np.str_ if text else None)
+        arrays[f"label_{name}"] = column
     path.touch(exist_ok=False)
     scipy.io.savemat(str(path), arrays, appendmat=False, do_compression=True, oned_as="column")
 
 
-def read_mat_recording(path: Path, sensor: Sensor | None) -> Content:
-    """The recording in the MATLAB file at `path`: our own, or an array `values` (n, M).
-
-    Args:
-        path: of the file.
-        sensor: that `values` were measured on; our own files know it.
+def read_mat_recording(path: Path) -> Content:
+    """The recording in the MATLAB file at `path` that `write_mat` wrote.
 
     Raises:
-        InputError: no sensor where one is needed, or one where none is.
         UnreadableError: the file cannot be read.
         DataCorruptError: something in it is not what it should be.
     """
@@ -259,12 +210,8 @@ def read_mat_recording(path: Path, sensor: Sensor | None) -> Content:
     values = _numbers(found, "values", path)
     if values.ndim != 2:
         raise DataCorruptError(f"Array 'values' of {path} has {values.ndim} dimensions, not 2.")
-    if "header" not in found:
-        return frames_alone(values.astype(np.float64), sensor, path)
-    if sensor is not None:
-        raise InputError(f"{path} says on which sensor it was measured: leave out --sensor.")
     try:
-        head = json.loads(str(found["header"]))
+        head = json.loads(str(found.get("header")))
     except (ValueError, RecursionError) as error:
         raise DataCorruptError(f"{path} cannot be imported: its header is damaged.") from error
     columns = {name: _numbers(found, name, path).reshape(-1) for name in COLUMNS}

@@ -23,25 +23,12 @@ from eitbench.scenarios.recordings.descriptors import (
 )
 from eitbench.scenarios.recordings.public.hydrogel import rebased
 from eitbench.scenarios.sensors.outlines import Disc
-from eitbench.scenarios.sensors.patterns import DrivePattern
+from eitbench.scenarios.sensors.patterns import ring_pattern
 from eitbench.scenarios.sensors.sensor import Sensor, even_electrodes
 
 _ELECTRODES = 16
 # The recording of 2025 was made in another set-up and does not say what stood in the tank.
 _SOURCE = source("CBZ199671/PyEIDORS", "*/2026-03-14_latest_tank_data/*")
-
-
-def _pattern() -> DrivePattern:
-    n = _ELECTRODES
-    return DrivePattern(
-        np.array(
-            [
-                (i, (i + 1) % n, (i + m + 1) % n, (i + m) % n)
-                for i in range(n)
-                for m in range(2, n - 1)
-            ]
-        )
-    )
 
 
 def _tank() -> Sensor:
@@ -50,7 +37,8 @@ def _tank() -> Sensor:
         outline, _ELECTRODES, outline.perimeter / 32, 1e-5,
         start=outline.perimeter / 4, clockwise=True,
     )  # fmt: skip
-    return Sensor("pyeidors-tank", outline, electrodes, _pattern())
+    pattern = ring_pattern(_ELECTRODES, 1, -1, rotating=True)
+    return Sensor("pyeidors-tank", outline, electrodes, pattern)
 
 
 def read_csv(path: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

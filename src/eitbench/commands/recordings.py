@@ -1,11 +1,14 @@
 """Commands that deal with recorded sensor sets, public and own."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
 from eitbench.commands.console import fail
+
+Order = Literal["rows", "columns"]
+Part = Literal["real", "magnitude"]
 
 app = typer.Typer(
     help="Recorded sensor sets, public and own.",
@@ -51,18 +54,53 @@ def export(
     typer.echo(export_recording(file, to))
 
 
-@app.command("import", epilog="Example: eitbench recordings import ohmc16 --out ohmc16.h5")
+@app.command(
+    "import",
+    epilog="Example: eitbench recordings import presses --sensor bench.toml --labels places.csv "
+    "--reference baseline.csv --out touch.h5",
+)
 def import_command(
-    source: Annotated[str, typer.Argument(help="A .csv or .mat file, or a public recorded set.")],
+    sources: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="SOURCE...",
+            help="Files of frames (.csv, .tsv, .txt, .mat, .npy, .npz, .h5, .xlsx), folders or "
+            "'press*.csv'; or one public recorded set.",
+        ),
+    ],
     out: Annotated[Path, typer.Option(metavar="FILE.h5", help="The new recording.")],
     sensor: Annotated[
         str | None,
         typer.Option(help="What was measured, or a sensor file, .toml, if SOURCE does not say."),
     ] = None,
+    labels: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="A sheet with a row for each touch: places, states."),
+    ] = None,
+    reference: Annotated[
+        str | None,
+        typer.Option(
+            metavar="FILE|first:N|array:NAME|none",
+            help="The untouched sensor: files, the first N frames, an array of SOURCE, or nothing.",
+        ),
+    ] = None,
+    frames: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="The array of SOURCE that holds frames, if several may."),
+    ] = None,
+    order: Annotated[
+        Order | None,
+        typer.Option(help="A frame (or the values of a drive) is a row or a column."),
+    ] = None,
+    values: Annotated[Part | None, typer.Option(help="What is taken of complex values.")] = None,
 ) -> None:
-    """Make a recording of a CSV or MATLAB file, or of a public recorded set."""
+    """Make a recording of files of other programs, or of a public recorded set."""
     from eitbench.hardware.recording.exchange import import_recording
+    from eitbench.hardware.recording.importing.arrays import Choice
+    from eitbench.hardware.recording.importing.recording import ImportOptions
     from eitbench.scenarios.catalogue import sensor as sensor_by_name
 
     nominal = None if sensor is None else sensor_by_name(sensor)
-    typer.echo(f"{import_recording(source, out, nominal)} frames are in {out}.")
+    options = ImportOptions(Choice(frames, order, values), labels, reference)
+    for sentence in import_recording(sources, out, nominal, options):
+        typer.echo(sentence)

@@ -310,6 +310,8 @@ def test_other_machines_need_host_and_token(tmp_path: Path) -> None:
     assert access_to(None, None, TOKEN) == Access("127.0.0.1", "")
     assert access_to("0.0.0.0", None, TOKEN) == Access("0.0.0.0", TOKEN)
     assert access_to("0.0.0.0", file, "another-token-here") == Access("0.0.0.0", TOKEN)
+    file.write_text(f"{TOKEN}\n", encoding="utf-8-sig")
+    assert access_to("0.0.0.0", file, "another-token-here") == Access("0.0.0.0", TOKEN)
     with pytest.raises(InputError, match="EITBENCH_TOKEN, or in a file"):
         access_to("0.0.0.0", None, "")
     with pytest.raises(InputError, match="--host"):

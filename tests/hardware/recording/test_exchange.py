@@ -17,7 +17,6 @@ from eitbench.hardware.recording.recorder import Recorder
 from eitbench.scenarios.errors import (
     DataCorruptError,
     DataUnavailableError,
-    EitbenchError,
     InputError,
 )
 from eitbench.scenarios.recordings import RECORDED_SETS, recorded_set
@@ -61,7 +60,8 @@ def assert_equal(one: Content, other: Content) -> None:
 def test_there_and_back_not_a_bit_is_lost(recorded: Path, tmp_path: Path, ending: str) -> None:
     other = tmp_path / f"b{ending}"
     assert export_recording(recorded, other) == f"21 frames are in {other}."
-    assert import_recording(str(other), tmp_path / "c.h5") == 21
+    said = import_recording([str(other)], tmp_path / "c.h5")
+    assert said[0].startswith("21 frames of 40 values")
     content, condition = read_file(tmp_path / "c.h5")
     assert condition.sealed
     assert_equal(read_file(recorded)[0], content)
@@ -107,59 +107,17 @@ def test_matlab_finds_arrays_by_their_names(recorded: Path, tmp_path: Path) -> N
     assert found["label_first"].ravel().tolist() == [3, 6]
 
 
-def test_plain_numbers_need_a_sensor(tmp_path: Path, skin: Sensor) -> None:
-    values = np.random.default_rng(1).normal(size=(6, 40)) * 1e-9  # written with an exponent
-    names = ",".join(f"v{k}" for k in range(40))
-    np.savetxt(tmp_path / "a.csv", values, delimiter=",", header=names, comments="", fmt="%.17g")
-    np.savetxt(tmp_path / "b.csv", values, delimiter=",", fmt="%.17g")
-    scipy.io.savemat(tmp_path / "c.mat", {"values": values})
-    for k, name in enumerate(("a.csv", "b.csv", "c.mat")):
-        source, to = str(tmp_path / name), tmp_path / f"{k}.h5"
-        with pytest.raises(InputError, match="does not say on which sensor"):
-            import_recording(source, to)
-        assert import_recording(source, to, skin) == 6
-        content, _ = read_file(to)
-        assert np.array_equal(content.values, values)
-        assert content.events["text"].tolist() == [
-            "imported without times: 1 s between frames is assumed"
-        ]
-        assert "needs reference frames" in check(to)[1][1]
-
-
 def test_bad_sources_are_one_sentence(recorded: Path, tmp_path: Path, skin: Sensor) -> None:
     out = tmp_path / "out.h5"
-    (tmp_path / "short.csv").write_text("1,2\n3,4\n")
-    (tmp_path / "ragged.csv").write_text("# by hand\n1,2\n\n3\n")
-    (tmp_path / "words.csv").write_text("1,2\n3,\n")
-    (tmp_path / "nan.csv").write_text("1,2\n3,nan\n")
-    (tmp_path / "binary.csv").write_bytes(b"\xff\x00")
-    (tmp_path / "text.mat").write_text("nonsense")
-    scipy.io.savemat(tmp_path / "none.mat", {"v": np.ones((2, 40))})
-    scipy.io.savemat(tmp_path / "text2.mat", {"values": "a"})
-    for name, says in {
-        "short.csv": "has values of shape (2, 2), and a frame of sensor 'skin' has 40",
-        "ragged.csv": "line 4 has 1 values, and those before it have 2",
-        "words.csv": "line 2 holds something else than numbers",
-        "nan.csv": "line 2 holds a value that is not a finite number",
-        "binary.csv": "it is not UTF-8 text",
-        "text.mat": "is not a readable MATLAB file",
-        "none.mat": "holds no array 'values'",
-        "text2.mat": "holds no array 'values'",
-        "missing.csv": "No such file",
-        "missing.mat": "No such file",
-    }.items():
-        with pytest.raises(EitbenchError) as caught:
-            import_recording(str(tmp_path / name), out, skin)
-        assert says in str(caught.value)
     export_recording(recorded, tmp_path / "own.csv")
-    with pytest.raises(InputError, match="leave out --sensor"):
-        import_recording(str(tmp_path / "own.csv"), out, skin)
-    with pytest.raises(InputError, match="has a sensor of its own"):
-        import_recording("ohmc16", out, skin)
+    with pytest.raises(InputError, match="leave out --sensor, --frames"):
+        import_recording([str(tmp_path / "own.csv")], out, skin)
+    with pytest.raises(InputError, match="has a sensor and labels of its own"):
+        import_recording(["ohmc16"], out, skin)
     with pytest.raises(InputError, match="Unknown recorded set 'omhc16': did you mean 'ohmc16'"):
-        import_recording("omhc16", out)
+        import_recording(["omhc16"], out)
     with pytest.raises(InputError, match="is a recording already"):
-        import_recording(str(recorded), out)
+        import_recording([str(recorded)], out)
     with pytest.raises(InputError, match=r"exported to \.csv, \.mat or \.h5, not to 'x\.xls'"):
         export_recording(recorded, tmp_path / "x.xls")
     with pytest.raises(InputError, match="exists already"):
@@ -188,7 +146,7 @@ def test_a_file_that_was_cut_anywhere_is_refused(recorded: Path, tmp_path: Path)
     for says, cut in cuts.items():
         (tmp_path / "cut.csv").write_text(cut)
         with pytest.raises(DataCorruptError, match=says):
-            import_recording(str(tmp_path / "cut.csv"), tmp_path / "b.h5")
+            import_recording([str(tmp_path / "cut.csv")], tmp_path / "b.h5")
     assert not (tmp_path / "b.h5").exists()
 
 
@@ -210,13 +168,13 @@ def test_damaged_headers_are_told(
     text = (tmp_path / "own.csv").read_text()
     (tmp_path / "bad.csv").write_text(text.replace(old, new, 1))
     with pytest.raises(DataCorruptError, match=says):
-        import_recording(str(tmp_path / "bad.csv"), tmp_path / "b.h5")
+        import_recording([str(tmp_path / "bad.csv")], tmp_path / "b.h5")
 
 
 @pytest.mark.parametrize("name", RECORDED_SETS)
 def test_public_sets_become_recordings(recorded_data: Path, tmp_path: Path, name: str) -> None:
     path = tmp_path / "own.h5"
-    import_recording(name, path)
+    import_recording([name], path)
     public, own = read_recording(name), read_recording(str(path))
     assert np.array_equal(own.voltages, public.voltages)
     assert np.array_equal(own.reference, public.reference)

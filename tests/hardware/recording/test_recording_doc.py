@@ -12,6 +12,7 @@ from eitbench.scenarios import load_suite, sensor
 from eitbench.scenarios.sensors.sensor import Sensor
 
 TEXT = (Path(__file__).resolve().parents[3] / "docs/recording.md").read_text()
+LAYOUT = TEXT.split("## What is written")[1].split("\n## ")[0]
 BLOCKS = re.findall(r"```(\w*)\n(.*?)```", TEXT, flags=re.DOTALL)
 SENSOR, SUITE = (code for language, code in BLOCKS if language == "toml")
 
@@ -31,7 +32,7 @@ def test_its_sensor_can_be_read_with_every_alternative(tmp_path: Path) -> None:
     assert (sensor(str(path)).n_measurements, sensor(str(path)).image_shape) == (208, (48, 60))
     for line in re.findall(r"^# (\w+ = \S.*?)(?:  #.*)?$", SENSOR, flags=re.MULTILINE):
         assert line.split()[0] in (
-            "disc_radius_mm", "polygon_mm", "centres_mm", "opposition", "table",
+            "disc_radius_mm", "polygon_mm", "centres_mm", "drive", "sense", "table",
         )  # fmt: skip
     path.write_text(
         SENSOR.replace("rectangle_mm", "# rectangle_mm").replace("# disc_radius", "disc_radius")
@@ -46,7 +47,7 @@ def test_its_suite_can_be_read(tmp_path: Path, skin: Sensor) -> None:
 
 
 def test_its_layout_is_what_is_written(tmp_path: Path, skin: Sensor) -> None:
-    rows = re.findall(r"^\| ((?:`[\w/]+`(?:, )?)+) \| ([^|]*) \|", TEXT, flags=re.MULTILINE)
+    rows = re.findall(r"^\| ((?:`[\w/]+`(?:, )?)+) \| ([^|]*) \|", LAYOUT, flags=re.MULTILINE)
     documented = {name for names, _ in rows for name in re.findall(r"`([\w/]+)`", names)}
     found = set[str]()
     with h5py.File(recorded(tmp_path / "a.h5", skin)) as file:
@@ -59,7 +60,7 @@ def test_its_layout_is_what_is_written(tmp_path: Path, skin: Sensor) -> None:
     assert documented == found
     assert attributes == {
         name
-        for line in TEXT.splitlines()
+        for line in LAYOUT.splitlines()
         if line.startswith("| attribute")
         for name in re.findall(r"`(\w+)`", line.split("|")[1])
     }

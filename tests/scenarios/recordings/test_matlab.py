@@ -19,9 +19,11 @@ ARRAYS = {
     "logical": np.array([[True, False, True]]),
     "cube": RNG.normal(size=(2, 3, 4)),
     "none": np.zeros((0, 4)),
+    "complex": RNG.normal(size=(3, 2)) + 1j * RNG.normal(size=(3, 2)),
+    "complex_single": np.array([[1 + 2j, 3]], dtype=np.complex64),
     "tiny": np.array([[1, 2]], dtype=np.uint8),
 }
-OTHERS = {"cells": np.array([[1], "a"], dtype=object), "complex": np.array([[1j]]), "text": "öäü 1"}
+OTHERS = {"cells": np.array([[1], "a"], dtype=object), "text": "öäü 1"}
 
 
 @pytest.mark.parametrize("compressed", [True, False])
@@ -36,6 +38,15 @@ def test_it_agrees_with_scipy(tmp_path: Path, compressed: bool) -> None:
         assert isinstance(array, np.ndarray)
         assert array.dtype == expected[name].dtype
         np.testing.assert_array_equal(array, expected[name], strict=True)
+
+
+def test_a_matrix_of_characters_is_lines(tmp_path: Path) -> None:
+    path = tmp_path / "data.mat"
+    savemat(path, {"a": np.array(["one", "", "drei ü"]), "b": np.array(["alone"]), "c": [""]})
+    found = variables(path)
+    assert isinstance(found["a"], np.ndarray)
+    assert found["a"].tolist() == ["one", "", "drei ü"]
+    assert found["b"] == "alone"
 
 
 def test_only_what_is_asked_for_is_read(tmp_path: Path) -> None:

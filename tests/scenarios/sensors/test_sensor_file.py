@@ -29,6 +29,8 @@ start_mm = 10
 offset = 3
 """
 
+OPPOSITION = "drive = 8\nsense = -1\nmagnitudes = true"
+
 
 def write(folder: Path, text: str = GOOD) -> Path:
     path = folder / "bench.toml"
@@ -53,7 +55,8 @@ def test_a_sensor_file_is_a_sensor(tmp_path: Path) -> None:
         ("rectangle_mm = [100, 80]", "disc_radius_mm = 60"),
         ("rectangle_mm = [100, 80]", "polygon_mm = [[0, 0], [100, 0], [50, 120]]"),
         ("offset = 3", "offset = 1\ndriven = true\nmagnitudes = true"),
-        ("offset = 3", "opposition = true"),
+        ("offset = 3", "drive = 8\nsense = -1\nmagnitudes = true"),
+        ("offset = 3", "drive = -5\nsense = 2\ndriven = true"),
         ("offset = 3", "table = [[0, 1, 2, 3], [1, 2, 3, 4]]"),
         ("start_mm = 10", "start_mm = 10\nclockwise = true\ncontact_impedance = 2e-3"),
         (
@@ -73,6 +76,12 @@ def test_every_kind_of_sensor_can_be_declared_and_described(
     assert (again, again.name) == (made, made.name)
 
 
+def test_a_byte_order_mark_is_no_part_of_a_file(tmp_path: Path) -> None:
+    made = sensor(str(write(tmp_path)))
+    (tmp_path / "bench.toml").write_text(GOOD, encoding="utf-8-sig")
+    assert sensor(str(tmp_path / "bench.toml")) == made
+
+
 def test_what_is_declared_is_what_is_made(tmp_path: Path) -> None:
     text = GOOD.replace("rectangle_mm = [100, 80]", "disc_radius_mm = 60")
     text = text.replace("start_mm = 10", "clockwise = true")
@@ -81,10 +90,33 @@ def test_what_is_declared_is_what_is_made(tmp_path: Path) -> None:
     x, y = made.outline.point(made.electrodes[4].centre)
     assert (x, y) == pytest.approx((0, -0.06), abs=1e-9)
     text = GOOD.replace("rectangle_mm = [100, 80]", "polygon_mm = [[0, 0], [90, 0], [0, 90]]")
-    made = sensor(str(write(tmp_path, text.replace("offset = 3", "opposition = true"))))
+    made = sensor(str(write(tmp_path, text.replace("offset = 3", OPPOSITION))))
     assert made.outline == Polygon(((0, 0), (0.09, 0), (0, 0.09)))
     assert made.pattern.magnitudes
     assert made.pattern.table[0].tolist() == [0, 8, 2, 1]
+
+
+def test_signed_opposite_drive_and_adjacent_sensing_are_two_lines(tmp_path: Path) -> None:
+    rows = [
+        [i, (i + 16) % 32, j, (j + 1) % 32]
+        for i in range(32)
+        for j in range(32)
+        if not {i, (i + 16) % 32} & {j, (j + 1) % 32}
+    ]
+    text = GOOD.replace("count = 16", "count = 32")
+    two_lines = sensor(str(write(tmp_path, text.replace("offset = 3", "drive = 16\nsense = 1"))))
+    table = sensor(str(write(tmp_path, text.replace("offset = 3", f"table = {rows}"))))
+    assert (len(rows), two_lines.pattern.magnitudes) == (896, False)
+    assert two_lines == table
+
+
+def test_eidors_order_is_rotating(tmp_path: Path) -> None:
+    text = GOOD.replace("offset = 3", "drive = 1\nsense = -1\nrotating = true")
+    made = sensor(str(write(tmp_path, text))).pattern
+    assert made.table.tolist() == [
+        [i, (i + 1) % 16, (i + m + 1) % 16, (i + m) % 16] for i in range(16) for m in range(2, 15)
+    ]
+    assert np.array_equal(made.table, sensor("pyeidors-tank").pattern.table)
 
 
 @pytest.mark.parametrize(
@@ -98,9 +130,14 @@ def test_what_is_declared_is_what_is_made(tmp_path: Path) -> None:
         ("width_mm = 8", "width_mm = 30", "electrodes", "overlap"),
         ("width_mm = 8", "width_mm = [8, 8]", "electrodes", "has 2 values for 16 electrodes"),
         ("count = 16", "", "electrodes", "either `count` or `centres_mm`"),
-        ("offset = 3", "offset = 16", "pattern", "from 1 to 15, got 16"),
+        ("offset = 3", "offset = 16", "pattern", "from 1 to 15, or its negative"),
         ("offset = 3", "", "pattern", "one of `offset`"),
-        ("offset = 3", "opposition = true\ndriven = true", "pattern", "`driven` goes with"),
+        ("offset = 3", "drive = 3", "pattern", "`drive` with `sense`"),
+        ("offset = 3", "sense = 3", "pattern", "`drive` with `sense`"),
+        ("offset = 3", "offset = 3\ndrive = 8\nsense = 1", "pattern", "one of `offset`"),
+        ("offset = 3", "drive = 8\nsense = -16", "pattern", "from 1 to 15, or its negative"),
+        ("offset = 3", "drive = 0\nsense = 1", "pattern", "from 1 to 15, or its negative"),
+        ("offset = 3", "table = [[0, 1, 2, 3]]\ndriven = true", "pattern", "`driven` and"),
         ("offset = 3", "table = [[0, 1, 2, 16]]", "pattern", "uses electrode 16"),
         ("offset = 3", "table = [[0, 1, 2]]", "pattern.table[0][3]", "missing"),
         ("[100, 80]", "[100, 0]", "outline.rectangle_mm[1]", "greater than 0"),

@@ -1,0 +1,1 @@
+"""Files of other programs become recordings: their arrays, frames and labels."""

@@ -1,0 +1,234 @@
+"""Labels of touches: columns of a sheet or of files of frames, as the table of a recording."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from eitbench.hardware.recording.importing.sources import ALL_COLUMNS, Arrays
+from eitbench.scenarios.arrays import Array, Index
+from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.recordings.files import layout
+
+_VALUES = {
+    "x_mm": ("x_m", 1e-3),
+    "x_m": ("x_m", 1.0),
+    "y_mm": ("y_m", 1e-3),
+    "y_m": ("y_m", 1.0),
+    "depth_mm": ("depth_mm", 1.0),
+    "depth_m": ("depth_mm", 1e3),
+    "force_N": ("force_N", 1.0),
+    "pressure_Pa": ("pressure_Pa", 1.0),
+    "pressure_kPa": ("pressure_Pa", 1e3),
+}
+"""Columns of numbers: that of the recording, and its unit in theirs."""
+_ROWS = ("frame", "first", "last", "reference_first", "reference_last")
+_TEXTS = ("file", "state")
+_KNOWN = {name.lower(): name for name in (*_TEXTS, *_ROWS, *_VALUES)}
+_PREFIX = "label_"  # in exported MATLAB files
+
+
+@dataclass(frozen=True)
+class FramesOf:
+    """The frames of a file: `count` of them from row `start` of the recording."""
+
+    path: Path
+    start: int
+    count: int
+
+
+def is_label(name: str) -> bool:
+    """True if an array or a column of this name describes touches, and not only their frames."""
+    known = _known(name)
+    return known in (*_VALUES, "state") or (known is not None and name.startswith(_PREFIX))
+
+
+def _known(name: str) -> str | None:
+    """The column of labels that a name stands for, whatever its case; None for another."""
+    # The parts of an HDF5 file and the sheets of a workbook stand before a stroke.
+    plain = name.rsplit("/", 1)[-1].strip().lower().replace(" ", "_").removeprefix(_PREFIX)
+    return _KNOWN.get(plain)
+
+
+def parsed(arrays: Arrays, path: Path) -> pd.DataFrame:
+    """The label columns among `arrays`: one row per contact, in the units of a recording.
+
+    What has one value alone holds for all rows.
+
+    Raises:
+        InputError: columns of unlike lengths, two for one thing, or text where numbers belong.
+    """
+    columns: dict[str, Any] = {}
+    for name, array in arrays.items():
+        known = _known(name)
+        if known is None:
+            continue
+        target, factor = _VALUES.get(known, (known, 1.0))
+        if target in columns:
+            raise InputError(f"{path} has two columns for {target!r}: leave one out.")
+        if array.size != max(array.shape, default=1):
+            raise InputError(f"{name!r} of {path} is no column, but of shape {array.shape}.")
+        cells = array.reshape(-1)
+        if known in _TEXTS:
+            columns[target] = [_text(cell) for cell in cells.tolist()]
+        elif cells.dtype.kind not in "iufb":
+            raise InputError(f"Column {name!r} of {path} holds something else than numbers.")
+        elif known in _ROWS:
+            columns[target] = _whole(cells.astype(float), known, path)
+        else:
+            columns[target] = cells.astype(float) * factor
+    lengths = {len(column) for column in columns.values()} - {1}
+    if len(lengths) > 1:
+        told = ", ".join(f"{name} ({len(column)})" for name, column in columns.items())
+        raise InputError(f"The labels of {path} are of unlike lengths: {told}.")
+    n = max(lengths, default=1)
+    return pd.DataFrame({k: list(c) * n if len(c) == 1 else c for k, c in columns.items()})
+
+
+def _text(cell: object) -> str:
+    if isinstance(cell, float):
+        return "" if np.isnan(cell) else f"{cell:g}"
+    return str(cell).strip()
+
+
+def _whole(cells: Array, name: str, path: Path) -> Array:
+    """Rows of frames; only those of a reference may be missing (-1)."""
+    if name.startswith("reference"):
+        cells = np.where(np.isnan(cells), -1, cells)
+    if not (cells == np.floor(cells)).all():
+        raise InputError(f"Column {name!r} of {path} holds rows of frames: whole numbers from 0.")
+    return cells
+
+
+def read_sheet(arrays: Arrays, path: Path) -> pd.DataFrame:
+    """The sheet of labels in the file at `path`, whose columns all have to be known.
+
+    Raises:
+        InputError: an unknown column, or as `parsed` raises.
+    """
+    for name in arrays:
+        plain = name.strip().lower()
+        if _known(name) or name in ("", ALL_COLUMNS):
+            continue
+        if plain in ("x", "y", "depth", "force", "pressure"):
+            units = [column for column in _VALUES if column.startswith(plain)]
+            raise InputError(
+                f"Column {name!r} of {path} has no unit: name it {' or '.join(units)}."
+            )
+        raise InputError(
+            f"Column {name!r} of {path} is unknown: the first line of a sheet of labels names its "
+            f"columns, out of {', '.join(_KNOWN.values())}."
+        )
+    table = parsed(arrays, path)
+    if not len(table):
+        raise InputError(f"{path} holds no labels.")
+    return table
+
+
+def placed(
+    table: pd.DataFrame, files: list[FramesOf], reference: Index, path: Path
+) -> tuple[pd.DataFrame, str]:
+    """The labels with `first` and `last` as rows of the recording, and how these were found.
+
+    Args:
+        table: as `parsed` gives it.
+        files: whose frames the recording holds, one file after the other.
+        reference: rows of the recording that show the untouched sensor.
+        path: of the table.
+
+    Raises:
+        InputError: a file or a frame that is not there, or nothing says what a row is for.
+    """
+    frames = np.arange(files[0].start, files[-1].start + files[-1].count)
+    touched = np.setdiff1d(frames, reference)
+    has_rows = "frame" in table or {"first", "last"} <= set(table)
+    base: Index | int = files[0].start  # that rows of frames are counted from
+    if "file" in table:
+        how = "by the names of the files"
+        of = [_file(name, k, files, path) for k, name in enumerate(table["file"])]
+        base = np.array([file.start for file in of])
+    elif has_rows:
+        how = "by rows of frames, counted from 0"
+        of = [FramesOf(path, files[0].start, len(frames))] * len(table)
+    elif len(table) == len(files):
+        how = f"row by row, for the files {files[0].path.name} to {files[-1].path.name}"
+        of = [_touched(file, touched) for file in files]
+        base = np.array([file.start for file in files])
+    elif len(table) in (len(frames), len(touched)):
+        how = "row by row, for the frames"
+        rows = frames if len(table) == len(frames) else touched
+        # A row without a word about a touch is for a frame without one.
+        marks = _described(table) & ~np.isin(rows, reference)
+        table, of = table[marks], [FramesOf(path, row, 1) for row in rows[marks].tolist()]
+    else:
+        raise InputError(
+            f"{path} has {len(table)} rows of labels for {len(frames)} frames ({len(touched)} "
+            f"without the reference) in {len(files)} files: add a column file, frame, or first "
+            "and last (frames are counted from 0)."
+        )
+    made = table.drop(columns=["file", "frame"], errors="ignore")
+    start = np.array([f.start for f in of])
+    count = np.array([f.count for f in of])
+    first, last = np.zeros(len(of)), count - 1.0
+    if has_rows:
+        first = table["frame" if "frame" in table else "first"].to_numpy()
+        last = table["frame" if "frame" in table else "last"].to_numpy()
+    if (wrong := (first < 0) | (last >= count) | (last < first)).any():
+        k = int(np.argmax(wrong))
+        raise InputError(
+            f"Row {k + 1} of {path} is for the frames {first[k]:.0f} to {last[k]:.0f}, and there "
+            f"are frames 0 to {count[k] - 1} (counted from 0)."
+        )
+    for name, row in (("first", first), ("last", last)):
+        made[name] = (start + row).astype(np.int64)
+    for name in ("reference_first", "reference_last"):
+        if name in made:
+            given = made[name].to_numpy()
+            made[name] = np.where(given < 0, -1, base + given).astype(np.int64)
+    return made, how
+
+
+def _touched(file: FramesOf, touched: Index) -> FramesOf:
+    """The part of a file from its first to its last frame that is no reference frame."""
+    rows = touched[(touched >= file.start) & (touched < file.start + file.count)]
+    if not rows.size:
+        return file
+    return FramesOf(file.path, int(rows[0]), int(rows[-1] - rows[0]) + 1)
+
+
+def _described(table: pd.DataFrame) -> NDArray[np.bool_]:
+    """True (n,) for the rows with a place, a state or another value of a touch."""
+    told = [table[name].notna() for name in table if name not in (*_ROWS, *_TEXTS)]
+    if "state" in table:
+        told.append(table["state"] != "")
+    return np.any(told, axis=0) if told else np.ones(len(table), dtype=bool)
+
+
+def _file(name: str, row: int, files: list[FramesOf], path: Path) -> FramesOf:
+    found = [
+        f
+        for f in files
+        if name in (f.path.name, f.path.stem) or f.path.as_posix().endswith(f"/{name}")
+    ]
+    if len(found) != 1:
+        what = "several of the files" if found else f"none of the {len(files)} files"
+        raise InputError(f"Row {row + 1} of {path} is for the file {name!r}, which is {what}.")
+    return found[0]
+
+
+def as_labels(table: pd.DataFrame) -> tuple[pd.DataFrame, list[str]]:
+    """The labels of `Content`, and the columns of `table` that a recording cannot hold.
+
+    The layout says which columns there are: one that it gets is filled here from then on.
+    """
+    labels = pd.DataFrame(index=range(len(table)))
+    for name in layout.LABEL.names or ():
+        kind = layout.LABEL[name].kind
+        unknown: Any = {"f": np.nan, "i": -1, "S": ""}[kind]
+        # Of several files some may lack a column.
+        cells = table[name].fillna(unknown).to_numpy() if name in table else unknown
+        labels[name] = cells if kind == "S" else np.asarray(cells, dtype=layout.LABEL[name])
+    return labels, [str(name) for name in table if name not in labels]

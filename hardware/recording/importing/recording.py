@@ -1,0 +1,167 @@
+"""A recording of files that other programs wrote: frames, reference and labels put together."""
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import pandas as pd
+
+from eitbench.hardware.recording.importing import labels as sheets
+from eitbench.hardware.recording.importing.arrays import Choice, FrameFile, find_frames
+from eitbench.hardware.recording.importing.labels import FramesOf
+from eitbench.hardware.recording.importing.reference import REFERENCE, reference_paths, stacked
+from eitbench.hardware.recording.importing.sources import (
+    ALL_COLUMNS,
+    found_files,
+    read_arrays,
+)
+from eitbench.scenarios.arrays import Array, Index
+from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.recordings.files.csv_mat import without_times
+from eitbench.scenarios.recordings.files.recording_file import Content
+from eitbench.scenarios.sensors.sensor import Sensor
+
+
+@dataclass(frozen=True)
+class ImportOptions:
+    """What a user says about the files of an import; None: what the files say.
+
+    Attributes:
+        frames: which array holds frames, and how.
+        labels: path of a sheet of labels.
+        reference: a path, `first:N` frames, `array:NAME` of the same files, or `none`.
+    """
+
+    frames: Choice = field(default_factory=Choice)
+    labels: Path | None = None
+    reference: str | None = None
+
+
+def import_files(
+    sources: Sequence[str], sensor: Sensor, options: ImportOptions
+) -> tuple[Content, list[str]]:
+    """The recording of frames of `sensor` in files, folders and patterns, and what was found.
+
+    Raises:
+        InputError: something is not there or fits twice, with what to say about it.
+        UnreadableError, DataCorruptError: a file cannot be read, or is not what it should be.
+    """
+    beside = [*reference_paths(options.reference), *([options.labels] if options.labels else [])]
+    paths, others = found_files(sources, beside)
+    files = [_read(path, sensor, options.frames) for path in paths]
+    values, parts, rows, of_reference = stacked(files, sensor, options.frames, options.reference)
+    sheet = None if options.labels is None else _read_sheet(options.labels)
+    table, of_labels = _label_table(files, sheet, parts, rows, options.labels)
+    hows = Counter(file.frames.how for file in files)
+    said = [f"From {_count(count, 'file')}: {how}." for how, count in hows.items()]
+    if others:
+        said.append(f"Not read: {_count(others, 'file')} of other kinds.")
+    if options.frames.part == "magnitude" and not sensor.pattern.magnitudes:
+        sensor = replace(sensor, pattern=replace(sensor.pattern, magnitudes=True))
+        said.append("The sensor's pattern in the recording says that values have no sign.")
+    said += [of_reference, of_labels]
+    if unused := _unused(files, options):
+        said.append(f"Not used: {', '.join(unused)}.")
+    content, lost = as_content(values, table, rows, sensor)
+    return content, [*said, *_not_held(lost)]
+
+
+def as_content(
+    values: Array, table: pd.DataFrame, reference: Index, sensor: Sensor
+) -> tuple[Content, list[str]]:
+    """The recording of frames (n, M), and the columns of labels that it cannot hold.
+
+    Args:
+        values: the frames.
+        table: labels as `labels.placed` gives them.
+        reference: rows of the frames that show the untouched sensor.
+        sensor: that they were measured on.
+    """
+    labels, lost = sheets.as_labels(table)
+    content = without_times(values, sensor, "imported")
+    return replace(content, reference=reference, labels=labels), lost
+
+
+def _read(path: Path, sensor: Sensor, choice: Choice) -> FrameFile:
+    arrays = read_arrays(path)
+    # `reference` and `label_...` are what our exported files call them.
+    others = {
+        name: array
+        for name, array in arrays.items()
+        if choice.name == name or not (name == REFERENCE or sheets.is_label(name))
+    }
+    return FrameFile(path, arrays, find_frames(others, sensor, path, choice))
+
+
+def relabelled(content: Content, path: Path, sheet: Path) -> tuple[pd.DataFrame, list[str]]:
+    """The labels that a sheet gives to the recording at `path`, and what they are."""
+    part = FramesOf(path, 0, len(content))
+    table, how = sheets.placed(_read_sheet(sheet), [part], content.reference, sheet)
+    labels, lost = sheets.as_labels(table)
+    return labels, [f"{touches(table)} by {sheet} ({how}).", *_not_held(lost)]
+
+
+def _not_held(lost: list[str]) -> list[str]:
+    if not lost:
+        return []
+    return [f"A recording cannot hold these columns of labels: {', '.join(lost)}."]
+
+
+def _read_sheet(path: Path) -> pd.DataFrame:
+    paths, _ = found_files([str(path)])
+    if len(paths) > 1:
+        raise InputError(f"{path} holds {len(paths)} files: labels are one sheet.")
+    return sheets.read_sheet(read_arrays(paths[0]), paths[0])
+
+
+def _label_table(
+    files: list[FrameFile],
+    sheet: pd.DataFrame | None,
+    parts: list[FramesOf],
+    reference: Index,
+    path: Path | None,
+) -> tuple[pd.DataFrame, str]:
+    """Labels by rows of the recording, of a sheet or else of the files, and what they are."""
+    if sheet is not None and path is not None:
+        table, how = sheets.placed(sheet, parts, reference, path)
+        return table, f"{touches(table)} by {path} ({how})."
+    tables = []
+    for file, part in zip(files, parts, strict=True):
+        beside = {n: a for n, a in file.arrays.items() if n != file.frames.name}
+        if any(map(sheets.is_label, beside)):
+            inside = sheets.parsed(beside, file.path)
+            tables.append(sheets.placed(inside, [part], reference, file.path)[0])
+    if not tables:
+        return pd.DataFrame(), (
+            "Touches: none, since the files hold no labels and --labels names no sheet of them."
+        )
+    table = pd.concat(tables, ignore_index=True)
+    return table, f"{touches(table)} by the files."
+
+
+def touches(table: pd.DataFrame) -> str:
+    """How many touches labels are for, and how many of these have a place: to be continued."""
+    count = len(table[["first", "last"]].drop_duplicates())
+    places = int(table.reindex(columns=["x_m", "y_m"]).notna().all(axis=1).sum())
+    return f"Touches: {count}, {places if places < len(table) else 'all'} with a place,"
+
+
+def _unused(files: list[FrameFile], options: ImportOptions) -> list[str]:
+    """Arrays and columns of the files that are neither frames nor labels nor reference."""
+    found: dict[str, None] = {}
+    for file in files:
+        for name, array in file.arrays.items():
+            used = name in (file.frames.name, REFERENCE, ALL_COLUMNS)
+            used |= f"array:{name}" == options.reference
+            used |= file.frames.name == ALL_COLUMNS and array.dtype.kind != "U"
+            used |= sheets.is_label(name) and options.labels is None
+            if not used:
+                shape = " x ".join(map(str, array.shape))
+                found[f"{name or 'a column without a name'} ({shape})"] = None
+    listed = list(found)
+    return [*listed[:8], *([f"{len(listed) - 8} more"] if len(listed) > 8 else [])]
+
+
+def _count(n: int, what: str) -> str:
+    return f"{n} {what}" if n == 1 else f"{n} {what}s"

@@ -1,0 +1,105 @@
+"""The frames of the untouched sensor among the files of an import."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from eitbench.hardware.recording.importing.arrays import Choice, FrameFile, find_frames
+from eitbench.hardware.recording.importing.labels import FramesOf
+from eitbench.hardware.recording.importing.sources import found_files, read_arrays
+from eitbench.scenarios.arrays import Array, Index
+from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.sensors.sensor import Sensor
+
+REFERENCE = "reference"
+"""Name of an array that holds reference frames, or their rows among the frames."""
+
+
+def reference_paths(given: str | None) -> list[Path]:
+    """The files that `--reference` names; none where it says something else."""
+    if given is None or given == "none" or given.startswith(("first:", "array:")):
+        return []
+    return found_files([given])[0]
+
+
+def stacked(
+    files: list[FrameFile], sensor: Sensor, choice: Choice, given: str | None
+) -> tuple[Array, list[FramesOf], Index, str]:
+    """Frames (n, M), those of each file, the rows of the reference, and a sentence about it.
+
+    Reference frames that are no frames of the files come first.
+    """
+    beside, rows_in, where = _found(files, sensor, choice, given)
+    start = sum(map(len, beside))
+    parts, rows, at = [], [np.arange(start)], start
+    for file, inside in zip(files, rows_in, strict=True):
+        parts.append(FramesOf(file.path, at, len(file.frames.values)))
+        rows.append(at + inside)
+        at += len(file.frames.values)
+    if given is not None and given.startswith("first:"):
+        rows = [reference_rows(given, at)]
+    reference = np.concatenate(rows).astype(np.int64)
+    values = np.concatenate([*beside, *(file.frames.values for file in files)])
+    count = f"{len(reference)} frame{'s' * (len(reference) != 1)}"
+    return values, parts, reference, f"Reference: {count}{where}."
+
+
+def _found(
+    files: list[FrameFile], sensor: Sensor, choice: Choice, given: str | None
+) -> tuple[list[Array], list[Index], str]:
+    """Reference frames beside the frames, rows of those among each file's, and where from."""
+    nowhere = [np.empty(0, dtype=np.int64) for _ in files]
+    unnamed = replace(choice, name=None)
+    if given == "none":
+        return [], nowhere, ""
+    if given is not None and given.startswith("first:"):
+        return [], nowhere, ", the first ones"
+    if given is not None and given.startswith("array:"):
+        named = replace(choice, name=given.removeprefix("array:"))
+        beside = [find_frames(f.arrays, sensor, f.path, named).values for f in files]
+        return beside, nowhere, f" of array {named.name!r}"
+    if given is not None:
+        beside = []
+        for path in reference_paths(given):
+            arrays = read_arrays(path)
+            # The array that holds the frames may have another name there.
+            known = choice if choice.name in arrays else unnamed
+            beside.append(find_frames(arrays, sensor, path, known).values)
+        return beside, nowhere, f" of {given}"
+    if not any(REFERENCE in file.arrays for file in files):
+        return [], nowhere, ", since neither the files nor --reference name any"
+    beside, rows = [], nowhere
+    for k, file in enumerate(files):
+        array = file.arrays.get(REFERENCE, np.empty(0))
+        if _are_rows(array, len(file.frames.values)):
+            rows[k] = array.reshape(-1).astype(np.int64)
+        elif array.size and file.frames.name != REFERENCE:
+            only = {REFERENCE: array}
+            beside.append(find_frames(only, sensor, file.path, unnamed).values)
+    return beside, rows, f" of array {REFERENCE!r}"
+
+
+def _are_rows(array: Array, count: int) -> bool:
+    """True if an array `reference` holds rows of the `count` frames beside it."""
+    if array.dtype.kind not in "iuf" or array.size != max(array.shape):
+        return False
+    flat = array.reshape(-1)
+    return bool(((flat == np.floor(flat)) & (flat >= 0) & (flat < count)).all())
+
+
+def reference_rows(reference: str, count: int) -> Index:
+    """Rows of the reference among `count` frames, by `first:N` or `none`.
+
+    Raises:
+        InputError: it is neither.
+    """
+    number = reference.removeprefix("first:")
+    if reference == "none":
+        return np.empty(0, dtype=np.int64)
+    if not (number.isdecimal() and number != reference and 1 <= int(number) <= count):
+        raise InputError(
+            f"--reference {reference}: of these {count} frames it is first:N, with N from 1 to "
+            f"{count}, or none."
+        )
+    return np.arange(int(number))

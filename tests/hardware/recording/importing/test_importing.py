@@ -1,0 +1,504 @@
+"""Files of other programs become recordings: no frame, label or choice is lost in silence."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pandas as pd
+import pytest
+import scipy.io
+
+from eitbench.hardware.recording.exchange import export_recording, import_recording
+from eitbench.hardware.recording.importing.arrays import Choice, find_frames, full_table
+from eitbench.hardware.recording.importing.labels import FramesOf, as_labels, parsed, placed
+from eitbench.hardware.recording.importing.recording import ImportOptions
+from eitbench.hardware.recording.importing.sources import arrays_of, found_files
+from eitbench.scenarios.errors import DataCorruptError, EitbenchError, InputError
+from eitbench.scenarios.recordings import recorded_set
+from eitbench.scenarios.recordings.fetch import fetch_recording, read_recording
+from eitbench.scenarios.recordings.files import layout
+from eitbench.scenarios.recordings.files.recording_file import Content, read_file
+from eitbench.scenarios.sensors.patterns import offset_pattern, ring_pattern
+from eitbench.scenarios.sensors.sensor import Sensor
+
+VALUES = np.random.default_rng(1).normal(size=(6, 40)) * 1e-3
+NAMES = [f"v{k}" for k in range(40)]
+
+
+@pytest.fixture
+def imported(tmp_path: Path, skin: Sensor) -> Callable[..., tuple[Content, str]]:
+    """Import files of `tmp_path`: the content, and all that was said."""
+
+    def run(*sources: str, sensor: Sensor = skin, **options: Any) -> tuple[Content, str]:
+        out = tmp_path / f"{len(list(tmp_path.glob('*.h5')))}-out.h5"
+        choice = Choice(*(options.pop(name, None) for name in ("name", "order", "part")))
+        said = import_recording(
+            [str(tmp_path / source) for source in sources],
+            out,
+            sensor,
+            ImportOptions(choice, **options),
+        )
+        return read_file(out)[0], " ".join(said)
+
+    return run
+
+
+Import = Callable[..., tuple[Content, str]]
+
+
+def full_matrices(values: Any, driven: float) -> Any:
+    """(n, 8, 8): what the pattern of `skin` leaves out is `driven`."""
+    full = np.full((len(values), 64), driven, dtype=values.dtype)
+    rows = ring_pattern(8, 3, 3, driven=True).table
+    kept = [k for k, (src, sink, a, b) in enumerate(rows) if not {src, sink} & {a, b}]
+    full[:, kept] = values
+    return full.reshape(-1, 8, 8)
+
+
+def save(path: Path, values: Any) -> None:
+    """`values` (n, 40) as a file of each kind."""
+    plain: dict[str, Callable[[], object]] = {
+        "plain.csv": lambda: np.savetxt(path, values, delimiter=",", fmt="%.17g"),
+        "mark.csv": lambda: np.savetxt(
+            path, values, delimiter=",", fmt="%.17g", encoding="utf-8-sig"
+        ),
+        "named.csv": lambda: pd.DataFrame(values, columns=NAMES).to_csv(path, index=False),
+        "numbered.csv": lambda: pd.DataFrame(values).to_csv(path, index=False),
+        "indexed.csv": lambda: pd.DataFrame(values).to_csv(path),
+        "pairs.csv": lambda: pd.DataFrame(
+            values, columns=[f"D{k // 5} S{k % 5}" for k in range(40)]
+        ).to_csv(path, index=False),
+        "shuffled.csv": lambda: pd.DataFrame(values, columns=NAMES)[sorted(NAMES)].to_csv(path),
+        "CAPITALS.CSV": lambda: np.savetxt(path, values, delimiter=",", fmt="%.17g"),
+        "tabs.tsv": lambda: np.savetxt(path, values, delimiter="\t", fmt="%.17g"),
+        "spaces.txt": lambda: np.savetxt(path, values, header="by hand", fmt="%.17g"),
+        "decimal.csv": lambda: pd.DataFrame(values).to_csv(path, sep=";", decimal=","),
+        "percent.txt": lambda: np.savetxt(path, values, comments="% ", header="x", fmt="%.17g"),
+        "columns.csv": lambda: np.savetxt(path, values.T, delimiter=",", fmt="%.17g"),
+        "matlab.mat": lambda: scipy.io.savemat(path, {"volts": values, "fs": 10.0}),
+        "columns.mat": lambda: scipy.io.savemat(path, {"volts": values.T, "note": "by hand"}),
+        "cube.mat": lambda: scipy.io.savemat(path, {"volts": values.reshape(2, 3, 40)}),
+        "one.npy": lambda: np.save(path, values),
+        "many.npz": lambda: np.savez(path, volts=values, time=np.arange(6)),
+        "full.npz": lambda: np.savez(path, volts=full_matrices(values, 0.0)),
+        "driven.npz": lambda: np.savez(path, volts=full_matrices(values, 9.0).reshape(-1, 64)),
+        "stacked.csv": lambda: np.savetxt(path, values.reshape(-1, 5), delimiter=",", fmt="%.17g"),
+        "excel.xlsx": lambda: pd.DataFrame(values, columns=NAMES).to_excel(path, index=False),
+        "sheets.xlsx": lambda: sheets(path, values),
+        "any.h5": lambda: hdf5(path, {"run/v": values, "run/t": np.arange(6)}),
+        "v73.mat": lambda: hdf5(path, {"v": values.T}, userblock=True),
+    }
+    plain[path.name]()
+
+
+def sheets(path: Path, values: Any) -> None:
+    with pd.ExcelWriter(path) as writer:
+        pd.DataFrame(values).to_excel(writer, sheet_name="Volts", index=False, header=False)
+        pd.DataFrame({"t": [1, 2]}).to_excel(writer, sheet_name="Times", index=False)
+
+
+def hdf5(path: Path, arrays: Mapping[str, Any], *, userblock: bool = False) -> None:
+    with h5py.File(path, "w", userblock_size=512 if userblock else 0) as file:
+        for name, array in arrays.items():
+            file[name] = array
+    if userblock:
+        with path.open("r+b") as stream:
+            stream.write(b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM")
+
+
+KINDS = [
+    "plain.csv", "mark.csv", "named.csv", "numbered.csv", "indexed.csv", "pairs.csv",
+    "shuffled.csv", "CAPITALS.CSV", "tabs.tsv", "spaces.txt", "decimal.csv", "percent.txt",
+    "columns.csv", "matlab.mat", "columns.mat", "cube.mat", "one.npy", "many.npz", "full.npz",
+    "driven.npz", "stacked.csv", "excel.xlsx", "sheets.xlsx", "any.h5", "v73.mat",
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_frames_of_every_kind_of_file_are_the_same(tmp_path: Path, skin: Sensor, name: str) -> None:
+    if name.endswith(".xlsx"):
+        pytest.importorskip("openpyxl")
+    save(tmp_path / name, VALUES)
+    found = find_frames(arrays_of(tmp_path / name), skin, tmp_path / name, Choice())
+    np.testing.assert_allclose(found.values, VALUES, rtol=1e-15)
+
+
+def test_what_is_missing_is_said(tmp_path: Path, imported: Import, skin: Sensor) -> None:
+    save(tmp_path / "many.npz", VALUES)
+    content, said = imported("many.npz")
+    assert len(content) == 6
+    assert "From 1 file: array 'volts', a frame is a row." in said
+    assert "Reference: 0 frames, since neither the files nor --reference name any." in said
+    assert "Touches: none, since the files hold no labels and --labels names no" in said
+    assert "Not used: time (6)." in said
+    save(tmp_path / "driven.npz", VALUES)
+    _, said = imported("driven.npz")
+    assert "of its 64 values 24 are dropped that the pattern does not measure (of at most 9" in said
+    with pytest.raises(InputError, match="does not say on which sensor"):
+        import_recording([str(tmp_path / "many.npz")], tmp_path / "x.h5")
+
+
+def test_a_folder_of_presses_with_a_sheet(tmp_path: Path, imported: Import) -> None:
+    folder = tmp_path / "presses"
+    folder.mkdir()
+    for k in range(1, 12):
+        np.savetxt(folder / f"press{k}.csv", np.full((2, 40), float(k)), delimiter=",")
+    (folder / "photo.png").write_bytes(b"")
+    np.savetxt(folder / "baseline.csv", VALUES, delimiter=",", fmt="%.17g")
+    places = pd.DataFrame(
+        {
+            "File": [f"press{k}.csv" for k in (11, 2, 1)],
+            "X_mm": [10.0, 20.0, 30.0],
+            "y_m": [0.01, 0.02, 0.03],
+            "Depth_mm": [1.0, 2.0, np.nan],
+            "force_N": 0.5,
+            "State": ["a", "b", "b"],
+        }
+    )
+    places.to_csv(folder / "places.csv", index=False, encoding="utf-8-sig")
+    content, said = imported(
+        "presses", labels=folder / "places.csv", reference=str(folder / "baseline.csv")
+    )
+    np.testing.assert_array_equal(content.values[:6], VALUES)
+    # press2 stands before press10.
+    assert content.values[6:, 0].tolist() == [float(k) for k in range(1, 12) for _ in range(2)]
+    assert content.reference.tolist() == [0, 1, 2, 3, 4, 5]
+    labels = content.labels
+    assert labels["first"].tolist() == [26, 8, 6]
+    assert labels["last"].tolist() == [27, 9, 7]
+    np.testing.assert_allclose(labels["x_m"], [0.01, 0.02, 0.03])
+    np.testing.assert_allclose(labels["y_m"], [0.01, 0.02, 0.03])
+    np.testing.assert_array_equal(labels["depth_mm"], [1.0, 2.0, np.nan])
+    assert labels["state"].tolist() == ["a", "b", "b"]
+    assert "Touches: 3, all with a place" in said
+    assert "Not read: 1 file of other kinds." in said
+    assert ("force_N" in labels) != ("cannot hold these columns of labels: force_N" in said)
+    again, _ = imported("presses/press*.csv", labels=folder / "places.csv", reference="first:2")
+    assert again.reference.tolist() == [0, 1]
+    assert again.labels["first"].tolist() == [20, 2, 0]
+
+
+def test_rows_of_a_sheet_find_their_frames(tmp_path: Path, imported: Import) -> None:
+    np.savetxt(tmp_path / "a.csv", VALUES, delimiter=",")
+    np.savetxt(tmp_path / "b.csv", VALUES[:2], delimiter=",")
+    sheet = tmp_path / "sheet.csv"
+
+    def rows(text: str, *sources: str, **options: Any) -> list[tuple[int, int]]:
+        sheet.write_text(text)
+        labels = imported(*sources, labels=sheet, **options)[0].labels
+        return list(zip(labels["first"].tolist(), labels["last"].tolist(), strict=True))
+
+    assert rows("frame;x_mm\n3;1,5\n5;2,5\n", "a.csv") == [(3, 3), (5, 5)]
+    assert rows("first,last,state\n1,2,one\n3,5,two\n", "a.csv") == [(1, 2), (3, 5)]
+    assert rows("file,frame,x_mm\nb,1,3\na,0,4\n", "a.csv", "b.csv") == [(7, 7), (0, 0)]
+    assert rows("x_mm,y_mm\n1,2\n3,4\n", "a.csv", "b.csv") == [(0, 5), (6, 7)]
+    assert rows("x_mm\n1\n2\n3\n", "a.csv", reference="first:3") == [(3, 3), (4, 4), (5, 5)]
+    # Of a row for every frame, those that say nothing are no touches.
+    assert rows("x_mm,y_mm\n,\n,\n1,2\n,\n3,4\n,\n", "a.csv") == [(2, 2), (4, 4)]
+    # A row alone is for all frames of its file that show no untouched sensor.
+    assert rows("x_mm,y_mm\n1,2\n", "a.csv", reference="first:2") == [(2, 5)]
+    # Two contacts of one touch, in a spreadsheet with decimal commas.
+    assert rows("file;frame;x_mm\na.csv;3;1,5\na.csv;3;9,5\n", "a.csv") == [(3, 3), (3, 3)]
+    assert rows("frame,x_mm\n3,1\n3,9\n", "a.csv") == [(3, 3), (3, 3)]
+
+
+def test_rows_of_a_reference_are_those_of_the_file(monkeypatch: pytest.MonkeyPatch) -> None:
+    files = [FramesOf(Path("a.csv"), 2, 4), FramesOf(Path("b.csv"), 6, 3)]
+    arrays = {
+        "file": np.array(["a", "b"]),
+        "frame": np.array([1, 2]),
+        "reference_first": np.array([0, 1]),
+        "reference_last": np.array([np.nan, 1]),
+        "force_N": np.array([0.5, np.nan]),
+    }
+    path = Path("sheet.csv")
+    table, _ = placed(parsed(arrays, path), files, np.array([0, 1]), path)
+    assert table["first"].tolist() == [3, 8]
+    assert table["reference_first"].tolist() == [2, 7]
+    assert table["reference_last"].tolist() == [-1, 7]
+    del arrays["file"]
+    table, _ = placed(parsed(arrays, path), files, np.array([0, 1]), path)
+    assert table["reference_first"].tolist() == [2, 3]
+    # A column is kept as soon as the layout has it.
+    more = [("force_N", "<f8"), ("reference_first", "<i8"), ("reference_last", "<i8")]
+    old = [("first", "<i8"), ("last", "<i8"), ("x_m", "<f8"), ("state", "S64")]
+    monkeypatch.setattr(layout, "LABEL", np.dtype(old + more))
+    labels, lost = as_labels(table)
+    assert not lost
+    assert labels["reference_last"].tolist() == [-1, 3]
+    assert labels["force_N"].isna().tolist() == [False, True]
+    assert labels["state"].tolist() == ["", ""]
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("x_mm,y\n1,2\n", "Column 'y' .* has no unit: name it y_mm or y_m"),
+        ("x_mm,colour\n1,2\n", "Column 'colour' .* is unknown: the first line"),
+        ("x_mm,x_m\n1,2\n", "two columns for 'x_m'"),
+        ("x_mm\n1\n2\n", "2 rows of labels for 6 frames .* add a column file, frame"),
+        ("file,x_mm\nc.csv,1\n", "Row 1 of .* is for the file 'c.csv', which is none of the 1"),
+        ("frame,x_mm\n6,1\n", "Row 1 of .* frames 6 to 6, and there are frames 0 to 5"),
+        ("first,last\n3,2\n", "Row 1 of .* frames 3 to 2"),
+        ("frame,x_mm\n1.5,1\n", "whole numbers from 0"),
+        ("frame,x_mm\n1,left\n", "Column 'x_mm' of .* something else than numbers"),
+        ("1,2,3\n", "Column 'values' .* is unknown: the first line .* names its columns"),
+        ("x_mm1,x_mm2\n1,2\n3,4\n", "'x_mm' .* is no column, but of shape"),
+        ("", "holds no lines"),
+    ],
+)
+def test_wrong_sheets_are_one_sentence(
+    tmp_path: Path, imported: Import, text: str, says: str
+) -> None:
+    np.savetxt(tmp_path / "a.csv", VALUES, delimiter=",")
+    (tmp_path / "sheet.csv").write_text(text)
+    with pytest.raises(EitbenchError, match=says):
+        imported("a.csv", labels=tmp_path / "sheet.csv")
+    assert not list(tmp_path.glob("*.h5"))
+
+
+def test_labels_inside_of_files_are_kept(tmp_path: Path, imported: Import, skin: Sensor) -> None:
+    """What MATLAB keeps of an exported recording if its header is left out."""
+    marks = {
+        "reference": [0, 1],
+        "label_first": [2, 4],
+        "label_last": [3, 5],
+        "label_x_m": [0.01, 0.02],
+        "label_y_m": [0.03, 0.04],
+        "label_depth_mm": [1.0, np.nan],
+    }
+    scipy.io.savemat(tmp_path / "a.mat", {"values": VALUES} | marks, oned_as="column")
+    np.savez(tmp_path / "a.npz", values=VALUES, **marks)  # type: ignore[arg-type]
+    contents = [imported("a.mat")[0], imported("a.npz")[0]]
+    table = pd.DataFrame(VALUES, columns=NAMES).assign(
+        x_mm=[np.nan, np.nan, 1, 2, 3, 4], state=["", "", "p", "q", "r", "s"], time_s=range(6)
+    )
+    table.to_csv(tmp_path / "table.csv", index=False)
+    for content in contents:
+        assert content.reference.tolist() == [0, 1]
+        assert content.labels["first"].tolist() == [2, 4]
+        assert content.labels["y_m"].tolist() == [0.03, 0.04]
+    content, said = imported("table.csv", reference="first:2")
+    assert content.labels["first"].tolist() == [2, 3, 4, 5]
+    assert content.labels["state"].tolist() == ["p", "q", "r", "s"]
+    assert "Not used: time_s (6)." in said
+    # Names of arrays alone make no labels; one place may stand for all frames of a file.
+    np.savez(tmp_path / "frame.npz", frame=VALUES, first=3, x_mm=10.0, y_mm=20.0)
+    content, _ = imported("frame.npz")
+    assert content.labels[["first", "last"]].to_numpy().tolist() == [[0, 5]]
+    assert content.labels["x_m"].tolist() == [0.01]
+    # Of two files each has its own; so has a frame that is called reference.
+    content, _ = imported("a.mat", "a.npz")
+    assert content.labels["last"].tolist() == [3, 5, 9, 11]
+    assert content.reference.tolist() == [0, 1, 6, 7]
+    scipy.io.savemat(tmp_path / "b.mat", {"volts": VALUES, "reference": VALUES[0] / 2})
+    content, said = imported("b.mat")
+    np.testing.assert_array_equal(content.values[content.reference], VALUES[:1] / 2)
+    assert "Reference: 1 frame of array 'reference'." in said
+
+
+def test_an_exported_file_without_its_header_keeps_labels(
+    tmp_path: Path, imported: Import, skin: Sensor
+) -> None:
+    np.save(tmp_path / "a.npy", VALUES)
+    (tmp_path / "sheet.csv").write_text("frame,x_mm,y_mm,state\n2,10,20,one\n3,10,30,two ü\n")
+    first, _ = imported("a.npy", labels=tmp_path / "sheet.csv", reference="first:2")
+    export_recording(tmp_path / "0-out.h5", tmp_path / "whole.mat")
+    arrays = scipy.io.loadmat(tmp_path / "whole.mat")
+    kept = {n: a for n, a in arrays.items() if not n.startswith("__") and n != "header"}
+    scipy.io.savemat(tmp_path / "bare.mat", kept)
+    again, said = imported("bare.mat")
+    np.testing.assert_array_equal(again.values, VALUES)
+    assert again.reference.tolist() == [0, 1]
+    pd.testing.assert_frame_equal(again.labels, first.labels)
+    assert "Touches: 2, all with a place, by the files." in said
+
+
+def test_a_reference_is_another_array_or_nothing(tmp_path: Path, imported: Import) -> None:
+    np.savez(tmp_path / "a.npz", down=VALUES, up=VALUES / 2, reference=[1])
+    content, said = imported("a.npz", name="down", reference="array:up")
+    np.testing.assert_array_equal(content.values[content.reference], VALUES / 2)
+    assert "Not used" not in said
+    assert not len(imported("a.npz", name="down", reference="none")[0].reference)
+    for wrong in ("first:0", "first:7", "first:x"):
+        with pytest.raises(InputError, match="with N from 1 to 6, or none"):
+            imported("a.npz", name="down", reference=wrong)
+    with pytest.raises(InputError, match="has no array 'middle'; it holds down"):
+        imported("a.npz", name="down", reference="array:middle")
+
+
+def test_complex_values_are_chosen(tmp_path: Path, imported: Import, skin: Sensor) -> None:
+    values = VALUES * (0.6 + 0.8j)
+    scipy.io.savemat(tmp_path / "a.mat", {"Z": values})
+    np.savez(tmp_path / "b.npz", Z=values)
+    hdf5(tmp_path / "c.hdf5", {"Z": values})
+    pairs = np.zeros((40, 6), dtype=[("real", "f8"), ("imag", "f8")])
+    pairs["real"], pairs["imag"] = values.T.real, values.T.imag
+    hdf5(tmp_path / "d.mat", {"Z": pairs}, userblock=True)
+    lines = [",".join(str(cell).strip("()") for cell in row) for row in values.tolist()]
+    (tmp_path / "e.csv").write_text("\n".join(lines))
+    for name in ("a.mat", "b.npz", "c.hdf5", "d.mat", "e.csv"):
+        with pytest.raises(InputError, match="say --values real or --values magnitude"):
+            imported(name)
+        np.testing.assert_allclose(imported(name, part="real")[0].values, VALUES * 0.6)
+    content, said = imported("a.mat", part="magnitude")
+    np.testing.assert_allclose(content.values, np.abs(VALUES))
+    # Methods have to know it.
+    assert content.sensor.pattern.magnitudes
+    assert not skin.pattern.magnitudes
+    assert "The sensor's pattern in the recording says that values have no sign." in said
+
+
+def test_what_fits_twice_is_asked(tmp_path: Path, imported: Import) -> None:
+    np.savez(tmp_path / "two.npz", a=VALUES, b=VALUES)
+    with pytest.raises(InputError, match=r"say with --frames which one \(a, b\)"):
+        imported("two.npz")
+    square = np.arange(1600.0).reshape(40, 40)
+    np.save(tmp_path / "square.npy", square)
+    with pytest.raises(InputError, match="shape 40 x 40, which fits twice: say --order rows or"):
+        imported("square.npy")
+    np.testing.assert_array_equal(imported("square.npy", order="columns")[0].values, square.T)
+    matrix = full_matrices(VALUES[:1], 0.0)[0]
+    np.save(tmp_path / "matrix.npy", matrix.T)
+    with pytest.raises(InputError, match="fits twice"):
+        imported("matrix.npy")
+    np.testing.assert_array_equal(imported("matrix.npy", order="columns")[0].values, VALUES[:1])
+
+
+def test_the_order_of_a_full_matrix_is_compared_with_its_zeros(
+    tmp_path: Path, imported: Import
+) -> None:
+    wrong = np.roll(full_matrices(VALUES, 0.0), 1, axis=2)
+    np.save(tmp_path / "wrong.npy", wrong.reshape(6, 64))
+    with pytest.raises(InputError, match="their order is not that of the pattern"):
+        imported("wrong.npy")
+
+
+def test_full_tables_follow_the_pattern() -> None:
+    for n, drive, sense in ((16, 1, 1), (16, 3, 3), (16, 8, -1), (32, 16, 1), (8, 3, -2)):
+        pattern, whole = (ring_pattern(n, drive, sense, driven=driven) for driven in (False, True))
+        table = full_table(pattern)
+        assert table is not None
+        assert table[0] == n * n
+        np.testing.assert_array_equal(whole.table[table[1]], pattern.table)
+        mixed = np.random.default_rng(2).permutation(len(pattern.table))
+        assert full_table(replace(pattern, table=pattern.table[mixed])) is None
+    assert full_table(offset_pattern(16, 3, driven=True)) is None
+    assert full_table(ring_pattern(16, 1, -1, rotating=True)) is None
+
+
+def test_bad_files_are_one_sentence(tmp_path: Path, imported: Import) -> None:
+    (tmp_path / "short.csv").write_text("1,2\n3,4\n")
+    (tmp_path / "ragged.csv").write_text("# by hand\n1,2\n\n3\n")
+    (tmp_path / "words.csv").write_text("1,2\n3,a\n")
+    (tmp_path / "series.csv").write_text("v0,v1\n3,a\n")
+    (tmp_path / "twice.csv").write_text("v0,v0\n3,4\n")
+    np.savetxt(tmp_path / "nan.csv", np.vstack([VALUES[:1], VALUES[:1] * np.nan]), delimiter=",")
+    (tmp_path / "binary.csv").write_bytes(b"\xff\x00")
+    (tmp_path / "empty.csv").write_text("")
+    (tmp_path / "text.mat").write_text("nonsense")
+    for name in ("text.npy", "text.npz", "text.h5", "text.xlsx", "notes.pdf"):
+        (tmp_path / name).write_text("nonsense")
+    np.save(tmp_path / "pickle.npy", np.array([{"a": 1}], dtype=object), allow_pickle=True)
+    scipy.io.savemat(tmp_path / "other.mat", {"v": np.ones((2, 4))})
+    scipy.io.savemat(tmp_path / "struct.mat", {"data": {"v": VALUES}})
+    (tmp_path / "folder").mkdir()
+    for name, says in {
+        "short.csv": "holds no frames of sensor 'skin', which measures 40 values: it holds values",
+        "ragged.csv": "line 4 has 1 values, and those before it have 2",
+        "words.csv": "line 2 holds something else than numbers",
+        "series.csv": "line 2 holds something else than numbers",
+        "twice.csv": "several columns 'v0'",
+        "nan.csv": "frame 1 (counted from 0) holds nan",
+        "binary.csv": "it is not UTF-8 text",
+        "empty.csv": "holds no lines",
+        "text.mat": "is not a readable MATLAB file",
+        "text.npy": "cannot be imported",
+        "text.npz": "cannot be imported",
+        "text.h5": "Cannot read",
+        "text.xlsx": "cannot be imported",
+        "notes.pdf": "is not read: frames are in .csv",
+        "pickle.npy": "cannot be imported",
+        "other.mat": "it holds v (2 x 4)",
+        "struct.mat": "save its parts|save the parts of structs",
+        "missing.csv": "No such file",
+        "missing.mat": "No such file",
+        "missing.npz": "No such file",
+        "missing.xlsx": "No such file",
+        "folder": "holds no file of",
+        "none*.csv": "holds no file of",
+    }.items():
+        with pytest.raises(EitbenchError) as caught:
+            imported(name)
+        assert any(said in str(caught.value) for said in says.split("|")), name
+    assert not list(tmp_path.glob("*-out.h5"))
+
+
+def test_files_do_not_unpack_to_more_than_they_may(tmp_path: Path) -> None:
+    np.savez_compressed(tmp_path / "bomb.npz", values=np.zeros(2**26, dtype=np.uint8))
+    with pytest.raises(DataCorruptError, match="claims to be much larger than the file"):
+        arrays_of(tmp_path / "bomb.npz")
+    with h5py.File(tmp_path / "bomb.h5", "w") as file:
+        file.create_dataset("v", shape=(2**40,), dtype="f8", chunks=(2**10,))
+    with pytest.raises(DataCorruptError, match="claims to be larger than the file"):
+        arrays_of(tmp_path / "bomb.h5")
+    with h5py.File(tmp_path / "away.h5", "w") as file:
+        file.create_dataset("v", (4,), "f8", external=[("/etc/passwd", 0, 32)])
+    with pytest.raises(DataCorruptError, match="leads into another file"):
+        arrays_of(tmp_path / "away.h5")
+
+
+def test_a_missing_package_is_named(tmp_path: Path, imported: Import, monkeypatch: Any) -> None:
+    monkeypatch.setattr("eitbench.hardware.recording.importing.sources.find_spec", lambda _: None)
+    (tmp_path / "a.xlsx").write_bytes(b"")
+    with pytest.raises(InputError, match=r"pip install 'eitbench\[excel\]'"):
+        imported("a.xlsx")
+
+
+def test_files_are_sorted_by_numbers(tmp_path: Path) -> None:
+    for name in ("press10.csv", "press2.csv", "a.txt", ".hidden.csv"):
+        (tmp_path / name).write_text("1")
+    found, others = found_files([str(tmp_path)], [tmp_path / "a.txt"])
+    assert [path.name for path in found] == ["press2.csv", "press10.csv"]
+    assert not others
+
+
+def test_a_recording_gets_labels_later(tmp_path: Path, imported: Import) -> None:
+    np.save(tmp_path / "a.npy", VALUES)
+    imported("a.npy")
+    (tmp_path / "sheet.csv").write_text("first,last,x_mm,y_mm\n2,3,10,20\n")
+    options = ImportOptions(labels=tmp_path / "sheet.csv", reference="first:2")
+    export_recording(tmp_path / "0-out.h5", tmp_path / "a.csv")
+    for k, source in enumerate(("0-out.h5", "a.csv")):
+        import_recording([str(tmp_path / source)], tmp_path / f"new{k}.h5", None, options)
+        content, _ = read_file(tmp_path / f"new{k}.h5")
+        assert content.reference.tolist() == [0, 1]
+        assert content.labels[["first", "last"]].to_numpy().tolist() == [[2, 3]]
+        np.testing.assert_array_equal(content.values, VALUES)
+
+
+@pytest.mark.parametrize(
+    ("name", "file", "array"),
+    [
+        ("ohmc16", "Extracted/ohmc16.mat", "responsedowns"),
+        ("hydrogel-repeats", "Extracted/Rectangle/repeats_r_s_16_50_5.mat", None),
+        ("ktc2023", "TrainingData/ref.mat", None),
+    ],
+)
+def test_public_files_give_the_frames_of_the_packaged_readers(
+    recorded_data: Path, name: str, file: str, array: str | None
+) -> None:
+    recorded, packaged = recorded_set(name), read_recording(name)
+    path = fetch_recording(recorded) / file
+    frames = find_frames(arrays_of(path), recorded.sensor(), path, Choice(array)).values
+    if name == "ktc2023":  # which the reader divides by the current of each injection
+        ratio = (frames[0] / packaged.reference).reshape(76, 31)
+        np.testing.assert_allclose(ratio, np.broadcast_to(ratio[:, :1], ratio.shape), rtol=1e-9)
+    elif array is None:
+        np.testing.assert_array_equal(frames, packaged.voltages)
+    else:  # which the reader puts on one reference
+        up = find_frames(arrays_of(path), recorded.sensor(), path, Choice("responseups")).values
+        np.testing.assert_allclose(packaged.voltages - packaged.reference, frames - up, atol=1e-9)
