@@ -4,7 +4,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 
 from eitbench.hardware.board import Frame
 from eitbench.hardware.recording.recorder import Recorder, check_new
@@ -19,10 +18,11 @@ from eitbench.scenarios.recordings.files.csv_mat import (
     write_mat,
 )
 from eitbench.scenarios.recordings.files.own import undamaged
-from eitbench.scenarios.recordings.files.recording_file import Content
+from eitbench.scenarios.recordings.files.recording_file import Content, label_table
 from eitbench.scenarios.sensors.sensor import Sensor
 from eitbench.scenarios.storage.try_reading import try_reading
 
+_OF_HEADER = ("firmware", "emulated", "started", "differences")
 _READERS = {".csv": read_csv, ".mat": read_mat_recording}
 
 
@@ -89,7 +89,7 @@ def write_recording(content: Content, to: Path) -> None:
         InputError: `to` exists already.
         RecorderError: it cannot be written.
     """
-    named = {name: getattr(content, name) for name in ("firmware", "emulated", "started")}
+    named = {name: getattr(content, name) for name in _OF_HEADER}
     columns = (content.number.tolist(), content.time_s.tolist(), content.received_s.tolist())
     with Recorder(to, content.sensor, content.board, **named) as recorder:
         for frame in zip(*columns, content.values, strict=True):
@@ -110,10 +110,10 @@ def _public(name: str, sensor: Sensor | None) -> Content:
     recording = read_recording(name)
     samples = recording.samples
     rows = np.arange(1, len(samples) + 1)
-    labels = pd.DataFrame({"first": rows, "last": rows})
-    for column in ("x_m", "y_m", "depth_mm"):
-        labels[column] = samples[column].to_numpy(float) if column in samples else np.nan
-    labels["state"] = samples["state"].astype(str).to_numpy() if "state" in samples else ""
+    known = {name: samples[name] for name in ("x_m", "y_m", "depth_mm") if name in samples}
+    if "state" in samples:
+        known["state"] = samples["state"].astype(str)
+    labels = label_table(rows, rows, known)
     frames = np.concatenate([recording.reference[None], recording.voltages])
     content = without_times(frames, recorded.sensor(), name, f"from {recorded.repository}")
     return replace(content, reference=np.array([0]), labels=labels)

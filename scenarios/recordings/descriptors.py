@@ -68,6 +68,9 @@ def source(repository: str, *patterns: str) -> Source:
 
 Truth = Literal["position", "classes", "none"]
 
+LOADS = ("force_N", "pressure_pa")
+"""Columns of samples: what presses, where it was measured."""
+
 
 @dataclass(frozen=True, eq=False)
 class RecordedFrames:
@@ -82,15 +85,19 @@ class RecordedFrames:
             for all methods.
         reference: (M,) the untouched sensor (or the state that stands for it, see the reader).
         samples: one row per frame. Column `split` is "validation" or "test". Where known: `x_m`,
-            `y_m` [m] and `depth_mm` of a press in the robot's coordinates; `touched`, False for
-            frames of the empty sensor; `state`, equal for frames that repeat one state.
+            `y_m` [m] and `depth_mm` of a press in the robot's coordinates; `force_N`, of all
+            contacts together, and `pressure_pa`; `touched`, False for frames of the empty sensor;
+            `state`, equal for frames that repeat one state. Where some touches have several
+            contacts: `contacts`, their number, and `x2_m`, `y2_m`, ... of the second and further.
         classes: (n, H, W) int8 truth: 0 background, -1 resistive, +1 conductive; None if unknown.
+        modelled_reference: `reference` is the nominal sensor's, as only differences were measured.
     """
 
     voltages: NDArray[np.float64]
     reference: NDArray[np.float64]
     samples: pd.DataFrame
     classes: NDArray[np.int8] | None = None
+    modelled_reference: bool = False
 
     def without_test(self) -> "RecordedFrames":
         """The same without the frames of the test split."""

@@ -38,9 +38,11 @@ def quality(recording: RecordedFrames, pattern: DrivePattern) -> tuple[float, fl
 
     The noise is the standard deviation value by value, relative to the reference's value; the
     median over the M values is given, as a few saturated channels would rule every mean. NaN where
-    nothing is measured twice, and without repeats.
+    nothing is measured twice, without repeats, and where the reference is modelled.
     """
     reference, samples = recording.reference, recording.samples
+    if recording.modelled_reference:
+        return float("nan"), float("nan")
     reciprocity = noise = float("nan")
     if len(pattern.reciprocal_pairs()):
         reciprocity = float(reciprocity_error(reference, pattern))

@@ -63,6 +63,7 @@ def content_of(
             reference=np.array(head["reference"], dtype=np.int64).reshape(-1),
             labels=table_of(table_rows(pd.DataFrame(head["labels"]), layout.LABEL)),
             events=table_of(table_rows(pd.DataFrame(head["events"]), layout.EVENT)),
+            differences=bool(head["differences"]),
         )
     except InputError as error:
         raise DataCorruptError(f"{path} cannot be imported: {error}") from error
@@ -118,7 +119,8 @@ def check_width(values: NDArray[np.float64], sensor: Sensor, path: Path) -> None
         )
 
 
-_FIRST, _COUNT = "# eitbench recording 1", "# frames: "
+_OURS, _COUNT = "# eitbench recording ", "# frames: "
+_FIRST = f"{_OURS}{layout.VERSION}"
 
 Lines = list[tuple[int, str]]
 """Lines of a file by their numbers, from 1."""
@@ -159,7 +161,7 @@ def read_csv(path: Path, sensor: Sensor | None) -> Content:
         raise UnreadableError(f"Cannot read {path}: {reason}.") from error
     lines = text.splitlines()
     body = [(k, line) for k, line in enumerate(lines, 1) if line.strip() and line[0] != "#"]
-    if not lines or lines[0] != _FIRST:
+    if not lines or not lines[0].startswith(_OURS):
         rows = body[_are_names(body[:1]) :]
         table = _table(rows, path)
         if (wrong := ~np.isfinite(table).all(axis=1)).any():
@@ -170,6 +172,11 @@ def read_csv(path: Path, sensor: Sensor | None) -> Content:
         return frames_alone(table, sensor, path)
     if sensor is not None:
         raise InputError(f"{path} says on which sensor it was measured: leave out --sensor.")
+    if lines[0] != _FIRST:
+        raise DataCorruptError(
+            f"{path} is a recording of another layout than {layout.VERSION}, which this eitbench "
+            "reads: export it again."
+        )
     head = _head(
         [line for line in lines[1:] if line.startswith("#") and not line.startswith(_COUNT)], path
     )

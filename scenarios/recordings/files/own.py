@@ -9,15 +9,23 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from eitbench.scenarios.errors import DataCorruptError, InputError, UnreadableError
+from eitbench.scenarios.physics.forward import forward_model
 from eitbench.scenarios.recordings.descriptors import (
+    LOADS,
     RecordedFile,
     RecordedFrames,
     RecordedSet,
     Source,
     Truth,
+    is_validation,
     validation_every_fifth,
 )
-from eitbench.scenarios.recordings.files.recording_file import Condition, Content, read_file
+from eitbench.scenarios.recordings.files.recording_file import (
+    Condition,
+    Content,
+    read_file,
+    touches_of,
+)
 from eitbench.scenarios.recordings.frames import impossible, peak
 from eitbench.scenarios.sensors.sensor import Sensor
 
@@ -54,9 +62,10 @@ def _own_set(path: Path, changed_ns: int, size: int) -> RecordedSet:
     """`own_set`, read again when the file has changed."""
     content = _usable(path)
     board = "an emulated board" if content.emulated else f"the board {content.board}"
+    modelled = ", differences only: the reference is modelled" if content.differences else ""
     return RecordedSet(
         name=path.stem,
-        title=f"own recording with {board}, touches: {len(content.labels)}",
+        title=f"own recording with {board}, touches: {len(touches_of(content.labels))}{modelled}",
         sensor_name=str(path),
         sensor=partial(_same, content.sensor),
         truth=_truth(content),
@@ -98,8 +107,9 @@ def undamaged(path: Path) -> tuple[Content, Condition]:
 def _usable(path: Path) -> Content:
     """The content of the file at `path`, if methods can be evaluated on it."""
     content, _ = undamaged(path)
-    for name, marked in (("labels", content.labels), ("reference frames", content.reference)):
-        if not len(marked):
+    untouched = content.differences or len(content.reference) or has_own_references(content).all()
+    for name, marked in (("labels", len(content.labels)), ("reference frames", untouched)):
+        if not marked:
             raise InputError(f"{path} has no {name}, so it is no set: record with --guided.")
     if len(wrong := impossible(content.values)):
         raise DataCorruptError(
@@ -134,26 +144,96 @@ def damage(condition: Condition) -> str:
 def outside(content: Content) -> bool:
     """True if a label or the reference names frames that are not there."""
     first, last = content.labels["first"].to_numpy(), content.labels["last"].to_numpy()
-    rows = np.concatenate([first, last, content.reference])
-    return bool((rows < 0).any() or (rows >= len(content)).any() or (last < first).any())
+    own = content.labels.loc[has_own_references(content), ["reference_first", "reference_last"]]
+    before, until = own.to_numpy().T
+    rows = np.concatenate([first, last, before, until, content.reference])
+    reversed_rows = (last < first).any() or (until < before).any()
+    return bool((rows < 0).any() or (rows >= len(content)).any() or reversed_rows)
+
+
+def has_own_references(content: Content) -> NDArray[np.bool_]:
+    """(k,): the labels that name a reference of their own."""
+    return (content.labels[["reference_first", "reference_last"]] != -1).any(axis=1).to_numpy()
 
 
 def _read(path: Path, folder: Path, sensor: Sensor) -> RecordedFrames:
     del folder, sensor  # the file knows its own
-    content = _usable(path)
-    labels = content.labels
-    rows = zip(labels["first"], labels["last"], strict=True)
+    return frames_of_touches(_usable(path))
+
+
+TYPICAL_CHANGE = 0.02
+"""What a touch changes of the frame, where nothing but the change is known: that of a press on the
+hydrogel discs `ohmc16` and `ohmc8` is 1.8 and 2.8 % (median)."""
+
+
+def frames_of_touches(content: Content) -> RecordedFrames:
+    """A frame for each touch, on the common reference; see `RecordedFrames.voltages`.
+
+    The reference is the mean of the frames that show the untouched sensor; where there are none but
+    those of the touches, the median of these over the validation touches. Of differences it is the
+    model's frame, scaled so that the median validation touch changes it by `TYPICAL_CHANGE`:
+    methods fit a gain to the reference frame, so that this is the scale of their images, and no
+    place follows from it.
+    """
+    touches = touches_of(content.labels)
     samples = pd.DataFrame(
-        {
-            "split": validation_every_fifth(len(labels)),
-            **{name: labels[name] for name in ("x_m", "y_m", "depth_mm")},
-            "touched": True,
-        }
+        [_sample(touch) for touch in touches], columns=[*_SAMPLE_COLUMNS, *_places(touches)]
     )
-    if (labels["state"] != "").all():
-        samples["state"] = labels["state"]
-    return RecordedFrames(
-        np.stack([content.values[first : last + 1].mean(axis=0) for first, last in rows]),
-        content.values[content.reference].mean(axis=0),
-        samples,
-    )
+    samples.insert(0, "split", validation_every_fifth(len(touches)))
+    # Columns that hold nothing are left out, and a state that only some touches have.
+    unknown = [name for name in LOADS if samples[name].isna().all()]
+    unknown += ["state"] * bool((samples["state"] == "").any())
+    unknown += ["contacts"] * bool((samples["contacts"] == 1).all())
+    samples = samples.drop(columns=unknown)
+    marks = [touch.iloc[0] for touch in touches]
+    pressed = np.stack([_mean(content, mark["first"], mark["last"]) for mark in marks])
+    validation = is_validation(samples)
+    if content.differences:
+        model = forward_model(content.sensor)
+        reference = model.voltages(model.background)
+        change = np.median(np.linalg.norm(pressed[validation], axis=1))
+        if change > 0:
+            reference = reference * change / (TYPICAL_CHANGE * np.linalg.norm(reference))
+        return RecordedFrames(reference + pressed, reference, samples, modelled_reference=True)
+    released = {
+        k: _mean(content, mark["reference_first"], mark["reference_last"])
+        for k, mark in enumerate(marks)
+        if mark["reference_first"] != -1
+    }
+    if len(content.reference):
+        reference = content.values[content.reference].mean(axis=0)
+    else:
+        known = [frame for k, frame in released.items() if validation[k]]
+        reference = np.median(known, axis=0)
+    for k, frame in released.items():
+        pressed[k] += reference - frame
+    return RecordedFrames(pressed, reference, samples)
+
+
+_SAMPLE_COLUMNS = ("x_m", "y_m", "depth_mm", *LOADS, "touched", "state", "contacts")
+
+
+def _places(touches: list[pd.DataFrame]) -> list[str]:
+    """Names of the columns of the places of the second and further contacts."""
+    most = max(len(touch) for touch in touches)
+    return [f"{axis}{k}_m" for k in range(2, most + 1) for axis in "xy"]
+
+
+def _sample(touch: pd.DataFrame) -> dict[str, object]:
+    """What is known of a touch of k contacts: forces add up, pressure and depth they share."""
+    places = {
+        f"{axis}{k if k > 1 else ''}_m": touch[f"{axis}_m"].iloc[k - 1]
+        for k in range(1, len(touch) + 1)
+        for axis in "xy"
+    }
+    shared = {
+        name: touch[column].iloc[0] if touch[column].nunique(dropna=False) == 1 else np.nan
+        for name, column in (("depth_mm", "depth_mm"), ("pressure_pa", "pressure_Pa"))
+    }
+    force = {"force_N": touch["force_N"].sum(skipna=False)}
+    state = {"touched": True, "state": touch["state"].iloc[0], "contacts": len(touch)}
+    return {**places, **shared, **force, **state}
+
+
+def _mean(content: Content, first: int, last: int) -> NDArray[np.float64]:
+    return np.asarray(content.values[first : last + 1].mean(axis=0))

@@ -66,7 +66,7 @@ def endless(monkeypatch: pytest.MonkeyPatch, board: Callable[..., Any], frames: 
         return made  # type: ignore[no-any-return]
 
     monkeypatch.setattr(registry, "make_board", make)
-    monkeypatch.setattr(guided, "StepDurations", lambda: StepDurations(0.05, 0.01, 0.02))
+    monkeypatch.setattr(guided, "StepDurations", lambda: StepDurations(0.05, 0.01, 0.02, 0.02))
 
 
 @pytest.mark.usefixtures("fake")
@@ -203,7 +203,7 @@ def test_a_terminal_that_is_closed_leaves_a_whole_recording(
     made = board([Frame(k, k / 100, k / 100, values) for k in range(5000)])
     made.wait_s = 0.01
     monkeypatch.setattr(registry, "make_board", lambda name, **choices: made)
-    monkeypatch.setattr(guided, "StepDurations", lambda: StepDurations(0.05, 0.01, 0.02))
+    monkeypatch.setattr(guided, "StepDurations", lambda: StepDurations(0.05, 0.01, 0.02, 0.02))
     left = list(ANSWERS)
 
     def gone(*_: object, **__: object) -> None:
@@ -222,7 +222,6 @@ def test_a_terminal_that_is_closed_leaves_a_whole_recording(
     content, condition = read_file(out)
     assert condition.sealed
     assert len(content.labels) == 1
-    assert load_suite(out.with_suffix(".toml")).scenarios[0].name == "a"
     assert made.calls[-2:] == ["stop", "close"]
 
 
@@ -256,7 +255,6 @@ def test_a_terminal_that_is_closed_ends_a_guided_recording_cleanly(tmp_path: Pat
     content, condition = read_file(out)
     assert condition.sealed
     assert len(content.labels) == 1
-    assert load_suite(out.with_suffix(".toml")).scenarios[0].name == "emulated-a"
 
 
 def test_a_guided_session_that_is_interrupted_keeps_its_touches(
@@ -288,7 +286,7 @@ def test_a_guided_session_that_is_interrupted_keeps_its_touches(
         assert said.splitlines()[-1] == kept  # one touch is too few to score methods on
         assert condition.sealed
         assert len(content.labels) == 1
-        assert load_suite(out.with_suffix(".toml")).scenarios[0].name == f"a{k}"
+        assert not out.with_suffix(".toml").exists()
 
 
 def test_nothing_is_left_of_a_recording_without_frames(
