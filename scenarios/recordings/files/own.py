@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.errors import DataCorruptError, InputError, UnreadableError
 from eitbench.scenarios.physics.forward import forward_model
 from eitbench.scenarios.recordings.descriptors import (
@@ -61,11 +62,12 @@ def own_set(path: Path) -> RecordedSet:
 def _own_set(path: Path, changed_ns: int, size: int) -> RecordedSet:
     """`own_set`, read again when the file has changed."""
     content = _usable(path)
+    touches = len(content.labels[["first", "last"]].drop_duplicates())
     board = "an emulated board" if content.emulated else f"the board {content.board}"
     modelled = ", differences only: the reference is modelled" if content.differences else ""
     return RecordedSet(
         name=path.stem,
-        title=f"own recording with {board}, touches: {len(touches_of(content.labels))}{modelled}",
+        title=f"own recording with {board}, touches: {touches}{modelled}",
         sensor_name=str(path),
         sensor=partial(_same, content.sensor),
         truth=_truth(content),
@@ -175,18 +177,11 @@ def frames_of_touches(content: Content) -> RecordedFrames:
     methods fit a gain to the reference frame, so that this is the scale of their images, and no
     place follows from it.
     """
-    touches = touches_of(content.labels)
-    samples = pd.DataFrame(
-        [_sample(touch) for touch in touches], columns=[*_SAMPLE_COLUMNS, *_places(touches)]
-    )
-    samples.insert(0, "split", validation_every_fifth(len(touches)))
-    # Columns that hold nothing are left out, and a state that only some touches have.
-    unknown = [name for name in LOADS if samples[name].isna().all()]
-    unknown += ["state"] * bool((samples["state"] == "").any())
-    unknown += ["contacts"] * bool((samples["contacts"] == 1).all())
-    samples = samples.drop(columns=unknown)
-    marks = [touch.iloc[0] for touch in touches]
-    pressed = np.stack([_mean(content, mark["first"], mark["last"]) for mark in marks])
+    labels, values = content.labels, content.values
+    touch, number = touches_of(labels)
+    marks = labels[number == 0]
+    samples = _samples(labels, touch, number)
+    pressed = _means(values, marks["first"], marks["last"])
     validation = is_validation(samples)
     if content.differences:
         model = forward_model(content.sensor)
@@ -195,45 +190,47 @@ def frames_of_touches(content: Content) -> RecordedFrames:
         if change > 0:
             reference = reference * change / (TYPICAL_CHANGE * np.linalg.norm(reference))
         return RecordedFrames(reference + pressed, reference, samples, modelled_reference=True)
-    released = {
-        k: _mean(content, mark["reference_first"], mark["reference_last"])
-        for k, mark in enumerate(marks)
-        if mark["reference_first"] != -1
-    }
+    own = (marks["reference_first"] != -1).to_numpy()
+    released = _means(values, *(marks.loc[own, f"reference_{end}"] for end in ("first", "last")))
     if len(content.reference):
-        reference = content.values[content.reference].mean(axis=0)
+        reference = values[content.reference].mean(axis=0)
     else:
-        known = [frame for k, frame in released.items() if validation[k]]
-        reference = np.median(known, axis=0)
-    for k, frame in released.items():
-        pressed[k] += reference - frame
+        reference = np.median(released[validation], axis=0)
+    pressed[own] += reference - released
     return RecordedFrames(pressed, reference, samples)
 
 
-_SAMPLE_COLUMNS = ("x_m", "y_m", "depth_mm", *LOADS, "touched", "state", "contacts")
+def _means(values: Array, first: pd.Series, last: pd.Series) -> Array:
+    """Means (n, M) of the rows `first` to `last` (n,) of `values`."""
+    rows = zip(first, last, strict=True)
+    means = [values[start : stop + 1].mean(axis=0) for start, stop in rows]
+    return np.array(means).reshape(-1, values.shape[1])
 
 
-def _places(touches: list[pd.DataFrame]) -> list[str]:
-    """Names of the columns of the places of the second and further contacts."""
-    most = max(len(touch) for touch in touches)
-    return [f"{axis}{k}_m" for k in range(2, most + 1) for axis in "xy"]
+def _samples(
+    labels: pd.DataFrame, touch: NDArray[np.int64], number: NDArray[np.int64]
+) -> pd.DataFrame:
+    """Samples of n touches, from k labels: forces add up, depth and pressure are shared.
 
-
-def _sample(touch: pd.DataFrame) -> dict[str, object]:
-    """What is known of a touch of k contacts: forces add up, pressure and depth they share."""
-    places = {
-        f"{axis}{k if k > 1 else ''}_m": touch[f"{axis}_m"].iloc[k - 1]
-        for k in range(1, len(touch) + 1)
-        for axis in "xy"
-    }
-    shared = {
-        name: touch[column].iloc[0] if touch[column].nunique(dropna=False) == 1 else np.nan
-        for name, column in (("depth_mm", "depth_mm"), ("pressure_pa", "pressure_Pa"))
-    }
-    force = {"force_N": touch["force_N"].sum(skipna=False)}
-    state = {"touched": True, "state": touch["state"].iloc[0], "contacts": len(touch)}
-    return {**places, **shared, **force, **state}
-
-
-def _mean(content: Content, first: int, last: int) -> NDArray[np.float64]:
-    return np.asarray(content.values[first : last + 1].mean(axis=0))
+    Columns that hold nothing are left out, and a state that only some touches have.
+    """
+    n, most = (int(part.max(initial=-1)) + 1 for part in (touch, number))
+    by_touch = labels.groupby(touch)
+    samples = pd.DataFrame({"split": validation_every_fifth(n), "touched": True})
+    for k in range(most):
+        for axis in ("x", "y"):
+            place = np.full(n, np.nan)
+            place[touch[number == k]] = labels.loc[number == k, f"{axis}_m"]
+            samples[f"{axis}{k + 1 if k else ''}_m"] = place
+    for name in ("depth_mm", "pressure_Pa"):
+        alike = by_touch[name].nunique(dropna=False) == 1
+        samples[name.replace("Pa", "pa")] = by_touch[name].first().where(alike)
+    samples["force_N"] = (
+        by_touch["force_N"].sum().where(by_touch["force_N"].count() == by_touch.size())
+    )
+    samples["state"] = labels.loc[number == 0, "state"].to_numpy()
+    samples["contacts"] = by_touch.size()
+    unknown = [name for name in LOADS if samples[name].isna().all()]
+    unknown += ["state"] * bool((samples["state"] == "").any())
+    unknown += ["contacts"] * (most == 1)
+    return samples.drop(columns=unknown)

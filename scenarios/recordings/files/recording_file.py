@@ -135,9 +135,10 @@ def label_table(
     return table.assign(**{name: np.asarray(values) for name, values in (known or {}).items()})
 
 
-def touches_of(labels: pd.DataFrame) -> list[pd.DataFrame]:
-    """The labels of each touch, one row per contact, in the order in which touches first occur."""
-    return [touch for _, touch in labels.groupby(["first", "last"], sort=False)]
+def touches_of(labels: pd.DataFrame) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Number of its touch (k,), and its own number in that touch (k,), of every label, from 0."""
+    touches = labels.groupby(["first", "last"], sort=False)
+    return touches.ngroup().to_numpy(), touches.cumcount().to_numpy()
 
 
 def table_of(rows: NDArray[Any]) -> pd.DataFrame:

@@ -28,11 +28,17 @@ def fetch(
 @app.command(epilog="Example: eitbench recordings check touch.h5")
 def check(
     file: Annotated[Path, typer.Argument(metavar="FILE.h5", help="A recording of your own.")],
+    sensor: Annotated[
+        str | None,
+        typer.Option(help="Another sensor, or a sensor file: does its model fit better?"),
+    ] = None,
 ) -> None:
     """Say what a recording holds and what is wrong with it; exits 1 if anything is."""
+    from eitbench.scenarios.catalogue import sensor as sensor_by_name
     from eitbench.scenarios.recordings.quality import check as check_recording
 
-    problems, facts = check_recording(file)
+    other = None if sensor is None else sensor_by_name(sensor)
+    problems, facts = check_recording(file, other)
     for sentence in (*facts, *problems):
         typer.echo(sentence)
     if problems:

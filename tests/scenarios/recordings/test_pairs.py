@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from numpy.typing import NDArray
+from tests.support.pressed_skin import SKIN, pressed_skin
 from tests.support.small_sensors import no_split
 
 from eitbench.benchmark.metrics.evaluation import GroundTruth, evaluate, fit_registration
@@ -19,33 +19,17 @@ from eitbench.hardware.recording.exchange import (
 from eitbench.methods import Problem, methods
 from eitbench.scenarios import forward_model, sensor
 from eitbench.scenarios.errors import DataCorruptError, InputError
-from eitbench.scenarios.phantoms.press import FOAM
 from eitbench.scenarios.recordings import recorded_set
 from eitbench.scenarios.recordings.fetch import read_recording, reference_frames
 from eitbench.scenarios.recordings.files.own import TYPICAL_CHANGE, frames_of_touches
 from eitbench.scenarios.recordings.files.pairs import alternating, from_differences, from_pairs
 from eitbench.scenarios.recordings.files.recording_file import Content
+from eitbench.scenarios.recordings.matlab import read_arrays
 from eitbench.scenarios.recordings.quality import check, quality
-
-Array = NDArray[np.float64]
-SKIN = replace(sensor("foam16"), name="bench", image_shape=(24, 24))
-
-
-def measured(n: int, drift: float = 0.3) -> tuple[Array, Array, pd.DataFrame]:
-    """Released and pressed frames (n, M) of a skin that drifts, and where it was pressed."""
-    model, draws = forward_model(SKIN), np.random.default_rng(4)
-    x, y = SKIN.pixel_centres
-    places = draws.uniform(0.02, 0.08, size=(n, 2))
-    away = np.hypot(x - places[:, :1, None], y - places[:, 1:, None])
-    pressed = model.background * FOAM.pressed(40e3, np.maximum(away - 0.005, 0))
-    # A warm corner wanders through the skin, as on the hydrogels: no gain removes it.
-    warm = 1 + drift * np.linspace(0, 1, n)[:, None, None] * (x > 0.05) * (y > 0.05)
-    frames = model.voltages(np.concatenate([warm * model.background, warm * pressed]))
-    return frames[:n], frames[n:], pd.DataFrame(places, columns=["x_m", "y_m"])
 
 
 def test_every_touch_is_re_based_on_its_own_reference() -> None:
-    released, pressed, places = measured(6)
+    released, pressed, places = pressed_skin(6, drift=0.3)
     content = from_pairs(released, pressed, SKIN, "fake", places, "from elsewhere")
     assert content.events["text"].tolist()[1:] == ["from elsewhere"]
     recording = frames_of_touches(content)
@@ -63,30 +47,45 @@ def test_every_touch_is_re_based_on_its_own_reference() -> None:
 
 
 def place_error_mm(content: Content) -> float:
-    """Median error of the places that `noser` finds."""
-    recording = frames_of_touches(content)
-    method = methods()["noser"]()
-    method.fit(Problem(SKIN, recording.reference, no_split))
+    """Median error of the places that `back-projection` finds."""
+    recording, nominal = frames_of_touches(content), content.sensor
+    method = methods()["back-projection"]()
+    method.fit(Problem(nominal, recording.reference, no_split))
     images = method.reconstruct(recording.voltages)
     samples = recording.samples.assign(sample=np.arange(len(images)))
-    truth = GroundTruth("bench", SKIN, samples, "position")
+    truth = GroundTruth("bench", nominal, samples, "position")
     registration = fit_registration(truth, images)
     return float(evaluate(truth, images, registration)["localisation_mm"].median())
 
 
+def with_one_reference(pairs: Content) -> Content:
+    """The same touches, all against the first released frame."""
+    labels = pairs.labels.assign(reference_first=-1, reference_last=-1)
+    return replace(pairs, reference=np.array([0]), labels=labels)
+
+
 def test_on_a_drifting_skin_a_reference_a_touch_finds_the_places() -> None:
-    released, pressed, places = measured(25)
+    released, pressed, places = pressed_skin(25, drift=2.0)
     own = from_pairs(released, pressed, SKIN, "fake", places)
-    unmarked = own.labels.assign(reference_first=-1, reference_last=-1)
-    common = place_error_mm(replace(own, reference=np.array([0]), labels=unmarked))
     each = place_error_mm(own)
-    assert common > 3 * each
+    assert place_error_mm(with_one_reference(own)) > 3 * each
     differences = from_differences(pressed - released, SKIN, "fake", places)
     assert place_error_mm(differences) == pytest.approx(each, rel=0.1)
 
 
+def test_on_a_real_hydrogel_a_reference_a_touch_finds_the_places(recorded_data: Path) -> None:
+    """500 presses in places of which a guess is 49 mm away (median)."""
+    path = recorded_data / "DSHardman/HydrogelEIT/Extracted/MultiTouch/superpose500.mat"
+    file = read_arrays(path, "positions", "responsedowns", "responseups")
+    places = pd.DataFrame(file["positions"][:, :2], columns=["x_m", "y_m"])
+    frames = file["responseups"], file["responsedowns"]
+    own = from_pairs(*frames, sensor("ohmc16"), "robot", places)
+    assert place_error_mm(with_one_reference(own)) > 30
+    assert place_error_mm(own) < 15
+
+
 def test_differences_are_put_on_the_model_and_say_so(tmp_path: Path) -> None:
-    released, pressed, places = measured(6)
+    released, pressed, places = pressed_skin(6, drift=0.3)
     content = from_differences(1e3 * (pressed - released), SKIN, "fake", places)
     recording = frames_of_touches(content)
     model = forward_model(SKIN)
