@@ -12,7 +12,7 @@ import pandas as pd
 
 from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.physics.forward import forward_model, signed_voltages
-from eitbench.scenarios.recordings.descriptors import LOADS, RecordedFrames
+from eitbench.scenarios.recordings.descriptors import LOADS, RecordedFrames, contact_places
 from eitbench.scenarios.sensors.sensor import Sensor
 
 LEAST_SPREAD = 0.01
@@ -179,10 +179,8 @@ def _knows_places(samples: pd.DataFrame) -> bool:
 def _labelled(samples: pd.DataFrame) -> Array | None:
     """Labels (n, k) that differ: places, else the load or depth; None where there are none."""
     if _knows_places(samples):
-        # Of several contacts their middle, as the most similar pixel is.
-        axes = ([name for name in samples if str(name)[0] == axis and str(name)[-2:] == "_m"]
-                for axis in "xy")  # fmt: skip
-        return np.stack([samples[names].mean(axis=1) for names in axes], axis=1)
+        # Of several contacts their middle, near which the most similar pixel is.
+        return np.asarray(np.nanmean(contact_places(samples), axis=1))
     for name in (*LOADS, "depth_mm"):
         if name in samples and samples[name].notna().all() and samples[name].nunique() > 1:
             return samples[[name]].to_numpy(np.float64)

@@ -70,6 +70,8 @@ Truth = Literal["position", "classes", "none"]
 
 LOADS = ("force_N", "pressure_pa")
 """Columns of samples: what presses, where it was measured."""
+PLACES = (("x_m", "y_m"), *((f"x{k}_m", f"y{k}_m") for k in range(2, 11)))
+"""Columns of the places of as many contacts as a touch may have."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,6 +173,12 @@ def validation_every_fifth(n: int) -> list[str]:
     over the time of the recording, so that drift and ageing touch them alike.
     """
     return ["test" if k % 5 else "validation" for k in range(n)]
+
+
+def contact_places(samples: pd.DataFrame) -> NDArray[np.float64]:
+    """Places (n, k, 2) [m] of up to k contacts of each sample; NaN where it has fewer."""
+    known = [list(names) for names in PLACES if set(names) <= set(samples)]
+    return np.stack([samples[names].to_numpy(dtype=np.float64) for names in known], axis=1)
 
 
 def is_validation(samples: pd.DataFrame) -> NDArray[np.bool_]:

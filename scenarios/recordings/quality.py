@@ -19,6 +19,7 @@ from eitbench.scenarios.recordings.files.own import (
     has_own_references,
     off_sensor,
     outside,
+    too_many_contacts,
 )
 from eitbench.scenarios.recordings.files.recording_file import Condition, Content, read_file
 from eitbench.scenarios.recordings.frames import impossible, peak
@@ -232,6 +233,8 @@ def _agreement(
                 fit = fit_of_sensor(frame, nominal)
                 facts.append(f"Reference beside the model of sensor {nominal.name}: {fit}.")
     marked = content.differences or len(content.reference) or has_own_references(content).all()
+    if too_many := too_many_contacts(content):
+        problems.append(f"{too_many[0].upper()}{too_many[1:]}.")
     if not problems and len(content.labels) and marked:
         labels = content.labels.sort_values("first", kind="stable")
         first_ones = labels["first"].drop_duplicates()[:_LOOKED_AT]

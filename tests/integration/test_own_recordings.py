@@ -153,7 +153,7 @@ def test_what_cannot_be_a_set_is_told(folder: Path, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"field 'scenarios\[0\].recording' of .*checksum"):
         load_suite(tmp_path / "mine.toml")
     with h5py.File(tmp_path / "bare.h5", "r+") as file:
-        file["labels"][0] = (99, 100, 0, 0, 0, b"")
+        file["labels"][0] = (99, 100, 0, 0, 0, 0, 0, b"", -1, -1)
     with pytest.raises(DataCorruptError, match="were changed after it was closed"):
         recorded_set(str(tmp_path / "bare.h5"))
 

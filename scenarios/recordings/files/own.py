@@ -13,6 +13,7 @@ from eitbench.scenarios.errors import DataCorruptError, InputError, UnreadableEr
 from eitbench.scenarios.physics.forward import forward_model
 from eitbench.scenarios.recordings.descriptors import (
     LOADS,
+    PLACES,
     RecordedFile,
     RecordedFrames,
     RecordedSet,
@@ -117,12 +118,23 @@ def _usable(path: Path) -> Content:
         raise DataCorruptError(
             f"{path} is not used: frame {wrong[0]} holds {peak(content.values[wrong[0]])}."
         )
+    if problem := too_many_contacts(content):
+        raise DataCorruptError(f"{path} is not used: {problem}.")
     if (away := off_sensor(content)).size:
         x, y = 1e3 * content.labels.loc[away[0], ["x_m", "y_m"]]
         raise DataCorruptError(
             f"{path} is not used: label {away[0]} at ({x:.4g}, {y:.4g}) mm is outside the sensor."
         )
     return content
+
+
+def too_many_contacts(content: Content) -> str:
+    """Sentence on a touch of more contacts than can be told apart; "" for none."""
+    touch, number = touches_of(content.labels)
+    if number.max(initial=0) < len(PLACES):
+        return ""
+    worst = int(touch[number.argmax()])
+    return f"touch {worst} has {number.max() + 1} contacts, and at most {len(PLACES)} are possible"
 
 
 def off_sensor(content: Content) -> NDArray[np.intp]:
@@ -218,10 +230,10 @@ def _samples(
     by_touch = labels.groupby(touch)
     samples = pd.DataFrame({"split": validation_every_fifth(n), "touched": True})
     for k in range(most):
-        for axis in ("x", "y"):
+        for axis, name in zip(PLACES[0], PLACES[k], strict=True):
             place = np.full(n, np.nan)
-            place[touch[number == k]] = labels.loc[number == k, f"{axis}_m"]
-            samples[f"{axis}{k + 1 if k else ''}_m"] = place
+            place[touch[number == k]] = labels.loc[number == k, axis]
+            samples[name] = place
     for name in ("depth_mm", "pressure_Pa"):
         alike = by_touch[name].nunique(dropna=False) == 1
         samples[name.replace("Pa", "pa")] = by_touch[name].first().where(alike)

@@ -22,7 +22,7 @@ from eitbench.hardware.board import Board, BoardError, Frame
 from eitbench.hardware.recording import guided
 from eitbench.hardware.recording.guided import StepDurations
 from eitbench.hardware.recording.recorder import Recorder
-from eitbench.scenarios import load_suite
+from eitbench.scenarios import forward_model, load_suite
 from eitbench.scenarios.errors import DataCorruptError, UnreadableError
 from eitbench.scenarios.recordings.files.recording_file import read_file
 from eitbench.scenarios.sensors.sensor import Sensor
@@ -115,16 +115,20 @@ def test_recordings_are_checked_and_exchanged(
 ) -> None:
     path = tmp_path / "a.h5"
     with Recorder(path, skin, "fake") as recorder:
+        model = forward_model(skin)
+        values = model.voltages(model.background)
         for frame in frames(10):
-            # A sensor that does not change: noise alone would not be reciprocal.
-            pairs = skin.pattern.reciprocal_pairs()
-            values = 1 + 1e-3 * frame.values
-            values[pairs[:, 1]] = skin.pattern.reciprocal_signs(pairs) * values[pairs[:, 0]]
             recorder.append(Frame(frame.number, frame.time_s, frame.received_s, values))
         recorder.mark_reference(0, 9)
     code, said, _ = eitbench("recordings", "check", path)
     assert code == 0
     assert said.splitlines()[-1] == f"{path} is sound."
+    code, said, _ = eitbench("recordings", "check", path, "--sensor", path)
+    assert code == 0
+    assert said.count("beside the model of sensor skin: correlation 1.00, 0.0% left") == 2
+    code, _, err = eitbench("recordings", "check", path, "--sensor", "ohmc16")
+    assert code == 2
+    assert "holds 40 values a frame, and sensor 'ohmc16' has 192: name one of as many." in err
     code, said, _ = eitbench("recordings", "export", path, "--to", tmp_path / "a.csv")
     assert (code, said) == (0, f"10 frames are in {tmp_path / 'a.csv'}.\n")
     code, said, _ = eitbench("recordings", "import", tmp_path / "a.csv", "--out", tmp_path / "b.h5")
