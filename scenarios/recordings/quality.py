@@ -17,9 +17,9 @@ from eitbench.scenarios.recordings.files.own import (
     damage,
     frames_of_touches,
     has_own_references,
+    impossible_label,
     off_sensor,
     outside,
-    too_many_contacts,
 )
 from eitbench.scenarios.recordings.files.recording_file import Condition, Content, read_file
 from eitbench.scenarios.recordings.frames import impossible, peak
@@ -233,9 +233,7 @@ def _agreement(
                 fit = fit_of_sensor(frame, nominal)
                 facts.append(f"Reference beside the model of sensor {nominal.name}: {fit}.")
     marked = content.differences or len(content.reference) or has_own_references(content).all()
-    if too_many := too_many_contacts(content):
-        problems.append(f"{too_many[0].upper()}{too_many[1:]}.")
-    if not problems and len(content.labels) and marked:
+    if not problems and len(content.labels) and marked and not impossible_label(content):
         labels = content.labels.sort_values("first", kind="stable")
         first_ones = labels["first"].drop_duplicates()[:_LOOKED_AT]
         labels = labels[labels["first"].isin(first_ones)].reset_index(drop=True)
@@ -299,6 +297,8 @@ def _marks(content: Content) -> list[str]:
         )
     if ((content.reference < 0) | (content.reference >= n)).any():
         problems.append("The reference names frames that are not there.")
+    if problem := impossible_label(content):
+        problems.append(f"{problem[0].upper()}{problem[1:]}.")
     if (away := off_sensor(content)).size:
         x, y = 1e3 * content.labels.loc[away[0], ["x_m", "y_m"]]
         problems.append(

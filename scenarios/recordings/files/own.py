@@ -118,7 +118,7 @@ def _usable(path: Path) -> Content:
         raise DataCorruptError(
             f"{path} is not used: frame {wrong[0]} holds {peak(content.values[wrong[0]])}."
         )
-    if problem := too_many_contacts(content):
+    if problem := impossible_label(content):
         raise DataCorruptError(f"{path} is not used: {problem}.")
     if (away := off_sensor(content)).size:
         x, y = 1e3 * content.labels.loc[away[0], ["x_m", "y_m"]]
@@ -128,13 +128,18 @@ def _usable(path: Path) -> Content:
     return content
 
 
-def too_many_contacts(content: Content) -> str:
-    """Sentence on a touch of more contacts than can be told apart; "" for none."""
+def impossible_label(content: Content) -> str:
+    """Sentence on a label that no touch can have; "" for none."""
     touch, number = touches_of(content.labels)
-    if number.max(initial=0) < len(PLACES):
-        return ""
-    worst = int(touch[number.argmax()])
-    return f"touch {worst} has {number.max() + 1} contacts, and at most {len(PLACES)} are possible"
+    if number.max(initial=0) >= len(PLACES):
+        worst, most = int(touch[number.argmax()]), number.max() + 1
+        return f"touch {worst} has {most} contacts, and at most {len(PLACES)} are possible"
+    for name, unit in (("force_N", "N"), ("pressure_Pa", "Pa")):
+        load = content.labels[name].to_numpy()
+        if (wrong := np.flatnonzero((load < 0) | np.isinf(load))).size:
+            k = int(wrong[0])
+            return f"label {k} has {load[k]:g} {unit}, and what presses has a number from 0"
+    return ""
 
 
 def off_sensor(content: Content) -> NDArray[np.intp]:
