@@ -134,7 +134,9 @@ METHOD_LAYOUT = Layout(
     ),
     {
         "rank": "#", "method": "Method", "group": "Ties", "score": "S",
-        "localisation_mm": "Loc.\nmm", "coverage": "Done", "track": "Track", "ssim": "SSIM",
+        "localisation_mm": "Loc.\nmm", "farthest_contact_mm": "Farthest\nmm",
+        "measured_force_error_n": "Force\nN", "measured_load_error_percent": "Load\n%",
+        "coverage": "Done", "track": "Track", "ssim": "SSIM",
         "psnr": "PSNR\ndB", "cc": "CC", "repeatability_db": "Repeatability\ndB",
         "frame_ms_p50": "Frame\nms",
         "frame_solves": "Frame\nsolves", "rie": "RIE", "bounded": "B",

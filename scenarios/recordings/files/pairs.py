@@ -57,7 +57,7 @@ def from_pairs(
     values = np.stack([released, pressed], axis=1).reshape(2 * len(pressed), -1)
     touch, known = _contacts(contacts, len(pressed))
     before = {"reference_first": 2 * touch, "reference_last": 2 * touch}
-    labels = label_table(2 * touch + 1, 2 * touch + 1, known | before)
+    labels = label_table(2 * touch + 1, 2 * touch + 1, {**known, **before})
     return replace(without_times(values, sensor, board, *events), labels=labels)
 
 

@@ -131,14 +131,15 @@ def label_table(
     """Labels of `Content` for rows `first` to `last` (k,) of frames; what is not `known` is not."""
     rows = np.zeros(len(np.asarray(first)), dtype=layout.LABEL)
     table = table_of(rows).assign(**dict.fromkeys(layout.LABEL_NUMBERS, np.nan))
-    table = table.assign(first=first, last=last, reference_first=-1, reference_last=-1)
-    return table.assign(**{name: np.asarray(values) for name, values in (known or {}).items()})
+    table = table.assign(reference_first=-1, reference_last=-1)
+    columns = {"first": first, "last": last, **(known or {})}
+    return table.assign(**{name: np.asarray(values) for name, values in columns.items()})
 
 
 def touches_of(labels: pd.DataFrame) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Number of its touch (k,), and its own number in that touch (k,), of every label, from 0."""
     touches = labels.groupby(["first", "last"], sort=False)
-    return touches.ngroup().to_numpy(), touches.cumcount().to_numpy()
+    return touches.ngroup().to_numpy(np.int64), touches.cumcount().to_numpy(np.int64)
 
 
 def table_of(rows: NDArray[Any]) -> pd.DataFrame:
