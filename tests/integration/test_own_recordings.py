@@ -192,4 +192,4 @@ def test_forces_and_several_contacts_are_judged_in_a_run(tmp_path: Path) -> None
     assert {again.changed for again in rescore(run.path)} == {0}
     (touch,) = load_suite(tmp_path / "mine.toml").scenarios
     assert isinstance(touch, RecordedScenario)
-    assert 10 < notes_of(touch, 16)["guess_mm"] < 40
+    assert notes_of(touch, 16)["guess_mm"] == pytest.approx(20, abs=10)

@@ -225,7 +225,7 @@ def _means(values: Array, first: pd.Series, last: pd.Series) -> Array:
 
 
 def _samples(
-    labels: pd.DataFrame, touch: NDArray[np.int64], number: NDArray[np.int64]
+    labels: pd.DataFrame, touch: NDArray[np.integer], number: NDArray[np.integer]
 ) -> pd.DataFrame:
     """Samples of n touches, from k labels: forces add up, depth and pressure are shared.
 

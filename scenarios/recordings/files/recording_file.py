@@ -136,10 +136,10 @@ def label_table(
     return table.assign(**{name: np.asarray(values) for name, values in columns.items()})
 
 
-def touches_of(labels: pd.DataFrame) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def touches_of(labels: pd.DataFrame) -> tuple[NDArray[np.integer], NDArray[np.integer]]:
     """Number of its touch (k,), and its own number in that touch (k,), of every label, from 0."""
     touches = labels.groupby(["first", "last"], sort=False)
-    return touches.ngroup().to_numpy(np.int64), touches.cumcount().to_numpy(np.int64)
+    return touches.ngroup().to_numpy(), touches.cumcount().to_numpy()
 
 
 def table_of(rows: NDArray[Any]) -> pd.DataFrame:

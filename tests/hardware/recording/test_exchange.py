@@ -195,6 +195,7 @@ def test_a_file_that_was_cut_anywhere_is_refused(recorded: Path, tmp_path: Path)
 @pytest.mark.parametrize(
     ("old", "new", "says"),
     [
+        ("# eitbench recording 2", "# eitbench recording 1", "of another layout than 2"),
         ("# sensor:", "# sensr:", "its header is not complete"),
         ('"x_m": [', '"x_m": ["a", ', "its header is not complete"),
         ("# reference: [", "# reference: [[1], ", "its header is not complete"),

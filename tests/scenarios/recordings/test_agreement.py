@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from numpy.typing import NDArray
 from tests.support.pressed_skin import SKIN, Array, pressed_skin, renumbered
 
 from eitbench.hardware.recording.exchange import import_recording, write_recording
@@ -22,6 +23,7 @@ from eitbench.scenarios.recordings.files.pairs import from_differences, from_pai
 from eitbench.scenarios.recordings.files.recording_file import Content
 from eitbench.scenarios.recordings.quality import check
 from eitbench.scenarios.sensors.patterns import opposition_pattern
+from eitbench.scenarios.sensors.sensor import Sensor
 
 AROUND = np.arange(16)
 
@@ -36,7 +38,7 @@ def checked(content: Content, folder: Path) -> list[str]:
     return check(folder / "a.h5")[0]
 
 
-def untouched(skin=SKIN) -> Array:
+def untouched(skin: Sensor = SKIN) -> Array:
     model = forward_model(skin)
     return model.voltages(model.background)
 
@@ -85,7 +87,9 @@ def test_a_reversed_drive_is_told(sound: Content, tmp_path: Path) -> None:
         ((5 - AROUND) % 16, "electrode 5 of the sensor, and the numbers go in the other direction"),
     ],
 )
-def test_electrodes_numbered_otherwise_are_told(tmp_path: Path, number: Array, says: str) -> None:
+def test_electrodes_numbered_otherwise_are_told(
+    tmp_path: Path, number: NDArray[np.int64], says: str
+) -> None:
     released, pressed, places = pressed_skin(12, skin=renumbered(SKIN, number))
     (problem,) = checked(from_pairs(released, pressed, SKIN, "fake", places), tmp_path)
     assert says in problem

@@ -163,17 +163,19 @@ def test_pairs_that_do_not_fit_are_one_sentence(tmp_path: Path) -> None:
         assert any("Label 1 names reference frames" in problem for problem in check(path)[0])
 
 
-def test_labels_that_no_touch_can_have_are_told(tmp_path: Path) -> None:
-    frames = pressed_skin(2)[0]
-    for k, (contacts, says) in enumerate(
-        (
-            ({"touch": [0] * 11 + [1]}, "touch 0 has 11 contacts, and at most 10 are possible"),
-            ({"force_N": [1.0, -2.0]}, "label 1 has -2 N, and what presses has a number from 0"),
-            ({"pressure_Pa": [np.inf, 1.0]}, "label 0 has inf Pa, and what presses has a number"),
-        )
-    ):
-        path = tmp_path / f"{k}.h5"
-        write_recording(from_pairs(frames, frames, SKIN, "fake", pd.DataFrame(contacts)), path)
-        with pytest.raises(DataCorruptError, match=says):
-            recorded_set(str(path))
-        assert any(says[1:] in problem for problem in check(path)[0])
+@pytest.mark.parametrize(
+    ("contacts", "says"),
+    [
+        ({"touch": [0] * 11 + [1]}, "touch 0 has 11 contacts, and at most 10 are possible"),
+        ({"force_N": [1.0, -2.0]}, "label 1 has -2 N, and what presses has a number from 0"),
+        ({"pressure_Pa": [np.inf, 1.0]}, "label 0 has inf Pa, and what presses has a number"),
+    ],
+)
+def test_labels_that_no_touch_can_have_are_told(
+    tmp_path: Path, contacts: dict[str, list[float]], says: str
+) -> None:
+    frames, path = pressed_skin(2)[0], tmp_path / "a.h5"
+    write_recording(from_pairs(frames, frames, SKIN, "fake", pd.DataFrame(contacts)), path)
+    with pytest.raises(DataCorruptError, match=says):
+        recorded_set(str(path))
+    assert any(says[1:] in problem for problem in check(path)[0])
