@@ -9,6 +9,7 @@ from eitbench.benchmark.analysis.results import NOTES, NOTES_FILE
 from eitbench.benchmark.rundir import manifest as manifests
 from eitbench.scenarios.data.datasets import load
 from eitbench.scenarios.errors import DataCorruptError, DataUnavailableError
+from eitbench.scenarios.recordings.descriptors import contact_places
 from eitbench.scenarios.recordings.fetch import read_recording
 from eitbench.scenarios.recordings.quality import quality
 from eitbench.scenarios.storage.atomic_write import atomic_write
@@ -41,7 +42,7 @@ def notes_of(scenario: RecordedScenario, n: int) -> dict[str, float | None]:
     """Quality of a recording, and the error of a blind guess on its first `n` test samples.
 
     `reciprocity_error` and `repeat_noise` are relative, see `quality`; `guess_mm` is the median
-    distance from a press to the mean press of the validation split. None where not defined.
+    distance from a contact to the mean contact of the validation split. None where not defined.
     """
     guess = _guess_mm(scenario, n) if scenario.recorded_set.truth == "position" else None
     found = quality(read_recording(scenario.recording), scenario.nominal_sensor.pattern)
@@ -53,8 +54,7 @@ def notes_of(scenario: RecordedScenario, n: int) -> dict[str, float | None]:
 
 
 def _guess_mm(scenario: RecordedScenario, n: int) -> float:
-    places = ["x_m", "y_m"]
-    known = load(scenario, "validation").samples[places].to_numpy(dtype=np.float64)
-    presses = load(scenario, "test", n).samples[places].to_numpy(dtype=np.float64)
-    away = np.linalg.norm(presses - np.nanmean(known, axis=0), axis=1)
+    known = contact_places(load(scenario, "validation").samples)
+    presses = contact_places(load(scenario, "test", n).samples)
+    away = np.linalg.norm(presses - np.nanmean(known, axis=(0, 1)), axis=2)
     return float(1e3 * np.nanmedian(away))

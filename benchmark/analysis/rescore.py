@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import compress
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 import pandas as pd
 
 from eitbench.benchmark.analysis.results import Run, cells_of, read_run
 from eitbench.benchmark.metrics.evaluation import GroundTruth, evaluate
+from eitbench.benchmark.metrics.load import LoadCalibration
 from eitbench.benchmark.metrics.specs import METRIC_COLUMNS
 from eitbench.benchmark.metrics.tactile import Similarity
 from eitbench.benchmark.rundir import manifest as manifests
@@ -20,6 +21,8 @@ from eitbench.benchmark.rundir.kinds import METHOD_RUNS
 from eitbench.benchmark.rundir.store import SAMPLES, RunStore
 from eitbench.scenarios.errors import DataCorruptError, InputError
 from eitbench.scenarios.suites.scenario import RecordedScenario, Scenario
+
+Fitted = TypeVar("Fitted", Similarity, LoadCalibration)
 
 FIGURES = (*METRIC_COLUMNS, "cc_undefined")
 
@@ -62,7 +65,14 @@ def rescored(run: Run) -> Iterator[tuple[Rescored, pd.DataFrame]]:
             raise InputError(f"The suite of {run.path} has no scenario {name!r}.")
         registration = None
         if _truth(scenarios[name]) == "position":
-            registration = _registration(run, name, method)
+            stored = _stored_text(run, name, method, "registration")
+            if not stored:
+                raise InputError(f"{run.path} does not hold the registration of {method!r}.")
+            registration = _parsed(Similarity.from_json, stored, run, method)
+        stored = _stored_text(run, name, method, "load_calibration")
+        calibration = _parsed(LoadCalibration.from_json, stored, run, method) if stored else None
+        if calibration is not None and calibration.quantity not in rows:
+            raise InputError(f"{run.path} does not hold the loads of {name!r}.")
         parts = []
         for first in range(0, len(rows), AT_ONCE):
             part = rows.iloc[first : first + AT_ONCE]
@@ -70,7 +80,8 @@ def rescored(run: Run) -> Iterator[tuple[Rescored, pd.DataFrame]]:
             if images is None:
                 raise InputError(f"{run.path} holds no images of {method!r} on {name!r}.")
             images[(part["status"] != "ok").to_numpy()] = np.nan
-            parts.append(evaluate(_stored(run, scenarios[name], part), images, registration))
+            truth = _stored(run, scenarios[name], part)
+            parts.append(evaluate(truth, images, registration, calibration))
         figures = pd.concat(parts)
         new = rows.assign(**{column: figures[column].to_numpy() for column in FIGURES})
         before, after = (
@@ -114,14 +125,17 @@ def _stored(run: Run, scenario: Scenario, rows: pd.DataFrame) -> GroundTruth:
     return GroundTruth(scenario.name, scenario.nominal_sensor, rows, truth, images, images)
 
 
-def _registration(run: Run, scenario: str, method: str) -> Similarity:
+def _stored_text(run: Run, scenario: str, method: str, column: str) -> str:
+    """Text that the only cell of a method on a scenario holds in a column; "" for none."""
     of = (run.cells["scenario"] == scenario) & (run.cells["method"] == method)
-    stored = run.cells[of].get("registration", pd.Series(dtype=str)).tolist()
-    if len(stored) != 1 or not stored[0]:
-        raise InputError(f"{run.path} does not hold the registration of {method!r}.")
+    stored = run.cells[of].get(column, pd.Series(dtype=str)).tolist()
+    return str(stored[0]) if len(stored) == 1 and stored[0] else ""
+
+
+def _parsed(kind: Callable[[str], Fitted], text: str, run: Run, method: str) -> Fitted:
     try:
-        return Similarity.from_json(stored[0])
+        return kind(text)
     except (ValueError, TypeError, RecursionError) as error:
         raise DataCorruptError(
-            f"The registration of {method!r} in {run.path} is damaged."
+            f"The registration of {method!r} in {run.path}, or its calibration, is damaged."
         ) from error

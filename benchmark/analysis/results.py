@@ -23,6 +23,7 @@ from eitbench.benchmark.rundir.tables import read_parquet, wrong_kind
 from eitbench.methods.registry import MAX_NAME
 from eitbench.scenarios.data.datasets import SNR_COLUMNS
 from eitbench.scenarios.errors import DataCorruptError, InputError
+from eitbench.scenarios.recordings.descriptors import PLACES
 from eitbench.scenarios.storage.try_reading import try_reading
 
 # What is known of a scenario's data beside its rows, if it is recorded.
@@ -47,7 +48,8 @@ TEXTS = (
     "actions",
 )
 NUMBERS = (
-    *("sample", *SNR_COLUMNS, "x_m", "y_m", "cc_undefined", "overlap"),
+    *("sample", *SNR_COLUMNS, "contacts", "cc_undefined", "overlap"),
+    *(name for place in PLACES for name in place),
     *("calibration_ms", "calibration_spread", "load", "cpu_mhz"),
     *METRIC_COLUMNS,
     *LOAD_COLUMNS,

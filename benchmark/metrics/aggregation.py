@@ -13,8 +13,9 @@ from eitbench.benchmark.metrics.image_metrics import PSNR_CEILING_DB
 from eitbench.benchmark.metrics.metric_spec import MetricSpec
 from eitbench.benchmark.metrics.statistics import means, medians, once, spearman
 from eitbench.scenarios.arrays import Array
+from eitbench.scenarios.recordings.descriptors import LOADS
 
-LOAD_COLUMNS = ("pressure_pa", "depth_mm")
+LOAD_COLUMNS = (*LOADS, "depth_mm")
 """Columns of the load of a press; the first that holds a number counts."""
 _FEWEST_LOADS = 3
 

@@ -11,11 +11,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from eitbench.benchmark.metrics import tactile
 from eitbench.benchmark.metrics.image_metrics import cc, image_figures
+from eitbench.benchmark.metrics.load import LoadCalibration, fit_load
 from eitbench.benchmark.metrics.specs import METRIC_COLUMNS, bounded_score, score
 from eitbench.benchmark.metrics.tactile import Similarity
 from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.phantoms.contacts import contacts, is_constant, locate
+from eitbench.scenarios.recordings.descriptors import LOADS, contact_places
 from eitbench.scenarios.sensors.sensor import Sensor
 
 if TYPE_CHECKING:
@@ -24,6 +26,7 @@ if TYPE_CHECKING:
 Columns = dict[str, NDArray[np.float64] | NDArray[np.bool_]]
 
 _BLOCK = 256
+_REFITS = 5
 REGISTRATION_FRAMES = 100
 """Validation presses, the first ones, that register a method's images with the robot."""
 LEAST_PRESSES = 3
@@ -46,14 +49,18 @@ Known: TypeAlias = "Dataset | GroundTruth"
 
 
 def evaluate(
-    dataset: Known, estimates: ArrayLike, registration: Similarity | None = None
+    dataset: Known,
+    estimates: ArrayLike,
+    registration: Similarity | None = None,
+    calibration: LoadCalibration | None = None,
 ) -> pd.DataFrame:
     """Return one row per sample with `sample`, `METRIC_COLUMNS` and `cc_undefined`.
 
     Estimates (n, H, W) of absolute conductivity [S/m] are scored as float32, the precision they are
     kept in. A frame with a value that is not finite inside the sensor is charged what an image of
     the untouched sensor gets: such an image says no more than none. Where only positions are known,
-    `registration` maps the image's frame onto the robot's, see `fit_registration`.
+    `registration` maps the image's frame onto the robot's, see `fit_registration`; where loads were
+    measured, `calibration` maps the image's strength onto them, see `fit_calibration`.
 
     Raises:
         InputError: estimates of the wrong shape, or no registration where it is needed.
@@ -70,13 +77,19 @@ def evaluate(
     table["cc_undefined"] = False
     for start in range(0, len(images), _BLOCK):
         rows = np.arange(start, min(start + _BLOCK, len(images)))
-        for name, values in _figures(dataset, rows, images[rows], registration).items():
+        figures = _figures(dataset, rows, images[rows], registration)
+        if calibration is not None:
+            figures |= _figures_of_loads(dataset, rows, images[rows], calibration)
+        for name, values in figures.items():
             table.loc[rows, name] = values
     return table
 
 
 def fit_registration(validation: Known, estimates: ArrayLike) -> Similarity:
     """Fit the similarity from a method's images onto the robot's coordinates by validation presses.
+
+    Where touches have several contacts, the middle of each touch comes first; found contacts are
+    then assigned to places, and the similarity is fitted to these pairs, several times.
 
     Where the images do not determine one (nothing found, or always the same place), the sensor's
     centre is put on the mean press position, unturned: such a method gains nothing by it.
@@ -89,10 +102,66 @@ def fit_registration(validation: Known, estimates: ArrayLike) -> Similarity:
     presses = _presses(validation)
     similarity = tactile.fit_similarity(locate(contrast, sensor), presses)
     if similarity is not None:
-        return similarity
+        several = "contacts" in validation.samples
+        return _refitted(similarity, validation, contrast) if several else similarity
     x0, y0, x1, y1 = sensor.outline.bounds
     centre = np.array([x0 + x1, y0 + y1]) / 2
     return Similarity(1.0, np.eye(2), presses.mean(axis=0) - centre)
+
+
+def _refitted(similarity: Similarity, validation: Known, contrast: Array) -> Similarity:
+    places, found = contact_places(validation.samples), contacts(contrast, validation.sensor)
+    for _ in range(_REFITS):
+        source, target = [np.empty((0, 2))], [np.empty((0, 2))]
+        for n, known in enumerate(places):
+            true = known[np.isfinite(known).all(axis=1)]
+            position = found.position[found.of(n)][: len(true)]
+            rows, columns = tactile.matched(true, similarity(position))
+            source.append(position[columns])
+            target.append(true[rows])
+        fitted = tactile.fit_similarity(np.concatenate(source), np.concatenate(target))
+        if fitted is None:
+            break
+        similarity = fitted
+    return similarity
+
+
+def knows_loads(samples: pd.DataFrame, truth: str) -> bool:
+    """True where images are judged by what presses: in recordings that measured it."""
+    return truth in ("position", "none") and any(name in samples for name in LOADS)
+
+
+def fit_calibration(validation: Known, estimates: ArrayLike) -> LoadCalibration | None:
+    """Fit the line from the strength of a method's images to measured loads; None without loads.
+
+    Raises:
+        InputError: estimates of the wrong shape.
+    """
+    if not knows_loads(validation.samples, validation.truth):
+        return None
+    return fit_load(
+        validation.samples, _strength(_imputed(validation, estimates), validation.sensor)
+    )
+
+
+def _strength(images: NDArray[np.float32], sensor: Sensor) -> Array:
+    """Integrated |contrast| (n,) of all contacts of images (n, H, W)."""
+    return contacts(images.astype(np.float64) - sensor.background, sensor).total_strength
+
+
+def _figures_of_loads(
+    dataset: Known,
+    rows: NDArray[np.intp],
+    images: NDArray[np.float32],
+    calibration: LoadCalibration,
+) -> Columns:
+    strength = _strength(images, dataset.sensor)
+    error = calibration.error(strength, dataset.samples.iloc[rows])
+    figures: Columns = {"strength": strength}
+    figures["measured_load_error_percent"] = 100 * error / calibration.full_scale
+    if calibration.quantity == "force_N":
+        figures["measured_force_error_n"] = error
+    return figures
 
 
 def _imputed(dataset: Known, estimates: ArrayLike) -> NDArray[np.float32]:
@@ -117,7 +186,9 @@ def _soft_presses(dataset: Known) -> NDArray[np.bool_]:
 
 
 def _presses(dataset: Known) -> Array:
-    return dataset.samples[["x_m", "y_m"]].to_numpy(dtype=np.float64)
+    """Places (n, 2) [m], of several contacts their middle."""
+    places = contact_places(dataset.samples)
+    return places[:, 0] if places.shape[1] == 1 else np.asarray(np.nanmean(places, axis=1))
 
 
 def _figures(
@@ -128,6 +199,9 @@ def _figures(
 ) -> Columns:
     contrast = images.astype(np.float64) - dataset.sensor.background
     if registration is not None and dataset.truth == "position":
+        if "contacts" in dataset.samples:
+            places = contact_places(dataset.samples)[rows]
+            return _figures_of_contacts(registration, dataset.sensor, places, contrast)
         presses = _presses(dataset)[rows]
         return _figures_of_positions(registration, dataset.sensor, presses, contrast)
     if dataset.truth == "none":
@@ -186,6 +260,36 @@ def _figures_of_positions(
     return {
         "localisation_mm": 1e3 * error,
         "strength": contacts(contrast, sensor).total_strength,
+        "found_x_m": place[:, 0],
+        "found_y_m": place[:, 1],
+        "expected_x_m": expected[:, 0],
+        "expected_y_m": expected[:, 1],
+    }
+
+
+def _figures_of_contacts(
+    registration: Similarity, sensor: Sensor, places: Array, contrast: Array
+) -> Columns:
+    """Figures of touches of up to k contacts, at places (n, k, 2) [m], NaN for those not there."""
+    found = contacts(contrast, sensor)
+    registered = registration(found.position)
+    missing = registration.scale * tactile.diameter(sensor)
+    mean, farthest = np.full(len(places), missing), np.full(len(places), missing)
+    expected = places[:, 0].copy()
+    for n, known in enumerate(places):
+        true = known[np.isfinite(known).all(axis=1)]
+        if len(position := registered[found.of(n)][: len(true)]):
+            error = tactile.distances(true, position)
+            mean[n], farthest[n] = error.mean(), error.max()
+            # A picture shows the strongest contact, and the true one nearest to it.
+            expected[n] = true[np.hypot(*(true - position[0]).T).argmin()]
+    place, expected = found.strongest(found.position, np.nan), registration.inverse(expected)
+    true_count = np.isfinite(places).all(axis=2).sum(axis=1)
+    return {
+        "localisation_mm": 1e3 * mean,
+        "farthest_contact_mm": 1e3 * farthest,
+        "contact_count_error": np.abs(found.count - true_count).astype(np.float64),
+        "strength": found.total_strength,
         "found_x_m": place[:, 0],
         "found_y_m": place[:, 1],
         "expected_x_m": expected[:, 0],

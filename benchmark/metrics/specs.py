@@ -15,6 +15,7 @@ from eitbench.scenarios.arrays import Array
 _SIMULATED = "scenarios with a true conductivity"
 _TRUE_CLASSES = "scenarios with true classes"
 _TRUE_IMAGES = "scenarios with a true conductivity or true classes"
+_SEVERAL = "recorded scenarios with touches of several contacts"
 _RANGE = "the sensor's data range, 1.0 S/m for foam16"
 
 _SPECS = (
@@ -99,7 +100,8 @@ _SPECS = (
         formula="distance between the |contrast|-weighted centroids of true and found contacts, "
         "optimally assigned (simulated or classes); between the press and the centre of "
         "the |contrast| in excess of 1/4 of its largest value, mapped by the similarity "
-        "with the least sum of distances on the validation split (positions)",
+        "with the least sum of distances on the validation split (positions); where touches have "
+        "several contacts, between places and found contacts, so mapped and optimally assigned",
         domain="scenarios where contacts or positions are known",
         unit="mm",
         best="min",
@@ -111,11 +113,23 @@ _SPECS = (
         " nothing. The median hides the worst half.",
     ),
     MetricSpec(
+        "farthest_contact_mm",
+        "Farthest contact",
+        formula="largest of the distances that localisation takes the mean of, over the contacts "
+        "of a touch",
+        domain=_SEVERAL,
+        unit="mm",
+        best="min",
+        aggregate="median",
+        form=".1f",
+        traps="As Localisation. A touch of one contact has but one distance.",
+    ),
+    MetricSpec(
         "contact_count_error",
         "Count error",
         formula="|contacts found - true contacts|; a contact is a connected region of one sign "
         "with |contrast| >= 1/4 of the image's largest and at least 0.1 % of the sensor",
-        domain=_TRUE_IMAGES,
+        domain=f"{_TRUE_IMAGES}, and {_SEVERAL}",
         best="min",
         form=".2f",
         traps="Contacts weaker than a quarter of the strongest count neither in truth nor in "
@@ -174,6 +188,34 @@ _SPECS = (
         "image adds to the force: 0.1 N on foam16 at 2 % of the background, 0.5 N at 5 %.",
     ),
     MetricSpec(
+        "measured_force_error_n",
+        "Measured force error",
+        formula="|a + b s - F|, s the integrated |contrast| of all contacts of p, F the measured "
+        "force; a and b >= 0 by least squares on the validation split",
+        domain="recorded scenarios with a measured force",
+        unit="N",
+        best="min",
+        aggregate="median",
+        form=".2f",
+        traps="The line is fitted for each method, so that a common scale or offset of its images "
+        "costs nothing, and images that say nothing get the mean force: compare with the spread of "
+        "the forces. A straight line: a sensor that saturates has an error of its own. Sensitivity "
+        "falls towards the centre, so place disturbs it.",
+    ),
+    MetricSpec(
+        "measured_load_error_percent",
+        "Measured load error",
+        formula="the same over the largest load of the validation split; of the pressure where no "
+        "force is known",
+        domain="recorded scenarios with a measured force or pressure",
+        unit="%",
+        best="min",
+        aggregate="median",
+        form=".1f",
+        traps="As Measured force error. Per cent of the full scale, not of each load: small loads "
+        "may be wrong by a multiple of themselves.",
+    ),
+    MetricSpec(
         "iou_resistive",
         "IoU resistive",
         formula="as IoU, contrast below the background only",
@@ -197,8 +239,8 @@ _SPECS = (
         "strength_spearman",
         "Strength",
         formula="Spearman correlation of the strongest contact's integrated |contrast| with "
-        "pressure or press depth",
-        domain="scenarios where a pressure or a press depth is known",
+        "force, pressure or press depth",
+        domain="scenarios where a force, a pressure or a press depth is known",
         best="max",
         aggregate=strength_spearman,
         form=".2f",

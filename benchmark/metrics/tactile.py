@@ -44,12 +44,27 @@ def localisation(truth: Contacts, estimate: Contacts, sensor: Sensor) -> Array:
         if not len(found):
             error[n] = diameter(sensor)
             continue
-        distance = cdist(true, found)
-        charged = distance.min(axis=1)
-        rows, columns = linear_sum_assignment(distance)
-        charged[rows] = distance[rows, columns]
-        error[n] = charged.mean()
+        error[n] = distances(true, found).mean()
     return error
+
+
+def distances(true: Array, found: Array) -> Array:
+    """Distance (k,) of each of k `true` places (k, 2) from the one `found` (m, 2) for it, m > 0.
+
+    They are assigned so that the distances add up to the least; a true place that is left over is
+    charged the distance to the nearest found one.
+    """
+    distance = cdist(true, found)
+    charged = distance.min(axis=1)
+    rows, columns = linear_sum_assignment(distance)
+    charged[rows] = distance[rows, columns]
+    return np.asarray(charged)
+
+
+def matched(true: Array, found: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Rows of `true` and `found` places that belong together, as in `distances`."""
+    rows, columns = linear_sum_assignment(cdist(true, found))
+    return rows, columns
 
 
 def overlap(

@@ -15,7 +15,9 @@ from eitbench.benchmark.metrics.evaluation import (
     LEAST_PRESSES,
     REGISTRATION_FRAMES,
     evaluate,
+    fit_calibration,
     fit_registration,
+    knows_loads,
 )
 from eitbench.benchmark.run.cell_task import (
     NAN,
@@ -51,7 +53,8 @@ class MethodData(CellData):
     """Frames of a scenario and their truth.
 
     Attributes:
-        validation: frames the registration is fitted on; None unless only positions are known.
+        validation: frames the registration, and the calibration of loads, are fitted on; None
+            unless only positions or loads are known.
     """
 
     batch: ClassVar[int] = 32
@@ -68,10 +71,10 @@ class MethodData(CellData):
             limit_s = suite.download_limit_s
             fetch_recording(scenario.recorded_set, limit_s=limit_s, progress=progress)
         test = load(scenario, split="test", limit=limit, jobs=jobs, progress=progress)
-        if test.truth != "position":
+        if test.truth != "position" and not knows_loads(test.samples, test.truth):
             return cls(scenario, test, None)
         validation = load(scenario, split="validation", limit=REGISTRATION_FRAMES)
-        if len(validation) < LEAST_PRESSES:
+        if test.truth == "position" and len(validation) < LEAST_PRESSES:
             # Every fifth press is for validation, the first one among them.
             raise InputError(
                 f"Scenario {scenario.name!r} has {len(validation)} validation presses, and at "
@@ -143,6 +146,7 @@ class MethodCellTask(CellTask):
     unknown: ClassVar[Mapping[str, Any]] = {
         "parameters": "",
         "registration": "",
+        "load_calibration": "",
         "prior_knowledge": "",
         "overlap": NAN,
         "differs": "",
@@ -230,12 +234,17 @@ class MethodCellTask(CellTask):
         )
 
     def figures(self, stored: StoredSamples) -> tuple[pd.DataFrame, dict[str, Any]]:
-        """Return the metrics of every image, and the registration as JSON if there is one."""
-        registration, validation = None, self.data.validation
+        """Return the metrics of every image; registration and calibration as JSON, if any."""
+        registration, calibration, validation = None, None, self.data.validation
         whole = {}
         if validation is not None:
-            seen = StoredSamples(self, "validation")
-            registration = fit_registration(validation, seen.values["conductivity"])
-            whole = {"registration": registration.to_json()}
-        table = evaluate(self.data.test, stored.values["conductivity"], registration)
+            seen = StoredSamples(self, "validation").values["conductivity"]
+            calibration = fit_calibration(validation, seen)
+            if validation.truth == "position":
+                registration = fit_registration(validation, seen)
+                whole["registration"] = registration.to_json()
+            if calibration is not None:
+                whole["load_calibration"] = calibration.to_json()
+        images = stored.values["conductivity"]
+        table = evaluate(self.data.test, images, registration, calibration)
         return table.drop(columns="sample").assign(frame_ms=stored.values["frame_ms"]), whole

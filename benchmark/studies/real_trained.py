@@ -2,9 +2,10 @@
 
 Here estimators may learn from real presses of the sensor they are scored on. Presses are split into
 `FOLDS` parts in a random order; each part is scored with estimators that learned from the first
-0, 25, ... presses of the other parts.
+0, 25, ... presses of the other parts, as far as there are so many.
 """
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -117,33 +118,49 @@ def real_trained(recording: str, *, jobs: int = 1) -> pd.DataFrame:
         InputError: unknown recorded set, or one without places or with too few presses.
         DataUnavailableError: the set is not here and cannot be downloaded.
     """
-    if recorded_set(recording).truth != "position":
+    recorded = recorded_set(recording)
+    if recorded.truth != "position":
         raise InputError(
             f"The recorded set {recording!r} does not know where it was pressed: choose one that "
             "does (eitbench list recordings)."
         )
-    scenario = RecordedScenario(name=recording, recording=recording)
+    # The name of a recording of one's own is its path, which is no name of a scenario.
+    name = recorded.name if recorded.own is None else "own"
+    scenario = RecordedScenario(name=name, recording=recording)
     real = _real(scenario)
-    if len(real) < max(COUNTS) * FOLDS / (FOLDS - 1):
-        raise InputError(f"The recorded set {recording!r} has only {len(real)} presses.")
+    counts = [count for count in COUNTS if count <= len(real) * (FOLDS - 1) / FOLDS]
+    if not any(counts):
+        fewest = min(filter(None, COUNTS))
+        raise InputError(
+            f"The recorded set {recording!r} has {len(real)} presses, and at least "
+            f"{math.ceil(fewest * FOLDS / (FOLDS - 1))} are needed to learn from {fewest} of them."
+        )
     sensor = scenario.nominal_sensor
     x0, y0, x1, y1 = sensor.outline.bounds
     centre = np.array([x0 + x1, y0 + y1]) / 2
     estimators = Estimators(_simulated(scenario), centre, max(x1 - x0, y1 - y0) / 2)
-    order = generator("real-trained", recording).permutation(len(real))
+    # The order follows from the data: a recording that was moved gives the same figures.
+    key = recording if recorded.own is None else recorded.files[0].sha256
+    order = generator("real-trained", key).permutation(len(real))
     folds = np.array_split(order, FOLDS)
     parts: list[pd.DataFrame] = joblib.Parallel(n_jobs=jobs, inner_max_num_threads=1)(
-        joblib.delayed(_fold)(estimators, real, fold, np.concatenate(folds[:k] + folds[k + 1 :]))
+        joblib.delayed(_fold)(
+            estimators, real, fold, np.concatenate(folds[:k] + folds[k + 1 :]), counts
+        )
         for k, fold in enumerate(folds)
     )
     return pd.concat(parts, ignore_index=True)
 
 
 def _fold(
-    estimators: Estimators, real: Presses, scored: NDArray[np.intp], others: NDArray[np.intp]
+    estimators: Estimators,
+    real: Presses,
+    scored: NDArray[np.intp],
+    others: NDArray[np.intp],
+    counts: Sequence[int],
 ) -> pd.DataFrame:
     tables = []
-    for count in COUNTS:
+    for count in counts:
         for name, learn in estimators.known(count).items():
             found = learn(real[others[:count]])(real.frames[scored])
             error = 1e3 * np.hypot(*(found - real.places[scored]).T)
@@ -155,6 +172,11 @@ def _fold(
 def _real(scenario: RecordedScenario) -> Presses:
     """Return all presses of the set, of every split."""
     splits = [load(scenario, split) for split in ("validation", "test")]
+    if any("contacts" in data.samples for data in splits):
+        raise InputError(
+            f"The recorded set {scenario.recording!r} has touches of several contacts, and one "
+            "place is learned for each: leave them out."
+        )
     problem = Problem(splits[0].sensor, splits[0].references[0], no_split)
     return Presses(
         np.concatenate([problem.differences(data) for data in splits]),

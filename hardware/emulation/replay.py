@@ -125,4 +125,6 @@ def _recording_file(path: Path) -> Frames:
     content, _ = undamaged(path)
     if not len(content):
         raise InputError(f"{path} holds no frames: there is nothing to play.")
+    if content.differences:
+        raise InputError(f"{path} holds differences, which no board measures: it is not played.")
     return content.sensor, content.time_s, content.values, content.emulated

@@ -8,7 +8,6 @@ import numpy as np
 
 from eitbench.hardware.board import Frame
 from eitbench.hardware.recording.importing.arrays import Choice
-from eitbench.hardware.recording.importing.labels import as_labels
 from eitbench.hardware.recording.importing.recording import (
     ImportOptions,
     import_files,
@@ -29,10 +28,11 @@ from eitbench.scenarios.recordings.files.csv_mat import (
     write_mat,
 )
 from eitbench.scenarios.recordings.files.own import undamaged
-from eitbench.scenarios.recordings.files.recording_file import Content
+from eitbench.scenarios.recordings.files.recording_file import Content, label_table
 from eitbench.scenarios.sensors.sensor import Sensor
 from eitbench.scenarios.storage.try_reading import try_reading
 
+_OF_HEADER = ("firmware", "emulated", "started", "differences")
 _EXPORTED = {".csv": read_csv, ".mat": read_mat_recording}
 _NOTHING_SAID = ImportOptions()
 
@@ -109,10 +109,11 @@ def _imported(
             )
         return _public(sources[0])
     if len(sources) == 1 and is_own(path):
-        if sensor is not None or options.frames != Choice():
+        of_frames = options.frames != Choice() or options.released or options.differences
+        if sensor is not None or of_frames:
             raise InputError(
-                f"{path} says on which sensor it was measured: leave out --sensor, --frames, "
-                "--order and --values."
+                f"{path} says what was measured on which sensor: leave out --sensor, --frames, "
+                "--order, --values, --released and --differences."
             )
         return _relabelled(path, options)
     if sensor is None:
@@ -147,7 +148,7 @@ def write_recording(content: Content, to: Path) -> None:
         InputError: `to` exists already.
         RecorderError: it cannot be written.
     """
-    named = {name: getattr(content, name) for name in ("firmware", "emulated", "started")}
+    named = {name: getattr(content, name) for name in _OF_HEADER}
     columns = (content.number.tolist(), content.time_s.tolist(), content.received_s.tolist())
     with Recorder(to, content.sensor, content.board, **named) as recorder:
         for frame in zip(*columns, content.values, strict=True):
@@ -166,11 +167,10 @@ def _public(name: str) -> tuple[Content, list[str]]:
     recording = read_recording(name)
     samples = recording.samples
     rows = np.arange(1, len(samples) + 1)
-    table = samples[[c for c in ("x_m", "y_m", "depth_mm") if c in samples]].astype(float)
-    table = table.assign(first=rows, last=rows)
+    known = {name: samples[name] for name in ("x_m", "y_m", "depth_mm") if name in samples}
     if "state" in samples:
-        table["state"] = samples["state"].astype(str)
-    labels, _ = as_labels(table)
+        known["state"] = samples["state"].astype(str)
+    labels = label_table(rows, rows, known)
     frames = np.concatenate([recording.reference[None], recording.voltages])
     content = without_times(frames, recorded.sensor(), name, f"from {recorded.repository}")
     lost = [str(column) for column in samples if column not in labels]

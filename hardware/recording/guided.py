@@ -1,6 +1,7 @@
 """Guided recording: a reference and touches at known places, ready for a suite."""
 
 import json
+import math
 import re
 import time
 from collections.abc import Callable
@@ -33,11 +34,25 @@ class StepDurations:
         reference_s: the untouched sensor [s].
         settle_s: from a touch until it counts [s].
         hold_s: a touch [s].
+        released_s: the untouched sensor before each touch [s], which drifts.
     """
 
     reference_s: float = 5.0
     settle_s: float = 0.5
     hold_s: float = 1.0
+    released_s: float = 1.0
+
+
+@dataclass(frozen=True)
+class _Contact:
+    """A place [m] that is touched, and the force there [N], NaN where unknown."""
+
+    x_m: float
+    y_m: float
+    force_n: float
+
+    def __str__(self) -> str:
+        return f"({1e3 * self.x_m:g}, {1e3 * self.y_m:g}) mm"
 
 
 class GuidedSession:
@@ -99,15 +114,19 @@ class GuidedSession:
         self._report(f"Reference: {last - first + 1} frames.")
         repeats = self._number("How often is each place touched? [1]", 1, whole=True)
         depth_mm = self._number("How deep is a touch [mm]? (Enter if unknown)", float("nan"))
-        while (place := self._place()) is not None:
+        self._say(
+            "A force in N may follow a place: 30 55 2.5. Places touched at once: 30 55; 70 20."
+        )
+        while contacts := self._contacts():
             for _ in range(int(repeats)):
-                self._touch(*place, depth_mm)
+                self._touch(contacts, depth_mm)
             touches = "1 touch" if self.touches == 1 else f"{self.touches} touches"
             self._report(f"{touches} so far.")
         if self.touches < MIN_TOUCHES:
             self._say(
-                f"Too few touches to be scored ({self.touches}): every fifth one registers images "
-                f"with places, so record at least {MIN_TOUCHES}."
+                f"{MIN_TOUCHES - self.touches} of {MIN_TOUCHES} touches are missing, so that there "
+                "is no suite: every fifth touch registers images with places. Record again, with "
+                f"at least {MIN_TOUCHES}."
             )
 
     def _report(self, sentence: str) -> None:
@@ -115,28 +134,36 @@ class GuidedSession:
             self._say(self._status.line())
         self._say(sentence)
 
-    def _touch(self, x_mm: float, y_mm: float, depth_mm: float) -> None:
-        where = f"({x_mm:g}, {y_mm:g}) mm"
+    def _touch(self, contacts: list[_Contact], depth_mm: float) -> None:
+        before, until = self._during(self._timing.released_s)
         if self._board.can_be_pressed:
-            self._board.press(x_mm / 1e3, y_mm / 1e3, _RADIUS_M, _PRESSURE_PA)
+            (contact,) = contacts
+            known = math.isfinite(contact.force_n)
+            pressure_pa = contact.force_n / (math.pi * _RADIUS_M**2) if known else _PRESSURE_PA
+            self._board.press(contact.x_m, contact.y_m, _RADIUS_M, pressure_pa)
         else:
-            self._ask(f"Touch {where}, hold still, and press Enter")
+            self._ask(f"Touch {' and '.join(map(str, contacts))}, hold still, and press Enter")
         self._during(self._timing.settle_s)
         first, last = self._during(self._timing.hold_s)
-        self._recorder.label(
-            first,
-            last,
-            x_m=x_mm / 1e3,
-            y_m=y_mm / 1e3,
-            depth_mm=depth_mm,
-            state=f"{x_mm:g} {y_mm:g}",
-        )
+        state = "; ".join(f"{1e3 * c.x_m:g} {1e3 * c.y_m:g}" for c in contacts)
+        for contact in contacts:
+            self._recorder.label(
+                first,
+                last,
+                x_m=contact.x_m,
+                y_m=contact.y_m,
+                force_N=contact.force_n,
+                depth_mm=depth_mm,
+                state=state,
+                reference_first=before,
+                reference_last=until,
+            )
         self.touches += 1
         if self._board.can_be_pressed:
             self._board.release()
-            self._during(self._timing.settle_s)
         else:
             self._ask("Let go, and press Enter")
+        self._during(self._timing.settle_s)
 
     def _during(self, seconds: float) -> tuple[int, int]:
         """Rows of the first and last frame that arrive in `seconds`, one frame at least."""
@@ -159,22 +186,36 @@ class GuidedSession:
             self._say(f"That is a {kind} from {least} to {_GREATEST}, got {typed!r}.")
         return default
 
-    def _place(self) -> tuple[float, float] | None:
-        """Ask for the next place (x, y) [mm]; None ends the session."""
+    def _contacts(self) -> list[_Contact]:
+        """Ask for the places of the next touch; none ends the session."""
         while typed := self._ask("Place x y [mm]? (Enter ends the session)").strip():
-            numbers = re.split(r"[\s,;]+", typed)
             try:
-                x, y = map(float, numbers)
-            except ValueError:
-                self._say(f"A place is two numbers such as 30 55, got {typed!r}.")
+                contacts = [_contact(part) for part in typed.split(";")]
+                for contact in contacts:
+                    self._board.sensor.check_place(contact.x_m, contact.y_m)
+                if self._board.can_be_pressed and len(contacts) > 1:
+                    raise InputError("The emulated board is pressed at one place at a time.")
+            except InputError as wrong:
+                self._say(str(wrong))
                 continue
-            try:
-                self._board.sensor.check_place(x / 1e3, y / 1e3)
-            except InputError as outside:
-                self._say(str(outside))
-                continue
-            return x, y
-        return None
+            return contacts
+        return []
+
+
+def _contact(typed: str) -> _Contact:
+    try:
+        x_mm, y_mm, *force = map(float, re.split(r"[\s,]+", typed.strip()))
+        (force_n,) = force or (math.nan,)
+    except ValueError:
+        x_mm = y_mm = force_n = math.inf
+    if not (abs(x_mm) < math.inf and abs(y_mm) < math.inf and not force_n > _GREATEST):
+        raise InputError(
+            "A place is two numbers such as 30 55, with a force in N 30 55 2.5, got "
+            f"{typed.strip()!r}."
+        )
+    if force_n <= 0:
+        raise InputError(f"A force is above 0 N, got {force_n:g}.")
+    return _Contact(x_mm / 1e3, y_mm / 1e3, force_n)
 
 
 def suite_path(recording: Path) -> Path:

@@ -71,6 +71,7 @@ class Recorder:
         firmware: what it says of itself.
         emulated: no real sensor is measured.
         started: when the recording began, ISO 8601 in UTC; now by default.
+        differences: its frames are pressed minus released.
 
     Attributes:
         count: frames appended.
@@ -91,6 +92,7 @@ class Recorder:
         firmware: str = "",
         emulated: bool = False,
         started: str | None = None,
+        differences: bool = False,
     ) -> None:
         check_new(path)
         self.path, self.sensor = path, sensor
@@ -99,6 +101,7 @@ class Recorder:
             "firmware": firmware,
             "emulated": emulated,
             "started": started or datetime.now(UTC).isoformat(timespec="milliseconds"),
+            "differences": differences,
             "sensor": sensor_to_json(sensor),
         }
         self._file = self._create()
@@ -148,11 +151,17 @@ class Recorder:
         x_m: float = float("nan"),
         y_m: float = float("nan"),
         depth_mm: float = float("nan"),
+        force_N: float = float("nan"),
+        pressure_Pa: float = float("nan"),
         state: str = "",
+        reference_first: int = -1,
+        reference_last: int = -1,
     ) -> None:
-        """Say that frames `first` to `last` (rows, from 0) show one touch; NaN where unknown."""
+        """Say that frames `first` to `last` (rows, from 0) show a contact; see `Content.labels`."""
+        numbers = (x_m, y_m, depth_mm, force_N, pressure_Pa)
         named = layout.fitted(state, layout.STATE_BYTES)
-        self._add(layout.LABELS, (first, last, x_m, y_m, depth_mm, named))
+        row = (first, last, *numbers, named, reference_first, reference_last)
+        self._add(layout.LABELS, row)
 
     def mark_reference(self, first: int, last: int) -> None:
         """Say that frames `first` to `last` (rows, from 0) show the untouched sensor."""

@@ -113,8 +113,9 @@ METHOD_LAYOUT = Layout(
         Column("frame_ms_p50", "Frame p50 [ms]", TIME, "min"),
         Column("frame_ms_p99", "p99 [ms]", TIME, "min"),
         *_metrics(
-            METRICS, "localisation_mm", "contact_count_error", "area_error", "iou", "edge",
-            "artefacts", "force_error", "iou_resistive", "iou_conductive", "strength_spearman",
+            METRICS, "localisation_mm", "farthest_contact_mm", "contact_count_error", "area_error",
+            "iou", "edge", "artefacts", "force_error", "measured_force_error_n",
+            "measured_load_error_percent", "iou_resistive", "iou_conductive", "strength_spearman",
             "repeatability_db",
         ),
         Column("setup_s", "Set-up [s]", TIME, "min"),
@@ -133,7 +134,9 @@ METHOD_LAYOUT = Layout(
     ),
     {
         "rank": "#", "method": "Method", "group": "Ties", "score": "S",
-        "localisation_mm": "Loc.\nmm", "coverage": "Done", "track": "Track", "ssim": "SSIM",
+        "localisation_mm": "Loc.\nmm", "farthest_contact_mm": "Farthest\nmm",
+        "measured_force_error_n": "Force\nN", "measured_load_error_percent": "Load\n%",
+        "coverage": "Done", "track": "Track", "ssim": "SSIM",
         "psnr": "PSNR\ndB", "cc": "CC", "repeatability_db": "Repeatability\ndB",
         "frame_ms_p50": "Frame\nms",
         "frame_solves": "Frame\nsolves", "rie": "RIE", "bounded": "B",

@@ -68,6 +68,11 @@ def source(repository: str, *patterns: str) -> Source:
 
 Truth = Literal["position", "classes", "none"]
 
+LOADS = ("force_N", "pressure_pa")
+"""Columns of samples: what presses, where it was measured."""
+PLACES = (("x_m", "y_m"), *((f"x{k}_m", f"y{k}_m") for k in range(2, 11)))
+"""Columns of the places of as many contacts as a touch may have."""
+
 
 @dataclass(frozen=True, eq=False)
 class RecordedFrames:
@@ -82,15 +87,19 @@ class RecordedFrames:
             for all methods.
         reference: (M,) the untouched sensor (or the state that stands for it, see the reader).
         samples: one row per frame. Column `split` is "validation" or "test". Where known: `x_m`,
-            `y_m` [m] and `depth_mm` of a press in the robot's coordinates; `touched`, False for
-            frames of the empty sensor; `state`, equal for frames that repeat one state.
+            `y_m` [m] and `depth_mm` of a press in the robot's coordinates; `force_N`, of all
+            contacts together, and `pressure_pa`; `touched`, False for frames of the empty sensor;
+            `state`, equal for frames that repeat one state. Where some touches have several
+            contacts: `contacts`, their number, and `x2_m`, `y2_m`, ... of the second and further.
         classes: (n, H, W) int8 truth: 0 background, -1 resistive, +1 conductive; None if unknown.
+        modelled_reference: `reference` is the nominal sensor's, as only differences were measured.
     """
 
     voltages: NDArray[np.float64]
     reference: NDArray[np.float64]
     samples: pd.DataFrame
     classes: NDArray[np.int8] | None = None
+    modelled_reference: bool = False
 
     def without_test(self) -> "RecordedFrames":
         """The same without the frames of the test split."""
@@ -164,6 +173,12 @@ def validation_every_fifth(n: int) -> list[str]:
     over the time of the recording, so that drift and ageing touch them alike.
     """
     return ["test" if k % 5 else "validation" for k in range(n)]
+
+
+def contact_places(samples: pd.DataFrame) -> NDArray[np.float64]:
+    """Places (n, k, 2) [m] of up to k contacts of each sample; NaN where it has fewer."""
+    known = [list(names) for names in PLACES if set(names) <= set(samples)]
+    return np.stack([samples[names].to_numpy(dtype=np.float64) for names in known], axis=1)
 
 
 def is_validation(samples: pd.DataFrame) -> NDArray[np.bool_]:

@@ -210,6 +210,10 @@ def reference_frames(name: str) -> tuple[Sensor, NDArray[np.float64]]:
     if not is_recording(name):
         return recorded_set(name).sensor(), read_recording(name).reference[None]
     content, _ = undamaged(Path(name))
+    if content.differences:
+        raise InputError(
+            f"{name} holds differences only, so that no frame shows the untouched sensor."
+        )
     if not len(content.reference):
         raise InputError(
             f"{name} marks no reference frames: record with --guided, or take a new reference "

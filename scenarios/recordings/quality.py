@@ -1,16 +1,30 @@
 """Quality of recordings: reciprocity, noise, suspect electrodes, what is wrong with a file."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from eitbench.scenarios.errors import DataCorruptError, InputError
+from eitbench.scenarios.recordings.agreement import (
+    fit_of_sensor,
+    reference_problem,
+    touch_problems,
+)
 from eitbench.scenarios.recordings.descriptors import RecordedFrames
-from eitbench.scenarios.recordings.files.own import damage, off_sensor, outside
+from eitbench.scenarios.recordings.files.own import (
+    damage,
+    frames_of_touches,
+    has_own_references,
+    impossible_label,
+    off_sensor,
+    outside,
+)
 from eitbench.scenarios.recordings.files.recording_file import Condition, Content, read_file
 from eitbench.scenarios.recordings.frames import impossible, peak
 from eitbench.scenarios.sensors.patterns import DrivePattern
+from eitbench.scenarios.sensors.sensor import Sensor
 
 
 def reciprocity_error(frames: ArrayLike, pattern: DrivePattern) -> NDArray[np.float64]:
@@ -38,9 +52,11 @@ def quality(recording: RecordedFrames, pattern: DrivePattern) -> tuple[float, fl
 
     The noise is the standard deviation value by value, relative to the reference's value; the
     median over the M values is given, as a few saturated channels would rule every mean. NaN where
-    nothing is measured twice, and without repeats.
+    nothing is measured twice, without repeats, and where the reference is modelled.
     """
     reference, samples = recording.reference, recording.samples
+    if recording.modelled_reference:
+        return float("nan"), float("nan")
     reciprocity = noise = float("nan")
     if len(pattern.reciprocal_pairs()):
         reciprocity = float(reciprocity_error(reference, pattern))
@@ -146,29 +162,83 @@ MAX_RECIPROCITY = 0.1
 _LOOKED_AT = 1000  # frames that suspect electrodes are looked for in
 
 
-def check(path: Path) -> tuple[list[str], list[str]]:
+def check(path: Path, other: Sensor | None = None) -> tuple[list[str], list[str]]:
     """Check the recording at `path` and summarise it.
+
+    Args:
+        path: of the recording.
+        other: a sensor whose model its reference is compared with, beside that of its own.
 
     Returns:
         Problems (none where it is sound) and facts, one sentence each.
 
     Raises:
         UnreadableError: there is no such file, or it may not be read.
+        InputError: `other` measures another number of values.
     """
     try:
         content, condition = read_file(path)
     except DataCorruptError as error:
         return [str(error)], []
+    if other is not None and other.n_measurements != content.sensor.n_measurements:
+        raise InputError(
+            f"{path} holds {content.sensor.n_measurements} values a frame, and sensor "
+            f"{other.name!r} has {other.n_measurements}: name one of as many."
+        )
     problems = [*_condition(content, condition), *_frames(content), *_marks(content)]
     facts = [_summary(content)]
-    needs = {"reference frames": len(content.reference), "labelled touches": len(content.labels)}
+    untouched = _untouched(content)
+    needs = {
+        "reference frames": content.differences or len(untouched),
+        "labelled touches": len(content.labels),
+    }
     if missing := " and ".join(what for what, count in needs.items() if not count):
         facts.append(f"To be a set for suites it needs {missing}: record with --guided.")
     # Impossible frames say nothing about electrodes.
     if len(content) and not impossible(content.values).size and not outside(content):
-        more_problems, more_facts = _electrodes(content)
+        if content.differences:
+            facts.append(
+                "It holds pressed minus released frames: methods get a modelled reference."
+            )
+        else:
+            more_problems, more_facts = _electrodes(content, untouched)
+            problems += more_problems
+            facts += more_facts
+        more_problems, more_facts = _agreement(content, untouched, other)
         problems += more_problems
         facts += more_facts
+    return problems, facts
+
+
+def _untouched(content: Content) -> NDArray[np.int64]:
+    """Rows of the frames that show the untouched sensor."""
+    own = content.labels[has_own_references(content)].drop_duplicates(["first", "last"])
+    spans = zip(own["reference_first"], own["reference_last"], strict=True)
+    return np.concatenate(
+        [content.reference, *(np.arange(first, last + 1) for first, last in spans)]
+    )
+
+
+def _agreement(
+    content: Content, untouched: NDArray[np.int64], other: Sensor | None
+) -> tuple[list[str], list[str]]:
+    """Problems and facts of the recording beside the model of its sensor, and that of `other`."""
+    sensor, problems, facts = content.sensor, list[str](), list[str]()
+    if len(untouched):
+        frame = content.values[untouched].mean(axis=0)
+        if problem := reference_problem(frame, sensor):
+            problems.append(problem)
+        for nominal in (sensor, other):
+            if nominal is not None and frame.any():
+                fit = fit_of_sensor(frame, nominal)
+                facts.append(f"Reference beside the model of sensor {nominal.name}: {fit}.")
+    marked = content.differences or len(content.reference) or has_own_references(content).all()
+    if not problems and len(content.labels) and marked and not impossible_label(content):
+        labels = content.labels.sort_values("first", kind="stable")
+        first_ones = labels["first"].drop_duplicates()[:_LOOKED_AT]
+        labels = labels[labels["first"].isin(first_ones)].reset_index(drop=True)
+        recording = frames_of_touches(replace(content, labels=labels))
+        problems += touch_problems(recording, sensor)
     return problems, facts
 
 
@@ -216,8 +286,19 @@ def _marks(content: Content) -> list[str]:
         problems.append(
             f"Label {k} names frames {first[k]} to {last[k]}, and there are frames 0 to {n - 1}."
         )
+    own = has_own_references(content)
+    before, until = content.labels[["reference_first", "reference_last"]].to_numpy().T
+    wrong = np.flatnonzero(own & ((before < 0) | (until >= n) | (until < before)))
+    if wrong.size:
+        k = int(wrong[0])
+        problems.append(
+            f"Label {k} names reference frames {before[k]} to {until[k]}, and there are frames 0 "
+            f"to {n - 1}."
+        )
     if ((content.reference < 0) | (content.reference >= n)).any():
         problems.append("The reference names frames that are not there.")
+    if problem := impossible_label(content):
+        problems.append(f"{problem[0].upper()}{problem[1:]}.")
     if (away := off_sensor(content)).size:
         x, y = 1e3 * content.labels.loc[away[0], ["x_m", "y_m"]]
         problems.append(
@@ -226,15 +307,15 @@ def _marks(content: Content) -> list[str]:
     return problems
 
 
-def _electrodes(content: Content) -> tuple[list[str], list[str]]:
+def _electrodes(content: Content, untouched: NDArray[np.int64]) -> tuple[list[str], list[str]]:
     """Problems and facts of the electrodes, by the reference frames; by all if there are none."""
-    marked = content.reference if len(content.reference) else slice(None)
+    marked = untouched if len(untouched) else slice(None)
     frames = content.values[marked][:_LOOKED_AT]
     pattern = content.sensor.pattern
     problems, facts = [], []
-    if len(pattern.reciprocal_pairs()):
+    if len(pattern.reciprocal_pairs()) and frames.any():
         error = float(reciprocity_error(frames.mean(axis=0), pattern))
-        of = "the untouched sensor" if len(content.reference) else "all frames"
+        of = "the untouched sensor" if len(untouched) else "all frames"
         facts.append(f"Reciprocity error of {of}: {error:.2%}.")
         if not error <= MAX_RECIPROCITY:
             problems.append(
@@ -248,12 +329,13 @@ def _electrodes(content: Content) -> tuple[list[str], list[str]]:
 
 
 def _summary(content: Content) -> str:
+    touches = len(content.labels[["first", "last"]].drop_duplicates())
     kind = "emulated board" if content.emulated else "board"
     seconds = float(np.ptp(content.time_s)) if len(content) else 0.0
     return (
         f"{_count(len(content), 'frame')} of {content.sensor.n_measurements} values from the "
         f"{kind} {content.board}, sensor {content.sensor.name}, {seconds:.1f} s, "
-        f"{_count(len(content.labels), 'touch', 'touches')}, started {content.started}."
+        f"{_count(touches, 'touch', 'touches')}, started {content.started}."
     )
 
 

@@ -140,7 +140,7 @@ def reader(
     if shared.is_dir():
         monkeypatch.setenv("EITBENCH_DATA", str(shared))
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(guided, "StepDurations", lambda: StepDurations(0.3, 0.05, 0.1))
+    monkeypatch.setattr(guided, "StepDurations", lambda: StepDurations(0.3, 0.05, 0.1, 0.1))
     (tmp_path / "docs").symlink_to(ROOT / "docs")
     return Reader(eitbench, monkeypatch, absent=() if shared.is_dir() else tuple(RECORDED_SETS))
 

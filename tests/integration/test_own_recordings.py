@@ -9,15 +9,20 @@ import numpy as np
 import pandas as pd
 import pytest
 from numpy.typing import NDArray
+from tests.support.pressed_skin import SKIN, pressed_skin
 
+from eitbench.benchmark.analysis.recording_notes import notes_of
+from eitbench.benchmark.analysis.rescore import rescore
 from eitbench.benchmark.run.runner import make_plan, start_run
 from eitbench.hardware.board import Frame
+from eitbench.hardware.recording.exchange import write_recording
 from eitbench.hardware.recording.recorder import Recorder
 from eitbench.scenarios import forward_model, load, load_suite, sensor
 from eitbench.scenarios.errors import DataCorruptError, DataUnavailableError, InputError
 from eitbench.scenarios.phantoms.press import FOAM
 from eitbench.scenarios.recordings import recorded_set
 from eitbench.scenarios.recordings.fetch import fetch_recording, read_recording
+from eitbench.scenarios.recordings.files.pairs import from_pairs
 from eitbench.scenarios.sensors.sensor import Sensor
 from eitbench.scenarios.suites.scenario import RecordedScenario
 
@@ -153,7 +158,7 @@ def test_what_cannot_be_a_set_is_told(folder: Path, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"field 'scenarios\[0\].recording' of .*checksum"):
         load_suite(tmp_path / "mine.toml")
     with h5py.File(tmp_path / "bare.h5", "r+") as file:
-        file["labels"][0] = (99, 100, 0, 0, 0, b"")
+        file["labels"][0] = (99, 100, 0, 0, 0, 0, 0, b"", -1, -1)
     with pytest.raises(DataCorruptError, match="were changed after it was closed"):
         recorded_set(str(tmp_path / "bare.h5"))
 
@@ -164,3 +169,27 @@ def test_a_changed_file_is_read_again(tmp_path: Path) -> None:
     path.unlink()
     record(path, 7)
     assert "touches: 7" in recorded_set(str(path)).title
+
+
+def test_forces_and_several_contacts_are_judged_in_a_run(tmp_path: Path) -> None:
+    released, pressed, places = pressed_skin(20)
+    # As if each press were half as strong again as the one before, up to 5 N.
+    force = np.linspace(1, 5, 20)
+    pressed = released + (pressed - released) * force[:, None] / 5
+    table = places.assign(force_N=force, touch=range(20))
+    table = pd.concat([table, pd.DataFrame([{"touch": 1, "x_m": 0.09, "y_m": 0.07, "force_N": 1}])])
+    write_recording(from_pairs(released, pressed, SKIN, "fake", table), tmp_path / "touch.h5")
+    (tmp_path / "mine.toml").write_text(SUITE)
+    run = start_run(
+        make_plan(load_suite(tmp_path / "mine.toml"), methods=["noser"]), tmp_path / "r"
+    )
+    samples = pd.read_parquet(run.path / "samples.parquet")
+    assert set(samples["contact_count_error"]) == {0, 1}
+    assert samples["localisation_mm"].median() < 5
+    assert samples["measured_force_error_n"].median() < 0.3  # a guess: 1.2
+    percent = samples["measured_load_error_percent"] / samples["measured_force_error_n"]
+    np.testing.assert_allclose(percent, 100 / force[15])  # of the largest of the validation split
+    assert {again.changed for again in rescore(run.path)} == {0}
+    (touch,) = load_suite(tmp_path / "mine.toml").scenarios
+    assert isinstance(touch, RecordedScenario)
+    assert notes_of(touch, 16)["guess_mm"] == pytest.approx(20, abs=10)

@@ -230,7 +230,7 @@ def test_nesting_without_end_is_refused(tmp_path: Path) -> None:
     (tmp_path / "manifest.json").write_text(DEEP)
     with pytest.raises(DataCorruptError, match="cannot be read"):
         read_manifest(tmp_path)
-    (tmp_path / "deep.csv").write_text(f"# eitbench recording 1\n# sensor: {DEEP}\n")
+    (tmp_path / "deep.csv").write_text(f"# eitbench recording 2\n# sensor: {DEEP}\n")
     with pytest.raises(DataCorruptError, match="sensor"):
         read_csv(tmp_path / "deep.csv")
 

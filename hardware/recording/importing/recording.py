@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 
 from eitbench.hardware.recording.importing import labels as sheets
@@ -19,8 +20,12 @@ from eitbench.hardware.recording.importing.sources import (
 from eitbench.scenarios.arrays import Array, Index
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.recordings.files.csv_mat import without_times
+from eitbench.scenarios.recordings.files.pairs import alternating, from_differences, from_pairs
 from eitbench.scenarios.recordings.files.recording_file import Content
 from eitbench.scenarios.sensors.sensor import Sensor
+
+ALTERNATING = "alternating"
+_NO_ROWS = np.empty(0, dtype=np.int64)
 
 
 @dataclass(frozen=True)
@@ -31,11 +36,16 @@ class ImportOptions:
         frames: which array holds frames, and how.
         labels: path of a sheet of labels.
         reference: a path, `first:N` frames, `array:NAME` of the same files, or `none`.
+        released: the array of the files with a frame of the untouched sensor for each of `frames`;
+            `ALTERNATING` where frames are released, pressed, released, pressed ...
+        differences: the values are pressed minus released.
     """
 
     frames: Choice = field(default_factory=Choice)
     labels: Path | None = None
     reference: str | None = None
+    released: str | None = None
+    differences: bool = False
 
 
 def import_files(
@@ -50,6 +60,8 @@ def import_files(
     beside = [*reference_paths(options.reference), *([options.labels] if options.labels else [])]
     paths, others = found_files(sources, beside)
     files = [_read(path, sensor, options.frames) for path in paths]
+    if options.released is not None or options.differences:
+        return _import_touches(files, sensor, options)
     values, parts, rows, of_reference = stacked(files, sensor, options.frames, options.reference)
     sheet = None if options.labels is None else _read_sheet(options.labels)
     table, of_labels = _label_table(files, sheet, parts, rows, options.labels)
@@ -65,6 +77,61 @@ def import_files(
         said.append(f"Not used: {', '.join(unused)}.")
     content, lost = as_content(values, table, rows, sensor)
     return content, [*said, *_not_held(lost)]
+
+
+def _import_touches(
+    files: list[FrameFile], sensor: Sensor, options: ImportOptions
+) -> tuple[Content, list[str]]:
+    """The recording of frames that are touches, one each, with a released frame or as differences.
+
+    Raises:
+        InputError: a common reference is given, too; a file has not as many released frames as
+            pressed ones; or the labels are for another number of touches.
+    """
+    if options.reference is not None or (options.released and options.differences):
+        raise InputError(
+            "Touches have one reference: give --reference, --released or --differences, and not "
+            "two of them."
+        )
+    released = []
+    if options.released is not None:
+        found = [_pairs(file, sensor, options.frames, options.released) for file in files]
+        released, files = [before for before, _ in found], [file for _, file in found]
+    pressed, parts, _, _ = stacked(files, sensor, options.frames, "none")
+    sheet = None if options.labels is None else _read_sheet(options.labels)
+    table, of_labels = _label_table(files, sheet, parts, _NO_ROWS, options.labels)
+    contacts = None
+    if not len(table):
+        of_labels = f"Touches: {len(pressed)}, without places, since --labels names no sheet."
+    else:
+        labels, _ = sheets.as_labels(table)
+        if (labels["first"] != labels["last"]).any():
+            raise InputError("A pair or a difference is one touch: label single frames.")
+        contacts = labels.assign(touch=labels["first"])
+    said = [f"From {_count(len(files), 'file')}: {files[0].frames.how}."]
+    if options.differences:
+        said.append("Reference: none, the values are differences; the model's frame stands for it.")
+        return from_differences(pressed, sensor, "imported", contacts), [*said, of_labels]
+    said.append("Reference: for each touch the released frame before it.")
+    before = np.concatenate(released)
+    return from_pairs(before, pressed, sensor, "imported", contacts), [*said, of_labels]
+
+
+def _pairs(
+    file: FrameFile, sensor: Sensor, choice: Choice, released: str
+) -> tuple[Array, FrameFile]:
+    """Released frames (n, M) of a file, and the file with its n pressed frames alone."""
+    if released == ALTERNATING:
+        before, pressed = alternating(file.frames.values)
+        return before, replace(file, frames=replace(file.frames, values=pressed))
+    named = replace(choice, name=released)
+    before = find_frames(file.arrays, sensor, file.path, named).values
+    if len(before) != len(file.frames.values):
+        raise InputError(
+            f"Array {released!r} of {file.path} holds {len(before)} frames, and "
+            f"{file.frames.name!r} {len(file.frames.values)}: every touch needs a released frame."
+        )
+    return before, file
 
 
 def as_content(

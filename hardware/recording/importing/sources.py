@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from eitbench.scenarios.errors import DataCorruptError, EitbenchError, InputError, UnreadableError
 from eitbench.scenarios.recordings.files import layout
-from eitbench.scenarios.recordings.files.csv_mat import FIRST_LINE
+from eitbench.scenarios.recordings.files.csv_mat import OURS
 from eitbench.scenarios.recordings.matlab import variables
 from eitbench.scenarios.storage.limits import most_bytes, own_dataset
 from eitbench.scenarios.storage.try_reading import try_reading
@@ -117,7 +117,7 @@ def is_own(path: Path) -> bool:
         return False
     if path.suffix == ".csv":
         with path.open(encoding="utf-8-sig", errors="replace") as file:
-            return file.readline(len(FIRST_LINE) + 1).rstrip() == FIRST_LINE
+            return file.read(len(OURS)) == OURS
     if path.suffix == ".mat" and not _is_hdf5(path):
         try_reading(path, variables, path, ("header",))
         return "header" in variables(path, ("header",))
@@ -132,7 +132,7 @@ def _text(path: Path) -> Arrays:
     body = [(k, line) for k, line in enumerate(lines, 1) if line.strip() and line[0] not in "#%"]
     if not body:
         raise ValueError("it holds no lines of values")
-    if lines[0] == FIRST_LINE:
+    if lines[0].startswith(OURS):
         raise ValueError("it is a whole recording, which is imported alone")
     delimiter = next((mark for mark in "\t;," if mark in body[0][1]), None)
     rows: Rows = []

@@ -63,6 +63,7 @@ def content_of(
             reference=np.array(head["reference"], dtype=np.int64).reshape(-1),
             labels=table_of(table_rows(pd.DataFrame(head["labels"]), layout.LABEL)),
             events=table_of(table_rows(pd.DataFrame(head["events"]), layout.EVENT)),
+            differences=bool(head["differences"]),
         )
     except InputError as error:
         raise DataCorruptError(f"{path} cannot be imported: {error}") from error
@@ -97,8 +98,8 @@ def without_times(values: NDArray[np.float64], sensor: Sensor, board: str, *even
     )
 
 
-FIRST_LINE = "# eitbench recording 1"
-_COUNT = "# frames: "
+OURS, _COUNT = "# eitbench recording ", "# frames: "
+_FIRST = f"{OURS}{layout.VERSION}"
 
 Lines = list[tuple[int, str]]
 """Lines of a file by their numbers, from 1."""
@@ -108,7 +109,7 @@ def write_csv(content: Content, path: Path) -> None:
     """Write `content` to the new file `path`; `read_csv` reads it without loss."""
     values = (f"v{k}" for k in range(content.sensor.n_measurements))
     with path.open("x", encoding="utf-8", newline="") as file:
-        file.write(f"{FIRST_LINE}\n")
+        file.write(f"{_FIRST}\n")
         for name, value in head_of(content).items():
             file.write(f"# {name}: {json.dumps(value)}\n")
         writer = csv.writer(file, lineterminator="\n")
@@ -134,6 +135,11 @@ def read_csv(path: Path) -> Content:
         raise UnreadableError(f"Cannot read {path}: {reason}.") from error
     lines = text.splitlines()
     body = [(k, line) for k, line in enumerate(lines, 1) if line.strip() and line[0] != "#"]
+    if not lines or lines[0] != _FIRST:
+        raise DataCorruptError(
+            f"{path} is a recording of another layout than {layout.VERSION}, which this eitbench "
+            "reads: export it again."
+        )
     head = _head(
         [line for line in lines[1:] if line.startswith("#") and not line.startswith(_COUNT)], path
     )

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 FORMAT = "eitbench-recording"
-VERSION = 1
+VERSION = 2
 
 VALUES = "frames/values"
 NUMBER = "frames/number"
@@ -35,7 +35,7 @@ UNITS = {
     CRC: "1",
     PATTERN: "electrodes src, sink, a, b, from 0",
     REFERENCE: "rows of frames",
-    LABELS: "rows of frames; m; mm",
+    LABELS: "rows of frames; m; mm; N; Pa",
     EVENTS: "s",
 }
 
@@ -47,9 +47,15 @@ LABEL = np.dtype(
         ("x_m", "<f8"),
         ("y_m", "<f8"),
         ("depth_mm", "<f8"),
+        ("force_N", "<f8"),
+        ("pressure_Pa", "<f8"),
         ("state", f"S{STATE_BYTES}"),
+        ("reference_first", "<i8"),
+        ("reference_last", "<i8"),
     ]
 )
+LABEL_NUMBERS = ("x_m", "y_m", "depth_mm", "force_N", "pressure_Pa")
+"""Columns of labels that hold a number where it is known, and NaN where it is not."""
 EVENT = np.dtype([("time_s", "<f8"), ("text", f"S{TEXT_BYTES}")])
 ROW_TYPES = {NUMBER: "<i8", TIME: "<f8", RECEIVED: "<f8", CRC: "<u4"}
 TABLE_TYPES = {REFERENCE: np.dtype("<i8"), LABELS: LABEL, EVENTS: EVENT}
@@ -90,7 +96,7 @@ def content_digest(
     """SHA-256 (hex) of a whole recording.
 
     Args:
-        header: board, firmware, emulated, started and sensor.
+        header: board, firmware, emulated, started, differences and sensor.
         frames: SHA-256 of all `packed` frames, one after the other.
         tables: reference, labels and events.
     """

@@ -8,16 +8,26 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.errors import DataCorruptError, InputError, UnreadableError
+from eitbench.scenarios.physics.forward import forward_model
 from eitbench.scenarios.recordings.descriptors import (
+    LOADS,
+    PLACES,
     RecordedFile,
     RecordedFrames,
     RecordedSet,
     Source,
     Truth,
+    is_validation,
     validation_every_fifth,
 )
-from eitbench.scenarios.recordings.files.recording_file import Condition, Content, read_file
+from eitbench.scenarios.recordings.files.recording_file import (
+    Condition,
+    Content,
+    read_file,
+    touches_of,
+)
 from eitbench.scenarios.recordings.frames import impossible, peak
 from eitbench.scenarios.sensors.sensor import Sensor
 
@@ -53,10 +63,12 @@ def own_set(path: Path) -> RecordedSet:
 def _own_set(path: Path, changed_ns: int, size: int) -> RecordedSet:
     """`own_set`, read again when the file has changed."""
     content = _usable(path)
+    touches = len(content.labels[["first", "last"]].drop_duplicates())
     board = "an emulated board" if content.emulated else f"the board {content.board}"
+    modelled = ", differences only: the reference is modelled" if content.differences else ""
     return RecordedSet(
         name=path.stem,
-        title=f"own recording with {board}, touches: {len(content.labels)}",
+        title=f"own recording with {board}, touches: {touches}{modelled}",
         sensor_name=str(path),
         sensor=partial(_same, content.sensor),
         truth=_truth(content),
@@ -98,19 +110,36 @@ def undamaged(path: Path) -> tuple[Content, Condition]:
 def _usable(path: Path) -> Content:
     """The content of the file at `path`, if methods can be evaluated on it."""
     content, _ = undamaged(path)
-    for name, marked in (("labels", content.labels), ("reference frames", content.reference)):
-        if not len(marked):
+    untouched = content.differences or len(content.reference) or has_own_references(content).all()
+    for name, marked in (("labels", len(content.labels)), ("reference frames", untouched)):
+        if not marked:
             raise InputError(f"{path} has no {name}, so it is no set: record with --guided.")
     if len(wrong := impossible(content.values)):
         raise DataCorruptError(
             f"{path} is not used: frame {wrong[0]} holds {peak(content.values[wrong[0]])}."
         )
+    if problem := impossible_label(content):
+        raise DataCorruptError(f"{path} is not used: {problem}.")
     if (away := off_sensor(content)).size:
         x, y = 1e3 * content.labels.loc[away[0], ["x_m", "y_m"]]
         raise DataCorruptError(
             f"{path} is not used: label {away[0]} at ({x:.4g}, {y:.4g}) mm is outside the sensor."
         )
     return content
+
+
+def impossible_label(content: Content) -> str:
+    """Sentence on a label that no touch can have; "" for none."""
+    touch, number = touches_of(content.labels)
+    if number.max(initial=0) >= len(PLACES):
+        worst, most = int(touch[number.argmax()]), number.max() + 1
+        return f"touch {worst} has {most} contacts, and at most {len(PLACES)} are possible"
+    for name, unit in (("force_N", "N"), ("pressure_Pa", "Pa")):
+        load = content.labels[name].to_numpy()
+        if (wrong := np.flatnonzero((load < 0) | np.isinf(load))).size:
+            k = int(wrong[0])
+            return f"label {k} has {load[k]:g} {unit}, and what presses has a number from 0"
+    return ""
 
 
 def off_sensor(content: Content) -> NDArray[np.intp]:
@@ -134,26 +163,91 @@ def damage(condition: Condition) -> str:
 def outside(content: Content) -> bool:
     """True if a label or the reference names frames that are not there."""
     first, last = content.labels["first"].to_numpy(), content.labels["last"].to_numpy()
-    rows = np.concatenate([first, last, content.reference])
-    return bool((rows < 0).any() or (rows >= len(content)).any() or (last < first).any())
+    own = content.labels.loc[has_own_references(content), ["reference_first", "reference_last"]]
+    before, until = own.to_numpy().T
+    rows = np.concatenate([first, last, before, until, content.reference])
+    reversed_rows = (last < first).any() or (until < before).any()
+    return bool((rows < 0).any() or (rows >= len(content)).any() or reversed_rows)
+
+
+def has_own_references(content: Content) -> NDArray[np.bool_]:
+    """(k,): the labels that name a reference of their own."""
+    return (content.labels[["reference_first", "reference_last"]] != -1).any(axis=1).to_numpy()
 
 
 def _read(path: Path, folder: Path, sensor: Sensor) -> RecordedFrames:
     del folder, sensor  # the file knows its own
-    content = _usable(path)
-    labels = content.labels
-    rows = zip(labels["first"], labels["last"], strict=True)
-    samples = pd.DataFrame(
-        {
-            "split": validation_every_fifth(len(labels)),
-            **{name: labels[name] for name in ("x_m", "y_m", "depth_mm")},
-            "touched": True,
-        }
+    return frames_of_touches(_usable(path))
+
+
+TYPICAL_CHANGE = 0.02
+"""What a touch changes of the frame, where nothing but the change is known: that of a press on the
+hydrogel discs `ohmc16` and `ohmc8` is 1.8 and 2.8 % (median)."""
+
+
+def frames_of_touches(content: Content) -> RecordedFrames:
+    """A frame for each touch, on the common reference; see `RecordedFrames.voltages`.
+
+    The reference is the mean of the frames that show the untouched sensor; where there are none but
+    those of the touches, the median of these over the validation touches. Of differences it is the
+    model's frame, scaled so that the median validation touch changes it by `TYPICAL_CHANGE`:
+    methods fit a gain to the reference frame, so that this is the scale of their images, and no
+    place follows from it.
+    """
+    labels, values = content.labels, content.values
+    touch, number = touches_of(labels)
+    marks = labels[number == 0]
+    samples = _samples(labels, touch, number)
+    pressed = _means(values, marks["first"], marks["last"])
+    validation = is_validation(samples)
+    if content.differences:
+        model = forward_model(content.sensor)
+        reference = model.voltages(model.background)
+        change = np.median(np.linalg.norm(pressed[validation], axis=1))
+        if change > 0:
+            reference = reference * change / (TYPICAL_CHANGE * np.linalg.norm(reference))
+        return RecordedFrames(reference + pressed, reference, samples, modelled_reference=True)
+    own = (marks["reference_first"] != -1).to_numpy()
+    released = _means(values, *(marks.loc[own, f"reference_{end}"] for end in ("first", "last")))
+    if len(content.reference):
+        reference = values[content.reference].mean(axis=0)
+    else:
+        reference = np.median(released[validation], axis=0)
+    pressed[own] += reference - released
+    return RecordedFrames(pressed, reference, samples)
+
+
+def _means(values: Array, first: pd.Series, last: pd.Series) -> Array:
+    """Means (n, M) of the rows `first` to `last` (n,) of `values`."""
+    rows = zip(first, last, strict=True)
+    means = [values[start : stop + 1].mean(axis=0) for start, stop in rows]
+    return np.array(means).reshape(-1, values.shape[1])
+
+
+def _samples(
+    labels: pd.DataFrame, touch: NDArray[np.integer], number: NDArray[np.integer]
+) -> pd.DataFrame:
+    """Samples of n touches, from k labels: forces add up, depth and pressure are shared.
+
+    Columns that hold nothing are left out, and a state that only some touches have.
+    """
+    n, most = (int(part.max(initial=-1)) + 1 for part in (touch, number))
+    by_touch = labels.groupby(touch)
+    samples = pd.DataFrame({"split": validation_every_fifth(n), "touched": True})
+    for k in range(most):
+        for axis, name in zip(PLACES[0], PLACES[k], strict=True):
+            place = np.full(n, np.nan)
+            place[touch[number == k]] = labels.loc[number == k, axis]
+            samples[name] = place
+    for name in ("depth_mm", "pressure_Pa"):
+        alike = by_touch[name].nunique(dropna=False) == 1
+        samples[name.replace("Pa", "pa")] = by_touch[name].first().where(alike)
+    samples["force_N"] = (
+        by_touch["force_N"].sum().where(by_touch["force_N"].count() == by_touch.size())
     )
-    if (labels["state"] != "").all():
-        samples["state"] = labels["state"]
-    return RecordedFrames(
-        np.stack([content.values[first : last + 1].mean(axis=0) for first, last in rows]),
-        content.values[content.reference].mean(axis=0),
-        samples,
-    )
+    samples["state"] = labels.loc[number == 0, "state"].to_numpy()
+    samples["contacts"] = by_touch.size()
+    unknown = [name for name in LOADS if samples[name].isna().all()]
+    unknown += ["state"] * bool((samples["state"] == "").any())
+    unknown += ["contacts"] * (most == 1)
+    return samples.drop(columns=unknown)

@@ -2,13 +2,14 @@
 
 import hashlib
 import io
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.errors import DataCorruptError, InputError, UnreadableError
@@ -32,9 +33,13 @@ class Content:
         received_s: (n,) when it was received [s], on the recording machine's clock.
         values: (n, M) in V/A, or the board's own units.
         reference: (r,) rows of frames that show the untouched sensor.
-        labels: one row per touch: `first` and `last` row of its frames, `x_m`, `y_m` [m] and
-            `depth_mm` (NaN where unknown), `state` ("" where unknown).
+        labels: one row per contact: `first` and `last` row of its frames, `x_m`, `y_m` [m],
+            `depth_mm`, `force_N` and `pressure_Pa` (NaN where unknown), `state` ("" where unknown),
+            `reference_first` and `reference_last` row of the frames that show the untouched sensor
+            for this touch (-1 where `reference` counts). Rows with equal `first` and `last` are the
+            contacts of one touch.
         events: `time_s` [s] on the clock of `received_s`, and `text`.
+        differences: `values` are pressed minus released, and no frame shows the untouched sensor.
     """
 
     sensor: Sensor
@@ -49,6 +54,7 @@ class Content:
     reference: NDArray[np.int64]
     labels: pd.DataFrame
     events: pd.DataFrame
+    differences: bool = False
 
     def __len__(self) -> int:
         """Number of frames n."""
@@ -119,6 +125,23 @@ def recorded_sensor(path: Path) -> Sensor:
     return read_file(path)[0].sensor
 
 
+def label_table(
+    first: ArrayLike, last: ArrayLike, known: Mapping[str, ArrayLike] | None = None
+) -> pd.DataFrame:
+    """Labels of `Content` for rows `first` to `last` (k,) of frames; what is not `known` is not."""
+    rows = np.zeros(len(np.asarray(first)), dtype=layout.LABEL)
+    table = table_of(rows).assign(**dict.fromkeys(layout.LABEL_NUMBERS, np.nan))
+    table = table.assign(reference_first=-1, reference_last=-1)
+    columns = {"first": first, "last": last, **(known or {})}
+    return table.assign(**{name: np.asarray(values) for name, values in columns.items()})
+
+
+def touches_of(labels: pd.DataFrame) -> tuple[NDArray[np.integer], NDArray[np.integer]]:
+    """Number of its touch (k,), and its own number in that touch (k,), of every label, from 0."""
+    touches = labels.groupby(["first", "last"], sort=False)
+    return touches.ngroup().to_numpy(), touches.cumcount().to_numpy()
+
+
 def table_of(rows: NDArray[Any]) -> pd.DataFrame:
     """Rows of the layout as a table of `Content`."""
     names = rows.dtype.names or ()
@@ -148,6 +171,7 @@ def header_of(content: Content) -> dict[str, Any]:
         "firmware": content.firmware,
         "emulated": content.emulated,
         "started": content.started,
+        "differences": content.differences,
         "sensor": sensor_to_json(content.sensor),
     }
 
@@ -199,7 +223,7 @@ def _header(file: Any) -> dict[str, Any]:
         name: bytes(file.attrs[name]).decode()
         for name in ("board", "firmware", "started", "sensor")
     }
-    header["emulated"] = bool(file.attrs["emulated"])
+    header |= {name: bool(file.attrs[name]) for name in ("emulated", "differences")}
     return header
 
 

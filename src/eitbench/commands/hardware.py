@@ -1,5 +1,6 @@
 """Commands that work with a board: a real one, an emulated one, or a recording."""
 
+import shlex
 import sys
 from contextlib import suppress
 from pathlib import Path
@@ -133,13 +134,15 @@ def record(
                 else:
                     _record_with_status(made, recorder, seconds)
         finally:  # the frames so far are usable, however it ended
-            if suite is not None and session.touches:
+            scored = suite is not None and session.touches >= MIN_TOUCHES
+            if suite is not None and scored:
                 write_suite(suite, out, made.sensor, board, emulated=made.emulated)
             # Printed last: the terminal may be gone.
             if count := recorder.written:
-                typer.echo(f"{count} frames are in {out}: eitbench recordings check {out}")
-            if suite is not None and session.touches >= MIN_TOUCHES:
-                typer.echo(f"Score methods on them: eitbench run {suite}")
+                shown = shlex.quote(str(out))
+                typer.echo(f"{count} frames are in {out}: eitbench recordings check {shown}")
+            if scored:
+                typer.echo(f"Score methods on them: eitbench run {shlex.quote(str(suite))}")
 
 
 def _ask(question: str) -> str:

@@ -31,11 +31,17 @@ def fetch(
 @app.command(epilog="Example: eitbench recordings check touch.h5")
 def check(
     file: Annotated[Path, typer.Argument(metavar="FILE.h5", help="A recording of your own.")],
+    sensor: Annotated[
+        str | None,
+        typer.Option(help="Another sensor, or a sensor file: does its model fit better?"),
+    ] = None,
 ) -> None:
     """Say what a recording holds and what is wrong with it; exits 1 if anything is."""
+    from eitbench.scenarios.catalogue import sensor as sensor_by_name
     from eitbench.scenarios.recordings.quality import check as check_recording
 
-    problems, facts = check_recording(file)
+    other = None if sensor is None else sensor_by_name(sensor)
+    problems, facts = check_recording(file, other)
     for sentence in (*facts, *problems):
         typer.echo(sentence)
     if problems:
@@ -93,6 +99,17 @@ def import_command(
         typer.Option(help="A frame (or the values of a drive) is a row or a column."),
     ] = None,
     values: Annotated[Part | None, typer.Option(help="What is taken of complex values.")] = None,
+    released: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME|alternating",
+            help="Each frame is a touch with a frame before it: the array that holds those, or "
+            "the frames are released, pressed, released, ...",
+        ),
+    ] = None,
+    differences: Annotated[
+        bool, typer.Option(help="Each frame is a touch, pressed minus released.")
+    ] = False,
 ) -> None:
     """Make a recording of files of other programs, or of a public recorded set."""
     from eitbench.hardware.recording.exchange import import_recording
@@ -101,6 +118,7 @@ def import_command(
     from eitbench.scenarios.catalogue import sensor as sensor_by_name
 
     nominal = None if sensor is None else sensor_by_name(sensor)
-    options = ImportOptions(Choice(frames, order, values), labels, reference)
+    choice = Choice(frames, order, values)
+    options = ImportOptions(choice, labels, reference, released, differences)
     for sentence in import_recording(sources, out, nominal, options):
         typer.echo(sentence)

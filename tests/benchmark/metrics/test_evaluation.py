@@ -8,9 +8,15 @@ from numpy.typing import NDArray
 
 from eitbench.benchmark import metrics
 from eitbench.benchmark.metrics import tactile
-from eitbench.benchmark.metrics.evaluation import GroundTruth, evaluate, fit_registration
+from eitbench.benchmark.metrics.evaluation import (
+    GroundTruth,
+    evaluate,
+    fit_calibration,
+    fit_registration,
+)
 from eitbench.benchmark.metrics.image_metrics import PSNR_CEILING_DB
 from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.phantoms.contacts import contacts
 from eitbench.scenarios.phantoms.press import FOAM
 from eitbench.scenarios.sensors.outlines import Disc
 from eitbench.scenarios.sensors.sensor import even_electrodes, foam16
@@ -174,3 +180,89 @@ def test_positions_need_a_registration_and_estimates_their_shape() -> None:
         evaluate(data, presses(image))
     with pytest.raises(InputError, match=r"\(4, 40, 40\), got \(3, 40, 40\)"):
         evaluate(data, presses(image)[:3], tactile.Similarity(1.0, np.eye(2), np.zeros(2)))
+
+
+def several(n: int, seed: int) -> tuple[GroundTruth, Array]:
+    """Touches of one or two contacts in the robot's frame, and their images."""
+    one, other = places(n, seed), -places(n, seed)
+    apart = np.hypot(*(one - other).T) > 0.045
+    x, y = robot(one).T
+    x2, y2 = np.where(apart, robot(other).T, np.nan)
+    images = np.where(apart[:, None, None], np.minimum(presses(one), presses(other)), presses(one))
+    count = 1 + apart.astype(int)
+    return dataset("position", n, x_m=x, y_m=y, x2_m=x2, y2_m=y2, contacts=count), images
+
+
+def test_several_contacts_are_counted_and_each_place_is_judged() -> None:
+    validation, images = several(30, 1)
+    assert set(validation.samples["contacts"]) == {1, 2}
+    registration = fit_registration(validation, images)
+    test, images = several(20, 2)
+    rows = evaluate(test, images, registration)
+    assert (rows["contact_count_error"] == 0).all()
+    assert rows["localisation_mm"].max() < 2
+    assert (rows["farthest_contact_mm"] >= rows["localisation_mm"]).all()
+    # Of two contacts one is missed: the count is wrong, and so is the farthest place.
+    both = (test.samples["contacts"] == 2).to_numpy()
+    x, y = test.samples[["x_m", "y_m"]].to_numpy().T
+    alone = presses((np.stack([y + 0.1, x - 0.3], axis=1)) / 1.2)
+    missed = evaluate(test, alone, registration)[both]
+    assert (missed["contact_count_error"] == 1).all()
+    assert missed["farthest_contact_mm"].min() > 40
+    np.testing.assert_allclose(missed["localisation_mm"], missed["farthest_contact_mm"] / 2, atol=2)
+    nothing = evaluate(test, np.full_like(images, SKIN.background), registration)
+    np.testing.assert_allclose(nothing["farthest_contact_mm"], 140 * registration.scale)
+    assert (nothing["contact_count_error"] == test.samples["contacts"]).all()
+
+
+def test_touches_of_two_contacts_alone_are_registered() -> None:
+    """Where every touch has two, their middle says little: assigned pairs register the images."""
+    turn = 2 * np.pi * np.random.default_rng(0).random(30)
+    out = 0.04 * np.stack([np.cos(turn), np.sin(turn)], axis=1)
+    one, other = 0.3 * places(30, 3) + out, 0.3 * places(30, 3) - out
+    (x, y), (x2, y2) = robot(one).T, robot(other).T
+    data = dataset("position", 30, x_m=x, y_m=y, x2_m=x2, y2_m=y2, contacts=np.full(30, 2))
+    images = np.minimum(presses(one), presses(other))
+    rows = evaluate(data, images, fit_registration(data, images))
+    assert rows["farthest_contact_mm"].median() < 2
+    assert (rows["contact_count_error"] == 0).all()
+
+
+def test_a_measured_force_is_judged_after_a_line_through_the_validation_presses() -> None:
+    draws = np.random.default_rng(0)
+    level = draws.uniform(0.05, 0.2, 30)
+    images = np.concatenate([presses(p[None], -s) for p, s in zip(places(30), level, strict=True)])
+    strength = contacts(images - SKIN.background, SKIN).total_strength
+    force = 2.0 + 3e4 * strength
+    data = dataset("none", 30, force_N=force)
+    line = fit_calibration(data, 0.3 + 2 * (images - 0.3))  # twice as strong: no difference
+    assert line is not None
+    assert line.full_scale == pytest.approx(force.max())
+    rows = evaluate(data, 0.3 + 2 * (images - 0.3), calibration=line)
+    np.testing.assert_allclose(rows["measured_force_error_n"], 0, atol=1e-3 * force.max())
+    one_more = dataset("none", 30, force_N=force + 1)
+    wrong = evaluate(one_more, 0.3 + 2 * (images - 0.3), calibration=line)
+    np.testing.assert_allclose(wrong["measured_force_error_n"], 1, rtol=1e-2)
+    expected = 100 * wrong["measured_force_error_n"] / force.max()
+    np.testing.assert_allclose(wrong["measured_load_error_percent"], expected)
+    assert (rows["response"] > 0).all()
+    # Images of nothing get the mean force.
+    blank = np.full_like(images, SKIN.background)
+    guess = fit_calibration(data, blank)
+    assert guess is not None
+    assert guess.slope == 0
+    assert guess.offset == pytest.approx(force.mean())
+
+
+def test_a_pressure_is_judged_in_per_cent_alone_and_no_load_not_at_all() -> None:
+    pressure = np.array([1e3, 2e3, 4e3, np.nan])
+    images = presses(places(4), -0.1)
+    data = dataset("none", 4, pressure_pa=pressure)
+    rows = evaluate(data, images, calibration=fit_calibration(data, images))
+    assert rows["measured_force_error_n"].isna().all()
+    assert rows["measured_load_error_percent"].notna().tolist() == [True, True, True, False]
+    assert fit_calibration(dataset("none", 4), images) is None
+    few = dataset("none", 4, pressure_pa=np.array([1e3, 2e3, np.nan, 0.0]))
+    assert fit_calibration(few, images) is None
+    truth = dataset("conductivity", 4, images, pressure_pa=pressure)
+    assert fit_calibration(truth, images) is None

@@ -4,15 +4,19 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
+from tests.support.pressed_skin import SKIN, pressed_skin
 
 from eitbench.benchmark import InputError
 from eitbench.benchmark.studies import real_trained as track
 from eitbench.benchmark.studies.real_trained import Presses, real_trained
+from eitbench.hardware.recording.exchange import write_recording
 from eitbench.methods.places.place_network import REAL, SIMULATED
 from eitbench.reports.studies.real_trained import summary, to_markdown, write_real_trained
 from eitbench.scenarios import RecordedScenario
 from eitbench.scenarios.arrays import Array
+from eitbench.scenarios.recordings.files.pairs import from_pairs
 
 
 def presses(n: int, seed: int, gain: float) -> Presses:
@@ -78,9 +82,40 @@ def _nearest(seen: Presses, frames: Array) -> Array:
 def test_sets_without_places_or_with_few_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(InputError, match="does not know where it was pressed"):
         real_trained("ktc2023")
-    monkeypatch.setattr(track, "_real", lambda scenario: presses(499, 0, 0.0))
-    with pytest.raises(InputError, match="only 499 presses"):
+    monkeypatch.setattr(track, "_real", lambda scenario: presses(31, 0, 0.0))
+    with pytest.raises(InputError, match="has 31 presses, and at least 32 are needed to learn"):
         real_trained("ohmc16")
+
+
+def own(folder: Path, n: int, *contacts: dict[str, float]) -> Path:
+    """A recording of one's own, of `n` touches on a small sensor."""
+    released, pressed, places = pressed_skin(n)
+    more = places.assign(touch=range(n))
+    more = pd.concat([more, pd.DataFrame(contacts)]) if contacts else more
+    path = folder / "my own.h5"
+    write_recording(from_pairs(released, pressed, SKIN, "fake", more), path)
+    return path
+
+
+def test_a_recording_of_one_s_own_is_learned_from_as_far_as_it_goes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    blind = presses(20, 0, 0.0)
+    monkeypatch.setattr(track, "SEEDS", ())
+    monkeypatch.setattr(track, "_simulated", lambda scenario: blind)
+    learn = {"one place": lambda seen: lambda frames: np.zeros((len(frames), 2))}
+    monkeypatch.setattr(track.Estimators, "known", lambda self, count: learn)
+    errors = real_trained(str(own(tmp_path, 40)))
+    assert set(errors["presses"]) == {0, 25}
+    (tmp_path / "moved").mkdir()
+    moved = (tmp_path / "my own.h5").rename(tmp_path / "moved" / "b.h5")
+    pd.testing.assert_frame_equal(errors, real_trained(str(moved)))
+
+
+def test_touches_of_several_contacts_are_no_single_presses(tmp_path: Path) -> None:
+    path = own(tmp_path, 40, {"touch": 3, "x_m": 0.05, "y_m": 0.05})
+    with pytest.raises(InputError, match="has touches of several contacts"):
+        real_trained(str(path))
 
 
 @pytest.mark.usefixtures("recorded_data")

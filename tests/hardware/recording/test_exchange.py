@@ -39,14 +39,14 @@ def recorded(tmp_path: Path, skin: Sensor, frames: Frames) -> Path:
         recorder.append(Frame(2**53 - 1, 1e9 + 1e-6, 1 / 3, odd))
         recorder.mark_reference(0, 2)
         recorder.label(3, 5, x_m=0.01, y_m=1 / 3, state="a, 'b' \"c\"")
-        recorder.label(6, 6)
+        recorder.label(6, 6, force_N=2.5, pressure_Pa=1e4, reference_first=4, reference_last=5)
         recorder.event("first, second\nthird", 0.1)
     return path
 
 
 def assert_equal(one: Content, other: Content) -> None:
     assert (one.sensor, one.sensor.name) == (other.sensor, other.sensor.name)
-    for name in ("board", "firmware", "emulated", "started"):
+    for name in ("board", "firmware", "emulated", "started", "differences"):
         assert getattr(one, name) == getattr(other, name)
     for name in ("number", "time_s", "received_s", "values", "reference"):
         first, second = getattr(one, name), getattr(other, name)
@@ -136,12 +136,12 @@ def test_a_file_that_was_cut_anywhere_is_refused(recorded: Path, tmp_path: Path)
         f"line {text.count(chr(10)) - 1} has 20 values, and those before it have 43": (
             "\n".join([head, rows[0], ",".join(rows[1].split(",")[:20])])
         ),
-        "cut short or edited, since its last line, 31, is not '# frames: 21'": (
+        "cut short or edited, since its last line, 32, is not '# frames: 21'": (
             "\n".join([head, *rows])[:-1]  # the last number is a digit shorter
         ),
         "is not '# frames: 20'": "\n".join([head, rows[0], end]),
         "is not '# frames: 21'": text.rstrip()[:-1],
-        "since its last line, 32, is not '# frames: 21'": text.rstrip()[:-2],
+        "since its last line, 33, is not '# frames: 21'": text.rstrip()[:-2],
     }
     for says, cut in cuts.items():
         (tmp_path / "cut.csv").write_text(cut)
@@ -153,6 +153,7 @@ def test_a_file_that_was_cut_anywhere_is_refused(recorded: Path, tmp_path: Path)
 @pytest.mark.parametrize(
     ("old", "new", "says"),
     [
+        ("# eitbench recording 2", "# eitbench recording 1", "of another layout than 2"),
         ("# sensor:", "# sensr:", "its header is not complete"),
         ('"x_m": [', '"x_m": ["a", ', "its header is not complete"),
         ("# reference: [", "# reference: [[1], ", "its header is not complete"),

@@ -28,6 +28,7 @@ from eitbench.methods.registry import methods
 from eitbench.scenarios import forward_model, load_suite, sensor
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.recordings import recorded_set
+from eitbench.scenarios.recordings.fetch import read_recording
 from eitbench.scenarios.recordings.files.recording_file import read_file
 from eitbench.scenarios.recordings.quality import check
 from eitbench.scenarios.sensors.sensor import Sensor
@@ -173,7 +174,7 @@ def guided(
         asked.append(question)
         return left.pop(0)
 
-    timing = StepDurations(reference_s=0.05, settle_s=0.01, hold_s=0.02)
+    timing = StepDurations(0.05, settle_s=0.01, hold_s=0.02, released_s=0.02)
     with Recorder(path, made.sensor, "fake") as recorder:
         guide = GuidedSession(made, recorder, ask, said.append, timing)
         guide.run()
@@ -200,6 +201,10 @@ def test_a_guided_session_ends_in_a_set(tmp_path: Path, board: Make) -> None:
     assert labels["state"].tolist()[2:4] == ["50.5 30", "50.5 30"]
     assert set(labels["depth_mm"]) == {4.0}
     assert (labels["last"] >= labels["first"]).all()
+    # Each touch has a reference of its own, after the touch before and before its own.
+    assert (labels["reference_last"] >= labels["reference_first"]).all()
+    assert (labels["reference_last"] < labels["first"]).all()
+    assert (labels["reference_first"].to_numpy()[1:] > labels["last"].to_numpy()[:-1]).all()
     assert (labels["first"].to_numpy()[1:] > labels["last"].to_numpy()[:-1]).all()
     assert check(path)[0] == []
 
@@ -234,7 +239,7 @@ def test_a_board_that_can_be_pressed_is_pressed_by_the_session(
 
     made.press, made.frames = press, frame
     made.release = lambda: values.__setitem__(0, 1.0)
-    timing = StepDurations(reference_s=0.05, settle_s=0.1, hold_s=0.05)
+    timing = StepDurations(0.05, settle_s=0.1, hold_s=0.05, released_s=0.05)
     with Recorder(tmp_path / "a.h5", made.sensor, "fake") as recorder:
         session = GuidedSession(made, recorder, lambda _: left.pop(0), lambda _: None, timing)
         session.run()
@@ -244,23 +249,65 @@ def test_a_board_that_can_be_pressed_is_pressed_by_the_session(
     assert (content.values[content.reference] == 1).all()
     for last in content.labels["last"]:
         assert (content.values[last] == 2).all()
+    for first, last in content.labels[["reference_first", "reference_last"]].to_numpy():
+        assert (content.values[first : last + 1] == 1).all()
+    assert read_recording(str(tmp_path / "a.h5")).voltages.mean() == 2
+
+
+def test_touches_of_several_contacts_and_forces_are_labelled(tmp_path: Path, board: Make) -> None:
+    answers = ["", "", "", "30 30 1.5; 70,60 2", "", "", "50 50", "", "", ""]
+    touches, asked, _ = guided(tmp_path / "a.h5", board, answers)
+    assert touches == 2
+    assert asked[4] == "Touch (30, 30) mm and (70, 60) mm, hold still, and press Enter"
+    labels = read_file(tmp_path / "a.h5")[0].labels
+    assert labels["force_N"].tolist()[:2] == [1.5, 2.0]
+    assert np.isnan(labels["force_N"][2])
+    assert labels["state"].tolist() == ["30 30; 70 60", "30 30; 70 60", "50 50"]
+    first = labels["first"].tolist()
+    assert first[0] == first[1] < first[2]
+    samples = read_recording(str(tmp_path / "a.h5")).samples
+    assert samples["contacts"].tolist() == [2, 1]
+    np.testing.assert_allclose(samples[["x2_m", "y2_m"]], [[0.07, 0.06], [np.nan, np.nan]])
+    assert samples["force_N"].tolist()[0] == 3.5
 
 
 def test_typing_errors_are_asked_again(tmp_path: Path, board: Make) -> None:
-    answers = ["", "many", "2.5", "0", "1", "-3", "", "30", "30 x", "500 20", "30 20", "", "", ""]
+    answers = [
+        "",
+        "many",
+        "2.5",
+        "0",
+        "1",
+        "-3",
+        "",
+        "30",
+        "30 x",
+        "1e999 3",
+        "30 20; 30 20 nan 1",
+        "30 20 -2",
+        "500 20",
+        "30 20",
+        "",
+        "",
+        "",
+    ]
     touches, _, said = guided(tmp_path / "a.h5", board, answers)
     assert touches == 1
-    assert said[1:-2] == [
+    assert said[1:6] == [
         "That is a whole number from 1 to 1000, got 'many'.",
         "That is a whole number from 1 to 1000, got '2.5'.",
         "That is a whole number from 1 to 1000, got '0'.",
         "That is a number from 0 to 1000, got '-3'.",
-        "A place is two numbers such as 30 55, got '30'.",
-        "A place is two numbers such as 30 55, got '30 x'.",
+        "A force in N may follow a place: 30 55 2.5. Places touched at once: 30 55; 70 20.",
+    ]
+    wrong = "A place is two numbers such as 30 55, with a force in N 30 55 2.5, got"
+    assert said[6:-2] == [
+        *(f"{wrong} {typed!r}." for typed in ("30", "30 x", "1e999 3", "30 20 nan 1")),
+        "A force is above 0 N, got -2.",
         "(500, 20) mm is outside the sensor, which reaches from (0, 0) to (100, 100) mm.",
     ]
     assert said[-2] == "1 touch so far."
-    assert said[-1].startswith("Too few touches to be scored (1)")
+    assert said[-1].startswith("10 of 11 touches are missing, so that there is no suite:")
 
 
 def test_a_session_says_how_it_goes(
@@ -269,7 +316,7 @@ def test_a_session_says_how_it_goes(
     made, left, said = board(of_foam(400, 60)), ["", "", "", "30 20", "", "", ""], list[str]()
     made.sensor, made.wait_s = sensor("foam16"), 0.01
     monkeypatch.setattr(loop, "STATUS_S", 0.0)
-    timing = StepDurations(reference_s=0.1, settle_s=0.0, hold_s=0.1)
+    timing = StepDurations(0.1, settle_s=0.0, hold_s=0.1, released_s=0.1)
 
     def ask(_: str) -> str:
         wait_for(lambda: session._status is not None and session._status.frames >= 5)
@@ -280,8 +327,8 @@ def test_a_session_says_how_it_goes(
         session.run()
     assert re.search(r"SNR \d\d dB", said[0])
     assert said[1].startswith("Reference: ")
-    assert re.search(r"SNR \d\d dB", said[2])
-    assert said[3] == "1 touch so far."
+    assert re.search(r"SNR \d\d dB", said[3])
+    assert said[4] == "1 touch so far."
 
 
 def test_a_board_that_fails_ends_the_session(tmp_path: Path, board: Make) -> None:

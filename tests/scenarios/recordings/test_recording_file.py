@@ -67,11 +67,12 @@ def altered(sound: Path, folder: Path, change: Callable[[h5py.File], None]) -> P
 
 
 def test_a_sound_recording_has_no_problems(sound: Path) -> None:
-    problems, (summary, reciprocity) = check(sound)
+    problems, (summary, reciprocity, agreement) = check(sound)
     assert problems == []
     assert summary.startswith("30 frames of 208 values from the board fake, sensor foam16, 2.9 s,")
     assert "1 touch, started" in summary
     assert "Reciprocity error of the untouched sensor: 1." in reciprocity
+    assert "beside the model of sensor foam16: correlation 1.00, 0.9% left" in agreement
 
 
 def set_item(name: str, key: Any, value: Any) -> Callable[[h5py.File], None]:
@@ -92,10 +93,13 @@ def attribute(name: str, value: Any) -> Callable[[h5py.File], None]:
         (set_item("frames/values", (7, 3), 0.5), "The checksum of frame 7 is wrong"),
         (set_item("frames/values", slice(3, 5), 0.5), "of frame 3 (and 1 more) is wrong"),
         (set_item("frames/number", 29, 3), "The checksum of frame 29 is wrong"),
-        (set_item("labels", 0, (99, 99, 0, 0, 0, b"")), "labels, events or header were changed"),
+        (
+            set_item("labels", 0, (99, 99, 0, 0, 0, 0, 0, b"", -1, -1)),
+            "labels, events or header were changed",
+        ),
         (attribute("board", np.bytes_("teensy")), "labels, events or header were changed"),
-        (attribute("version", 9), "is no recording of eitbench's of layout 1"),
-        (attribute("format", np.bytes_("x")), "is no recording of eitbench's of layout 1"),
+        (attribute("version", 9), "is no recording of eitbench's of layout 2"),
+        (attribute("format", np.bytes_("x")), "is no recording of eitbench's of layout 2"),
         (attribute("sensor", np.bytes_('{"name": "x"}')), "described wrongly: outline: Field"),
         (delete("frames/time_s"), "is damaged: it has no 'frames/time_s'"),
         (delete("frames"), "is damaged: it has no 'frames/values'"),
