@@ -111,7 +111,7 @@ def _guarded(command: Callable[[], object], debug: bool) -> int:
         from eitbench.scenarios.errors import EitbenchError
 
         if isinstance(error, EitbenchError):
-            fail(str(error), error.exit_code)
+            fail(str(error), error.exit_code, getattr(error, "__notes__", ()))
         if isinstance(error, OSError) and error.filename is not None:
             fail(f"Could not use {error.filename}: {error.strerror}.", 1)
         fail(

@@ -226,8 +226,11 @@ def check(
         print_json([report.describe() for report in reports])
     else:
         for report in reports:
+            said = ("", "")
             for result in report.results:
-                print_check(result.status, result.name, result.message)
+                finding = (result.message, result.trace)
+                print_check(result.status, result.name, *(finding if finding != said else ()))
+                said = finding
             typer.echo(report.summary())
     if not all(report.passed for report in reports):
         raise typer.Exit(1)

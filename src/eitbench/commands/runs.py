@@ -159,7 +159,7 @@ def plan_of(
 
 
 def _show_run(result: "RunResult", as_json: bool, limit: int | None) -> None:
-    from eitbench.benchmark.analysis.results import failures, read_run
+    from eitbench.benchmark.analysis.results import failures_with_traces, read_run
     from eitbench.benchmark.rundir import manifest
     from eitbench.reports.tables.terminal import table
 
@@ -179,8 +179,10 @@ def _show_run(result: "RunResult", as_json: bool, limit: int | None) -> None:
         )
         return
     print_renderable(table(rows, width()))
-    for sentence in (*result.skipped, *result.refused, *failures(read_run(result.path))):
+    for sentence in (*result.skipped, *result.refused):
         typer.echo(sentence)
+    for sentence, trace in failures_with_traces(read_run(result.path)):
+        typer.echo("\n".join([sentence, *trace.splitlines()]))
     typer.echo(f"Run: {result.path}")
     for path in figures:
         if path.suffix in (".png", ".md"):
