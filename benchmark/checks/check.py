@@ -132,9 +132,7 @@ def _run_in(worker: CheckWorker, check: Check) -> str | None:
     """Run one check of an operator in its worker; an error that it raises is its finding."""
     reply = worker.request("run", check)
     if reply.failure is not None:
-        raise BrokenError(
-            f"it raises {reply.failure.message.rstrip('.')}.", reply.failure.trace
-        )
+        raise BrokenError(f"it raises {reply.failure.message.rstrip('.')}.", reply.failure.trace)
     found = answer_of(dict[str, str | None], reply, check.__name__)
     if "skipped" in found:
         raise SkippedError(found["skipped"])

@@ -107,9 +107,9 @@ class MethodData(CellData):
         known = self.registry.known()
         return known[name].unusable(self.test.sensor) if name in known else ""
 
-    def selection(self, name: str) -> dict[str, Any] | None:
+    def selection(self, name: str, code: str) -> dict[str, Any] | None:
         """See `CellData.selection`."""
-        return recorded_selection(self.scenario, name)
+        return recorded_selection(self.scenario, name, code)
 
     def frames(self, split: str) -> tuple[Frames, Frames]:
         """Return the frames (n, M) of "test" or "validation", and their reference frames (n, M)."""

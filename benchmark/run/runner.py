@@ -21,6 +21,7 @@ from eitbench.benchmark.rundir.lock import locked
 from eitbench.benchmark.rundir.manifest import Manifest
 from eitbench.benchmark.rundir.plan import Plan, make_plan, read_resumable
 from eitbench.benchmark.rundir.store import RunStore
+from eitbench.benchmark.tuning.selection import outdated_selection
 from eitbench.benchmark.workers.process import THREADS
 from eitbench.benchmark.workers.worker import SEED, StoppedError
 from eitbench.scenarios.errors import (
@@ -93,6 +94,7 @@ def start_run(
             try:
                 data, lost = _load(plan, plan.scenarios, jobs, progress)
                 lost["skipped"] |= _unusable(plan, data, progress)
+                _say_outdated(plan, data, progress)
                 manifest = _new_manifest(plan, data, lost, jobs)
                 store.write_manifest(manifest)
                 store.keep_plugins(plan.plugins)
@@ -249,6 +251,18 @@ def _unusable(plan: Plan, data: Mapping[str, CellData], progress: RunProgress) -
     for sentence in found.values():
         progress.say(sentence)
     return found
+
+
+def _say_outdated(plan: Plan, data: Mapping[str, CellData], progress: RunProgress) -> None:
+    """Say which selected parameters are not used, as the code has changed since."""
+    for name in plan.names if plan.suite.ranks == "methods" else ():
+        code = plan.code(name)
+        on = [s for s, there in data.items() if outdated_selection(there.scenario, name, code)]
+        if on and name not in plan.parameters:
+            progress.say(
+                f"The hyper-parameters of {name!r} that were selected on {', '.join(on)} belong to "
+                "another version of its file: they are not used. Tune it again (eitbench tune)."
+            )
 
 
 def _execute(

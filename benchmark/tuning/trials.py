@@ -273,9 +273,12 @@ def frame_figures(data: Dataset, estimates: NDArray[np.float32]) -> Array:
     if data.truth == "position":
         rows = evaluate(data, estimates, fit_registration(data, estimates))
         return -rows["localisation_mm"].to_numpy(dtype=np.float64)
-    rows = evaluate(data, estimates)
-    name = "cc" if data.truth == "classes" else "score"
-    return rows[name].to_numpy(dtype=np.float64)
+    return evaluate(data, estimates)[ranked_by(data)].to_numpy(dtype=np.float64)
+
+
+def ranked_by(data: Dataset) -> str:
+    """Return the metric that frames like those of `data` are ranked by."""
+    return {"position": "localisation_mm", "classes": "cc"}.get(data.truth, "score")
 
 
 def _part_of(data: Dataset, rows: slice) -> Dataset:

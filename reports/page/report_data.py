@@ -6,6 +6,7 @@ reading the runs. `report.json` holds them, and the page's script reads the boar
 
 from __future__ import annotations
 
+import json
 import shlex
 from collections.abc import Sequence
 from dataclasses import replace
@@ -315,6 +316,11 @@ def _command(run: Run, row: Row) -> str:
     for plugin in plan.get("plugins", ()):
         if name in plugin["names"]:
             words += ["--plugin", Path(plugin["path"]).name]
+    for cell in run.manifest.get("cells", ()):
+        of = (cell.get("scenario"), cell.get("name"), cell.get("variant"))
+        if of == (row["scenario"], name, "") and cell.get("parameters"):
+            given = json.dumps({name: cell["parameters"]}, default=str)
+            words += ["--parameters", given]
     return shlex.join(words)
 
 

@@ -72,6 +72,13 @@ def run(
         typer.Option(metavar="ADDRESS", help="Run the cells on the cluster of a Dask scheduler."),
     ] = None,
     isolate: Isolate = False,
+    parameters: Annotated[
+        str | None,
+        typer.Option(
+            metavar="FILE|JSON",
+            help='Parameters of methods instead of selected ones: {"noser": {"weight": 0.1}}.',
+        ),
+    ] = None,
     out: Annotated[
         Path | None, typer.Option(metavar="DIR", help="New folder (default: runs/SUITE-TIME).")
     ] = None,
@@ -86,7 +93,7 @@ def run(
     from eitbench.benchmark.workers.confinement import check_isolation
     from eitbench.scenarios.suites.suite import load_suite
 
-    choices = (methods, operators, scenarios, limit, plugin or None, tracks, out)
+    choices = (methods, operators, scenarios, limit, plugin or None, tracks, parameters, out)
     if resume is not None and any(choice is not None for choice in choices):
         raise typer.BadParameter(
             "a resumed run keeps its choices: only --jobs, --scheduler and --isolate may be others"
@@ -107,7 +114,17 @@ def run(
     elif suite is not None:
         if isolate:
             check_isolation()  # before a plugin is loaded
-        plan = plan_of(suite, methods, scenarios, limit, plugin, operators, tracks, isolate=isolate)
+        plan = plan_of(
+            suite,
+            methods,
+            scenarios,
+            limit,
+            plugin,
+            operators,
+            tracks,
+            parameters,
+            isolate=isolate,
+        )
         folder = out or _new_folder(plan.suite.name)
         result = start_run(
             plan, folder, jobs=jobs, scheduler=scheduler, isolate=isolate, progress=progress
@@ -129,11 +146,13 @@ def plan_of(
     plugins: Sequence[Path] | None,
     operators: str | None = None,
     tracks: str | None = None,
+    parameters: str | None = None,
     *,
     isolate: bool = False,
 ) -> "Plan":
     """Make the plan of a command; names are lists with commas."""
     from eitbench.benchmark.run.runner import make_plan
+    from eitbench.benchmark.rundir.plan import read_parameters
     from eitbench.scenarios.declaration import field_error
     from eitbench.scenarios.errors import InputError
     from eitbench.scenarios.suites.suite import load_suite, suites
@@ -148,6 +167,7 @@ def plan_of(
             limit=limit,
             plugins=plugins or (),
             tracks=names_in("--tracks", tracks),
+            parameters=None if parameters is None else read_parameters(parameters),
             isolate=isolate,
         )
     except InputError as error:
