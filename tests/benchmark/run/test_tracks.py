@@ -11,8 +11,8 @@ import pytest
 from eitbench.benchmark.analysis.results import read_run
 from eitbench.benchmark.analysis.standings import track_gaps
 from eitbench.benchmark.metrics.evaluation import evaluate
-from eitbench.benchmark.run.runner import start_run
 from eitbench.benchmark.run.progress import RunProgress
+from eitbench.benchmark.run.runner import start_run
 from eitbench.benchmark.rundir.plan import make_plan, read_parameters, sha256
 from eitbench.benchmark.tuning.selection import Selection, Trial, TuningBudget, record
 from eitbench.reports.page.report_data import report_data
@@ -108,9 +108,9 @@ def test_parameters_that_are_none_are_refused(text: str, sentence: str) -> None:
 
 
 def test_parameters_are_of_methods_that_are_run_and_take_them() -> None:
-    with pytest.raises(InputError, match="Unknown method in the parameters: 'nosr': did you mean"):
+    with pytest.raises(InputError, match="Unknown method in the parameters: 'nosr'"):
         make_plan(SUITE, parameters={"nosr": {}})
-    with pytest.raises(InputError, match="Method 'noser' cannot be made with {'wait': 1}"):
+    with pytest.raises(InputError, match="Method 'noser' cannot be made with"):
         make_plan(SUITE, parameters={"noser": {"wait": 1}})
 
 
