@@ -1,11 +1,12 @@
 """Methods in the cells of a run: asked for images, which are scored by the known truth."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, ClassVar, Self
 
+import joblib
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
@@ -33,6 +34,7 @@ from eitbench.benchmark.rundir.store import RunStore
 from eitbench.benchmark.tuning.selection import recorded_selection
 from eitbench.benchmark.workers.messages import Cost, Reply, array_in, parsed
 from eitbench.benchmark.workers.method_service import Frames, MethodService, learning_splits
+from eitbench.methods.method import Method
 from eitbench.methods.registry import METHOD_REGISTRY, Registry
 from eitbench.scenarios.data.datasets import Dataset, load
 from eitbench.scenarios.errors import InputError
@@ -132,6 +134,17 @@ class MethodSetUp:
 _SET_UP = TypeAdapter(MethodSetUp)
 
 
+def _definition(plan: CellPlan) -> Callable[[], type[Method]] | None:
+    """Return what gives a worker the class of a method that this process defined, if it did."""
+    cls = METHOD_REGISTRY.known().get(plan.cell.name)
+    if cls is None or plan.plugin is not None or cls.__module__.startswith("eitbench."):
+        return None
+    given: Callable[[], type[Method]] = joblib.wrap_non_picklable_objects(
+        lambda: cls, keep_wrapper=False
+    )
+    return given
+
+
 @dataclass(frozen=True, eq=False)
 class MethodCellTask(CellTask):
     """A method, asked for the images of frames."""
@@ -162,7 +175,13 @@ class MethodCellTask(CellTask):
         plan, test = self.plan, self.data.test
         splits = partial(learning_splits, self.data.scenario)
         return MethodService(
-            test.sensor, test.references[0], splits, plan.cell.name, plan.parameters, plan.plugin
+            test.sensor,
+            test.references[0],
+            splits,
+            plan.cell.name,
+            plan.parameters,
+            plan.plugin,
+            _definition(plan),
         )
 
     def set_up(self, value: object) -> dict[str, Any]:

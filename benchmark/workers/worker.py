@@ -286,16 +286,16 @@ def trace_of(error: BaseException) -> str:
         cause = cause.__cause__ or (None if cause.__suppress_context__ else cause.__context__)
     parts = []
     for each in reversed(chain):
-        walked = list(traceback.walk_tb(each.__traceback__))
+        walked = traceback.walk_tb(each.__traceback__)
         names = [str(frame.f_globals.get("__name__")) for frame, _ in walked]
         called = next((k for k, name in enumerate(names) if not name.startswith(_CALLERS)), None)
         ours = all(name.startswith("eitbench.") for name in names[called:])
         if called is None or (ours and isinstance(each, EitbenchError)):
             continue
-        frames = traceback.StackSummary.extract(iter(walked[called:]))
+        frames = traceback.extract_tb(each.__traceback__)[called:]
         for frame in frames:
             frame.filename = _short(frame.filename)
-        parts.append("".join(frames.format()).rstrip())
+        parts.append("".join(traceback.format_list(frames)).rstrip())
     return "\nwhich led to:\n".join(parts)
 
 
