@@ -31,7 +31,7 @@ app = typer.Typer(
 
 Listing = StrEnum(
     "Listing",
-    ["methods", "operators", "scenarios", "sensors", "suites", "recordings", "boards"],
+    ["methods", "operators", "scenarios", "families", "sensors", "suites", "recordings", "boards"],
 )
 
 
@@ -61,7 +61,7 @@ def list_command(
     what: Annotated[Listing, typer.Argument(help="What to list.")],
     as_json: Json = False,
 ) -> None:
-    """List methods, operators, scenarios, sensors, suites, recordings or boards."""
+    """List methods, operators, scenarios, families, sensors, suites, recordings or boards."""
     from eitbench.commands.listing import LISTINGS
 
     rows = LISTINGS[what.value]()

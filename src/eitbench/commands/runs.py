@@ -79,6 +79,10 @@ def run(
             help='Parameters of methods instead of selected ones: {"noser": {"weight": 0.1}}.',
         ),
     ] = None,
+    time_limit: Annotated[
+        float | None,
+        typer.Option(min=0, metavar="SECONDS", help="Stop then; --resume continues the run."),
+    ] = None,
     out: Annotated[
         Path | None, typer.Option(metavar="DIR", help="New folder (default: runs/SUITE-TIME).")
     ] = None,
@@ -96,7 +100,8 @@ def run(
     choices = (methods, operators, scenarios, limit, plugin or None, tracks, parameters, out)
     if resume is not None and any(choice is not None for choice in choices):
         raise typer.BadParameter(
-            "a resumed run keeps its choices: only --jobs, --scheduler and --isolate may be others"
+            "a resumed run keeps its choices: only --jobs, --scheduler, --isolate and --time-limit "
+            "may be others"
         )
     if resume is None and suite is None:
         raise typer.BadParameter("name a suite (eitbench list suites), or give --resume DIR")
@@ -109,6 +114,7 @@ def run(
             jobs=jobs,
             scheduler=scheduler,
             isolate=isolate,
+            time_limit_s=time_limit,
             progress=progress,
         )
     elif suite is not None:
@@ -127,7 +133,13 @@ def run(
         )
         folder = out or _new_folder(plan.suite.name)
         result = start_run(
-            plan, folder, jobs=jobs, scheduler=scheduler, isolate=isolate, progress=progress
+            plan,
+            folder,
+            jobs=jobs,
+            scheduler=scheduler,
+            isolate=isolate,
+            time_limit_s=time_limit,
+            progress=progress,
         )
     _show_run(result, as_json, limit)
     if result.refused:
@@ -195,6 +207,7 @@ def _show_run(result: "RunResult", as_json: bool, limit: int | None) -> None:
                 "figures": [str(path) for path in figures],
                 "skipped": list(result.skipped),
                 "refused": list(result.refused),
+                "unfinished": result.unfinished,
             }
         )
         return
@@ -203,6 +216,8 @@ def _show_run(result: "RunResult", as_json: bool, limit: int | None) -> None:
         typer.echo(sentence)
     for sentence, trace in failures_with_traces(read_run(result.path)):
         typer.echo("\n".join([sentence, *trace.splitlines()]))
+    if result.unfinished:
+        typer.echo(result.unfinished)
     typer.echo(f"Run: {result.path}")
     for path in figures:
         if path.suffix in (".png", ".md"):
