@@ -47,6 +47,7 @@ TEXTS = (
     "differs",
     "actions",
     "trace",
+    "source",
 )
 NUMBERS = (
     *("sample", *SNR_COLUMNS, "x_m", "y_m", "cc_undefined", "overlap"),

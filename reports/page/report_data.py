@@ -94,7 +94,7 @@ class ReportData(TypedDict):
 
     `cards` holds `MetricSpec.card` of each metric that a board has; `claims` the published claims
     that the runs can test, with their verdicts; `missing` sentences on what the runs lack; `runs`
-    the origin of each as in its manifest, None where that lacks it.
+    the origin of each as in its manifest, None where that lacks it, and the sources of methods.
     """
 
     boards: list[BoardData]
@@ -333,5 +333,8 @@ def _presses(label: str, cell: pd.DataFrame) -> dict[str, Any]:
 
 def _provenance(run: Run) -> dict[str, Any]:
     content = {name: run.manifest.get(name) for name in _PROVENANCE}
+    # Runs of operators know none.
+    sources = run.cells.get("source", pd.Series(index=run.cells.index, dtype=object)).fillna("")
+    content["sources"] = dict(zip(run.cells[run.kind.name], sources, strict=True))
     # Whether its methods were run again is known where runs are collected, see `site`.
     return {"run": printable(run.path.name), "kind": run.kind.name, "checked": "", **content}

@@ -60,7 +60,7 @@ class SplitNoise(Declaration):
 
 FamilyField = Annotated[
     Annotated[str, Tag("name")] | Annotated[DeclaredFamily, Tag("declared")],
-    Discriminator(lambda value: "name" if isinstance(value, str) else "declared"),
+    Discriminator(lambda v: "declared" if isinstance(v, dict | DeclaredFamily) else "name"),
 ]
 
 

@@ -9,9 +9,9 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 
-from eitbench.benchmark import InputError
 from eitbench.reports.figures.style import CONDUCTIVITY_MAP, HEADING, NOTE
 from eitbench.scenarios.catalogue import sensor as sensor_by_name
+from eitbench.scenarios.errors import InputError
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

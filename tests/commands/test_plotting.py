@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from eitbench.reports.figures.sensor_image import plot
+from eitbench.plotting import plot
 from eitbench.scenarios.catalogue import sensor
 from eitbench.scenarios.errors import InputError
 
