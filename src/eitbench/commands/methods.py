@@ -266,11 +266,15 @@ def new_method_command(
     folder: Annotated[
         Path | None, typer.Argument(metavar="[DIR]", help="New folder (default: eitbench-NAME).")
     ] = None,
+    learned: Annotated[
+        bool, typer.Option("--learned", help="A network with its training, not a formula.")
+    ] = False,
 ) -> None:
     """Write an installable package around a method that works, to put yours in its place."""
     from eitbench.commands.scaffold import new_method
 
-    written = new_method(name, folder)
+    written = new_method(name, folder, learned=learned)
     for path in written:
         typer.echo(str(path))
-    typer.echo(f"Next: pip install -e {written[0].parent} && eitbench check {name}")
+    train = f" && python {written[2]}" if learned else ""
+    typer.echo(f"Next: pip install -e {written[0].parent}{train} && eitbench check {name}")
