@@ -333,7 +333,7 @@ def _presses(label: str, cell: pd.DataFrame) -> dict[str, Any]:
 
 def _provenance(run: Run) -> dict[str, Any]:
     content = {name: run.manifest.get(name) for name in _PROVENANCE}
-    # Runs of operators know none.
+    # Runs of before know none.
     sources = run.cells.get("source", pd.Series(index=run.cells.index, dtype=object)).fillna("")
     content["sources"] = dict(zip(run.cells[run.kind.name], sources, strict=True))
     # Whether its methods were run again is known where runs are collected, see `site`.

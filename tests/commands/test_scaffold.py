@@ -34,7 +34,10 @@ def test_the_package_passes_the_checks(tmp_path: Path) -> None:
     assert not any("$" in path.read_text() for path in written)
 
 
-def test_a_formula_declares_what_tuning_may_choose(tmp_path: Path) -> None:
+def test_a_formula_declares_what_tuning_may_choose(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(METHOD_REGISTRY, "_registered", METHOD_REGISTRY.known())
     *_, module, _ = new_method("my-method", tmp_path / "package")
     names = runpy.run_path(str(module), run_name="scaffold")
     search = names["MyMethod"].search
