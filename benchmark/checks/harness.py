@@ -175,7 +175,7 @@ def run_checks(
         run: runs one check.
         expected: reasons by identifier.
     """
-    results = []
+    results: list[CheckResult] = []
     for check in checks:
         reason = expected.get(check.__name__, "").rstrip(".")
         status: Status = "passed"

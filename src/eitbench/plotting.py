@@ -90,14 +90,14 @@ def _draw_rim(axes: Axes, sensor: Sensor) -> None:
     apart = 0.05 * max(x1 - x0, y1 - y0)
     for number, electrode in enumerate(sensor.electrodes):
         ends = electrode.centre + electrode.width * np.array([-0.5, 0.5])
-        bar = _MM * outline.point(np.linspace(*ends, 9))
+        bar = _MM * outline.point(np.linspace(ends[0], ends[1], 9))
         axes.plot(*bar.T, color="black", lw=3, solid_capstyle="butt", clip_on=False)
         # Inwards of the rim, which runs counter-clockwise: to the left of it.
         along = bar[-1] - bar[0]
         inwards = np.array([-along[1], along[0]]) / np.hypot(*along)
         place = _MM * outline.point(electrode.centre) + apart * inwards
         axes.text(
-            *place, str(number), fontsize=NOTE, ha="center", va="center", color="white",
+            place[0], place[1], str(number), fontsize=NOTE, ha="center", va="center", color="white",
             bbox={"boxstyle": "round,pad=0.1", "fc": "0.25", "ec": "none", "alpha": 0.6},
         )  # fmt: skip
     axes.set_xlim(x0, x1)

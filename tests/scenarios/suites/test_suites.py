@@ -230,6 +230,7 @@ def test_a_scenario_declares_families_of_its_own_which_its_data_hash_holds(
         again = Suite.model_validate_json(read_suite(path).model_dump_json())  # as in a manifest
         assert again.scenarios[1].data_hash("test") == scenario.data_hash("test")
     assert len(hashes) == 6
+    assert isinstance(scenario, SimulatedScenario)
     drawn = phantom(scenario, "test", 1)
     assert (drawn.family, len(drawn.inclusions)) == ("slit", 2)
     assert 0.04 <= drawn.parameters["width_1_m"] <= 0.05
