@@ -144,7 +144,8 @@ def _declared_key(loc: Key, declared: Any) -> tuple[Key, str]:
         try:
             declared = declared[part]
         except (KeyError, IndexError, TypeError):
-            if k < len(loc) - 1 or (isinstance(part, int) and not isinstance(declared, list)):
+            holds = list if isinstance(part, int) else dict
+            if k < len(loc) - 1 or not isinstance(declared, holds):
                 continue
         key.append(part)
         if k < len(loc) - 1 and isinstance(declared, dict):

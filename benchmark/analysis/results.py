@@ -20,6 +20,7 @@ from eitbench.benchmark.rundir.kinds import METHOD_RUNS, RUN_KINDS, RunKind
 from eitbench.benchmark.rundir.run_arrays import Scene, read_estimates, read_scene
 from eitbench.benchmark.rundir.store import SAMPLES, TRACKS
 from eitbench.benchmark.rundir.tables import read_parquet, wrong_kind
+from eitbench.benchmark.workers.messages import plain_trace
 from eitbench.methods.registry import MAX_NAME
 from eitbench.scenarios.data.datasets import SNR_COLUMNS
 from eitbench.scenarios.errors import DataCorruptError, InputError
@@ -46,6 +47,8 @@ TEXTS = (
     "prior_knowledge",
     "differs",
     "actions",
+    "trace",
+    "source",
 )
 NUMBERS = (
     *("sample", *SNR_COLUMNS, "contacts", "cc_undefined", "overlap"),
@@ -289,12 +292,27 @@ def describe_actions(text: object) -> str:
 
 def failures(run: Run) -> list[str]:
     """One sentence for each method or operator that failed on a scenario, with its first reason."""
+    return [sentence for sentence, _ in failures_with_traces(run)]
+
+
+def failures_with_traces(run: Run) -> list[tuple[str, str]]:
+    """Return the sentences of `failures`, and where each first raised an error, "" if not known."""
+    if run.samples.empty:
+        return []
     failed = run.samples[run.samples["status"] != "ok"]
-    return [
-        f"{name!r} on {scenario!r}: {len(rows)} samples failed, the first ({rows.iloc[0]['status']}"
-        f"): {' '.join(str(rows.iloc[0]['message']).split())}"
-        for (scenario, name), rows in failed.groupby(["scenario", run.kind.name], sort=False)
-    ]
+    cells = run.cells.set_index(["scenario", run.kind.name])
+    found = []
+    for of, rows in failed.groupby(["scenario", run.kind.name], sort=False):
+        (scenario, name), first = of, rows.iloc[0]
+        trace = cells["trace"].get(of, "") if "trace" in cells else ""
+        found.append(
+            (
+                f"{name!r} on {scenario!r}: {len(rows)} samples failed, the first "
+                f"({first['status']}): {' '.join(str(first['message']).split())}",
+                plain_trace(trace) if isinstance(trace, str) else "",
+            )
+        )
+    return found
 
 
 def read_json(path: Path) -> dict[str, Any]:

@@ -76,7 +76,8 @@ def check_method(name: str, *, plugin: Path | None = None, limit_s: float = LIMI
         finally:
             tested.worker.close()
     height, width = tested.sensor.image_shape
-    return CheckReport("method", name, f"{tested.sensor.name}, {height} x {width}", results)
+    where = f"{tested.sensor.name}, {height} x {width}"
+    return CheckReport("method", name, where, results, len(METHOD_CHECKS) - len(results))
 
 
 def _expected_failures(worker: CheckWorker, name: str) -> Mapping[str, str]:
@@ -124,14 +125,14 @@ def check_operator(
             results = run_checks(OPERATOR_CHECKS, partial(_run_in, worker), {})
         finally:
             worker.close()
-    return CheckReport("operator", name, where, results)
+    return CheckReport("operator", name, where, results, len(OPERATOR_CHECKS) - len(results))
 
 
 def _run_in(worker: CheckWorker, check: Check) -> str | None:
     """Run one check of an operator in its worker; an error that it raises is its finding."""
     reply = worker.request("run", check)
     if reply.failure is not None:
-        raise BrokenError(f"it raises {reply.failure.message.rstrip('.')}.")
+        raise BrokenError(f"it raises {reply.failure.message.rstrip('.')}.", reply.failure.trace)
     found = answer_of(dict[str, str | None], reply, check.__name__)
     if "skipped" in found:
         raise SkippedError(found["skipped"])

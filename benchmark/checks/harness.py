@@ -36,12 +36,14 @@ class CheckResult:
         name: its title.
         status: "skipped" where it does not apply, "xfail" where it failed as it was expected to.
         message: the finding, the reason why it was skipped, or the measured value; may be empty.
+        trace: where the method or operator raised an error, as lines of a traceback.
     """
 
     check: str
     name: str
     status: Status
     message: str = ""
+    trace: str = ""
 
 
 @dataclass(frozen=True)
@@ -52,12 +54,14 @@ class CheckReport:
         kind: "method" or "operator".
         name: registry name.
         where: the sensor that was checked on, for people.
+        untried: number of checks that were left out, as it does not work at all.
     """
 
     kind: str
     name: str
     where: str
     results: tuple[CheckResult, ...]
+    untried: int = 0
 
     def having(self, status: Status) -> tuple[CheckResult, ...]:
         """Return the results with that status."""
@@ -75,9 +79,10 @@ class CheckReport:
 
     @property
     def counts(self) -> dict[str, int]:
-        """Number of checks that ran, and that passed, failed, were expected to fail or skipped."""
+        """Numbers of checks: ran, passed, failed, failed as expected, skipped, not tried."""
         counts = {status: len(self.having(status)) for status in get_args(Status)}
-        return {"ran": len(self.results) - counts["skipped"], **counts}
+        ran = len(self.results) - counts["skipped"]
+        return {"ran": ran, **counts, "untried": self.untried}
 
     def describe(self) -> dict[str, object]:
         """Return plain values for JSON."""
@@ -93,14 +98,24 @@ class CheckReport:
         n = self.counts
         expected = f", {n['xfail']} failed as expected" if n["xfail"] else ""
         skipped = f", {n['skipped']} skipped" if n["skipped"] else ""
+        untried = f", {n['untried']} not tried" if n["untried"] else ""
+        checks = "1 check" if n["ran"] == 1 else f"{n['ran']} checks"
         return (
-            f"{self.name} on {self.where}: {n['ran']} checks ran, {n['passed']} passed, "
-            f"{n['failed']} failed{expected}{skipped}."
+            f"{self.name} on {self.where}: {checks} ran, {n['passed']} passed, "
+            f"{n['failed']} failed{expected}{skipped}{untried}."
         )
 
 
 class BrokenError(Exception):
-    """Finding of a check, as a sentence."""
+    """Finding of a check, as a sentence; `trace` as for `CheckResult`."""
+
+    def __init__(self, sentence: str, trace: str = "") -> None:
+        super().__init__(sentence)
+        self.trace = trace
+
+
+class GivenUpError(BrokenError):
+    """Finding after which no other check can run."""
 
 
 class SkippedError(Exception):
@@ -110,7 +125,7 @@ class SkippedError(Exception):
 def answered(reply: Reply) -> Any:
     """Return the value of a `reply`, which must not be a failure."""
     if reply.failure is not None:
-        raise BrokenError(f"{reply.failure.message.rstrip('.')}.")
+        raise BrokenError(f"{reply.failure.message.rstrip('.')}.", reply.failure.trace)
     return reply.value
 
 
@@ -153,16 +168,18 @@ def run_checks(
 ) -> tuple[CheckResult, ...]:
     """Run `checks` in order, where some are `expected` to fail, each for a reason.
 
-    An expectation that is not met is a failure, so that none outlives its reason.
+    An expectation that is not met is a failure, so that none outlives its reason. After a
+    `GivenUpError` the rest is left out.
 
     Args:
         run: runs one check.
         expected: reasons by identifier.
     """
-    results = []
+    results: list[CheckResult] = []
     for check in checks:
         reason = expected.get(check.__name__, "").rstrip(".")
         status: Status = "passed"
+        trace = ""
         try:
             message = run(check) or ""
             if reason:
@@ -170,11 +187,16 @@ def run_checks(
                 message = f"it passes although it is expected to fail ({reason}): remove it."
         except SkippedError as skipped:
             status, message = "skipped", str(skipped)
+        except GivenUpError as finding:
+            failed = CheckResult(
+                check.__name__, title(check), "failed", str(finding), finding.trace
+            )
+            return (*results, failed)
         except BrokenError as finding:
-            status, message = "failed", str(finding)
+            status, message, trace = "failed", str(finding), finding.trace
             if reason:
                 status, message = "xfail", f"{message} Expected: {reason}."
-        results.append(CheckResult(check.__name__, title(check), status, message))
+        results.append(CheckResult(check.__name__, title(check), status, message, trace))
     return tuple(results)
 
 
@@ -185,17 +207,17 @@ class CheckWorker(RestartingWorker):
         """Prepare a worker; `limit_s` is for set-up and for each answer [s]."""
         super().__init__(service, set_up_limit_s=limit_s, log=log)
         self._limit_s = limit_s
-        self._given_up = ""
+        self._given_up: GivenUpError | None = None
 
     def request(self, *request: object) -> Reply:
         """Return the answer to `request`.
 
         Raises:
-            BrokenError: the service could not be set up, hung or died. One that cannot be set up,
-                hangs or keeps dying is not asked again.
+            BrokenError: the service died.
+            GivenUpError: it cannot be set up, hangs or keeps dying, and is not asked again.
         """
-        if self._given_up:
-            raise BrokenError(self._given_up)
+        if self._given_up is not None:
+            raise self._given_up
         with self._losses_found():
             return self.ask(*request, limit=self._limit_s, what=str(request[0]))
 
@@ -207,7 +229,7 @@ class CheckWorker(RestartingWorker):
         """Start another worker in the place of this one, and return the answer of its set-up.
 
         Raises:
-            BrokenError: the service could not be set up in it.
+            GivenUpError: the service could not be set up in it.
         """
         with self._losses_found():
             return self.start()
@@ -221,5 +243,6 @@ class CheckWorker(RestartingWorker):
             if isinstance(lost, SetUpFailedError):
                 message = f"set-up failed with {message}"
             if lost.failure.status == "timeout" or self.history.restarts >= RESTARTS:
-                self._given_up = message
-            raise BrokenError(message) from lost
+                self._given_up = GivenUpError(message, lost.failure.trace)
+                raise self._given_up from lost
+            raise BrokenError(message, lost.failure.trace) from lost

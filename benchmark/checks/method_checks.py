@@ -135,7 +135,7 @@ def _require_sound(tested: MethodUnderTest, kind: str) -> None:
     """Require that plain frames cause no failure, above all none of `kind`."""
     if failure := tested.ask(tested.frames).failure:
         who = "reconstruct " if kind in failure.kinds else ""
-        raise BrokenError(f"{who}{failure.message}.")
+        raise BrokenError(f"{who}{failure.message}.", failure.trace)
 
 
 def wrong_length(tested: MethodUnderTest) -> None:

@@ -38,6 +38,7 @@ SAVE_SECONDS = 1.0  # samples that are asked for one by one are stored as often 
 _UNTIMED = {
     "timed": "",
     "actions": "",
+    "trace": "",
     **dict.fromkeys(("calibration_ms", "calibration_spread", "load", "cpu_mhz"), NAN),
 }
 # Failures that asking again sample by sample would not mend.
@@ -137,6 +138,7 @@ class CellState(WorkerHistory):
         suspected: number of losses when a whole batch cost a worker and its samples are tried.
         done, seconds: samples answered in whole batches, and the time that took.
         actions: what its workers were noted to do, by kind.
+        trace: where it raised an error first, as lines of a traceback; "" where it did not.
     """
 
     row: dict[str, Any] = field(default_factory=dict)
@@ -148,6 +150,7 @@ class CellState(WorkerHistory):
     done: int = 0
     seconds: float = 0.0
     actions: dict[str, list[str]] = field(default_factory=dict)
+    trace: str = ""
 
 
 _STATE = TypeAdapter(CellState)
@@ -228,6 +231,7 @@ class BatchRunner:
                     "A stored part of the run lacks the state of its cell: start a new run."
                 ) from error
         self._service, self._stop = task.service(), stop
+        self._logged: set[str] = set()
         self._readable = task.readable if isolate else None
 
     def run(self) -> dict[str, Any]:
@@ -275,10 +279,12 @@ class BatchRunner:
             measured |= self._prior_knowledge()
         except WorkerLostError as lost:
             state.failure = lost.failure
+            self._note_trace(lost.failure)
         except (StoppedError, EitbenchError):
             raise
         except Exception as error:  # whatever else goes wrong here costs this cell only
             state.failure = describe_exception(error)
+            self._note_trace(state.failure)
         finally:
             self._worker.close()
         if state.failure is not None:
@@ -291,6 +297,7 @@ class BatchRunner:
             "batch_fps": state.done / state.seconds if state.seconds > 0 else NAN,
             "memory_mb": self._worker.memory_mb,
             "actions": json.dumps(state.actions) if state.actions else "",
+            "trace": state.trace,
         }
         return state.row | measured | whole
 
@@ -299,6 +306,14 @@ class BatchRunner:
         for kind, noted in self._watch.all_noted().items():
             known = self._state.actions.setdefault(kind, [])
             known += [what for what in noted if what not in known][: ACTIONS - len(known)]
+
+    def _note_trace(self, failure: Failure) -> None:
+        """Add where scored code raised an error to the log; the first is a figure of the cell."""
+        if failure.trace and failure.trace not in self._logged:
+            self._logged.add(failure.trace)
+            with self.store.log(self.plan.cell).open("a", encoding="utf-8") as log:
+                log.write(f"{failure.trace}\n{failure.message}\n")
+        self._state.trace = self._state.trace or failure.trace
 
     def _first_sample(self) -> float:
         """Return the time of the first sample that the task sees [ms]; NaN where it fails."""
@@ -373,7 +388,10 @@ class BatchRunner:
     def _ask(self, split: str, rows: slice, what: str) -> Reply:
         """Ask for some samples; raises `WorkerLostError` if that costs the worker."""
         limit = self.plan.suite.frame_limit_s * (rows.stop - rows.start)
-        return self._worker.ask(*self.task.request(split, rows), limit=limit, what=what)
+        reply = self._worker.ask(*self.task.request(split, rows), limit=limit, what=what)
+        if reply.failure is not None:
+            self._note_trace(reply.failure)
+        return reply
 
     def _stored_part(self, split: str, rows: slice) -> BatchResult:
         """Return the samples of a batch that are stored already."""

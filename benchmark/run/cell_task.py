@@ -98,8 +98,8 @@ class CellData(ABC):
         """Return the reason why `name` cannot run here, as a sentence; "" if it can."""
         return ""
 
-    def selection(self, name: str) -> dict[str, Any] | None:
-        """Return the record of the parameters selected for `name`; None without one."""
+    def selection(self, name: str, code: str) -> dict[str, Any] | None:
+        """Return the record of the parameters selected for `name` with this `code`, if any."""
         return None
 
 

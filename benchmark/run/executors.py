@@ -28,6 +28,7 @@ from eitbench.benchmark.rundir.kinds import RUN_KINDS
 from eitbench.benchmark.rundir.run_arrays import TRUTH
 from eitbench.benchmark.rundir.store import Files, RunStore
 from eitbench.benchmark.workers.confinement import check_isolation
+from eitbench.benchmark.workers.process import check_guarded
 from eitbench.benchmark.workers.worker import StoppedError
 from eitbench.scenarios.errors import EitbenchError, InputError
 
@@ -212,6 +213,7 @@ def executor(jobs: int, scheduler: str | None, isolate: bool) -> Iterator[Execut
         InputError: `distributed` is not installed, no scheduler answers there, or methods cannot
             be isolated.
     """
+    check_guarded()  # before data are simulated
     if isolate:
         check_isolation()
         if scheduler is not None:

@@ -1,15 +1,16 @@
 """Methods in the cells of a run: asked for images, which are scored by the known truth."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, ClassVar, Self
+from typing import Annotated, Any, ClassVar, Self
 
+import joblib
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from pydantic import TypeAdapter
+from pydantic import Field, TypeAdapter
 
 from eitbench.benchmark.metrics.evaluation import (
     LEAST_PRESSES,
@@ -35,6 +36,7 @@ from eitbench.benchmark.rundir.store import RunStore
 from eitbench.benchmark.tuning.selection import recorded_selection
 from eitbench.benchmark.workers.messages import Cost, Reply, array_in, parsed
 from eitbench.benchmark.workers.method_service import Frames, MethodService, learning_splits
+from eitbench.methods.method import Method
 from eitbench.methods.registry import METHOD_REGISTRY, Registry
 from eitbench.scenarios.data.datasets import Dataset, load
 from eitbench.scenarios.errors import InputError
@@ -110,9 +112,9 @@ class MethodData(CellData):
         known = self.registry.known()
         return known[name].unusable(self.test.sensor) if name in known else ""
 
-    def selection(self, name: str) -> dict[str, Any] | None:
+    def selection(self, name: str, code: str) -> dict[str, Any] | None:
         """See `CellData.selection`."""
-        return recorded_selection(self.scenario, name)
+        return recorded_selection(self.scenario, name, code)
 
     def frames(self, split: str) -> tuple[Frames, Frames]:
         """Return the frames (n, M) of "test" or "validation", and their reference frames (n, M)."""
@@ -130,9 +132,21 @@ class MethodSetUp:
     parameters: dict[str, Any]
     train_s: Cost
     differs: str
+    source: Annotated[list[str], Field(max_length=100)]
 
 
 _SET_UP = TypeAdapter(MethodSetUp)
+
+
+def _definition(plan: CellPlan) -> Callable[[], type[Method]] | None:
+    """Return what gives a worker the class of a method that this process defined, if it did."""
+    cls = METHOD_REGISTRY.known().get(plan.cell.name)
+    if cls is None or plan.plugin is not None or cls.__module__.startswith("eitbench."):
+        return None
+    given: Callable[[], type[Method]] = joblib.wrap_non_picklable_objects(
+        lambda: cls, keep_wrapper=False
+    )
+    return given
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,6 +164,7 @@ class MethodCellTask(CellTask):
         "prior_knowledge": "",
         "overlap": NAN,
         "differs": "",
+        "source": "",
         **dict.fromkeys(
             ("setup_s", "train_s", "first_frame_ms", "frame_ms_p50", "frame_ms_p99", "batch_fps"),
             NAN,
@@ -166,13 +181,20 @@ class MethodCellTask(CellTask):
         plan, test = self.plan, self.data.test
         splits = partial(learning_splits, self.data.scenario)
         return MethodService(
-            test.sensor, test.references[0], splits, plan.cell.name, plan.parameters, plan.plugin
+            test.sensor,
+            test.references[0],
+            splits,
+            plan.cell.name,
+            plan.parameters,
+            plan.plugin,
+            _definition(plan),
         )
 
     def set_up(self, value: object) -> dict[str, Any]:
-        """Return its `parameters` as JSON, and what it says of its training and differences."""
+        """Return its `parameters` as JSON, and what it says of its training and its origin."""
         answer: MethodSetUp = parsed(_SET_UP, value, "set-up")
-        return {**vars(answer), "parameters": json.dumps(answer.parameters)}
+        texts = {"parameters": json.dumps(answer.parameters), "source": "\n".join(answer.source)}
+        return {**vars(answer), **texts}
 
     def request(self, split: str, rows: slice) -> tuple[object, ...]:
         """Return a request for the images of frames."""

@@ -4,8 +4,9 @@ import shutil
 import threading
 from collections.abc import Mapping, Sequence
 from concurrent.futures import FIRST_EXCEPTION, Future, ThreadPoolExecutor, wait
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Self
 
 from eitbench.benchmark.run.cell import score_cell
 from eitbench.benchmark.run.cell_task import CellData, CellPlan
@@ -21,6 +22,7 @@ from eitbench.benchmark.rundir.lock import locked
 from eitbench.benchmark.rundir.manifest import Manifest
 from eitbench.benchmark.rundir.plan import Plan, make_plan, read_resumable
 from eitbench.benchmark.rundir.store import RunStore
+from eitbench.benchmark.tuning.selection import outdated_selection
 from eitbench.benchmark.workers.process import THREADS
 from eitbench.benchmark.workers.worker import SEED, StoppedError
 from eitbench.scenarios.errors import (
@@ -48,11 +50,43 @@ class RunResult:
         skipped: one sentence for each scenario whose data could not be had, and for each method
             that lacks something here, such as weights for a scenario's sensor.
         refused: one sentence for each scenario whose data are not what they should be.
+        unfinished: a sentence if the time limit ended the run, which can be resumed; else "".
     """
 
     path: Path
     skipped: tuple[str, ...] = ()
     refused: tuple[str, ...] = ()
+    unfinished: str = ""
+
+
+class TimeLimit:
+    """Stops a run after some seconds; without a number, never.
+
+    Attributes:
+        stop: is set then, and whenever else the cells have to stop.
+        reached: true from then on.
+    """
+
+    def __init__(self, seconds: float | None) -> None:
+        if seconds is not None and not 0 <= seconds <= threading.TIMEOUT_MAX:
+            raise InputError(f"A time limit is a number of seconds, got {seconds}.")
+        self.seconds = seconds
+        self.stop = threading.Event()
+        self.reached = False
+        self._timer = threading.Timer(seconds or 0.0, self._end)
+        self._timer.daemon = True
+
+    def __enter__(self) -> Self:
+        if self.seconds is not None:
+            self._timer.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._timer.cancel()
+
+    def _end(self) -> None:
+        self.reached = True
+        self.stop.set()
 
 
 class RunInterruptedError(EitbenchError):
@@ -68,6 +102,7 @@ def start_run(
     jobs: int = 1,
     scheduler: str | None = None,
     isolate: bool = False,
+    time_limit_s: float | None = None,
     progress: RunProgress | None = None,
 ) -> RunResult:
     """Run `plan` into the new directory `out`, `jobs` cells at a time.
@@ -76,6 +111,7 @@ def start_run(
         scheduler: address of a Dask scheduler on whose machines the cells are run; `jobs` is then
             how many processes simulate data here.
         isolate: keep methods from the network, and from reading files that are not theirs.
+        time_limit_s: seconds after which the run stops as by Ctrl-C, and returns.
 
     Call it from a script only under `if __name__ == "__main__":`, since it starts processes.
 
@@ -87,19 +123,20 @@ def start_run(
         EitbenchError: `out` cannot be written.
     """
     progress = progress or RunProgress(quiet=True)
-    with executor(jobs, scheduler, isolate) as where:
+    with executor(jobs, scheduler, isolate) as where, TimeLimit(time_limit_s) as limit:
         store = RunStore.create(out, plan.kind)
         with locked(out), termination_interrupts():
             try:
                 data, lost = _load(plan, plan.scenarios, jobs, progress)
                 lost["skipped"] |= _unusable(plan, data, progress)
+                _say_outdated(plan, data, progress)
                 manifest = _new_manifest(plan, data, lost, jobs)
                 store.write_manifest(manifest)
                 store.keep_plugins(plan.plugins)
             except BaseException:  # nothing has been run: leave nothing behind, after Ctrl-C too
                 shutil.rmtree(out, ignore_errors=True)
                 raise
-            return _execute(plan, store, manifest, data, where, progress)
+            return _execute(plan, store, manifest, data, where, progress, limit)
 
 
 def resume_run(
@@ -109,6 +146,7 @@ def resume_run(
     jobs: int = 1,
     scheduler: str | None = None,
     isolate: bool = False,
+    time_limit_s: float | None = None,
     progress: RunProgress | None = None,
 ) -> RunResult:
     """Continue the run in `run`, in place, with the plan it was started with.
@@ -117,6 +155,7 @@ def resume_run(
         jobs: as for `start_run`; it may be another number than before.
         scheduler: as for `start_run`; it may be another one, or none.
         isolate: as for `start_run`.
+        time_limit_s: as for `start_run`.
 
     Raises:
         InputError: `run` is no run directory, belongs to another suite, plugin or data, or another
@@ -130,7 +169,12 @@ def resume_run(
             f"{suite.name!r}: leave the suite out to continue it, or start a new run."
         )
     progress = progress or RunProgress(quiet=True)
-    with locked(run), termination_interrupts(), executor(jobs, scheduler, isolate) as where:
+    with (
+        locked(run),
+        termination_interrupts(),
+        executor(jobs, scheduler, isolate) as where,
+        TimeLimit(time_limit_s) as limit,
+    ):
         manifest, _ = read_resumable(run)  # another process may just have finished it
         if manifest["status"] == "finished":
             RunStore(run, plan.kind).remove_parts()  # it may have been killed just before
@@ -140,7 +184,8 @@ def resume_run(
             {"time": manifests.now(), "command_line": manifests.command_line(), "jobs": jobs}
             | manifests.environment()
         )
-        return _execute(plan, RunStore(run, plan.kind), manifest, data, where, progress)
+        store = RunStore(run, plan.kind)
+        return _execute(plan, store, manifest, data, where, progress, limit)
 
 
 def _result(run: Path, manifest: Manifest) -> RunResult:
@@ -251,6 +296,18 @@ def _unusable(plan: Plan, data: Mapping[str, CellData], progress: RunProgress) -
     return found
 
 
+def _say_outdated(plan: Plan, data: Mapping[str, CellData], progress: RunProgress) -> None:
+    """Say which selected parameters are not used, as the code has changed since."""
+    for name in plan.names if plan.suite.ranks == "methods" else ():
+        code = plan.code(name)
+        on = [s for s, there in data.items() if outdated_selection(there.scenario, name, code)]
+        if on and name not in plan.parameters:
+            progress.say(
+                f"The hyper-parameters of {name!r} that were selected on {', '.join(on)} belong to "
+                "another version of its file: they are not used. Tune it again (eitbench tune)."
+            )
+
+
 def _execute(
     plan: Plan,
     store: RunStore,
@@ -258,6 +315,7 @@ def _execute(
     data: dict[str, CellData],
     where: Executor,
     progress: RunProgress,
+    limit: TimeLimit,
 ) -> RunResult:
     plugins = {name: file.path for name, file in plan.origins.items()}
     cells = [
@@ -272,8 +330,8 @@ def _execute(
         )
         for entry in manifest["cells"]
     ]
-    interrupted = not _run_cells(cells, data, store, where, progress)
-    if interrupted:
+    interrupted = not _run_cells(cells, data, store, where, progress, limit)
+    if interrupted or limit.reached:
         for cell in cells:
             if not store.finished(cell.cell) and any(store.batches(cell.cell, "test")):
                 score_cell(data[cell.cell.scenario].task(cell, store), None)
@@ -287,6 +345,13 @@ def _execute(
         "finished": manifests.now() if ended else None,
     }
     store.write_manifest(manifest)
+    if limit.reached and unfinished and not interrupted:
+        return replace(
+            _result(store.path, manifest),
+            unfinished=f"The time limit of {limit.seconds:g} s ended the run: {unfinished} of the "
+            f"{len(cells)} cells are not finished. Continue with `eitbench run --resume "
+            f"{store.path}`.",
+        )
     if interrupted:
         raise RunInterruptedError(
             f"Interrupted: finished rows are kept in {store.path}. Continue with "
@@ -307,9 +372,10 @@ def _run_cells(
     store: RunStore,
     where: Executor,
     progress: RunProgress,
+    limit: TimeLimit,
 ) -> bool:
-    """Run the cells that are not finished; return False after Ctrl-C."""
-    stop = threading.Event()
+    """Run the cells that are not finished, within the limit; return False after Ctrl-C."""
+    stop = limit.stop
     unfinished = [plan for plan in cells if not store.finished(plan.cell)]
     if where.slots > 1:
         # A cell that took long to tune takes long to run: begun last, it would run alone.
@@ -328,8 +394,9 @@ def _run_cells(
         with progress.cell(str(plan.cell), frames) as bar:
             if plan in unfinished and plan.cell.scenario in prepared:
                 prepared[plan.cell.scenario].result()
-            if not stop.is_set():
-                where.run(there, plan, store, bar, stop)
+            if stop.is_set():
+                raise StoppedError
+            where.run(there, plan, store, bar, stop)
 
     total = len(unfinished) + len(preparations)
     with progress.cells(total), ThreadPoolExecutor(where.slots) as pool:

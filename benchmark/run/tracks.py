@@ -1,7 +1,8 @@
 """Tracks that are run beside the ranked one; `analysis.standings.track_gaps` compares them.
 
 `default` are a method's own parameters, `tuned` those selected on validation data, and `oracle` the
-best on the test split among all that were tried: the limit of tuning. The oracle has seen the
+best on the test split among all that were tried: the limit of tuning. `given` are parameters of
+the user's choice, which are ranked and named so. The oracle has seen the
 test split, so that it is shown as a gap and never ranked.
 """
 
@@ -27,16 +28,21 @@ if TYPE_CHECKING:
 
 def cell_entries(plan: "Plan", data: CellData, name: str) -> list[Manifest]:
     """Return manifest entries for the cells of `name`, the ranked one first."""
-    selection = data.selection(name)
-    own: dict[str, Any] = selection or {"parameters": {}, "spent": {}, "trials": []}
+    given = plan.parameters.get(name)
+    code = plan.code(name) if plan.suite.ranks == "methods" else ""
+    selection = data.selection(name, code) if given is None else None
+    own: dict[str, Any] = selection or {"parameters": given or {}, "spent": {}, "trials": []}
     track = "default" if selection is None else "tuned"
     if data.scenario.calibrated:
         track = "calibrated"
+    if given is not None:
+        track = "given"
     spent = own["spent"] | {"edges": at_edge(own)} if selection else {}
     cells: list[tuple[str, str, dict[str, Any], dict[str, Any]]] = [
         ("", track, own["parameters"], spent)
     ]
-    if selection is not None and "default" in plan.tracks:  # without one the ranked track is it
+    # Without a choice the ranked track is it.
+    if "default" in plan.tracks and not (selection is None and given is None):
         cells.append(("default", "default", {}, {}))
     if "oracle" in plan.tracks:
         # The first trial is that of the defaults.

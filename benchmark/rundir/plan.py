@@ -1,21 +1,25 @@
 """The plan of a run: a suite, and the methods, scenarios and samples chosen of it."""
 
 import hashlib
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
+from eitbench.benchmark.rundir.folder import read_json_file
 from eitbench.benchmark.rundir.kinds import RUN_KINDS, RunKind
 from eitbench.benchmark.rundir.manifest import Manifest, first_problem, read
 from eitbench.benchmark.workers.worker import plugin_names
-from eitbench.methods.registry import METHOD_REGISTRY, OPERATOR_REGISTRY
+from eitbench.methods.registry import METHOD_REGISTRY, OPERATOR_REGISTRY, source_hash
 from eitbench.scenarios.errors import InputError, unknown_name
+from eitbench.scenarios.storage.limits import check_regular
 from eitbench.scenarios.suites.suite import Suite
 
 TRACKS = ("default", "tuned", "oracle")
 """As its author set it; with the parameters chosen on validation data; with the best on test."""
+
+_PARAMETERS = TypeAdapter(dict[str, dict[str, Any]])
 
 
 class _Declared(BaseModel):
@@ -43,6 +47,7 @@ class Plan(_Declared):
         scenarios: names in the order they are run.
         limit: number of test samples of each scenario, None for all.
         tracks: those that are run beside the one that is ranked.
+        parameters: constructor parameters that were given, by method; instead of selected ones.
     """
 
     suite: Suite
@@ -51,6 +56,7 @@ class Plan(_Declared):
     limit: int | None
     tracks: tuple[str, ...]
     plugins: tuple[PluginFile, ...]
+    parameters: dict[str, dict[str, Any]] = {}
 
     @property
     def kind(self) -> RunKind:
@@ -75,6 +81,12 @@ class Plan(_Declared):
     def origins(self) -> dict[str, PluginFile]:
         """The plugin of each of the names that one registers."""
         return {name: plugin for plugin in self.plugins for name in plugin.names}
+
+    def code(self, name: str) -> str:
+        """SHA-256 (hex) of the file that a method of somebody else is in; "" for one of ours."""
+        if name in self.origins:
+            return self.origins[name].sha256
+        return source_hash(METHOD_REGISTRY.known()[name])
 
 
 class _Data(BaseModel):
@@ -146,11 +158,13 @@ def make_plan(
     limit: int | None = None,
     plugins: Iterable[Path] = (),
     tracks: Sequence[str] = (),
+    parameters: Mapping[str, Mapping[str, Any]] | None = None,
     isolate: bool = False,
 ) -> Plan:
     """Choose from `suite`; without `methods` or `operators`, its own and those of the plugins.
 
     Args:
+        parameters: constructor parameters by method, instead of selected ones.
         isolate: load the plugins where they can neither use the network nor read other files.
 
     Raises:
@@ -187,6 +201,14 @@ def make_plan(
     for name in chosen:
         if name not in known:
             raise unknown_name(RUN_KINDS[ranks].name, name, known)
+    given = {name: dict(values) for name, values in (parameters or {}).items()}
+    for name, values in given.items():
+        if ranks != "methods":
+            raise InputError(f"Suite {suite.name!r} ranks operators, which take no parameters.")
+        if name not in chosen:
+            raise unknown_name("method in the parameters:", name, chosen)
+        if name not in own:  # a plugin is not loaded here
+            METHOD_REGISTRY.create(name, **values)
     declared = [scenario.name for scenario in suite.scenarios]
     for name in scenarios:
         if name not in declared:
@@ -198,7 +220,31 @@ def make_plan(
         limit=suite.limit if limit is None else limit,
         tracks=tuple(dict.fromkeys(tracks)),
         plugins=tuple(files),
+        parameters=given,
     )
+
+
+def read_parameters(text: str) -> dict[str, dict[str, Any]]:
+    """Return constructor parameters by method from JSON, or from the path of a file of JSON.
+
+    Raises:
+        InputError: it is no such JSON.
+    """
+    try:
+        content = text.encode() if text.lstrip().startswith("{") else _small_file(Path(text))
+        found: dict[str, dict[str, Any]] = _PARAMETERS.validate_json(content)
+    except (OSError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "it is no such JSON"
+        raise InputError(
+            f'Parameters are JSON by method, such as {{"noser": {{"weight": 0.1}}}}, or the '
+            f"path of a file that holds it; got {text[:80]!r}: {reason}."
+        ) from error
+    return found
+
+
+def _small_file(path: Path) -> bytes:
+    check_regular(path)
+    return read_json_file(path)
 
 
 def sha256(path: Path) -> str:

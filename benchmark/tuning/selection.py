@@ -74,6 +74,9 @@ class Selection:
         figure: of the parameters; None where no trial gave one.
         ended_by: the limit that ended the search, or "space" where all of the space was tried.
         once_for: names of the scenarios that share the selection; empty for a single one.
+        ranked_by: the metric that the figures are of, times its sign; "" for a mean of several
+            scenarios, each scaled.
+        code: SHA-256 (hex) of the file of a method of somebody else, see `Plan.code`.
     """
 
     parameters: dict[str, Any]
@@ -82,6 +85,8 @@ class Selection:
     budget: TuningBudget
     ended_by: EndedBy
     once_for: tuple[str, ...] = ()
+    ranked_by: str = ""
+    code: str = ""
 
     def describe(self) -> dict[str, Any]:
         """Return plain values for a record."""
@@ -104,8 +109,7 @@ class Selection:
 def at_edge(selection: Mapping[str, Any]) -> list[str]:
     """Return the parameters whose selected value is the least or the greatest that was tried.
 
-    A better value may lie beyond. Left out are parameters with fewer than three numbers, or whose
-    range includes 0, below which nothing lies.
+    A better value may lie beyond; but nothing lies below 0.
 
     Args:
         selection: as `Selection.describe` gives it.
@@ -114,7 +118,7 @@ def at_edge(selection: Mapping[str, Any]) -> list[str]:
     for name, value in selection["parameters"].items():
         tried = {trial["parameters"].get(name) for trial in selection["trials"]}
         numbers = [v for v in tried if isinstance(v, int | float) and not isinstance(v, bool)]
-        if len(numbers) >= 3 and min(numbers) > 0 and value in (min(numbers), max(numbers)):
+        if len(numbers) >= 2 and value in {min(numbers), max(numbers)} - {0}:
             edges.append(name)
     return edges
 
@@ -165,17 +169,25 @@ def record(scenario: Scenario, selections: Mapping[str, Selection], folder: Path
     return path
 
 
-def recorded_selection(scenario: Scenario, method: str) -> dict[str, Any] | None:
+def recorded_selection(scenario: Scenario, method: str, code: str = "") -> dict[str, Any] | None:
     """Return the record of the selection for `method` on data like `scenario`'s; None without one.
 
-    The user's own selections (in the cache) come before the packaged ones.
+    It was made with the same `code`, see `Selection`. The user's own selections (in the cache) come
+    before the packaged ones.
     """
-    key = validation_key(scenario)
-    for folder in (user_selections(), PACKAGED):
-        selection: dict[str, Any] | None = _records(folder / f"{key[:16]}.json").get(method)
-        if selection is not None:
-            return selection
-    return None
+    made = _made_on(scenario, method)
+    return next((selection for selection in made if selection.get("code", "") == code), None)
+
+
+def outdated_selection(scenario: Scenario, method: str, code: str) -> bool:
+    """True if all records of selections for `method` on such data were made with other code."""
+    return bool(_made_on(scenario, method)) and recorded_selection(scenario, method, code) is None
+
+
+def _made_on(scenario: Scenario, method: str) -> list[dict[str, Any]]:
+    file = f"{validation_key(scenario)[:16]}.json"
+    records = [_records(folder / file) for folder in (user_selections(), PACKAGED)]
+    return [of[method] for of in records if method in of]
 
 
 def selected_parameters(scenario: Scenario, method: str) -> dict[str, Any] | None:

@@ -19,7 +19,7 @@ from pydantic import TypeAdapter
 
 from eitbench.benchmark.metrics.evaluation import REGISTRATION_FRAMES, evaluate, fit_registration
 from eitbench.benchmark.tuning.selection import Trial, validation_scenario
-from eitbench.benchmark.workers.messages import Reply, WorkerLostError, array_in, parsed
+from eitbench.benchmark.workers.messages import Failure, Reply, WorkerLostError, array_in, parsed
 from eitbench.benchmark.workers.method_service import MethodService, learning_splits
 from eitbench.benchmark.workers.restarting import RestartingWorker, SetUpFailedError
 from eitbench.methods.registry import create, methods
@@ -80,7 +80,7 @@ _SEARCH_SPACE = TypeAdapter(SearchSpace | None)
 
 
 class TrialFailedError(Exception):
-    """The method gave no images; the message gives the reason."""
+    """The method gave no images; the message gives the reason, and below it where."""
 
 
 class Clock:
@@ -100,12 +100,16 @@ class Clock:
         try:
             reply = worker.ask(*request, limit=min(limit, left), what=what)
         except WorkerLostError as lost:
-            raise TrialFailedError(lost.failure.message) from lost
+            raise _failed(lost.failure) from lost
         finally:
             self.spent += time.perf_counter() - start
         if reply.failure is not None:
-            raise TrialFailedError(reply.failure.message)
+            raise _failed(reply.failure)
         return reply.value
+
+
+def _failed(failure: Failure) -> TrialFailedError:
+    return TrialFailedError("\n".join([failure.message, *failure.trace.splitlines()]))
 
 
 class Validation:
@@ -168,7 +172,9 @@ class Validation:
         try:
             found: SearchSpace | None = parsed(_SEARCH_SPACE, self._worker.start().value, "set-up")
         except SetUpFailedError as failed:
-            raise InputError(failed.failure.message.removeprefix("InputError: ")) from failed
+            refused = InputError(failed.failure.message.removeprefix("InputError: "))
+            refused.add_note(failed.failure.trace)
+            raise refused from failed
         except WorkerLostError as lost:
             said = lost.failure.message
             raise InputError(f"Method {self._method!r} cannot be tuned: {said}.") from lost
@@ -267,9 +273,12 @@ def frame_figures(data: Dataset, estimates: NDArray[np.float32]) -> Array:
     if data.truth == "position":
         rows = evaluate(data, estimates, fit_registration(data, estimates))
         return -rows["localisation_mm"].to_numpy(dtype=np.float64)
-    rows = evaluate(data, estimates)
-    name = "cc" if data.truth == "classes" else "score"
-    return rows[name].to_numpy(dtype=np.float64)
+    return evaluate(data, estimates)[ranked_by(data)].to_numpy(dtype=np.float64)
+
+
+def ranked_by(data: Dataset) -> str:
+    """Return the metric that frames like those of `data` are ranked by."""
+    return {"position": "localisation_mm", "classes": "cc"}.get(data.truth, "score")
 
 
 def _part_of(data: Dataset, rows: slice) -> Dataset:

@@ -37,7 +37,7 @@ from eitbench.benchmark.tuning.sweep import (
     SweepSampler,
     ended,
 )
-from eitbench.benchmark.tuning.trials import FRAMES, PARTS, Validation, run_trial
+from eitbench.benchmark.tuning.trials import FRAMES, PARTS, Validation, ranked_by, run_trial
 from eitbench.benchmark.workers.worker import StoppedError
 from eitbench.methods.registry import methods
 from eitbench.scenarios.data.datasets import load
@@ -57,11 +57,12 @@ JOURNALS = "journals"
 
 @dataclass(frozen=True)
 class TuningTask:
-    """One study: a method, tuned on one scenario or on several together."""
+    """One study: a method, tuned on one scenario or on several together; `code` as in `Plan`."""
 
     scenarios: tuple[Scenario, ...]
     method: str
-    plugin: tuple[Path, str] | None
+    plugin: Path | None
+    code: str
     suite: Suite
     budget: TuningBudget
 
@@ -109,9 +110,16 @@ def tune(
         groups: dict[str, list[Scenario]] = {}
         for scenario in reversed(different.values()):
             groups.setdefault(truths[scenario.name] if once else scenario.name, []).append(scenario)
-        plugins = {name: (file.path, file.sha256) for name, file in plan.origins.items()}
+        plugins = {name: file.path for name, file in plan.origins.items()}
         studies = [
-            TuningTask(tuple(group), name, plugins.get(name), plan.suite, budget or TuningBudget())
+            TuningTask(
+                tuple(group),
+                name,
+                plugins.get(name),
+                plan.code(name),
+                plan.suite,
+                budget or TuningBudget(),
+            )
             for group in groups.values()
             for name in plan.methods
         ]
@@ -161,11 +169,10 @@ def select(
     if study.plugin is None and cls is not None and not cls.search:
         return None
     stop = stop or threading.Event()
-    plugin = None if study.plugin is None else study.plugin[0]
     with ExitStack() as stack:
         validations = []
         for scenario in study.scenarios:
-            validation = Validation(scenario, study.method, plugin, study.suite, stop)
+            validation = Validation(scenario, study.method, study.plugin, study.suite, stop)
             stack.callback(validation.close)
             if len(study.scenarios) > 1:
                 validation.standardise()
@@ -182,8 +189,17 @@ def select(
         default = (None, space.parameters(space.start))
         figure, parameters = max(known, key=itemgetter(0), default=default)
         names = tuple(scenario.name for scenario in study.scenarios)
-        once_for = names if len(names) > 1 else ()
-        return Selection(parameters, figure, trials, study.budget, ended_by, once_for)
+        once = len(names) > 1
+        return Selection(
+            parameters,
+            figure,
+            trials,
+            study.budget,
+            ended_by,
+            once_for=names if once else (),
+            ranked_by="" if once else ranked_by(validations[0].data),
+            code=study.code,
+        )
 
 
 def _search_space(validation: Validation) -> SearchSpace | None:
@@ -197,7 +213,7 @@ def _key(study: TuningTask, space: SearchSpace) -> str:
         {
             "validation": [validation_key(scenario) for scenario in study.scenarios],
             "method": study.method,
-            "plugin": None if study.plugin is None else study.plugin[1],
+            "code": study.code,
             "space": [[name, [repr(v) for v in values]] for name, values in space.values.items()],
             "start": list(space.start),
             "rule": [FRAMES, PARTS, P_WORSE],

@@ -17,6 +17,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, TypeAdapter, 
 Status = Literal["ok", "error", "timeout", "invalid-output", "out-of-memory"]
 
 MAX_TEXT = 500  # characters
+MAX_TRACE = 2000  # characters
 MAX_HEADER = 2**16  # bytes
 MAX_ARRAYS = 2**28  # bytes: 32 images of the largest sensor, twice
 LARGEST = 1e9  # seconds, MiB
@@ -32,11 +33,13 @@ class Failure:
     Attributes:
         message: a sentence for people.
         kinds: for programs: class names of the exception, or "mutated", "shape", "dtype".
+        trace: where scored code raised it, as lines of a traceback; "" where it raised nothing.
     """
 
     status: Status
     message: str
     kinds: tuple[str, ...] = ()
+    trace: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,6 +77,16 @@ def plain_text(text: str) -> str:
     """Return `text` without lone surrogates, which no file takes, and not longer than others."""
     plain = text[: MAX_TEXT + 1].encode(errors="backslashreplace").decode()
     return plain if len(plain) <= MAX_TEXT else plain[: MAX_TEXT - 1] + "…"
+
+
+def plain_trace(text: str) -> str:
+    """Return the lines of a traceback as `plain_text` does a line, its middle left out if long."""
+    printable = "\n".join(
+        "".join(c if c.isprintable() else "?" for c in line) for line in text.splitlines()
+    )
+    plain = printable.encode(errors="backslashreplace").decode()
+    half = MAX_TRACE // 2 - 1
+    return plain if len(plain) <= MAX_TRACE else f"{plain[:half]}\n…{plain[-half:]}"
 
 
 def _cost(given: float) -> float:
@@ -117,6 +130,7 @@ class _Failure(BaseModel):
     status: Status
     message: str
     kinds: list[str]
+    trace: str
 
 
 class _Header(BaseModel):
@@ -140,7 +154,7 @@ def encode(reply: Reply) -> bytes:
     header = {
         "value": _plain(reply.value, arrays),
         "seconds": reply.seconds,
-        "failure": failure and _plain(vars(failure), []),
+        "failure": failure and _plain(vars(failure), []) | {"trace": plain_trace(failure.trace)},
         "memory_mb": reply.memory_mb,
         "arrays": [{"dtype": array.dtype.str, "shape": array.shape} for array in arrays],
     }
@@ -181,7 +195,7 @@ def decode(message: bytes) -> Reply:
     if (lost := header.failure) is None:
         return Reply(value, header.seconds, None, header.memory_mb)
     kinds = tuple(map(plain_text, lost.kinds))
-    failure = Failure(lost.status, plain_text(lost.message), kinds)
+    failure = Failure(lost.status, plain_text(lost.message), kinds, plain_trace(lost.trace))
     return Reply(None, header.seconds, failure, header.memory_mb)
 
 

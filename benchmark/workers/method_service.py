@@ -1,7 +1,7 @@
 """Service of a worker: a method, which is fitted and asked for images."""
 
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import Field, asdict, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -14,7 +14,7 @@ from eitbench.benchmark.workers.messages import Reply
 from eitbench.benchmark.workers.worker import timed_answer
 from eitbench.methods.method import Method
 from eitbench.methods.problem import Problem, Splits
-from eitbench.methods.registry import create, load_plugin
+from eitbench.methods.registry import create, load_plugin, register
 from eitbench.scenarios.data.datasets import Dataset, load, same_reference
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.guard import close_test_split
@@ -33,6 +33,7 @@ class MethodService:
         splits: gives the training and validation splits, never the test split.
         plugin: the file that the method is registered in; no other is loaded, since loading one
             may change what is there already.
+        definition: gives the class of a method that this process defined, as a notebook does.
     """
 
     sensor: Sensor
@@ -41,6 +42,7 @@ class MethodService:
     method: str
     parameters: Mapping[str, Any]
     plugin: Path | None = None
+    definition: Callable[[], type[Method]] | None = None
     _method: Method | None = field(default=None, init=False)
 
     @cached_property
@@ -53,6 +55,8 @@ class MethodService:
         close_test_split()
         if self.plugin is not None:
             load_plugin(self.plugin)
+        if self.definition is not None:
+            register(self.method)(self.definition())
 
     def set_up(self) -> Reply:
         """Fit the method; the reply holds its `parameters`, and attributes for the cell."""
@@ -65,6 +69,7 @@ class MethodService:
             "parameters": known | dict(self.parameters),
             "train_s": float(method.train_s),
             "differs": method.differs,
+            "source": str(method.source).splitlines(),  # a message shortens each text
         }
         return replace(reply, value=said)
 

@@ -46,7 +46,12 @@ class OperatorService:
         made = operator(self.operator, self.sensor)
         seconds = time.perf_counter() - start
         self._operator = made
-        return Reply({"train_s": float(made.train_s), "trained_on": made.trained_on}, seconds)
+        said = {
+            "train_s": float(made.train_s),
+            "trained_on": made.trained_on,
+            "source": str(made.source).splitlines(),  # a message shortens each text
+        }
+        return Reply(said, seconds)
 
     def evaluate(self, images: Array, cotangents: Array) -> Reply:
         """Evaluate `images` (n, H, W) with `cotangents` (n, M).

@@ -31,7 +31,7 @@ from eitbench.benchmark.workers.audit_hook import TEMPORARY
 from eitbench.benchmark.workers.confinement import Confinement
 from eitbench.benchmark.workers.control_group import enter_group, make_group
 from eitbench.benchmark.workers.memory import SHARED_MEMORY, MemoryMeter
-from eitbench.scenarios.errors import EitbenchError
+from eitbench.scenarios.errors import EitbenchError, InputError
 
 THREADS = 1
 LIBRARIES = ("OMP", "OPENBLAS", "MKL", "BLIS", "NUMBA")
@@ -144,8 +144,26 @@ def _start(
     return worker, ours
 
 
+def check_guarded() -> None:
+    """Check that a script that starts workers can be imported by them without starting its own.
+
+    Raises:
+        InputError: it has no `if __name__ == "__main__":`.
+    """
+    main = sys.modules["__main__"]
+    script = getattr(main, "__file__", None)
+    if script is None or main.__spec__ is not None or not Path(script).is_file():
+        return  # a notebook, `python -c`, or a module that workers import by its name
+    if "__main__" not in Path(script).read_text(encoding="utf-8", errors="replace"):
+        raise InputError(
+            f"{Path(script).name} starts processes, each of which imports it again: put what it "
+            'does under `if __name__ == "__main__":`.'
+        )
+
+
 def process_context() -> BaseContext:
     """Return the context that starts workers: from a server with eitbench loaded, else anew."""
+    check_guarded()
     if "forkserver" not in multiprocessing.get_all_start_methods():
         return multiprocessing.get_context("spawn")
     context = multiprocessing.get_context("forkserver")

@@ -10,6 +10,7 @@ import signal
 import sys
 import threading
 import time
+import traceback
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -36,10 +37,11 @@ from eitbench.benchmark.workers.messages import (
     no_answer,
     parsed,
     plain_text,
+    plain_trace,
 )
 from eitbench.benchmark.workers.process import start_process
 from eitbench.methods.registry import Plugin, load_plugin, usable_name
-from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.errors import EitbenchError, InputError
 from eitbench.scenarios.guard import close_test_split
 from eitbench.scenarios.suites.suite import MEMORY_LIMIT_MB
 
@@ -223,7 +225,9 @@ def plugin_names(path: Path, *, isolate: bool = False) -> Plugin:
             raise InputError(
                 f"The plugin {path} cannot be loaded: {lost.failure.message}."
             ) from lost
-    raise InputError(reply.failure.message.removeprefix("InputError: "))
+    refused = InputError(reply.failure.message.removeprefix("InputError: "))
+    refused.add_note(reply.failure.trace)
+    raise refused
 
 
 def timed_answer(
@@ -263,7 +267,43 @@ def describe_exception(error: BaseException) -> Failure:
         said = str(error)
     except Exception:  # its own __str__ may be wrong too
         said = "(its message cannot be printed)"
-    return Failure(status, plain_text(f"{kinds[0]}: {said}"), kinds)
+    return Failure(status, plain_text(f"{kinds[0]}: {said}"), kinds, plain_trace(trace_of(error)))
+
+
+# Modules that call scored code: their frames say nothing about it.
+_CALLERS = ("eitbench.benchmark.", "eitbench.methods.registry", "importlib.", "_frozen_importlib")
+
+
+def trace_of(error: BaseException) -> str:
+    """Return the frames of scored code that led to `error`, the first cause first.
+
+    Files are named from the folder that they are imported from. Our own refusals need no frames.
+    """
+    chain: list[BaseException] = []
+    cause: BaseException | None = error
+    while cause is not None and cause not in chain:
+        chain.append(cause)
+        cause = cause.__cause__ or (None if cause.__suppress_context__ else cause.__context__)
+    parts = []
+    for each in reversed(chain):
+        walked = traceback.walk_tb(each.__traceback__)
+        names = [str(frame.f_globals.get("__name__")) for frame, _ in walked]
+        called = next((k for k, name in enumerate(names) if not name.startswith(_CALLERS)), None)
+        ours = all(name.startswith("eitbench.") for name in names[called:])
+        if called is None or (ours and isinstance(each, EitbenchError)):
+            continue
+        frames = traceback.extract_tb(each.__traceback__)[called:]
+        for frame in frames:
+            frame.filename = _short(frame.filename)
+        parts.append("".join(traceback.format_list(frames)).rstrip())
+    return "\nwhich led to:\n".join(parts)
+
+
+def _short(file: str) -> str:
+    """Return the path of a module's file from the folder it is imported from."""
+    folders = sorted((f"{place}{os.sep}" for place in sys.path if place), key=len, reverse=True)
+    folder = next((place for place in folders if file.startswith(place)), "")
+    return file.removeprefix(folder) if folder else Path(file).name
 
 
 def seed_everything() -> None:

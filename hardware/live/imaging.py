@@ -1,5 +1,6 @@
 """From frames to live images: reference frame, methods in use and being fitted, contacts."""
 
+import logging
 import sys
 import threading
 import time
@@ -21,6 +22,8 @@ from eitbench.scenarios.phantoms.contacts import contacts
 from eitbench.scenarios.physics.forward import forward_model
 from eitbench.scenarios.recordings.frames import impossible, peak
 from eitbench.scenarios.sensors.sensor import Sensor
+
+_log = logging.getLogger(__name__)
 
 T = TypeVar("T")
 
@@ -135,7 +138,7 @@ class Imaging:
     def __init__(self, sensor: Sensor, show: Callable[[LiveImage], None]) -> None:
         self.sensor = sensor
         self.reference: Reference | None = None
-        self.fitting = self.failed = ""
+        self.fitting = self.failed = self._told = ""
         self._show = show
         self._model = forward_model(sensor)
         self._untouched = self._model.voltages(self._model.background)
@@ -196,6 +199,7 @@ class Imaging:
                 self._fitted = (name, method)
             except Exception as error:  # a method may be anybody's: it must not end the view
                 self.failed = f"{name} cannot be used: {sentence_of(error)}"
+                _log.warning("%s", self.failed, exc_info=error)
             if self.fitting == name:
                 self.fitting = ""
 
@@ -219,6 +223,9 @@ class Imaging:
                 found = self._contacts(image, reference, frame)
             except Exception as error:  # costs the image of this frame only
                 failed = f"{name} failed on this frame: {sentence_of(error)}"
+                if failed != self._told:  # or every frame would tell it
+                    _log.warning("%s", failed, exc_info=error)
+                self._told = failed
         return LiveImage(
             frame=frame,
             method=name,

@@ -37,15 +37,17 @@ class WeightFiles:
         name: of the method or operator that uses them.
         version: of the network, raised whenever weights of before no longer fit or mean something
             else.
+        made_by: the command that makes such a file; by default `eitbench train`.
     """
 
     name: str
     version: str
+    made_by: str = ""
 
     @property
     def command(self) -> str:
         """Command that makes such a file."""
-        return f"eitbench train {self.name} --suite SUITE"
+        return self.made_by or f"eitbench train {self.name} --suite SUITE"
 
     def file_name(self, sensor: Sensor) -> str:
         """Return the name of the file with weights for `sensor`."""

@@ -6,6 +6,7 @@ reading the runs. `report.json` holds them, and the page's script reads the boar
 
 from __future__ import annotations
 
+import json
 import shlex
 from collections.abc import Sequence
 from dataclasses import replace
@@ -93,7 +94,7 @@ class ReportData(TypedDict):
 
     `cards` holds `MetricSpec.card` of each metric that a board has; `claims` the published claims
     that the runs can test, with their verdicts; `missing` sentences on what the runs lack; `runs`
-    the origin of each as in its manifest, None where that lacks it.
+    the origin of each as in its manifest, None where that lacks it, and the sources of methods.
     """
 
     boards: list[BoardData]
@@ -315,6 +316,11 @@ def _command(run: Run, row: Row) -> str:
     for plugin in plan.get("plugins", ()):
         if name in plugin["names"]:
             words += ["--plugin", Path(plugin["path"]).name]
+    for cell in run.manifest.get("cells", ()):
+        of = (cell.get("scenario"), cell.get("name"), cell.get("variant"))
+        if of == (row["scenario"], name, "") and cell.get("parameters"):
+            given = json.dumps({name: cell["parameters"]}, default=str)
+            words += ["--parameters", given]
     return shlex.join(words)
 
 
@@ -327,5 +333,8 @@ def _presses(label: str, cell: pd.DataFrame) -> dict[str, Any]:
 
 def _provenance(run: Run) -> dict[str, Any]:
     content = {name: run.manifest.get(name) for name in _PROVENANCE}
+    # Runs of before know none.
+    sources = run.cells.get("source", pd.Series(index=run.cells.index, dtype=object)).fillna("")
+    content["sources"] = dict(zip(run.cells[run.kind.name], sources, strict=True))
     # Whether its methods were run again is known where runs are collected, see `site`.
     return {"run": printable(run.path.name), "kind": run.kind.name, "checked": "", **content}

@@ -20,14 +20,19 @@ class PrintedBoard:
     Attributes:
         title: of the table.
         rows: in their order; the published figures stand below those of the paper's scenarios.
+        chosen: names of columns; empty for all that say something.
     """
 
     title: str
     rows: list[Row]
+    chosen: Sequence[str] = ()
 
     def columns(self) -> list[Column]:
-        """The columns that say something here."""
-        return shown_columns(self.rows)
+        """The columns that were chosen, or that say something here."""
+        if not self.chosen:
+            return shown_columns(self.rows)
+        found = map(layout(self.rows[0]).column, self.chosen)
+        return [column for column in found if column is not None]
 
     def is_best(self, column: Column, row: Row) -> bool:
         """True if the value of `row` is the best of its column, or printed like it."""
@@ -56,20 +61,23 @@ class PrintedBoard:
         ]
 
     def paper_columns(self) -> list[Column]:
-        """The columns that papers print."""
+        """The columns that were chosen, or that papers print."""
+        if self.chosen:
+            return self.columns()
         names = layout(self.rows[0]).paper
         lost = any(row["coverage"] is not None and row["coverage"] < 1 for row in self.rows)
         return [c for c in self.columns() if c.name in names and (lost or c.name != "coverage")]
 
 
-def printed_boards(rows: Sequence[Row]) -> list[PrintedBoard]:
-    """Return the boards of `rows`, in the order given."""
+def printed_boards(rows: Sequence[Row], columns: Sequence[str] = ()) -> list[PrintedBoard]:
+    """Return the boards of `rows`, in the order given, with these `columns` alone, if any."""
     apart = boards(rows)
     names = [f"{board[0]['suite']} / {board[0]['scenario']}" for board in apart]
     return [
         PrintedBoard(
             printable(name if names.count(name) == 1 else f"{name} ({_data(board[0])})"),
             [*board, *published_rows(board)],
+            columns,
         )
         for name, board in zip(names, apart, strict=True)
     ]

@@ -36,16 +36,16 @@ def _no_formula(value: object) -> object:
     return text.replace("\r", "\n")  # which is quoted, where a lone \r would begin a line
 
 
-def to_markdown(rows: Sequence[Row]) -> str:
+def to_markdown(rows: Sequence[Row], columns: Sequence[str] = ()) -> str:
     """One table per scenario, the best values in bold, and notes below it."""
     parts = []
-    for board in printed_boards(rows):
-        columns = board.columns()
+    for board in printed_boards(rows, columns):
+        shown = board.columns()
         lines = [f"### {escape_markdown(board.title)}", ""]
         lines += markdown_table(
-            [escape_markdown(c.title) for c in columns],
+            [escape_markdown(c.title) for c in shown],
             board.texts(escape_markdown, "**{}**".format),
-            [c.form != "" for c in columns],
+            [c.form != "" for c in shown],
         )
         if text := note(board.rows):
             lines += ["", escape_markdown(text)]
@@ -84,14 +84,14 @@ def escape_markdown(text: str) -> str:
     return escaped
 
 
-def to_latex(rows: Sequence[Row]) -> str:
+def to_latex(rows: Sequence[Row], columns: Sequence[str] = ()) -> str:
     """One booktabs table per scenario in the width of IEEE's page, the best values in bold.
 
     It holds the columns that papers print; the others are in the other formats.
     """
     parts = []
-    for board in printed_boards(rows):
-        columns = board.paper_columns()
+    for board in printed_boards(rows, columns):
+        shown = board.paper_columns()
         headings = layout(board.rows[0]).terminal
         lines = [
             "% needs \\usepackage{booktabs}",
@@ -99,19 +99,19 @@ def to_latex(rows: Sequence[Row]) -> str:
             "\\centering",
             "\\footnotesize",
             "\\setlength{\\tabcolsep}{3.5pt}",
-            f"\\caption{{{_latex(board.title)}}}",
+            f"\\caption{{{escape_latex(board.title)}}}",
             *_latex_tabular(
-                "".join("r" if c.form else "l" for c in columns),
-                [_latex(headings[c.name].replace("\n", " ")) for c in columns],
-                [[_latex_cell(c, row, board) for c in columns] for row in board.rows],
+                "".join("r" if c.form else "l" for c in shown),
+                [escape_latex(headings.get(c.name, c.title).replace("\n", " ")) for c in shown],
+                [[_latex_cell(c, row, board) for c in shown] for row in board.rows],
             ),
         ]
         if tracks := tracks_table(board.rows):
-            heads, *body = ([_latex(text) for text in row] for row in tracks)
+            heads, *body = ([escape_latex(text) for text in row] for row in tracks)
             form = "l" + "r" * (len(heads) - 1)
             lines += ["", "\\smallskip", *_latex_tabular(form, heads, body)]
         for text in filter(None, (note(board.rows), *prior_knowledge(board.rows))):
-            lines += ["", f"\\smallskip{{\\footnotesize {_latex(text)}}}"]
+            lines += ["", f"\\smallskip{{\\footnotesize {escape_latex(text)}}}"]
         lines.append("\\end{table*}")
         parts.append("\n".join(lines) + "\n")
     return "\n".join(parts)
@@ -130,10 +130,10 @@ def _latex_tabular(form: str, heads: Sequence[str], rows: Iterable[Sequence[str]
 
 
 def _latex_cell(column: Column, row: Row, board: PrintedBoard) -> str:
-    text = _latex(column.text(row))
+    text = escape_latex(column.text(row))
     if board.is_best(column, row):
         text = f"\\textbf{{{text}}}"
-    ends = _latex(column.ends(row))
+    ends = escape_latex(column.ends(row))
     return f"{text} {{\\scriptsize({ends})}}" if ends else text
 
 
@@ -144,14 +144,15 @@ _LATEX = {
 }  # fmt: skip
 
 
-def _latex(text: str) -> str:
+def escape_latex(text: str) -> str:
+    """Return `text` as LaTeX that shows it as it is."""
     return "".join(_LATEX.get(character, character) for character in text)
 
 
-def to_html(rows: Sequence[Row]) -> str:
+def to_html(rows: Sequence[Row], columns: Sequence[str] = ()) -> str:
     """One table per scenario, the best values in bold: a fragment to put into a page."""
     lines = []
-    for board in printed_boards(rows):
+    for board in printed_boards(rows, columns):
         titles = [html.escape(c.title) for c in board.columns()]
         body = board.texts(html.escape, "<strong>{}</strong>".format)
         lines += _html_table(html.escape(board.title), titles, body)

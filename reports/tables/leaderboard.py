@@ -1,15 +1,17 @@
 """Leaderboards: the ranked rows of run directories, and the files that hold them."""
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any, Protocol
 
 import pandas as pd
 
-from eitbench.benchmark import atomic_write
-from eitbench.benchmark.analysis.leaderboard import Row
+from eitbench.benchmark import atomic_write, unknown_name
+from eitbench.benchmark.analysis.leaderboard import Row, boards
 from eitbench.benchmark.analysis.results import read_run
 from eitbench.benchmark.analysis.standings import standings
+from eitbench.reports.tables.columns import layout
 from eitbench.reports.tables.formats import csv_text, to_html, to_latex, to_markdown
 
 
@@ -42,17 +44,70 @@ def write_leaderboard(
     return written
 
 
-def to_json(rows: Sequence[Row]) -> str:
+def sorted_rows(rows: Sequence[Row], by: str) -> list[Row]:
+    """Return the rows of each scenario by the column `by`, the best first, then those without it.
+
+    Raises:
+        InputError: no row has such a column.
+    """
+    check_columns(rows, [by])
+
+    def order(row: Row) -> tuple[bool, Any]:
+        column = layout(row).column(by)
+        value = row.get(by)
+        return value is None, -value if value and column and column.best == "max" else value or 0
+
+    return [row for board in boards(rows) for row in sorted(board, key=order)]
+
+
+def chosen_columns(rows: Sequence[Row], names: Sequence[str]) -> list[str]:
+    """Return the columns `names`, after that of the method or operator, which is always shown.
+
+    Raises:
+        InputError: no row has such a column.
+    """
+    check_columns(rows, names)
+    own = "operator" if rows and "operator" in rows[0] else "method"
+    return list(dict.fromkeys([own, *names] if own not in names else names))
+
+
+def check_columns(rows: Sequence[Row], names: Sequence[str]) -> None:
+    """Refuse names that are no column of a printed table of `rows`.
+
+    Raises:
+        InputError: there is one.
+    """
+    known = dict.fromkeys(column.name for row in rows for column in layout(row).columns)
+    for name in names:
+        if rows and name not in known:
+            raise unknown_name("column", name, known)
+
+
+def to_json(rows: Sequence[Row], columns: Sequence[str] = ()) -> str:
     """A list of rows, in full precision."""
-    return json.dumps(list(rows), indent=2, allow_nan=False) + "\n"
+    return json.dumps(_only(rows, columns), indent=2, allow_nan=False) + "\n"
 
 
-def to_csv(rows: Sequence[Row]) -> str:
+def to_csv(rows: Sequence[Row], columns: Sequence[str] = ()) -> str:
     """One line per row, in full precision; empty where a figure is not defined."""
-    return csv_text(pd.DataFrame(rows, dtype=object)) if len(rows) else ""
+    return csv_text(pd.DataFrame(_only(rows, columns), dtype=object)) if len(rows) else ""
 
 
-FORMATS: dict[str, Callable[[Sequence[Row]], str]] = {
+def _only(rows: Sequence[Row], columns: Sequence[str]) -> list[Row]:
+    """Return rows with these columns, if any, and their suite and scenario."""
+    if not columns:
+        return list(rows)
+    return [{name: row.get(name) for name in ("suite", "scenario", *columns)} for row in rows]
+
+
+class Format(Protocol):
+    """Writes rows as text, with some `columns` alone if any are given."""
+
+    def __call__(self, rows: Sequence[Row], columns: Sequence[str] = ()) -> str:
+        """Return the text."""
+
+
+FORMATS: dict[str, Format] = {
     "md": to_markdown,
     "csv": to_csv,
     "json": to_json,

@@ -20,23 +20,27 @@ _LONGEST_NAME = 24
 _PADDING = 3
 
 
-def table(rows: Sequence[Row], width: int) -> "Group":
-    """One table per scenario for a terminal of `width` characters, with its notes below it."""
+def table(rows: Sequence[Row], width: int, columns: Sequence[str] = ()) -> "Group":
+    """One table per scenario for a terminal of `width` characters, with its notes below it.
+
+    Args:
+        columns: names of those to show, however wide; by default what fits.
+    """
     from rich import box
     from rich.console import Group, RenderableType
     from rich.table import Table
     from rich.text import Text
 
     parts: list[RenderableType] = []
-    for board in printed_boards(rows):
-        columns = _fitting(board, width)
+    for board in printed_boards(rows, columns):
+        fitting = board.columns() if columns else _fitting(board, width)
         headings = layout(board.rows[0]).terminal
         shown = Table(
             title=Text(board.title, style="bold"), title_justify="left", box=box.SIMPLE_HEAD
         )
-        for column in columns:
+        for column in fitting:
             shown.add_column(
-                Text(headings[column.name]),
+                Text(headings.get(column.name, column.title)),
                 justify="right" if column.form else "left",
                 vertical="bottom",
                 no_wrap=column.form != "",
@@ -47,7 +51,7 @@ def table(rows: Sequence[Row], width: int) -> "Group":
             shown.add_row(
                 *(
                     Text(c.text(row), style="bold green" if board.is_best(c, row) else "")
-                    for c in columns
+                    for c in fitting
                 )
             )
         parts.append(shown)

@@ -29,14 +29,17 @@ The objects are those that the publication presses on its sensor (cases 8 to 13)
 sizes are published but for the rectangle's; 1 % of them is drawn, and the conductivities are ours.
 `conductive` mirrors the contrasts of the published families, so the span stays 1 S/m, the data
 range of the metrics. `soft-press` turns pressure into conductivity by the law in
-`eitbench.scenarios.phantoms.press`.
+`eitbench.scenarios.phantoms.press`. A scenario may declare families of its own, of the same shapes.
 """
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from typing import Annotated
 
 import numpy as np
+from pydantic import AfterValidator, Field, ValidationInfo, field_validator
 
+from eitbench.scenarios.declaration import Declaration, Name
 from eitbench.scenarios.errors import unknown_name
 from eitbench.scenarios.phantoms.press import PRESSURE_PA
 from eitbench.scenarios.phantoms.regions import Circle, Ellipse, Polygonal, Pose, Region, Ring
@@ -104,6 +107,70 @@ class Family:
         }
 
 
+def _span(value: Range) -> Range:
+    low, high = value
+    if not 0 < low <= high:
+        raise ValueError("a range is two numbers above 0, the smaller first")
+    return value
+
+
+Span = Annotated[
+    tuple[
+        Annotated[float, Field(allow_inf_nan=False)], Annotated[float, Field(allow_inf_nan=False)]
+    ],
+    AfterValidator(_span),
+]
+
+
+class DeclaredFamily(Declaration):
+    """A family that a scenario declares itself; see `Family`.
+
+    Attributes:
+        shape: a name of `SHAPES`.
+        sizes: range of every size of the shape.
+    """
+
+    name: Name
+    shape: str
+    sizes: dict[str, Span]
+    conductivity: Span = (0.1, 0.9)
+    count: int = Field(default=1, ge=1, le=10)
+    gap: float = Field(default=0.0, ge=0, le=1)
+
+    @field_validator("name")
+    @classmethod
+    def _new(cls, value: str) -> str:
+        if value in FAMILIES:
+            raise ValueError(f"there is a family {value!r} already: choose another name")
+        return value
+
+    @field_validator("shape")
+    @classmethod
+    def _known(cls, value: str) -> str:
+        if value not in SHAPES:
+            raise unknown_name("shape", value, SHAPES)
+        return value
+
+    @field_validator("sizes")
+    @classmethod
+    def _of_the_shape(cls, value: dict[str, Range], info: ValidationInfo) -> dict[str, Range]:
+        shape = info.data.get("shape")
+        if shape is None:  # wrong, and named already
+            return value
+        if value.keys() != SHAPES[shape].sizes.keys():
+            raise ValueError(f"the sizes of {shape!r} are {', '.join(SHAPES[shape].sizes)}")
+        if any(high > 1 for _, high in value.values()):
+            raise ValueError("sizes are fractions of the sensor's side, or of another size")
+        if shape == "l-shape" and value["width"][1] >= value["arm"][0]:
+            raise ValueError("the arm of an L is longer than it is wide")
+        return value
+
+    def family(self) -> Family:
+        """The family."""
+        shape = replace(SHAPES[self.shape], sizes=self.sizes)
+        return Family(self.name, (shape,), self.conductivity, self.count, self.gap)
+
+
 def _rectangle(sizes: Sizes, pose: Pose) -> Region:
     x, y = sizes["width"] / 2, sizes["height"] / 2
     return Polygonal(((-x, -y), (x, -y), (x, y), (-x, y)), pose)
@@ -152,6 +219,12 @@ _ELLIPSE = Shape(
 _L_SHAPE = Shape("l-shape", {"arm": (0.25, 0.5), "width": (0.1, 0.2)}, _l_shape)
 _TRIANGLE = Shape("triangle", {"leg": (0.25, 0.5)}, _triangle)
 _STAR = Shape("star", {"outer": (0.15, 0.28), "inner_ratio": (0.4, 0.55)}, _star)
+
+SHAPES = {
+    shape.name: shape
+    for shape in (_disc(0.08, 0.22), _ELLIPSE, _L_SHAPE, _box(0.12, 0.45), _RING, _STAR, _TRIANGLE)
+}
+"""The kinds of regions, with the sizes of the packaged families."""
 
 _PUBLISHED = (
     Family("circle", (_disc(0.08, 0.22),)),

@@ -66,6 +66,24 @@ class DrivePattern:
         same = (first[:, 0] == second[:, 2]) == (first[:, 2] == second[:, 0])
         return np.where(same | self.magnitudes, 1.0, -1.0)
 
+    @property
+    def title(self) -> str:
+        """What the pattern is, for people: its offset, or the offsets of its pairs."""
+        e = int(self.table.max()) + 1
+        for offset in range(1, e):
+            for driven in (False, True):
+                if np.array_equal(offset_pattern(e, offset, driven=driven).table, self.table):
+                    return f"offset {offset}{', driven too' if driven else ''}"
+        drives, senses = (
+            {min((b - a) % e, (a - b) % e) for a, b in self.table[:, pair].tolist()}
+            for pair in ((0, 1), (2, 3))
+        )
+
+        def said(offsets: set[int]) -> str:
+            return ", ".join(map(str, sorted(offsets))) if len(offsets) < 4 else "several"
+
+        return f"drive {said(drives)}, sense {said(senses)} apart"
+
     def describe(self) -> dict[str, object]:
         """Return all that defines the pattern as plain values, for hashing and printing."""
         return {"table": self.table.tolist(), "magnitudes": self.magnitudes}

@@ -4,7 +4,15 @@ from dataclasses import asdict, replace
 from functools import lru_cache
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import BeforeValidator, Field, ValidationInfo, field_validator, model_validator
+from pydantic import (
+    BeforeValidator,
+    Discriminator,
+    Field,
+    Tag,
+    ValidationInfo,
+    field_validator,
+    model_validator,
+)
 
 from eitbench.scenarios.catalogue import is_file
 from eitbench.scenarios.catalogue import sensor as sensor_by_name
@@ -12,7 +20,7 @@ from eitbench.scenarios.declaration import Declaration, Name, beside
 from eitbench.scenarios.errors import EitbenchError
 from eitbench.scenarios.imperfections.imperfections import Imperfections, MeshKind, channels
 from eitbench.scenarios.imperfections.noise import Noise
-from eitbench.scenarios.phantoms.families import Family, family
+from eitbench.scenarios.phantoms.families import DeclaredFamily, Family, family
 from eitbench.scenarios.phantoms.press import FOAM
 from eitbench.scenarios.physics.forward import ForwardModel
 from eitbench.scenarios.physics.mesh import Mesh, build_mesh, mesh_recipe, triangle_mesh
@@ -50,6 +58,16 @@ class SplitNoise(Declaration):
     test: NoiseField = "clean"
 
 
+FamilyField = Annotated[
+    Annotated[str, Tag("name")] | Annotated[DeclaredFamily, Tag("declared")],
+    Discriminator(lambda v: "declared" if isinstance(v, dict | DeclaredFamily) else "name"),
+]
+
+
+def _family(named: str | DeclaredFamily) -> Family:
+    return family(named) if isinstance(named, str) else named.family()
+
+
 class SimulatedScenario(Declaration):
     """Phantoms on a simulated sensor.
 
@@ -60,7 +78,8 @@ class SimulatedScenario(Declaration):
         image_shape: (H, W) of the nominal image grid; the sensor's own by default.
         conductivity_range: least and greatest conductivity that methods expect, as
             multiples of the background; the sensor's own by default.
-        families: phantom families of the test split, in equal numbers.
+        families: phantom families of the test split, in equal numbers: names, or families of its
+            own.
         training_families: those of the other two splits; `families` by default.
         noise: of every split, its reference frames included.
         train, validation, test: number of samples.
@@ -79,8 +98,8 @@ class SimulatedScenario(Declaration):
     sensor: str = "foam16"
     image_shape: tuple[Side, Side] | None = None
     conductivity_range: ConductivityRange | None = None
-    families: tuple[str, ...] = Field(min_length=1)
-    training_families: tuple[str, ...] | None = Field(default=None, min_length=1)
+    families: tuple[FamilyField, ...] = Field(min_length=1)
+    training_families: tuple[FamilyField, ...] | None = Field(default=None, min_length=1)
     noise: SplitNoise = SplitNoise()
     train: int = Field(ge=0)
     validation: int = Field(ge=0)
@@ -99,9 +118,11 @@ class SimulatedScenario(Declaration):
 
     @field_validator("families", "training_families")
     @classmethod
-    def _known_families(cls, value: tuple[str, ...] | None) -> tuple[str, ...] | None:
-        for name in value or ():
-            family(name)
+    def _known_families(
+        cls, value: tuple[str | DeclaredFamily, ...] | None
+    ) -> tuple[str | DeclaredFamily, ...] | None:
+        for named in value or ():
+            _family(named)
         return value
 
     @model_validator(mode="after")
@@ -120,7 +141,8 @@ class SimulatedScenario(Declaration):
     def title(self) -> str:
         """One line for listings."""
         noise = f"{self.noise.test:g} dB" if isinstance(self.noise.test, float) else self.noise.test
-        return f"{self.sensor}, {noise}, {self.imperfections.mesh} mesh: {', '.join(self.families)}"
+        names = [family.name for family in self.split_families("test")]
+        return f"{self.sensor}, {noise}, {self.imperfections.mesh} mesh: {', '.join(names)}"
 
     @property
     def nominal_sensor(self) -> Sensor:
@@ -160,7 +182,7 @@ class SimulatedScenario(Declaration):
     def split_families(self, split: Split) -> tuple[Family, ...]:
         """The phantom families of `split`."""
         names = self.families if split == "test" else self.training_families or self.families
-        return tuple(family(name) for name in names)
+        return tuple(_family(named) for named in names)
 
     def split_noise(self, split: Split) -> Noise:
         """The noise of `split`."""

@@ -1,4 +1,11 @@
-"""eitbench: the benchmark for electrical impedance tomography (EIT) tactile sensing."""
+"""eitbench: the benchmark for electrical impedance tomography (EIT) tactile sensing.
+
+- Data: `load`, `training_data`, `load_suite`, `sensor`, `forward_model`.
+- Methods: `Method`, `Problem`, `register`, `create`; operators: `Operator`, `operator`.
+- Results: `evaluate` runs a suite and returns its leaderboard, `plot` draws an image.
+
+`dir(eitbench)` has all public names, `help(eitbench.load)` what one takes.
+"""
 
 from pathlib import Path as _Path
 

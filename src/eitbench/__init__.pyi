@@ -7,6 +7,9 @@ from .methods import operator as operator
 from .methods import register as register
 from .methods import register_operator as register_operator
 from .methods.registry import operators as operators
+from .methods.training.torch_data import training_data as training_data
+from .notebook import evaluate as evaluate
+from .plotting import plot as plot
 from .scenarios import Dataset as Dataset
 from .scenarios import EitbenchError as EitbenchError
 from .scenarios import ForwardModel as ForwardModel

@@ -31,7 +31,7 @@ app = typer.Typer(
 
 Listing = StrEnum(
     "Listing",
-    ["methods", "operators", "scenarios", "sensors", "suites", "recordings", "boards"],
+    ["methods", "operators", "scenarios", "families", "sensors", "suites", "recordings", "boards"],
 )
 
 
@@ -61,7 +61,7 @@ def list_command(
     what: Annotated[Listing, typer.Argument(help="What to list.")],
     as_json: Json = False,
 ) -> None:
-    """List methods, operators, scenarios, sensors, suites, recordings or boards."""
+    """List methods, operators, scenarios, families, sensors, suites, recordings or boards."""
     from eitbench.commands.listing import LISTINGS
 
     rows = LISTINGS[what.value]()
@@ -111,7 +111,7 @@ def _guarded(command: Callable[[], object], debug: bool) -> int:
         from eitbench.scenarios.errors import EitbenchError
 
         if isinstance(error, EitbenchError):
-            fail(str(error), error.exit_code)
+            fail(str(error), error.exit_code, getattr(error, "__notes__", ()))
         if isinstance(error, OSError) and error.filename is not None:
             fail(f"Could not use {error.filename}: {error.strerror}.", 1)
         fail(

@@ -46,6 +46,25 @@ def test_a_check_that_fails_is_shown_and_exits_with_1(
     assert lines[-1].startswith("broken on foam16: 3 checks ran, 1 passed, 1 failed")
 
 
+def test_a_failure_shows_where_and_is_not_said_again_and_again(
+    eitbench: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    failed = [
+        CheckResult(name, name, "failed", "KeyError: 1.", '  File "a.py", line 3, in fit')
+        for name in ("shape", "finite")
+    ]
+    report = CheckReport("method", "mine", "foam16", tuple(failed), untried=25)
+    monkeypatch.setattr(checks, "check_target", lambda target: [report])
+    _, out, _ = eitbench("check", "mine.py")
+    assert out.splitlines() == [
+        "FAILED   shape",
+        "         KeyError: 1.",
+        '           File "a.py", line 3, in fit',
+        "FAILED   finite",
+        "mine on foam16: 2 checks ran, 0 passed, 2 failed, 25 not tried.",
+    ]
+
+
 def test_new_method_says_what_is_next(tmp_path: Path, eitbench: Run) -> None:
     code, out, _ = eitbench("new-method", "my-method", tmp_path / "package")
     assert code == 0

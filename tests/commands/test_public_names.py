@@ -10,6 +10,7 @@ from eitbench import methods, scenarios
 def test_the_package_shows_the_public_names_of_scenarios_and_methods() -> None:
     # `eitbench.methods` and `eitbench.methods.operators` are subpackages.
     known = {*dir(scenarios), *methods.__all__, "operators"} - {"methods"}
+    known |= {"evaluate", "plot", "training_data"}
     assert set(dir(eitbench)) == known
     for name in dir(scenarios):
         assert getattr(eitbench, name) is getattr(scenarios, name)

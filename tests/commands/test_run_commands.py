@@ -157,6 +157,23 @@ def test_ctrl_c_keeps_finished_rows_and_resume_continues(
     assert resumed["frame_ms"].notna().all()
 
 
+def test_a_time_limit_ends_a_run_that_can_be_resumed(tmp_path: Path, eitbench: Run) -> None:
+    folder = tmp_path / "run"
+    code, out, _ = eitbench("run", TINY, "--limit", "2", "--time-limit", "0", "--out", folder)
+    assert code == 0
+    assert (
+        "The time limit of 0 s ended the run: 1 of the 1 cells are not finished. Continue with "
+        f"`eitbench run --resume {folder}`."
+    ) in out
+    assert json.loads((folder / "manifest.json").read_text())["status"] == "interrupted"
+    code, out, _ = eitbench("run", "--resume", folder, "--json", "--time-limit", "600")
+    found = json.loads(out)
+    assert (found["unfinished"], len(found["leaderboard"])) == ("", 1)
+    code, _, err = eitbench("run", TINY, "--time-limit", "inf", "--out", tmp_path / "other")
+    assert code == 2
+    assert "A time limit is a number of seconds, got inf." in err
+
+
 def test_runs_are_compared_gated_and_scored_again(
     stored: Path, tmp_path: Path, eitbench: Run
 ) -> None:

@@ -1,12 +1,17 @@
 """A new method's package is complete, passes the checks and overwrites nothing."""
 
+import runpy
 import tomllib
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from eitbench.benchmark.checks import check_target
 from eitbench.commands.scaffold import new_method
+from eitbench.methods.problem import Problem
+from eitbench.methods.registry import METHOD_REGISTRY
+from eitbench.scenarios.data.datasets import load
 from eitbench.scenarios.errors import EitbenchError, InputError
 
 
@@ -27,6 +32,55 @@ def test_the_package_passes_the_checks(tmp_path: Path) -> None:
     assert report.name == "my-method"
     assert report.passed, report.failed
     assert not any("$" in path.read_text() for path in written)
+
+
+def test_a_formula_declares_what_tuning_may_choose(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(METHOD_REGISTRY, "_registered", METHOD_REGISTRY.known())
+    *_, module, _ = new_method("my-method", tmp_path / "package")
+    names = runpy.run_path(str(module), run_name="scaffold")
+    search = names["MyMethod"].search
+    assert names["MyMethod"]().weight in search["weight"]
+
+
+def test_a_network_is_trained_stored_and_loaded_with_its_card(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("EITBENCH_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setattr(METHOD_REGISTRY, "_registered", METHOD_REGISTRY.known())
+    readme, module = new_method("my-net", tmp_path / "package", learned=True)[1:3]
+    assert "python eitbench_my_net.py\n" in readme.read_text()
+    names = runpy.run_path(str(module), run_name="scaffold")
+    method = names["MyNetMethod"]()
+    train = load("quick", split="train", limit=3)
+    problem = Problem(train.sensor, train.references[0], lambda of, n: load("quick", of, n))
+    assert "train them with `python eitbench_my_net.py`" in method.unusable(train.sensor)
+    with pytest.raises(InputError, match="'my-net' has no weights"):
+        method.fit(problem)
+    names["train"](n=3, epochs=1, seed=4)
+    method.fit(problem)
+    assert method.unusable(train.sensor) == ""
+    assert method.trained_on == {
+        "scenario": "quick", "train_data": train.data_hash, "train_samples": "3", "seed": "4",
+    }  # fmt: skip
+    assert method.train_s > 0
+    images = method.reconstruct(np.stack([train.references[0], train.voltages[0]]))
+    assert images.shape == (2, 80, 80)
+    assert (images[0] == problem.background).all()
+    assert (images[1] != problem.background).any()
+
+
+@pytest.mark.slow
+def test_the_network_keeps_the_contract_once_it_is_trained(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("EITBENCH_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setattr(METHOD_REGISTRY, "_registered", METHOD_REGISTRY.known())
+    module = new_method("my-net", tmp_path / "package", learned=True)[2]
+    runpy.run_path(str(module), run_name="scaffold")["train"]()
+    (report,) = check_target(str(module))
+    assert report.passed, report.failed
 
 
 def test_nothing_is_overwritten(tmp_path: Path) -> None:

@@ -22,11 +22,11 @@ def print_renderable(renderable: Any) -> None:
     Console(width=width(), highlight=False).print(renderable)
 
 
-def print_check(status: str, name: str, message: str) -> None:
-    """Print the outcome of one of several checks, with what was wrong below it."""
+def print_check(status: str, name: str, message: str = "", trace: str = "") -> None:
+    """Print the outcome of one of several checks, with what was wrong below it, and where."""
     typer.echo(f"{'FAILED' if status == 'failed' else status:7s}  {name}")
-    if message:
-        typer.echo(f"         {message}")
+    for line in (*([message] if message else []), *trace.splitlines()):
+        typer.echo(f"         {line}")
 
 
 def width() -> int:
@@ -44,9 +44,11 @@ def names_in(option: str, text: str | None) -> Sequence[str]:
     return names
 
 
-def fail(sentence: str, code: int) -> NoReturn:
-    """Say what went wrong and exit with `code`."""
+def fail(sentence: str, code: int, notes: Sequence[str] = ()) -> NoReturn:
+    """Say what went wrong, and where if that is noted, and exit with `code`."""
     warn(sentence)
+    for note in filter(None, notes):
+        typer.echo(note, err=True)
     sys.exit(code)
 
 

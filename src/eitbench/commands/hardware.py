@@ -182,7 +182,13 @@ def live(
     script: Script = None,
     protocol: Protocol = None,
     speed: Speed = None,
-    method: Annotated[str, typer.Option(help="Makes the images at first.")] = "noser",
+    method: Annotated[
+        str | None,
+        typer.Option(help="Makes the images at first (default: noser, or that of the plugin)."),
+    ] = None,
+    plugin: Annotated[
+        list[Path] | None, typer.Option(metavar="FILE.py", help="A file with more methods.")
+    ] = None,
     out: Annotated[
         Path, typer.Option(metavar="DIR", file_okay=False, help="Where recordings go.")
     ] = Path(),
@@ -209,11 +215,18 @@ def live(
     """Watch a board on a page in the browser: images, contacts, voltages; record what it sends."""
     import os
 
+    from eitbench.benchmark.workers.worker import plugin_names
     from eitbench.hardware.live.run import live_view
     from eitbench.hardware.live.server import access_to
+    from eitbench.methods.registry import load_plugin
     from eitbench.scenarios.interrupts import termination_interrupts
 
     access = access_to(host, token_file, os.environ.get("EITBENCH_TOKEN", ""))
+    added = []
+    for path in plugin or ():
+        plugin_names(path)  # in a process of its own, which tells where it raises an error
+        added += load_plugin(path).methods
+    method = method or (added[0] if added else "noser")
     made = _board(
         board, sensor, port=port, file=file, script=script, protocol=protocol, speed=speed
     )

@@ -7,7 +7,9 @@ from eitbench.hardware.registry import board_rows
 from eitbench.methods.registry import methods, operators
 from eitbench.scenarios.catalogue import sensors
 from eitbench.scenarios.docstrings import first_line
+from eitbench.scenarios.phantoms.families import FAMILIES
 from eitbench.scenarios.recordings import RECORDED_SETS
+from eitbench.scenarios.sensors.outlines import Disc, is_rectangle
 from eitbench.scenarios.suites.scenario import SimulatedScenario
 from eitbench.scenarios.suites.suite import load_suite, suites
 
@@ -43,15 +45,44 @@ def _scenarios() -> list[Row]:
 
 
 def _sensors() -> list[Row]:
+    rows: list[Row] = []
+    for name, sensor in ((name, build()) for name, build in sensors().items()):
+        x0, y0, x1, y1 = (1e3 * bound for bound in sensor.outline.bounds)
+        outline = "disc" if isinstance(sensor.outline, Disc) else "polygon"
+        widths = sorted({1e3 * electrode.width for electrode in sensor.electrodes})
+        rows.append(
+            {
+                "name": name,
+                "outline": "rectangle" if is_rectangle(sensor.outline) else outline,
+                "size_mm": f"{x1 - x0:.4g} x {y1 - y0:.4g}",
+                "electrodes": sensor.n_electrodes,
+                "width_mm": " to ".join(f"{width:.3g}" for width in {*widths[:1], *widths[-1:]}),
+                "pattern": sensor.pattern.title,
+                "measurements": sensor.n_measurements,
+                "image": "{} x {}".format(*sensor.image_shape),
+            }
+        )
+    return rows
+
+
+def _families() -> list[Row]:
     return [
         {
-            "name": name,
-            "electrodes": sensor.n_electrodes,
-            "measurements": sensor.n_measurements,
-            "image": "{} x {}".format(*sensor.image_shape),
+            "name": family.name,
+            "shape": " or ".join(
+                f"{shape.name} ({', '.join(f'{n} {_span(s)}' for n, s in shape.sizes.items())})"
+                for shape in family.shapes
+            ),
+            "count": family.count,
+            "conductivity": _span(family.conductivity) if family.pressure is None else None,
+            "pressure_kpa": family.pressure and _span(tuple(p / 1e3 for p in family.pressure)),
         }
-        for name, sensor in ((name, build()) for name, build in sensors().items())
+        for family in FAMILIES.values()
     ]
+
+
+def _span(ends: tuple[float, ...]) -> str:
+    return " to ".join(f"{end:g}" for end in ends)
 
 
 def _recordings() -> list[Row]:
@@ -71,6 +102,7 @@ def _recordings() -> list[Row]:
 LISTINGS: dict[str, Callable[[], list[Row]]] = {
     "methods": lambda: _described(methods(), "source", "differs"),
     "operators": lambda: _described(operators(), "source"),
+    "families": _families,
     "scenarios": _scenarios,
     "sensors": _sensors,
     "suites": _suites,

@@ -2,12 +2,15 @@
 
 import json
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from eitbench.commands.console import Json, print_check, print_json
 from eitbench.commands.runs import plan_of
+
+if TYPE_CHECKING:
+    from eitbench.benchmark.tuning.selection import Selection
 
 app = typer.Typer()
 
@@ -61,6 +64,7 @@ def tune(
             f"{scenario}  {name}  {json.dumps(choice.parameters)}  {spent['trials']} trials"
             f" ({spent['pruned']} pruned, {spent['failed']} failed), {spent['seconds']:.0f} s"
         )
+        typer.echo(f"  {_figures(choice)}")
         for parameter in at_edge(choice.describe()):
             typer.echo(
                 f"  {parameter} = {choice.parameters[parameter]} is at the edge of what was tried: "
@@ -69,6 +73,26 @@ def tune(
     if left := [name for name in plan.names if name not in tuned]:
         typer.echo(f"Nothing to select for {', '.join(left)}: see `search` in docs/tuning.md.")
     typer.echo(f"Selected hyper-parameters: {folder}")
+
+
+def _figures(choice: "Selection") -> str:
+    """The figures of the defaults and of the selected parameters, as a sentence."""
+    from eitbench.benchmark.metrics.specs import METRICS
+    from eitbench.reports.tables.columns import METHOD_LAYOUT
+
+    spec = METRICS.get(choice.ranked_by)
+    column = METHOD_LAYOUT.column(choice.ranked_by)
+
+    def text(figure: float | None) -> str:
+        if figure is None:
+            return "no figure"
+        return (
+            f"{figure:.3f}" if spec is None or column is None else column.number(spec.sign * figure)
+        )
+
+    default = choice.trials[0].figure  # the first trial is that of the defaults
+    what = "Mean of scaled figures" if spec is None else spec.heading
+    return f"{what} on validation data: {text(default)} by default, {text(choice.figure)} selected"
 
 
 @app.command(epilog="Example: eitbench train dnn --suite paper --jobs 2")
@@ -231,8 +255,11 @@ def check(
         print_json([report.describe() for report in reports])
     else:
         for report in reports:
+            said = ("", "")
             for result in report.results:
-                print_check(result.status, result.name, result.message)
+                finding = (result.message, result.trace)
+                print_check(result.status, result.name, *(finding if finding != said else ()))
+                said = finding
             typer.echo(report.summary())
     if not all(report.passed for report in reports):
         raise typer.Exit(1)
@@ -244,11 +271,15 @@ def new_method_command(
     folder: Annotated[
         Path | None, typer.Argument(metavar="[DIR]", help="New folder (default: eitbench-NAME).")
     ] = None,
+    learned: Annotated[
+        bool, typer.Option("--learned", help="A network with its training, not a formula.")
+    ] = False,
 ) -> None:
     """Write an installable package around a method that works, to put yours in its place."""
     from eitbench.commands.scaffold import new_method
 
-    written = new_method(name, folder)
+    written = new_method(name, folder, learned=learned)
     for path in written:
         typer.echo(str(path))
-    typer.echo(f"Next: pip install -e {written[0].parent} && eitbench check {name}")
+    train = f" && python {written[2]}" if learned else ""
+    typer.echo(f"Next: pip install -e {written[0].parent}{train} && eitbench check {name}")

@@ -24,6 +24,12 @@ def leaderboard(
     form: Annotated[
         Format | None, typer.Option("--format", help="Print for a file, not for a terminal.")
     ] = None,
+    columns: Annotated[
+        str | None, typer.Option(metavar="A,B", help="Show these columns, such as score,ssim.")
+    ] = None,
+    sort: Annotated[
+        str | None, typer.Option(metavar="COLUMN", help="Best first by this column, not by rank.")
+    ] = None,
 ) -> None:
     """Print the leaderboard of one or several runs."""
     from eitbench.reports.tables import leaderboard as reports
@@ -32,10 +38,14 @@ def leaderboard(
     rows = reports.ranked_rows(runs)
     if not rows:
         warn(f"There are no rows in {', '.join(map(str, runs))}: nothing was finished there.")
+    names = names_in("--columns", columns)
+    chosen = reports.chosen_columns(rows, names) if names else []
+    if sort is not None:
+        rows = reports.sorted_rows(rows, sort)
     if form is None:
-        print_renderable(table(rows, width()))
+        print_renderable(table(rows, width(), chosen))
     else:
-        typer.echo(reports.FORMATS[form.value](rows), nl=False)
+        typer.echo(reports.FORMATS[form.value](rows, chosen), nl=False)
 
 
 @app.command(epilog="Example: eitbench report runs/first runs/second --out report")

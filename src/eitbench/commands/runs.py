@@ -72,6 +72,17 @@ def run(
         typer.Option(metavar="ADDRESS", help="Run the cells on the cluster of a Dask scheduler."),
     ] = None,
     isolate: Isolate = False,
+    parameters: Annotated[
+        str | None,
+        typer.Option(
+            metavar="FILE|JSON",
+            help='Parameters of methods instead of selected ones: {"noser": {"weight": 0.1}}.',
+        ),
+    ] = None,
+    time_limit: Annotated[
+        float | None,
+        typer.Option(min=0, metavar="SECONDS", help="Stop then; --resume continues the run."),
+    ] = None,
     out: Annotated[
         Path | None, typer.Option(metavar="DIR", help="New folder (default: runs/SUITE-TIME).")
     ] = None,
@@ -86,10 +97,11 @@ def run(
     from eitbench.benchmark.workers.confinement import check_isolation
     from eitbench.scenarios.suites.suite import load_suite
 
-    choices = (methods, operators, scenarios, limit, plugin or None, tracks, out)
+    choices = (methods, operators, scenarios, limit, plugin or None, tracks, parameters, out)
     if resume is not None and any(choice is not None for choice in choices):
         raise typer.BadParameter(
-            "a resumed run keeps its choices: only --jobs, --scheduler and --isolate may be others"
+            "a resumed run keeps its choices: only --jobs, --scheduler, --isolate and --time-limit "
+            "may be others"
         )
     if resume is None and suite is None:
         raise typer.BadParameter("name a suite (eitbench list suites), or give --resume DIR")
@@ -102,15 +114,32 @@ def run(
             jobs=jobs,
             scheduler=scheduler,
             isolate=isolate,
+            time_limit_s=time_limit,
             progress=progress,
         )
     elif suite is not None:
         if isolate:
             check_isolation()  # before a plugin is loaded
-        plan = plan_of(suite, methods, scenarios, limit, plugin, operators, tracks, isolate=isolate)
+        plan = plan_of(
+            suite,
+            methods,
+            scenarios,
+            limit,
+            plugin,
+            operators,
+            tracks,
+            parameters,
+            isolate=isolate,
+        )
         folder = out or _new_folder(plan.suite.name)
         result = start_run(
-            plan, folder, jobs=jobs, scheduler=scheduler, isolate=isolate, progress=progress
+            plan,
+            folder,
+            jobs=jobs,
+            scheduler=scheduler,
+            isolate=isolate,
+            time_limit_s=time_limit,
+            progress=progress,
         )
     _show_run(result, as_json, limit)
     if result.refused:
@@ -129,11 +158,13 @@ def plan_of(
     plugins: Sequence[Path] | None,
     operators: str | None = None,
     tracks: str | None = None,
+    parameters: str | None = None,
     *,
     isolate: bool = False,
 ) -> "Plan":
     """Make the plan of a command; names are lists with commas."""
     from eitbench.benchmark.run.runner import make_plan
+    from eitbench.benchmark.rundir.plan import read_parameters
     from eitbench.scenarios.declaration import field_error
     from eitbench.scenarios.errors import InputError
     from eitbench.scenarios.suites.suite import load_suite, suites
@@ -148,6 +179,7 @@ def plan_of(
             limit=limit,
             plugins=plugins or (),
             tracks=names_in("--tracks", tracks),
+            parameters=None if parameters is None else read_parameters(parameters),
             isolate=isolate,
         )
     except InputError as error:
@@ -159,7 +191,7 @@ def plan_of(
 
 
 def _show_run(result: "RunResult", as_json: bool, limit: int | None) -> None:
-    from eitbench.benchmark.analysis.results import failures, read_run
+    from eitbench.benchmark.analysis.results import failures_with_traces, read_run
     from eitbench.benchmark.rundir import manifest
     from eitbench.reports.tables.terminal import table
 
@@ -175,12 +207,17 @@ def _show_run(result: "RunResult", as_json: bool, limit: int | None) -> None:
                 "figures": [str(path) for path in figures],
                 "skipped": list(result.skipped),
                 "refused": list(result.refused),
+                "unfinished": result.unfinished,
             }
         )
         return
     print_renderable(table(rows, width()))
-    for sentence in (*result.skipped, *result.refused, *failures(read_run(result.path))):
+    for sentence in (*result.skipped, *result.refused):
         typer.echo(sentence)
+    for sentence, trace in failures_with_traces(read_run(result.path)):
+        typer.echo("\n".join([sentence, *trace.splitlines()]))
+    if result.unfinished:
+        typer.echo(result.unfinished)
     typer.echo(f"Run: {result.path}")
     for path in figures:
         if path.suffix in (".png", ".md"):

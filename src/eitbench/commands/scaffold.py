@@ -13,8 +13,11 @@ NAME = re.compile(r"[a-z][a-z0-9]*(-[a-z0-9]+)*")
 MAX_NAME = 50
 
 
-def new_method(name: str, folder: Path | None = None) -> list[Path]:
+def new_method(name: str, folder: Path | None = None, *, learned: bool = False) -> list[Path]:
     """Write a package for the method `name` into `folder` (./eitbench-NAME) and list its files.
+
+    Args:
+        learned: the method is a network with a training, not a formula.
 
     Raises:
         InputError: a name that cannot be a method and a package, or is taken; a folder in use.
@@ -30,7 +33,13 @@ def new_method(name: str, folder: Path | None = None) -> list[Path]:
     # MyMethod of my-method, LandweberMethod of landweber.
     words = name.removesuffix("-method").split("-")
     class_name = "".join(word.capitalize() for word in words) + "Method"
-    values = {"name": name, "module": module, "class_name": class_name}
+    values = {
+        "name": name,
+        "module": module,
+        "class_name": class_name,
+        "train": f"python {module}.py\n" if learned else "",
+        "tune": "" if learned else f"eitbench tune quick --methods {name}\n",
+    }
     templates = files("eitbench.commands") / "templates"
     written = []
     try:
@@ -38,7 +47,7 @@ def new_method(name: str, folder: Path | None = None) -> list[Path]:
         for template, target in (
             ("pyproject.toml.tmpl", "pyproject.toml"),
             ("README.md.tmpl", "README.md"),
-            ("module.py.tmpl", f"{module}.py"),
+            ("learned.py.tmpl" if learned else "module.py.tmpl", f"{module}.py"),
             ("test_module.py.tmpl", f"test_{module}.py"),
         ):
             text = (templates / template).read_text(encoding="utf-8")

@@ -47,8 +47,6 @@ REFUSES = {"wrong_length", "nan_voltages"}
 MISBEHAVING = {
     "toy-good": set(),
     "toy-prints": {"quiet"},
-    "toy-fit-raises": EVERYTHING,
-    "toy-hangs": EVERYTHING,
     "toy-raises": EVERYTHING,
     "toy-shape": EVERYTHING - REFUSES,
     "toy-mutates": EVERYTHING - REFUSES,
@@ -75,6 +73,27 @@ def test_a_misbehaving_method_fails_and_the_check_goes_on(name: str, toys: Path)
     failed = len(MISBEHAVING[name])
     assert f"{len(EVERYTHING)} checks ran, {len(EVERYTHING) - failed} passed, {failed} failed" in (
         report.summary()
+    )
+
+
+@pytest.mark.parametrize(
+    ("name", "says"),
+    [
+        ("toy-fit-raises", "set-up failed with ValueError: no licence for this sensor."),
+        ("toy-hangs", "reconstruct took longer than 0.5 s."),
+    ],
+)
+def test_a_method_that_does_not_work_at_all_is_told_so_once(
+    name: str, says: str, toys: Path
+) -> None:
+    report = check_method(name, plugin=toys, limit_s=0.5 if name == "toy-hangs" else 60)
+    assert [result.message for result in report.results] == [says]
+    assert not report.passed
+    assert report.summary().endswith(
+        f": 1 check ran, 0 passed, 1 failed, {len(EVERYTHING) - 1} not tried."
+    )
+    assert ('in fit\n    raise ValueError("no licence' in report.failed[0].trace) is (
+        name == "toy-fit-raises"
     )
 
 

@@ -16,6 +16,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from eitbench.benchmark.analysis.results import failures_with_traces, read_run
 from eitbench.benchmark.metrics.evaluation import evaluate
 from eitbench.benchmark.metrics.specs import METRIC_COLUMNS
 from eitbench.benchmark.run import cell, method_cell, runner
@@ -111,6 +112,25 @@ def test_what_a_method_prints_goes_to_its_log(toy_run: Path) -> None:
     text = (toy_run / "logs" / "tiny--toy-prints.log").read_text()
     assert "hello from the plugin" in text
     assert "hello from the system" in text
+
+
+def test_an_exception_of_a_method_shows_where_it_was_raised(
+    toy_run: Path, table: pd.DataFrame
+) -> None:
+    trace = str(table.loc["toy-fit-raises", "trace"])
+    where = 'toy_methods.py", line 34, in fit'
+    assert trace.split("\n")[0].endswith(where)
+    assert "raise ValueError" in trace
+    assert "eitbench" not in trace  # none of its callers
+    log = (toy_run / "logs" / "tiny--toy-fit-raises.log").read_text()
+    assert where in log
+    assert log.count("ValueError: no licence for this sensor") == 1
+    assert table.loc[["noser", "toy-nan"], "trace"].tolist() == ["", ""]
+    ((sentence, told),) = (
+        found for found in failures_with_traces(read_run(toy_run)) if "toy-fit-raises" in found[0]
+    )
+    assert sentence.endswith("ValueError: no licence for this sensor")
+    assert told == trace
 
 
 def test_scoring_the_stored_images_again_gives_the_same_bits(

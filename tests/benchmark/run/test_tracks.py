@@ -1,6 +1,7 @@
 """The tracks beside the ranked one: what is run, what is kept, and the gaps between them."""
 
 import json
+import shlex
 from pathlib import Path
 
 import numpy as np
@@ -10,9 +11,11 @@ import pytest
 from eitbench.benchmark.analysis.results import read_run
 from eitbench.benchmark.analysis.standings import track_gaps
 from eitbench.benchmark.metrics.evaluation import evaluate
+from eitbench.benchmark.run.progress import RunProgress
 from eitbench.benchmark.run.runner import start_run
-from eitbench.benchmark.rundir.plan import make_plan
+from eitbench.benchmark.rundir.plan import make_plan, read_parameters, sha256
 from eitbench.benchmark.tuning.selection import Selection, Trial, TuningBudget, record
+from eitbench.reports.page.report_data import report_data
 from eitbench.reports.tables.boards import tracks_table
 from eitbench.reports.tables.leaderboard import FORMATS, ranked_rows
 from eitbench.scenarios.data.datasets import load
@@ -38,7 +41,8 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
             Trial({"factor": 1.0}, None, "pruned"),
             Trial({"factor": 0.5}, None, "failed"),
         )
-        choice = Selection({"factor": 0.9}, 3.0, trials, TuningBudget(), "space")
+        code = sha256(PLUGIN)
+        choice = Selection({"factor": 0.9}, 3.0, trials, TuningBudget(), "space", code=code)
         record(SMALL, {"constant": choice}, folder / "cache" / "selected")
         tracks = ("default", "tuned", "oracle")
         plan = make_plan(SUITE, methods=["constant"], plugins=[PLUGIN], tracks=tracks)
@@ -48,6 +52,66 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def score(factor: float) -> float:
     data = load(SMALL, split="test")
     return float(evaluate(data, np.full((4, 16, 16), factor))["score"].mean())
+
+
+def test_a_choice_of_another_version_of_a_plugin_is_not_used_and_said(
+    run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("EITBENCH_CACHE", str(run.parent / "cache"))
+    changed = tmp_path / "tuned_methods.py"
+    changed.write_text(PLUGIN.read_text() + "# changed\n")
+    plan = make_plan(SUITE, methods=["constant"], plugins=[changed])
+    found = read_run(start_run(plan, tmp_path / "run", progress=RunProgress()).path)
+    assert set(found.samples["track"]) == {"default"}
+    assert found.samples["score"].mean() == pytest.approx(score(1.4))
+    assert (
+        "The hyper-parameters of 'constant' that were selected on small belong to another version "
+        "of its file: they are not used. Tune it again (eitbench tune)."
+    ) in capsys.readouterr().err
+
+
+def test_the_command_of_a_tuned_row_makes_it_again(run: Path, tmp_path: Path) -> None:
+    """Without the choice, which lies in the cache of its author."""
+    (board,) = report_data([run])["boards"]
+    (row,) = board["views"][0]["rows"]
+    words = shlex.split(row["command"])
+    given = words[words.index("--parameters") + 1]
+    assert read_parameters(given) == {"constant": {"factor": 0.9}}
+    file = tmp_path / "given.json"
+    file.write_text(given)
+    plan = make_plan(
+        SUITE, methods=["constant"], plugins=[PLUGIN], parameters=read_parameters(str(file))
+    )
+    again = read_run(start_run(plan, tmp_path / "run").path)
+    first = read_run(run)
+    assert set(again.samples["track"]) == {"given"}
+    measured = ["track", "frame_ms"]
+    pd.testing.assert_frame_equal(
+        again.samples.drop(columns=measured), first.samples.drop(columns=measured)
+    )
+    assert again.cells["parameters"].tolist() == first.cells["parameters"].tolist()
+    (again_board,) = report_data([again.path])["boards"]
+    assert again_board["views"][0]["rows"][0]["command"] == row["command"]
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("nowhere.json", "'nowhere.json': No such file"),
+        ("{", "it is no such JSON"),
+        ('{"noser": 3}', "it is no such JSON"),
+    ],
+)
+def test_parameters_that_are_none_are_refused(text: str, sentence: str) -> None:
+    with pytest.raises(InputError, match=sentence):
+        read_parameters(text)
+
+
+def test_parameters_are_of_methods_that_are_run_and_take_them() -> None:
+    with pytest.raises(InputError, match="Unknown method in the parameters: 'nosr'"):
+        make_plan(SUITE, parameters={"nosr": {}})
+    with pytest.raises(InputError, match="Method 'noser' cannot be made with"):
+        make_plan(SUITE, parameters={"noser": {"wait": 1}})
 
 
 def test_the_ranked_track_is_as_without_the_others(run: Path) -> None:

@@ -35,8 +35,10 @@ def choice(**parameters: object) -> Selection:
         ((0.1, 0.3, 1.0), 0.1, ["weight"]),
         ((0.1, 0.3, 1.0), 1.0, ["weight"]),
         ((0.1, 0.3, 1.0), 0.3, []),
-        ((0.0, 0.5, 1.0), 1.0, []),  # from 0 to 1: nothing lies beyond
-        ((0.1, 1.0), 1.0, []),
+        ((0.0, 0.5, 1.0), 1.0, ["weight"]),
+        ((0.0, 0.5, 1.0), 0.0, []),  # nothing lies below 0
+        ((0.1, 1.0), 1.0, ["weight"]),
+        ((True, False), True, []),
         (("conductivity", "clausius-mossotti", "other"), "other", []),
     ],
 )

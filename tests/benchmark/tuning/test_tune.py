@@ -138,7 +138,7 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list[dict[str, Any]]:
 
 
 def the_choice(budget: TuningBudget, journals: Path) -> Selection:
-    choice = select(TuningTask((SMALL,), "noser", None, suite(SMALL), budget), journals)
+    choice = select(TuningTask((SMALL,), "noser", None, "", suite(SMALL), budget), journals)
     assert choice is not None
     return choice
 

@@ -99,7 +99,7 @@ def test_values_come_back(value: Any) -> None:
 
 
 def test_a_failure_comes_back_without_a_value() -> None:
-    failure = Failure("invalid-output", "returned nothing", ("shape",))
+    failure = Failure("invalid-output", "returned nothing", ("shape",), '  File "a.py", line 1')
     reply = decode(encode(Reply([1], 0.5, failure)))
     assert reply.failure == failure
     assert reply.value is None

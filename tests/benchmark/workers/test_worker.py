@@ -3,6 +3,8 @@
 import operator
 import os
 import signal
+import subprocess
+import sys
 import threading
 from functools import partial
 from multiprocessing.connection import Connection
@@ -14,7 +16,7 @@ import psutil
 import pytest
 from tests.support.waiting import has_ended, wait_for
 
-from eitbench.benchmark.workers.messages import WorkerLostError
+from eitbench.benchmark.workers.messages import MAX_TRACE, WorkerLostError
 from eitbench.benchmark.workers.method_service import MethodService, learning_splits
 from eitbench.benchmark.workers.worker import (
     StoppedError,
@@ -23,7 +25,7 @@ from eitbench.benchmark.workers.worker import (
     plugin_names,
     serve,
 )
-from eitbench.scenarios.data.datasets import Dataset
+from eitbench.scenarios.data.datasets import Dataset, load
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.suites.suite import Suite
 
@@ -227,6 +229,56 @@ def test_a_plugin_cannot_have_any_name(name: str, sentence: str, tmp_path: Path)
     plugin.write_text(REGISTERS.format(name), encoding="utf-8")
     with pytest.raises(InputError, match=sentence):
         plugin_names(plugin)
+
+
+def test_the_frames_of_a_plugin_are_told_with_those_of_the_cause(tmp_path: Path) -> None:
+    (tmp_path / "helper.py").write_text("def read(path):\n    return open(path)\n")
+    plugin = tmp_path / "fails.py"
+    plugin.write_text(
+        f"import sys\nsys.path.insert(0, {str(tmp_path)!r})\nfrom helper import read\ntry:\n"
+        "    read('nowhere')\nexcept OSError as error:\n    raise ValueError('no') from error\n"
+    )
+    with pytest.raises(InputError, match="does not run: ValueError: no") as raised:
+        plugin_names(plugin)
+    (note,) = raised.value.__notes__
+    assert [line for line in note.splitlines() if set(line) - set(" ~^")] == [
+        '  File "fails.py", line 5, in <module>',
+        "    read('nowhere')",
+        '  File "helper.py", line 2, in read',
+        "    return open(path)",
+        "which led to:",
+        '  File "fails.py", line 7, in <module>',
+        "    raise ValueError('no') from error",
+    ]
+
+
+def test_a_long_trace_keeps_its_ends_and_our_own_refusals_have_none() -> None:
+    def deep(n: int) -> None:
+        (lambda: deep(n + 1))()
+
+    with pytest.raises(RecursionError) as raised:
+        deep(0)
+    trace = describe_exception(raised.value).trace
+    assert len(trace) <= MAX_TRACE
+    assert trace.startswith('  File "tests/benchmark/workers/test_worker.py"')
+    assert "\n…" in trace
+    with pytest.raises(InputError) as refused:
+        load("quick", "nothing")
+    refused.value.__traceback__ = refused.tb.tb_next  # without this test's frame
+    assert describe_exception(refused.value).trace == ""
+
+
+def test_a_script_is_told_about_the_guard_before_anything_is_run(tmp_path: Path) -> None:
+    script = tmp_path / "mine.py"
+    script.write_text(
+        "from eitbench.benchmark.workers.worker import plugin_names\nplugin_names('any.py')\n"
+    )
+    done = subprocess.run([sys.executable, str(script)], capture_output=True, text=True)
+    assert done.returncode == 1
+    assert done.stderr.splitlines()[-1].endswith(
+        "mine.py starts processes, each of which imports it again: put what it does under "
+        '`if __name__ == "__main__":`.'
+    )
 
 
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="reads /proc: run on Linux")

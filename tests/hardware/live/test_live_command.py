@@ -16,7 +16,20 @@ from websockets.sync.client import connect
 from websockets.typing import Origin
 
 from eitbench.hardware import registry
+from eitbench.hardware.live import run
+from eitbench.methods.registry import METHOD_REGISTRY
+from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.recordings.files.recording_file import read_file
+
+PLUGIN = """
+from eitbench.methods import Method, register
+@register("mine")
+class Mine(Method):
+    def fit(self, problem):
+        pass
+    def reconstruct(self, voltages):
+        pass
+"""
 
 
 @pytest.mark.parametrize(
@@ -36,6 +49,30 @@ def test_what_cannot_be_is_one_sentence(eitbench: Any, options: list[str], sente
     assert code == 2
     assert sentence in err
     assert err.count("\n") == 1
+
+
+def test_a_plugin_makes_the_images_at_first(
+    eitbench: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, board: Any
+) -> None:
+    monkeypatch.setattr(METHOD_REGISTRY, "_registered", METHOD_REGISTRY.known())
+    monkeypatch.setattr(registry, "make_board", lambda name, **options: board)
+    shown: list[str] = []
+
+    def view(board: Any, name: str, method: str, **_: Any) -> Any:
+        shown.append(method)
+        raise InputError("That is enough.")
+
+    monkeypatch.setattr(run, "live_view", view)
+    plugin = tmp_path / "mine.py"
+    plugin.write_text(PLUGIN)
+    for options, method in (((), "mine"), (("--method", "tikhonov"), "tikhonov")):
+        code, _, err = eitbench("live", "--board", "emulator", "--plugin", plugin, *options)
+        assert (code, err) == (2, "eitbench: That is enough.\n")
+        assert shown.pop() == method
+    plugin.write_text("import nowhere\n")
+    code, _, err = eitbench("live", "--board", "emulator", "--plugin", plugin)
+    assert code == 2
+    assert 'File "mine.py", line 1, in <module>' in err
 
 
 ENDS = [getattr(signal, name, None) for name in ("SIGINT", "SIGTERM", "SIGHUP")]

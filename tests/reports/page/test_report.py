@@ -12,10 +12,9 @@ import pandas as pd
 import pytest
 from tests.support.made_runs import edited_manifest
 
-from eitbench.methods import methods
 from eitbench.reports.figures.style import STYLE
 from eitbench.reports.page.answer import answer
-from eitbench.reports.page.paper import KEYS, bibliography, entries, frontier, noise
+from eitbench.reports.page.paper import frontier, noise
 from eitbench.reports.page.report import to_page, write_report
 from eitbench.reports.page.report_data import report_data
 from eitbench.scenarios.errors import DataCorruptError, InputError
@@ -155,20 +154,6 @@ def test_the_tables_compile_and_fit_the_page(many: Path, full_run: Path, tmp_pat
         )
         assert done.returncode == 0, done.stdout
         assert "Overfull" not in done.stdout
-
-
-def test_every_method_has_its_citation() -> None:
-    known = entries()
-    ours = {name for name, cls in methods().items() if cls.__module__.startswith("eitbench.")}
-    assert ours <= set(KEYS)
-    assert set(KEYS.values()) <= set(known)
-    text = bibliography(["noser", "tv", "gauss-newton-tv", "mine\n@misc"])
-    assert text.count("@article") == 2
-    assert text.startswith("% mine\\n\\x40misc: no reference is known here.")
-    for name, cls in methods().items():
-        if name in KEYS:
-            author = re.search(r"author = \{(\w+)", known[KEYS[name]])
-            assert author is None or author[1] in cls.source
 
 
 def test_published_claims_stand_in_the_report_of_the_paper_s_suite(build: Any, paper: Any) -> None:

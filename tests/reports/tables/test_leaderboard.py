@@ -17,8 +17,8 @@ from eitbench.benchmark.metrics.specs import METRICS
 from eitbench.reports.tables.boards import note, notes
 from eitbench.reports.tables.columns import METHOD_LAYOUT as LAYOUT
 from eitbench.reports.tables.columns import Column
-from eitbench.reports.tables.leaderboard import FORMATS, ranked_rows
-from eitbench.scenarios.errors import DataCorruptError
+from eitbench.reports.tables.leaderboard import FORMATS, chosen_columns, ranked_rows, sorted_rows
+from eitbench.scenarios.errors import DataCorruptError, InputError
 
 NASTY = "a|b_<img src=x>$\\%&`\x1b[31m\nend"
 CONTRACT = {
@@ -57,6 +57,26 @@ def test_a_name_is_no_formula_of_a_spreadsheet(full_run: Path, start: str) -> No
 def test_an_empty_leaderboard_prints_in_every_format() -> None:
     assert json.loads(FORMATS["json"]([])) == []
     assert all(FORMATS[form]([]) == "" for form in ("csv", "md", "latex", "html"))
+
+
+def test_columns_are_chosen_and_rows_sorted_in_every_format(full_run: Path) -> None:
+    rows = ranked_rows([full_run])
+    columns = chosen_columns(rows, ["ssim", "frame_ms_p99"])
+    assert columns == ["method", "ssim", "frame_ms_p99"]
+    by_ssim = sorted_rows(rows, "ssim")
+    scenario = [row for row in by_ssim if row["scenario"] == rows[0]["scenario"]]
+    known = [row["ssim"] for row in scenario if row["ssim"] is not None]
+    assert known == sorted(known, reverse=True)
+    quick = [row["frame_ms_p50"] for row in sorted_rows(scenario, "frame_ms_p50")]
+    assert quick == sorted(quick, key=lambda ms: (ms is None, ms))
+    head = "| Method | SSIM | p99 \\[ms\\] |"
+    assert FORMATS["md"](by_ssim, columns).count(head) == len({r["scenario"] for r in rows})
+    assert "Method & SSIM & p99 [ms] \\\\" in FORMATS["latex"](by_ssim, columns)
+    assert FORMATS["csv"](by_ssim, columns).startswith("suite,scenario,method,ssim,frame_ms_p99\n")
+    with pytest.raises(InputError, match="Unknown column 'scroe': did you mean 'score'"):
+        sorted_rows(rows, "scroe")
+    with pytest.raises(InputError, match="Unknown column 'scroe'"):
+        chosen_columns(rows, ["rank", "scroe"])
 
 
 def test_markdown_shows_one_table_per_scenario_with_the_best_in_bold(full_run: Path) -> None:

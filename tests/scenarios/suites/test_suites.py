@@ -6,12 +6,15 @@ import pytest
 
 from eitbench.benchmark.metrics import image_metrics
 from eitbench.scenarios.data.datasets import load
+from eitbench.scenarios.data.simulation import phantom
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.imperfections.imperfections import Imperfections
 from eitbench.scenarios.phantoms.families import FAMILIES, OBJECT_FAMILIES, PUBLISHED_FAMILIES
+from eitbench.scenarios.sensors.sensor import content_hash
 from eitbench.scenarios.suites.scenario import RecordedScenario, SimulatedScenario, SplitNoise
 from eitbench.scenarios.suites.suite import (
     WINDOW,
+    Suite,
     load_suite,
     read_suite,
     scenario_by_name,
@@ -52,6 +55,13 @@ kind = "recorded"
 name = "r"
 recording = "ohmc16"
 """
+
+
+SLIT = (
+    '{ name = "slit", shape = "rectangle", sizes = { width = [0.4, 0.5], height = [0.05, 0.06] }, '
+    "conductivity = [0.2, 0.5], count = 2, gap = 0.05 }]"
+)
+SHAPE, SIZES = "scenarios[1].families[1].shape", "scenarios[1].families[1].sizes"
 
 
 def simulated(suite: str) -> list[SimulatedScenario]:
@@ -164,6 +174,12 @@ def test_own_suite_by_path(tmp_path: Path) -> None:
         ('name = "second"', 'name = "first"', "scenarios", "declared twice"),
         ('["circle", "ring"]', '["circle", "rign"]', "scenarios[1].families", "'ring'"),
         ('["circle", "ring"]', "[]", "scenarios[1].families", "at least 1"),
+        ('["circle", "ring"]', "[3]", "scenarios[1].families[0]", "valid string"),
+        ('"ring"]', SLIT.replace("height", "hight"), SIZES, "'rectangle' are width, height"),
+        ('"ring"]', SLIT.replace("0.5]", "1.5]"), SIZES, "fractions of the sensor's side"),
+        ('"ring"]', SLIT.replace("[0.4", "[0.6"), f"{SIZES}.width", "the smaller first"),
+        ('"ring"]', SLIT.replace("rectangle", "rectangel"), SHAPE, "did you mean 'rectangle'?"),
+        ('"ring"]', SLIT.replace("slit", "star"), "scenarios[1].families[1].name", "already"),
         ("noise = { test = 50 }", "noise = { test = -3 }", "scenarios[1].noise.test", "dB"),
         ("noise = { test = 50 }", 'noise = { test = "x" }', "scenarios[1].noise.test", "dB"),
         ("noise = { test = 50 }", "noise = { tset = 5 }", "scenarios[1].noise.tset", "'test'"),
@@ -199,6 +215,26 @@ def test_a_bad_suite_file_is_named_with_the_field(
     assert says in message
     assert "\n" not in message
     assert "?." not in message
+
+
+def test_a_scenario_declares_families_of_its_own_which_its_data_hash_holds(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "own.toml"
+    hashes = set()
+    for slit in (SLIT, SLIT.replace("0.4", "0.45"), SLIT.replace("0.2", "0.3")):
+        path.write_text(GOOD.replace('"ring"]', slit, 1))
+        scenario = read_suite(path).scenarios[1]
+        assert isinstance(scenario, SimulatedScenario)
+        hashes |= {scenario.data_hash("test"), content_hash(scenario.clean_parameters("test"))}
+        again = Suite.model_validate_json(read_suite(path).model_dump_json())  # as in a manifest
+        assert again.scenarios[1].data_hash("test") == scenario.data_hash("test")
+    assert len(hashes) == 6
+    assert isinstance(scenario, SimulatedScenario)
+    drawn = phantom(scenario, "test", 1)
+    assert (drawn.family, len(drawn.inclusions)) == ("slit", 2)
+    assert 0.04 <= drawn.parameters["width_1_m"] <= 0.05
+    assert 0.3 <= drawn.parameters["conductivity_2"] <= 0.5
 
 
 @pytest.mark.parametrize(("new", "line"), [("train = ", 9), ("train = 0\ntrain = 1", 10)])
