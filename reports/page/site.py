@@ -186,12 +186,16 @@ def _method(name: str, editions: Sequence[_Edition]) -> str:
                     column = layout(row).column(row["ranked_by"])
                     figure = "–" if column is None else f"{column.title} {column.whole_text(row)}"
                     rank = f"{row['rank']} of {len(board['views'][0]['rows'])}"
-                    rows.append((
-                        _link(edition.suite, f"../{edition.file}"), row["scenario"],
-                        edition.version, starts.get(row["run"], ""), row["run"],
-                        edition.checked.get(row["run"], SELF_REPORTED), rank,
-                        row["group"] or "–", figure, f"{row['coverage']:.1%}", row["command"],
-                    ))  # fmt: skip
+                    rows += [
+                        (
+                            _link(edition.suite, f"../{edition.file}"), row["scenario"],
+                            edition.version, starts.get(run, ""), run,
+                            edition.checked.get(run, SELF_REPORTED), rank,
+                            row["group"] or "–", figure, f"{row['coverage']:.1%}", row["command"],
+                        )
+                        for run in [row["run"], *(row["repeats"] or "").split(", ")]
+                        if run
+                    ]  # fmt: skip
     section = Section("Every result, the newest version first", heads=_HEADS, rows=rows)
     return _page(printable(name), "", [section], home="../")
 
