@@ -253,7 +253,7 @@ def _pairs(
     t = student_t(difference, differences, clusters)
     if spec.aggregate == "median":
         values, of = [numbers(cell, spec.name) for cell in cells], cells[0]["cluster"]
-        each = [
+        each: ArrayLike = [
             signed_rank_of(float(difference[k]), values[a] - values[b], of)
             for k, (a, b) in enumerate(found)
         ]

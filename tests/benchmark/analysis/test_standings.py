@@ -221,7 +221,7 @@ def test_methods_of_two_runs_are_compared_as_if_they_had_been_one() -> None:
 
 
 def test_repeats_are_one_row_and_change_nothing() -> None:
-    first, others = first_and_others()
+    first, _ = first_and_others()
     again = named(first, "again", "2026-02-01")
     more = named(run_of({"first0": np.zeros(60)}), "more", "2026-03-01")
     # A later run of some of the methods is a smaller family; the first comparison counts.
