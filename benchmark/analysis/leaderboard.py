@@ -132,7 +132,7 @@ def _made_with(entry: Entry) -> tuple[Any, ...]:
     cells = [
         [cell.get(setting) for setting in settings]
         for cell in about.get("cells", [])
-        if (cell["scenario"], cell["name"]) == (scenario, name)
+        if (cell.get("scenario"), cell.get("name")) == (scenario, name)
     ]
     plugins = about.get("plan", {}).get("plugins", [])
     code = [plugin["sha256"] for plugin in plugins if name in plugin["names"]]

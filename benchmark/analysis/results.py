@@ -261,12 +261,30 @@ def describe_prior_knowledge(text: object) -> str:
     for given in known.given:
         kind = "training" if given.split == "train" else given.split
         parts.append(f"{given.samples:,} {kind} samples")
+    return "; ".join(parts + _weights(known)) or "the reference frame only"
+
+
+def describe_training(text: object) -> str:
+    """Return what the column `prior_knowledge` says of training data; "" where there were none.
+
+    Raises:
+        ValueError: the text is no such JSON.
+    """
+    if not isinstance(text, str) or not text:
+        return ""
+    known = _PriorKnowledge.model_validate_json(text)
+    given = [f"{of.samples:,} training samples" for of in known.given if of.split == "train"]
+    return "; ".join(given + _weights(known))
+
+
+def _weights(known: _PriorKnowledge) -> list[str]:
+    parts = []
     if count := known.trained_on.train_samples:
         seed = f" with seed {known.trained_on.seed}" if known.trained_on.seed else ""
         parts.append(f"weights of one training{seed} on {count:,} samples")
     if known.families:
         parts.append(f"trained on {_FAMILIES[known.families]}")
-    return "; ".join(parts) or "the reference frame only"
+    return parts
 
 
 def describe_actions(text: object) -> str:

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _LINE, _BAR = 0.17, 0.09  # heights of a name and of a bar [in]
+_LETTERS = 30  # of a name, which has 2 in
 
 
 def joined(ranks: Sequence[float], critical_difference: float) -> list[tuple[int, int]]:
@@ -53,10 +54,10 @@ def critical_difference_figure(
 
     line([x(1), x(len(names))], [0, 0])
     step = max(1, len(names) // 6)
-    for rank in range(1, len(names) + 1):
-        line([x(rank)] * 2, [0, -0.06 if (rank - 1) % step == 0 else -0.03])
-        if (rank - 1) % step == 0:
-            axes.text(x(rank), -0.08, str(rank), ha="center", va="bottom")
+    for k in range(len(names)):
+        line([x(k + 1)] * 2, [0, -0.03 if k % step else -0.06])
+        if k % step == 0:
+            axes.text(x(k + 1), -0.08, str(k + 1), ha="center", va="bottom")
     span = min(x(1 + critical_difference), PAGE - 0.1) - x(1)
     line([x(1), x(1) + span], [-0.33, -0.33], 1.2)
     axes.text(
@@ -72,10 +73,14 @@ def critical_difference_figure(
         edge = left - 0.1 if at_left else right + 0.1
         line([x(rank), x(rank), edge], [0, y, y])
         axes.text(
-            edge + (-0.04 if at_left else 0.04), y, f"{plain_label(name)} {rank:.2f}",
+            edge + (-0.04 if at_left else 0.04), y, f"{plain_label(_short(name))} {rank:.2f}",
             ha="right" if at_left else "left", va="center", fontsize=STYLE["legend.fontsize"],
         )  # fmt: skip
     return figure
+
+
+def _short(name: str) -> str:
+    return name if len(name) <= _LETTERS else f"{name[: _LETTERS - 1]}…"
 
 
 def to_png(figure: Figure) -> str:

@@ -12,6 +12,7 @@ import numpy as np
 
 from eitbench.benchmark import atomic_write
 from eitbench.benchmark.rundir.file_names import file_name
+from eitbench.reports.figures.critical_difference import critical_difference_figure
 from eitbench.reports.figures.style import (
     COLOURS,
     COLUMN,
@@ -74,6 +75,16 @@ def bibliography(methods: Iterable[str]) -> str:
     return "\n\n".join([*parts, *(known[key] for key in keys)]) + "\n"
 
 
+def reference(method: str) -> str:
+    """What a method comes from in words: authors, title, journal and year; "" where unknown."""
+    entry = entries().get(KEYS.get(method, ""), "")
+    fields = dict(re.findall(r"^  (\w+) = \{(.*)\},?$", entry, re.MULTILINE))
+    first, *others = fields.get("author", "").split(" and ")
+    author = f"{first.split(',')[0]} et al." if others else first.split(",")[0]
+    where = (fields.get(name) for name in ("title", "journal", "booktitle", "year"))
+    return re.sub(r"[{}\\]", "", ", ".join(part for part in (author, *where) if part))
+
+
 def entries() -> dict[str, str]:
     """All entries by key."""
     text = files("eitbench.reports.page").joinpath("references.bib").read_text(encoding="utf-8")
@@ -101,7 +112,8 @@ def write_paper(report: ReportData, out: Path) -> list[Path]:
             stored = [{k: v for k, v in row.items() if k not in PAGE_COLUMNS} for row in rows]
             written += write_leaderboard(stored, out / "tables", ("csv", "md", "latex"), stem)
     with mpl.rc_context(STYLE):
-        for stem, figure in _figures(boards):
+        figures = [*_figures(boards), *overall_figure(report)]
+        for stem, figure in figures:
             written += save(figure, out / "figures" / file_name(stem), ("pdf", "svg"))
     references = out / "references.bib"
     methods = [row["method"] for row in rows_by_kind["method"]]
@@ -118,6 +130,14 @@ def _figures(boards: Sequence[BoardData]) -> Iterator[tuple[str, Figure]]:
         levels = [b for b in boards if b["suite"] == suite and b["snr_db"] is not None]
         if len(levels) > 1:
             yield f"noise-{suite}", noise(levels)
+
+
+def overall_figure(report: ReportData) -> Iterator[tuple[str, Figure]]:
+    """The critical-difference figure with the stem of its files, if there is an overall view."""
+    if found := report["overall"].get("||"):
+        ranks = [(row["method"], row["rank"]) for row in found["rows"]]
+        figure = critical_difference_figure(ranks, found["critical_difference"])
+        yield "critical-difference", figure
 
 
 def _blank(width: float, height: float) -> tuple[Figure, Axes]:
