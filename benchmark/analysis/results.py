@@ -1,7 +1,7 @@
 """Stored runs: their manifest, tables and arrays, checked as they are read."""
 
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -20,7 +20,7 @@ from eitbench.benchmark.rundir.kinds import METHOD_RUNS, RUN_KINDS, RunKind
 from eitbench.benchmark.rundir.run_arrays import Scene, read_estimates, read_scene
 from eitbench.benchmark.rundir.store import SAMPLES, TRACKS
 from eitbench.benchmark.rundir.tables import read_parquet, wrong_kind
-from eitbench.methods.registry import MAX_NAME
+from eitbench.methods.registry import MAX_NAME, METHOD_REGISTRY, OPERATOR_REGISTRY
 from eitbench.scenarios.data.datasets import SNR_COLUMNS
 from eitbench.scenarios.errors import DataCorruptError, InputError
 from eitbench.scenarios.storage.try_reading import try_reading
@@ -300,6 +300,28 @@ def describe_actions(text: object) -> str:
     known = _ACTIONS.validate_json(text)
     told = (f"{_DID[kind]} ({known[kind][0]})" for kind in _DID if known.get(kind))
     return " and ".join(told)
+
+
+def plugin_file(plugin: Mapping[str, Any]) -> str:
+    """Return the path of a plugin's copy in its run directory."""
+    return f"plugins/{plugin['sha256'][:16]}.py"
+
+
+def code_of(run: Run, name: str) -> str:
+    """Return where the code of a method or operator is: in the run directory, or in eitbench."""
+    for plugin in run.manifest.get("plan", {}).get("plugins", ()):
+        if name in plugin["names"]:
+            return f"{plugin_file(plugin)} in the run {run.path.name}"
+    registry = METHOD_REGISTRY if run.kind == METHOD_RUNS else OPERATOR_REGISTRY
+    registry.import_built_in()  # and no package of others
+    modules = (m for m in registry.built_in if name in registry.of_module(f"eitbench.methods.{m}"))
+    module = next(modules, None)
+    if module is None:
+        return "an installed package"
+    version = run.manifest.get("versions", {}).get("eitbench") or ""
+    commit = run.manifest.get("git_commit") or ""
+    at = ", ".join(part for part in (version, commit[:10] and f"commit {commit[:10]}") if part)
+    return f"methods/{module.replace('.', '/')}.py of eitbench {at}".strip()
 
 
 def failures(run: Run) -> list[str]:

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _LINE, _BAR = 0.17, 0.09  # heights of a name and of a bar [in]
-_LETTERS = 30  # of a name, which has 2 in
+_LETTERS = 27  # of a name, which has 2 in
 
 
 def joined(ranks: Sequence[float], critical_difference: float) -> list[tuple[int, int]]:

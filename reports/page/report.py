@@ -19,7 +19,7 @@ from markupsafe import Markup
 from eitbench import __version__
 from eitbench.benchmark import EitbenchError, atomic_write
 from eitbench.benchmark.analysis.ladder import Ladder, read_ladder
-from eitbench.benchmark.analysis.results import read_run
+from eitbench.benchmark.analysis.results import plugin_file, read_run
 from eitbench.benchmark.metrics.specs import ANCHORS
 from eitbench.reports.figures import ladder as ladder_figures
 from eitbench.reports.figures.critical_difference import to_png
@@ -29,7 +29,7 @@ from eitbench.reports.page.answer import answer
 from eitbench.reports.page.images import pack
 from eitbench.reports.page.paper import overall_figure, reference, write_paper
 from eitbench.reports.page.rendering import asset, render
-from eitbench.reports.page.report_data import FAST_MS, ReportData, plugin_file, report_data
+from eitbench.reports.page.report_data import FAST_MS, ReportData, report_data
 from eitbench.reports.tables.columns import printable
 
 PAGE = "index.html"

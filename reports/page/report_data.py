@@ -7,7 +7,7 @@ reading the runs. `report.json` holds them, and the page's script reads the boar
 from __future__ import annotations
 
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, replace
 from itertools import product
 from pathlib import Path
@@ -19,7 +19,13 @@ import pandas as pd
 from eitbench.benchmark import DataCorruptError, InputError
 from eitbench.benchmark.analysis.leaderboard import Row, is_whole
 from eitbench.benchmark.analysis.overall import overall
-from eitbench.benchmark.analysis.results import Run, describe_training, failures, read_run
+from eitbench.benchmark.analysis.results import (
+    Run,
+    code_of,
+    describe_training,
+    failures,
+    read_run,
+)
 from eitbench.benchmark.analysis.sensitivity import SAMPLES, sensitivity
 from eitbench.benchmark.analysis.standings import Standing, score_weights, standings
 from eitbench.benchmark.metrics.aggregation import numbers
@@ -324,7 +330,7 @@ def _view(label: str, standing: Standing, runs: Sequence[Run]) -> View:
             "command": _command(run_of[row["run"]], row),
             "label": name if names.count(name) == 1 else f"{name} ({row['run']})",
             "training": _training(run_of[row["run"]], row),
-            "code": _code(run_of[row["run"]], name),
+            "code": code_of(run_of[row["run"]], name),
         }
         for row, name in zip(standing.rows, names, strict=True)
     ]
@@ -374,21 +380,6 @@ def _training(run: Run, row: Row) -> str | None:
     of = (run.cells["scenario"] == row["scenario"]) & (run.cells["method"] == row["method"])
     told = [text for text in run.cells.loc[of, "prior_knowledge"] if isinstance(text, str) and text]
     return describe_training(told[0]) if told else None
-
-
-def plugin_file(plugin: Mapping[str, Any]) -> str:
-    """Return the path of a plugin's copy in its run directory."""
-    return f"plugins/{plugin['sha256'][:16]}.py"
-
-
-def _code(run: Run, name: str) -> str:
-    """Return where the code of a method or operator is."""
-    for plugin in run.manifest.get("plan", {}).get("plugins", ()):
-        if name in plugin["names"]:
-            return f"{plugin_file(plugin)} in the run {run.path.name}"
-    version = run.manifest.get("versions", {}).get("eitbench", "")
-    commit = (run.manifest.get("git_commit") or "")[:10]
-    return f"eitbench {version}{f', commit {commit}' if commit else ''}"
 
 
 def _presses(label: str, cell: pd.DataFrame) -> dict[str, Any]:
