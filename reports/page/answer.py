@@ -74,7 +74,7 @@ def _beside(board: BoardData, boards: Sequence[BoardData]) -> str:
     if lost:
         where = [
             f"{_ordinal(row['rank'])} of {len(other['views'][0]['rows'])} on "
-            f"{other['suite']} / {other['scenario']}"
+            f"{other['suite']} / {other['scenario']}" + " (a real sensor)" * other["recorded"]
             for row, other in lost
         ]
         parts.append(f"Elsewhere it loses: {_listed(where)}.")

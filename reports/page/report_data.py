@@ -63,9 +63,9 @@ class BoardData(TypedDict):
     `kind` is "method" or "operator". `columns`, `pairs` and `sensitivity` hold the fields of
     `Column`, `Pair` and `Sensitivity`. The first of `views` is that of all samples. `snr_db` is
     "clean" for data without noise, and None for several levels or unknown ones; `touch_snr_db` is
-    the median over samples. `sensor` is "" where it is not known. `presses` holds
-    for each method the places of presses and those that it found [m], in the coordinates of its
-    image.
+    the median over samples. `sensor` is "" where it is not known, `recorded` true if the data are
+    of a real one. `presses` holds for each method the places of presses and those that it found
+    [m], in the coordinates of its image.
     """
 
     suite: str
@@ -75,6 +75,7 @@ class BoardData(TypedDict):
     data_hash: str | None
     inverse_crime: bool
     sensor: str
+    recorded: bool
     clusters: int
     why_not: str
     ranked_by: str
@@ -189,10 +190,11 @@ def overall_views(boards: Sequence[BoardData]) -> dict[str, dict[str, Any]]:
     return views
 
 
-def _sensor(runs: Sequence[Run], row: Row) -> str:
-    """Return the sensor of a row's scenario."""
-    (manifest,) = (run.manifest for run in runs if run.path.name == row["run"])
-    return str(manifest.get("data", {}).get(row["scenario"], {}).get("sensor") or "")
+def _sensor(run: Run, scenario: str) -> tuple[str, bool]:
+    """Return the sensor of a scenario, "" where it is not known, and if the data are recorded."""
+    declared = run.manifest.get("plan", {}).get("suite", {}).get("scenarios", ())
+    recorded = any((s.get("name"), s.get("kind")) == (scenario, "recorded") for s in declared)
+    return run.manifest.get("data", {}).get(scenario, {}).get("sensor") or "", recorded
 
 
 def _with_all_columns(run: Run, missing: list[str]) -> Run:
@@ -253,6 +255,8 @@ def _board(standing: Standing, runs: Sequence[Run], missing: list[str]) -> Board
     first = standing.rows[0]
     scenario, kind = first["scenario"], "operator" if "operator" in first else "method"
     view = _view("all samples", standing, runs)
+    of_first = next(run for run in runs if run.path.name == first["run"])
+    sensor, recorded = _sensor(of_first, scenario)
     board = BoardData(
         suite=first["suite"],
         scenario=scenario,
@@ -260,7 +264,8 @@ def _board(standing: Standing, runs: Sequence[Run], missing: list[str]) -> Board
         n=first["data_n"] or first["n"],
         data_hash=first["data_hash"],
         inverse_crime=first["inverse_crime"],
-        sensor=_sensor(runs, first),
+        sensor=sensor,
+        recorded=recorded,
         clusters=standing.clusters,
         why_not=standing.why_not,
         ranked_by=first.get("ranked_by") or "mse",

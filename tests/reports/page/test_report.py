@@ -102,6 +102,7 @@ def several_once(
     with edited_manifest(folder) as content:
         for k, data in enumerate(content["data"].values()):
             data["sensor"] = "foam16" if k < 2 else "skin"
+        content["plan"]["suite"]["scenarios"] = [{"kind": "recorded", "name": "s3"}]
     return folder
 
 
@@ -116,7 +117,9 @@ def test_the_answer_says_what_ranks_what_was_trained_and_where_the_best_loses(
         "net needs training data: weights of one training with seed 0 on 24,000 samples; trained "
         "on the families of the test phantoms." in said
     )
-    assert said.endswith("Elsewhere it loses: 3rd of 3 on bench / s2 and 3rd of 3 on bench / s3.")
+    assert said.endswith(
+        "Elsewhere it loses: 3rd of 3 on bench / s2 and 3rd of 3 on bench / s3 (a real sensor)."
+    )
     said = answer(boards[2], boards)
     assert "fair needs no training data. Elsewhere it loses: 2nd of 3 on bench / s0" in said
     assert "Elsewhere" not in answer(boards[2], boards[2:])
