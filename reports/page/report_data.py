@@ -166,18 +166,23 @@ def overall_views(boards: Sequence[BoardData]) -> dict[str, dict[str, Any]]:
 
     A key is "untrained" or "", "fast" or "", and a sensor or "", joined by "|": methods without
     training data, methods that take less than `FAST_MS` for a frame on every scenario, and the
-    scenarios of one sensor. Rows without all samples or without a figure do not count.
+    scenarios of one sensor. Rows without all samples or without a figure do not count; of several
+    data sets of a scenario, the one with the most samples does.
     """
-    views = {}
+    views, largest = {}, dict[str, BoardData]()
+    for board in boards:
+        name = f"{board['suite']} / {board['scenario']}"
+        if name not in largest or board["n"] > largest[name]["n"]:
+            largest[name] = board
     sensors = dict.fromkeys(board["sensor"] for board in boards)
     choices = product(("", "untrained"), ("", "fast"), dict.fromkeys(["", *sensors]))
     for untrained, fast, sensor in choices:
         figures = {}
-        for board in boards:
+        for name, board in largest.items():
             by = board["ranked_by"]
             sign = METRICS[by].sign if by in METRICS else 1.0
             if not sensor or board["sensor"] == sensor:
-                figures[f"{board['suite']} / {board['scenario']}"] = {
+                figures[name] = {
                     row["label"]: sign * row[by]
                     for row in board["views"][0]["rows"]
                     if row.get(by) is not None

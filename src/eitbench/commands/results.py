@@ -106,11 +106,12 @@ def gate(
 
     The test is that of `compare`. What has too few samples for it does not pass.
     """
-    from eitbench.benchmark.analysis.comparison import TOO_FEW, read_results
+    from eitbench.benchmark.analysis.comparison import TOO_FEW, figure_called, read_results
     from eitbench.benchmark.analysis.comparison import compare as compared
 
     margins: dict[str, float] = {}
-    for name, allowed in map(_margin, margin or ()):
+    for text, allowed in map(_margin, margin or ()):
+        name = figure_called(text)
         if name in margins:
             raise typer.BadParameter(f"--margin names {name!r} twice")
         margins[name] = allowed

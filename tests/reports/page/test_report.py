@@ -17,7 +17,7 @@ from eitbench.reports.figures.style import STYLE
 from eitbench.reports.page.answer import answer
 from eitbench.reports.page.paper import KEYS, bibliography, entries, frontier, noise
 from eitbench.reports.page.report import to_page, write_report
-from eitbench.reports.page.report_data import report_data
+from eitbench.reports.page.report_data import overall_views, report_data
 from eitbench.scenarios.errors import DataCorruptError, InputError
 
 NASTY = "<img src=x onerror=alert(1)>"
@@ -139,6 +139,9 @@ def test_scenarios_are_summed_up_under_each_filter(several_once: Path) -> None:
     assert ranks("untrained||") == {"fair": 1.0, "slow": 2.0}
     assert ranks("|fast|skin") == {"fair": 1.0, "net": 2.0}
     assert "untrained|fast|" not in views  # one method alone
+    boards = report_data([several_once])["boards"]
+    smaller = boards[0] | {"n": 6, "views": [{**boards[0]["views"][0], "rows": []}]}
+    assert overall_views([*boards, smaller]) == overall_views([smaller, *boards]) == views
 
 
 def test_methods_are_shown_with_what_they_were_told_source_and_code(
