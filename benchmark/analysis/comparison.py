@@ -6,7 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
-from typing import Literal
+from types import MappingProxyType
+from typing import Final, Literal
 
 import numpy as np
 import pandas as pd
@@ -23,7 +24,6 @@ from eitbench.benchmark.metrics.statistics import (
     draw,
     holm,
     intervals,
-    signed_rank,
     signed_rank_of,
     student_t,
 )
@@ -33,7 +33,16 @@ from eitbench.benchmark.rundir.store import SAMPLES
 from eitbench.scenarios.errors import InputError, unknown_name
 from eitbench.scenarios.storage.try_reading import try_reading
 
-ChangeVerdict = Literal["better", "worse", "no difference found", "negligible", "equal"]
+TOO_FEW: Final = "too few to test"
+ChangeVerdict = Literal[
+    "better",
+    "worse",
+    "no difference found",
+    "within the margin",
+    "negligible",
+    "equal",
+    "too few to test",
+]
 
 _NEEDED = ("scenario", "method", "sample", "cluster", "input_hash", "status")
 _NEEDED_OF_CELL = ("scenario", "method", "frame_ms_p50", "calibration_ms", "machine", "timed")
@@ -53,10 +62,14 @@ class Change:
     Attributes:
         n, clusters: samples that both runs hold, and of how many clusters.
         difference, low, high: after minus before with its 95 % interval.
-        p: of a change (`compare`), or of a loss beyond the margin (`regressions`), adjusted for all
-            that were tested together (Holm).
+        p: of no change, two-sided, adjusted for all figures that were compared together (Holm).
+        margin: the loss that is allowed.
+        p_margin: of a loss that is no larger than the margin, tested and adjusted as `p`, and the
+            same as `p` without a margin.
         verdict: "equal" to the last digit; "negligible", see `NEGLIGIBLE`; "better" or "worse"
-            beyond chance; or none of these.
+            beyond chance; "within the margin" where it is worse, but not surely by more; or none
+            of these. Fewer than `MIN_CLUSTERS` clusters are "too few to test": then the ends of
+            the interval and both p-values are None.
         time_ratio: warm frame after over before, each over the calibration solve beside it; None
             where one of them is not known, or was taken on a busy machine.
         shared: true if one of them was taken beside other cells.
@@ -70,9 +83,11 @@ class Change:
     before: float
     after: float
     difference: float
-    low: float
-    high: float
-    p: float
+    low: float | None
+    high: float | None
+    p: float | None
+    margin: float
+    p_margin: float | None
     verdict: ChangeVerdict
     time_ratio: float | None
     shared: bool
@@ -87,7 +102,7 @@ class RunComparison:
         missing: a sentence for each scenario and method of the earlier run that the later one
             does not hold, or not on all of its frames.
         added: a sentence for each that only the later one holds.
-        busy: a sentence for each time that is not compared, as its machine was busy.
+        busy: a sentence for each run with times that are not compared, as its machine was busy.
     """
 
     changes: list[Change]
@@ -166,35 +181,32 @@ def _read_results(path: Path) -> Results:
     return Results(path, samples, times, fastest)
 
 
-def compare(before: Results, after: Results, figures: Sequence[str] = ()) -> RunComparison:
-    """Compare `after` with `before`, by `figures` or by the figure that ranks each scenario.
+def figure_called(name: str) -> str:
+    """Return the name of the figure that has this column, title or heading, as tables print it.
 
     Raises:
-        InputError: an unknown figure, or nothing that can be compared.
+        InputError: there is none.
     """
-    return _compared(before, after, dict.fromkeys(figures, 0.0), loss=False)
+    for spec in METRICS.values():
+        if name.casefold() in {of.casefold() for of in (spec.name, spec.title, spec.heading)}:
+            return spec.name
+    raise unknown_name("figure", name, METRICS)
 
 
-def regressions(before: Results, after: Results, margins: Mapping[str, float]) -> RunComparison:
-    """Find the figures of `margins` that are significantly worse by more than their margin.
+def compare(
+    before: Results, after: Results, margins: Mapping[str, float] = MappingProxyType({})
+) -> RunComparison:
+    """Compare `after` with `before`, by the figures of `margins`, which may be lost so far.
 
     Without margins: by the figure that ranks each scenario, and any loss counts.
 
     Raises:
         InputError: an unknown figure, or nothing that can be compared.
     """
-    return _compared(before, after, margins, loss=True)
-
-
-def _compared(
-    before: Results, after: Results, margins: Mapping[str, float], *, loss: bool
-) -> RunComparison:
-    """Test every figure for any change, or for a `loss` beyond its margin."""
-    for name in margins:
-        if name not in METRICS:
-            raise unknown_name("figure", name, METRICS)
+    margins = {figure_called(name): margin for name, margin in margins.items()}
     old, new = cells_of(before.samples), cells_of(after.samples)
-    changes, missing, busy = [], [], []
+    changes, missing = [], []
+    busy: dict[Path, list[float]] = {}
     fastest = {
         machine: min(of.fastest_ms.get(machine, np.inf) for of in (before, after))
         for machine in {*before.fastest_ms, *after.fastest_ms}
@@ -209,12 +221,6 @@ def _compared(
         if clusters == 0:
             missing.append(f"{who} was given other frames in {after.path}.")
             continue
-        if clusters < MIN_CLUSTERS:
-            missing.append(
-                f"{who} was given the same frames of {clusters} sessions or objects only; a "
-                f"comparison needs {MIN_CLUSTERS}."
-            )
-            continue
         if len(cells[0]) < len(cell):
             missing.append(
                 f"{who} lacks {len(cell) - len(cells[0])} of the {len(cell)} frames of "
@@ -222,18 +228,14 @@ def _compared(
             )
         times = [of.times.get((scenario, method)) for of in (before, after)]
         ratio, shared = _time_ratio(times, fastest)
-        busy += [
-            f"The time of {who} is not compared: beside it in {of.path} the calibration solve took "
-            f"{timed.solve_ms / fastest[timed.machine]:.2f} times as long as this machine can, "
-            "which was busy: run again on an idle machine with --jobs 1."
-            for of, timed in zip((before, after), times, strict=True)
-            if timed is not None and _was_busy(timed, fastest)
-        ]
+        for of, timed in zip((before, after), times, strict=True):
+            if timed is not None and _was_busy(timed, fastest):
+                slower = timed.solve_ms / fastest[timed.machine]
+                busy.setdefault(of.path, []).append(slower)
         for spec in [METRICS[name] for name in margins] or _ranking(cells):
             figures = [figure_of(cell, spec) for cell in cells]
             if np.isfinite(figures).all():
-                margin = margins.get(spec.name, 0.0) if loss else None
-                change = _change(cells, figures, spec, margin)
+                change = _change(cells, figures, spec, margins.get(spec.name, 0.0))
                 changes.append(
                     replace(
                         change, scenario=scenario, method=method, time_ratio=ratio, shared=shared
@@ -251,13 +253,29 @@ def _compared(
         none = f"no scenario of theirs has {asked}." if asked else "one of them is empty."
         why = (*missing, *added, none)[0]
         raise InputError(f"{before.path} and {after.path} cannot be compared: {why}")
-    for k, p in enumerate(holm([change.p for change in changes]).tolist()):
+    told = [
+        f"Times that were taken on a busy machine in {path} are not compared: beside them the "
+        f"calibration solve took up to {max(slower):.2f} times as long as this machine can. Run "
+        "again on an idle machine with --jobs 1."
+        for path, slower in busy.items()
+    ]
+    return RunComparison(_adjusted(changes), missing, added, told)
+
+
+def _adjusted(changes: Sequence[Change]) -> list[Change]:
+    """The changes with p-values that are adjusted for all that were tested, and their verdicts."""
+    found = list(changes)
+    tested = [k for k, change in enumerate(changes) if change.p is not None]
+    p = np.array([(changes[k].p, changes[k].p_margin) for k in tested], dtype=np.float64)
+    for k, adjusted in zip(tested, zip(*map(holm, p.reshape(-1, 2).T), strict=True), strict=True):
+        any_change, beyond = map(float, adjusted)
         verdict = changes[k].verdict
-        if p < SIGNIFICANT and (loss or verdict == "no difference found"):
+        if any_change < SIGNIFICANT and verdict == "no difference found":
             won = METRICS[changes[k].figure].sign * changes[k].difference > 0
-            verdict = "better" if won and not loss else "worse"
-        changes[k] = replace(changes[k], p=p, verdict=verdict)
-    return RunComparison(changes, missing, added, busy)
+            sure = beyond < SIGNIFICANT
+            verdict = "better" if won else "worse" if sure else "within the margin"
+        found[k] = replace(changes[k], p=any_change, p_margin=beyond, verdict=verdict)
+    return found
 
 
 def _was_busy(timed: FrameTime, fastest_ms: Mapping[str, float]) -> bool:
@@ -292,35 +310,36 @@ def _ranking(cells: Sequence[pd.DataFrame]) -> list[MetricSpec]:
 
 
 def _change(
-    cells: Sequence[pd.DataFrame], figures: Sequence[float], spec: MetricSpec, margin: float | None
+    cells: Sequence[pd.DataFrame], figures: Sequence[float], spec: MetricSpec, margin: float
 ) -> Change:
-    """Change of a figure before it is adjusted, tested for a loss if there is a margin."""
+    """Change of a figure before its p-values are adjusted."""
     cluster = cells[0]["cluster"]
     clusters = cluster.nunique()
     # The same clusters give both the same draws.
     drawn = [draw(lambda c: aggregate(cell, [spec], c)[:, 0], cluster) for cell in cells]  # noqa: B023
     before, after = figures
     difference, differences = after - before, drawn[1] - drawn[0]
-    low, high = map(float, intervals(np.asarray(difference), differences, clusters))
-    negligible = NEGLIGIBLE * float(drawn[0].std()) * np.sqrt(clusters)
-    allowed = None if margin is None else max(margin, negligible)
-    if spec.aggregate == "median":
-        one, other = (numbers(cell, spec.name) for cell in cells)
-        if allowed is None:
-            p = signed_rank_of(difference, other - one, cluster)
-        else:
-            p = signed_rank(-spec.sign * (other - one) - allowed, cluster)
-    elif allowed is None:
-        t = abs(student_t(difference, differences, clusters))
-        p = 2 * float(special.stdtr(clusters - 1, -t))
-    else:
-        beyond = -spec.sign * difference - allowed
-        p = float(special.stdtr(clusters - 1, -student_t(beyond, differences, clusters)))
-    verdict: ChangeVerdict = "no difference found"
-    if abs(difference) < EQUAL and low == high:
+    low, high = map(float, intervals(np.asarray(difference), differences, max(2, clusters)))
+    by_sample = spec.name in cells[0]
+    values = np.subtract(*(numbers(cell, spec.name) for cell in cells[::-1])) if by_sample else None
+
+    def p_of(shift: float) -> float:
+        """P-value that the difference is no other than -`shift`."""
+        if spec.aggregate == "median" and values is not None:
+            return signed_rank_of(difference + shift, values + shift, cluster)
+        t = abs(student_t(difference + shift, differences + shift, clusters))
+        return 2 * float(special.stdtr(clusters - 1, -t))
+
+    few = clusters < MIN_CLUSTERS
+    verdict: ChangeVerdict = TOO_FEW if few else "no difference found"
+    # Of few clusters, all may have the same difference by chance.
+    if abs(difference) < EQUAL and (
+        low == high if not few else values is not None and np.nanmax(np.abs(values)) < EQUAL
+    ):
         verdict = "equal"
-    elif abs(difference) <= negligible:
+    elif not few and abs(difference) <= NEGLIGIBLE * float(drawn[0].std()) * np.sqrt(clusters):
         verdict = "negligible"
+    lost = -spec.sign * difference
     return Change(
         scenario="",
         method="",
@@ -330,9 +349,11 @@ def _change(
         before=before,
         after=after,
         difference=difference,
-        low=low,
-        high=high,
-        p=float(p),
+        low=None if few else low,
+        high=None if few else high,
+        p=None if few else p_of(0.0),
+        margin=margin,
+        p_margin=None if few else p_of(spec.sign * margin) if lost > margin else 1.0,
         verdict=verdict,
         time_ratio=None,
         shared=False,

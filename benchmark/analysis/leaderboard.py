@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,7 @@ from eitbench.benchmark.analysis.results import (
     describe_actions,
     describe_prior_knowledge,
 )
-from eitbench.benchmark.metrics.aggregation import aggregate
+from eitbench.benchmark.metrics.aggregation import aggregate, numbers
 from eitbench.benchmark.metrics.statistics import once
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS, RunKind
 from eitbench.scenarios.data.datasets import SNR_COLUMNS
@@ -24,24 +24,32 @@ Row = dict[str, Any]
 """Plain values by column: `suite`, `scenario`, `method` or `operator`, `run`, `n`, `coverage`,
 `rank`, a figure for each metric and cost of its `RunKind` and more, see `Standing`."""
 
+SAME = 1e-3
+"""Repeats may differ by this share of a figure: the rounding of another machine's arithmetic."""
+
 
 @dataclass(frozen=True, eq=False)
 class Entry:
     """A method or operator on a board.
 
     Attributes:
-        run: where it was run.
+        run: where it was run, the newest of its repeats.
         row: its row of the leaderboard.
         cell: its samples.
+        runs: names of the runs that repeat it, the oldest first, and of `run` at the end.
     """
 
     run: Run
     row: Row
     cell: pd.DataFrame
+    runs: tuple[str, ...]
 
 
 def leaderboard_rows(runs: Sequence[Run]) -> list[Row]:
     """Return a row per run, scenario and method (or operator), ranked among those of the same data.
+
+    Repeats are one row, that of the newest run: the same method, parameters, weights and plugin on
+    the same data with the same results. `repeats` names the others; it is None without any.
 
     Figures are means over the samples (localisation: the median), of which failed ones are charged
     what an image of the untouched sensor gets; None where not defined, or where all failed. The
@@ -75,10 +83,10 @@ def ranked_boards(runs: Sequence[Run]) -> list[list[Entry]]:
         names = ["suite", "scenario", run.kind.name, *run.kind.labels]
         for values, cell in () if run.samples.empty else run.samples.groupby(names, sort=False):
             row = _row(run, dict(zip(names, map(str, values), strict=True)), cell)
-            entries.append(Entry(run, row, cell))
+            entries.append(Entry(run, row, cell, (run.path.name,)))
     ranked = []
     for data in dict.fromkeys(_data_of(entry.row) for entry in entries):
-        board = [entry for entry in entries if _data_of(entry.row) == data]
+        board = _without_repeats([entry for entry in entries if _data_of(entry.row) == data])
         kind = runs[0].kind
         by = ranking_figure([entry.row for entry in board], kind)
         keys = [_place(entry.row, by, kind) for entry in board]
@@ -87,6 +95,48 @@ def ranked_boards(runs: Sequence[Run]) -> list[list[Entry]]:
         board.sort(key=lambda entry: (entry.row["rank"], entry.row[entry.run.kind.name]))
         ranked.append(board)
     return ranked
+
+
+def _without_repeats(entries: Sequence[Entry]) -> list[Entry]:
+    """The entries, those that repeat one another together."""
+    found: list[Entry] = []
+    for entry in sorted(entries, key=lambda e: (e.run.manifest.get("started") or "", e.runs)):
+        k = next((k for k, other in enumerate(found) if _repeats(entry, other)), None)
+        if k is None:
+            found.append(entry)
+        else:
+            found[k] = replace(entry, runs=found[k].runs + entry.runs)
+    for entry in found:
+        entry.row["repeats"] = ", ".join(entry.runs[:-1]) or None
+    return found
+
+
+def _repeats(entry: Entry, other: Entry) -> bool:
+    """True if two entries are one method with the same parameters, code and results."""
+    if _made_with(entry) != _made_with(other):
+        return False
+    cells = [of.cell.sort_values("sample") for of in (entry, other)]
+    if any(list(cells[0][name]) != list(cells[1][name]) for name in ("sample", "status")):
+        return False
+    one, same = ({n: numbers(c, n) for n in entry.run.kind.metrics if n in c} for c in cells)
+    return one.keys() == same.keys() and all(
+        np.allclose(one[name], same[name], rtol=SAME, atol=0, equal_nan=True) for name in one
+    )
+
+
+def _made_with(entry: Entry) -> tuple[Any, ...]:
+    """What a method's results are made with: its name, plugin, track, parameters and weights."""
+    kind, about = entry.run.kind, entry.run.manifest
+    name, scenario = entry.row[kind.name], entry.row["scenario"]
+    settings = ("variant", "track", "parameters", "weights")
+    cells = [
+        [cell.get(setting) for setting in settings]
+        for cell in about.get("cells", [])
+        if (cell.get("scenario"), cell.get("name")) == (scenario, name)
+    ]
+    plugins = about.get("plan", {}).get("plugins", [])
+    code = [plugin["sha256"] for plugin in plugins if name in plugin["names"]]
+    return name, [entry.row[label] for label in kind.labels], cells, code
 
 
 def boards(rows: Sequence[Row]) -> list[list[Row]]:

@@ -1,7 +1,7 @@
 """Stored runs: their manifest, tables and arrays, checked as they are read."""
 
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -21,7 +21,7 @@ from eitbench.benchmark.rundir.run_arrays import Scene, read_estimates, read_sce
 from eitbench.benchmark.rundir.store import SAMPLES, TRACKS
 from eitbench.benchmark.rundir.tables import read_parquet, wrong_kind
 from eitbench.benchmark.workers.messages import plain_trace
-from eitbench.methods.registry import MAX_NAME
+from eitbench.methods.registry import MAX_NAME, METHOD_REGISTRY, OPERATOR_REGISTRY
 from eitbench.scenarios.data.datasets import SNR_COLUMNS
 from eitbench.scenarios.errors import DataCorruptError, InputError
 from eitbench.scenarios.recordings.descriptors import PLACES
@@ -267,12 +267,30 @@ def describe_prior_knowledge(text: object) -> str:
     for given in known.given:
         kind = "training" if given.split == "train" else given.split
         parts.append(f"learned from {given.samples:,} {kind} samples")
+    return "; ".join(parts + _weights(known)) or "the reference frame only"
+
+
+def describe_training(text: object) -> str:
+    """Return what the column `prior_knowledge` says of training data; "" where there were none.
+
+    Raises:
+        ValueError: the text is no such JSON.
+    """
+    if not isinstance(text, str) or not text:
+        return ""
+    known = _PriorKnowledge.model_validate_json(text)
+    given = [f"{of.samples:,} training samples" for of in known.given if of.split == "train"]
+    return "; ".join(given + _weights(known))
+
+
+def _weights(known: _PriorKnowledge) -> list[str]:
+    parts = []
     if count := known.trained_on.train_samples:
         seed = f" with seed {known.trained_on.seed}" if known.trained_on.seed else ""
         parts.append(f"weights trained once{seed} on {count:,} samples")
     if known.families:
         parts.append(f"trained on {_FAMILIES[known.families]}")
-    return "; ".join(parts) or "the reference frame only"
+    return parts
 
 
 def describe_actions(text: object) -> str:
@@ -288,6 +306,28 @@ def describe_actions(text: object) -> str:
     known = _ACTIONS.validate_json(text)
     told = (f"{_DID[kind]} ({known[kind][0]})" for kind in _DID if known.get(kind))
     return " and ".join(told)
+
+
+def plugin_file(plugin: Mapping[str, Any]) -> str:
+    """Return the path of a plugin's copy in its run directory."""
+    return f"plugins/{plugin['sha256'][:16]}.py"
+
+
+def code_of(run: Run, name: str) -> str:
+    """Return where the code of a method or operator is: in the run directory, or in eitbench."""
+    for plugin in run.manifest.get("plan", {}).get("plugins", ()):
+        if name in plugin["names"]:
+            return f"{plugin_file(plugin)} in the run {run.path.name}"
+    registry = METHOD_REGISTRY if run.kind == METHOD_RUNS else OPERATOR_REGISTRY
+    registry.import_built_in()  # and no package of others
+    modules = (m for m in registry.built_in if name in registry.of_module(f"eitbench.methods.{m}"))
+    module = next(modules, None)
+    if module is None:
+        return "an installed package"
+    version = run.manifest.get("versions", {}).get("eitbench") or ""
+    commit = run.manifest.get("git_commit") or ""
+    at = ", ".join(part for part in (version, commit[:10] and f"commit {commit[:10]}") if part)
+    return f"methods/{module.replace('.', '/')}.py of eitbench {at}".strip()
 
 
 def failures(run: Run) -> list[str]:

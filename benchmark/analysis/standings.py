@@ -16,6 +16,7 @@ from itertools import combinations
 
 import numpy as np
 import pandas as pd
+from numpy.typing import ArrayLike
 from scipy import special
 
 from eitbench.benchmark.analysis.leaderboard import (
@@ -64,8 +65,8 @@ class Pair:
     Attributes:
         first, second: their positions on the board; the first ranks no lower.
         difference, low, high: first minus second, with its 95 % interval.
-        p: of no difference, adjusted for all pairs of the board (Holm); of medians by the signed
-            ranks of paired differences.
+        p: of no difference, adjusted for all pairs of its family, see `adjusted`; of medians by the
+            signed ranks of paired differences.
         effect: the difference over the standard deviation of that of one cluster, Cohen's d.
         wins: share of the samples on which the first is better, equals counting half; None where
             single samples have no such figure.
@@ -151,7 +152,8 @@ def _standing(board: Sequence[Entry]) -> Standing:
     rank_ends = np.quantile(
         ranks, [SIGNIFICANT / 2, 1 - SIGNIFICANT / 2], axis=0, method="inverted_cdf"
     )
-    pairs = _pairs(cells, specs[main], value[:, main], drawn[:, :, main], clusters)
+    runs = [board[place].runs for place in places]
+    pairs = _pairs(cells, runs, specs[main], value[:, main], drawn[:, :, main], clusters)
     letters, won = groups(len(cells), pairs), weights_won(cells)
     for k, row in enumerate(rows[place] for place in places):
         row |= {"group": letters[k], "first": float((ranks[:, k] == 1).mean())}
@@ -234,7 +236,12 @@ def _ranks_of_valid(board: Sequence[Entry], by: str | None) -> list[int | None]:
 
 
 def _pairs(
-    cells: Sequence[pd.DataFrame], spec: MetricSpec, value: Array, drawn: Array, clusters: int
+    cells: Sequence[pd.DataFrame],
+    runs: Sequence[Sequence[str]],
+    spec: MetricSpec,
+    value: Array,
+    drawn: Array,
+    clusters: int,
 ) -> list[Pair]:
     """All pairs of cells by the figure of `spec`: its `value` (k,) and what was `drawn` of it."""
     found = list(combinations(range(len(cells)), 2))
@@ -246,14 +253,13 @@ def _pairs(
     t = student_t(difference, differences, clusters)
     if spec.aggregate == "median":
         values, of = [numbers(cell, spec.name) for cell in cells], cells[0]["cluster"]
-        p = holm(
-            [
-                signed_rank_of(float(difference[k]), values[a] - values[b], of)
-                for k, (a, b) in enumerate(found)
-            ]
-        )
+        each: ArrayLike = [
+            signed_rank_of(float(difference[k]), values[a] - values[b], of)
+            for k, (a, b) in enumerate(found)
+        ]
     else:
-        p = holm(2 * special.stdtr(clusters - 1, -np.abs(t)))
+        each = 2 * special.stdtr(clusters - 1, -np.abs(t))
+    p = adjusted(each, found, runs)
     return [
         Pair(
             first=a,
@@ -267,6 +273,38 @@ def _pairs(
         )
         for k, (a, b) in enumerate(found)
     ]
+
+
+def adjusted(
+    p: ArrayLike, pairs: Sequence[tuple[int, int]], runs: Sequence[Sequence[str]]
+) -> Array:
+    """P-values (k,) of `pairs` of methods, each adjusted within its family alone (Holm).
+
+    The family of two methods is all pairs of the run that was the first to hold both: the
+    experiment that compared them. Methods that no run holds together are compared as if the first
+    run of each had been one run. So p depends neither on the other runs that are shown, nor on
+    repeats, nor on later runs.
+
+    Source: Tukey, The Problem of Multiple Comparisons (1953), and Miller, Simultaneous Statistical
+    Inference (1981), sec. 1.5, on the experiment as the family.
+
+    Args:
+        runs: of each method, the names of its runs, the oldest first.
+    """
+    values, found = np.asarray(p, dtype=np.float64), np.empty(len(pairs))
+    families = [_family(runs[a], runs[b]) for a, b in pairs]
+    for family in set(families):
+        held = [not family.isdisjoint(of) for of in runs]
+        members = [k for k, (a, b) in enumerate(pairs) if held[a] and held[b]]
+        for k, value in zip(members, holm(values[members]), strict=True):
+            if families[k] == family:
+                found[k] = value
+    return found
+
+
+def _family(runs: Sequence[str], others: Sequence[str]) -> frozenset[str]:
+    common = [run for run in runs if run in others]
+    return frozenset(common[:1] or (runs[0], others[0]))
 
 
 def _wins(cell: pd.DataFrame, other: pd.DataFrame, spec: MetricSpec) -> float | None:

@@ -124,6 +124,7 @@ class _Data(_Part):
     hash: str | None = None
     n: Annotated[int, Field(ge=0, le=MOST_SAMPLES)] | None = None
     inverse_crime: bool | None = None
+    sensor: _Line | None = None
 
 
 class _Plugin(_Part):
@@ -156,6 +157,8 @@ class _Manifest(_Part):
     versions: dict[str, _Line | None] = {}
     skipped: dict[str, str] = {}
     calibration_ms: _Positive | None = None
+    started: _Line | None = None
+    git_commit: _Line | None = None
 
 
 def read(run: Path) -> Manifest:

@@ -1,11 +1,14 @@
-"""One sentence about a board: its best method, how sure that is, and the fastest of its equals."""
+"""The answer of a board in a few sentences: its best method, and what a reader should know of it.
+
+How sure it is, the fastest of its equals, what ranks, what it was trained on, and where it loses.
+"""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
 from eitbench.benchmark.analysis.leaderboard import is_whole
-from eitbench.benchmark.analysis.standings import SIGNIFICANT
+from eitbench.benchmark.analysis.standings import SIGNIFICANT, score_weights
 from eitbench.reports.tables.columns import Column, layout, printable
 
 if TYPE_CHECKING:
@@ -17,8 +20,12 @@ if TYPE_CHECKING:
 _MOST_NAMES = 3
 
 
-def answer(board: BoardData) -> str:
-    """Return the best method of a board with its lead, or the methods that it is tied with."""
+def answer(board: BoardData, boards: Sequence[BoardData] = ()) -> str:
+    """Return the best method of a board with its lead, or the methods that it is tied with.
+
+    Args:
+        boards: among which to look for one on which the best method of this board loses.
+    """
     rows, kind, by = board["views"][0]["rows"], board["kind"], board["ranked_by"]
     where = f"On {board['suite']} / {board['scenario']} ({board['n']:,} samples)"
     column = layout(rows[0]).column(by)
@@ -30,17 +37,60 @@ def answer(board: BoardData) -> str:
     figure = f"{column.title} {column.number(first[by])}"
     low, high = first.get(f"{by}_low"), first.get(f"{by}_high")
     if low is None or high is None:
-        return printable(f"{where}, {first['label']} is first: {figure}.")
+        return printable(f"{where}, {first['label']} is first: {figure}.{_beside(board, boards)}")
     figure += f" (95 %: {column.number(low)} to {column.number(high)})"
     pairs = [pair for pair in board["pairs"] if pair["first"] == 0]
     tied = [rows[pair["second"]] for pair in pairs if pair["p"] >= SIGNIFICANT]
     if not tied:
-        return printable(f"{where}, {first['label']} is the best: {figure}. {_lead(board, column)}")
+        return printable(
+            f"{where}, {first['label']} is the best: {figure}. {_lead(board, column)}"
+            f"{_beside(board, boards)}"
+        )
     names = _listed([row["label"] for row in tied])
     return printable(
         f"{where}, {first['label']} is first with {figure}, but cannot be told apart from "
-        f"{names}{_fastest(board, [first, *tied])}."
+        f"{names}{_fastest(board, [first, *tied])}.{_beside(board, boards)}"
     )
+
+
+def _beside(board: BoardData, boards: Sequence[BoardData]) -> str:
+    """Say what ranks, what the first was trained on, and where it is not the first."""
+    first = board["views"][0]["rows"][0]
+    parts = []
+    if board["ranked_by"] == "score":
+        parts.append(f"S is {score_weights()['psnr']:.0%} decibels (PSNR).".replace("%", " %"))
+    if first.get("training"):
+        parts.append(f"{first['label']} needs training data: {first['training']}.")
+    elif first.get("training") == "":
+        parts.append(f"{first['label']} needs no training data.")
+    lost = [
+        (row, other)
+        for other in boards
+        if other["kind"] == board["kind"]
+        for row in other["views"][0]["rows"]
+        if row["label"] == first["label"] and _is_beaten(row, other)
+    ]
+    lost.sort(key=lambda of: of[0]["rank"] / len(of[1]["views"][0]["rows"]), reverse=True)
+    if lost:
+        where = [
+            f"{_ordinal(row['rank'])} of {len(other['views'][0]['rows'])} on "
+            f"{other['suite']} / {other['scenario']}" + " (a real sensor)" * other["recorded"]
+            for row, other in lost
+        ]
+        parts.append(f"Elsewhere it loses: {_listed(where)}.")
+    return "".join(f" {part}" for part in parts)
+
+
+def _is_beaten(row: Row, board: BoardData) -> bool:
+    """True if another method is surely better, or just better where nothing is tested."""
+    place = board["views"][0]["rows"].index(row)
+    pairs = [pair for pair in board["pairs"] if pair["second"] == place]
+    return any(p["p"] < SIGNIFICANT for p in pairs) if board["pairs"] else row["rank"] > 1
+
+
+def _ordinal(rank: int) -> str:
+    teen = rank % 100 in (11, 12, 13)
+    return f"{rank}{'th' if teen else {1: 'st', 2: 'nd', 3: 'rd'}.get(rank % 10, 'th')}"
 
 
 def _fastest(board: BoardData, rows: Sequence[Row]) -> str:

@@ -95,6 +95,16 @@ def bibliography(report: ReportData) -> str:
     return "\n\n".join([*_comments(unknown), *found.values()]) + "\n"
 
 
+def reference(method: str) -> str:
+    """What a method comes from in words: authors, title, journal and year; "" where unknown."""
+    entry = entries().get(KEYS.get(method, ""), "")
+    fields = dict(re.findall(r"^  (\w+) = \{(.*)\},?$", entry, re.MULTILINE))
+    first, *others = fields.get("author", "").split(" and ")
+    author = f"{first.split(',')[0]} et al." if others else first.split(",")[0]
+    where = (fields.get(name) for name in ("title", "journal", "booktitle", "year"))
+    return re.sub(r"[{}\\]", "", ", ".join(part for part in (author, *where) if part))
+
+
 def entries() -> dict[str, str]:
     """All entries by key."""
     text = files("eitbench.reports.page").joinpath("references.bib").read_text(encoding="utf-8")

@@ -10,6 +10,7 @@ import numpy as np
 
 from eitbench.benchmark import atomic_write
 from eitbench.benchmark.rundir.file_names import file_name
+from eitbench.reports.figures.critical_difference import critical_difference_figure
 from eitbench.reports.figures.style import (
     COLOURS,
     COLUMN,
@@ -52,7 +53,8 @@ def write_paper(report: ReportData, out: Path) -> list[Path]:
             stored = [{k: v for k, v in row.items() if k not in PAGE_COLUMNS} for row in rows]
             written += write_leaderboard(stored, out / "tables", ("csv", "md", "latex"), stem)
     with mpl.rc_context(STYLE):
-        for stem, figure in _figures(boards):
+        figures = [*_figures(boards), *overall_figure(report)]
+        for stem, figure in figures:
             written += save(figure, out / "figures" / file_name(stem), ("pdf", "svg"))
     references = out / "references.bib"
     atomic_write(references, bibliography(report).encode())
@@ -68,6 +70,14 @@ def _figures(boards: Sequence[BoardData]) -> Iterator[tuple[str, Figure]]:
         levels = [b for b in boards if b["suite"] == suite and b["snr_db"] is not None]
         if len(levels) > 1:
             yield f"noise-{suite}", noise(levels)
+
+
+def overall_figure(report: ReportData) -> Iterator[tuple[str, Figure]]:
+    """The critical-difference figure with the stem of its files, if there is an overall view."""
+    if found := report["overall"].get("||"):
+        ranks = [(row["method"], row["rank"]) for row in found["rows"]]
+        figure = critical_difference_figure(ranks, found["critical_difference"])
+        yield "critical-difference", figure
 
 
 def _blank(width: float, height: float) -> tuple[Figure, Axes]:

@@ -3,31 +3,40 @@
 from __future__ import annotations
 
 import json
+import os
+import re
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
+from urllib.parse import quote
 
 from markupsafe import Markup
 
 from eitbench import __version__
 from eitbench.benchmark import EitbenchError, atomic_write
 from eitbench.benchmark.analysis.ladder import Ladder, read_ladder
-from eitbench.benchmark.analysis.results import read_run
+from eitbench.benchmark.analysis.results import plugin_file, read_run
 from eitbench.benchmark.metrics.specs import ANCHORS
-from eitbench.reports.figures.ladder import LEGEND, grid, to_png, write_files
+from eitbench.reports.figures import ladder as ladder_figures
+from eitbench.reports.figures.critical_difference import to_png
+from eitbench.reports.figures.ladder import LEGEND, grid, write_files
+from eitbench.reports.figures.style import STYLE
 from eitbench.reports.page.answer import answer
 from eitbench.reports.page.images import pack
-from eitbench.reports.page.paper import write_paper
+from eitbench.reports.page.bibliography import reference
+from eitbench.reports.page.paper import overall_figure, write_paper
 from eitbench.reports.page.rendering import asset, render
-from eitbench.reports.page.report_data import ReportData, report_data
+from eitbench.reports.page.report_data import FAST_MS, ReportData, report_data
 from eitbench.reports.tables.columns import printable
 
 PAGE = "index.html"
 DATA = "report.json"
 _MAP_STEPS = 256
+_DIGEST = re.compile("[0-9a-f]{64}")
 
 
 def write_report(runs: Sequence[Path], out: Path) -> list[Path]:
@@ -41,7 +50,8 @@ def write_report(runs: Sequence[Path], out: Path) -> list[Path]:
     ladders = _ladders(runs)
     try:
         written = [out / PAGE, out / DATA]
-        atomic_write(written[0], to_page(report, list(ladders.values())).encode())
+        page = to_page(report, list(ladders.values()), _code_links(report, runs, out))
+        atomic_write(written[0], page.encode())
         atomic_write(written[1], (json.dumps(report, allow_nan=False) + "\n").encode())
         written += write_paper(report, out)
         for stem, ladder in ladders.items():
@@ -61,11 +71,35 @@ def _ladders(runs: Sequence[Path]) -> dict[str, Ladder]:
     }
 
 
-def to_page(report: ReportData, ladders: Sequence[Ladder] = ()) -> str:
-    """Return the HTML page of a report, with its ladders from simulation to reality."""
+def _code_links(report: ReportData, runs: Sequence[Path], out: Path) -> dict[str, str]:
+    """Return addresses of the plugins' copies in run directories, seen from `out`, by `code`."""
+    links = {}
+    for path, run in zip(runs, report["runs"], strict=True):
+        for plugin in (run["plan"] or {}).get("plugins", ()):
+            copy = path / plugin_file(plugin)
+            if _DIGEST.fullmatch(plugin["sha256"]) and copy.is_file() and not copy.is_symlink():
+                address = Path(os.path.relpath(copy, out)).as_posix()
+                links[f"{plugin_file(plugin)} in the run {path.name}"] = quote(address)
+    return links
+
+
+def to_page(
+    report: ReportData,
+    ladders: Sequence[Ladder] = (),
+    code_links: Mapping[str, str] = MappingProxyType({}),
+) -> str:
+    """Return the HTML page of a report, with its ladders from simulation to reality.
+
+    Args:
+        code_links: addresses of the files that `code` of a row names.
+    """
+    methods = _methods(report)
     suites = dict.fromkeys(board["suite"] for board in report["boards"])
     read_by_script = {
         "boards": report["boards"],
+        "overall": report["overall"],
+        "fast_ms": FAST_MS,
+        "methods": [method["name"] for method in methods],
         "score_weights": report["score_weights"],
         "maps": _colour_maps(),
     }
@@ -75,9 +109,15 @@ def to_page(report: ReportData, ladders: Sequence[Ladder] = ()) -> str:
         title=" and ".join(map(printable, suites)) or "No results",
         made=time.strftime("%Y-%m-%d"),
         version=__version__,
-        ladders=[{"grid": grid(ladder), "figure": to_png(ladder)} for ladder in ladders],
+        ladders=[
+            {"grid": grid(ladder), "figure": ladder_figures.to_png(ladder)} for ladder in ladders
+        ],
         ladder_legend=LEGEND,
-        answers=[answer(board) for board in report["boards"]],
+        answers=[answer(board, report["boards"]) for board in report["boards"]],
+        methods=methods,
+        code_links=code_links,
+        critical_difference=_critical_difference(report),
+        fast_ms=FAST_MS,
         anchors=", ".join(
             f"{name.upper()} {low:g} and {high:g}" for name, (low, high) in ANCHORS.items()
         ),
@@ -86,6 +126,30 @@ def to_page(report: ReportData, ladders: Sequence[Ladder] = ()) -> str:
         plotly=_plotly(),
         data=_json_in_script(read_by_script),
     )
+
+
+def _methods(report: ReportData) -> list[dict[str, Any]]:
+    """Return for each method what it was told on the scenarios, its source and its code."""
+    found: dict[str, dict[str, Any]] = {}
+    of_plugins = {name: text for run in report["runs"] for name, text in run["sources"].items()}
+    for board in report["boards"]:
+        for row in board["views"][0]["rows"] if board["kind"] == "method" else ():
+            source = reference(row["method"]) or of_plugins.get(row["method"], "")
+            about = found.setdefault(
+                row["label"], {"name": row["label"], "source": source, "code": {}, "told": {}}
+            )
+            about["code"][row["code"]] = None
+            if told := row.get("prior_knowledge"):
+                about["told"].setdefault(told, []).append(board["scenario"])
+    return list(found.values())
+
+
+def _critical_difference(report: ReportData) -> str:
+    """Return the figure as a `data:` address; "" where there is none."""
+    import matplotlib as mpl
+
+    with mpl.rc_context(STYLE):
+        return next((to_png(figure) for _, figure in overall_figure(report)), "")
 
 
 @cache

@@ -9,7 +9,8 @@ from __future__ import annotations
 import json
 import shlex
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
+from itertools import product
 from pathlib import Path
 from typing import Any, NotRequired, TypedDict
 
@@ -17,8 +18,15 @@ import numpy as np
 import pandas as pd
 
 from eitbench.benchmark import DataCorruptError, InputError
-from eitbench.benchmark.analysis.leaderboard import Row
-from eitbench.benchmark.analysis.results import Run, failures, read_run
+from eitbench.benchmark.analysis.leaderboard import Row, is_whole
+from eitbench.benchmark.analysis.overall import overall
+from eitbench.benchmark.analysis.results import (
+    Run,
+    code_of,
+    describe_training,
+    failures,
+    read_run,
+)
 from eitbench.benchmark.analysis.sensitivity import SAMPLES, sensitivity
 from eitbench.benchmark.analysis.standings import Standing, score_weights, standings
 from eitbench.benchmark.metrics.aggregation import numbers
@@ -34,10 +42,11 @@ from eitbench.reports.tables.columns import printable, shown_columns
 PRESSES = 150
 """Drawn of a recorded scenario; more would hide each other."""
 
-PAGE_COLUMNS = ("command", "label", "anchored")
+PAGE_COLUMNS = ("command", "label", "anchored", "training", "code")
 """Columns that the rows of a view have beside those of `Standing.rows`: the command that makes the
-cell again; the name of the method or operator, with that of the run where several have it; and
-means of SSIM, CC, RIE and PSNR between their anchors."""
+cell again; the name of the method or operator, with that of the run where several have it; means of
+SSIM, CC, RIE and PSNR between their anchors; its training data, see `describe_training`, None where
+nothing is known; and where its code is."""
 
 
 class View(TypedDict):
@@ -55,9 +64,9 @@ class BoardData(TypedDict):
     `kind` is "method" or "operator". `columns`, `pairs` and `sensitivity` hold the fields of
     `Column`, `Pair` and `Sensitivity`. The first of `views` is that of all samples. `snr_db` is
     "clean" for data without noise, and None for several levels or unknown ones; `touch_snr_db` is
-    the median over samples. `presses` holds
-    for each method the places of presses and those that it found [m], in the coordinates of its
-    image.
+    the median over samples. `sensor` is "" where it is not known, `recorded` true if the data are
+    of a real one. `presses` holds for each method the places of presses and those that it found
+    [m], in the coordinates of its image.
     """
 
     suite: str
@@ -66,6 +75,8 @@ class BoardData(TypedDict):
     n: int
     data_hash: str | None
     inverse_crime: bool
+    sensor: str
+    recorded: bool
     clusters: int
     why_not: str
     ranked_by: str
@@ -95,9 +106,11 @@ class ReportData(TypedDict):
     `cards` holds `MetricSpec.card` of each metric that a board has; `claims` the published claims
     that the runs can test, with their verdicts; `missing` sentences on what the runs lack; `runs`
     the origin of each as in its manifest, None where that lacks it, and the sources of methods.
+    `overall` has the views of `overall_views`.
     """
 
     boards: list[BoardData]
+    overall: dict[str, dict[str, Any]]
     cards: list[dict[str, Any]]
     score_weights: dict[str, float]
     claims: list[dict[str, str]]
@@ -130,6 +143,7 @@ def report_data(paths: Sequence[Path]) -> ReportData:
         )
     report = ReportData(
         boards=boards,
+        overall=overall_views([board for board in boards if board["kind"] == "method"]),
         cards=[
             spec.card()
             for spec in METRICS.values()
@@ -142,6 +156,51 @@ def report_data(paths: Sequence[Path]) -> ReportData:
     )
     plain: ReportData = _plain(report)
     return plain
+
+
+FAST_MS = 10.0
+"""A frame that takes less passes the filter of fast methods."""
+
+
+def overall_views(boards: Sequence[BoardData]) -> dict[str, dict[str, Any]]:
+    """The fields of `Overall` under each choice of the page's filters, where there are any.
+
+    A key is "untrained" or "", "fast" or "", and a sensor or "", joined by "|": methods without
+    training data, methods that take less than `FAST_MS` for a frame on every scenario, and the
+    scenarios of one sensor. Rows without all samples or without a figure do not count; of several
+    data sets of a scenario, the one with the most samples does.
+    """
+    views, largest = {}, dict[str, BoardData]()
+    for board in boards:
+        name = f"{board['suite']} / {board['scenario']}"
+        if name not in largest or board["n"] > largest[name]["n"]:
+            largest[name] = board
+    sensors = dict.fromkeys(board["sensor"] for board in boards)
+    choices = product(("", "untrained"), ("", "fast"), dict.fromkeys(["", *sensors]))
+    for untrained, fast, sensor in choices:
+        figures = {}
+        for name, board in largest.items():
+            by = board["ranked_by"]
+            sign = METRICS[by].sign if by in METRICS else 1.0
+            if not sensor or board["sensor"] == sensor:
+                figures[name] = {
+                    row["label"]: sign * row[by]
+                    for row in board["views"][0]["rows"]
+                    if row.get(by) is not None
+                    and is_whole(row)
+                    and not (untrained and row["training"] != "")
+                    and not (fast and not (row["frame_ms_p50"] or FAST_MS) < FAST_MS)
+                }
+        if found := overall(figures):
+            views[f"{untrained}|{fast}|{sensor}"] = asdict(found)
+    return views
+
+
+def _sensor(run: Run, scenario: str) -> tuple[str, bool]:
+    """Return the sensor of a scenario, "" where it is not known, and if the data are recorded."""
+    declared = run.manifest.get("plan", {}).get("suite", {}).get("scenarios", ())
+    recorded = any((s.get("name"), s.get("kind")) == (scenario, "recorded") for s in declared)
+    return run.manifest.get("data", {}).get(scenario, {}).get("sensor") or "", recorded
 
 
 def _with_all_columns(run: Run, missing: list[str]) -> Run:
@@ -202,6 +261,8 @@ def _board(standing: Standing, runs: Sequence[Run], missing: list[str]) -> Board
     first = standing.rows[0]
     scenario, kind = first["scenario"], "operator" if "operator" in first else "method"
     view = _view("all samples", standing, runs)
+    of_first = next(run for run in runs if run.path.name == first["run"])
+    sensor, recorded = _sensor(of_first, scenario)
     board = BoardData(
         suite=first["suite"],
         scenario=scenario,
@@ -209,6 +270,8 @@ def _board(standing: Standing, runs: Sequence[Run], missing: list[str]) -> Board
         n=first["data_n"] or first["n"],
         data_hash=first["data_hash"],
         inverse_crime=first["inverse_crime"],
+        sensor=sensor,
+        recorded=recorded,
         clusters=standing.clusters,
         why_not=standing.why_not,
         ranked_by=first.get("ranked_by") or "mse",
@@ -277,6 +340,8 @@ def _view(label: str, standing: Standing, runs: Sequence[Run]) -> View:
         | {
             "command": _command(run_of[row["run"]], row),
             "label": name if names.count(name) == 1 else f"{name} ({row['run']})",
+            "training": _training(run_of[row["run"]], row),
+            "code": code_of(run_of[row["run"]], name),
         }
         for row, name in zip(standing.rows, names, strict=True)
     ]
@@ -322,6 +387,15 @@ def _command(run: Run, row: Row) -> str:
             given = json.dumps({name: cell["parameters"]}, default=str)
             words += ["--parameters", given]
     return shlex.join(words)
+
+
+def _training(run: Run, row: Row) -> str | None:
+    """Return the training data of a row, None where nothing is known of them."""
+    if "prior_knowledge" not in run.cells or "method" not in row:
+        return None
+    of = (run.cells["scenario"] == row["scenario"]) & (run.cells["method"] == row["method"])
+    told = [text for text in run.cells.loc[of, "prior_knowledge"] if isinstance(text, str) and text]
+    return describe_training(told[0]) if told else None
 
 
 def _presses(label: str, cell: pd.DataFrame) -> dict[str, Any]:

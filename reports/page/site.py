@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 from urllib.parse import quote
 
 from markupsafe import Markup
@@ -141,9 +142,17 @@ def _front(editions: Sequence[_Edition], methods: Sequence[str], left_out: Seque
     latest: dict[str, _Edition] = {}
     for edition in editions:
         latest.setdefault(edition.suite, edition)
+    boards = [board for edition in latest.values() for board in edition.report["boards"]]
     suites = [
-        (_link(e.suite, e.file), " ".join(map(answer, e.report["boards"]))) for e in latest.values()
+        (_link(e.suite, e.file), " ".join(answer(board, boards) for board in e.report["boards"]))
+        for e in latest.values()
     ]
+    overall = [
+        (_link(e.suite, e.file), printable(row["method"]), _with_ends(row, "rank", ".2f"),
+         _with_ends(row, "wins", ".0%"), str(len(e.report["overall"]["||"]["scenarios"])))
+        for e in latest.values()
+        for row in e.report["overall"].get("||", {"rows": []})["rows"]
+    ]  # fmt: skip
     archive = [(e.suite, _link(e.version, e.file), str(len(e.report["runs"]))) for e in editions]
     links = [(_link(printable(name), _method_file(name)),) for name in methods]
     guide = _link("How to submit a run", "guide.html")
@@ -153,10 +162,20 @@ def _front(editions: Sequence[_Edition], methods: Sequence[str], left_out: Seque
         Section("All versions", heads=("Suite", "eitbench", "Runs"), rows=archive),
         Section("Send yours", heads=("",), rows=[(guide,)]),
     ]
+    if overall:
+        heads = ("Suite", "Method", "Mean rank", "Wins", "Scenarios")
+        sections.insert(1, Section("Over all scenarios of a suite", heads=heads, rows=overall))
     if left_out:
         sections.append(Section("Left out", sentences=[printable(reason) for reason in left_out]))
     lead = "Methods of electrical impedance tomography for touch, compared."
     return _page("Leaderboards", lead, sections, home="")
+
+
+def _with_ends(row: Mapping[str, Any], name: str, form: str) -> str:
+    """A figure of `OverallRow` with its 95 % interval, if it has one."""
+    low, high = row[f"{name}_low"], row[f"{name}_high"]
+    ends = "" if low is None else f" ({format(low, form)} to {format(high, form)})"
+    return format(row[name], form) + ends
 
 
 def _link(text: str, file: str) -> Markup:
@@ -186,12 +205,16 @@ def _method(name: str, editions: Sequence[_Edition]) -> str:
                     column = layout(row).column(row["ranked_by"])
                     figure = "–" if column is None else f"{column.title} {column.whole_text(row)}"
                     rank = f"{row['rank']} of {len(board['views'][0]['rows'])}"
-                    rows.append((
-                        _link(edition.suite, f"../{edition.file}"), row["scenario"],
-                        edition.version, starts.get(row["run"], ""), row["run"],
-                        edition.checked.get(row["run"], SELF_REPORTED), rank,
-                        row["group"] or "–", figure, f"{row['coverage']:.1%}", row["command"],
-                    ))  # fmt: skip
+                    rows += [
+                        (
+                            _link(edition.suite, f"../{edition.file}"), row["scenario"],
+                            edition.version, starts.get(run, ""), run,
+                            edition.checked.get(run, SELF_REPORTED), rank,
+                            row["group"] or "–", figure, f"{row['coverage']:.1%}", row["command"],
+                        )
+                        for run in [row["run"], *(row["repeats"] or "").split(", ")]
+                        if run
+                    ]  # fmt: skip
     section = Section("Every result, the newest version first", heads=_HEADS, rows=rows)
     return _page(printable(name), "", [section], home="../")
 

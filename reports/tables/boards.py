@@ -118,12 +118,24 @@ def notes(board: Sequence[Row]) -> list[str]:
     return (
         _noise(board)
         + comparison(board)
+        + _repeats(board)
         + _costs_of_failures(board)
         + overlaps(board)
         + _by_text(board, "differs")
         + _by_text(board, "actions")
         + _shared_times(board)
     )
+
+
+def _repeats(board: Sequence[Row]) -> list[str]:
+    """For the methods whose results several runs hold, the others beside the run that is shown."""
+    methods: dict[str, list[str]] = {}
+    for row in board:
+        if row.get("repeats"):
+            methods.setdefault(row["repeats"], []).append(row.get("method") or row["operator"])
+    return [
+        f"{', '.join(names)}: the same results in {runs}, too" for runs, names in methods.items()
+    ]
 
 
 def _costs_of_failures(board: Sequence[Row]) -> list[str]:

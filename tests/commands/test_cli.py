@@ -110,6 +110,7 @@ BAD_USAGE: list[tuple[tuple[str, ...], str]] = [
     (("gate", "a", "--baseline", "b", "--margin", "score"), "FIGURE=LOSS"),
     (("gate", "a", "--baseline", "b", "--margin", "score=-1"), "FIGURE=LOSS"),
     (("gate", "a", "--baseline", "b", "--margin", "score=much"), "FIGURE=LOSS"),
+    (("gate", "a", "--baseline", "b", "--margin", "S=1", "--margin", "score=2"), "twice"),
     (("list", "nonsense"), "nonsense"),
     (("no-such-command",), "no-such-command"),
 ]

@@ -222,7 +222,7 @@ def _runs(folder: Path, run: Path) -> dict[str, Target]:
         list(rescored(spoilt))
 
     def baseline(path: Path) -> None:
-        comparison.regressions(comparison.read_results(path), results, {})
+        comparison.compare(comparison.read_results(path), results)
 
     def submitted(path: Path) -> None:
         spoilt = read_run(path.parent)

@@ -37,7 +37,10 @@ const nameOf = (row) => row.label;
 const column = (name) => board().columns.find((c) => c.name === name);
 const titleOf = (name) => (column(name) || { title: name }).title;
 const ranking = () => column(board().ranked_by) || board().columns[0];
-const rowsShown = () => view().rows.filter((row) =>
+const passes = (row) => (!$("untrained").checked || row.training === "") &&
+  (!$("fast").checked || (typeof row.frame_ms_p50 === "number" && row.frame_ms_p50 < data.fast_ms));
+const boardsShown = () => data.boards.filter((b) => !$("sensor").value || b.sensor === $("sensor").value);
+const rowsShown = () => view().rows.filter((row) => passes(row) &&
   (!state.track || row.track === state.track) && nameOf(row).toLowerCase().includes(state.search));
 
 function options(select, values, chosen) {
@@ -422,7 +425,59 @@ function drawPairs() {
       el("td", {}, pair.p < 0.001 ? "<0.001" : pair.p.toFixed(3)), el("td", {}, pair.effect === null ? "–" : pair.effect.toFixed(2)), el("td", {}, number(".0%", pair.wins))))));
 }
 
+// ---- over all scenarios ------------------------------------------------------------------------
+
+const heads = (names) => el("thead", {}, el("tr", {}, ...names.map((name, k) => el("th", { scope: "col", class: k ? "" : "text" }, name))));
+const withEnds = (form, value, low, high) => el("td", {}, number(form, value), low === null ? null : el("small", {}, `${number(form, low)} to ${number(form, high)}`));
+
+function drawOverall() {
+  const of = boardsShown().filter((b) => b.kind === "method"), names = [...new Set(of.flatMap((b) => b.views[0].rows.map(nameOf)))];
+  $("overall-section").hidden = of.length < 2 || names.length < 2;
+  const found = data.overall[[$("untrained").checked ? "untrained" : "", $("fast").checked ? "fast" : "", $("sensor").value].join("|")];
+  $("overall").hidden = !found;
+  if (found) $("overall").replaceChildren(heads(["Method", "Mean rank", "Wins"]), el("tbody", {}, ...found.rows.map((row) => {
+    const at = data.methods.indexOf(row.method);
+    return el("tr", {}, el("td", { class: "text" }, el("a", { href: `#method-${at}` }, row.method)),
+      withEnds(".2f", row.rank, row.rank_low, row.rank_high), withEnds(".0%", row.wins, row.wins_low, row.wins_high));
+  })));
+  $("overall-note").textContent = !found ? "No two methods that pass the filters were run on all samples of two or more scenarios together." :
+    `Of ${found.scenarios.length} scenarios: ${found.scenarios.join(", ")}. Wins: share of them on which the method is the best. ` +
+    (found.rows[0].rank_low === null ? "These are too few scenarios for intervals. " : "Intervals are of a bootstrap over scenarios. ") +
+    `Mean ranks that differ by ${found.critical_difference.toFixed(2)} or more differ significantly (Nemenyi)` +
+    (found.friedman_p === null ? "." : `; of no difference between all of them, p ${found.friedman_p < 0.001 ? "< 0.001" : "= " + found.friedman_p.toFixed(3)} (Friedman).`) +
+    (found.left_out.length ? ` Not on all of these scenarios: ${found.left_out.join(", ")}.` : "");
+  options($("mine"), names.map((name) => [name, name]), names.includes($("mine").value) ? $("mine").value : names[0]);
+  drawAgainst();
+}
+
+// The pairs of a board are of its rows over all samples; the first of a pair ranks no lower.
+function drawAgainst() {
+  const mine = $("mine").value, rivals = new Map();
+  for (const b of boardsShown()) {
+    const rows = b.views[0].rows, me = rows.findIndex((row) => nameOf(row) === mine);
+    if (me < 0 || b.kind !== "method") continue;
+    rows.forEach((row, k) => {
+      if (k === me || !passes(row)) return;
+      const pair = b.pairs.find((p) => (p.first === me && p.second === k) || (p.first === k && p.second === me));
+      const verdict = !pair ? "untested" : pair.p >= 0.05 ? "tied" : pair.first === me ? "better" : "worse";
+      if (!rivals.has(nameOf(row))) rivals.set(nameOf(row), { better: [], tied: [], worse: [], untested: [] });
+      rivals.get(nameOf(row))[verdict].push(b.scenario);
+    });
+  }
+  const cell = (scenarios, named) => el("td", {}, scenarios.length || "–", named && scenarios.length ? el("small", {}, scenarios.slice(0, 3).join(", ") + (scenarios.length > 3 ? ", …" : "")) : null);
+  $("against").replaceChildren(heads([`${mine} against`, "better on", "not told apart on", "worse on", "not tested on"]),
+    el("tbody", {}, ...[...rivals].map(([name, of]) => el("tr", {}, el("td", { class: "text" }, name), cell(of.better, true), cell(of.tied, false), cell(of.worse, true), cell(of.untested, false)))));
+}
+
 // ---- what is chosen ----------------------------------------------------------------------------
+
+function filter() {
+  const shown = boardsShown();
+  if (!shown.includes(board())) state.board = data.boards.indexOf(shown[0]);
+  options($("board"), shown.map((b) => [String(data.boards.indexOf(b)), `${b.suite} / ${b.scenario}`]), state.board);
+  drawOverall();
+  openBoard();
+}
 
 function openPart() {
   drawBoard();
@@ -479,7 +534,11 @@ addEventListener("beforeprint", () => {
   if (before === "dark") changeTheme("light");
 });
 addEventListener("afterprint", () => { if (before === "dark") changeTheme("dark"); });
-options($("board"), data.boards.map((b, k) => [String(k), `${b.suite} / ${b.scenario}`]), 0);
+const sensors = [...new Set(data.boards.map((b) => b.sensor).filter(Boolean))];
+options($("sensor"), [["", "all"], ...sensors.map((name) => [name, name])], "");
+$("sensor-label").hidden = sensors.length < 2;
+for (const id of ["untrained", "fast", "sensor"]) $(id).addEventListener("change", filter);
+$("mine").addEventListener("change", drawAgainst);
 $("board").addEventListener("change", () => { state.board = Number($("board").value); openBoard(); });
 $("part").addEventListener("change", () => { state.part = Number($("part").value); openPart(); });
 $("track").addEventListener("change", () => { state.track = $("track").value; openPart(); drawImages(); });
@@ -489,4 +548,6 @@ $("shown").addEventListener("change", drawImages);
 $("press-method").addEventListener("change", drawPresses);
 $("noise-figure").addEventListener("change", drawNoise);
 buildSliders();
+options($("board"), data.boards.map((b, k) => [String(k), `${b.suite} / ${b.scenario}`]), 0);
+drawOverall();
 openBoard().then(() => plotly).then(() => { document.documentElement.dataset.ready = "true"; });

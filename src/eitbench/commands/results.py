@@ -84,11 +84,12 @@ def compare(
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Say what changed between two runs, and whether it matters."""
+    """Say what changed between two runs, and whether it matters: by the same test as `gate`."""
     from eitbench.benchmark.analysis.comparison import compare as compared
     from eitbench.benchmark.analysis.comparison import read_results
 
-    found = compared(read_results(before), read_results(after), names_in("--figures", figures))
+    margins = dict.fromkeys(names_in("--figures", figures), 0.0)
+    found = compared(read_results(before), read_results(after), margins)
     if as_json:
         print_json(asdict(found))
         return
@@ -111,34 +112,41 @@ def gate(
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Exit with 1 if a method of the baseline is missing, or worse by more than a margin."""
-    from eitbench.benchmark.analysis.comparison import read_results, regressions
+    """Exit with 1 if a method of the baseline is missing, or worse by more than a margin.
+
+    The test is that of `compare`. What has too few samples for it does not pass.
+    """
+    from eitbench.benchmark.analysis.comparison import TOO_FEW, figure_called, read_results
+    from eitbench.benchmark.analysis.comparison import compare as compared
 
     margins: dict[str, float] = {}
-    for name, allowed in map(_margin, margin or ()):
+    for text, allowed in map(_margin, margin or ()):
+        name = figure_called(text)
         if name in margins:
             raise typer.BadParameter(f"--margin names {name!r} twice")
         margins[name] = allowed
-    found = regressions(read_results(baseline), read_results(run), margins)
-    lost = [change for change in found.changes if change.verdict == "worse"]
-    passed = not lost and not found.missing
+    found = compared(read_results(baseline), read_results(run), margins)
+    verdicts = [change.verdict for change in found.changes]
+    lost, untested = verdicts.count("worse"), verdicts.count(TOO_FEW)
+    passed = not (lost or untested or found.missing)
     if as_json:
         print_json({"passed": passed, **asdict(found)})
     else:
         _print_changes(found)
         typer.echo(
-            f"Gate {'passed' if passed else 'failed'}: {len(lost)} of {len(found.changes)} figures "
-            f"are significantly worse by more than is allowed; {len(found.missing)} things missing."
+            f"Gate {'passed' if passed else 'failed'}: {lost} of {len(found.changes)} figures "
+            f"are significantly worse by more than is allowed; {untested} could not be tested; "
+            f"{len(found.missing)} things missing."
         )
     if not passed:
         raise typer.Exit(1)
 
 
 def _print_changes(found: "RunComparison") -> None:
-    from eitbench.commands.tables import changes_table
+    from eitbench.commands.tables import changes_notes, changes_table
 
     print_renderable(changes_table(found))
-    for sentence in (*found.missing, *found.added, *found.busy):
+    for sentence in (*changes_notes(found), *found.missing, *found.added, *found.busy):
         typer.echo(sentence)
 
 

@@ -1,6 +1,6 @@
 """Tables for a terminal: listings, changes between runs, calibrations."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import zip_longest
 from typing import TYPE_CHECKING, Any
 
@@ -39,6 +39,36 @@ def _ratio(change: "Change") -> str:
     return f"x {change.time_ratio:.2f}{' shared' if change.shared else ''}"
 
 
+def _interval(change: "Change", number: Callable[[float], str]) -> str:
+    if change.low is None or change.high is None:
+        return ""
+    return f" ({number(change.low)} to {number(change.high)})"
+
+
+def changes_notes(comparison: "RunComparison") -> list[str]:
+    """Sentences on what the p-values of a comparison are, and on what could not be tested."""
+    from eitbench.benchmark.analysis.comparison import TOO_FEW
+    from eitbench.benchmark.metrics.statistics import MIN_CLUSTERS
+
+    tested = sum(change.p is not None for change in comparison.changes)
+    few = [change for change in comparison.changes if change.verdict == TOO_FEW]
+    notes = []
+    if tested:
+        notes.append(
+            f"p: of no change, two-sided, adjusted for the {tested} figures of this table (Holm). "
+            "Frames are paired and drawn by session or object; medians are tested by signed ranks."
+        )
+    if any(change.margin for change in comparison.changes):
+        notes.append("A figure fails that is worse by more than its margin by the same test.")
+    if few:
+        notes.append(
+            f"{len(few)} figures are of fewer than {MIN_CLUSTERS} sessions or objects "
+            f"(at least {min(change.clusters for change in few)}), too few for an interval or a "
+            "test: their differences may be chance. Run more samples (--limit)."
+        )
+    return notes
+
+
 def changes_table(comparison: "RunComparison") -> "Table":
     """Table of the changes between two runs, one line each."""
     from rich import box
@@ -58,12 +88,12 @@ def changes_table(comparison: "RunComparison") -> "Table":
         shown.add_row(
             Text(printable(change.scenario)),
             Text(printable(change.method)),
-            METRICS[change.figure].title,
+            Text(METRICS[change.figure].heading),
             str(change.n),
             number(change.before),
             number(change.after),
-            f"{number(change.difference)} ({number(change.low)} to {number(change.high)})",
-            f"{change.p:.3f}" if change.p >= 0.001 else "<0.001",
+            number(change.difference) + _interval(change, number),
+            "–" if change.p is None else f"{change.p:.3f}" if change.p >= 0.001 else "<0.001",
             _ratio(change),
             Text(change.verdict, style=_STYLES.get(change.verdict, "")),
         )

@@ -169,6 +169,89 @@ def test_equal_methods_share_rank_group_and_weights() -> None:
         assert row["weights_won"] == 0.5
 
 
+def named(run: Run, name: str, started: str, **more: Any) -> Run:
+    return replace(run, path=Path(name), manifest={**run.manifest, "started": started, **more})
+
+
+def told(runs: list[Run]) -> dict[tuple[str, str], tuple[float, bool]]:
+    """The p-value of every two methods, and if they share a letter."""
+    (found,) = standings(runs)
+    letters = [set(row["group"]) for row in found.rows]
+    names = [row["method"] for row in found.rows]
+    return {
+        tuple(sorted((names[k.first], names[k.second]))): (
+            k.p,
+            bool(letters[k.first] & letters[k.second]),
+        )
+        for k in found.pairs
+    }
+
+
+def first_and_others() -> tuple[Run, list[Run]]:
+    """A run in which differences are just found, and eight later runs of other methods."""
+    rng = np.random.default_rng(5)
+    shared = rng.normal(25, 5, size=60)
+
+    def run(prefix: str, gains: list[float]) -> Run:
+        noise = [(of - of.mean()) / of.std() for of in rng.normal(size=(len(gains), 60))]
+        return run_of({f"{prefix}{k}": shared + gain + noise[k] for k, gain in enumerate(gains)})
+
+    first = named(run("first", [0.0, 0.5, 0.6, 0.7]), "first", "2026-01-01")
+    others = [named(run(f"run{k}-", [0.1] * 4), f"run{k}", f"2026-01-1{k}") for k in range(8)]
+    return first, others
+
+
+def test_other_runs_change_neither_p_values_nor_ties() -> None:
+    first, others = first_and_others()
+    alone = told([first])
+    assert {tie for _, tie in alone.values()} == {True, False}
+    for shown in ([first, *others], [*others, first], [first, others[0]]):
+        together = told(shown)
+        assert {pair: together[pair] for pair in alone} == alone
+
+
+def test_methods_of_two_runs_are_compared_as_if_they_had_been_one() -> None:
+    first, others = first_and_others()
+    samples, cells = ([getattr(r, n) for r in (first, others[0])] for n in ("samples", "cells"))
+    both = replace(first, samples=pd.concat(samples), cells=pd.concat(cells))
+    one, two = told([both]), told([first, *others])
+    crossing = {pair for pair in one if pair[0][:5] == "first" and pair[1][:4] == "run0"}
+    assert len(crossing) == 16
+    assert {pair: two[pair] for pair in crossing} == {pair: one[pair] for pair in crossing}
+
+
+def test_repeats_are_one_row_and_change_nothing() -> None:
+    first, _ = first_and_others()
+    again = named(first, "again", "2026-02-01")
+    more = named(run_of({"first0": np.zeros(60)}), "more", "2026-03-01")
+    # A later run of some of the methods is a smaller family; the first comparison counts.
+    few = first.samples[first.samples["method"].isin(["first0", "first1"])]
+    part = replace(named(first, "part", "2026-02-02"), samples=few)
+    (found,) = standings([part, again, first])
+    assert {row["method"]: (row["run"], row["repeats"]) for row in found.rows} == {
+        "first0": ("part", "first, again"), "first1": ("part", "first, again"),
+        "first2": ("again", "first"), "first3": ("again", "first"),
+    }  # fmt: skip
+    assert told([part, again, first]) == told([first])
+    # Of other results, it is no repeat.
+    assert [row["repeats"] for row in standings([first, more])[0].rows] == [None] * 5
+
+
+@pytest.mark.parametrize(
+    ("about", "rows"),
+    [
+        ({}, 1),
+        ({"cells": [{"scenario": "one", "name": "a", "parameters": {"weight": 1}}]}, 2),
+        ({"plan": {"plugins": [{"names": ["a"], "sha256": "c0de"}]}}, 2),
+        ({"plan": {"plugins": [{"names": ["b"], "sha256": "c0de"}]}}, 1),
+    ],
+)
+def test_a_repeat_has_the_same_parameters_and_code(about: dict[str, Any], rows: int) -> None:
+    run = run_of({"a": np.arange(20.0)})
+    (found,) = standings([named(run, "x", "1"), named(run, "y", "2", **about)])
+    assert len(found.rows) == rows
+
+
 def test_failed_samples_cost_and_the_rank_without_them_is_told() -> None:
     rng = np.random.default_rng(4)
     good, fair = rng.normal(30, 1, size=40), rng.normal(28, 1, size=40)

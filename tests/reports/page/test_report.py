@@ -16,7 +16,7 @@ from eitbench.reports.figures.style import STYLE
 from eitbench.reports.page.answer import answer
 from eitbench.reports.page.paper import frontier, noise
 from eitbench.reports.page.report import to_page, write_report
-from eitbench.reports.page.report_data import report_data
+from eitbench.reports.page.report_data import overall_views, report_data
 from eitbench.scenarios.errors import DataCorruptError, InputError
 
 NASTY = "<img src=x onerror=alert(1)>"
@@ -70,6 +70,106 @@ def test_the_answer_says_how_far_ahead_the_best_is(build: Any, dataset_of: Any) 
     said = answer(report_data([build.write()])["boards"][0])
     assert re.search(r"good is the best: S [\d.]+ \(95 %: [\d.]+ to [\d.]+\)\.", said)
     assert re.search(r"ahead of poor by [\d.]+ \([\d.]+ to [\d.]+; p < 0.001\)\.", said)
+
+
+TRAINED = {
+    "model": False, "conductivity_range": True, "noise": [], "tuned": {}, "given": [],
+    "trained_on": {"train_samples": 24000, "seed": "0"}, "families": "same",
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def several_once(
+    tmp_path_factory: pytest.TempPathFactory, run_builder: Any, dataset_of: Any
+) -> Path:
+    """Two scenarios of one sensor and two of another, on which "net" is the worst."""
+    build = run_builder(tmp_path_factory.mktemp("several") / "run")
+    for k in range(4):
+        shares = {"net": 0.95 if k < 2 else 0.3, "fair": 0.8, "slow": 0.6}
+        build.add_scaled(dataset_of("conductivity", 12, f"s{k}"), shares, noise=0.01)
+    folder: Path = build.write()
+    cells = pd.read_parquet(folder / "methods.parquet")
+    untrained = TRAINED | {"model": True, "trained_on": {}, "families": None}
+    told = {
+        "net": json.dumps(TRAINED),
+        "fair": json.dumps(untrained),
+        "slow": json.dumps(untrained),
+    }
+    cells["prior_knowledge"] = cells["method"].map(told)
+    cells["frame_ms_p50"] = cells["method"].map({"net": 1.0, "fair": 2.0, "slow": 50.0})
+    cells.to_parquet(folder / "methods.parquet")
+    with edited_manifest(folder) as content:
+        for k, data in enumerate(content["data"].values()):
+            data["sensor"] = "foam16" if k < 2 else "skin"
+        content["plan"]["suite"]["scenarios"] = [{"kind": "recorded", "name": "s3"}]
+    return folder
+
+
+def test_the_answer_says_what_ranks_what_was_trained_and_where_the_best_loses(
+    several_once: Path,
+) -> None:
+    boards = report_data([several_once])["boards"]
+    said = answer(boards[0], boards)
+    assert "net is the best" in said
+    assert "S is 93 % decibels (PSNR)." in said
+    assert (
+        "net needs training data: weights of one training with seed 0 on 24,000 samples; trained "
+        "on the families of the test phantoms." in said
+    )
+    assert said.endswith(
+        "Elsewhere it loses: 3rd of 3 on bench / s2 and 3rd of 3 on bench / s3 (a real sensor)."
+    )
+    said = answer(boards[2], boards)
+    assert "fair needs no training data. Elsewhere it loses: 2nd of 3 on bench / s0" in said
+    assert "Elsewhere" not in answer(boards[2], boards[2:])
+
+
+def test_scenarios_are_summed_up_under_each_filter(several_once: Path) -> None:
+    views = report_data([several_once])["overall"]
+
+    def ranks(key: str) -> dict[str, float]:
+        return {row["method"]: row["rank"] for row in views[key]["rows"]}
+
+    assert ranks("||") == {"fair": 1.5, "net": 2.0, "slow": 2.5}
+    assert {row["method"]: row["wins"] for row in views["||"]["rows"]} == {
+        "fair": 0.5, "net": 0.5, "slow": 0.0,
+    }  # fmt: skip
+    assert ranks("||foam16") == {"net": 1.0, "fair": 2.0, "slow": 3.0}
+    assert ranks("untrained||") == {"fair": 1.0, "slow": 2.0}
+    assert ranks("|fast|skin") == {"fair": 1.0, "net": 2.0}
+    assert "untrained|fast|" not in views  # one method alone
+    boards = report_data([several_once])["boards"]
+    smaller = boards[0] | {"n": 6, "views": [{**boards[0]["views"][0], "rows": []}]}
+    assert overall_views([*boards, smaller]) == overall_views([smaller, *boards]) == views
+
+
+def test_methods_are_shown_with_what_they_were_told_source_and_code(
+    several_once: Path, tmp_path: Path
+) -> None:
+    run = shutil.copytree(several_once, tmp_path / "run")
+    (run / "reconstructions.h5").unlink()
+    digest = "c0de" * 16
+    (run / "plugins").mkdir()
+    (run / "plugins" / f"{digest[:16]}.py").write_text("")
+    for name in ("samples", "methods"):
+        table = pd.read_parquet(run / f"{name}.parquet")
+        table["method"] = table["method"].replace("slow", "noser")
+        table = table[table["scenario"].isin(["s0", "s2"])]
+        table.to_parquet(run / f"{name}.parquet")
+    with edited_manifest(run) as content:
+        content["plan"]["plugins"] = [{"path": "x.py", "sha256": digest, "names": ["fair"]}]
+        content["git_commit"] = "0123456789abcdef"
+    write_report([run], tmp_path / "out")
+    page = (tmp_path / "out" / "index.html").read_text()
+    (table,) = re.findall(r'aria-label="Methods">.*?</table>', page, re.DOTALL)
+    rows = dict(re.findall(r'<th scope="row">([^<]+)</th>(.*?)</tr>', table, re.DOTALL))
+    assert "weights of one training with seed 0 on 24,000 samples" in rows["net"]
+    assert "an installed package" in rows["net"]
+    assert f'href="../run/plugins/{digest[:16]}.py"' in rows["fair"]
+    assert "Cheney et al., NOSER: An algorithm" in rows["noser"]
+    assert "methods/classical/noser.py of eitbench commit 0123456789" in rows["noser"]
+    assert (tmp_path / "out" / "figures" / "critical-difference.pdf").is_file()
+    assert 'id="critical-difference" src="data:image/png' in page
 
 
 def test_names_are_data_in_the_page(many: Path) -> None:

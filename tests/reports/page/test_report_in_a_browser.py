@@ -1,11 +1,14 @@
 """The page of a report in headless Chromium: what it shows, and that it works without a network."""
 
+import json
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
 import pytest
 from tests.support.browser import WatchedPage
+from tests.support.made_runs import edited_manifest
 
 from eitbench.reports.page.report import write_report
 
@@ -20,6 +23,32 @@ def report(tmp_path_factory: pytest.TempPathFactory, run_builder: Any, dataset_o
     build.add_scaled(dataset_of("conductivity", 24), {"fair": 0.8, NASTY: 0.2, "good": 0.9}, 0.02)
     build.add(presses, "good", presses.conductivity)
     return write_report([build.write()], folder / "report")[0].parent
+
+
+@pytest.fixture(scope="module")
+def several(tmp_path_factory: pytest.TempPathFactory, run_builder: Any, dataset_of: Any) -> Path:
+    """Two scenarios of a sensor, and one of another on which the order is another."""
+    folder = tmp_path_factory.mktemp("several")
+    build = run_builder(folder / "run")
+    for k, share in enumerate((0.95, 0.95, 0.3)):
+        shares = {"net": share, "fair": 0.8, "slow": 0.6}
+        build.add_scaled(dataset_of("conductivity", 12, f"s{k}"), shares, 0.01)
+    run = build.write()
+    cells = pd.read_parquet(run / "methods.parquet")
+    told = {
+        name: json.dumps({
+            "model": True, "conductivity_range": True, "noise": [], "tuned": {}, "given": [],
+            "trained_on": {"train_samples": 10 if name == "net" else 0},
+        })
+        for name in ("net", "fair", "slow")
+    }  # fmt: skip
+    cells["prior_knowledge"] = cells["method"].map(told)
+    cells["frame_ms_p50"] = cells["method"].map({"net": 1.0, "fair": 2.0, "slow": 50.0})
+    cells.to_parquet(run / "methods.parquet")
+    with edited_manifest(run) as content:
+        for k, data in enumerate(content["data"].values()):
+            data["sensor"] = "foam16" if k < 2 else "skin"
+    return write_report([run], folder / "report")[0].parent
 
 
 class Page(WatchedPage):
@@ -38,8 +67,8 @@ class Page(WatchedPage):
 def opened(browser: Any, report: Path) -> Iterator[Any]:
     pages: list[Page] = []
 
-    def open_page(**options: Any) -> Page:
-        pages.append(Page(browser, report, **options))
+    def open_page(folder: Path = report, **options: Any) -> Page:
+        pages.append(Page(browser, folder, **options))
         return pages[-1]
 
     yield open_page
@@ -70,6 +99,38 @@ def test_columns_sort_and_rows_filter(opened: Any) -> None:
     found.page.fill("#search", "")
     found.page.select_option("#part", label="ring")
     assert "ring" in found.page.locator("#leaderboard caption").inner_text()
+
+
+def test_filters_leave_methods_and_scenarios_out(opened: Any, several: Path) -> None:
+    found = opened(several)
+    page = found.page
+    assert found.column("#overall", 1) == ["fair", "net", "slow"]
+    assert found.column("#overall", 2) == ["1.67", "1.67", "2.67"]
+    page.check("#untrained")
+    for table, number in (("#overall", 1), ("#leaderboard", 2), ("#against", 1)):
+        assert set(found.column(table, number)) - {"net"} == {"fair", "slow"}
+    page.check("#fast")
+    assert found.column("#leaderboard", 2) == ["fair"]
+    assert page.locator("#overall").is_hidden()
+    assert "No two methods" in page.locator("#overall-note").inner_text()
+    page.uncheck("#untrained")
+    page.select_option("#sensor", "foam16")
+    assert found.column("#overall", 2) == ["1.00", "2.00"]
+    assert page.locator("#board option").all_inner_texts() == ["bench / s0", "bench / s1"]
+    page.select_option("#sensor", "skin")
+    assert page.locator("#overall-section").is_hidden()  # of a single scenario
+    assert "s2" in page.locator("#leaderboard caption").inner_text()
+
+
+def test_one_method_is_shown_against_the_rest(opened: Any, several: Path) -> None:
+    found = opened(several)
+    assert found.column("#against", 1) == ["fair", "slow"]
+    assert (found.column("#against", 2), found.column("#against", 4)) == (["2", "2"], ["1", "1"])
+    found.page.select_option("#mine", "slow")
+    assert found.column("#against", 1) == ["net", "fair"]
+    assert (found.column("#against", 2), found.column("#against", 4)) == (["1", "–"], ["2", "3"])
+    found.page.locator("#overall a", has_text="fair").click()
+    assert found.page.url.endswith("#method-1")
 
 
 def test_weights_rank_again(opened: Any) -> None:
@@ -117,10 +178,16 @@ def test_presses_are_drawn(opened: Any) -> None:
     assert "24 presses" in found.page.locator("#presses").get_attribute("aria-label")
 
 
-@pytest.mark.parametrize(("scheme", "width"), [("light", 375), ("dark", 1280)])
-def test_no_serious_violation_of_accessibility(opened: Any, scheme: str, width: int) -> None:
+@pytest.mark.parametrize(
+    ("folder", "scheme", "width"),
+    [("report", "light", 375), ("report", "dark", 1280), ("several", "dark", 375)],
+)
+def test_no_serious_violation_of_accessibility(
+    opened: Any, request: pytest.FixtureRequest, folder: str, scheme: str, width: int
+) -> None:
     axe = pytest.importorskip("axe_playwright_python.sync_playwright")
-    found = opened(color_scheme=scheme, viewport={"width": width, "height": 800})
+    shown = request.getfixturevalue(folder)
+    found = opened(shown, color_scheme=scheme, viewport={"width": width, "height": 800})
     assert found.page.evaluate("document.documentElement.scrollWidth") == width
     violations = axe.Axe().run(found.page).response["violations"]
     serious = [v for v in violations if v["impact"] in ("serious", "critical")]

@@ -71,10 +71,25 @@ def test_a_method_has_its_history(runs: Path, tmp_path: Path) -> None:
     assert "eitbench run bench --scenarios conductivity-set --methods good" in page
 
 
+def test_the_front_sums_up_the_scenarios_of_a_suite(
+    build: Any, dataset_of: Any, tmp_path: Path
+) -> None:
+    for name in ("one", "two"):
+        build.add_scaled(dataset_of("conductivity", 12, name), {"good": 0.9, "poor": 0.2})
+    made_by(build.write(), "0.1.0")
+    (front, *_) = write_site(tmp_path, tmp_path / "site")
+    table = front.read_text().partition("Over all scenarios of a suite</h2>")[2]
+    texts = re.findall(r"<td class=\"text\">([^<]+)</td>", table.partition("</table>")[0])
+    assert texts == ["good", "1.00", "100%", "2", "poor", "2.00", "0%", "2"]
+
+
 def test_times_of_several_machines_are_shown_in_calibration_solves(runs: Path) -> None:
     one = ranked_rows([runs / "first", runs / "old"])
     assert "Frame p50" in FORMATS["md"](one)
     assert "calibration solves" not in FORMATS["md"](one)
+    with edited_manifest(runs / "second") as content:
+        for cell in content["cells"]:
+            cell["parameters"] = {"weight": 1.0}  # else it repeats the first
     several = ranked_rows([runs / "first", runs / "second"])
     text = FORMATS["md"](several)
     assert "calibration solves" in text

@@ -1,0 +1,102 @@
+"""Methods over many scenarios: mean ranks, wins, and the difference of mean ranks that counts.
+
+A rank on a scenario is that of its ranking figure; figures of different scenarios are never mixed.
+Mean ranks depend on which methods are compared (Benavoli, Corani and Mangili, Should We Really Use
+Post-Hoc Tests Based on Mean-Ranks?, Journal of Machine Learning Research 17(5), 2016): whether one
+method beats another is told by their paired differences on each scenario, see `Pair`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+
+from eitbench.benchmark.metrics.statistics import LEVEL, bootstrap
+
+MIN_SCENARIOS = 5
+"""Fewer say too little of how much they differ among themselves."""
+_DIGITS = 9  # that count in a figure
+
+
+@dataclass(frozen=True)
+class OverallRow:
+    """A method over all scenarios.
+
+    Attributes:
+        rank, rank_low, rank_high: mean over the scenarios, 1 for the best, equals sharing theirs,
+            and its 95 % interval.
+        wins, wins_low, wins_high: share of the scenarios on which it is the best, equals sharing a
+            win, and its 95 % interval.
+    """
+
+    method: str
+    rank: float
+    rank_low: float | None
+    rank_high: float | None
+    wins: float
+    wins_low: float | None
+    wins_high: float | None
+
+
+@dataclass(frozen=True)
+class Overall:
+    """The methods that were run on all of the scenarios.
+
+    Attributes:
+        scenarios: their names.
+        rows: by mean rank.
+        critical_difference: of two mean ranks that differ significantly (Nemenyi), at 5 % for all
+            pairs together.
+        friedman_p: of no difference between all methods; None for two of them.
+        left_out: methods that lack a scenario.
+    """
+
+    scenarios: list[str]
+    rows: list[OverallRow]
+    critical_difference: float
+    friedman_p: float | None
+    left_out: list[str]
+
+
+def overall(figures: Mapping[str, Mapping[str, float]]) -> Overall | None:
+    """Rank methods over scenarios; None where fewer than two methods are on two or more.
+
+    Intervals are of a bootstrap over scenarios, as if these had been drawn from all that there
+    could be; fewer than `MIN_SCENARIOS` give none.
+
+    Source: Demsar, Statistical Comparisons of Classifiers over Multiple Data Sets, Journal of
+    Machine Learning Research 7, 2006, sec. 3.2.
+
+    Args:
+        figures: of each scenario, the ranking figure of each method; more is better.
+    """
+    known = list(dict.fromkeys(name for of in figures.values() for name in of))
+    names = [name for name in known if all(name in of for of in figures.values())]
+    n, k = len(figures), len(names)
+    if n < 2 or k < 2:
+        return None
+    table = np.array([[of[name] for name in names] for of in figures.values()])
+    ranks = stats.rankdata(-np.round(table, _DIGITS), axis=1)
+    first = ranks == ranks.min(axis=1, keepdims=True)
+    wins = first / first.sum(axis=1, keepdims=True)
+    both = np.hstack([ranks, wins])
+    mean = both.mean(axis=0)
+    ends: list[tuple[float | None, float | None]] = [(None, None)] * (2 * k)
+    if n >= MIN_SCENARIOS:
+        ends = [(of.low, of.high) for of in bootstrap(both, np.arange(n))]
+    rows = [
+        OverallRow(names[j], float(mean[j]), *ends[j], float(mean[k + j]), *ends[k + j])
+        for j in range(k)
+    ]
+    quantile = stats.studentized_range.ppf(LEVEL, k, np.inf) / np.sqrt(2)
+    varies = k > 2 and bool(np.ptp(ranks, axis=1).any())
+    return Overall(
+        scenarios=list(figures),
+        rows=sorted(rows, key=lambda row: (row.rank, row.method)),
+        critical_difference=float(quantile * np.sqrt(k * (k + 1) / (6 * n))),
+        friedman_p=float(stats.friedmanchisquare(*ranks.T).pvalue) if varies else None,
+        left_out=[name for name in known if name not in names],
+    )

@@ -1,0 +1,57 @@
+"""Mean ranks over scenarios, beside published values and what can be counted by hand."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from eitbench.benchmark.analysis.overall import MIN_SCENARIOS, overall
+
+TABLE = {"one": {"a": 3.0, "b": 2.0, "c": 1.0}, "two": {"a": -4.0, "b": -4.0, "c": -9.0}}
+
+
+def test_ranks_and_wins_are_counted() -> None:
+    found = overall({**TABLE, "three": {"c": 7.0, "a": 5.0, "b": 4.0, "d": 9.0}})
+    assert found is not None
+    rows = {row.method: row for row in found.rows}
+    assert [row.method for row in found.rows] == ["a", "b", "c"]
+    assert rows["a"].rank == pytest.approx((1 + 1.5 + 2) / 3)
+    assert rows["c"].rank == pytest.approx((3 + 3 + 1) / 3)
+    assert [rows[name].wins for name in "abc"] == pytest.approx([1.5 / 3, 0.5 / 3, 1 / 3])
+    assert found.left_out == ["d"]
+    assert rows["a"].rank_low is rows["a"].wins_high is None  # too few scenarios
+
+
+@pytest.mark.parametrize(("methods", "quantile"), [(2, 1.960), (5, 2.728), (10, 3.164)])
+def test_the_critical_difference_is_that_of_the_published_table(
+    methods: int, quantile: float
+) -> None:
+    """Demsar (2006), table 5(a), at 0.05."""
+    of = {f"m{k}": float(k) for k in range(methods)}
+    found = overall({f"s{k}": of for k in range(14)})
+    assert found is not None
+    expected = quantile * np.sqrt(methods * (methods + 1) / (6 * 14))
+    assert found.critical_difference == pytest.approx(expected, abs=1e-3)
+
+
+def test_intervals_hold_the_mean_of_other_scenarios() -> None:
+    rng = np.random.default_rng(0)
+    held = 0
+    for _ in range(40):
+        table = {f"s{k}": dict(zip("abc", rng.normal([1, 0, 0]), strict=True)) for k in range(12)}
+        found = overall(table)
+        assert found is not None
+        (row,) = (row for row in found.rows if row.method == "a")
+        assert row.rank_low is not None
+        assert row.rank_high is not None
+        # 1 + 2 P(another is better), the difference of two normal values.
+        held += row.rank_low <= 1 + 2 * stats.norm.cdf(-1 / np.sqrt(2)) <= row.rank_high
+    assert held >= 35
+
+
+def test_all_equal_or_alone_is_no_order() -> None:
+    assert overall({"one": {"a": 1.0, "b": 2.0}}) is None
+    assert overall({"one": {"a": 1.0}, "two": {"a": 1.0, "b": 1.0}}) is None
+    found = overall({f"s{k}": {"a": 1.0, "b": 1.0, "c": 1.0} for k in range(MIN_SCENARIOS)})
+    assert found is not None
+    assert {(row.rank, row.rank_low, row.rank_high) for row in found.rows} == {(2.0, 2.0, 2.0)}
+    assert found.friedman_p is None
