@@ -124,6 +124,7 @@ class _Data(_Part):
     hash: str | None = None
     n: Annotated[int, Field(ge=0, le=MOST_SAMPLES)] | None = None
     inverse_crime: bool | None = None
+    sensor: _Line | None = None
 
 
 class _Plugin(_Part):

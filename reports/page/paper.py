@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterable, Iterator, Sequence
-from importlib.resources import files
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -27,6 +25,7 @@ from eitbench.reports.figures.style import (
 from eitbench.reports.page.report_data import PAGE_COLUMNS, rows_of
 from eitbench.reports.tables.columns import layout
 from eitbench.reports.tables.leaderboard import write_leaderboard
+from eitbench.reports.tables.references import bibliography
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -34,54 +33,6 @@ if TYPE_CHECKING:
 
     from eitbench.benchmark.analysis.leaderboard import Row
     from eitbench.reports.page.report_data import BoardData, ReportData
-KEYS = {
-    "back-projection": "kotre1989",
-    "coarse-to-fine": "hamilton2018",
-    "dip": "liu2023",
-    "dnn": "phydnn",
-    "eidors-greit": "adler2006",
-    "eidors-noser": "adler2006",
-    "eidors-tv-pdipm": "adler2006",
-    "gauss-newton-noser": "yorkey1987",
-    "gauss-newton-tv": "borsic2010",
-    "greit": "adler2009",
-    "laplacian": "polydorides2002",
-    "learned-gn": "adler2017",
-    "linear-learned": "hoerl1970",
-    "linear-touch": "hoerl1970",
-    "noser": "cheney1990",
-    "phydnn": "phydnn",
-    "pyeit-bp": "liu2018",
-    "pyeit-greit": "liu2018",
-    "pyeit-jac": "liu2018",
-    "tikhonov": "vauhkonen1998",
-    "tv": "borsic2010",
-}
-"""The entry of each method of ours."""
-
-SELF = "eitbench"
-
-
-def bibliography(methods: Iterable[str]) -> str:
-    """BibTeX of eitbench and of what the given methods come from; a comment where none is known."""
-    names = sorted(set(methods))
-    known = entries()
-    keys = dict.fromkeys([SELF, *(KEYS[name] for name in names if name in KEYS)])
-    # BibTeX knows no comments: wherever an @ stands, an entry or a command begins.
-    unknown = [name.encode("unicode_escape").decode() for name in names if name not in KEYS]
-    lines = [name.replace("@", r"\x40") for name in unknown]
-    parts = [f"% {line}: no reference is known here." for line in lines]
-    return "\n\n".join([*parts, *(known[key] for key in keys)]) + "\n"
-
-
-def entries() -> dict[str, str]:
-    """All entries by key."""
-    text = files("eitbench.reports.page").joinpath("references.bib").read_text(encoding="utf-8")
-    return {
-        match[1]: match[0].strip()
-        for match in re.finditer(r"^@\w+\{(\w+),.*?^\}$", text, re.MULTILINE | re.DOTALL)
-    }
-
 
 FRAMES_PER_SECOND_MS = 100.0
 

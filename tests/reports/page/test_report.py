@@ -15,9 +15,10 @@ from tests.support.made_runs import edited_manifest
 from eitbench.methods import methods
 from eitbench.reports.figures.style import STYLE
 from eitbench.reports.page.answer import answer
-from eitbench.reports.page.paper import KEYS, bibliography, entries, frontier, noise
+from eitbench.reports.page.paper import frontier, noise
 from eitbench.reports.page.report import to_page, write_report
 from eitbench.reports.page.report_data import report_data
+from eitbench.reports.tables.references import KEYS, bibliography, entries
 from eitbench.scenarios.errors import DataCorruptError, InputError
 
 NASTY = "<img src=x onerror=alert(1)>"

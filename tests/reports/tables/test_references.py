@@ -2,7 +2,7 @@
 
 import re
 
-from eitbench.reports.page.paper import entries
+from eitbench.reports.tables.references import entries
 
 
 def test_every_work_that_the_paper_cites_has_a_reference(paper_text: str) -> None:
