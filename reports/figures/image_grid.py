@@ -16,7 +16,14 @@ from eitbench.benchmark.analysis.results import Run, read_run
 from eitbench.benchmark.rundir.file_names import file_name
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
 from eitbench.benchmark.rundir.run_arrays import Scene
-from eitbench.reports.figures.style import CONDUCTIVITY_MAP, HEADING, NOTE, TITLE, save
+from eitbench.reports.figures.style import (
+    CONDUCTIVITY_MAP,
+    CONTRAST_MAP,
+    HEADING,
+    NOTE,
+    TITLE,
+    save,
+)
 from eitbench.reports.tables.columns import printable
 
 if TYPE_CHECKING:
@@ -32,8 +39,6 @@ _HEAD_LINES = 3
 _HEAD_WIDTH = 15
 _MAX_ROWS = 12
 _ROWS_WITHOUT_FAMILIES = 5
-
-_CONTRAST_MAP = "coolwarm"  # a diverging map for signed values
 
 
 @dataclass(frozen=True, eq=False)
@@ -294,7 +299,7 @@ def draw(grid: ImageGrid) -> "Figure":
     )  # fmt: skip
     figure.supxlabel("\n".join(foot), x=0.15 / width, y=0.1 / height, ha="left", **plain)
     colours = ScalarMappable(
-        Normalize(*grid.limits), _CONTRAST_MAP if grid.contrast else CONDUCTIVITY_MAP
+        Normalize(*grid.limits), CONTRAST_MAP if grid.contrast else CONDUCTIVITY_MAP
     )
     inside = {
         "left": _LABEL / width,

@@ -18,6 +18,7 @@ from eitbench.benchmark.analysis.ladder import Ladder, read_ladder
 from eitbench.benchmark.analysis.results import read_run
 from eitbench.benchmark.metrics.specs import ANCHORS
 from eitbench.reports.figures.ladder import LEGEND, grid, to_png, write_files
+from eitbench.reports.figures.style import COLOURS, CONDUCTIVITY_MAP, CONTRAST_MAP
 from eitbench.reports.page.answer import answer
 from eitbench.reports.page.images import pack
 from eitbench.reports.page.paper import write_paper
@@ -68,6 +69,7 @@ def to_page(report: ReportData, ladders: Sequence[Ladder] = ()) -> str:
         "boards": report["boards"],
         "score_weights": report["score_weights"],
         "maps": _colour_maps(),
+        "colours": COLOURS,
     }
     return render(
         "report.html.jinja",
@@ -109,4 +111,4 @@ def _colour_maps() -> dict[str, str]:
         colours = mpl.colormaps[name](np.linspace(0, 1, _MAP_STEPS), bytes=True)[:, :3]
         return bytes(colours.ravel()).hex()
 
-    return {"value": digits("viridis"), "signed": digits("coolwarm")}
+    return {"value": digits(CONDUCTIVITY_MAP), "signed": digits(CONTRAST_MAP)}
