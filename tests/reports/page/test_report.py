@@ -160,7 +160,7 @@ def test_a_comparison_holds_all_methods_and_is_legible_in_a_column(
     titles = [axes.title for axes in grid if axes.get_title()]
     assert [title.get_text().strip() for title in titles] == images["names"]
     for text in (*titles, scale.xaxis.label, *scale.get_xticklabels()):
-        assert text.get_fontsize() >= 6
+        assert float(text.get_fontsize()) >= 6
         box = text.get_window_extent()
         assert figure.bbox.x0 <= box.x0 < box.x1 <= figure.bbox.x1
     low, high = scale.get_xlim()
@@ -188,7 +188,9 @@ def test_the_frontier_joins_what_no_other_method_beats(many: Path) -> None:
     line = next(line for line in axes.lines if str(line.get_label()).startswith("no method beats"))
     rows = board["views"][0]["rows"]
     costs = [(row["frame_ms_p50"], -row["score"]) for row in rows]
-    assert list(line.get_xdata()) == [costs[k][0] for k in fastest_for_quality(costs)]
+    assert np.asarray(line.get_xdata()).tolist() == [
+        costs[k][0] for k in fastest_for_quality(costs)
+    ]
 
 
 def test_boards_of_one_noise_level_have_no_figure_against_noise(many: Path) -> None:
