@@ -39,9 +39,9 @@ TITLE, HEADING, NOTE = 11, 8.5, 7
 
 CONDUCTIVITY_MAP, CONTRAST_MAP = "viridis", "PuOr_r"
 """Colour maps of images in every figure, page and live view: purple conducts less (resistive),
-yellow or orange conducts more; white is as the background. Colour-blind readers can read both:
-viridis rises evenly in lightness, and PuOr is marked as safe by ColorBrewer. Truth and estimates
-have the same map and scale."""
+yellow or orange conducts more; of contrasts and errors white is none. Truth and estimates share map
+and scale. Colour-blind readers can read both: viridis rises evenly in lightness, and ColorBrewer
+calls PuOr safe."""
 
 # Six of Okabe and Ito's colours, then those that are farthest from all before them in normal,
 # red-blind and green-blind eyes; markers and dashes tell lines apart in grey.
