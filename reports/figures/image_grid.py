@@ -21,6 +21,7 @@ from eitbench.reports.figures.style import (
     CONTRAST_MAP,
     HEADING,
     NOTE,
+    OUTSIDE,
     TITLE,
     save,
 )
@@ -319,6 +320,7 @@ def draw(grid: ImageGrid) -> "Figure":
         for one, of_tile in zip(tiles, of_row, strict=True):
             of_tile.set(xlim=(x0, x1), ylim=(y0, y1), xticks=[], yticks=[], aspect="equal")
             of_tile.spines[:].set_visible(False)
+            of_tile.set_facecolor(OUTSIDE if grid.contrast else "none")
             _draw_tile(of_tile, one, grid.bounds, colours, plain)
     long = min(2.4, max(height - _HEAD - bottom, 0.6))
     place = (1 - (_BAR - 0.1) / width, 1 - (_HEAD + long) / height, 0.13 / width, long / height)

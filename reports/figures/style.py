@@ -43,6 +43,9 @@ yellow or orange conducts more; of contrasts and errors white is none. Truth and
 and scale. Colour-blind readers can read both: viridis rises evenly in lightness, and ColorBrewer
 calls PuOr safe."""
 
+OUTSIDE = "0.88"
+"""What lies outside a sensor where images show contrast, whose white would not end on paper."""
+
 # Six of Okabe and Ito's colours, then those that are farthest from all before them in normal,
 # red-blind and green-blind eyes; markers and dashes tell lines apart in grey.
 COLOURS = (

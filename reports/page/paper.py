@@ -16,6 +16,7 @@ from eitbench.reports.figures.style import (
     COLUMN,
     CONDUCTIVITY_MAP,
     CONTRAST_MAP,
+    OUTSIDE,
     PAGE,
     STYLE,
     line_style,
@@ -157,13 +158,15 @@ def comparison(images: Mapping[str, Any]) -> Figure:
     figure = new_figure(COLUMN, down * (tile + 0.2) + 0.55)
     axes = figure.subplots(down, _ACROSS, squeeze=False)
     for place in axes.flat:
-        place.set_axis_off()
+        place.set(xticks=[], yticks=[], facecolor="none")
+        place.spines[:].set_visible(False)
     for place, name, image in zip(axes.flat, images["names"], values, strict=False):
         shown = place.imshow(
             image - shift, origin="lower", extent=(x0, x1, y0, y1), interpolation="nearest",
             cmap=CONDUCTIVITY_MAP if images["has_truth"] else CONTRAST_MAP,
             vmin=images["low"] - shift, vmax=images["high"] - shift,
         )  # fmt: skip
+        place.set_facecolor("none" if images["has_truth"] else OUTSIDE)
         title = "\n".join(textwrap.wrap(plain_label(name), 15, max_lines=2, placeholder="…"))
         place.set_title(title, fontsize=_FEWEST_PT, pad=2)
     scale = figure.colorbar(shown, ax=axes, location="bottom", shrink=0.6, aspect=35, pad=0.02)
