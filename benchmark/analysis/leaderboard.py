@@ -179,7 +179,7 @@ def _row(run: Run, keys: Row, cell: pd.DataFrame) -> Row:
     for name in kind.facts:
         row[name] = str(known.get(name, ""))
     row |= {"data_hash": data.get("hash"), "data_n": data.get("n")}
-    row["inverse_crime"] = data.get("inverse_crime")
+    row |= {"inverse_crime": data.get("inverse_crime"), "sensor": data.get("sensor")}
     machine = known.get("machine")
     row["machine"] = machine if isinstance(machine, str) and machine else None
     if kind == METHOD_RUNS:

@@ -40,10 +40,10 @@ def _hash(source: str) -> str:
 
 
 def _colours() -> list[list[int]]:
-    """viridis, dark for high conductivity: even to colour-blind eyes, with touches bright."""
+    """viridis, as in all figures (`reports/figures/style.py`): even to colour-blind eyes."""
     from matplotlib import colormaps
 
-    table = colormaps["viridis_r"](range(256), bytes=True)
+    table = colormaps["viridis"](range(256), bytes=True)
     rows: list[list[int]] = table[:, :3].tolist()
     return rows
 

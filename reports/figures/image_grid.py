@@ -16,7 +16,15 @@ from eitbench.benchmark.analysis.results import Run, read_run
 from eitbench.benchmark.rundir.file_names import file_name
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
 from eitbench.benchmark.rundir.run_arrays import Scene
-from eitbench.reports.figures.style import CONDUCTIVITY_MAP, HEADING, NOTE, TITLE, save
+from eitbench.reports.figures.style import (
+    CONDUCTIVITY_MAP,
+    CONTRAST_MAP,
+    HEADING,
+    NOTE,
+    OUTSIDE,
+    TITLE,
+    save,
+)
 from eitbench.reports.tables.columns import printable
 
 if TYPE_CHECKING:
@@ -32,8 +40,6 @@ _HEAD_LINES = 3
 _HEAD_WIDTH = 15
 _MAX_ROWS = 12
 _ROWS_WITHOUT_FAMILIES = 5
-
-_CONTRAST_MAP = "coolwarm"  # a diverging map for signed values
 
 
 @dataclass(frozen=True, eq=False)
@@ -294,7 +300,7 @@ def draw(grid: ImageGrid) -> "Figure":
     )  # fmt: skip
     figure.supxlabel("\n".join(foot), x=0.15 / width, y=0.1 / height, ha="left", **plain)
     colours = ScalarMappable(
-        Normalize(*grid.limits), _CONTRAST_MAP if grid.contrast else CONDUCTIVITY_MAP
+        Normalize(*grid.limits), CONTRAST_MAP if grid.contrast else CONDUCTIVITY_MAP
     )
     inside = {
         "left": _LABEL / width,
@@ -314,6 +320,7 @@ def draw(grid: ImageGrid) -> "Figure":
         for one, of_tile in zip(tiles, of_row, strict=True):
             of_tile.set(xlim=(x0, x1), ylim=(y0, y1), xticks=[], yticks=[], aspect="equal")
             of_tile.spines[:].set_visible(False)
+            of_tile.set_facecolor(OUTSIDE if grid.contrast else "none")
             _draw_tile(of_tile, one, grid.bounds, colours, plain)
     long = min(2.4, max(height - _HEAD - bottom, 0.6))
     place = (1 - (_BAR - 0.1) / width, 1 - (_HEAD + long) / height, 0.13 / width, long / height)

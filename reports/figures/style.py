@@ -37,10 +37,22 @@ STYLE: Any = {  # the key type of Matplotlib's stubs names every parameter
 TITLE, HEADING, NOTE = 11, 8.5, 7
 """Sizes of type [pt] in figures for the screen."""
 
-CONDUCTIVITY_MAP = "viridis"  # perceptually uniform
-# Okabe and Ito's colours; markers and dashes tell lines apart in grey.
-COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#8a6d00", "#7f7f7f")
-_MARKERS = "osDP^*Xh"  # as many as colours: shifted by one each time round, no pair comes twice
+CONDUCTIVITY_MAP, CONTRAST_MAP = "viridis", "PuOr_r"
+"""Colour maps of images in every figure, page and live view: purple conducts less (resistive),
+yellow or orange conducts more; of contrasts and errors white is none. Truth and estimates share map
+and scale. Colour-blind readers can read both: viridis rises evenly in lightness, and ColorBrewer
+calls PuOr safe."""
+
+OUTSIDE = "0.88"
+"""What lies outside a sensor where images show contrast, whose white would not end on paper."""
+
+# Six of Okabe and Ito's colours, then those that are farthest from all before them in normal,
+# red-blind and green-blind eyes; markers and dashes tell lines apart in grey.
+COLOURS = (
+    "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#960019", "#fac87d",
+    "#64324b", "#0032af", "#4b7dfa", "#4b19fa",
+)  # fmt: skip
+_MARKERS = "osDP^*Xh"  # shifted by one each time round the colours, so that no pair comes twice
 _DASHES = ("-", "--", ":", "-.")
 
 # No date, so that the same figure gives the same file.

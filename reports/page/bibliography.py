@@ -4,61 +4,16 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from importlib.resources import files
 from typing import TYPE_CHECKING, Any
 
 from eitbench.reports.page.report_data import rows_of
 from eitbench.reports.tables.formats import escape_latex
+from eitbench.reports.tables.references import KEYS, RECORDINGS, SELF, entries
 
 if TYPE_CHECKING:
     from eitbench.reports.page.report_data import ReportData
 
-KEYS = {
-    "back-projection": "kotre1989",
-    "coarse-to-fine": "hamilton2018",
-    "dip": "liu2023",
-    "dnn": "phydnn",
-    "eidors-greit": "adler2006",
-    "eidors-noser": "adler2006",
-    "eidors-tv-pdipm": "adler2006",
-    "gauss-newton-noser": "yorkey1987",
-    "gauss-newton-tv": "borsic2010",
-    "greit": "adler2009",
-    "laplacian": "polydorides2002",
-    "learned-gn": "adler2017",
-    "linear-learned": "hoerl1970",
-    "linear-touch": "hoerl1970",
-    "noser": "cheney1990",
-    "phydnn": "phydnn",
-    "pyeit-bp": "liu2018",
-    "pyeit-greit": "liu2018",
-    "pyeit-jac": "liu2018",
-    "tikhonov": "vauhkonen1998",
-    "tv": "borsic2010",
-    "fem": "somersalo1992",
-    "jacobian": "geselowitz1971",
-    "surrogate": "phydnn",
-}
-"""The entry of each method and operator of ours."""
-RECORDINGS = {
-    **dict.fromkeys(
-        (
-            "ohmc16", "ohmc8", "hydrogel-multitouch", "hydrogel-rectangle", "hydrogel-fixed",
-            "hydrogel-repeats",
-        ),
-        "hardman2023",
-    ),
-    "ktc2023": "ktc2023",
-    "sciospec-tank": "sciospec2025",
-    **dict.fromkeys(
-        ("jku-tank-adjacent", "jku-tank-diagonal", "jku-tank-hybrid", "jku-tank-opposite"),
-        "hofer2024",
-    ),
-    "pyeidors-tank": "pyeidors2026",
-}  # fmt: skip
-"""The entry of each public recording."""
 
-SELF = "eitbench"
 MOST = 4000  # characters of an entry of somebody else
 # Accents, letters and signs; another command of an entry could do anything in a paper.
 _HARMLESS = re.compile(r"\\(?:[^A-Za-z\s]|(?:aa|AA|ae|AE|oe|OE|ss|[oOlLijcvuHkrbdt])(?![A-Za-z]))")
@@ -93,25 +48,6 @@ def bibliography(report: ReportData) -> str:
                 found[RECORDINGS[named]] = known[RECORDINGS[named]]
         found |= _suite_entry(run)
     return "\n\n".join([*_comments(unknown), *found.values()]) + "\n"
-
-
-def reference(method: str) -> str:
-    """What a method comes from in words: authors, title, journal and year; "" where unknown."""
-    entry = entries().get(KEYS.get(method, ""), "")
-    fields = dict(re.findall(r"^  (\w+) = \{(.*)\},?$", entry, re.MULTILINE))
-    first, *others = fields.get("author", "").split(" and ")
-    author = f"{first.split(',')[0]} et al." if others else first.split(",")[0]
-    where = (fields.get(name) for name in ("title", "journal", "booktitle", "year"))
-    return re.sub(r"[{}\\]", "", ", ".join(part for part in (author, *where) if part))
-
-
-def entries() -> dict[str, str]:
-    """All entries by key."""
-    text = files("eitbench.reports.page").joinpath("references.bib").read_text(encoding="utf-8")
-    return {
-        match[1]: match[0].strip()
-        for match in re.finditer(r"^@\w+\{(\w+),.*?^\}$", text, re.MULTILINE | re.DOTALL)
-    }
 
 
 def _comments(names: list[str]) -> Iterator[str]:

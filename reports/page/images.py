@@ -86,6 +86,14 @@ def pack(content: bytes) -> str:
     return base64.b64encode(zlib.compress(content, 9)).decode()
 
 
+def unpacked(images: Mapping[str, Any]) -> NDArray[np.float64]:
+    """Return the images (names, samples, H, W) [S/m] of `packed_images`, NaN without a value."""
+    pixels = np.frombuffer(zlib.decompress(base64.b64decode(images["data"])), dtype=np.uint8)
+    shape = (len(images["names"]), len(images["samples"]), *images["shape"])
+    values = images["low"] + pixels.reshape(shape) / _STEPS * (images["high"] - images["low"])
+    return np.where(pixels.reshape(shape) == _OUTSIDE, np.nan, values)
+
+
 def _limits(stacks: dict[str, NDArray[np.float64]], scene: Scene) -> tuple[float, float]:
     """Ends of the scale [S/m]: around the truth, or, where there is none, around the background."""
     if TRUTH in stacks:

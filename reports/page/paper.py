@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import textwrap
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,7 +15,9 @@ from eitbench.reports.figures.critical_difference import critical_difference_fig
 from eitbench.reports.figures.style import (
     COLOURS,
     COLUMN,
-    FONT,
+    CONDUCTIVITY_MAP,
+    CONTRAST_MAP,
+    OUTSIDE,
     PAGE,
     STYLE,
     line_style,
@@ -24,6 +27,7 @@ from eitbench.reports.figures.style import (
     save,
 )
 from eitbench.reports.page.bibliography import bibliography
+from eitbench.reports.page.images import unpacked
 from eitbench.reports.page.report_data import PAGE_COLUMNS, rows_of
 from eitbench.reports.tables.columns import layout
 from eitbench.reports.tables.leaderboard import write_leaderboard
@@ -44,7 +48,12 @@ def write_paper(report: ReportData, out: Path) -> list[Path]:
 
     boards = report["boards"]
     rows_by_kind = {
-        kind: rows_of([board for board in boards if board["kind"] == kind])
+        kind: [
+            row | {"why_not": board["why_not"]}
+            for board in boards
+            if board["kind"] == kind
+            for row in rows_of([board])
+        ]
         for kind in ("method", "operator")
     }
     written = []
@@ -53,7 +62,7 @@ def write_paper(report: ReportData, out: Path) -> list[Path]:
             stored = [{k: v for k, v in row.items() if k not in PAGE_COLUMNS} for row in rows]
             written += write_leaderboard(stored, out / "tables", ("csv", "md", "latex"), stem)
     with mpl.rc_context(STYLE):
-        figures = [*_figures(boards), *overall_figure(report)]
+        figures = [*paper_figures(boards), *overall_figure(report)]
         for stem, figure in figures:
             written += save(figure, out / "figures" / file_name(stem), ("pdf", "svg"))
     references = out / "references.bib"
@@ -61,15 +70,19 @@ def write_paper(report: ReportData, out: Path) -> list[Path]:
     return [*written, references]
 
 
-def _figures(boards: Sequence[BoardData]) -> Iterator[tuple[str, Figure]]:
+def paper_figures(boards: Sequence[BoardData]) -> Iterator[tuple[str, Figure]]:
     """The figures with the stems of their files."""
     for board in boards:
+        name = f"{board['suite']}-{board['scenario']}"
         if any(row.get("frame_ms_p50") for row in rows_of([board])):
-            yield f"frontier-{board['suite']}-{board['scenario']}", frontier(board)
+            yield f"frontier-{name}", frontier(board)
+        if board["images"] is not None:
+            yield f"comparison-{name}", comparison(board["images"])
     for suite in dict.fromkeys(board["suite"] for board in boards):
-        levels = [b for b in boards if b["suite"] == suite and b["snr_db"] is not None]
-        if len(levels) > 1:
-            yield f"noise-{suite}", noise(levels)
+        with_noise = [b for b in boards if b["suite"] == suite and b["snr_db"] is not None]
+        # Boards of one level differ in something else.
+        if len({b["snr_db"] for b in with_noise}) == len(with_noise) > 1:
+            yield f"noise-{suite}", noise(with_noise)
 
 
 def overall_figure(report: ReportData) -> Iterator[tuple[str, Figure]]:
@@ -96,6 +109,14 @@ def frontier(board: BoardData) -> Figure:
     assert column is not None
     shown = [row for row in rows if row[by] is not None and row["frame_ms_p50"]]
     figure, axes = _blank(COLUMN, 2.3 + 0.08 * len(shown))
+    front = fastest_for_quality(
+        [(row["frame_ms_p50"], -row[by] if column.best == "max" else row[by]) for row in shown]
+    )
+    axes.plot(
+        [shown[k]["frame_ms_p50"] for k in front], [shown[k][by] for k in front],
+        drawstyle="steps-post", color="0.35", lw=0.9, zorder=1,
+        label="no method beats these in both",
+    )  # fmt: skip
     for k, row in enumerate(shown):
         ends = [row[f"{by}_{end}"] for end in ("low", "high")]
         error = None if None in ends else np.abs(np.array(ends) - row[by])[:, None]
@@ -104,12 +125,7 @@ def frontier(board: BoardData) -> Figure:
             color=COLOURS[k % len(COLOURS)], lw=0.7, capsize=1.5, mec="black", mew=0.3,
             label=plain_label(row["label"]),
         )  # fmt: skip
-    axes.axvline(FRAMES_PER_SECOND_MS, color="0.4", lw=0.7, ls="--")
-    axes.annotate(
-        "10 frames/s", (FRAMES_PER_SECOND_MS, 1), xycoords=("data", "axes fraction"),
-        xytext=(-2, -2), textcoords="offset points", ha="right", va="top", fontsize=FONT - 1,
-        color="0.3", rotation=90,
-    )  # fmt: skip
+    axes.axvline(FRAMES_PER_SECOND_MS, color="0.4", lw=0.7, ls="--", label="10 frames/s")
     axes.set_xscale("log")
     if column.best == "min":
         axes.invert_yaxis()
@@ -118,6 +134,55 @@ def frontier(board: BoardData) -> Figure:
     figure.legend(
         loc="outside lower center", ncols=2, frameon=False, handletextpad=0.3, columnspacing=1
     )
+    return figure
+
+
+def fastest_for_quality(costs: Sequence[tuple[float, float]]) -> list[int]:
+    """Return the places of (time, error) that no other beats in both, the fastest first."""
+    front: list[int] = []
+    for k in sorted(range(len(costs)), key=costs.__getitem__):
+        if not front or costs[k][1] < costs[front[-1]][1]:
+            front.append(k)
+    return front
+
+
+_ACROSS = 4
+_FEWEST_PT = 6.5  # at the width of a column, which is that of the figure
+
+
+def comparison(images: Mapping[str, Any]) -> Figure:
+    """One sample by all methods, four images a row, in a column's width.
+
+    The sample is the median one of the first family. Without a truth, images show contrast.
+
+    Args:
+        images: those of `packed_images`.
+    """
+    case = next(case for case in images["cases"] if case["kind"] == "median")
+    values = unpacked(images)[:, images["samples"].index(case["sample"])]
+    x0, y0, x1, y1 = (1e3 * end for end in images["bounds"])
+    shift = 0.0 if images["has_truth"] else images["background"]
+    down = -(-len(values) // _ACROSS)
+    tile = 0.78 * (y1 - y0) / (x1 - x0)
+    figure = new_figure(COLUMN, down * (tile + 0.2) + 0.55)
+    axes = figure.subplots(down, _ACROSS, squeeze=False)
+    for place in axes.flat:
+        place.set(xticks=[], yticks=[], facecolor="none")
+        place.spines[:].set_visible(False)
+    for place, name, image in zip(axes.flat, images["names"], values, strict=False):
+        shown = place.imshow(
+            image - shift, origin="lower", extent=(x0, x1, y0, y1), interpolation="nearest",
+            cmap=CONDUCTIVITY_MAP if images["has_truth"] else CONTRAST_MAP,
+            vmin=images["low"] - shift, vmax=images["high"] - shift,
+        )  # fmt: skip
+        place.set_facecolor("none" if images["has_truth"] else OUTSIDE)
+        title = "\n".join(textwrap.wrap(plain_label(name), 15, max_lines=2, placeholder="…"))
+        place.set_title(title, fontsize=_FEWEST_PT, pad=2)
+    scale = figure.colorbar(shown, ax=axes, location="bottom", shrink=0.6, aspect=35, pad=0.02)
+    scale.ax.tick_params(labelsize=_FEWEST_PT, length=2)
+    what = "conductivity" if images["has_truth"] else "contrast"
+    of = ", ".join(filter(None, (case["family"], f"sample {case['sample']}")))
+    scale.set_label(f"{what} [S/m] ({plain_label(of)})", fontsize=_FEWEST_PT)
     return figure
 
 

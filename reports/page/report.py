@@ -24,14 +24,14 @@ from eitbench.benchmark.metrics.specs import ANCHORS
 from eitbench.reports.figures import ladder as ladder_figures
 from eitbench.reports.figures.critical_difference import to_png
 from eitbench.reports.figures.ladder import LEGEND, grid, write_files
-from eitbench.reports.figures.style import STYLE
+from eitbench.reports.figures.style import COLOURS, CONDUCTIVITY_MAP, CONTRAST_MAP, STYLE
 from eitbench.reports.page.answer import answer
 from eitbench.reports.page.images import pack
-from eitbench.reports.page.bibliography import reference
 from eitbench.reports.page.paper import overall_figure, write_paper
 from eitbench.reports.page.rendering import asset, render
 from eitbench.reports.page.report_data import FAST_MS, ReportData, report_data
 from eitbench.reports.tables.columns import printable
+from eitbench.reports.tables.references import reference
 
 PAGE = "index.html"
 DATA = "report.json"
@@ -102,6 +102,7 @@ def to_page(
         "methods": [method["name"] for method in methods],
         "score_weights": report["score_weights"],
         "maps": _colour_maps(),
+        "colours": COLOURS,
     }
     return render(
         "report.html.jinja",
@@ -173,4 +174,4 @@ def _colour_maps() -> dict[str, str]:
         colours = mpl.colormaps[name](np.linspace(0, 1, _MAP_STEPS), bytes=True)[:, :3]
         return bytes(colours.ravel()).hex()
 
-    return {"value": digits("viridis"), "signed": digits("coolwarm")}
+    return {"value": digits(CONDUCTIVITY_MAP), "signed": digits(CONTRAST_MAP)}

@@ -18,11 +18,13 @@ class PrintedBoard:
     """Rows of the same suite, scenario and data.
 
     Attributes:
-        title: of the table.
+        name: of its suite and scenario, with the hash of the data where several have it.
+        title: its name and what its data are.
         rows: in their order; the published figures stand below those of the paper's scenarios.
         chosen: names of columns; empty for all that say something.
     """
 
+    name: str
     title: str
     rows: list[Row]
     chosen: Sequence[str] = ()
@@ -72,14 +74,19 @@ class PrintedBoard:
 def printed_boards(rows: Sequence[Row], columns: Sequence[str] = ()) -> list[PrintedBoard]:
     """Return the boards of `rows`, in the order given, with these `columns` alone, if any."""
     apart = boards(rows)
-    names = [f"{board[0]['suite']} / {board[0]['scenario']}" for board in apart]
+    names = [" / ".join(dict.fromkeys((b[0]["suite"], b[0]["scenario"]))) for b in apart]
+    named = [
+        name if names.count(name) == 1 else f"{name} ({_data(board[0])})"
+        for name, board in zip(names, apart, strict=True)
+    ]
     return [
         PrintedBoard(
-            printable(name if names.count(name) == 1 else f"{name} ({_data(board[0])})"),
+            printable(name),
+            printable(f"{name}: {_about(board[0])}"),
             [*board, *published_rows(board)],
             columns,
         )
-        for name, board in zip(names, apart, strict=True)
+        for name, board in zip(named, apart, strict=True)
     ]
 
 
@@ -87,6 +94,24 @@ def _data(row: Row) -> str:
     """Return the size and hash of data, which tell those of one scenario apart."""
     digits = "unknown" if row["data_hash"] is None else row["data_hash"][:_HASH_DIGITS]
     return f"n = {row['n'] if row['data_n'] is None else row['data_n']}, data {digits}"
+
+
+def _about(row: Row) -> str:
+    """Return what is known of the data of a board: sensor, noise, number of samples, mesh."""
+    parts = [] if row.get("sensor") is None else [f"sensor {row['sensor']}"]
+    if row.get("snr_db") is not None:
+        parts.append(f"SNR {row['snr_db']:.0f} dB")
+    n = row["n"] if row["data_n"] is None else row["data_n"]
+    parts.append(f"{n:,} test sample{'' if n == 1 else 's'}")
+    if row["inverse_crime"] is not None:
+        parts.append(f"data from {_MESHES[row['inverse_crime']]}")
+    return ", ".join(parts)
+
+
+_MESHES = {
+    True: "the mesh that methods invert with",
+    False: "another mesh than methods invert with",
+}
 
 
 _RECORDED = {
@@ -111,12 +136,15 @@ def note(board: Sequence[Row]) -> str:
 def notes(board: Sequence[Row]) -> list[str]:
     """Return parts of a sentence on the reading of a board.
 
-    They tell the noise, compare with the published figures, and name the cost of failures, the
-    overlap of training and test samples, differences in software that is not ours, methods that
-    used the network, programs or test data, and times that were taken beside other cells.
+    They tell the noise, why there are no ties and which methods were not tuned, compare with the
+    published figures, and name the cost of failures, the overlap of training and test samples,
+    differences in software that is not ours, methods that used the network, programs or test data,
+    and times that were taken beside other cells.
     """
     return (
         _noise(board)
+        + _no_ties(board)
+        + _untuned(board)
         + comparison(board)
         + _repeats(board)
         + _costs_of_failures(board)
@@ -136,6 +164,24 @@ def _repeats(board: Sequence[Row]) -> list[str]:
     return [
         f"{', '.join(names)}: the same results in {runs}, too" for runs, names in methods.items()
     ]
+
+
+def _no_ties(board: Sequence[Row]) -> list[str]:
+    """A part of a sentence on why methods have no ties; empty where they have, or where unknown."""
+    why = board[0].get("why_not")
+    if not why or "method" not in board[0] or len(board) < 2:
+        return []
+    return [f"no ties: {why[0].lower()}{why[1:].rstrip('.')}"]
+
+
+def _untuned(board: Sequence[Row]) -> list[str]:
+    """A part of a sentence on methods that were not tuned; empty unless others were."""
+    methods: dict[str | None, list[str]] = {}
+    for row in board:
+        methods.setdefault(row.get("track"), []).append(row.get("method", ""))
+    if not {"default", "tuned"} <= methods.keys():
+        return []
+    return [f"not tuned, beside methods that are: {', '.join(dict.fromkeys(methods['default']))}"]
 
 
 def _costs_of_failures(board: Sequence[Row]) -> list[str]:

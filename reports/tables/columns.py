@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Literal
 
 from eitbench.benchmark.analysis.leaderboard import Row
@@ -28,6 +29,11 @@ class Column:
     form: str = ""
     best: Literal["max", "min"] | None = None
     always: bool = False
+
+    @property
+    def arrow(self) -> str:
+        """An arrow up where more is better, down where less is; "" where neither is."""
+        return {"max": "↑", "min": "↓", None: ""}[self.best]
 
     def text(self, row: Row) -> str:
         """The value in `row` as printed."""
@@ -136,11 +142,10 @@ METHOD_LAYOUT = Layout(
         "rank": "#", "method": "Method", "group": "Ties", "score": "S",
         "localisation_mm": "Loc.\nmm", "farthest_contact_mm": "Farthest\nmm",
         "measured_force_error_n": "Force\nN", "measured_load_error_percent": "Load\n%",
-        "coverage": "Done", "track": "Track", "ssim": "SSIM",
-        "psnr": "PSNR\ndB", "cc": "CC", "repeatability_db": "Repeatability\ndB",
-        "frame_ms_p50": "Frame\nms",
-        "frame_solves": "Frame\nsolves", "rie": "RIE", "bounded": "B",
-        "strength_spearman": "Strength", "iou": "IoU", "n": "n",
+        "repeatability_db": "Repeatability\ndB",
+        "frame_ms_p50": "Frame\nms", "frame_solves": "Frame\nsolves", "coverage": "Done",
+        "ssim": "SSIM", "cc": "CC", "psnr": "PSNR\ndB", "rie": "RIE", "bounded": "B",
+        "strength_spearman": "Strength", "track": "Track", "iou": "IoU", "n": "n",
         "setup_s": "Set-up\ns", "run": "Run",
     },
 )  # fmt: skip
@@ -166,6 +171,38 @@ OPERATOR_LAYOUT = Layout(
         "run": "Run",
     },
 )  # fmt: skip
+
+
+_MEANINGS = {
+    "group": "methods that share a letter cannot be told apart",
+    "score": "0.25 (SSIM + CC + PSNR - RIE)",
+    "bounded": "mean of SSIM, CC, 1 - RIE and PSNR / 40 dB, each within 0 to 1",
+    "localisation_mm": "median error of the place",
+    "strength_spearman": "rank correlation of strength with pressure or depth",
+    "coverage": "share of samples with a valid image",
+}
+
+
+def legend(columns: Sequence[Column], headings: Mapping[str, str] = MappingProxyType({})) -> str:
+    """Return one line on what columns hold, and whether more (↑) or less (↓) is better.
+
+    Args:
+        columns: those of a table.
+        headings: of columns that have another than their title there; the first line counts.
+    """
+    best: dict[str, list[str]] = {"↑": [], "↓": [], "": []}
+    meanings = []
+    for column in columns:
+        heading = headings.get(column.name, column.title).split("\n")[0]
+        best[column.arrow].append(heading)
+        if meaning := _MEANINGS.get(column.name):
+            meanings.append(f"{heading}: {meaning}")
+    more, less = (
+        f"{arrow} {word} is better: {', '.join(best[arrow])}"
+        for arrow, word in (("↑", "more"), ("↓", "less"))
+    )
+    parts = [more] * bool(best["↑"]) + [less] * bool(best["↓"]) + meanings
+    return f"{'; '.join(parts)}." if parts else ""
 
 
 _TIMES = frozenset({"frame_ms_p50", "frame_ms_p99", "setup_s", "train_s", "forward_ms", "grad_ms"})

@@ -1,6 +1,7 @@
 """Leaderboards as Markdown, LaTeX and HTML, tables as CSV; names and texts are but data in them."""
 
 import html
+import re
 from collections.abc import Iterable, Sequence
 
 import pandas as pd
@@ -14,7 +15,8 @@ from eitbench.reports.tables.boards import (
     prior_knowledge,
     tracks_table,
 )
-from eitbench.reports.tables.columns import Column, layout
+from eitbench.reports.tables.columns import Column, layout, legend
+from eitbench.reports.tables.references import KEYS, SELF
 
 
 def csv_text(table: pd.DataFrame, float_format: str | None = None) -> str:
@@ -47,6 +49,7 @@ def to_markdown(rows: Sequence[Row], columns: Sequence[str] = ()) -> str:
             board.texts(escape_markdown, "**{}**".format),
             [c.form != "" for c in shown],
         )
+        lines += ["", escape_markdown(legend(shown))]
         if text := note(board.rows):
             lines += ["", escape_markdown(text)]
         if tracks := tracks_table(board.rows):
@@ -87,22 +90,26 @@ def escape_markdown(text: str) -> str:
 def to_latex(rows: Sequence[Row], columns: Sequence[str] = ()) -> str:
     """One booktabs table per scenario in the width of IEEE's page, the best values in bold.
 
-    It holds the columns that papers print; the others are in the other formats.
+    It holds the columns that papers print; the others are in the other formats. It cites the keys
+    of `bibliography`.
     """
     parts = []
     for board in printed_boards(rows, columns):
         shown = board.paper_columns()
         headings = layout(board.rows[0]).terminal
+        about = escape_latex(f"{board.title}. {legend(shown, headings)}")
+        heads = [" ".join([*headings.get(c.name, c.title).split(), c.arrow]) for c in shown]
         lines = [
-            "% needs \\usepackage{booktabs}",
+            "% needs \\usepackage{booktabs}; \\cite is of the references.bib of `eitbench report`",
             "\\begin{table*}",
             "\\centering",
             "\\footnotesize",
             "\\setlength{\\tabcolsep}{3.5pt}",
-            f"\\caption{{{escape_latex(board.title)}}}",
+            f"\\caption{{{about} Made with eitbench~\\cite{{{SELF}}}.}}",
+            f"\\label{{tab:{_label(board)}}}",
             *_latex_tabular(
                 "".join("r" if c.form else "l" for c in shown),
-                [escape_latex(headings.get(c.name, c.title).replace("\n", " ")) for c in shown],
+                [escape_latex(head.strip()) for head in heads],
                 [[_latex_cell(c, row, board) for c in shown] for row in board.rows],
             ),
         ]
@@ -129,10 +136,17 @@ def _latex_tabular(form: str, heads: Sequence[str], rows: Iterable[Sequence[str]
     ]
 
 
+def _label(board: PrintedBoard) -> str:
+    """Return what other text refers to a table by: letters, digits and hyphens of its title."""
+    return re.sub(r"[^a-z0-9]+", "-", board.name.lower()).strip("-")
+
+
 def _latex_cell(column: Column, row: Row, board: PrintedBoard) -> str:
     text = escape_latex(column.text(row))
     if board.is_best(column, row):
         text = f"\\textbf{{{text}}}"
+    if column.name == "method" and row["method"] in KEYS:
+        text += f"~\\cite{{{KEYS[row['method']]}}}"
     ends = escape_latex(column.ends(row))
     return f"{text} {{\\scriptsize({ends})}}" if ends else text
 
@@ -141,6 +155,7 @@ _LATEX = {
     "\\": r"\textbackslash{}", "{": r"\{", "}": r"\}", "$": r"\$", "&": r"\&", "#": r"\#",
     "_": r"\_", "%": r"\%", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}",
     "<": r"\textless{}", ">": r"\textgreater{}", "|": r"\textbar{}", "–": "--",
+    "↑": r"$\uparrow$", "↓": r"$\downarrow$",
 }  # fmt: skip
 
 
@@ -156,6 +171,7 @@ def to_html(rows: Sequence[Row], columns: Sequence[str] = ()) -> str:
         titles = [html.escape(c.title) for c in board.columns()]
         body = board.texts(html.escape, "<strong>{}</strong>".format)
         lines += _html_table(html.escape(board.title), titles, body)
+        lines.append(f"<p>{html.escape(legend(board.columns()))}</p>")
         if text := note(board.rows):
             lines.append(f"<p>{html.escape(text)}</p>")
         if tracks := tracks_table(board.rows):

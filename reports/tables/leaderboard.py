@@ -18,14 +18,16 @@ from eitbench.reports.tables.formats import csv_text, to_html, to_latex, to_mark
 def ranked_rows(runs: Sequence[Path]) -> list[Row]:
     """Return the ranked rows of run directories, those of a scenario together.
 
-    They are plain values for JSON; see `Standing.rows`.
+    They are plain values for JSON; see `Standing.rows`. `why_not` says why there are no ties.
 
     Raises:
         InputError: a path is no run directory.
         DataCorruptError: a file of a run is damaged.
     """
     return [
-        row for standing in standings([read_run(path) for path in runs]) for row in standing.rows
+        row | {"why_not": standing.why_not}
+        for standing in standings([read_run(path) for path in runs])
+        for row in standing.rows
     ]
 
 

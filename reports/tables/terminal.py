@@ -1,4 +1,7 @@
-"""Leaderboards for a terminal: the columns that fit its width, the best values green."""
+"""Leaderboards for a terminal: the columns that fit its width, the best values green.
+
+Below each stands which columns did not fit, and what those that are shown mean.
+"""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
@@ -11,7 +14,7 @@ from eitbench.reports.tables.boards import (
     prior_knowledge,
     tracks_table,
 )
-from eitbench.reports.tables.columns import Column, layout
+from eitbench.reports.tables.columns import Column, layout, legend
 
 if TYPE_CHECKING:
     from rich.console import Group
@@ -54,9 +57,11 @@ def table(rows: Sequence[Row], width: int, columns: Sequence[str] = ()) -> "Grou
                     for c in fitting
                 )
             )
-        parts.append(shown)
+        parts += [shown, Text(f" {legend(columns, headings)}")]
+        if text := _not_shown(board, columns):
+            parts.append(Text(f" {text}"))
         if text := note(board.rows):
-            parts += [Text(f" {text}"), Text()]
+            parts.append(Text(f" {text}"))
         if tracks := tracks_table(board.rows):
             heads, *body = tracks
             beside = Table(title="Tracks", title_justify="left", box=box.SIMPLE_HEAD)
@@ -66,7 +71,24 @@ def table(rows: Sequence[Row], width: int, columns: Sequence[str] = ()) -> "Grou
                 beside.add_row(*map(Text, cells))
             parts.append(beside)
         parts += [Text(f" Prior knowledge: {text}") for text in prior_knowledge(board.rows)]
+        parts.append(Text())
     return Group(*parts)
+
+
+def _not_shown(board: PrintedBoard, shown: Sequence[Column]) -> str:
+    """Return which columns of a board are not shown, and how to see them; "" without any."""
+    headings = layout(board.rows[0]).terminal
+    left = [column for column in board.columns() if column not in shown]
+    narrow = [headings[c.name].split("\n")[0] for c in left if c.name in headings]
+    others = [column.title for column in left if column.name not in headings]
+    parts = []
+    if narrow:
+        parts.append(f"Hidden at this width: {', '.join(narrow)}: a wider terminal shows them.")
+    if others:
+        parts.append(f"In files only: {', '.join(others)}.")
+    if parts:
+        parts.append("All columns: `eitbench leaderboard RUN --format md`.")
+    return " ".join(parts)
 
 
 def _fitting(board: PrintedBoard, width: int) -> list[Column]:

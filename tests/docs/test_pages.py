@@ -114,6 +114,29 @@ def test_the_readme_is_read_in_one_sitting() -> None:
     assert len((ROOT / "README.md").read_bytes()) <= 9000
 
 
+@pytest.mark.parametrize("page", sorted(Path(ROOT / "docs" / "reference").glob("*.md")))
+def test_every_name_of_the_reference_has_an_example(page: Path) -> None:
+    text = page.read_text()
+    code = "".join(re.findall(r"^```python\n(.*?)^```$", text, re.MULTILINE | re.DOTALL))
+    named = re.findall(r"^::: eitbench\.([\w.]+)$", text, re.MULTILINE)
+    lacking = [name for name in named if not re.search(rf"\b{name.split('.')[-1]}\b", code)]
+    # Of errors any example will do.
+    assert [name for name in lacking if name != "scenarios.errors"] == []
+
+
+def test_every_command_has_an_example() -> None:
+    lacking = [" ".join(names) for names, found in _commands() if "Example: " not in found.epilog]
+    assert lacking == []
+
+
+def _commands(names: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Any]]:
+    found, _ = command_of(["eitbench", *names])
+    if not hasattr(found, "commands"):
+        yield names, found
+    for name in getattr(found, "commands", ()):
+        yield from _commands((*names, name))
+
+
 @pytest.mark.parametrize("page", PAGES)
 def test_commands_in_its_sentences_exist(page: str) -> None:
     for token in MarkdownIt("commonmark").enable("table").parse((ROOT / page).read_text()):

@@ -66,3 +66,16 @@ def test_pages_open_from_disk_on_a_telephone(site: Path, browser: object, name: 
     assert found.page.evaluate("document.documentElement.scrollWidth") <= 375
     found.page.close()
     assert all(url.startswith(("file:", "data:", "blob:")) for url in found.requests)
+
+
+def test_pages_that_are_opened_from_disk_can_be_searched(site: Path, browser: object) -> None:
+    found = WatchedPage(browser, (site / "explanation/physics.html").as_uri())
+    found.page.fill("input[name=query]", "reciprocity")
+    result = found.page.locator(".md-search-result__link").first
+    result.wait_for(state="attached", timeout=30_000)
+    address = str(result.get_attribute("href"))
+    assert found.errors == []
+    found.page.goto(address)
+    assert "reciprocity" in found.page.locator("article").inner_text().lower()
+    found.page.close()
+    assert all(url.startswith(("file:", "data:", "blob:", "about:")) for url in found.requests)

@@ -2,8 +2,8 @@
 const $ = (id) => document.getElementById(id);
 const data = JSON.parse($("data").textContent);
 const state = { board: 0, part: 0, track: "", search: "", sort: null, chosen: null };
-// Okabe and Ito's colours, which colour-blind readers tell apart; symbols and dashes for grey print.
-const COLOURS = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#8a6d00", "#7f7f7f"];
+// Colour-blind readers tell them apart (reports/figures/style.py); symbols and dashes for grey print.
+const COLOURS = data.colours;
 const SYMBOLS = ["circle", "square", "diamond", "cross", "triangle-up", "star", "x", "hexagon"];
 const DASHES = ["solid", "dash", "dot", "dashdot"];
 const OUTSIDE = 255, STEPS = 254;
@@ -142,7 +142,7 @@ function plot(id, label, traces, x, y, more) {
   $(id).setAttribute("aria-label", label);
   const layout = { font: { family: getComputedStyle(document.body).fontFamily, size: 13, color: style("--ink") },
     paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", margin: { l: 60, r: 20, t: 20, b: 50 },
-    xaxis: x, yaxis: y, hoverlabel: { namelength: -1 }, legend: { orientation: "h", y: -0.18, yanchor: "top" }, ...more };
+    xaxis: x, yaxis: y, hoverlabel: { namelength: -1 }, legend: { orientation: "h", y: 1.02, yanchor: "bottom" }, ...more };
   return plotly.then(() => Plotly.react($(id), traces, layout, { displayModeBar: false, responsive: true }));
 }
 
@@ -159,30 +159,27 @@ function drawFrontier() {
   const sign = c.best === "max" ? 1 : -1;
   const front = rows.filter((a) => !rows.some((b) => b !== a && b[time] <= a[time] && sign * b[c.name] >= sign * a[c.name] &&
     (b[time] < a[time] || b[c.name] !== a[c.name]))).sort((a, b) => a[time] - b[time]);
-  const ends = (end, s) => rows.map((row) => typeof row[c.name + end] === "number" ? s * (row[c.name + end] - row[c.name]) : 0);
-  const names = rows.map((row) => escaped(nameOf(row)));
-  // Neighbours in time get their names above and below in turn.
-  const turn = [...rows].sort((a, b) => a[time] - b[time]);
-  const sides = rows.map((row) => turn.indexOf(row) % 2 ? "bottom center" : "top center");
+  const end = (row, name, s) => typeof row[c.name + name] === "number" ? s * (row[c.name + name] - row[c.name]) : 0;
   const traces = [
     { x: front.map((row) => row[time]), y: front.map((row) => row[c.name]), mode: "lines", line: { color: style("--soft"), width: 1, shape: "hv" }, hoverinfo: "skip", showlegend: false },
-    { x: rows.map((row) => row[time]), y: rows.map((row) => row[c.name]), text: names, mode: "markers+text", textposition: sides, textfont: { size: 11 }, showlegend: false,
-      marker: { size: rows.map((row) => nameOf(row) === state.chosen ? 15 : 9), color: rows.map((row) => colour(nameOf(row))), symbol: rows.map((row) => symbol(place(nameOf(row)))), line: { width: 1, color: style("--ink") } },
-      error_y: { type: "data", symmetric: false, array: ends("_high", 1), arrayminus: ends("_low", -1), color: style("--soft"), thickness: 1, width: 3 },
-      hovertemplate: `%{text}<br>${escaped(titleOf(time))} %{x:.3g}<br>${escaped(c.title)} %{y:.4g}<extra></extra>` }];
+    ...rows.map((row) => ({ x: [row[time]], y: [row[c.name]], name: escaped(nameOf(row)), mode: "markers",
+      marker: { size: nameOf(row) === state.chosen ? 15 : 9, color: colour(nameOf(row)), symbol: symbol(place(nameOf(row))), line: { width: 1, color: style("--ink") } },
+      error_y: { type: "data", symmetric: false, array: [end(row, "_high", 1)], arrayminus: [end(row, "_low", -1)], color: style("--soft"), thickness: 1, width: 3 },
+      hovertemplate: `%{fullData.name}<br>${escaped(titleOf(time))} %{x:.3g}<br>${escaped(c.title)} %{y:.4g}<extra></extra>` }))];
   const times = rows.map((row) => row[time]).concat(time === "frame_ms_p50" ? [100] : []);
   const range = [Math.log10(Math.min(...times)) - 0.3, Math.log10(Math.max(...times)) + 0.3];
   const line = time !== "frame_ms_p50" ? {} : {
-    shapes: [{ type: "line", x0: 100, x1: 100, yref: "paper", y0: 0, y1: 1, line: { color: style("--mark"), width: 1, dash: "dash" } }],
-    annotations: [{ x: 2, y: 1, xref: "x", yref: "paper", text: "10 frames/s", showarrow: false, xanchor: "right", yanchor: "bottom", font: { size: 11, color: style("--mark") } }] };
+    shapes: [{ type: "line", x0: 100, x1: 100, yref: "paper", y0: 0, y1: 1, line: { color: style("--mark"), width: 1, dash: "dash" }, name: "10 frames/s", showlegend: true }] };
   plot("frontier", `${c.title} of ${rows.length} methods against the time of a frame`, traces,
     axis(titleOf(time), { type: "log", range, dtick: 1 }), axis(c.title, sign < 0 ? { autorange: "reversed" } : {}), line);
 }
 
 function drawNoise() {
   const of = data.boards.filter((b) => b.suite === board().suite && b.snr_db !== null);
-  $("noise-section").hidden = of.length < 2;
-  if (of.length < 2) return;
+  // Boards of one level differ in something else.
+  const levels = new Set(of.map((b) => b.snr_db)).size;
+  $("noise-section").hidden = levels < 2 || levels < of.length;
+  if ($("noise-section").hidden) return;
   const level = (b) => b.snr_db === "clean" ? Infinity : b.snr_db;
   of.sort((a, b) => level(a) - level(b));
   const names = [...new Set(of.flatMap((b) => b.views[0].rows.map(nameOf)))];
@@ -533,6 +530,8 @@ addEventListener("beforeprint", () => {
   before = document.documentElement.dataset.theme;
   if (before === "dark") changeTheme("light");
 });
+// Plots take the width of the paper.
+matchMedia("print").addEventListener("change", () => document.querySelectorAll(".plot.js-plotly-plot").forEach((p) => Plotly.Plots.resize(p)));
 addEventListener("afterprint", () => { if (before === "dark") changeTheme("dark"); });
 const sensors = [...new Set(data.boards.map((b) => b.sensor).filter(Boolean))];
 options($("sensor"), [["", "all"], ...sensors.map((name) => [name, name])], "");

@@ -7,7 +7,8 @@ import pytest
 
 from eitbench.methods import methods
 from eitbench.methods.registry import operators
-from eitbench.reports.page.bibliography import KEYS, RECORDINGS, bibliography, entries
+from eitbench.reports.page.bibliography import bibliography
+from eitbench.reports.tables.references import KEYS, RECORDINGS, entries
 from eitbench.scenarios.recordings import RECORDED_SETS
 
 NEEDED = {

@@ -8,13 +8,22 @@ from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
+import numpy as np
 import pandas as pd
 import pytest
 from tests.support.made_runs import edited_manifest
 
+from eitbench.benchmark.analysis.results import read_run
 from eitbench.reports.figures.style import STYLE
 from eitbench.reports.page.answer import answer
-from eitbench.reports.page.paper import frontier, noise
+from eitbench.reports.page.images import packed_images, unpacked
+from eitbench.reports.page.paper import (
+    comparison,
+    fastest_for_quality,
+    frontier,
+    noise,
+    paper_figures,
+)
 from eitbench.reports.page.report import to_page, write_report
 from eitbench.reports.page.report_data import overall_views, report_data
 from eitbench.scenarios.errors import DataCorruptError, InputError
@@ -192,18 +201,22 @@ def test_the_page_needs_nothing_else(many: Path) -> None:
 
 def test_files_for_a_paper(many: Path, tmp_path: Path) -> None:
     written = {str(path.relative_to(tmp_path)) for path in write_report([many], tmp_path)}
-    frontier = "figures/frontier-bench-conductivity-set"
+    frontier, grid = (
+        f"figures/{kind}-bench-conductivity-set" for kind in ("frontier", "comparison")
+    )
     assert written == {
         "index.html", "report.json", f"{frontier}.pdf", f"{frontier}.svg", "references.bib",
+        f"{grid}.pdf", f"{grid}.svg",
         "tables/leaderboard.csv", "tables/leaderboard.md", "tables/leaderboard.tex",
     }  # fmt: skip
-    pdf = (tmp_path / f"{frontier}.pdf").read_bytes()
-    assert b"/FontFile2" in pdf  # embedded TrueType
-    assert b"/Type3" not in pdf
-    # 3.5 in, the width of IEEE's column.
-    box = re.search(rb"/MediaBox \[ ?0 0 ([\d.]+)", pdf)
-    assert box is not None
-    assert float(box[1]) == pytest.approx(3.5 * 72)
+    for name in (frontier, grid):
+        pdf = (tmp_path / f"{name}.pdf").read_bytes()
+        assert b"/FontFile2" in pdf  # embedded TrueType
+        assert b"/Type3" not in pdf
+        # 3.5 in, the width of IEEE's column.
+        box = re.search(rb"/MediaBox \[ ?0 0 ([\d.]+)", pdf)
+        assert box is not None
+        assert float(box[1]) == pytest.approx(3.5 * 72)
     table = pd.read_csv(tmp_path / "tables" / "leaderboard.csv")
     assert set(table["method"]) == {"good", "as-good", "poor", NASTY}
     assert "command" not in table
@@ -230,6 +243,65 @@ def test_no_text_of_a_figure_is_cut(many: Path) -> None:
             assert box.x1 <= figure.bbox.x1, text.get_text()
 
 
+@pytest.mark.parametrize("scenario", ["conductivity-set", "position-set"])
+def test_a_comparison_holds_all_methods_and_is_legible_in_a_column(
+    full_run: Path, scenario: str
+) -> None:
+    board = next(b for b in report_data([full_run])["boards"] if b["scenario"] == scenario)
+    images = board["images"]
+    assert images is not None
+    with mpl.rc_context(STYLE):
+        figure = comparison(images)
+        figure.draw_without_rendering()
+    assert figure.get_figwidth() == 3.5
+    *grid, scale = figure.axes
+    titles = [axes.title for axes in grid if axes.get_title()]
+    assert [title.get_text().strip() for title in titles] == images["names"]
+    for text in (*titles, scale.xaxis.label, *scale.get_xticklabels()):
+        assert float(text.get_fontsize()) >= 6
+        box = text.get_window_extent()
+        assert figure.bbox.x0 <= box.x0 < box.x1 <= figure.bbox.x1
+    low, high = scale.get_xlim()
+    assert (low == pytest.approx(-high)) == (scenario == "position-set")  # contrast
+
+
+def test_packed_images_are_those_of_the_run(full_run: Path) -> None:
+    run = read_run(full_run)
+    images = packed_images({"sharp": (run, "sharp")}, "conductivity-set", "score")
+    assert images is not None
+    stored = run.estimates("conductivity-set", "sharp", images["samples"])
+    step = (images["high"] - images["low"]) / 254
+    found = unpacked(images)[images["names"].index("sharp")]
+    inside = ~np.isnan(found)
+    assert inside.any()
+    assert stored is not None
+    clipped = np.clip(stored, images["low"], images["high"])
+    assert np.abs(found - clipped)[inside].max() <= 0.51 * step
+
+
+def test_the_frontier_joins_what_no_other_method_beats(many: Path) -> None:
+    assert fastest_for_quality([(3, 1), (1, 5), (2, 5), (2, 4), (4, 2)]) == [1, 3, 0]
+    (board,) = report_data([many])["boards"]
+    (axes,) = frontier(board).axes
+    line = next(line for line in axes.lines if str(line.get_label()).startswith("no method beats"))
+    rows = board["views"][0]["rows"]
+    costs = [(row["frame_ms_p50"], -row["score"]) for row in rows]
+    assert np.asarray(line.get_xdata()).tolist() == [
+        costs[k][0] for k in fastest_for_quality(costs)
+    ]
+
+
+def test_boards_of_one_noise_level_have_no_figure_against_noise(many: Path) -> None:
+    (board,) = report_data([many])["boards"]
+    at = {level: board | {"snr_db": level} for level in (50.0, 30.0)}
+
+    def stems(boards: list[Any]) -> list[str]:
+        return [stem for stem, _ in paper_figures(boards) if stem.startswith("noise")]
+
+    assert stems([at[50.0], at[50.0]]) == []
+    assert stems([at[50.0], at[30.0]]) == ["noise-bench"]
+
+
 DOCUMENT = r"""\documentclass[twocolumn]{article}
 \usepackage[textwidth=7.16in]{geometry}
 \usepackage{booktabs}
@@ -253,7 +325,7 @@ def test_the_tables_compile_and_fit_the_page(many: Path, full_run: Path, tmp_pat
             [*program, "paper"], cwd=tmp_path, capture_output=True, text=True, check=False
         )
         assert done.returncode == 0, done.stdout
-        assert "Overfull" not in done.stdout
+        assert not re.search("Overfull|Warning--", done.stdout), done.stdout
 
 
 def test_published_claims_stand_in_the_report_of_the_paper_s_suite(build: Any, paper: Any) -> None:

@@ -194,6 +194,31 @@ def test_no_serious_violation_of_accessibility(
     assert [(v["id"], [n["html"] for n in v["nodes"][:3]]) for v in serious] == []
 
 
+OVERLAPS = """() => {
+  const boxes = [...document.querySelectorAll("#frontier text")].filter((text) => text.textContent)
+    .map((text) => [text.textContent, text.getBoundingClientRect()]);
+  const meet = (a, b) => a.left < b.right - 1 && b.left < a.right - 1
+    && a.top < b.bottom - 1 && b.top < a.bottom - 1;
+  return boxes.flatMap(([one, a], k) => boxes.slice(k + 1).filter(([, b]) => meet(a, b))
+    .map(([other]) => [one, other]));
+}"""
+
+
+@pytest.mark.parametrize("width", [375, 1280])
+def test_nothing_overlaps_in_the_plot_of_quality_and_time(opened: Any, width: int) -> None:
+    found = opened(viewport={"width": width, "height": 800})
+    found.page.wait_for_selector("#frontier .legend")
+    legend = found.page.locator("#frontier .legendtext").all_text_contents()
+    assert {"fair", "good", "10 frames/s"} <= set(legend)
+    assert found.page.evaluate(OVERLAPS) == []
+    found.page.emulate_media(media="print")
+    bottom, below = found.page.evaluate(
+        """[document.querySelector("#frontier svg").getBoundingClientRect().bottom,
+        document.querySelector("#frontier").nextElementSibling.getBoundingClientRect().top]"""
+    )
+    assert bottom <= below
+
+
 def test_paper_is_light_and_holds_the_whole_table(opened: Any) -> None:
     found = opened(color_scheme="dark")
     found.page.emulate_media(media="print")

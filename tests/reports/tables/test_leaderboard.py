@@ -1,4 +1,5 @@
 import csv
+import html
 import io
 import json
 import re
@@ -14,10 +15,11 @@ from tests.support.made_runs import edited_manifest
 
 from eitbench.benchmark.metrics.metric_spec import SMALL, TIME
 from eitbench.benchmark.metrics.specs import METRICS
-from eitbench.reports.tables.boards import note, notes
+from eitbench.reports.tables.boards import note, notes, printed_boards
 from eitbench.reports.tables.columns import METHOD_LAYOUT as LAYOUT
 from eitbench.reports.tables.columns import Column
 from eitbench.reports.tables.leaderboard import FORMATS, chosen_columns, ranked_rows, sorted_rows
+from eitbench.reports.tables.references import entries
 from eitbench.scenarios.errors import DataCorruptError, InputError
 
 NASTY = "a|b_<img src=x>$\\%&`\x1b[31m\nend"
@@ -30,6 +32,13 @@ CONTRACT = {
 @pytest.fixture
 def nasty(build: Any, dataset_of: Any) -> list[dict[str, Any]]:
     build.add_scaled(dataset_of("conductivity", 4), {NASTY: 1.0, "plain": 0.5})
+    return ranked_rows([build.write()])
+
+
+@pytest.fixture
+def many_rows(build: Any, dataset_of: Any) -> list[dict[str, Any]]:
+    shares = {"gauss-newton-noser": 0.9, "as-good": 0.9, "poor": 0.5}
+    build.add_scaled(dataset_of("conductivity", 12), shares, noise=0.02)
     return ranked_rows([build.write()])
 
 
@@ -83,15 +92,18 @@ def test_markdown_shows_one_table_per_scenario_with_the_best_in_bold(full_run: P
     text = FORMATS["md"](ranked_rows([full_run]))
     assert text.count("### ") == 4
     tables = dict(part.split("\n", 1) for part in text.split("### ")[1:])
-    assert "SSIM" in tables["bench / conductivity-set"]
-    assert "SSIM" not in tables["bench / position-set"]
+    simulated, pressed, *_ = tables
+    assert simulated == "bench / conductivity-set: SNR 50 dB, 8 test samples"
+    assert pressed == "bench / position-set: 8 test samples"
+    assert "SSIM" in tables[simulated]
+    assert "SSIM" not in tables[pressed]
     assert "Training" not in text
     assert "Run" not in text
     best = min(
         (r for r in ranked_rows([full_run]) if r["scenario"] == "position-set"),
         key=lambda row: float(row["localisation_mm"]),
     )
-    line = next(x for x in tables["bench / position-set"].splitlines() if best["method"] in x)
+    line = next(x for x in tables[pressed].splitlines() if best["method"] in x)
     assert f"**{best['localisation_mm']:.1f}**" in line
 
 
@@ -174,11 +186,11 @@ def test_unlike_data_get_tables_of_their_own(full_run: Path, tmp_path: Path) -> 
         content["data"]["conductivity-set"] = {"hash": "77c0ffee", "n": 8}
     text = FORMATS["html"](ranked_rows([full_run, other]))
     assert re.findall("<caption>(.*)</caption>", text) == [
-        "bench / conductivity-set (n = 8, data 3f2a1b)",
-        "bench / position-set",
-        "bench / classes-set",
-        "bench / none-set",
-        "bench / conductivity-set (n = 8, data 77c0ff)",
+        "bench / conductivity-set (n = 8, data 3f2a1b): SNR 50 dB, 8 test samples",
+        "bench / position-set: 8 test samples",
+        "bench / classes-set: 8 test samples",
+        "bench / none-set: 8 test samples",
+        "bench / conductivity-set (n = 8, data 77c0ff): SNR 50 dB, 8 test samples",
     ]
 
 
@@ -214,7 +226,78 @@ def test_what_is_known_of_recorded_data_stands_below_their_table(
     assert text.count(f"{NOTE}noise between repeats: 0.032%.") == 1
     after = text.index("guessing")
     assert text.index("position-set") < after < text.index("classes-set")
-    assert note([row for row in noted if row["scenario"] == "none-set"]) == ""
+    assert note([row | {"why_not": ""} for row in noted if row["scenario"] == "none-set"]) == ""
+
+
+def test_the_title_names_sensor_noise_samples_and_mesh(build: Any, dataset_of: Any) -> None:
+    build.suite = "bench"
+    run = build.add_scaled(dataset_of("conductivity", 2, scenario="bench"), {"one": 0.5}).write()
+    with edited_manifest(run) as content:
+        content["data"]["bench"] |= {"sensor": "foam16", "inverse_crime": False}
+    (board,) = printed_boards(ranked_rows([run]))
+    assert board.title == (
+        "bench: sensor foam16, SNR 50 dB, 2 test samples, data from another mesh than methods "
+        "invert with"
+    )
+
+
+@pytest.mark.parametrize("form", ["md", "html", "latex", "terminal"])
+def test_few_samples_and_untuned_methods_among_tuned_ones_are_told(
+    build: Any, dataset_of: Any, form: str, printed: Callable[..., str]
+) -> None:
+    build.add_scaled(dataset_of("conductivity", 4), {"chosen": 0.9, "as-it-came": 0.5})
+    rows = ranked_rows([build.write()])
+    assert "not tuned" not in printed(rows, form)
+    mixed = [row | {"track": "tuned" if row["method"] == "chosen" else "default"} for row in rows]
+    said = " ".join(printed(mixed, form).split())
+    assert "no ties: intervals need at least 10 sessions or objects, and here are 4" in said
+    assert "not tuned, beside methods that are: as-it-came" in said
+
+
+@pytest.mark.parametrize("form", ["md", "html", "latex", "terminal"])
+def test_letters_and_directions_are_explained(
+    many_rows: list[dict[str, Any]], form: str, printed: Callable[..., str]
+) -> None:
+    said = " ".join(html.unescape(printed(many_rows, form, 300)).split())
+    more, less = ("$\\uparrow$", "$\\downarrow$") if form == "latex" else ("↑", "↓")
+    assert re.search(rf"{re.escape(more)} more is better: S, [^;]*SSIM", said)
+    assert re.search(rf"{re.escape(less)} less is better: [^;]*RIE", said)
+    assert "S: 0.25 (SSIM + CC + PSNR - RIE)" in said
+    assert "Ties: methods that share a letter cannot be told apart" in said
+
+
+@pytest.mark.parametrize("width", [60, 80, 100, 400])
+def test_columns_that_do_not_fit_a_terminal_are_named(
+    many_rows: list[dict[str, Any]], width: int, printed: Callable[..., str]
+) -> None:
+    text = printed(many_rows, "terminal", width)
+    heads, said = text[: text.index("───")], " ".join(text.split())
+    hidden = re.search(r"Hidden at this width: (.*?): a wider terminal shows them\.", said)
+    names = hidden[1].split(", ") if hidden else []
+    shown = [name for name in ("S", "B", "CC", "RIE", "PSNR", "Track") if f" {name} " in heads]
+    assert sorted({"S", "B", "CC", "RIE", "PSNR", "Track"} - {*shown}) == sorted(
+        {"S", "B", "CC", "RIE", "PSNR", "Track"} & {*names}
+    )
+    assert (hidden is None) == (width == 400)
+    assert "In files only: p99 [ms], " in said
+    assert "`eitbench leaderboard RUN --format md`" in said
+
+
+def test_latex_has_a_label_arrows_and_keys_of_the_bibliography(
+    full_run: Path, build: Any, dataset_of: Any
+) -> None:
+    build.add_scaled(dataset_of("conductivity", 12), {"noser": 0.9, "mine": 0.5, "phydnn": 0.7})
+    text = FORMATS["latex"](ranked_rows([build.write(), full_run]))
+    labels = re.findall(r"\\label\{(.*)\}", text)
+    assert labels[0].startswith("tab:bench-conductivity-set")
+    assert len(set(labels)) == len(labels) == text.count("\\begin{table*}")
+    assert "& S $\\uparrow$ & " in text
+    assert "& RIE $\\downarrow$ & " in text
+    assert "12 test samples" in text
+    assert "mine & " in text
+    cited = set(re.findall(r"\\cite\{(.*?)\}", text))
+    assert cited == {"eitbench", "cheney1990", "phydnn"}
+    assert cited <= set(entries())
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,70 @@
+"""References by key: what methods, operators and recordings come from, and tables cite."""
+
+import re
+from importlib.resources import files
+
+KEYS = {
+    "back-projection": "kotre1989",
+    "coarse-to-fine": "hamilton2018",
+    "dip": "liu2023",
+    "dnn": "phydnn",
+    "eidors-greit": "adler2006",
+    "eidors-noser": "adler2006",
+    "eidors-tv-pdipm": "adler2006",
+    "gauss-newton-noser": "yorkey1987",
+    "gauss-newton-tv": "borsic2010",
+    "greit": "adler2009",
+    "laplacian": "polydorides2002",
+    "learned-gn": "adler2017",
+    "linear-learned": "hoerl1970",
+    "linear-touch": "hoerl1970",
+    "noser": "cheney1990",
+    "phydnn": "phydnn",
+    "pyeit-bp": "liu2018",
+    "pyeit-greit": "liu2018",
+    "pyeit-jac": "liu2018",
+    "tikhonov": "vauhkonen1998",
+    "tv": "borsic2010",
+    "fem": "somersalo1992",
+    "jacobian": "geselowitz1971",
+    "surrogate": "phydnn",
+}
+"""The entry of each method and operator of ours."""
+RECORDINGS = {
+    **dict.fromkeys(
+        (
+            "ohmc16", "ohmc8", "hydrogel-multitouch", "hydrogel-rectangle", "hydrogel-fixed",
+            "hydrogel-repeats",
+        ),
+        "hardman2023",
+    ),
+    "ktc2023": "ktc2023",
+    "sciospec-tank": "sciospec2025",
+    **dict.fromkeys(
+        ("jku-tank-adjacent", "jku-tank-diagonal", "jku-tank-hybrid", "jku-tank-opposite"),
+        "hofer2024",
+    ),
+    "pyeidors-tank": "pyeidors2026",
+}  # fmt: skip
+"""The entry of each public recording."""
+
+SELF = "eitbench"
+
+
+def reference(method: str) -> str:
+    """What a method comes from in words: authors, title, journal and year; "" where unknown."""
+    entry = entries().get(KEYS.get(method, ""), "")
+    fields = dict(re.findall(r"^  (\w+) = \{(.*)\},?$", entry, re.MULTILINE))
+    first, *others = fields.get("author", "").split(" and ")
+    author = f"{first.split(',')[0]} et al." if others else first.split(",")[0]
+    where = (fields.get(name) for name in ("title", "journal", "booktitle", "year"))
+    return re.sub(r"[{}\\]", "", ", ".join(part for part in (author, *where) if part))
+
+
+def entries() -> dict[str, str]:
+    """All entries by key."""
+    text = files("eitbench.reports.tables").joinpath("references.bib").read_text(encoding="utf-8")
+    return {
+        match[1]: match[0].strip()
+        for match in re.finditer(r"^@\w+\{(\w+),.*?^\}$", text, re.MULTILINE | re.DOTALL)
+    }
