@@ -268,6 +268,39 @@ def _four(row: Mapping[str, float]) -> list[str]:
     ]  # fmt: skip
 
 
+def _peers_quick() -> str:
+    """Return figures on simulated touches, and the localisation error of real presses."""
+    stored = pd.read_csv(STUDIES / "peers" / "quick.csv")
+    touches = stored[stored["scenario"] == "quick"].sort_values("score", ascending=False)
+    presses = stored[stored["scenario"] == "ohmc16"].set_index("method")
+    columns = {
+        "group": ("Ties", ""), "score": ("S", ".3f"), "ssim": ("SSIM", ".3f"), "cc": ("CC", ".3f"),
+        "rie": ("RIE", ".4f"), "psnr": ("PSNR [dB]", ".2f"),
+    }  # fmt: skip
+    rows = []
+    for row in touches.to_dict("records"):
+        press = presses.loc[row["method"]]
+        rows.append([
+            f"`{row['method']}`", *(format(row[name], form) for name, (_, form) in columns.items()),
+            f"{press['localisation_mm']:.1f}", press["group"],
+        ])  # fmt: skip
+    heads = ["method", *(heading for heading, _ in columns.values()), "`ohmc16` [mm]", "Ties"]
+    return _table(heads, rows)
+
+
+def _peers_noise() -> str:
+    """Return the mean S at each level of noise."""
+    score = pd.read_csv(STUDIES / "peers" / "noise.csv").pivot_table(
+        index="method", columns="scenario", values="score"
+    )
+    levels = [name for name in _SCENARIOS if name in score]
+    rows = [
+        [f"`{method}`", *(f"{value:.3f}" for value in row)]
+        for method, row in score[levels].sort_values("noise-50db", ascending=False).iterrows()
+    ]
+    return _table(["S", *(_SCENARIOS[name] for name in levels)], rows)
+
+
 TABLES: dict[str, Callable[[], str]] = {
     "generators": partial(_generators, 1, 2, form=".2f"),
     "noise and unseen shapes": partial(_generators, 2, form=".1f"),
@@ -294,6 +327,8 @@ TABLES: dict[str, Callable[[], str]] = {
     "rungs": _rungs,
     "ladder": _ladder,
     "operators": _operators,
+    "peers on quick": _peers_quick,
+    "peers with noise": _peers_noise,
 }  # fmt: skip
 
 

@@ -63,7 +63,7 @@ def missing() -> str:
         return f"{first} there is no program `mkoctfile` on the path: install octave-dev."
     if not os.access(folder / "arch", os.W_OK):
         return f"{first} {folder} cannot be written to: name a copy of yours in {FOLDER}."
-    return f"{first} it was not yet: octave --eval \"run('{folder / 'startup.m'}')\""
+    return f"{first} it never was: start it with octave --eval \"run('{folder / 'startup.m'}')\"."
 
 
 class Octave:
@@ -302,8 +302,8 @@ class EidorsGreit(LinearEidors):
         "weight": (0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0),
         "radius": (0.05, 0.1, 0.15, 0.2, 0.25),
     }
-    radius: float = 0.15
-    weight: float = 10.0
+    radius: float = 0.1
+    weight: float = 30.0
 
     def prepare(self, problem: Problem) -> None:
         """Choose the targets."""

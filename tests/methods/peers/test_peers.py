@@ -391,7 +391,7 @@ def test_what_is_missing_and_how_to_get_it(
     mkoctfile.write_text("#!/bin/sh\n")
     mkoctfile.chmod(0o755)
     start = tmp_path / "startup.m"
-    assert missing().endswith(f"""it was not yet: octave --eval "run('{start}')\"""")
+    assert missing().endswith(f"""it never was: start it with octave --eval "run('{start}')".""")
     with monkeypatch.context() as patched:  # a mode would not keep root out
         patched.setattr("os.access", lambda path, mode: mode != os.W_OK)
         assert missing().endswith(f"cannot be written to: name a copy of yours in {FOLDER}.")
