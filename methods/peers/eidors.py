@@ -300,7 +300,7 @@ class EidorsGreit(LinearEidors):
     algorithm: ClassVar[str] = "greit"
     search: ClassVar = {
         "weight": (0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0),
-        "radius": (0.05, 0.1, 0.15, 0.2, 0.25),
+        "radius": (0.03, 0.05, 0.1, 0.15, 0.2, 0.25),
     }
     radius: float = 0.1
     weight: float = 30.0
@@ -336,7 +336,7 @@ class EidorsTvPdipm(Eidors):
     algorithm: ClassVar[str] = "tv-pdipm"
     mesh_across: ClassVar[int] = 12  # a frame of 24 takes five times as long, or more
     search: ClassVar = {"hyperparameter": (1e-7, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2)}
-    hyperparameter: float = 1e-4
+    hyperparameter: float = 1e-3
     iterations: int = 10
 
     def parameters(self) -> dict[str, Any]:
