@@ -80,7 +80,7 @@ class Octave:
 
         Raises:
             EitbenchError: Octave or EIDORS is missing, fails, takes longer than `limit_s`, or
-                answers something else. The next question starts Octave anew.
+                answers something else. Where it has ended, the next question starts it anew.
         """
         if self._process is None:
             self._start(limit_s)
@@ -131,7 +131,7 @@ class Octave:
         timer = threading.Timer(limit_s, process.kill)
         timer.start()
         try:
-            if any(line == f"eitbench: {word}\n" for line in process.stdout):
+            if any(line.endswith(f"eitbench: {word}\n") for line in process.stdout):
                 return
         finally:
             timer.cancel()
