@@ -268,7 +268,7 @@ def _four(row: Mapping[str, float]) -> list[str]:
     ]  # fmt: skip
 
 
-def _peers_quick() -> str:
+def _peers() -> str:
     """Return figures on simulated touches, and the localisation error of real presses."""
     stored = pd.read_csv(STUDIES / "peers" / "quick.csv")
     touches = stored[stored["scenario"] == "quick"].sort_values("score", ascending=False)
@@ -279,26 +279,14 @@ def _peers_quick() -> str:
     }  # fmt: skip
     rows = []
     for row in touches.to_dict("records"):
-        press = presses.loc[row["method"]]
-        rows.append([
-            f"`{row['method']}`", *(format(row[name], form) for name, (_, form) in columns.items()),
-            f"{press['localisation_mm']:.1f}", press["group"],
-        ])  # fmt: skip
+        name = row["method"]
+        figures = [format(row[column], form) for column, (_, form) in columns.items()]
+        pressed = ["", ""]  # not run
+        if name in presses.index:
+            pressed = [f"{presses['localisation_mm'][name]:.1f}", presses["group"][name]]
+        rows.append([f"`{name}`", *figures, *pressed])
     heads = ["method", *(heading for heading, _ in columns.values()), "`ohmc16` [mm]", "Ties"]
     return _table(heads, rows)
-
-
-def _peers_noise() -> str:
-    """Return the mean S at each level of noise."""
-    score = pd.read_csv(STUDIES / "peers" / "noise.csv").pivot_table(
-        index="method", columns="scenario", values="score"
-    )
-    levels = [name for name in _SCENARIOS if name in score]
-    rows = [
-        [f"`{method}`", *(f"{value:.3f}" for value in row)]
-        for method, row in score[levels].sort_values("noise-50db", ascending=False).iterrows()
-    ]
-    return _table(["S", *(_SCENARIOS[name] for name in levels)], rows)
 
 
 TABLES: dict[str, Callable[[], str]] = {
@@ -327,8 +315,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "rungs": _rungs,
     "ladder": _ladder,
     "operators": _operators,
-    "peers on quick": _peers_quick,
-    "peers with noise": _peers_noise,
+    "peers": _peers,
 }  # fmt: skip
 
 
