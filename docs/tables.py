@@ -268,6 +268,27 @@ def _four(row: Mapping[str, float]) -> list[str]:
     ]  # fmt: skip
 
 
+def _peers() -> str:
+    """Return figures on simulated touches, and the localisation error of real presses."""
+    stored = pd.read_csv(STUDIES / "peers" / "quick.csv")
+    touches = stored[stored["scenario"] == "quick"].sort_values("score", ascending=False)
+    presses = stored[stored["scenario"] == "ohmc16"].set_index("method")
+    columns = {
+        "group": ("Ties", ""), "score": ("S", ".3f"), "ssim": ("SSIM", ".3f"), "cc": ("CC", ".3f"),
+        "rie": ("RIE", ".4f"), "psnr": ("PSNR [dB]", ".2f"),
+    }  # fmt: skip
+    rows = []
+    for row in touches.to_dict("records"):
+        name = row["method"]
+        figures = [format(row[column], form) for column, (_, form) in columns.items()]
+        pressed = ["", ""]  # not run
+        if name in presses.index:
+            pressed = [f"{presses['localisation_mm'][name]:.1f}", presses["group"][name]]
+        rows.append([f"`{name}`", *figures, *pressed])
+    heads = ["method", *(heading for heading, _ in columns.values()), "`ohmc16` [mm]", "Ties"]
+    return _table(heads, rows)
+
+
 TABLES: dict[str, Callable[[], str]] = {
     "generators": partial(_generators, 1, 2, form=".2f"),
     "noise and unseen shapes": partial(_generators, 2, form=".1f"),
@@ -294,6 +315,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "rungs": _rungs,
     "ladder": _ladder,
     "operators": _operators,
+    "peers": _peers,
 }  # fmt: skip
 
 

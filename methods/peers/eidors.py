@@ -6,10 +6,14 @@ import os
 import shutil
 import subprocess
 import tempfile
+import threading
+import time
+import weakref
 from abc import abstractmethod
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
-from importlib.resources import as_file, files
+from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -32,67 +36,133 @@ FOLDER = "EITBENCH_EIDORS"
 """The environment variable that names EIDORS' folder, the one that holds `startup.m`."""
 
 LIMIT_S = 600.0
+BRIDGE = "eidors_bridge.m"
 _LONGEST_REASON = 300
 
 
 def missing() -> str:
-    """Return what is missing to run EIDORS, as a sentence; "" where nothing is."""
+    """Return what is missing to run EIDORS, and how to get it, as a sentence; "" if nothing is."""
     if shutil.which("octave") is None:
-        return "EIDORS is run in GNU Octave, and there is no program `octave` on the path."
-    folder = os.environ.get(FOLDER, "")
-    if not folder or not (Path(folder) / "startup.m").is_file():
+        return (
+            "EIDORS is run in GNU Octave, and there is no program `octave` on the path: install "
+            "the packages octave and octave-dev."
+        )
+    name = os.environ.get(FOLDER, "")
+    folder = Path(name).resolve()
+    if not name or not (folder / "startup.m").is_file():
         return (
             f"EIDORS is run from the folder that the environment variable {FOLDER} names, and "
-            f"{'that folder holds no startup.m' if folder else 'it is not set'}."
+            f"{'that folder holds no startup.m' if name else 'it is not set'}: get EIDORS with "
+            "`git clone https://github.com/eidors3d/eidors-readonly`, and name its folder eidors."
         )
-    return ""
+    # Not left to the first question: in a run Octave can write to a temporary folder alone.
+    if any((folder / "arch").rglob("eidors_var_id.mex")):
+        return ""
+    first = "EIDORS compiles a function into its folder when it is started first, and"
+    if shutil.which("mkoctfile") is None:
+        return f"{first} there is no program `mkoctfile` on the path: install octave-dev."
+    if not os.access(folder / "arch", os.W_OK):
+        return f"{first} {folder} cannot be written to: name a copy of yours in {FOLDER}."
+    return f"{first} it never was: start it with octave --eval \"run('{folder / 'startup.m'}')\"."
 
 
-def ask_eidors(request: Mapping[str, Any], limit_s: float = LIMIT_S) -> tuple[Array, Array]:
-    """The points (P, 2) [m] and contrasts (P, n) that EIDORS answers to `request`.
+class Octave:
+    """GNU Octave with EIDORS, which answers the questions that `eidors_bridge.m` describes.
 
-    What a request holds is said in `eidors_bridge.m`, which answers it.
-
-    Raises:
-        EitbenchError: Octave or EIDORS is missing, fails, takes longer than `limit_s`, or answers
-            something else.
+    The first question starts it. It ends with `close`, a failure, or this object.
     """
-    if why := missing():
-        raise EitbenchError(why)
-    with (
-        tempfile.TemporaryDirectory() as name,
-        as_file(files("eitbench.methods.peers") / "eidors_bridge.m") as script,
-    ):
-        question, answer = Path(name) / "request.mat", Path(name) / "answer.mat"
-        scipy.io.savemat(question, dict(request), oned_as="column")
-        command = [
-            "octave", "--no-gui", "--quiet", "--norc", str(script), os.environ[FOLDER],
-            str(question), str(answer),
-        ]  # fmt: skip
-        try:
-            done = subprocess.run(
+
+    def __init__(self) -> None:
+        self._process: subprocess.Popen[str] | None = None
+
+    def ask(self, request: Mapping[str, Any], limit_s: float = LIMIT_S) -> tuple[Array, Array]:
+        """The points (P, 2) [m] and contrasts (P, n) that EIDORS answers to `request`.
+
+        Raises:
+            EitbenchError: Octave or EIDORS is missing, fails, takes longer than `limit_s`, or
+                answers something else. Where it has ended, the next question starts it anew.
+        """
+        if self._process is None:
+            self._start(limit_s)
+        assert self._process is not None
+        assert self._process.stdin is not None
+        folder = Path(self._folder.name)
+        scipy.io.savemat(folder / "request.mat", dict(request), oned_as="column")
+        with suppress(BrokenPipeError):  # it has ended: `_wait` says why
+            self._process.stdin.write("?")
+            self._process.stdin.flush()
+        self._wait("answered", limit_s)
+        return _read_answer(folder / "answer.mat", np.shape(request["frames"])[1])
+
+    def close(self) -> None:
+        """End Octave."""
+        if self._process is not None:
+            _end(self._process)
+            self._process = None
+
+    def _start(self, limit_s: float) -> None:
+        """Start Octave and EIDORS, and wait until they are ready."""
+        if why := missing():
+            raise EitbenchError(why)
+        self._folder = tempfile.TemporaryDirectory()
+        folder = Path(self._folder.name)
+        (folder / BRIDGE).write_bytes((files("eitbench.methods.peers") / BRIDGE).read_bytes())
+        eidors = Path(os.environ[FOLDER]).resolve()
+        command = ["octave", "--no-gui", "--quiet", "--norc", BRIDGE, str(eidors)]
+        with (folder / "errors.txt").open("w") as errors:
+            self._process = subprocess.Popen(
                 command,
-                cwd=name,
-                stdin=subprocess.DEVNULL,
-                capture_output=True,
+                cwd=folder,
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=errors,
                 text=True,
                 errors="replace",
-                timeout=limit_s,
-                check=False,
             )
-        except subprocess.TimeoutExpired as error:
-            raise EitbenchError(f"EIDORS took more than {limit_s:g} s.") from error
-        if done.returncode != 0 or not answer.is_file():
-            reason = " ".join(done.stderr.split())[-_LONGEST_REASON:] or "it says no more"
-            raise EitbenchError(f"Octave ended with code {done.returncode}: {reason}")
+        weakref.finalize(self, _end, self._process)
+        self._wait("ready", limit_s)
+
+    def _wait(self, word: str, limit_s: float) -> None:
+        """Wait until the bridge says that it is `word`."""
+        process = self._process
+        assert process is not None
+        assert process.stdout is not None
+        latest = time.monotonic() + limit_s
+        timer = threading.Timer(limit_s, process.kill)
+        timer.start()
         try:
-            content = scipy.io.loadmat(str(answer), variable_names=["points", "values"])
-            points, values = (np.asarray(content[k], np.float64) for k in ("points", "values"))
-        except (KeyError, OSError, TypeError, ValueError) as error:
-            raise EitbenchError(
-                f"EIDORS' answer does not hold points and values: {type(error).__name__}."
-            ) from error
-    n = np.shape(request["frames"])[1]
+            if any(line.endswith(f"eitbench: {word}\n") for line in process.stdout):
+                return
+        finally:
+            timer.cancel()
+        late = time.monotonic() >= latest
+        self.close()
+        if late:
+            raise EitbenchError(f"EIDORS took more than {limit_s:g} s.")
+        said = (Path(self._folder.name) / "errors.txt").read_text(errors="replace")
+        reason = " ".join(said.split())[-_LONGEST_REASON:] or "it says no more"
+        raise EitbenchError(f"Octave ended with code {process.returncode}: {reason}")
+
+
+def _end(process: subprocess.Popen[str]) -> None:
+    """End a process, and wait until it has ended."""
+    process.kill()
+    process.communicate()
+
+
+def _read_answer(path: Path, n: int) -> tuple[Array, Array]:
+    """Return the points (P, 2) and values (P, n) of an answer.
+
+    Raises:
+        EitbenchError: it holds something else.
+    """
+    try:
+        content = scipy.io.loadmat(str(path), variable_names=["points", "values"])
+        points, values = (np.asarray(content[k], np.float64) for k in ("points", "values"))
+    except (KeyError, OSError, TypeError, ValueError) as error:
+        raise EitbenchError(
+            f"EIDORS' answer does not hold points and values: {type(error).__name__}."
+        ) from error
     expected = ((len(points), 2), (len(points), n))
     finite = np.isfinite(points).all() and np.isfinite(values).all()
     if (points.shape, values.shape) != expected or not finite:
@@ -104,17 +174,16 @@ def ask_eidors(request: Mapping[str, Any], limit_s: float = LIMIT_S) -> tuple[Ar
 
 
 # EIDORS' solvers treat every element as an unknown, in dense matrices: a mesh for them is coarse.
-MESH_ACROSS = 24
 GREIT_PIXELS = 32
 TARGETS_ACROSS = 32
 TARGET_RADIUS = 0.05  # of the sensor's longer side
 DIFFERS = "run by EIDORS in Octave on a coarser mesh of linear triangles"
 
 
-def eidors_mesh(sensor: Sensor) -> Mesh:
-    """Triangles about 1/24 of the sensor's longer side long, with nodes at electrode ends."""
+def eidors_mesh(sensor: Sensor, across: int) -> Mesh:
+    """Triangles about 1/`across` of the sensor's longer side, with nodes at electrode ends."""
     height, width = sensor.image_shape
-    scale = MESH_ACROSS / max(height, width)
+    scale = across / max(height, width)
     shape = max(2, round(height * scale)), max(2, round(width * scale))
     return triangle_mesh(replace(sensor, image_shape=shape))
 
@@ -137,6 +206,7 @@ class Eidors(Peer):
     """Base of EIDORS' methods; a subclass says which algorithm with which parameters."""
 
     algorithm: ClassVar[str]
+    mesh_across: ClassVar[int] = 24
     source: ClassVar[str] = "Adler and Lionheart (EIDORS), Physiol. Meas. 27(5), 2006"
     differs = DIFFERS
 
@@ -148,7 +218,7 @@ class Eidors(Peer):
     def prepare(self, problem: Problem) -> None:
         """Describe the sensor to EIDORS."""
         sensor = problem.sensor
-        mesh = eidors_mesh(sensor)
+        mesh = eidors_mesh(sensor, self.mesh_across)
         self.differs = f"{DIFFERS} ({len(mesh.elements)})"
         # A background of b S/m behaves as one of 1 S/m if contact impedances are b times as large.
         impedances = [e.contact_impedance * sensor.background for e in sensor.electrodes]
@@ -161,6 +231,7 @@ class Eidors(Peer):
             "reference": self.unit_frames(problem.background_voltages),
         }
         self._inside = pixels_inside(problem)
+        self._octave = Octave()
 
     @abstractmethod
     def parameters(self) -> dict[str, Any]:
@@ -168,7 +239,7 @@ class Eidors(Peer):
 
     def ask(self, difference: Array) -> Array:
         """Contrast (n, P) of pixels from signed differences (n, M), by EIDORS."""
-        points, values = ask_eidors(
+        points, values = self._octave.ask(
             {
                 **self._sensor,
                 "algorithm": self.algorithm,
@@ -186,6 +257,7 @@ class LinearEidors(Eidors):
         """Ask EIDORS for the images of frames in which one value differs."""
         super().prepare(problem)
         self._matrix = self.ask(np.eye(problem.sensor.n_measurements))
+        self._octave.close()
 
     def contrast(self, difference: Array, reference: Array) -> Array:
         """See `Peer`."""
@@ -227,11 +299,11 @@ class EidorsGreit(LinearEidors):
 
     algorithm: ClassVar[str] = "greit"
     search: ClassVar = {
-        "weight": (0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0),
-        "radius": (0.1, 0.15, 0.2, 0.25),
+        "weight": (0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0),
+        "radius": (0.03, 0.05, 0.1, 0.15, 0.2, 0.25),
     }
-    radius: float = 0.2
-    weight: float = 0.3
+    radius: float = 0.1
+    weight: float = 30.0
 
     def prepare(self, problem: Problem) -> None:
         """Choose the targets."""
@@ -254,7 +326,7 @@ class EidorsGreit(LinearEidors):
 class EidorsTvPdipm(Eidors):
     """EIDORS' total variation: inv_solve_TV_pdipm with prior_TV.
 
-    Octave is started for every batch of frames, which their times hold.
+    Octave is started in set-up, and asked for every batch of frames.
 
     Attributes:
         hyperparameter: EIDORS' weight of the total variation.
@@ -262,8 +334,9 @@ class EidorsTvPdipm(Eidors):
     """
 
     algorithm: ClassVar[str] = "tv-pdipm"
+    mesh_across: ClassVar[int] = 12  # a frame of 24 takes five times as long, or more
     search: ClassVar = {"hyperparameter": (1e-7, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2)}
-    hyperparameter: float = 1e-4
+    hyperparameter: float = 1e-3
     iterations: int = 10
 
     def parameters(self) -> dict[str, Any]:

@@ -1,8 +1,12 @@
-% One EIDORS reconstruction for eitbench, in GNU Octave.
+% EIDORS reconstructions for eitbench, in GNU Octave.
 %
-%   octave --no-gui --quiet --norc eidors_bridge.m EIDORS-FOLDER REQUEST.mat ANSWER.mat
+%   octave --no-gui --quiet --norc eidors_bridge.m EIDORS-FOLDER
 %
-% REQUEST.mat holds (lengths in m, electrodes and nodes counted from 1, background 1 S/m):
+% says `eitbench: ready` when EIDORS has been started. Then every byte of its input asks for an answer
+% to request.mat in the current folder. It says `eitbench: answered` once answer.mat is there, and ends
+% with its input.
+%
+% request.mat holds (lengths in m, electrodes and nodes counted from 1, background 1 S/m):
 %   algorithm          'noser', 'greit' or 'tv-pdipm'
 %   parameters         struct, see `difference_model` and `greit`
 %   nodes              N x 2
@@ -12,7 +16,7 @@
 %   pattern            M x 4 src, sink, a, b: +1 A into src, -1 A out of sink, V = U(a) - U(b)
 %   reference          M x 1 [V] the reference frame
 %   frames             M x n [V]
-% ANSWER.mat gets
+% answer.mat gets
 %   points             P x 2 where the contrast is estimated
 %   values             P x n contrast
 
@@ -85,33 +89,56 @@ function [points, values] = greit (r, fmdl)
   if columns (vi) != columns (targets)
     error ('eitbench: EIDORS left training targets out.');
   end
-  options.normalize = 0;
-  options.imgsz = r.parameters.imgsz;
   low = min (r.nodes);
   high = max (r.nodes);
-  options.meshsz = [low(1), high(1), low(2), high(2)];
+  n = r.parameters.imgsz;
+  options.normalize = 0;
   options.desired_solution_fn = 'GREIT_desired_img_original';
+  options.rec_model = mk_grid_model ([], linspace (low(1), high(1), n(1) + 1), ...
+                                     linspace (low(2), high(2), n(2) + 1));
+  options.rec_model.inside = [];  % all pixels
   matrix = calc_GREIT_RM (vh, vi, targets(1:2, :), r.parameters.radius, r.parameters.weight, options);
   values = matrix * (r.frames - r.reference);
-  [x, y] = ndgrid (linspace (low(1), high(1), options.imgsz(1)), ...
-                   linspace (low(2), high(2), options.imgsz(2)));
+  [x, y] = ndgrid (linspace (low(1), high(1), n(1)), linspace (low(2), high(2), n(2)));
   points = [x(:), y(:)];
 end
 
-arguments = argv ();
-[folder, request, answer] = deal (arguments{end - 2:end});
-run (fullfile (folder, 'startup.m'));
-eidors_msg ('log_level', 0);
-r = load (request);
-fmdl = forward_model (r);
-if strcmp (r.algorithm, 'greit')
-  [points, values] = greit (r, fmdl);
-else
-  img = inv_solve (difference_model (r, fmdl), r.reference, r.frames);
-  values = img.elem_data;
-  points = (r.nodes(r.elements(:, 1), :) + r.nodes(r.elements(:, 2), :) ...
-            + r.nodes(r.elements(:, 3), :)) / 3;
+function answer (r)
+  % Reconstruct the frames of the request.
+  fmdl = forward_model (r);
+  if strcmp (r.algorithm, 'greit')
+    [points, values] = greit (r, fmdl);
+  else
+    img = inv_solve (difference_model (r, fmdl), r.reference, r.frames);
+    values = img.elem_data;
+    points = (r.nodes(r.elements(:, 1), :) + r.nodes(r.elements(:, 2), :) ...
+              + r.nodes(r.elements(:, 3), :)) / 3;
+  end
+  points = full (points);
+  values = full (real (values));
+  save ('-v7', 'answer.mat', 'points', 'values');
 end
-points = full (points);
-values = full (real (values));
-save ('-v7', answer, 'points', 'values');
+
+function say (word)
+  printf ("eitbench: %s\n", word);
+  fflush (stdout);
+end
+
+function reply = input (varargin)
+  % EIDORS asks whether to compile again, of a terminal; the lines here are for us.
+  reply = 'n';
+end
+
+try
+  folder = argv (){end};
+  run (fullfile (folder, 'startup.m'));
+  eidors_msg ('log_level', 0);
+  say ('ready');
+  while ! isempty (fread (stdin, 1))  % fgetl would wait for the line after
+    answer (load ('request.mat'));
+    say ('answered');
+  end
+catch failure
+  fprintf (stderr, "%s: %s\n", failure.stack(1).name, failure.message);
+  exit (1);
+end

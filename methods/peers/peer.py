@@ -15,6 +15,7 @@ from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.physics.forward import forward_model
 from eitbench.scenarios.sensors.outlines import Outline
 from eitbench.scenarios.sensors.patterns import DrivePattern
+from eitbench.scenarios.sensors.symmetry import motions
 
 # The scale is found on discs of this radius (of the sensor's longer side), on a square lattice of
 # this many across, each with this multiple of the background's conductivity.
@@ -75,14 +76,14 @@ class Peer(Method):
     def _calibrated(self) -> float:
         """The least-squares factor from what the software returns for discs to the discs."""
         problem = self._problem
-        discs = calibration_discs(problem)
+        discs, alike = calibration_discs(problem)
         model = problem.model
         frames = model.voltages(problem.background * np.where(discs, DISC_FACTOR, 1.0))
         untouched = problem.background_voltages
         found = self.contrast(self.unit_frames(frames - untouched), self.unit_frames(untouched))
         true = np.where(discs[:, problem.mask], DISC_FACTOR - 1, 0.0)
-        energy = float(np.sum(found**2))
-        scale = float(np.sum(true * found)) / energy if energy > 0 else 0.0
+        energy = float(alike @ np.sum(found**2, axis=1))
+        scale = float(alike @ np.sum(true * found, axis=1)) / energy if energy > 0 else 0.0
         if not scale > 0:
             raise InputError(
                 f"What the peer returns for simulated contacts on sensor {problem.sensor.name!r} "
@@ -103,13 +104,22 @@ def reference_signs(problem: Problem) -> Array:
     return np.sign(signed.voltages(signed.background))
 
 
-def calibration_discs(problem: Problem) -> NDArray[np.bool_]:
-    """(k, H, W): the pixels of each disc whose centre lies inside the sensor."""
+def calibration_discs(problem: Problem) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
+    """The pixels (k, H, W) of each disc whose centre lies inside the sensor, and counts (k,).
+
+    Of discs that a symmetry of the sensor moves onto one another there is one, and their count:
+    what is returned for them differs as little as the other software's mesh is asymmetric.
+    """
     sensor = problem.sensor
     cx, cy, side = lattice(sensor.outline, DISCS_ACROSS)
     x, y = sensor.pixel_centres
     apart = np.hypot(x - cx[:, None, None], y - cy[:, None, None])
-    return np.asarray((apart < DISC_RADIUS * side) & sensor.mask)
+    discs = (apart < DISC_RADIUS * side) & sensor.mask
+    moved = [motion.images(discs) for motion in motions(sensor, problem.jacobian)]
+    orbits = zip(discs, *moved, strict=True)
+    names = [min(image.tobytes() for image in orbit) for orbit in orbits]
+    _, first, counts = np.unique(names, return_index=True, return_counts=True)
+    return discs[first], counts
 
 
 def lattice(outline: Outline, across: int) -> tuple[Array, Array, float]:

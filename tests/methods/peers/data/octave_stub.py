@@ -2,7 +2,8 @@
 
 It knows nothing of eitbench. Its finite elements are written anew from the request's format: a
 wrong order of measurements, sign, electrode or axis shows in what it answers. STUB_LOG names a file
-(.npz) for what it was asked and the voltages that it finds; STUB_FAULT makes it fail.
+(.npz) for what it was asked and the voltages that it finds; starts.txt beside it gets a line at
+each start. STUB_FAULT makes it fail, or answer zeros.
 """
 
 import os
@@ -21,24 +22,37 @@ Pair = tuple[Index, Index]
 
 
 def main(arguments: list[str]) -> None:
-    options, (script, eidors, request, answer) = arguments[:-4], arguments[-4:]
+    options, (script, eidors) = arguments[:-2], arguments[-2:]
+    assert (Path(eidors) / "startup.m").is_file()
+    assert Path(script).name == "eidors_bridge.m"
+    assert Path(script).is_file()
+    if "STUB_LOG" in os.environ:
+        with Path(os.environ["STUB_LOG"]).with_name("starts.txt").open("a") as starts:
+            starts.write("started\n")
+    print("EIDORS:[Installed]", "eitbench: ready", sep="\n", flush=True)
+    while sys.stdin.read(1):
+        answer(Path("request.mat"), Path("answer.mat"), options)
+        print("eitbench: answered", flush=True)
+
+
+def answer(request: Path, answer: Path, options: list[str]) -> None:
     fault = os.environ.get("STUB_FAULT", "")
     if fault == "slow":
         time.sleep(60)
     if fault == "error":
         sys.exit("error: 'prior_noser' undefined")
     if fault == "silent":
-        return
+        sys.exit()
     n = scipy.io.loadmat(request, variable_names=["frames"])["frames"].shape[1]
     if fault == "shape":
         scipy.io.savemat(answer, {"points": np.zeros((5, 2)), "values": np.zeros((4, n))})
         return
+    if fault == "zero":
+        scipy.io.savemat(answer, {"points": np.zeros((5, 2)), "values": np.zeros((5, n))})
+        return
     if fault == "nan":
         scipy.io.savemat(answer, {"points": np.zeros((5, 2)), "values": np.full((5, n), np.nan)})
         return
-    assert (Path(eidors) / "startup.m").is_file()
-    assert Path(script).name == "eidors_bridge.m"
-    assert Path(script).is_file()
     r = scipy.io.loadmat(request)
     nodes, elements, pattern = r["nodes"], r["elements"], r["pattern"]
     assert all(
