@@ -15,10 +15,10 @@ from eitbench.hardware.recording.importing.recording import (
     touches,
 )
 from eitbench.hardware.recording.importing.reference import reference_rows
-from eitbench.hardware.recording.importing.sources import is_own
+from eitbench.hardware.recording.importing.sources import counted, is_own
 from eitbench.hardware.recording.recorder import Recorder, check_new
-from eitbench.scenarios.errors import InputError
-from eitbench.scenarios.recordings import recorded_set
+from eitbench.scenarios.errors import InputError, unknown_name
+from eitbench.scenarios.recordings import RECORDED_SETS, recorded_set
 from eitbench.scenarios.recordings.fetch import read_recording
 from eitbench.scenarios.recordings.files.csv_mat import (
     read_csv,
@@ -91,7 +91,7 @@ def import_recording(
     check_new(to)
     content, said = _imported(sources, sensor, options)
     write_recording(content, to)
-    frames = f"{len(content)} frame{'s' * (len(content) != 1)}"
+    frames = counted(len(content), "frame")
     values = f"{content.sensor.n_measurements} values of sensor {content.sensor.name!r}"
     return [f"{frames} of {values} are in {to}.", *said]
 
@@ -101,8 +101,9 @@ def _imported(
 ) -> tuple[Content, list[str]]:
     path = Path(sources[0])
     if len(sources) == 1 and not path.suffix and path.name == sources[0] and not path.exists():
+        if sources[0] not in RECORDED_SETS:
+            raise unknown_name("file, folder or recorded set", sources[0], RECORDED_SETS)
         if sensor is not None or options != _NOTHING_SAID:
-            recorded_set(sources[0])  # which may be unknown
             raise InputError(
                 f"The recorded set {sources[0]!r} has a sensor and labels of its own: leave out "
                 "all options but --out."
@@ -134,11 +135,11 @@ def _relabelled(path: Path, options: ImportOptions) -> tuple[Content, list[str]]
         content, _ = undamaged(path)
     if options.reference is not None:
         content = replace(content, reference=reference_rows(options.reference, len(content)))
-    said = [f"Reference: {len(content.reference)} frames."]
+    said = [f"Reference: {counted(len(content.reference), 'frame')}."]
     if options.labels is not None:
         labels, of_labels = relabelled(content, path, options.labels)
         return replace(content, labels=labels), [*said, *of_labels]
-    return content, [*said, f"{touches(content.labels)} by the file."]
+    return content, [*said, touches(content.labels, "the file")]
 
 
 def write_recording(content: Content, to: Path) -> None:
@@ -175,6 +176,6 @@ def _public(name: str) -> tuple[Content, list[str]]:
     content = without_times(frames, recorded.sensor(), name, f"from {recorded.repository}")
     lost = [str(column) for column in samples if column not in labels]
     lost += ["true classes"] * (recording.classes is not None)
-    said = ["Reference: 1 frame.", f"{touches(labels)} by the set."]
+    said = ["Reference: 1 frame.", touches(labels, "the set")]
     said += [f"Not used: {', '.join(lost)}."] * bool(lost)
     return replace(content, reference=np.array([0]), labels=labels), said

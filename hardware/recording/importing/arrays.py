@@ -157,11 +157,12 @@ def _fits(name: str, array: NDArray[Any], pattern: DrivePattern) -> Iterator[_Fi
 def _dropped(full: NDArray[Any], kept: Index, path: Path) -> str:
     """What the values (n, W) are that a pattern leaves out."""
     left = np.delete(full, kept, axis=1)
-    if left.any() and (silent := ~full[:, kept].any(axis=0)).any():
+    # A dead channel is 0, too, but not as often as what a board leaves out.
+    if left.any() and np.count_nonzero(~full.any(axis=0)) == left.shape[1]:
         raise InputError(
-            f"Of the {full.shape[1]} values of a frame in {path}, {silent.sum()} are always 0 "
-            "where the sensor's pattern measures, and others are not where it does not: their "
-            "order is not that of the pattern, so name the right sensor."
+            f"{left.shape[1]} of the {full.shape[1]} values of a frame in {path} are always 0, but "
+            "not those that the sensor's pattern leaves out: their order is not that of the "
+            "pattern, so name the right sensor."
         )
     zero = "all 0" if not left.any() else f"of at most {np.abs(left).max():.3g} in size"
     return (

@@ -14,6 +14,7 @@ from eitbench.hardware.recording.importing.labels import FramesOf
 from eitbench.hardware.recording.importing.reference import REFERENCE, reference_paths, stacked
 from eitbench.hardware.recording.importing.sources import (
     ALL_COLUMNS,
+    counted,
     found_files,
     read_arrays,
 )
@@ -66,9 +67,9 @@ def import_files(
     sheet = None if options.labels is None else _read_sheet(options.labels)
     table, of_labels = _label_table(files, sheet, parts, rows, options.labels)
     hows = Counter(file.frames.how for file in files)
-    said = [f"From {_count(count, 'file')}: {how}." for how, count in hows.items()]
+    said = [f"From {counted(count, 'file')}: {how}." for how, count in hows.items()]
     if others:
-        said.append(f"Not read: {_count(others, 'file')} of other kinds.")
+        said.append(f"Not read: {counted(others, 'file')} of other kinds.")
     if options.frames.part == "magnitude" and not sensor.pattern.magnitudes:
         sensor = replace(sensor, pattern=replace(sensor.pattern, magnitudes=True))
         said.append("The sensor's pattern in the recording says that values have no sign.")
@@ -166,7 +167,7 @@ def relabelled(content: Content, path: Path, sheet: Path) -> tuple[pd.DataFrame,
     part = FramesOf(path, 0, len(content))
     table, how = sheets.placed(_read_sheet(sheet), [part], content.reference, sheet)
     labels, lost = sheets.as_labels(table)
-    return labels, [f"{touches(table)} by {sheet} ({how}).", *_not_held(lost)]
+    return labels, [touches(table, f"{sheet} ({how})"), *_not_held(lost)]
 
 
 def _not_held(lost: list[str]) -> list[str]:
@@ -192,7 +193,7 @@ def _label_table(
     """Labels by rows of the recording, of a sheet or else of the files, and what they are."""
     if sheet is not None and path is not None:
         table, how = sheets.placed(sheet, parts, reference, path)
-        return table, f"{touches(table)} by {path} ({how})."
+        return table, touches(table, f"{path} ({how})")
     tables = []
     for file, part in zip(files, parts, strict=True):
         beside = {n: a for n, a in file.arrays.items() if n != file.frames.name}
@@ -204,14 +205,17 @@ def _label_table(
             "Touches: none, since the files hold no labels and --labels names no sheet of them."
         )
     table = pd.concat(tables, ignore_index=True)
-    return table, f"{touches(table)} by the files."
+    return table, touches(table, "the files")
 
 
-def touches(table: pd.DataFrame) -> str:
-    """How many touches labels are for, and how many of these have a place: to be continued."""
+def touches(table: pd.DataFrame, by: str) -> str:
+    """How many touches the labels `by` something are for, and how many have a place: a sentence."""
+    if not len(table):
+        return f"Touches: none by {by}."
     count = len(table[["first", "last"]].drop_duplicates())
     places = int(table.reindex(columns=["x_m", "y_m"]).notna().all(axis=1).sum())
-    return f"Touches: {count}, {places if places < len(table) else 'all'} with a place,"
+    all_or = "all" if places == len(table) else places
+    return f"Touches: {count}, {all_or} with a place, by {by}."
 
 
 def _unused(files: list[FrameFile], options: ImportOptions) -> list[str]:
@@ -228,7 +232,3 @@ def _unused(files: list[FrameFile], options: ImportOptions) -> list[str]:
                 found[f"{name or 'a column without a name'} ({shape})"] = None
     listed = list(found)
     return [*listed[:8], *([f"{len(listed) - 8} more"] if len(listed) > 8 else [])]
-
-
-def _count(n: int, what: str) -> str:
-    return f"{n} {what}" if n == 1 else f"{n} {what}s"

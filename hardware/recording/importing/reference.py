@@ -7,7 +7,7 @@ import numpy as np
 
 from eitbench.hardware.recording.importing.arrays import Choice, FrameFile, find_frames
 from eitbench.hardware.recording.importing.labels import FramesOf
-from eitbench.hardware.recording.importing.sources import found_files, read_arrays
+from eitbench.hardware.recording.importing.sources import counted, found_files, read_arrays
 from eitbench.scenarios.arrays import Array, Index
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.sensors.sensor import Sensor
@@ -41,8 +41,7 @@ def stacked(
         rows = [reference_rows(given, at)]
     reference = np.concatenate(rows).astype(np.int64)
     values = np.concatenate([*beside, *(file.frames.values for file in files)])
-    count = f"{len(reference)} frame{'s' * (len(reference) != 1)}"
-    return values, parts, reference, f"Reference: {count}{where}."
+    return values, parts, reference, f"Reference: {counted(len(reference), 'frame')}{where}."
 
 
 def _found(

@@ -75,6 +75,11 @@ def natural(path: Path) -> list[tuple[int, str]]:
     return [(int(part), "") if part.isdecimal() else (0, part) for part in parts]
 
 
+def counted(n: int, what: str) -> str:
+    """A number of things, in words."""
+    return f"{n} {what}" if n == 1 else f"{n} {what}s"
+
+
 def read_arrays(path: Path) -> Arrays:
     """All arrays of the file at `path`, tried first in a process of its own.
 
@@ -100,7 +105,9 @@ def arrays_of(path: Path) -> Arrays:
         raise
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or (
-            "it is not UTF-8 text" if isinstance(error, UnicodeDecodeError) else "it is damaged"
+            "it is not UTF-8 text, so save it as such"
+            if isinstance(error, UnicodeDecodeError)
+            else "it is damaged"
         )
         raise UnreadableError(f"Cannot read {path}: {reason}.") from error
     except MemoryError:

@@ -7,6 +7,7 @@ import typer
 
 from eitbench.commands.console import fail
 
+# As in hardware/recording/importing/arrays.py, which takes time to import.
 Order = Literal["rows", "columns"]
 Part = Literal["real", "magnitude"]
 
@@ -69,7 +70,7 @@ def import_command(
     sources: Annotated[
         list[str],
         typer.Argument(
-            metavar="SOURCE...",
+            metavar="SOURCE",
             help="Files of frames (.csv, .tsv, .txt, .mat, .npy, .npz, .h5, .xlsx), folders or "
             "'press*.csv'; or one public recorded set.",
         ),
@@ -86,8 +87,8 @@ def import_command(
     reference: Annotated[
         str | None,
         typer.Option(
-            metavar="FILE|first:N|array:NAME|none",
-            help="The untouched sensor: files, the first N frames, an array of SOURCE, or nothing.",
+            metavar="FILE",
+            help="The untouched sensor: FILE, first:N frames, array:NAME of SOURCE, or none.",
         ),
     ] = None,
     frames: Annotated[

@@ -114,7 +114,7 @@ def test_bad_sources_are_one_sentence(recorded: Path, tmp_path: Path, skin: Sens
         import_recording([str(tmp_path / "own.csv")], out, skin)
     with pytest.raises(InputError, match="has a sensor and labels of its own"):
         import_recording(["ohmc16"], out, skin)
-    with pytest.raises(InputError, match="Unknown recorded set 'omhc16': did you mean 'ohmc16'"):
+    with pytest.raises(InputError, match="recorded set 'omhc16': did you mean 'ohmc16'"):
         import_recording(["omhc16"], out)
     with pytest.raises(InputError, match="is a recording already"):
         import_recording([str(recorded)], out)

@@ -375,6 +375,10 @@ def test_the_order_of_a_full_matrix_is_compared_with_its_zeros(
     np.save(tmp_path / "wrong.npy", wrong.reshape(6, 64))
     with pytest.raises(InputError, match="their order is not that of the pattern"):
         imported("wrong.npy")
+    dead = VALUES.copy()
+    dead[:, 3] = 0.0
+    np.save(tmp_path / "dead.npy", full_matrices(dead, 9.0).reshape(6, 64))
+    np.testing.assert_array_equal(imported("dead.npy")[0].values, dead)
 
 
 def test_full_tables_follow_the_pattern() -> None:
