@@ -57,8 +57,8 @@ def table(rows: Sequence[Row], width: int, columns: Sequence[str] = ()) -> "Grou
                     for c in fitting
                 )
             )
-        parts += [shown, Text(f" {legend(columns, headings)}")]
-        if text := _not_shown(board, columns):
+        parts += [shown, Text(f" {legend(fitting, headings)}")]
+        if not columns and (text := _not_shown(board, fitting)):
             parts.append(Text(f" {text}"))
         if text := note(board.rows):
             parts.append(Text(f" {text}"))
@@ -83,7 +83,10 @@ def _not_shown(board: PrintedBoard, shown: Sequence[Column]) -> str:
     others = [column.title for column in left if column.name not in headings]
     parts = []
     if narrow:
-        parts.append(f"Hidden at this width: {', '.join(narrow)}: a wider terminal shows them.")
+        parts.append(
+            f"Hidden at this width: {', '.join(narrow)}; see them in a wider terminal, or name "
+            "columns: `eitbench leaderboard RUN --columns rank,method,...`."
+        )
     if others:
         parts.append(f"In files only: {', '.join(others)}.")
     if parts:

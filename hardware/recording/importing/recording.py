@@ -109,7 +109,7 @@ def _import_touches(
         if (labels["first"] != labels["last"]).any():
             raise InputError("A pair or a difference is one touch: label single frames.")
         contacts = labels.assign(touch=labels["first"])
-    said = [f"From {_count(len(files), 'file')}: {files[0].frames.how}."]
+    said = [f"From {counted(len(files), 'file')}: {files[0].frames.how}."]
     if options.differences:
         said.append("Reference: none, the values are differences; the model's frame stands for it.")
         return from_differences(pressed, sensor, "imported", contacts), [*said, of_labels]

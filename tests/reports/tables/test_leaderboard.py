@@ -272,7 +272,7 @@ def test_columns_that_do_not_fit_a_terminal_are_named(
 ) -> None:
     text = printed(many_rows, "terminal", width)
     heads, said = text[: text.index("───")], " ".join(text.split())
-    hidden = re.search(r"Hidden at this width: (.*?): a wider terminal shows them\.", said)
+    hidden = re.search(r"Hidden at this width: (.*?); see them in a wider terminal", said)
     names = hidden[1].split(", ") if hidden else []
     shown = [name for name in ("S", "B", "CC", "RIE", "PSNR", "Track") if f" {name} " in heads]
     assert sorted({"S", "B", "CC", "RIE", "PSNR", "Track"} - {*shown}) == sorted(
