@@ -40,7 +40,7 @@ def test_every_entry_is_complete() -> None:
 
 def test_every_method_operator_and_recording_of_ours_has_its_entry() -> None:
     known = entries()
-    ours = {**methods(), **operators()}
+    ours: dict[str, Any] = {**methods(), **operators()}
     assert {name for name, cls in ours.items() if cls.__module__.startswith("eitbench.")} <= set(
         KEYS
     )
