@@ -8,6 +8,8 @@ import pytest
 
 from eitbench.benchmark import checks
 from eitbench.benchmark.checks import CheckReport, CheckResult
+from eitbench.benchmark.tuning.selection import Selection, Trial, TuningBudget
+from eitbench.commands.methods import _figures
 
 Run = Callable[..., tuple[int, str, str]]
 
@@ -70,3 +72,29 @@ def test_new_method_says_what_is_next(tmp_path: Path, eitbench: Run) -> None:
     assert code == 0
     assert "eitbench check my-method" in out
     assert (tmp_path / "package" / "eitbench_my_method.py").is_file()
+
+
+@pytest.mark.parametrize(
+    ("ranked_by", "default", "chosen", "says"),
+    [
+        ("score", 5.1, 5.25, "S on validation data: 5.100 by default, 5.250 selected"),
+        (
+            "localisation_mm",
+            -9.0,
+            -8.5,
+            "Localisation [mm] on validation data: 9.0 by default, 8.5 selected",
+        ),
+        (
+            "",
+            None,
+            0.5,
+            "Mean of scaled figures on validation data: no figure by default, 0.500 selected",
+        ),
+    ],
+)
+def test_tuning_tells_the_figures_of_the_defaults_and_of_the_choice(
+    ranked_by: str, default: float | None, chosen: float, says: str
+) -> None:
+    trials = (Trial({"weight": 1}, default), Trial({"weight": 2}, chosen))
+    choice = Selection({"weight": 2}, chosen, trials, TuningBudget(), "space", ranked_by=ranked_by)
+    assert _figures(choice) == says
