@@ -26,6 +26,7 @@ from eitbench.methods.registry import register
 from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.errors import EitbenchError
 from eitbench.scenarios.physics.mesh import Mesh, triangle_mesh
+from eitbench.scenarios.sensors.symmetry import asymmetry
 
 if TYPE_CHECKING:
     from eitbench.methods.problem import Problem
@@ -177,6 +178,7 @@ def _read_answer(path: Path, n: int) -> tuple[Array, Array]:
 GREIT_PIXELS = 32
 TARGETS_ACROSS = 32
 TARGET_RADIUS = 0.05  # of the sensor's longer side
+OCTAVE = {"no_programs": "EIDORS runs in GNU Octave"}
 DIFFERS = "run by EIDORS in Octave on a coarser mesh of linear triangles"
 
 
@@ -208,6 +210,7 @@ class Eidors(Peer):
     algorithm: ClassVar[str]
     mesh_across: ClassVar[int] = 24
     source: ClassVar[str] = "Adler and Lionheart (EIDORS), Physiol. Meas. 27(5), 2006"
+    expected_failures: ClassVar = OCTAVE
     differs = DIFFERS
 
     @classmethod
@@ -275,6 +278,9 @@ class EidorsNoser(LinearEidors):
     """
 
     algorithm: ClassVar[str] = "noser"
+    expected_failures: ClassVar = OCTAVE | asymmetry(
+        "EIDORS' triangles are not symmetric", 0.022, 0.023
+    )
     search: ClassVar = {
         "hyperparameter": (0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0),
         "exponent": (0.2, 0.5, 0.8, 1.0),

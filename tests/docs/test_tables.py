@@ -44,5 +44,6 @@ def test_runs_behind_the_tables_are_as_large_as_pages_say() -> None:
         ("generator/families", 20),
         ("priors/priors", 120),
         ("traps/traps", 120),
+        ("peers/quick", 36),
     ):
         assert (pd.read_csv(DOCS / "studies" / f"{name}.csv")["n"] == n).all()
