@@ -15,7 +15,7 @@ from eitbench.hardware.recording.importing.recording import (
     touches,
 )
 from eitbench.hardware.recording.importing.reference import reference_rows
-from eitbench.hardware.recording.importing.sources import counted, is_own
+from eitbench.hardware.recording.importing.sources import counted, found_files, is_own
 from eitbench.hardware.recording.recorder import Recorder, check_new
 from eitbench.scenarios.errors import InputError, unknown_name
 from eitbench.scenarios.recordings import RECORDED_SETS, recorded_set
@@ -118,6 +118,7 @@ def _imported(
             )
         return _relabelled(path, options)
     if sensor is None:
+        found_files(sources)  # which may not be there
         raise InputError(
             f"{sources[0]} does not say on which sensor it was measured: give --sensor."
         )

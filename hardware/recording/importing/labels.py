@@ -12,6 +12,7 @@ from eitbench.hardware.recording.importing.sources import ALL_COLUMNS, Arrays
 from eitbench.scenarios.arrays import Array, Index
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.recordings.files import layout
+from eitbench.scenarios.recordings.files.recording_file import label_table
 
 _VALUES = {
     "x_mm": ("x_m", 1e-3),
@@ -219,16 +220,14 @@ def _file(name: str, row: int, files: list[FramesOf], path: Path) -> FramesOf:
     return found[0]
 
 
-def as_labels(table: pd.DataFrame) -> tuple[pd.DataFrame, list[str]]:
-    """The labels of `Content`, and the columns of `table` that a recording cannot hold.
-
-    The layout says which columns there are: one that it gets is filled here from then on.
-    """
-    labels = pd.DataFrame(index=range(len(table)))
-    for name in layout.LABEL.names or ():
+def as_labels(table: pd.DataFrame) -> pd.DataFrame:
+    """The labels of `Content` of a table by `placed`: what it does not say is unknown."""
+    known: dict[str, Any] = {}
+    for name in map(str, table):
+        # Of several files some may lack a column.
         kind = layout.LABEL[name].kind
         unknown: Any = {"f": np.nan, "i": -1, "S": ""}[kind]
-        # Of several files some may lack a column.
-        cells = table[name].fillna(unknown).to_numpy() if name in table else unknown
-        labels[name] = cells if kind == "S" else np.asarray(cells, dtype=layout.LABEL[name])
-    return labels, [str(name) for name in table if name not in labels]
+        cells = table[name].fillna(unknown).to_numpy()
+        known[name] = cells if kind == "S" else np.asarray(cells, dtype=layout.LABEL[name])
+    first, last = known.pop("first", np.empty(0)), known.pop("last", np.empty(0))
+    return label_table(first.astype(np.int64), last.astype(np.int64), known)

@@ -61,11 +61,6 @@ def import_files(
     beside = [*reference_paths(options.reference), *([options.labels] if options.labels else [])]
     paths, others = found_files(sources, beside)
     files = [_read(path, sensor, options.frames) for path in paths]
-    if options.released is not None or options.differences:
-        return _import_touches(files, sensor, options)
-    values, parts, rows, of_reference = stacked(files, sensor, options.frames, options.reference)
-    sheet = None if options.labels is None else _read_sheet(options.labels)
-    table, of_labels = _label_table(files, sheet, parts, rows, options.labels)
     hows = Counter(file.frames.how for file in files)
     said = [f"From {counted(count, 'file')}: {how}." for how, count in hows.items()]
     if others:
@@ -73,14 +68,26 @@ def import_files(
     if options.frames.part == "magnitude" and not sensor.pattern.magnitudes:
         sensor = replace(sensor, pattern=replace(sensor.pattern, magnitudes=True))
         said.append("The sensor's pattern in the recording says that values have no sign.")
-    said += [of_reference, of_labels]
+    alone = options.released is not None or options.differences
+    content, found = (_touches_alone if alone else _frames)(files, sensor, options)
+    said += found
     if unused := _unused(files, options):
         said.append(f"Not used: {', '.join(unused)}.")
-    content, lost = as_content(values, table, rows, sensor)
-    return content, [*said, *_not_held(lost)]
+    return content, said
 
 
-def _import_touches(
+def _frames(
+    files: list[FrameFile], sensor: Sensor, options: ImportOptions
+) -> tuple[Content, list[str]]:
+    """The recording of frames that follow each other, and what its marks are."""
+    values, parts, rows, of_reference = stacked(files, sensor, options.frames, options.reference)
+    table, of_labels = _label_table(files, parts, rows, options.labels)
+    content = without_times(values, sensor, "imported")
+    labels = sheets.as_labels(table)
+    return replace(content, reference=rows, labels=labels), [of_reference, of_labels]
+
+
+def _touches_alone(
     files: list[FrameFile], sensor: Sensor, options: ImportOptions
 ) -> tuple[Content, list[str]]:
     """The recording of frames that are touches, one each, with a released frame or as differences.
@@ -99,23 +106,21 @@ def _import_touches(
         found = [_pairs(file, sensor, options.frames, options.released) for file in files]
         released, files = [before for before, _ in found], [file for _, file in found]
     pressed, parts, _, _ = stacked(files, sensor, options.frames, "none")
-    sheet = None if options.labels is None else _read_sheet(options.labels)
-    table, of_labels = _label_table(files, sheet, parts, _NO_ROWS, options.labels)
+    table, of_labels = _label_table(files, parts, _NO_ROWS, options.labels)
     contacts = None
     if not len(table):
         of_labels = f"Touches: {len(pressed)}, without places, since --labels names no sheet."
     else:
-        labels, _ = sheets.as_labels(table)
+        labels = sheets.as_labels(table)
         if (labels["first"] != labels["last"]).any():
             raise InputError("A pair or a difference is one touch: label single frames.")
         contacts = labels.assign(touch=labels["first"])
-    said = [f"From {counted(len(files), 'file')}: {files[0].frames.how}."]
     if options.differences:
-        said.append("Reference: none, the values are differences; the model's frame stands for it.")
-        return from_differences(pressed, sensor, "imported", contacts), [*said, of_labels]
-    said.append("Reference: for each touch the released frame before it.")
+        said = "Reference: none, the values are differences; the model's frame stands for it."
+        return from_differences(pressed, sensor, "imported", contacts), [said, of_labels]
+    said = "Reference: for each touch the released frame before it."
     before = np.concatenate(released)
-    return from_pairs(before, pressed, sensor, "imported", contacts), [*said, of_labels]
+    return from_pairs(before, pressed, sensor, "imported", contacts), [said, of_labels]
 
 
 def _pairs(
@@ -135,22 +140,6 @@ def _pairs(
     return before, file
 
 
-def as_content(
-    values: Array, table: pd.DataFrame, reference: Index, sensor: Sensor
-) -> tuple[Content, list[str]]:
-    """The recording of frames (n, M), and the columns of labels that it cannot hold.
-
-    Args:
-        values: the frames.
-        table: labels as `labels.placed` gives them.
-        reference: rows of the frames that show the untouched sensor.
-        sensor: that they were measured on.
-    """
-    labels, lost = sheets.as_labels(table)
-    content = without_times(values, sensor, "imported")
-    return replace(content, reference=reference, labels=labels), lost
-
-
 def _read(path: Path, sensor: Sensor, choice: Choice) -> FrameFile:
     arrays = read_arrays(path)
     # `reference` and `label_...` are what our exported files call them.
@@ -166,14 +155,7 @@ def relabelled(content: Content, path: Path, sheet: Path) -> tuple[pd.DataFrame,
     """The labels that a sheet gives to the recording at `path`, and what they are."""
     part = FramesOf(path, 0, len(content))
     table, how = sheets.placed(_read_sheet(sheet), [part], content.reference, sheet)
-    labels, lost = sheets.as_labels(table)
-    return labels, [touches(table, f"{sheet} ({how})"), *_not_held(lost)]
-
-
-def _not_held(lost: list[str]) -> list[str]:
-    if not lost:
-        return []
-    return [f"A recording cannot hold these columns of labels: {', '.join(lost)}."]
+    return sheets.as_labels(table), [touches(table, f"{sheet} ({how})")]
 
 
 def _read_sheet(path: Path) -> pd.DataFrame:
@@ -184,16 +166,12 @@ def _read_sheet(path: Path) -> pd.DataFrame:
 
 
 def _label_table(
-    files: list[FrameFile],
-    sheet: pd.DataFrame | None,
-    parts: list[FramesOf],
-    reference: Index,
-    path: Path | None,
+    files: list[FrameFile], parts: list[FramesOf], reference: Index, sheet: Path | None
 ) -> tuple[pd.DataFrame, str]:
     """Labels by rows of the recording, of a sheet or else of the files, and what they are."""
-    if sheet is not None and path is not None:
-        table, how = sheets.placed(sheet, parts, reference, path)
-        return table, touches(table, f"{path} ({how})")
+    if sheet is not None:
+        table, how = sheets.placed(_read_sheet(sheet), parts, reference, sheet)
+        return table, touches(table, f"{sheet} ({how})")
     tables = []
     for file, part in zip(files, parts, strict=True):
         beside = {n: a for n, a in file.arrays.items() if n != file.frames.name}
@@ -221,9 +199,11 @@ def touches(table: pd.DataFrame, by: str) -> str:
 def _unused(files: list[FrameFile], options: ImportOptions) -> list[str]:
     """Arrays and columns of the files that are neither frames nor labels nor reference."""
     found: dict[str, None] = {}
+    alone = options.released is not None or options.differences
     for file in files:
         for name, array in file.arrays.items():
-            used = name in (file.frames.name, REFERENCE, ALL_COLUMNS)
+            used = name in (file.frames.name, options.released, ALL_COLUMNS)
+            used |= name == REFERENCE and not alone
             used |= f"array:{name}" == options.reference
             used |= file.frames.name == ALL_COLUMNS and array.dtype.kind != "U"
             used |= sheets.is_label(name) and options.labels is None

@@ -44,7 +44,8 @@ def found_files(sources: Iterable[str], besides: Iterable[Path] = ()) -> tuple[l
         The files, and how many in the folders are of other kinds.
 
     Raises:
-        InputError: nothing is there, or a file is of a kind that is not read.
+        UnreadableError: there is no such file.
+        InputError: a folder or pattern leads to no file, or a file is of a kind that is not read.
     """
     found: list[Path] = []
     others = 0
@@ -55,8 +56,10 @@ def found_files(sources: Iterable[str], besides: Iterable[Path] = ()) -> tuple[l
             inside = [p for p in path.iterdir() if p.is_file() and not p.name.startswith(".")]
             known = [p for p in inside if p.suffix.lower() in READERS]
             others += len(inside) - len(known)
-        elif path.exists() or not set(source) & set("*?["):
+        elif path.exists():
             known = [path]
+        elif not set(source) & set("*?["):
+            raise UnreadableError(f"Cannot read {source}: No such file or directory.")
         else:
             known = list(Path(path.anchor).glob(str(path.relative_to(path.anchor))))
         files = [p for p in sorted(known, key=natural) if p.resolve() not in skipped]

@@ -122,7 +122,7 @@ def test_the_answer_says_what_ranks_what_was_trained_and_where_the_best_loses(
     assert "net is the best" in said
     assert "S is 93 % decibels (PSNR)." in said
     assert (
-        "net needs training data: weights of one training with seed 0 on 24,000 samples; trained "
+        "net needs training data: weights trained once with seed 0 on 24,000 samples; trained "
         "on the families of the test phantoms." in said
     )
     assert said.endswith(
@@ -172,7 +172,7 @@ def test_methods_are_shown_with_what_they_were_told_source_and_code(
     page = (tmp_path / "out" / "index.html").read_text()
     (table,) = re.findall(r'aria-label="Methods">.*?</table>', page, re.DOTALL)
     rows = dict(re.findall(r'<th scope="row">([^<]+)</th>(.*?)</tr>', table, re.DOTALL))
-    assert "weights of one training with seed 0 on 24,000 samples" in rows["net"]
+    assert "weights trained once with seed 0 on 24,000 samples" in rows["net"]
     assert "an installed package" in rows["net"]
     assert f'href="../run/plugins/{digest[:16]}.py"' in rows["fair"]
     assert "Cheney et al., NOSER: An algorithm" in rows["noser"]

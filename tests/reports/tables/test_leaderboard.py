@@ -80,7 +80,9 @@ def test_columns_are_chosen_and_rows_sorted_in_every_format(full_run: Path) -> N
     assert quick == sorted(quick, key=lambda ms: (ms is None, ms))
     head = "| Method | SSIM | p99 \\[ms\\] |"
     assert FORMATS["md"](by_ssim, columns).count(head) == len({r["scenario"] for r in rows})
-    assert "Method & SSIM & p99 [ms] \\\\" in FORMATS["latex"](by_ssim, columns)
+    assert "Method & SSIM $\\uparrow$ & p99 [ms] $\\downarrow$ \\\\" in FORMATS["latex"](
+        by_ssim, columns
+    )
     assert FORMATS["csv"](by_ssim, columns).startswith("suite,scenario,method,ssim,frame_ms_p99\n")
     with pytest.raises(InputError, match="Unknown column 'scroe': did you mean 'score'"):
         sorted_rows(rows, "scroe")

@@ -210,5 +210,5 @@ def test_another_sensor_is_compared(sound: Content, tmp_path: Path) -> None:
 @pytest.mark.usefixtures("recorded_data")
 @pytest.mark.parametrize("name", ["ohmc16", "ohmc8", "hydrogel-fixed", "jku-tank-diagonal"])
 def test_sound_public_sets_give_no_alarm(name: str, tmp_path: Path) -> None:
-    import_recording(name, tmp_path / "a.h5")
+    import_recording([name], tmp_path / "a.h5")
     assert check(tmp_path / "a.h5")[0] == []

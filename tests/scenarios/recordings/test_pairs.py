@@ -108,7 +108,7 @@ def test_differences_are_put_on_the_model_and_say_so(tmp_path: Path) -> None:
         Replay(path)
     for ending in (".csv", ".mat"):
         export_recording(path, tmp_path / f"touch{ending}")
-        import_recording(str(tmp_path / f"touch{ending}"), tmp_path / f"again{ending}.h5")
+        import_recording([str(tmp_path / f"touch{ending}")], tmp_path / f"again{ending}.h5")
         again = read_recording(str(tmp_path / f"again{ending}.h5"))
         np.testing.assert_array_equal(again.voltages, recording.voltages)
 
