@@ -115,7 +115,7 @@ _MESHES = {
 
 
 _RECORDED = {
-    "guess_mm": "guessing one place: {:.1f} mm",
+    "guess_mm": "always guessing one place gives {:.1f} mm",
     "reciprocity_error": "reciprocity error of the reference frame: {:.2%}",
     "repeat_noise": "noise between repeats: {:.3%}",
 }
@@ -139,7 +139,7 @@ def notes(board: Sequence[Row]) -> list[str]:
     They tell the noise, why there are no ties and which methods were not tuned, compare with the
     published figures, and name the cost of failures, the overlap of training and test samples,
     differences in software that is not ours, methods that used the network, programs or test data,
-    and times that were taken beside other cells.
+    and times that were measured while other cells ran.
     """
     return (
         _noise(board)
@@ -187,7 +187,7 @@ def _untuned(board: Sequence[Row]) -> list[str]:
 def _costs_of_failures(board: Sequence[Row]) -> list[str]:
     """For each method that lost samples, the rank it would have without them, if another."""
     return [
-        f"{row['method']} would rank {row['rank_valid']} if what failed were left out"
+        f"{row['method']} failed on some samples: without them its rank is {row['rank_valid']}"
         for row in board
         if row.get("rank_valid") not in (None, row["rank"]) and row["coverage"] < 1
     ]
@@ -200,23 +200,23 @@ def _noise(board: Sequence[Row]) -> list[str]:
     parts = []
     if frame is not None and touch is not None:
         parts.append(
-            f"SNR {frame:.0f} dB of a frame, {touch:.0f} dB of what the touch changes (medians)"
+            f"SNR {frame:.0f} dB of the frame, {touch:.0f} dB of its change by the touch (medians)"
         )
     if distance is not None:
         parts.append(
-            f"the model that methods know is {distance:.0f} dB off what the touch changes (median)"
+            f"the nominal model is wrong by {distance:.0f} dB less than the touch changes (median)"
         )
     return parts
 
 
 def _shared_times(board: Sequence[Row]) -> list[str]:
-    """A part of a sentence on times that were taken beside other cells; empty without any."""
+    """A part of a sentence on times that were measured while other cells ran; empty without any."""
     timed = [row["timed"] for row in board if row.get("timed")]
     shared = timed.count(SHARED)
     if not shared:
         return []
     which = "times" if shared == len(timed) else f"times of {shared} of {len(timed)} rows"
-    return [f"{which} were taken beside other cells: use --jobs 1 for times to compare"]
+    return [f"{which} were measured while other cells ran: run with --jobs 1 for comparable times"]
 
 
 def overlaps(board: Sequence[Row]) -> list[str]:
@@ -231,7 +231,7 @@ def overlaps(board: Sequence[Row]) -> list[str]:
             )
         elif row.get("prior_knowledge") and row["overlap"] is None:
             sentences.append(
-                f"whether {row['method']} was trained on test samples is not known here"
+                f"the training data of {row['method']} are not known here: test samples may be among them"
             )
     return sentences
 

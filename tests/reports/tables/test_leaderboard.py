@@ -117,8 +117,8 @@ def test_a_note_tells_the_noise_of_frame_and_touch_and_shared_times(
     build.add_scaled(made, {"one": 0.5, "other": 0.4})
     build.methods[0]["timed"], build.methods[1]["timed"] = "pinned", "shared"
     text = FORMATS["md"](ranked_rows([build.write()]))
-    assert "SNR 40 dB of a frame, 6 dB of what the touch changes (medians)" in text
-    assert "times of 1 of 2 rows were taken beside other cells" in text
+    assert "SNR 40 dB of the frame, 6 dB of its change by the touch (medians)" in text
+    assert "times of 1 of 2 rows were measured while other cells ran" in text
 
 
 def test_names_are_data_in_markdown(nasty: list[dict[str, Any]]) -> None:
@@ -214,7 +214,7 @@ def test_the_best_and_what_is_told_of_it(build: Any, dataset_of: Any) -> None:
 
 
 NOTES = {"guess_mm": 35.52, "reciprocity_error": 0.026, "repeat_noise": 0.000316}
-NOTE = "guessing one place: 35.5 mm; reciprocity error of the reference frame: 2.60%; "
+NOTE = "always guessing one place gives 35.5 mm; reciprocity error of the reference frame: 2.60%; "
 
 
 @pytest.mark.parametrize("form", ["md", "html", "latex", "terminal"])
@@ -341,7 +341,7 @@ def test_what_failures_cost_is_said(build: Any, dataset_of: Any) -> None:
     build.add_scaled(dataset_of("conductivity", 12), shares, lost={"good": 6})
     rows = ranked_rows([build.write()])
     assert [(row["method"], row["rank_valid"]) for row in rows] == [("fair", 2), ("good", 1)]
-    assert "good would rank 1 if what failed were left out" in FORMATS["md"](rows)
+    assert "good failed on some samples: without them its rank is 1" in FORMATS["md"](rows)
     assert "fair would" not in FORMATS["md"](rows)
 
 
