@@ -72,7 +72,7 @@ def test_pages_that_are_opened_from_disk_can_be_searched(site: Path, browser: ob
     found = WatchedPage(browser, (site / "explanation/physics.html").as_uri())
     found.page.fill("input[name=query]", "reciprocity")
     result = found.page.locator(".md-search-result__link").first
-    result.wait_for(state="attached", timeout=30_000)
+    result.wait_for(state="attached", timeout=200_000)
     address = str(result.get_attribute("href"))
     assert found.errors == []
     found.page.goto(address)
