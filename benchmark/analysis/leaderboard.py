@@ -37,12 +37,15 @@ class Entry:
         row: its row of the leaderboard.
         cell: its samples.
         runs: names of the runs that repeat it, the oldest first, and of `run` at the end.
+        rivals: number of methods among which it is compared: those that its suite lists, or that a
+            run of it holds on the scenario, if these are more.
     """
 
     run: Run
     row: Row
     cell: pd.DataFrame
     runs: tuple[str, ...]
+    rivals: int
 
 
 def leaderboard_rows(runs: Sequence[Run]) -> list[Row]:
@@ -83,7 +86,7 @@ def ranked_boards(runs: Sequence[Run]) -> list[list[Entry]]:
         names = ["suite", "scenario", run.kind.name, *run.kind.labels]
         for values, cell in () if run.samples.empty else run.samples.groupby(names, sort=False):
             row = _row(run, dict(zip(names, map(str, values), strict=True)), cell)
-            entries.append(Entry(run, row, cell, (run.path.name,)))
+            entries.append(Entry(run, row, cell, (run.path.name,), _rivals(run, row["scenario"])))
     ranked = []
     for data in dict.fromkeys(_data_of(entry.row) for entry in entries):
         board = _without_repeats([entry for entry in entries if _data_of(entry.row) == data])
@@ -105,10 +108,17 @@ def _without_repeats(entries: Sequence[Entry]) -> list[Entry]:
         if k is None:
             found.append(entry)
         else:
-            found[k] = replace(entry, runs=found[k].runs + entry.runs)
+            rivals = max(entry.rivals, found[k].rivals)
+            found[k] = replace(entry, runs=found[k].runs + entry.runs, rivals=rivals)
     for entry in found:
         entry.row["repeats"] = ", ".join(entry.runs[:-1]) or None
     return found
+
+
+def _rivals(run: Run, scenario: str) -> int:
+    held = run.samples.loc[run.samples["scenario"] == scenario, run.kind.name].nunique()
+    suite = (run.manifest.get("plan") or {}).get("suite") or {}
+    return max(held, len(suite.get(f"{run.kind.name}s") or ()))
 
 
 def _repeats(entry: Entry, other: Entry) -> bool:

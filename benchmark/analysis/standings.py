@@ -16,7 +16,7 @@ from itertools import combinations
 
 import numpy as np
 import pandas as pd
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
 from eitbench.benchmark.analysis.leaderboard import (
@@ -34,7 +34,6 @@ from eitbench.benchmark.metrics.statistics import (
     LEVEL,
     MIN_CLUSTERS,
     draw,
-    holm,
     intervals,
     once,
     signed_rank_of,
@@ -152,8 +151,8 @@ def _standing(board: Sequence[Entry]) -> Standing:
     rank_ends = np.quantile(
         ranks, [SIGNIFICANT / 2, 1 - SIGNIFICANT / 2], axis=0, method="inverted_cdf"
     )
-    runs = [board[place].runs for place in places]
-    pairs = _pairs(cells, runs, specs[main], value[:, main], drawn[:, :, main], clusters)
+    rivals = np.array([board[place].rivals for place in places])
+    pairs = _pairs(cells, rivals, specs[main], value[:, main], drawn[:, :, main], clusters)
     letters, won = groups(len(cells), pairs), weights_won(cells)
     for k, row in enumerate(rows[place] for place in places):
         row |= {"group": letters[k], "first": float((ranks[:, k] == 1).mean())}
@@ -237,7 +236,7 @@ def _ranks_of_valid(board: Sequence[Entry], by: str | None) -> list[int | None]:
 
 def _pairs(
     cells: Sequence[pd.DataFrame],
-    runs: Sequence[Sequence[str]],
+    rivals: NDArray[np.int64],
     spec: MetricSpec,
     value: Array,
     drawn: Array,
@@ -259,7 +258,7 @@ def _pairs(
         ]
     else:
         each = 2 * special.stdtr(clusters - 1, -np.abs(t))
-    p = adjusted(each, found, runs)
+    p = adjusted(each, np.maximum(rivals[one], rivals[other]))
     return [
         Pair(
             first=a,
@@ -275,36 +274,18 @@ def _pairs(
     ]
 
 
-def adjusted(
-    p: ArrayLike, pairs: Sequence[tuple[int, int]], runs: Sequence[Sequence[str]]
-) -> Array:
-    """P-values (k,) of `pairs` of methods, each adjusted within its family alone (Holm).
+def adjusted(p: ArrayLike, rivals: ArrayLike) -> Array:
+    """P-values (k,) of pairs of methods, each adjusted for all pairs of its scenario (Bonferroni).
 
-    The family of two methods is all pairs of the run that was the first to hold both: the
-    experiment that compared them. Methods that no run holds together are compared as if the first
-    run of each had been one run. So p depends neither on the other runs that are shown, nor on
-    repeats, nor on later runs.
-
-    Source: Tukey, The Problem of Multiple Comparisons (1953), and Miller, Simultaneous Statistical
-    Inference (1981), sec. 1.5, on the experiment as the family.
+    The family of a pair is all pairs of the methods of its scenario: those that the suite lists, or
+    that one run of either method holds, if these are more. So p does not depend on the other runs
+    that are shown, on repeats, or on how a comparison is split into runs.
 
     Args:
-        runs: of each method, the names of its runs, the oldest first.
+        rivals: (k,) number of methods of each pair's scenario.
     """
-    values, found = np.asarray(p, dtype=np.float64), np.empty(len(pairs))
-    families = [_family(runs[a], runs[b]) for a, b in pairs]
-    for family in set(families):
-        held = [not family.isdisjoint(of) for of in runs]
-        members = [k for k, (a, b) in enumerate(pairs) if held[a] and held[b]]
-        for k, value in zip(members, holm(values[members]), strict=True):
-            if families[k] == family:
-                found[k] = value
-    return found
-
-
-def _family(runs: Sequence[str], others: Sequence[str]) -> frozenset[str]:
-    common = [run for run in runs if run in others]
-    return frozenset(common[:1] or (runs[0], others[0]))
+    methods = np.asarray(rivals, dtype=np.float64)
+    return np.asarray(np.minimum(1.0, np.asarray(p) * methods * (methods - 1) / 2))
 
 
 def _wins(cell: pd.DataFrame, other: pd.DataFrame, spec: MetricSpec) -> float | None:

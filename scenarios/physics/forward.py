@@ -134,8 +134,10 @@ class ForwardModel:
 
     @cached_property
     def background(self) -> Array:
-        """The homogeneous image (H, W) [S/m] of the untouched sensor."""
-        return np.full(self.sensor.image_shape, self.sensor.background)
+        """The homogeneous image (H, W) [S/m] of the untouched sensor; read-only: copy it."""
+        image = np.full(self.sensor.image_shape, self.sensor.background)
+        image.setflags(write=False)  # models are shared, and all rest on it
+        return image
 
     def _checked(self, sigma: ArrayLike) -> Array:
         images = np.asarray(sigma, dtype=np.float64)

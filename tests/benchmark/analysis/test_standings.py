@@ -16,6 +16,7 @@ from eitbench.benchmark.analysis.results import Run
 from eitbench.benchmark.analysis.standings import (
     Pair,
     Standing,
+    adjusted,
     groups,
     score_weights,
     standings,
@@ -210,21 +211,29 @@ def test_other_runs_change_neither_p_values_nor_ties() -> None:
         assert {pair: together[pair] for pair in alone} == alone
 
 
-def test_methods_of_two_runs_are_compared_as_if_they_had_been_one() -> None:
-    first, others = first_and_others()
-    samples, cells = ([getattr(r, n) for r in (first, others[0])] for n in ("samples", "cells"))
-    both = replace(first, samples=pd.concat(samples), cells=pd.concat(cells))
-    one, two = told([both]), told([first, *others])
-    crossing = {pair for pair in one if pair[0][:5] == "first" and pair[1][:4] == "run0"}
-    assert len(crossing) == 16
-    assert {pair: two[pair] for pair in crossing} == {pair: one[pair] for pair in crossing}
+def test_a_comparison_that_is_split_into_runs_has_the_p_values_of_the_whole() -> None:
+    first, _ = first_and_others()
+    suite = {"plan": {"suite": {"methods": ["first0", "first1", "first2", "first3"]}}}
+    whole = named(first, "whole", "2026-01-01", **suite)
+    parts = [
+        replace(
+            named(first, f"part{k}", f"2025-01-0{k + 1}", **suite),
+            samples=first.samples[first.samples["method"].isin(pair)],
+        )
+        for k, pair in enumerate((("first0", "first1"), ("first1", "first2"), ("first3",)))
+    ]
+    assert told(parts) == told([whole]) == told([whole, *parts])
+
+
+def test_p_values_count_the_pairs_of_the_scenario() -> None:
+    np.testing.assert_allclose(adjusted([0.01, 0.01, 0.5], [2, 4, 3]), [0.01, 0.06, 1.0])
 
 
 def test_repeats_are_one_row_and_change_nothing() -> None:
     first, _ = first_and_others()
     again = named(first, "again", "2026-02-01")
     more = named(run_of({"first0": np.zeros(60)}), "more", "2026-03-01")
-    # A later run of some of the methods is a smaller family; the first comparison counts.
+    # A run of some of the methods is no smaller family.
     few = first.samples[first.samples["method"].isin(["first0", "first1"])]
     part = replace(named(first, "part", "2026-02-02"), samples=few)
     (found,) = standings([part, again, first])

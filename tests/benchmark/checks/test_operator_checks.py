@@ -122,7 +122,7 @@ def test_an_operator_that_cannot_be_made_is_told_so_once() -> None:
     (found,) = report.results
     assert found.name == title(OPERATOR_CHECKS[0])
     assert found.message == "set-up failed with RuntimeError: no weights for this sensor."
-    assert 'File "toy_operators.py", line' in found.trace
+    assert 'toy_operators.py", line' in found.trace
     assert report.untried == len(OPERATOR_CHECKS) - 1
 
 

@@ -385,7 +385,7 @@ def test_several_at_a_time_begin_with_what_took_longest_to_tune(
         begun.append(plan.cell.name)
         run(self, data, plan, *given)
 
-    def chosen(self: MethodData, name: str) -> dict[str, Any]:
+    def chosen(self: MethodData, name: str, *_: Any) -> dict[str, Any]:
         return {"parameters": {}, "spent": {"seconds": seconds[name]}, "trials": []}
 
     monkeypatch.setattr(execution.Executor, "run", noting)
