@@ -135,7 +135,8 @@ def _standing(board: Sequence[Entry]) -> Standing:
     clusters = cells[0]["cluster"].nunique() if cells else 0
     if clusters < MIN_CLUSTERS:
         why = (
-            f"Intervals need at least {MIN_CLUSTERS} sessions or objects, and here are {clusters}."
+            f"Intervals and ties need at least {MIN_CLUSTERS} independent sessions or objects; "
+            f"this board has {clusters}."
         )
         return Standing(rows, [], 0, why)
 

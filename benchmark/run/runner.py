@@ -304,7 +304,7 @@ def _say_outdated(plan: Plan, data: Mapping[str, CellData], progress: RunProgres
         if on and name not in plan.parameters:
             progress.say(
                 f"The hyper-parameters of {name!r} that were selected on {', '.join(on)} belong to "
-                "another version of its file: they are not used. Tune it again (eitbench tune)."
+                "another version of its file, so its defaults are used: tune it again."
             )
 
 

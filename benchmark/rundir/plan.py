@@ -228,13 +228,13 @@ def read_parameters(text: str) -> dict[str, dict[str, Any]]:
     """Return constructor parameters by method from JSON, or from the path of a file of JSON.
 
     Raises:
-        InputError: it is no such JSON.
+        InputError: it is not JSON of this form.
     """
     try:
         content = text.encode() if text.lstrip().startswith("{") else _small_file(Path(text))
         found: dict[str, dict[str, Any]] = _PARAMETERS.validate_json(content)
     except (OSError, ValueError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "it is no such JSON"
+        reason = error.strerror if isinstance(error, OSError) else "it is not JSON of this form"
         raise InputError(
             f'Parameters are JSON by method, such as {{"noser": {{"weight": 0.1}}}}, or the '
             f"path of a file that holds it; got {text[:80]!r}: {reason}."

@@ -148,16 +148,21 @@ def check_guarded() -> None:
     """Check that a script that starts workers can be imported by them without starting its own.
 
     Raises:
-        InputError: it has no `if __name__ == "__main__":`.
+        InputError: it has no `if __name__ == "__main__":`, or is no file.
     """
     main = sys.modules["__main__"]
     script = getattr(main, "__file__", None)
+    if script == "<stdin>":
+        raise InputError(
+            "A program that is read from standard input cannot start worker processes: save it as "
+            "a file, and run that."
+        )
     if script is None or main.__spec__ is not None or not Path(script).is_file():
         return  # a notebook, `python -c`, or a module that workers import by its name
     if "__main__" not in Path(script).read_text(encoding="utf-8", errors="replace"):
         raise InputError(
-            f"{Path(script).name} starts processes, each of which imports it again: put what it "
-            'does under `if __name__ == "__main__":`.'
+            f"{Path(script).name} starts worker processes, and each imports it again: put "
+            'its commands under `if __name__ == "__main__":`.'
         )
 
 

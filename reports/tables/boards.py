@@ -204,7 +204,8 @@ def _noise(board: Sequence[Row]) -> list[str]:
         )
     if distance is not None:
         parts.append(
-            f"the nominal model is wrong by {distance:.0f} dB less than the touch changes (median)"
+            f"the nominal model's error is {distance:.0f} dB smaller than the change by the touch "
+            "(median)"
         )
     return parts
 

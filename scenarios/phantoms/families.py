@@ -160,7 +160,9 @@ class DeclaredFamily(Declaration):
         if value.keys() != SHAPES[shape].sizes.keys():
             raise ValueError(f"the sizes of {shape!r} are {', '.join(SHAPES[shape].sizes)}")
         if any(high > 1 for _, high in value.values()):
-            raise ValueError("sizes are fractions of the sensor's side, or of another size")
+            raise ValueError(
+                "a size is a fraction of the sensor's side, a ratio one of another size: at most 1"
+            )
         if shape == "l-shape" and value["width"][1] >= value["arm"][0]:
             raise ValueError("the arm of an L is longer than it is wide")
         return value

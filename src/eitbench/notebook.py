@@ -16,6 +16,7 @@ from eitbench.methods.registry import methods as known_methods
 from eitbench.methods.registry import register
 from eitbench.reports.tables.columns import shown_columns
 from eitbench.reports.tables.leaderboard import ranked_rows
+from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.suites.suite import Suite, load_suite
 
 AnyMethod = str | type[Method]
@@ -25,7 +26,7 @@ def evaluate(
     methods: AnyMethod | Sequence[AnyMethod],
     suite: str | Path | Suite = "quick",
     *,
-    scenarios: Sequence[str] = (),
+    scenarios: str | Sequence[str] = (),
     limit: int | None = None,
     parameters: Mapping[str, Mapping[str, Any]] | None = None,
     jobs: int = 1,
@@ -43,7 +44,7 @@ def evaluate(
         methods: names or classes, one or several. A class that is not registered gets a name made
             of its own, `my-method` of `MyMethod`.
         suite: a suite, its name, or the path of its file.
-        scenarios: names of those to run; all by default.
+        scenarios: one or several names of those to run; all by default.
         limit: test samples of each scenario; all by default.
         parameters: constructor parameters by the name of the method.
         jobs: cells (scenario x method) at a time.
@@ -53,17 +54,21 @@ def evaluate(
         One row per scenario and method, ranked, with the columns of a leaderboard.
 
     Raises:
-        InputError: an unknown name, or parameters that a method does not take.
+        InputError: no method, an object instead of a class, or an unknown name.
 
     Warns:
         UserWarning: a method failed; the sentence says how, and where an error was raised.
     """
+    if isinstance(methods, Method):
+        raise InputError(f"Give the class {type(methods).__name__}, not an object of it.")
     asked = [methods] if isinstance(methods, str | type) else methods
+    if not asked:
+        raise InputError("Name at least one method, or give its class.")
     chosen = suite if isinstance(suite, Suite) else load_suite(suite)
     plan = make_plan(
         chosen,
         methods=[method if isinstance(method, str) else _name(method) for method in asked],
-        scenarios=scenarios,
+        scenarios=[scenarios] if isinstance(scenarios, str) else scenarios,
         limit=limit,
         parameters=parameters,
     )

@@ -64,5 +64,11 @@ def test_what_it_raises_is_told_with_its_frames() -> None:
 def test_what_is_wrong_is_said_before_anything_is_run() -> None:
     with pytest.raises(InputError, match="Unknown method 'nosr': did you mean 'noser'"):
         evaluate("nosr", TINY)
+    with pytest.raises(InputError, match="Give the class HalfLevel, not an object of it"):
+        evaluate(HalfLevel(), TINY)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="Name at least one method"):
+        evaluate([], TINY)
+    with pytest.raises(InputError, match="Unknown scenario in suite 'tiny': 'none'"):
+        evaluate("noser", TINY, scenarios="none")
     with pytest.raises(InputError, match="cannot be made with"):
         evaluate("noser", TINY, parameters={"noser": {"wait": 1}})

@@ -292,7 +292,9 @@ def test_gaps_between_tracks_are_those_of_the_method_and_scenario() -> None:
 
 def test_too_few_clusters_say_so() -> None:
     found = standing({"one": np.arange(MIN_CLUSTERS - 1.0), "other": np.arange(MIN_CLUSTERS - 1.0)})
-    assert found.why_not == "Intervals need at least 10 sessions or objects, and here are 9."
+    assert found.why_not == (
+        "Intervals and ties need at least 10 independent sessions or objects; this board has 9."
+    )
     assert found.pairs == []
     assert all(row["score_low"] is row["group"] is row["rank_low"] is None for row in found.rows)
 

@@ -98,8 +98,8 @@ def test_the_command_of_a_tuned_row_makes_it_again(run: Path, tmp_path: Path) ->
     ("text", "sentence"),
     [
         ("nowhere.json", "'nowhere.json': No such file"),
-        ("{", "it is no such JSON"),
-        ('{"noser": 3}', "it is no such JSON"),
+        ("{", "it is not JSON of this form"),
+        ('{"noser": 3}', "it is not JSON of this form"),
     ],
 )
 def test_parameters_that_are_none_are_refused(text: str, sentence: str) -> None:

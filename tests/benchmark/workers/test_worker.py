@@ -276,7 +276,7 @@ def test_a_script_is_told_about_the_guard_before_anything_is_run(tmp_path: Path)
     done = subprocess.run([sys.executable, str(script)], capture_output=True, text=True)
     assert done.returncode == 1
     assert done.stderr.splitlines()[-1].endswith(
-        "mine.py starts processes, each of which imports it again: put what it does under "
+        "mine.py starts worker processes, and each imports it again: put its commands under "
         '`if __name__ == "__main__":`.'
     )
 
@@ -291,3 +291,10 @@ def test_ctrl_c_does_not_reach_what_a_run_starts(toys: Path) -> None:
             masks = dict(line.split(":", 1) for line in status.splitlines())
             assert int(masks["SigBlk"], 16) & 1 << (signal.SIGINT - 1)
     assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, ())
+
+
+def test_a_program_from_standard_input_is_told_to_be_a_file() -> None:
+    program = "from eitbench.benchmark.workers.worker import plugin_names\nplugin_names('any.py')\n"
+    done = subprocess.run([sys.executable, "-"], input=program, capture_output=True, text=True)
+    assert done.returncode == 1
+    assert "save it as a file, and run that." in done.stderr.splitlines()[-1]

@@ -252,7 +252,7 @@ def test_few_samples_and_untuned_methods_among_tuned_ones_are_told(
     assert "not tuned" not in printed(rows, form)
     mixed = [row | {"track": "tuned" if row["method"] == "chosen" else "default"} for row in rows]
     said = " ".join(printed(mixed, form).split())
-    assert "no ties: intervals need at least 10 sessions or objects, and here are 4" in said
+    assert "no ties: intervals and ties need at least 10 independent sessions" in said
     assert "not tuned, beside methods that are: as-it-came" in said
 
 
