@@ -304,7 +304,23 @@ def _marks(content: Content) -> list[str]:
         problems.append(
             f"{_count(len(away), 'label')} outside the sensor, the first at ({x:.4g}, {y:.4g}) mm."
         )
-    return problems
+    return [*problems, *_places(content)]
+
+
+_SMALL = 0.01
+"""Extent of all places, over the sensor's, that is too small to be that of a touched sensor."""
+
+
+def _places(content: Content) -> list[str]:
+    """What is wrong with the places of all touches together."""
+    places = content.labels[["x_m", "y_m"]].dropna().to_numpy(dtype=np.float64)
+    if len(places) < _LEAST or not np.ptp(places, axis=0).any():  # of one place nothing is told
+        return []
+    extent, (x0, y0, x1, y1) = np.ptp(places, axis=0).max(), content.sensor.outline.bounds
+    in_metres = content.sensor.outline.contains(*(1e3 * places).T).all()
+    if extent < _SMALL * max(x1 - x0, y1 - y0) and in_metres:
+        return [f"All places lie within {1e3 * extent:.2g} mm of each other: are they in metres?"]
+    return []
 
 
 def _electrodes(content: Content, untouched: NDArray[np.int64]) -> tuple[list[str], list[str]]:

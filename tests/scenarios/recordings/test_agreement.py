@@ -118,6 +118,18 @@ def test_a_board_of_magnitudes_has_no_sign_to_be_reversed() -> None:
     assert reference_problem(untouched(skin), skin) == ""
 
 
+def test_places_in_metres_are_told(sound: Content, tmp_path: Path) -> None:
+    problem = "All places lie within 0.044 mm of each other: are they in metres?"
+    for k, (factor, told) in enumerate(((1e-3, [problem]), (1.0, []))):
+        folder = tmp_path / str(k)
+        folder.mkdir()
+        places = sound.labels[["x_m", "y_m"]] * factor
+        assert checked(replace(sound, labels=sound.labels.assign(**places)), folder) == told
+    # Presses of one place, which a robot does not quite repeat, are no alarm.
+    near = 0.04 + sound.labels[["x_m", "y_m"]] * 1e-3
+    assert checked(replace(sound, labels=sound.labels.assign(**near)), tmp_path) == []
+
+
 def late(places: pd.DataFrame, presses: int) -> pd.DataFrame:
     return pd.DataFrame(np.roll(places.to_numpy(), presses, axis=0), columns=places.columns)
 

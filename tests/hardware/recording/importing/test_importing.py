@@ -205,6 +205,19 @@ def test_rows_of_a_sheet_find_their_frames(tmp_path: Path, imported: Import) -> 
     assert rows("frame,x_mm\n3,1\n3,9\n", "a.csv") == [(3, 3), (3, 3)]
 
 
+def test_places_outside_the_sensor_are_told(tmp_path: Path, imported: Import) -> None:
+    np.savetxt(tmp_path / "a.csv", VALUES, delimiter=",")
+    sheet = tmp_path / "sheet.csv"
+    for text, says in (
+        ("frame,x_mm,y_mm\n3,1,1\n4,150,20\n5,10,300\n", "sensor: 2, the first at (150, 20) mm; "),
+        ("frame,x_mm,y_mm\n3,10,20\n", ""),
+    ):
+        sheet.write_text(text)
+        said = imported("a.csv", labels=sheet)[1]
+        assert ("Places outside the" in said) == bool(says)
+        assert says in said
+
+
 def test_rows_of_a_reference_are_those_of_the_file() -> None:
     files = [FramesOf(Path("a.csv"), 2, 4), FramesOf(Path("b.csv"), 6, 3)]
     arrays = {
