@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from eitbench.scenarios.errors import DataCorruptError, InputError
 from eitbench.scenarios.recordings.agreement import (
+    differences_problem,
     fit_of_sensor,
     reference_problem,
     touch_problems,
@@ -159,6 +160,7 @@ def _standing_out(error: NDArray[np.float64], pattern: DrivePattern) -> list[int
 
 MAX_RECIPROCITY = 0.1
 """Relative reciprocity error of the untouched sensor above which a recording is a problem."""
+_BY_REFERENCE = "--reference, --released or --differences"
 _LOOKED_AT = 1000  # frames that suspect electrodes are looked for in
 
 
@@ -188,12 +190,14 @@ def check(path: Path, other: Sensor | None = None) -> tuple[list[str], list[str]
     problems = [*_condition(content, condition), *_frames(content), *_marks(content)]
     facts = [_summary(content)]
     untouched = _untouched(content)
-    needs = {
-        "reference frames": content.differences or len(untouched),
-        "labelled touches": len(content.labels),
-    }
-    if missing := " and ".join(what for what, count in needs.items() if not count):
-        facts.append(f"To be a set for suites it needs {missing}: record with --guided.")
+    needs = (
+        ("reference frames", content.differences or len(untouched), _BY_REFERENCE),
+        ("labelled touches", len(content.labels), "--labels"),
+    )
+    if missing := " and ".join(what for what, count, _ in needs if not count):
+        options = " and ".join(option for _, count, option in needs[::-1] if not count)
+        also = f", or import with {options}" if content.board == "imported" else ""
+        facts.append(f"To be a set for suites it needs {missing}: record with --guided{also}.")
     # Impossible frames say nothing about electrodes.
     if len(content) and not impossible(content.values).size and not outside(content):
         if content.differences:
@@ -232,6 +236,10 @@ def _agreement(
             if nominal is not None and frame.any():
                 fit = fit_of_sensor(frame, nominal)
                 facts.append(f"Reference beside the model of sensor {nominal.name}: {fit}.")
+    if content.differences and (
+        problem := differences_problem(content.values[:_LOOKED_AT], sensor)
+    ):
+        problems.append(problem)
     marked = content.differences or len(content.reference) or has_own_references(content).all()
     if not problems and len(content.labels) and marked and not impossible_label(content):
         labels = content.labels.sort_values("first", kind="stable")

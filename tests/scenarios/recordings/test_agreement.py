@@ -14,6 +14,7 @@ from eitbench.scenarios import forward_model, sensor
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.recordings.agreement import (
     LEAST_SPREAD,
+    differences_problem,
     explained,
     reference_problem,
     touch_problems,
@@ -128,6 +129,33 @@ def test_places_in_metres_are_told(sound: Content, tmp_path: Path) -> None:
     # Presses of one place, which a robot does not quite repeat, are no alarm.
     near = 0.04 + sound.labels[["x_m", "y_m"]] * 1e-3
     assert checked(replace(sound, labels=sound.labels.assign(**near)), tmp_path) == []
+
+
+def test_whole_frames_as_differences_are_told(tmp_path: Path) -> None:
+    released, pressed, places = pressed_skin(12)
+    says = "look like whole frames, not like differences: import them without --differences."
+    for k, (values, told) in enumerate(
+        ((pressed, True), (-pressed, True), (pressed - released, 0))
+    ):
+        folder = tmp_path / str(k)
+        folder.mkdir()
+        problems = checked(from_differences(values, SKIN, "imported", places), folder)
+        assert [says in problem for problem in problems] == [True] * told
+    assert differences_problem(np.zeros((3, 208)), SKIN) == ""
+
+
+def test_options_that_give_a_reference_are_named(sound: Content, tmp_path: Path) -> None:
+    bare = replace(sound, labels=sound.labels[:0])
+    for board, says in (
+        (
+            "imported",
+            "--guided, or import with --labels and --reference, --released or --differences.",
+        ),
+        ("bench", "reference frames and labelled touches: record with --guided."),
+    ):
+        path = tmp_path / f"{board}.h5"
+        write_recording(replace(bare, board=board), path)
+        assert any(says in fact for fact in check(path)[1])
 
 
 def late(places: pd.DataFrame, presses: int) -> pd.DataFrame:
