@@ -13,7 +13,7 @@ from eitbench.scenarios.recordings.agreement import (
     reference_problem,
     touch_problems,
 )
-from eitbench.scenarios.recordings.descriptors import RecordedFrames
+from eitbench.scenarios.recordings.descriptors import RecordedFrames, validation_every_fifth
 from eitbench.scenarios.recordings.files.own import (
     damage,
     frames_of_touches,
@@ -22,7 +22,12 @@ from eitbench.scenarios.recordings.files.own import (
     off_sensor,
     outside,
 )
-from eitbench.scenarios.recordings.files.recording_file import Condition, Content, read_file
+from eitbench.scenarios.recordings.files.recording_file import (
+    Condition,
+    Content,
+    read_file,
+    touches_of,
+)
 from eitbench.scenarios.recordings.frames import impossible, peak
 from eitbench.scenarios.sensors.patterns import DrivePattern
 from eitbench.scenarios.sensors.sensor import Sensor
@@ -318,6 +323,10 @@ def _marks(content: Content) -> list[str]:
 _SMALL = 0.01
 """Extent of all places, over the sensor's, that is too small to be that of a touched sensor."""
 
+_ON_A_LINE = 0.1
+"""Ratio of the singular values of places, over the sensor's width and height, below which a mirror
+image of them fits about as well: that of the public sets is 0.88 and more."""
+
 
 def _places(content: Content) -> list[str]:
     """What is wrong with the places of all touches together."""
@@ -328,6 +337,18 @@ def _places(content: Content) -> list[str]:
     in_metres = content.sensor.outline.contains(*(1e3 * places).T).all()
     if extent < _SMALL * max(x1 - x0, y1 - y0) and in_metres:
         return [f"All places lie within {1e3 * extent:.2g} mm of each other: are they in metres?"]
+    touches = content.labels[["x_m", "y_m"]].groupby(touches_of(content.labels)[0])
+    middles = touches.mean().to_numpy(dtype=np.float64)
+    registering = middles[np.array(validation_every_fifth(len(middles))) == "validation"]
+    if len(registering) < _LEAST or len(places) < len(content.labels):  # nothing is registered
+        return []
+    spread = (registering - registering.mean(axis=0)) / (x1 - x0, y1 - y0)
+    longest, shortest = np.linalg.svd(spread, compute_uv=False)
+    if shortest <= _ON_A_LINE * longest:
+        return [
+            "The places of the touches that register images (every fifth) lie almost on a line: "
+            "touch again in another order, or more places."
+        ]
     return []
 
 

@@ -91,7 +91,7 @@ def test_a_reversed_drive_is_told(sound: Content, tmp_path: Path) -> None:
 def test_electrodes_numbered_otherwise_are_told(
     tmp_path: Path, number: NDArray[np.int64], says: str
 ) -> None:
-    released, pressed, places = pressed_skin(12, skin=renumbered(SKIN, number))
+    released, pressed, places = pressed_skin(20, skin=renumbered(SKIN, number))
     (problem,) = checked(from_pairs(released, pressed, SKIN, "fake", places), tmp_path)
     assert says in problem
     reverse = reference_problem(-released[0], SKIN)
@@ -131,8 +131,23 @@ def test_places_in_metres_are_told(sound: Content, tmp_path: Path) -> None:
     assert checked(replace(sound, labels=sound.labels.assign(**near)), tmp_path) == []
 
 
+def test_registration_by_places_on_a_line_is_told(sound: Content, tmp_path: Path) -> None:
+    """A grid of five columns, row by row: every fifth touch is in the first one."""
+    x, y = (part.ravel() for part in np.meshgrid(np.linspace(0.02, 0.08, 5), [0.02, 0.03, 0.05]))
+    by_column = np.arange(15).reshape(3, 5).T.ravel()
+    says = "(every fifth) lie almost on a line: touch again in another order, or more places."
+    for k, (order, told) in enumerate(((np.arange(15), True), (by_column, False))):
+        folder = tmp_path / str(k)
+        folder.mkdir()
+        labels = sound.labels[:15].assign(x_m=x[order], y_m=y[order])
+        problems = checked(replace(sound, labels=labels), folder)
+        assert any(says in problem for problem in problems) == told
+    alone = sound.labels[:15].assign(x_m=0.04, y_m=0.04)  # a study of forces
+    assert checked(replace(sound, labels=alone), tmp_path) == []
+
+
 def test_whole_frames_as_differences_are_told(tmp_path: Path) -> None:
-    released, pressed, places = pressed_skin(12)
+    released, pressed, places = pressed_skin(20)
     says = "look like whole frames, not like differences: import them without --differences."
     for k, (values, told) in enumerate(
         ((pressed, True), (-pressed, True), (pressed - released, 0))
