@@ -1,5 +1,6 @@
 """Labels of touches: columns of a sheet or of files of frames, as the table of a recording."""
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -30,6 +31,11 @@ _ROWS = ("frame", "first", "last", "reference_first", "reference_last")
 _TEXTS = ("file", "state")
 _KNOWN = {name.lower(): name for name in (*_TEXTS, *_ROWS, *_VALUES)}
 _PREFIX = "label_"  # in exported MATLAB files
+_NEARLY = re.compile(
+    r"(x|y)([^a-z]|$|mm|cm|m$|pos|coord)|pos|place|coord|depth|force|pressure|file|frame|first|last"
+    "|reference"
+)
+"""Begin of a name that is meant as a column of labels, if it is none."""
 
 
 @dataclass(frozen=True)
@@ -104,12 +110,14 @@ def _whole(cells: Array, name: str, path: Path) -> Array:
     return cells
 
 
-def read_sheet(arrays: Arrays, path: Path) -> pd.DataFrame:
-    """The sheet of labels in the file at `path`, whose columns all have to be known.
+def read_sheet(arrays: Arrays, path: Path) -> tuple[pd.DataFrame, list[str]]:
+    """The sheet of labels in the file at `path`, and its columns that are none of labels.
 
     Raises:
-        InputError: an unknown column, or as `parsed` raises.
+        InputError: a column that looks like one of labels without being one, no column of labels,
+            or as `parsed` raises.
     """
+    unused = []
     for name in arrays:
         plain = name.strip().lower()
         if _known(name) or name in ("", ALL_COLUMNS):
@@ -119,6 +127,9 @@ def read_sheet(arrays: Arrays, path: Path) -> pd.DataFrame:
             raise InputError(
                 f"Column {name!r} of {path} has no unit: name it {' or '.join(units)}."
             )
+        if any(map(_known, arrays)) and not _NEARLY.match(plain.removeprefix(_PREFIX)):
+            unused.append(name)
+            continue
         raise InputError(
             f"Column {name!r} of {path} is unknown: the first line of a sheet of labels names its "
             f"columns, out of {', '.join(_KNOWN.values())}."
@@ -126,7 +137,7 @@ def read_sheet(arrays: Arrays, path: Path) -> pd.DataFrame:
     table = parsed(arrays, path)
     if not len(table):
         raise InputError(f"{path} holds no labels.")
-    return table
+    return table, unused
 
 
 def placed(

@@ -154,15 +154,19 @@ def _read(path: Path, sensor: Sensor, choice: Choice) -> FrameFile:
 def relabelled(content: Content, path: Path, sheet: Path) -> tuple[pd.DataFrame, list[str]]:
     """The labels that a sheet gives to the recording at `path`, and what they are."""
     part = FramesOf(path, 0, len(content))
-    table, how = sheets.placed(_read_sheet(sheet), [part], content.reference, sheet)
-    return sheets.as_labels(table), [touches(table, f"{sheet} ({how})")]
+    table, said = _of_sheet(sheet, [part], content.reference)
+    return sheets.as_labels(table), [said]
 
 
-def _read_sheet(path: Path) -> pd.DataFrame:
+def _of_sheet(path: Path, parts: list[FramesOf], reference: Index) -> tuple[pd.DataFrame, str]:
+    """Labels by rows of the recording, of the sheet at `path`, and what they are."""
     paths, _ = found_files([str(path)])
     if len(paths) > 1:
         raise InputError(f"{path} holds {len(paths)} files: labels are one sheet.")
-    return sheets.read_sheet(read_arrays(paths[0]), paths[0])
+    labels, unused = sheets.read_sheet(read_arrays(paths[0]), paths[0])
+    table, how = sheets.placed(labels, parts, reference, path)
+    said = touches(table, f"{path} ({how})")
+    return table, f"{said} Not used: {', '.join(unused)}." if unused else said
 
 
 def _label_table(
@@ -170,8 +174,7 @@ def _label_table(
 ) -> tuple[pd.DataFrame, str]:
     """Labels by rows of the recording, of a sheet or else of the files, and what they are."""
     if sheet is not None:
-        table, how = sheets.placed(_read_sheet(sheet), parts, reference, sheet)
-        return table, touches(table, f"{sheet} ({how})")
+        return _of_sheet(sheet, parts, reference)
     tables = []
     for file, part in zip(files, parts, strict=True):
         beside = {n: a for n, a in file.arrays.items() if n != file.frames.name}

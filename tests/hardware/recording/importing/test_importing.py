@@ -205,6 +205,15 @@ def test_rows_of_a_sheet_find_their_frames(tmp_path: Path, imported: Import) -> 
     assert rows("frame,x_mm\n3,1\n3,9\n", "a.csv") == [(3, 3), (3, 3)]
 
 
+def test_other_columns_of_a_sheet_are_told(tmp_path: Path, imported: Import) -> None:
+    np.savetxt(tmp_path / "a.csv", VALUES, delimiter=",")
+    sheet = tmp_path / "sheet.csv"
+    sheet.write_text("frame,x_mm,y_mm,Comment,year\n3,10,20,by hand,2024\n5,10,30,,2024\n")
+    content, said = imported("a.csv", labels=sheet)
+    assert "counted from 0). Not used: Comment, year." in said
+    assert content.labels["x_m"].tolist() == [0.01, 0.01]
+
+
 def test_places_outside_the_sensor_are_told(tmp_path: Path, imported: Import) -> None:
     np.savetxt(tmp_path / "a.csv", VALUES, delimiter=",")
     sheet = tmp_path / "sheet.csv"
@@ -245,7 +254,10 @@ def test_rows_of_a_reference_are_those_of_the_file() -> None:
     ("text", "says"),
     [
         ("x_mm,y\n1,2\n", "Column 'y' .* has no unit: name it y_mm or y_m"),
-        ("x_mm,colour\n1,2\n", "Column 'colour' .* is unknown: the first line"),
+        ("x_mm,y_cm\n1,2\n", "Column 'y_cm' .* is unknown: the first line .* x_mm, x_m, y_mm"),
+        ("x_mm,Force (mN)\n1,2\n", r"Column 'Force \(mN\)' .* is unknown: the first line"),
+        ("x_mm,filename\n1,a.csv\n", "Column 'filename' .* is unknown: the first line"),
+        ("colour\n1\n", "Column 'colour' .* is unknown: the first line"),
         ("x_mm,x_m\n1,2\n", "two columns for 'x_m'"),
         ("x_mm\n1\n2\n", "2 rows of labels for 6 frames .* add a column file, frame"),
         ("file,x_mm\nc.csv,1\n", "Row 1 of .* is for the file 'c.csv', which is none of the 1"),
