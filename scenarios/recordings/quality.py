@@ -17,6 +17,7 @@ from eitbench.scenarios.recordings.descriptors import RecordedFrames, validation
 from eitbench.scenarios.recordings.files.own import (
     damage,
     frames_of_touches,
+    half_placed,
     has_own_references,
     impossible_label,
     off_sensor,
@@ -312,6 +313,11 @@ def _marks(content: Content) -> list[str]:
         problems.append("The reference names frames that are not there.")
     if problem := impossible_label(content):
         problems.append(f"{problem[0].upper()}{problem[1:]}.")
+    if (half := half_placed(content)).size:
+        has = "has" if len(half) == 1 else "have"
+        problems.append(
+            f"{_count(len(half), 'label')} {has} only one coordinate, the first is label {half[0]}."
+        )
     if (away := off_sensor(content)).size:
         x, y = 1e3 * content.labels.loc[away[0], ["x_m", "y_m"]]
         problems.append(

@@ -142,8 +142,11 @@ def read_sheet(arrays: Arrays, path: Path) -> tuple[pd.DataFrame, list[str]]:
 
 def placed(
     table: pd.DataFrame, files: list[FramesOf], reference: Index, path: Path
-) -> tuple[pd.DataFrame, str]:
+) -> tuple[pd.DataFrame, str, int]:
     """The labels with `first` and `last` as rows of the recording, and how these were found.
+
+    The number says how many rows are left out, as they tell nothing of a touch, beside those for
+    frames of the reference.
 
     Args:
         table: as `parsed` gives it.
@@ -158,6 +161,7 @@ def placed(
     touched = np.setdiff1d(frames, reference)
     has_rows = "frame" in table or {"first", "last"} <= set(table)
     base: Index | int = files[0].start  # that rows of frames are counted from
+    left_out = 0
     if "file" in table:
         how = "by the names of the files"
         of = [_file(name, k, files, path) for k, name in enumerate(table["file"])]
@@ -173,7 +177,9 @@ def placed(
         how = "row by row, for the frames"
         rows = frames if len(table) == len(frames) else touched
         # A row without a word about a touch is for a frame without one.
-        marks = _described(table) & ~np.isin(rows, reference)
+        of_touches = ~np.isin(rows, reference)
+        marks = _described(table) & of_touches
+        left_out = int((of_touches & ~marks).sum())
         table, of = table[marks], [FramesOf(path, row, 1) for row in rows[marks].tolist()]
     else:
         raise InputError(
@@ -200,7 +206,7 @@ def placed(
         if name in made:
             given = made[name].to_numpy()
             made[name] = np.where(given < 0, -1, base + given).astype(np.int64)
-    return made, how
+    return made, how, left_out
 
 
 def _touched(file: FramesOf, touched: Index) -> FramesOf:

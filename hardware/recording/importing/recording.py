@@ -164,8 +164,8 @@ def _of_sheet(path: Path, parts: list[FramesOf], reference: Index) -> tuple[pd.D
     if len(paths) > 1:
         raise InputError(f"{path} holds {len(paths)} files: labels are one sheet.")
     labels, unused = sheets.read_sheet(read_arrays(paths[0]), paths[0])
-    table, how = sheets.placed(labels, parts, reference, path)
-    said = touches(table, f"{path} ({how})")
+    table, how, left_out = sheets.placed(labels, parts, reference, path)
+    said = touches(table, f"{path} ({how})") + _left_out(left_out)
     return table, f"{said} Not used: {', '.join(unused)}." if unused else said
 
 
@@ -175,18 +175,25 @@ def _label_table(
     """Labels by rows of the recording, of a sheet or else of the files, and what they are."""
     if sheet is not None:
         return _of_sheet(sheet, parts, reference)
-    tables = []
+    tables, left_out = [], 0
     for file, part in zip(files, parts, strict=True):
         beside = {n: a for n, a in file.arrays.items() if n != file.frames.name}
         if any(map(sheets.is_label, beside)):
             inside = sheets.parsed(beside, file.path)
-            tables.append(sheets.placed(inside, [part], reference, file.path)[0])
+            table, _, without = sheets.placed(inside, [part], reference, file.path)
+            tables.append(table)
+            left_out += without
     if not tables:
         return pd.DataFrame(), (
             "Touches: none, since the files hold no labels and --labels names no sheet of them."
         )
     table = pd.concat(tables, ignore_index=True)
-    return table, touches(table, "the files")
+    return table, touches(table, "the files") + _left_out(left_out)
+
+
+def _left_out(count: int) -> str:
+    """A sentence on rows of labels that say nothing, to follow another."""
+    return f" Left out: {counted(count, 'row')} without a place or another value." if count else ""
 
 
 def touches(table: pd.DataFrame, by: str) -> str:

@@ -11,7 +11,7 @@ from tests.support.pressed_skin import SKIN, Array, pressed_skin, renumbered
 
 from eitbench.hardware.recording.exchange import import_recording, write_recording
 from eitbench.scenarios import forward_model, sensor
-from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.errors import DataCorruptError, InputError
 from eitbench.scenarios.recordings.agreement import (
     LEAST_SPREAD,
     differences_problem,
@@ -19,7 +19,7 @@ from eitbench.scenarios.recordings.agreement import (
     reference_problem,
     touch_problems,
 )
-from eitbench.scenarios.recordings.files.own import frames_of_touches
+from eitbench.scenarios.recordings.files.own import frames_of_touches, own_set
 from eitbench.scenarios.recordings.files.pairs import from_differences, from_pairs
 from eitbench.scenarios.recordings.files.recording_file import Content
 from eitbench.scenarios.recordings.quality import check
@@ -129,6 +129,15 @@ def test_places_in_metres_are_told(sound: Content, tmp_path: Path) -> None:
     # Presses of one place, which a robot does not quite repeat, are no alarm.
     near = 0.04 + sound.labels[["x_m", "y_m"]] * 1e-3
     assert checked(replace(sound, labels=sound.labels.assign(**near)), tmp_path) == []
+
+
+def test_a_place_with_one_coordinate_is_told(sound: Content, tmp_path: Path) -> None:
+    labels = sound.labels.copy()
+    labels.loc[3, "y_m"] = np.nan
+    problems = checked(replace(sound, labels=labels), tmp_path)
+    assert problems == ["1 label has only one coordinate, the first is label 3."]
+    with pytest.raises(DataCorruptError, match="label 3 has only one coordinate"):
+        own_set(tmp_path / "a.h5")
 
 
 def test_registration_by_places_on_a_line_is_told(sound: Content, tmp_path: Path) -> None:

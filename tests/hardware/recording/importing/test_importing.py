@@ -214,6 +214,25 @@ def test_other_columns_of_a_sheet_are_told(tmp_path: Path, imported: Import) -> 
     assert content.labels["x_m"].tolist() == [0.01, 0.01]
 
 
+def test_rows_of_labels_that_are_left_out_are_counted(tmp_path: Path, imported: Import) -> None:
+    table = pd.DataFrame(VALUES, columns=NAMES)
+    table.to_csv(tmp_path / "a.csv", index=False)
+    sheet = tmp_path / "sheet.csv"
+    places = pd.DataFrame({"x_mm": [10, 20, np.nan, 30], "y_mm": [10, 20, np.nan, 30]})
+    places.to_csv(sheet, index=False)
+    left_out = "Left out: 1 row without a place or another value."
+    content, said = imported("a.csv", labels=sheet, reference="first:2")
+    assert "Touches: 3, all with a place" in said
+    assert left_out in said
+    assert content.labels["first"].tolist() == [2, 3, 5]
+    # The first two rows are for the reference, and no touch is missing there.
+    whole = pd.concat([places.iloc[[2, 2]], places], ignore_index=True)
+    pd.concat([table, whole], axis=1).to_csv(tmp_path / "b.csv", index=False)
+    assert left_out in imported("b.csv", reference="first:2")[1]
+    places.fillna(40).to_csv(sheet, index=False)
+    assert "Left out" not in imported("a.csv", labels=sheet, reference="first:2")[1]
+
+
 def test_places_outside_the_sensor_are_told(tmp_path: Path, imported: Import) -> None:
     np.savetxt(tmp_path / "a.csv", VALUES, delimiter=",")
     sheet = tmp_path / "sheet.csv"
@@ -237,12 +256,12 @@ def test_rows_of_a_reference_are_those_of_the_file() -> None:
         "force_N": np.array([0.5, np.nan]),
     }
     path = Path("sheet.csv")
-    table, _ = placed(parsed(arrays, path), files, np.array([0, 1]), path)
+    table, _, _ = placed(parsed(arrays, path), files, np.array([0, 1]), path)
     assert table["first"].tolist() == [3, 8]
     assert table["reference_first"].tolist() == [2, 7]
     assert table["reference_last"].tolist() == [-1, 7]
     del arrays["file"]
-    table, _ = placed(parsed(arrays, path), files, np.array([0, 1]), path)
+    table, _, _ = placed(parsed(arrays, path), files, np.array([0, 1]), path)
     assert table["reference_first"].tolist() == [2, 3]
     labels = as_labels(table)
     assert labels["reference_last"].tolist() == [-1, 3]
