@@ -381,12 +381,13 @@ def _electrodes(content: Content, untouched: NDArray[np.int64]) -> tuple[list[st
 
 def _summary(content: Content) -> str:
     touches = len(content.labels[["first", "last"]].drop_duplicates())
+    contacts = f" with {len(content.labels)} contacts" if len(content.labels) > touches else ""
     kind = "emulated board" if content.emulated else "board"
     seconds = float(np.ptp(content.time_s)) if len(content) else 0.0
     return (
         f"{_count(len(content), 'frame')} of {content.sensor.n_measurements} values from the "
         f"{kind} {content.board}, sensor {content.sensor.name}, {seconds:.1f} s, "
-        f"{_count(touches, 'touch', 'touches')}, started {content.started}."
+        f"{_count(touches, 'touch', 'touches')}{contacts}, started {content.started}."
     )
 
 

@@ -194,7 +194,13 @@ def placed(
     if has_rows:
         first = table["frame" if "frame" in table else "first"].to_numpy()
         last = table["frame" if "frame" in table else "last"].to_numpy()
-    if (wrong := (first < 0) | (last >= count) | (last < first)).any():
+    if (reverse := last < first).any():
+        k = int(np.argmax(reverse))
+        raise InputError(
+            f"Row {k + 1} of {path} is for the frames {first[k]:.0f} to {last[k]:.0f}: the last "
+            "frame is before the first."
+        )
+    if (wrong := (first < 0) | (last >= count)).any():
         k = int(np.argmax(wrong))
         raise InputError(
             f"Row {k + 1} of {path} is for the frames {first[k]:.0f} to {last[k]:.0f}, and there "

@@ -19,7 +19,7 @@ from eitbench.hardware.recording.importing.sources import (
     read_arrays,
 )
 from eitbench.scenarios.arrays import Array, Index
-from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.errors import DataCorruptError, InputError
 from eitbench.scenarios.recordings.files.csv_mat import without_times
 from eitbench.scenarios.recordings.files.pairs import alternating, from_differences, from_pairs
 from eitbench.scenarios.recordings.files.recording_file import Content
@@ -60,7 +60,7 @@ def import_files(
     """
     beside = [*reference_paths(options.reference), *([options.labels] if options.labels else [])]
     paths, others = found_files(sources, beside)
-    files = [_read(path, sensor, options.frames) for path in paths]
+    files = [_one_of(paths, path, sensor, options.frames) for path in paths]
     hows = Counter(file.frames.how for file in files)
     said = [f"From {counted(count, 'file')}: {how}." for how, count in hows.items()]
     if others:
@@ -140,6 +140,18 @@ def _pairs(
     return before, file
 
 
+def _one_of(paths: list[Path], path: Path, sensor: Sensor, choice: Choice) -> FrameFile:
+    """The file at `path`, which may be one that only lies beside the files of frames."""
+    try:
+        return _read(path, sensor, choice)
+    except DataCorruptError as error:
+        if len(paths) == 1:
+            raise
+        raise DataCorruptError(
+            f"{error} If it holds no frames, leave it out, for example by 'press*.csv'."
+        ) from error
+
+
 def _read(path: Path, sensor: Sensor, choice: Choice) -> FrameFile:
     arrays = read_arrays(path)
     # `reference` and `label_...` are what our exported files call them.
@@ -203,7 +215,8 @@ def touches(table: pd.DataFrame, by: str) -> str:
     count = len(table[["first", "last"]].drop_duplicates())
     places = int(table.reindex(columns=["x_m", "y_m"]).notna().all(axis=1).sum())
     all_or = "all" if places == len(table) else places
-    return f"Touches: {count}, {all_or} with a place, by {by}."
+    contacts = f" with {len(table)} contacts" if len(table) > count else ""
+    return f"Touches: {count}{contacts}, {all_or} with a place, by {by}."
 
 
 def _unused(files: list[FrameFile], options: ImportOptions) -> list[str]:

@@ -21,6 +21,7 @@ from eitbench.scenarios.errors import DataCorruptError, EitbenchError, InputErro
 from eitbench.scenarios.recordings import recorded_set
 from eitbench.scenarios.recordings.fetch import fetch_recording, read_recording
 from eitbench.scenarios.recordings.files.recording_file import Content, read_file
+from eitbench.scenarios.recordings.quality import check
 from eitbench.scenarios.sensors.patterns import offset_pattern, ring_pattern
 from eitbench.scenarios.sensors.sensor import Sensor
 
@@ -233,6 +234,36 @@ def test_rows_of_labels_that_are_left_out_are_counted(tmp_path: Path, imported: 
     assert "Left out" not in imported("a.csv", labels=sheet, reference="first:2")[1]
 
 
+def test_what_is_no_file_of_frames_is_told(tmp_path: Path, imported: Import) -> None:
+    folder = tmp_path / "presses"
+    folder.mkdir()
+    np.savetxt(folder / "press1.csv", VALUES, delimiter=",")
+    path = folder / "press1.csv"
+    for options in ({"reference": str(path)}, {"labels": path}):
+        with pytest.raises(InputError, match="no file of frames is left"):
+            imported("presses/press1.csv", **options)
+    with pytest.raises(InputError, match="--reference is empty: name a file, first:N"):
+        imported("presses/press1.csv", reference="")
+    # A shell names the reference among the files, and a folder holds notes.
+    np.savetxt(folder / "rest.csv", VALUES[:2], delimiter=",")
+    content, _ = imported(
+        "presses/press1.csv", "presses/rest.csv", reference=str(folder / "rest.csv")
+    )
+    assert len(content) == 8
+    for text in ("hi", "hi there\nall of you\n"):
+        (folder / "notes.txt").write_text(text)
+        with pytest.raises(EitbenchError, match="holds no frames, leave it out, for example by"):
+            imported("presses")
+
+
+def test_contacts_of_touches_are_counted(tmp_path: Path, imported: Import) -> None:
+    np.savetxt(tmp_path / "a.csv", VALUES, delimiter=",")
+    (tmp_path / "sheet.csv").write_text("frame,x_mm,y_mm\n3,10,20\n3,30,20\n4,10,20\n")
+    _, said = imported("a.csv", labels=tmp_path / "sheet.csv", reference="first:2")
+    assert "Touches: 2 with 3 contacts, all with a place" in said
+    assert "2 touches with 3 contacts, started" in check(tmp_path / "0-out.h5")[1][0]
+
+
 def test_places_outside_the_sensor_are_told(tmp_path: Path, imported: Import) -> None:
     np.savetxt(tmp_path / "a.csv", VALUES, delimiter=",")
     sheet = tmp_path / "sheet.csv"
@@ -281,7 +312,7 @@ def test_rows_of_a_reference_are_those_of_the_file() -> None:
         ("x_mm\n1\n2\n", "2 rows of labels for 6 frames .* add a column file, frame"),
         ("file,x_mm\nc.csv,1\n", "Row 1 of .* is for the file 'c.csv', which is none of the 1"),
         ("frame,x_mm\n6,1\n", "Row 1 of .* frames 6 to 6, and there are frames 0 to 5"),
-        ("first,last\n3,2\n", "Row 1 of .* frames 3 to 2"),
+        ("first,last\n3,2\n", "Row 1 of .* frames 3 to 2: the last frame is before the first"),
         ("frame,x_mm\n1.5,1\n", "whole numbers from 0"),
         ("frame,x_mm\n1,left\n", "Column 'x_mm' of .* something else than numbers"),
         ("1,2,3\n", "Column 'values' .* is unknown: the first line .* names its columns"),
