@@ -27,7 +27,7 @@ from eitbench.scenarios.recordings.files.csv_mat import (
     write_csv,
     write_mat,
 )
-from eitbench.scenarios.recordings.files.own import undamaged
+from eitbench.scenarios.recordings.files.own import off_sensor, undamaged
 from eitbench.scenarios.recordings.files.recording_file import Content, label_table
 from eitbench.scenarios.sensors.sensor import Sensor
 from eitbench.scenarios.storage.try_reading import try_reading
@@ -93,7 +93,19 @@ def import_recording(
     write_recording(content, to)
     frames = counted(len(content), "frame")
     values = f"{content.sensor.n_measurements} values of sensor {content.sensor.name!r}"
-    return [f"{frames} of {values} are in {to}.", *said]
+    return [f"{frames} of {values} are in {to}.", *said, *_off_sensor(content)]
+
+
+def _off_sensor(content: Content) -> list[str]:
+    """A sentence on the places outside the sensor, if there are any."""
+    if not (away := off_sensor(content)).size:
+        return []
+    x, y = 1e3 * content.labels.loc[away[0], ["x_m", "y_m"]]
+    x0, y0, x1, y1 = (f"{1e3 * bound:.4g}" for bound in content.sensor.outline.bounds)
+    return [
+        f"Places outside the sensor: {len(away)}, the first at ({x:.4g}, {y:.4g}) mm; the sensor "
+        f"reaches from ({x0}, {y0}) to ({x1}, {y1}) mm."
+    ]
 
 
 def _imported(

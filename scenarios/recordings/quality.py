@@ -8,20 +8,27 @@ from numpy.typing import ArrayLike, NDArray
 
 from eitbench.scenarios.errors import DataCorruptError, InputError
 from eitbench.scenarios.recordings.agreement import (
+    differences_problem,
     fit_of_sensor,
     reference_problem,
     touch_problems,
 )
-from eitbench.scenarios.recordings.descriptors import RecordedFrames
+from eitbench.scenarios.recordings.descriptors import RecordedFrames, validation_every_fifth
 from eitbench.scenarios.recordings.files.own import (
     damage,
     frames_of_touches,
+    half_placed,
     has_own_references,
     impossible_label,
     off_sensor,
     outside,
 )
-from eitbench.scenarios.recordings.files.recording_file import Condition, Content, read_file
+from eitbench.scenarios.recordings.files.recording_file import (
+    Condition,
+    Content,
+    read_file,
+    touches_of,
+)
 from eitbench.scenarios.recordings.frames import impossible, peak
 from eitbench.scenarios.sensors.patterns import DrivePattern
 from eitbench.scenarios.sensors.sensor import Sensor
@@ -159,6 +166,7 @@ def _standing_out(error: NDArray[np.float64], pattern: DrivePattern) -> list[int
 
 MAX_RECIPROCITY = 0.1
 """Relative reciprocity error of the untouched sensor above which a recording is a problem."""
+_BY_REFERENCE = "--reference, --released or --differences"
 _LOOKED_AT = 1000  # frames that suspect electrodes are looked for in
 
 
@@ -188,12 +196,14 @@ def check(path: Path, other: Sensor | None = None) -> tuple[list[str], list[str]
     problems = [*_condition(content, condition), *_frames(content), *_marks(content)]
     facts = [_summary(content)]
     untouched = _untouched(content)
-    needs = {
-        "reference frames": content.differences or len(untouched),
-        "labelled touches": len(content.labels),
-    }
-    if missing := " and ".join(what for what, count in needs.items() if not count):
-        facts.append(f"To be a set for suites it needs {missing}: record with --guided.")
+    needs = (
+        ("reference frames", content.differences or len(untouched), _BY_REFERENCE),
+        ("labelled touches", len(content.labels), "--labels"),
+    )
+    if missing := " and ".join(what for what, count, _ in needs if not count):
+        options = " and ".join(option for _, count, option in needs[::-1] if not count)
+        also = f", or import with {options}" if content.board == "imported" else ""
+        facts.append(f"To be a set for suites it needs {missing}: record with --guided{also}.")
     # Impossible frames say nothing about electrodes.
     if len(content) and not impossible(content.values).size and not outside(content):
         if content.differences:
@@ -232,6 +242,10 @@ def _agreement(
             if nominal is not None and frame.any():
                 fit = fit_of_sensor(frame, nominal)
                 facts.append(f"Reference beside the model of sensor {nominal.name}: {fit}.")
+    if content.differences and (
+        problem := differences_problem(content.values[:_LOOKED_AT], sensor)
+    ):
+        problems.append(problem)
     marked = content.differences or len(content.reference) or has_own_references(content).all()
     if not problems and len(content.labels) and marked and not impossible_label(content):
         labels = content.labels.sort_values("first", kind="stable")
@@ -299,12 +313,49 @@ def _marks(content: Content) -> list[str]:
         problems.append("The reference names frames that are not there.")
     if problem := impossible_label(content):
         problems.append(f"{problem[0].upper()}{problem[1:]}.")
+    if (half := half_placed(content)).size:
+        has = "has" if len(half) == 1 else "have"
+        problems.append(
+            f"{_count(len(half), 'label')} {has} only one coordinate, the first is label {half[0]}."
+        )
     if (away := off_sensor(content)).size:
         x, y = 1e3 * content.labels.loc[away[0], ["x_m", "y_m"]]
         problems.append(
             f"{_count(len(away), 'label')} outside the sensor, the first at ({x:.4g}, {y:.4g}) mm."
         )
-    return problems
+    return [*problems, *_places(content)]
+
+
+_SMALL = 0.01
+"""Extent of all places, over the sensor's, that is too small to be that of a touched sensor."""
+
+_ON_A_LINE = 0.1
+"""Ratio of the singular values of places, over the sensor's width and height, below which a mirror
+image of them fits about as well: that of the public sets is 0.88 and more."""
+
+
+def _places(content: Content) -> list[str]:
+    """What is wrong with the places of all touches together."""
+    places = content.labels[["x_m", "y_m"]].dropna().to_numpy(dtype=np.float64)
+    if len(places) < _LEAST or not np.ptp(places, axis=0).any():  # of one place nothing is told
+        return []
+    extent, (x0, y0, x1, y1) = np.ptp(places, axis=0).max(), content.sensor.outline.bounds
+    in_metres = content.sensor.outline.contains(*(1e3 * places).T).all()
+    if extent < _SMALL * max(x1 - x0, y1 - y0) and in_metres:
+        return [f"All places lie within {1e3 * extent:.2g} mm of each other: are they in metres?"]
+    touches = content.labels[["x_m", "y_m"]].groupby(touches_of(content.labels)[0])
+    middles = touches.mean().to_numpy(dtype=np.float64)
+    registering = middles[np.array(validation_every_fifth(len(middles))) == "validation"]
+    if len(registering) < _LEAST or len(places) < len(content.labels):  # nothing is registered
+        return []
+    spread = (registering - registering.mean(axis=0)) / (x1 - x0, y1 - y0)
+    longest, shortest = np.linalg.svd(spread, compute_uv=False)
+    if shortest <= _ON_A_LINE * longest:
+        return [
+            "The places of the touches that register images (every fifth) lie almost on a line: "
+            "touch again in another order, or more places."
+        ]
+    return []
 
 
 def _electrodes(content: Content, untouched: NDArray[np.int64]) -> tuple[list[str], list[str]]:
@@ -330,12 +381,13 @@ def _electrodes(content: Content, untouched: NDArray[np.int64]) -> tuple[list[st
 
 def _summary(content: Content) -> str:
     touches = len(content.labels[["first", "last"]].drop_duplicates())
+    contacts = f" with {len(content.labels)} contacts" if len(content.labels) > touches else ""
     kind = "emulated board" if content.emulated else "board"
     seconds = float(np.ptp(content.time_s)) if len(content) else 0.0
     return (
         f"{_count(len(content), 'frame')} of {content.sensor.n_measurements} values from the "
         f"{kind} {content.board}, sensor {content.sensor.name}, {seconds:.1f} s, "
-        f"{_count(touches, 'touch', 'touches')}, started {content.started}."
+        f"{_count(touches, 'touch', 'touches')}{contacts}, started {content.started}."
     )
 
 

@@ -91,6 +91,11 @@ def find_frames(arrays: Arrays, sensor: Sensor, path: Path, choice: Choice) -> F
         for fit in _fits(name, array, sensor.pattern)
         if choice.order in (None, fit.order) or array.squeeze().ndim < 2
     ]
+    if not any(array.size for array in numeric.values()):
+        raise InputError(
+            f"{path} holds no numbers: if it holds no frames, leave it out, for example by "
+            "'press*.csv'."
+        )
     if not fits:
         raise InputError(
             f"{path} holds no frames of sensor {sensor.name!r}, which measures "

@@ -1,5 +1,6 @@
 """Labels of touches: columns of a sheet or of files of frames, as the table of a recording."""
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -30,6 +31,11 @@ _ROWS = ("frame", "first", "last", "reference_first", "reference_last")
 _TEXTS = ("file", "state")
 _KNOWN = {name.lower(): name for name in (*_TEXTS, *_ROWS, *_VALUES)}
 _PREFIX = "label_"  # in exported MATLAB files
+_NEARLY = re.compile(
+    r"(x|y)([^a-z]|$|mm|cm|m$|pos|coord)|pos|place|coord|depth|force|pressure|file|frame|first|last"
+    "|reference"
+)
+"""Begin of a name that is meant as a column of labels, if it is none."""
 
 
 @dataclass(frozen=True)
@@ -104,12 +110,14 @@ def _whole(cells: Array, name: str, path: Path) -> Array:
     return cells
 
 
-def read_sheet(arrays: Arrays, path: Path) -> pd.DataFrame:
-    """The sheet of labels in the file at `path`, whose columns all have to be known.
+def read_sheet(arrays: Arrays, path: Path) -> tuple[pd.DataFrame, list[str]]:
+    """The sheet of labels in the file at `path`, and its columns that are none of labels.
 
     Raises:
-        InputError: an unknown column, or as `parsed` raises.
+        InputError: a column that looks like one of labels without being one, no column of labels,
+            or as `parsed` raises.
     """
+    unused = []
     for name in arrays:
         plain = name.strip().lower()
         if _known(name) or name in ("", ALL_COLUMNS):
@@ -119,6 +127,9 @@ def read_sheet(arrays: Arrays, path: Path) -> pd.DataFrame:
             raise InputError(
                 f"Column {name!r} of {path} has no unit: name it {' or '.join(units)}."
             )
+        if any(map(_known, arrays)) and not _NEARLY.match(plain.removeprefix(_PREFIX)):
+            unused.append(name)
+            continue
         raise InputError(
             f"Column {name!r} of {path} is unknown: the first line of a sheet of labels names its "
             f"columns, out of {', '.join(_KNOWN.values())}."
@@ -126,13 +137,16 @@ def read_sheet(arrays: Arrays, path: Path) -> pd.DataFrame:
     table = parsed(arrays, path)
     if not len(table):
         raise InputError(f"{path} holds no labels.")
-    return table
+    return table, unused
 
 
 def placed(
     table: pd.DataFrame, files: list[FramesOf], reference: Index, path: Path
-) -> tuple[pd.DataFrame, str]:
+) -> tuple[pd.DataFrame, str, int]:
     """The labels with `first` and `last` as rows of the recording, and how these were found.
+
+    The number says how many rows are left out, as they tell nothing of a touch, beside those for
+    frames of the reference.
 
     Args:
         table: as `parsed` gives it.
@@ -147,6 +161,7 @@ def placed(
     touched = np.setdiff1d(frames, reference)
     has_rows = "frame" in table or {"first", "last"} <= set(table)
     base: Index | int = files[0].start  # that rows of frames are counted from
+    left_out = 0
     if "file" in table:
         how = "by the names of the files"
         of = [_file(name, k, files, path) for k, name in enumerate(table["file"])]
@@ -162,7 +177,9 @@ def placed(
         how = "row by row, for the frames"
         rows = frames if len(table) == len(frames) else touched
         # A row without a word about a touch is for a frame without one.
-        marks = _described(table) & ~np.isin(rows, reference)
+        of_touches = ~np.isin(rows, reference)
+        marks = _described(table) & of_touches
+        left_out = int((of_touches & ~marks).sum())
         table, of = table[marks], [FramesOf(path, row, 1) for row in rows[marks].tolist()]
     else:
         raise InputError(
@@ -177,7 +194,13 @@ def placed(
     if has_rows:
         first = table["frame" if "frame" in table else "first"].to_numpy()
         last = table["frame" if "frame" in table else "last"].to_numpy()
-    if (wrong := (first < 0) | (last >= count) | (last < first)).any():
+    if (reverse := last < first).any():
+        k = int(np.argmax(reverse))
+        raise InputError(
+            f"Row {k + 1} of {path} is for the frames {first[k]:.0f} to {last[k]:.0f}: the last "
+            "frame is before the first."
+        )
+    if (wrong := (first < 0) | (last >= count)).any():
         k = int(np.argmax(wrong))
         raise InputError(
             f"Row {k + 1} of {path} is for the frames {first[k]:.0f} to {last[k]:.0f}, and there "
@@ -189,7 +212,7 @@ def placed(
         if name in made:
             given = made[name].to_numpy()
             made[name] = np.where(given < 0, -1, base + given).astype(np.int64)
-    return made, how
+    return made, how, left_out
 
 
 def _touched(file: FramesOf, touched: Index) -> FramesOf:

@@ -19,7 +19,7 @@ from eitbench.hardware.recording.importing.sources import (
     read_arrays,
 )
 from eitbench.scenarios.arrays import Array, Index
-from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.errors import DataCorruptError, InputError
 from eitbench.scenarios.recordings.files.csv_mat import without_times
 from eitbench.scenarios.recordings.files.pairs import alternating, from_differences, from_pairs
 from eitbench.scenarios.recordings.files.recording_file import Content
@@ -60,7 +60,7 @@ def import_files(
     """
     beside = [*reference_paths(options.reference), *([options.labels] if options.labels else [])]
     paths, others = found_files(sources, beside)
-    files = [_read(path, sensor, options.frames) for path in paths]
+    files = [_one_of(paths, path, sensor, options.frames) for path in paths]
     hows = Counter(file.frames.how for file in files)
     said = [f"From {counted(count, 'file')}: {how}." for how, count in hows.items()]
     if others:
@@ -140,6 +140,18 @@ def _pairs(
     return before, file
 
 
+def _one_of(paths: list[Path], path: Path, sensor: Sensor, choice: Choice) -> FrameFile:
+    """The file at `path`, which may be one that only lies beside the files of frames."""
+    try:
+        return _read(path, sensor, choice)
+    except DataCorruptError as error:
+        if len(paths) == 1:
+            raise
+        raise DataCorruptError(
+            f"{error} If it holds no frames, leave it out, for example by 'press*.csv'."
+        ) from error
+
+
 def _read(path: Path, sensor: Sensor, choice: Choice) -> FrameFile:
     arrays = read_arrays(path)
     # `reference` and `label_...` are what our exported files call them.
@@ -154,15 +166,19 @@ def _read(path: Path, sensor: Sensor, choice: Choice) -> FrameFile:
 def relabelled(content: Content, path: Path, sheet: Path) -> tuple[pd.DataFrame, list[str]]:
     """The labels that a sheet gives to the recording at `path`, and what they are."""
     part = FramesOf(path, 0, len(content))
-    table, how = sheets.placed(_read_sheet(sheet), [part], content.reference, sheet)
-    return sheets.as_labels(table), [touches(table, f"{sheet} ({how})")]
+    table, said = _of_sheet(sheet, [part], content.reference)
+    return sheets.as_labels(table), [said]
 
 
-def _read_sheet(path: Path) -> pd.DataFrame:
+def _of_sheet(path: Path, parts: list[FramesOf], reference: Index) -> tuple[pd.DataFrame, str]:
+    """Labels by rows of the recording, of the sheet at `path`, and what they are."""
     paths, _ = found_files([str(path)])
     if len(paths) > 1:
         raise InputError(f"{path} holds {len(paths)} files: labels are one sheet.")
-    return sheets.read_sheet(read_arrays(paths[0]), paths[0])
+    labels, unused = sheets.read_sheet(read_arrays(paths[0]), paths[0])
+    table, how, left_out = sheets.placed(labels, parts, reference, path)
+    said = touches(table, f"{path} ({how})") + _left_out(left_out)
+    return table, f"{said} Not used: {', '.join(unused)}." if unused else said
 
 
 def _label_table(
@@ -170,20 +186,26 @@ def _label_table(
 ) -> tuple[pd.DataFrame, str]:
     """Labels by rows of the recording, of a sheet or else of the files, and what they are."""
     if sheet is not None:
-        table, how = sheets.placed(_read_sheet(sheet), parts, reference, sheet)
-        return table, touches(table, f"{sheet} ({how})")
-    tables = []
+        return _of_sheet(sheet, parts, reference)
+    tables, left_out = [], 0
     for file, part in zip(files, parts, strict=True):
         beside = {n: a for n, a in file.arrays.items() if n != file.frames.name}
         if any(map(sheets.is_label, beside)):
             inside = sheets.parsed(beside, file.path)
-            tables.append(sheets.placed(inside, [part], reference, file.path)[0])
+            table, _, without = sheets.placed(inside, [part], reference, file.path)
+            tables.append(table)
+            left_out += without
     if not tables:
         return pd.DataFrame(), (
             "Touches: none, since the files hold no labels and --labels names no sheet of them."
         )
     table = pd.concat(tables, ignore_index=True)
-    return table, touches(table, "the files")
+    return table, touches(table, "the files") + _left_out(left_out)
+
+
+def _left_out(count: int) -> str:
+    """A sentence on rows of labels that say nothing, to follow another."""
+    return f" Left out: {counted(count, 'row')} without a place or another value." if count else ""
 
 
 def touches(table: pd.DataFrame, by: str) -> str:
@@ -193,7 +215,8 @@ def touches(table: pd.DataFrame, by: str) -> str:
     count = len(table[["first", "last"]].drop_duplicates())
     places = int(table.reindex(columns=["x_m", "y_m"]).notna().all(axis=1).sum())
     all_or = "all" if places == len(table) else places
-    return f"Touches: {count}, {all_or} with a place, by {by}."
+    contacts = f" with {len(table)} contacts" if len(table) > count else ""
+    return f"Touches: {count}{contacts}, {all_or} with a place, by {by}."
 
 
 def _unused(files: list[FrameFile], options: ImportOptions) -> list[str]:

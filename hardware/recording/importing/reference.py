@@ -20,6 +20,8 @@ def reference_paths(given: str | None) -> list[Path]:
     """The files that `--reference` names; none where it says something else."""
     if given is None or given == "none" or given.startswith(("first:", "array:")):
         return []
+    if not given.strip():
+        raise InputError("--reference is empty: name a file, first:N, array:NAME or none.")
     return found_files([given])[0]
 
 

@@ -3,7 +3,7 @@
 import csv
 import re
 import zipfile
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from importlib.util import find_spec
 from pathlib import Path
@@ -33,7 +33,7 @@ _HDF5 = b"\x89HDF\r\n\x1a\n"
 _SERIES = re.compile(r"(.*?)[\s_.(\[-]*(\d+)[)\]]?")
 
 
-def found_files(sources: Iterable[str], besides: Iterable[Path] = ()) -> tuple[list[Path], int]:
+def found_files(sources: Sequence[str], besides: Iterable[Path] = ()) -> tuple[list[Path], int]:
     """Files, folders and patterns (`press*.csv`) as files, press2 before press10.
 
     Args:
@@ -45,7 +45,8 @@ def found_files(sources: Iterable[str], besides: Iterable[Path] = ()) -> tuple[l
 
     Raises:
         UnreadableError: there is no such file.
-        InputError: a folder or pattern leads to no file, or a file is of a kind that is not read.
+        InputError: a folder or pattern leads to no file, none is left beside `besides`, or a file
+            is of a kind that is not read.
     """
     found: list[Path] = []
     others = 0
@@ -63,9 +64,14 @@ def found_files(sources: Iterable[str], besides: Iterable[Path] = ()) -> tuple[l
         else:
             known = list(Path(path.anchor).glob(str(path.relative_to(path.anchor))))
         files = [p for p in sorted(known, key=natural) if p.resolve() not in skipped]
-        if not files:
+        if not known:
             raise InputError(f"{source} holds no file of {', '.join(READERS)}.")
         found += files
+    if not found:
+        raise InputError(
+            f"{', '.join(map(str, sources))}: what is there is given as reference or labels, and "
+            "no file of frames is left. For a reference among the frames say --reference first:N."
+        )
     for path in found:
         if path.suffix.lower() not in READERS:
             raise InputError(f"{path} is not read: frames are in {', '.join(READERS)} files.")

@@ -120,6 +120,8 @@ def _usable(path: Path) -> Content:
         )
     if problem := impossible_label(content):
         raise DataCorruptError(f"{path} is not used: {problem}.")
+    if (half := half_placed(content)).size:
+        raise DataCorruptError(f"{path} is not used: label {half[0]} has only one coordinate.")
     if (away := off_sensor(content)).size:
         x, y = 1e3 * content.labels.loc[away[0], ["x_m", "y_m"]]
         raise DataCorruptError(
@@ -146,7 +148,13 @@ def off_sensor(content: Content) -> NDArray[np.intp]:
     """The labels that name a place outside the sensor, as their numbers."""
     places = content.labels[["x_m", "y_m"]].to_numpy(dtype=np.float64)
     inside = content.sensor.outline.contains(*places.T)
-    return np.flatnonzero(~inside & np.isfinite(places).any(axis=1))
+    return np.flatnonzero(~inside & np.isfinite(places).all(axis=1))
+
+
+def half_placed(content: Content) -> NDArray[np.intp]:
+    """The labels with one coordinate alone, as their numbers."""
+    known = np.isfinite(content.labels[["x_m", "y_m"]].to_numpy(dtype=np.float64))
+    return np.flatnonzero(known.any(axis=1) & ~known.all(axis=1))
 
 
 def damage(condition: Condition) -> str:

@@ -11,14 +11,15 @@ from tests.support.pressed_skin import SKIN, Array, pressed_skin, renumbered
 
 from eitbench.hardware.recording.exchange import import_recording, write_recording
 from eitbench.scenarios import forward_model, sensor
-from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.errors import DataCorruptError, InputError
 from eitbench.scenarios.recordings.agreement import (
     LEAST_SPREAD,
+    differences_problem,
     explained,
     reference_problem,
     touch_problems,
 )
-from eitbench.scenarios.recordings.files.own import frames_of_touches
+from eitbench.scenarios.recordings.files.own import frames_of_touches, own_set
 from eitbench.scenarios.recordings.files.pairs import from_differences, from_pairs
 from eitbench.scenarios.recordings.files.recording_file import Content
 from eitbench.scenarios.recordings.quality import check
@@ -90,7 +91,7 @@ def test_a_reversed_drive_is_told(sound: Content, tmp_path: Path) -> None:
 def test_electrodes_numbered_otherwise_are_told(
     tmp_path: Path, number: NDArray[np.int64], says: str
 ) -> None:
-    released, pressed, places = pressed_skin(12, skin=renumbered(SKIN, number))
+    released, pressed, places = pressed_skin(20, skin=renumbered(SKIN, number))
     (problem,) = checked(from_pairs(released, pressed, SKIN, "fake", places), tmp_path)
     assert says in problem
     reverse = reference_problem(-released[0], SKIN)
@@ -116,6 +117,69 @@ def test_a_frame_that_fits_nothing_is_not_blamed_on_numbers() -> None:
 def test_a_board_of_magnitudes_has_no_sign_to_be_reversed() -> None:
     skin = replace(SKIN, pattern=opposition_pattern(16))
     assert reference_problem(untouched(skin), skin) == ""
+
+
+def test_places_in_metres_are_told(sound: Content, tmp_path: Path) -> None:
+    problem = "All places lie within 0.044 mm of each other: are they in metres?"
+    for k, (factor, told) in enumerate(((1e-3, [problem]), (1.0, []))):
+        folder = tmp_path / str(k)
+        folder.mkdir()
+        places = sound.labels[["x_m", "y_m"]] * factor
+        assert checked(replace(sound, labels=sound.labels.assign(**places)), folder) == told
+    # Presses of one place, which a robot does not quite repeat, are no alarm.
+    near = 0.04 + sound.labels[["x_m", "y_m"]] * 1e-3
+    assert checked(replace(sound, labels=sound.labels.assign(**near)), tmp_path) == []
+
+
+def test_a_place_with_one_coordinate_is_told(sound: Content, tmp_path: Path) -> None:
+    labels = sound.labels.copy()
+    labels.loc[3, "y_m"] = np.nan
+    problems = checked(replace(sound, labels=labels), tmp_path)
+    assert problems == ["1 label has only one coordinate, the first is label 3."]
+    with pytest.raises(DataCorruptError, match="label 3 has only one coordinate"):
+        own_set(tmp_path / "a.h5")
+
+
+def test_registration_by_places_on_a_line_is_told(sound: Content, tmp_path: Path) -> None:
+    """A grid of five columns, row by row: every fifth touch is in the first one."""
+    x, y = (part.ravel() for part in np.meshgrid(np.linspace(0.02, 0.08, 5), [0.02, 0.03, 0.05]))
+    by_column = np.arange(15).reshape(3, 5).T.ravel()
+    says = "(every fifth) lie almost on a line: touch again in another order, or more places."
+    for k, (order, told) in enumerate(((np.arange(15), True), (by_column, False))):
+        folder = tmp_path / str(k)
+        folder.mkdir()
+        labels = sound.labels[:15].assign(x_m=x[order], y_m=y[order])
+        problems = checked(replace(sound, labels=labels), folder)
+        assert any(says in problem for problem in problems) == told
+    alone = sound.labels[:15].assign(x_m=0.04, y_m=0.04)  # a study of forces
+    assert checked(replace(sound, labels=alone), tmp_path) == []
+
+
+def test_whole_frames_as_differences_are_told(tmp_path: Path) -> None:
+    released, pressed, places = pressed_skin(20)
+    says = "look like whole frames, not like differences: import them without --differences."
+    for k, (values, told) in enumerate(
+        ((pressed, True), (-pressed, True), (pressed - released, 0))
+    ):
+        folder = tmp_path / str(k)
+        folder.mkdir()
+        problems = checked(from_differences(values, SKIN, "imported", places), folder)
+        assert [says in problem for problem in problems] == [True] * told
+    assert differences_problem(np.zeros((3, 208)), SKIN) == ""
+
+
+def test_options_that_give_a_reference_are_named(sound: Content, tmp_path: Path) -> None:
+    bare = replace(sound, labels=sound.labels[:0])
+    for board, says in (
+        (
+            "imported",
+            "--guided, or import with --labels and --reference, --released or --differences.",
+        ),
+        ("bench", "reference frames and labelled touches: record with --guided."),
+    ):
+        path = tmp_path / f"{board}.h5"
+        write_recording(replace(bare, board=board), path)
+        assert any(says in fact for fact in check(path)[1])
 
 
 def late(places: pd.DataFrame, presses: int) -> pd.DataFrame:

@@ -21,6 +21,7 @@ from eitbench.scenarios.errors import DataCorruptError, EitbenchError, InputErro
 from eitbench.scenarios.recordings import recorded_set
 from eitbench.scenarios.recordings.fetch import fetch_recording, read_recording
 from eitbench.scenarios.recordings.files.recording_file import Content, read_file
+from eitbench.scenarios.recordings.quality import check
 from eitbench.scenarios.sensors.patterns import offset_pattern, ring_pattern
 from eitbench.scenarios.sensors.sensor import Sensor
 
@@ -205,6 +206,77 @@ def test_rows_of_a_sheet_find_their_frames(tmp_path: Path, imported: Import) -> 
     assert rows("frame,x_mm\n3,1\n3,9\n", "a.csv") == [(3, 3), (3, 3)]
 
 
+def test_other_columns_of_a_sheet_are_told(tmp_path: Path, imported: Import) -> None:
+    np.savetxt(tmp_path / "a.csv", VALUES, delimiter=",")
+    sheet = tmp_path / "sheet.csv"
+    sheet.write_text("frame,x_mm,y_mm,Comment,year\n3,10,20,by hand,2024\n5,10,30,,2024\n")
+    content, said = imported("a.csv", labels=sheet)
+    assert "counted from 0). Not used: Comment, year." in said
+    assert content.labels["x_m"].tolist() == [0.01, 0.01]
+
+
+def test_rows_of_labels_that_are_left_out_are_counted(tmp_path: Path, imported: Import) -> None:
+    table = pd.DataFrame(VALUES, columns=NAMES)
+    table.to_csv(tmp_path / "a.csv", index=False)
+    sheet = tmp_path / "sheet.csv"
+    places = pd.DataFrame({"x_mm": [10, 20, np.nan, 30], "y_mm": [10, 20, np.nan, 30]})
+    places.to_csv(sheet, index=False)
+    left_out = "Left out: 1 row without a place or another value."
+    content, said = imported("a.csv", labels=sheet, reference="first:2")
+    assert "Touches: 3, all with a place" in said
+    assert left_out in said
+    assert content.labels["first"].tolist() == [2, 3, 5]
+    # The first two rows are for the reference, and no touch is missing there.
+    whole = pd.concat([places.iloc[[2, 2]], places], ignore_index=True)
+    pd.concat([table, whole], axis=1).to_csv(tmp_path / "b.csv", index=False)
+    assert left_out in imported("b.csv", reference="first:2")[1]
+    places.fillna(40).to_csv(sheet, index=False)
+    assert "Left out" not in imported("a.csv", labels=sheet, reference="first:2")[1]
+
+
+def test_what_is_no_file_of_frames_is_told(tmp_path: Path, imported: Import) -> None:
+    folder = tmp_path / "presses"
+    folder.mkdir()
+    np.savetxt(folder / "press1.csv", VALUES, delimiter=",")
+    path = folder / "press1.csv"
+    for options in ({"reference": str(path)}, {"labels": path}):
+        with pytest.raises(InputError, match="no file of frames is left"):
+            imported("presses/press1.csv", **options)
+    with pytest.raises(InputError, match="--reference is empty: name a file, first:N"):
+        imported("presses/press1.csv", reference="")
+    # A shell names the reference among the files, and a folder holds notes.
+    np.savetxt(folder / "rest.csv", VALUES[:2], delimiter=",")
+    content, _ = imported(
+        "presses/press1.csv", "presses/rest.csv", reference=str(folder / "rest.csv")
+    )
+    assert len(content) == 8
+    for text in ("hi", "hi there\nall of you\n"):
+        (folder / "notes.txt").write_text(text)
+        with pytest.raises(EitbenchError, match="holds no frames, leave it out, for example by"):
+            imported("presses")
+
+
+def test_contacts_of_touches_are_counted(tmp_path: Path, imported: Import) -> None:
+    np.savetxt(tmp_path / "a.csv", VALUES, delimiter=",")
+    (tmp_path / "sheet.csv").write_text("frame,x_mm,y_mm\n3,10,20\n3,30,20\n4,10,20\n")
+    _, said = imported("a.csv", labels=tmp_path / "sheet.csv", reference="first:2")
+    assert "Touches: 2 with 3 contacts, all with a place" in said
+    assert "2 touches with 3 contacts, started" in check(tmp_path / "0-out.h5")[1][0]
+
+
+def test_places_outside_the_sensor_are_told(tmp_path: Path, imported: Import) -> None:
+    np.savetxt(tmp_path / "a.csv", VALUES, delimiter=",")
+    sheet = tmp_path / "sheet.csv"
+    for text, says in (
+        ("frame,x_mm,y_mm\n3,1,1\n4,150,20\n5,10,300\n", "sensor: 2, the first at (150, 20) mm; "),
+        ("frame,x_mm,y_mm\n3,10,20\n", ""),
+    ):
+        sheet.write_text(text)
+        said = imported("a.csv", labels=sheet)[1]
+        assert ("Places outside the" in said) == bool(says)
+        assert says in said
+
+
 def test_rows_of_a_reference_are_those_of_the_file() -> None:
     files = [FramesOf(Path("a.csv"), 2, 4), FramesOf(Path("b.csv"), 6, 3)]
     arrays = {
@@ -215,12 +287,12 @@ def test_rows_of_a_reference_are_those_of_the_file() -> None:
         "force_N": np.array([0.5, np.nan]),
     }
     path = Path("sheet.csv")
-    table, _ = placed(parsed(arrays, path), files, np.array([0, 1]), path)
+    table, _, _ = placed(parsed(arrays, path), files, np.array([0, 1]), path)
     assert table["first"].tolist() == [3, 8]
     assert table["reference_first"].tolist() == [2, 7]
     assert table["reference_last"].tolist() == [-1, 7]
     del arrays["file"]
-    table, _ = placed(parsed(arrays, path), files, np.array([0, 1]), path)
+    table, _, _ = placed(parsed(arrays, path), files, np.array([0, 1]), path)
     assert table["reference_first"].tolist() == [2, 3]
     labels = as_labels(table)
     assert labels["reference_last"].tolist() == [-1, 3]
@@ -232,12 +304,15 @@ def test_rows_of_a_reference_are_those_of_the_file() -> None:
     ("text", "says"),
     [
         ("x_mm,y\n1,2\n", "Column 'y' .* has no unit: name it y_mm or y_m"),
-        ("x_mm,colour\n1,2\n", "Column 'colour' .* is unknown: the first line"),
+        ("x_mm,y_cm\n1,2\n", "Column 'y_cm' .* is unknown: the first line .* x_mm, x_m, y_mm"),
+        ("x_mm,Force (mN)\n1,2\n", r"Column 'Force \(mN\)' .* is unknown: the first line"),
+        ("x_mm,filename\n1,a.csv\n", "Column 'filename' .* is unknown: the first line"),
+        ("colour\n1\n", "Column 'colour' .* is unknown: the first line"),
         ("x_mm,x_m\n1,2\n", "two columns for 'x_m'"),
         ("x_mm\n1\n2\n", "2 rows of labels for 6 frames .* add a column file, frame"),
         ("file,x_mm\nc.csv,1\n", "Row 1 of .* is for the file 'c.csv', which is none of the 1"),
         ("frame,x_mm\n6,1\n", "Row 1 of .* frames 6 to 6, and there are frames 0 to 5"),
-        ("first,last\n3,2\n", "Row 1 of .* frames 3 to 2"),
+        ("first,last\n3,2\n", "Row 1 of .* frames 3 to 2: the last frame is before the first"),
         ("frame,x_mm\n1.5,1\n", "whole numbers from 0"),
         ("frame,x_mm\n1,left\n", "Column 'x_mm' of .* something else than numbers"),
         ("1,2,3\n", "Column 'values' .* is unknown: the first line .* names its columns"),
