@@ -27,7 +27,7 @@ def answer(board: BoardData, boards: Sequence[BoardData] = ()) -> str:
         boards: among which to look for one on which the best method of this board loses.
     """
     rows, kind, by = board["views"][0]["rows"], board["kind"], board["ranked_by"]
-    where = f"On {board['suite']} / {board['scenario']} ({board['n']:,} samples)"
+    where = f"On {board['name']}" + ("" if board["apart"] else f" ({board['n']:,} samples)")
     column = layout(rows[0]).column(by)
     first = rows[0]
     if column is None or first.get(by) is None:
@@ -74,7 +74,7 @@ def _beside(board: BoardData, boards: Sequence[BoardData]) -> str:
     if lost:
         where = [
             f"{_ordinal(row['rank'])} of {len(other['views'][0]['rows'])} on "
-            f"{other['suite']} / {other['scenario']}" + " (a real sensor)" * other["recorded"]
+            f"{other['name']}" + " (a real sensor)" * other["recorded"]
             for row, other in lost
         ]
         parts.append(f"Elsewhere it loses: {_listed(where)}.")

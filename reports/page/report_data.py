@@ -36,7 +36,7 @@ from eitbench.reports.claims.claim import Verdict
 from eitbench.reports.claims.evidence import Evidence
 from eitbench.reports.claims.published_claims import CLAIMS
 from eitbench.reports.page.images import packed_images
-from eitbench.reports.tables.boards import notes, prior_knowledge, tracks_table
+from eitbench.reports.tables.boards import notes, prior_knowledge, told_apart, tracks_table
 from eitbench.reports.tables.columns import printable, shown_columns
 
 PRESSES = 150
@@ -61,7 +61,8 @@ class View(TypedDict):
 class BoardData(TypedDict):
     """Methods, or operators, on the same data of a scenario.
 
-    `kind` is "method" or "operator". `columns`, `pairs` and `sensitivity` hold the fields of
+    `kind` is "method" or "operator". `name` is of suite and scenario, with `apart` where others
+    share both: size and hash of the data, "" where none do. `columns`, `pairs` and `sensitivity` hold the fields of
     `Column`, `Pair` and `Sensitivity`. The first of `views` is that of all samples. `snr_db` is
     "clean" for data without noise, and None for several levels or unknown ones; `touch_snr_db` is
     the median over samples. `sensor` is "" where it is not known, `recorded` true if the data are
@@ -71,6 +72,8 @@ class BoardData(TypedDict):
 
     suite: str
     scenario: str
+    name: str
+    apart: str
     kind: str
     n: int
     data_hash: str | None
@@ -130,10 +133,10 @@ def report_data(paths: Sequence[Path]) -> ReportData:
     missing: list[str] = []
     runs = [_with_all_columns(read_run(path), missing) for path in paths]
     boards = [
-        _board(standing, of_kind, missing)
+        _board(standing, apart, of_kind, missing)
         for kind in ("method", "operator")
         if (of_kind := [run for run in runs if run.kind.name == kind])
-        for standing in standings(of_kind)
+        for standing, apart in _told_apart(standings(of_kind))
     ]
     for run in runs:
         missing += _incomplete(run)
@@ -257,7 +260,13 @@ def _incomplete(run: Run) -> list[str]:
     return sentences
 
 
-def _board(standing: Standing, runs: Sequence[Run], missing: list[str]) -> BoardData:
+def _told_apart(found: Sequence[Standing]) -> list[tuple[Standing, str]]:
+    return list(zip(found, told_apart([of.rows[0] for of in found]), strict=True))
+
+
+def _board(
+    standing: Standing, apart: str, runs: Sequence[Run], missing: list[str]
+) -> BoardData:
     first = standing.rows[0]
     scenario, kind = first["scenario"], "operator" if "operator" in first else "method"
     view = _view("all samples", standing, runs)
@@ -266,6 +275,8 @@ def _board(standing: Standing, runs: Sequence[Run], missing: list[str]) -> Board
     board = BoardData(
         suite=first["suite"],
         scenario=scenario,
+        name=f"{first['suite']} / {scenario}" + (f" ({apart})" if apart else ""),
+        apart=apart,
         kind=kind,
         n=first["data_n"] or first["n"],
         data_hash=first["data_hash"],

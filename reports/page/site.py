@@ -207,7 +207,8 @@ def _method(name: str, editions: Sequence[_Edition]) -> str:
                     rank = f"{row['rank']} of {len(board['views'][0]['rows'])}"
                     rows += [
                         (
-                            _link(edition.suite, f"../{edition.file}"), row["scenario"],
+                            _link(edition.suite, f"../{edition.file}"),
+                            row["scenario"] + (f" ({board['apart']})" if board["apart"] else ""),
                             edition.version, starts.get(run, ""), run,
                             edition.checked.get(run, SELF_REPORTED), rank,
                             row["group"] or "–", figure, f"{row['coverage']:.1%}", row["command"],

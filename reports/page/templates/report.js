@@ -105,7 +105,7 @@ function drawBoard() {
     const ends = interval(c, row);
     return el("td", { class: (c.form ? "" : "text ") + (best[c.name] === text ? "best" : "") }, text, ends ? el("small", {}, ends) : null);
   })));
-  $("leaderboard").replaceChildren(el("caption", { class: "soft" }, `${board().suite} / ${board().scenario}, ${view().label}`),
+  $("leaderboard").replaceChildren(el("caption", { class: "soft" }, `${board().name}, ${view().label}`),
     el("thead", {}, el("tr", {}, ...head)), el("tbody", {}, ...(body.length ? body : [el("tr", {}, el("td", { class: "text", colspan: columns.length }, "Nothing matches."))])));
   const notes = [view().clusters ? `Intervals from ${view().clusters} sessions or objects` : view().why_not.replace(/\.$/, ""), ...board().notes];
   $("board-note").textContent = notes.filter(Boolean).join("; ") + ".";
@@ -458,7 +458,7 @@ function drawAgainst() {
       const pair = b.pairs.find((p) => (p.first === me && p.second === k) || (p.first === k && p.second === me));
       const verdict = !pair ? "untested" : pair.p >= 0.05 ? "tied" : pair.first === me ? "better" : "worse";
       if (!rivals.has(nameOf(row))) rivals.set(nameOf(row), { better: [], tied: [], worse: [], untested: [] });
-      rivals.get(nameOf(row))[verdict].push(b.scenario);
+      rivals.get(nameOf(row))[verdict].push(b.apart ? `${b.scenario} (${b.apart})` : b.scenario);
     });
   }
   const cell = (scenarios, named) => el("td", {}, scenarios.length || "–", named && scenarios.length ? el("small", {}, scenarios.slice(0, 3).join(", ") + (scenarios.length > 3 ? ", …" : "")) : null);
@@ -471,7 +471,7 @@ function drawAgainst() {
 function filter() {
   const shown = boardsShown();
   if (!shown.includes(board())) state.board = data.boards.indexOf(shown[0]);
-  options($("board"), shown.map((b) => [String(data.boards.indexOf(b)), `${b.suite} / ${b.scenario}`]), state.board);
+  options($("board"), shown.map((b) => [String(data.boards.indexOf(b)), b.name]), state.board);
   drawOverall();
   openBoard();
 }
@@ -547,6 +547,6 @@ $("shown").addEventListener("change", drawImages);
 $("press-method").addEventListener("change", drawPresses);
 $("noise-figure").addEventListener("change", drawNoise);
 buildSliders();
-options($("board"), data.boards.map((b, k) => [String(k), `${b.suite} / ${b.scenario}`]), 0);
+options($("board"), data.boards.map((b, k) => [String(k), b.name]), 0);
 drawOverall();
 openBoard().then(() => plotly).then(() => { document.documentElement.dataset.ready = "true"; });

@@ -152,6 +152,34 @@ def test_scenarios_are_summed_up_under_each_filter(several_once: Path) -> None:
     assert overall_views([*boards, smaller]) == overall_views([smaller, *boards]) == views
 
 
+@pytest.fixture
+def two_sizes(run_builder: Any, dataset_of: Any, tmp_path: Path) -> list[Path]:
+    """Two runs of one suite and scenarios on other data: 12 samples, and 18."""
+    runs = []
+    for n in (12, 18):
+        build = run_builder(tmp_path / f"n{n}")
+        for k in range(2):
+            shares = {"good": 0.9, "poor": 0.5} if n == 18 else {"good": 0.9, "early": 0.7}
+            build.add_scaled(dataset_of("conductivity", n, f"s{k}"), shares, noise=0.01)
+        runs.append(build.write())
+        with edited_manifest(runs[-1]) as content:
+            for data in content["data"].values():
+                data["hash"] = f"{n}abcdef"
+    return runs
+
+
+def test_boards_of_other_data_have_other_names_and_figures(two_sizes: list[Path]) -> None:
+    found = report_data(two_sizes)
+    names = [board["name"] for board in found["boards"]]
+    assert {"bench / s0 (n = 12, data 12abcd)", "bench / s0 (n = 18, data 18abcd)"} <= set(names)
+    stems = [stem for stem, _ in paper_figures(found["boards"])]
+    assert "frontier-bench-s0-n-12-data-12abcd" in stems
+    assert len(set(stems)) == len(stems) == 2 * len(names)
+    said = [answer(board) for board in found["boards"]]
+    assert all(text.startswith(f"On {name}, ") for text, name in zip(said, names, strict=True))
+    assert report_data(two_sizes[:1])["boards"][0]["name"] == "bench / s0"
+
+
 def test_methods_are_shown_with_what_they_were_told_source_and_code(
     several_once: Path, tmp_path: Path
 ) -> None:
