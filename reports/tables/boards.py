@@ -98,8 +98,7 @@ def told_apart(firsts: Sequence[Row]) -> list[str]:
     """
     names = [(row["suite"], row["scenario"]) for row in firsts]
     return [
-        _data(row) if names.count(name) > 1 else ""
-        for row, name in zip(firsts, names, strict=True)
+        _data(row) if names.count(name) > 1 else "" for row, name in zip(firsts, names, strict=True)
     ]
 
 

@@ -443,7 +443,8 @@ function drawOverall() {
     `Mean ranks that differ by ${found.critical_difference.toFixed(2)} or more differ significantly (Nemenyi)` +
     (found.friedman_p === null ? "." : `; of no difference between all of them, p ${found.friedman_p < 0.001 ? "< 0.001" : "= " + found.friedman_p.toFixed(3)} (Friedman).`) +
     (found.left_out.length ? ` Not on all of these scenarios: ${found.left_out.join(", ")}.` : "");
-  options($("mine"), names.map((name) => [name, name]), names.includes($("mine").value) ? $("mine").value : names[0]);
+  const passing = names.filter((name) => of.some((b) => b.views[0].rows.some((row) => nameOf(row) === name && passes(row))));
+  options($("mine"), passing.map((name) => [name, name]), passing.includes($("mine").value) ? $("mine").value : passing[0]);
   drawAgainst();
 }
 
@@ -451,7 +452,7 @@ function drawOverall() {
 function drawAgainst() {
   const mine = $("mine").value, rivals = new Map();
   for (const b of boardsShown()) {
-    const rows = b.views[0].rows, me = rows.findIndex((row) => nameOf(row) === mine);
+    const rows = b.views[0].rows, me = rows.findIndex((row) => nameOf(row) === mine && passes(row));
     if (me < 0 || b.kind !== "method") continue;
     rows.forEach((row, k) => {
       if (k === me || !passes(row)) return;
@@ -462,8 +463,9 @@ function drawAgainst() {
     });
   }
   const cell = (scenarios, named) => el("td", {}, scenarios.length || "–", named && scenarios.length ? el("small", {}, scenarios.slice(0, 3).join(", ") + (scenarios.length > 3 ? ", …" : "")) : null);
-  $("against").replaceChildren(heads([`${mine} against`, "better on", "not told apart on", "worse on", "not tested on"]),
-    el("tbody", {}, ...[...rivals].map(([name, of]) => el("tr", {}, el("td", { class: "text" }, name), cell(of.better, true), cell(of.tied, false), cell(of.worse, true), cell(of.untested, false)))));
+  const none = el("tr", {}, el("td", { class: "text", colspan: 5 }, "No scenario was tested in common."));
+  $("against").replaceChildren(heads([`${mine || "–"} against`, "better on", "not told apart on", "worse on", "not tested on"]),
+    el("tbody", {}, ...[...rivals].map(([name, of]) => el("tr", {}, el("td", { class: "text" }, name), cell(of.better, true), cell(of.tied, false), cell(of.worse, true), cell(of.untested, false))), ...(rivals.size ? [] : [none])));
 }
 
 // ---- what is chosen ----------------------------------------------------------------------------
