@@ -1,8 +1,8 @@
 """The rows of a leaderboard: figures of every method or operator on every scenario, ranked."""
 
-from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -78,9 +78,14 @@ def ranked_boards(runs: Sequence[Run]) -> list[list[Entry]]:
                 f"{runs[0].path} ranks {runs[0].kind.name}s and {run.path} {run.kind.name}s: ask "
                 "for their leaderboards one after the other."
             )
-    for name, count in Counter(run.path.name for run in runs).items():
-        if count > 1:
-            raise InputError(f"{count} of the runs are called {name!r}: give their folders names.")
+    for one, other in combinations([run.path for run in runs], 2):
+        if one.resolve() == other.resolve():
+            raise InputError(f"{one} is given twice.")
+        if one.name == other.name:
+            raise InputError(
+                f"Two runs lie in folders of the same name {one.name!r} ({one}, {other}): rename "
+                "one."
+            )
     entries = []
     for run in runs:
         names = ["suite", "scenario", run.kind.name, *run.kind.labels]

@@ -27,7 +27,7 @@ def answer(board: BoardData, boards: Sequence[BoardData] = ()) -> str:
         boards: among which to look for one on which the best method of this board loses.
     """
     rows, kind, by = board["views"][0]["rows"], board["kind"], board["ranked_by"]
-    where = f"On {board['suite']} / {board['scenario']} ({board['n']:,} samples)"
+    where = f"On {board['name']}" + ("" if board["apart"] else f" ({board['n']:,} samples)")
     column = layout(rows[0]).column(by)
     first = rows[0]
     if column is None or first.get(by) is None:
@@ -36,9 +36,14 @@ def answer(board: BoardData, boards: Sequence[BoardData] = ()) -> str:
         return printable(f"{where}, no {kind} has all samples yet.")
     figure = f"{column.title} {column.number(first[by])}"
     low, high = first.get(f"{by}_low"), first.get(f"{by}_high")
-    if low is None or high is None:
+    interval = "" if low is None or high is None else _interval(column, low, high)
+    if len(rows) == 1:
+        return printable(
+            f"{where}, only {first['label']} was run: {figure}{interval}.{_beside(board, boards)}"
+        )
+    if not interval:
         return printable(f"{where}, {first['label']} is first: {figure}.{_beside(board, boards)}")
-    figure += f" (95 %: {column.number(low)} to {column.number(high)})"
+    figure += interval
     pairs = [pair for pair in board["pairs"] if pair["first"] == 0]
     tied = [rows[pair["second"]] for pair in pairs if pair["p"] >= SIGNIFICANT]
     if not tied:
@@ -51,6 +56,10 @@ def answer(board: BoardData, boards: Sequence[BoardData] = ()) -> str:
         f"{where}, {first['label']} is first with {figure}, but cannot be told apart from "
         f"{names}{_fastest(board, [first, *tied])}.{_beside(board, boards)}"
     )
+
+
+def _interval(column: Column, low: float, high: float) -> str:
+    return f" (95 %: {column.number(low)} to {column.number(high)})"
 
 
 def _beside(board: BoardData, boards: Sequence[BoardData]) -> str:
@@ -74,7 +83,7 @@ def _beside(board: BoardData, boards: Sequence[BoardData]) -> str:
     if lost:
         where = [
             f"{_ordinal(row['rank'])} of {len(other['views'][0]['rows'])} on "
-            f"{other['suite']} / {other['scenario']}" + " (a real sensor)" * other["recorded"]
+            f"{other['name']}" + " (a real sensor)" * other["recorded"]
             for row, other in lost
         ]
         parts.append(f"Elsewhere it loses: {_listed(where)}.")
@@ -82,10 +91,9 @@ def _beside(board: BoardData, boards: Sequence[BoardData]) -> str:
 
 
 def _is_beaten(row: Row, board: BoardData) -> bool:
-    """True if another method is surely better, or just better where nothing is tested."""
+    """True if another method is significantly better; False where nothing is tested."""
     place = board["views"][0]["rows"].index(row)
-    pairs = [pair for pair in board["pairs"] if pair["second"] == place]
-    return any(p["p"] < SIGNIFICANT for p in pairs) if board["pairs"] else row["rank"] > 1
+    return any(p["second"] == place and p["p"] < SIGNIFICANT for p in board["pairs"])
 
 
 def _ordinal(rank: int) -> str:

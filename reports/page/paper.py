@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -73,7 +74,8 @@ def write_paper(report: ReportData, out: Path) -> list[Path]:
 def paper_figures(boards: Sequence[BoardData]) -> Iterator[tuple[str, Figure]]:
     """The figures with the stems of their files."""
     for board in boards:
-        name = f"{board['suite']}-{board['scenario']}"
+        data = re.sub(r"\W+", "-", board["apart"])
+        name = "-".join(filter(None, (board["suite"], board["scenario"], data)))
         if any(row.get("frame_ms_p50") for row in rows_of([board])):
             yield f"frontier-{name}", frontier(board)
         if board["images"] is not None:

@@ -29,7 +29,7 @@ from eitbench.reports.page.answer import answer
 from eitbench.reports.page.images import pack
 from eitbench.reports.page.paper import overall_figure, write_paper
 from eitbench.reports.page.rendering import asset, render
-from eitbench.reports.page.report_data import FAST_MS, ReportData, report_data
+from eitbench.reports.page.report_data import FAST_MS, ReportData, counted_data, report_data
 from eitbench.reports.tables.columns import printable
 from eitbench.reports.tables.references import reference
 
@@ -116,6 +116,7 @@ def to_page(
         ladder_legend=LEGEND,
         answers=[answer(board, report["boards"]) for board in report["boards"]],
         methods=methods,
+        counted_data=counted_data(report["boards"]),
         code_links=code_links,
         critical_difference=_critical_difference(report),
         fast_ms=FAST_MS,

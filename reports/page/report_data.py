@@ -36,7 +36,7 @@ from eitbench.reports.claims.claim import Verdict
 from eitbench.reports.claims.evidence import Evidence
 from eitbench.reports.claims.published_claims import CLAIMS
 from eitbench.reports.page.images import packed_images
-from eitbench.reports.tables.boards import notes, prior_knowledge, tracks_table
+from eitbench.reports.tables.boards import notes, prior_knowledge, told_apart, tracks_table
 from eitbench.reports.tables.columns import printable, shown_columns
 
 PRESSES = 150
@@ -61,16 +61,19 @@ class View(TypedDict):
 class BoardData(TypedDict):
     """Methods, or operators, on the same data of a scenario.
 
-    `kind` is "method" or "operator". `columns`, `pairs` and `sensitivity` hold the fields of
-    `Column`, `Pair` and `Sensitivity`. The first of `views` is that of all samples. `snr_db` is
-    "clean" for data without noise, and None for several levels or unknown ones; `touch_snr_db` is
-    the median over samples. `sensor` is "" where it is not known, `recorded` true if the data are
-    of a real one. `presses` holds for each method the places of presses and those that it found
-    [m], in the coordinates of its image.
+    `kind` is "method" or "operator". `name` is of suite and scenario, with `apart` where others
+    share both: size and hash of the data, "" where none do. `columns`, `pairs` and `sensitivity`
+    hold the fields of `Column`, `Pair` and `Sensitivity`. The first of `views` is that of all
+    samples. `snr_db` is "clean" for data without noise, and None for several levels or unknown
+    ones; `touch_snr_db` is the median over samples. `sensor` is "" where it is not known,
+    `recorded` true if the data are of a real one. `presses` holds for each method the places of
+    presses and those that it found [m], in the coordinates of its image.
     """
 
     suite: str
     scenario: str
+    name: str
+    apart: str
     kind: str
     n: int
     data_hash: str | None
@@ -130,10 +133,10 @@ def report_data(paths: Sequence[Path]) -> ReportData:
     missing: list[str] = []
     runs = [_with_all_columns(read_run(path), missing) for path in paths]
     boards = [
-        _board(standing, of_kind, missing)
+        _board(standing, apart, of_kind, missing)
         for kind in ("method", "operator")
         if (of_kind := [run for run in runs if run.kind.name == kind])
-        for standing in standings(of_kind)
+        for standing, apart in _told_apart(standings(of_kind))
     ]
     for run in runs:
         missing += _incomplete(run)
@@ -170,20 +173,16 @@ def overall_views(boards: Sequence[BoardData]) -> dict[str, dict[str, Any]]:
     scenarios of one sensor. Rows without all samples or without a figure do not count; of several
     data sets of a scenario, the one with the most samples does.
     """
-    views, largest = {}, dict[str, BoardData]()
-    for board in boards:
-        name = f"{board['suite']} / {board['scenario']}"
-        if name not in largest or board["n"] > largest[name]["n"]:
-            largest[name] = board
+    views = {}
     sensors = dict.fromkeys(board["sensor"] for board in boards)
     choices = product(("", "untrained"), ("", "fast"), dict.fromkeys(["", *sensors]))
     for untrained, fast, sensor in choices:
         figures = {}
-        for name, board in largest.items():
+        for board in _largest(boards):
             by = board["ranked_by"]
             sign = METRICS[by].sign if by in METRICS else 1.0
             if not sensor or board["sensor"] == sensor:
-                figures[name] = {
+                figures[board["name"]] = {
                     row["label"]: sign * row[by]
                     for row in board["views"][0]["rows"]
                     if row.get(by) is not None
@@ -194,6 +193,28 @@ def overall_views(boards: Sequence[BoardData]) -> dict[str, dict[str, Any]]:
         if found := overall(figures):
             views[f"{untrained}|{fast}|{sensor}"] = asdict(found)
     return views
+
+
+def _largest(boards: Sequence[BoardData]) -> list[BoardData]:
+    """Return the board with the most samples of each scenario."""
+    largest: dict[tuple[str, str], BoardData] = {}
+    for board in boards:
+        of = largest.setdefault((board["suite"], board["scenario"]), board)
+        if board["n"] > of["n"]:
+            largest[board["suite"], board["scenario"]] = board
+    return list(largest.values())
+
+
+def counted_data(boards: Sequence[BoardData]) -> str:
+    """Say which data sets count over all scenarios; "" where each scenario has but one."""
+    methods = [board for board in boards if board["kind"] == "method"]
+    named = [board["name"] for board in _largest(methods) if board["apart"]]
+    if not named:
+        return ""
+    return (
+        "Of a scenario with several data sets, one counts, the largest: "
+        f"{printable(', '.join(named))}. Methods that ran on other data only are left out for it."
+    )
 
 
 def _sensor(run: Run, scenario: str) -> tuple[str, bool]:
@@ -257,7 +278,11 @@ def _incomplete(run: Run) -> list[str]:
     return sentences
 
 
-def _board(standing: Standing, runs: Sequence[Run], missing: list[str]) -> BoardData:
+def _told_apart(found: Sequence[Standing]) -> list[tuple[Standing, str]]:
+    return list(zip(found, told_apart([of.rows[0] for of in found]), strict=True))
+
+
+def _board(standing: Standing, apart: str, runs: Sequence[Run], missing: list[str]) -> BoardData:
     first = standing.rows[0]
     scenario, kind = first["scenario"], "operator" if "operator" in first else "method"
     view = _view("all samples", standing, runs)
@@ -266,6 +291,8 @@ def _board(standing: Standing, runs: Sequence[Run], missing: list[str]) -> Board
     board = BoardData(
         suite=first["suite"],
         scenario=scenario,
+        name=f"{first['suite']} / {scenario}" + (f" ({apart})" if apart else ""),
+        apart=apart,
         kind=kind,
         n=first["data_n"] or first["n"],
         data_hash=first["data_hash"],

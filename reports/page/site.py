@@ -19,7 +19,7 @@ from eitbench.benchmark.rundir.file_names import file_name
 from eitbench.reports.page.answer import answer
 from eitbench.reports.page.rendering import asset, render
 from eitbench.reports.page.report import to_page
-from eitbench.reports.page.report_data import ReportData, report_data, rows_of
+from eitbench.reports.page.report_data import ReportData, counted_data, report_data, rows_of
 from eitbench.reports.tables.columns import layout, printable
 
 SELF_REPORTED = "self-reported"
@@ -164,7 +164,13 @@ def _front(editions: Sequence[_Edition], methods: Sequence[str], left_out: Seque
     ]
     if overall:
         heads = ("Suite", "Method", "Mean rank", "Wins", "Scenarios")
-        sections.insert(1, Section("Over all scenarios of a suite", heads=heads, rows=overall))
+        counted = [
+            of
+            for e in latest.values()
+            if "||" in e.report["overall"] and (of := counted_data(e.report["boards"]))
+        ]
+        title = "Over all scenarios of a suite"
+        sections.insert(1, Section(title, counted, heads=heads, rows=overall))
     if left_out:
         sections.append(Section("Left out", sentences=[printable(reason) for reason in left_out]))
     lead = "Methods of electrical impedance tomography for touch, compared."
@@ -207,7 +213,8 @@ def _method(name: str, editions: Sequence[_Edition]) -> str:
                     rank = f"{row['rank']} of {len(board['views'][0]['rows'])}"
                     rows += [
                         (
-                            _link(edition.suite, f"../{edition.file}"), row["scenario"],
+                            _link(edition.suite, f"../{edition.file}"),
+                            row["scenario"] + (f" ({board['apart']})" if board["apart"] else ""),
                             edition.version, starts.get(run, ""), run,
                             edition.checked.get(run, SELF_REPORTED), rank,
                             row["group"] or "–", figure, f"{row['coverage']:.1%}", row["command"],

@@ -76,8 +76,8 @@ def printed_boards(rows: Sequence[Row], columns: Sequence[str] = ()) -> list[Pri
     apart = boards(rows)
     names = [" / ".join(dict.fromkeys((b[0]["suite"], b[0]["scenario"]))) for b in apart]
     named = [
-        name if names.count(name) == 1 else f"{name} ({_data(board[0])})"
-        for name, board in zip(names, apart, strict=True)
+        f"{name} ({data})" if data else name
+        for name, data in zip(names, told_apart([board[0] for board in apart]), strict=True)
     ]
     return [
         PrintedBoard(
@@ -87,6 +87,18 @@ def printed_boards(rows: Sequence[Row], columns: Sequence[str] = ()) -> list[Pri
             columns,
         )
         for name, board in zip(named, apart, strict=True)
+    ]
+
+
+def told_apart(firsts: Sequence[Row]) -> list[str]:
+    """Return size and hash of the data of boards where others share suite and scenario, else "".
+
+    Args:
+        firsts: a row of each board.
+    """
+    names = [(row["suite"], row["scenario"]) for row in firsts]
+    return [
+        _data(row) if names.count(name) > 1 else "" for row, name in zip(firsts, names, strict=True)
     ]
 
 

@@ -11,7 +11,7 @@ from eitbench.benchmark import atomic_write, unknown_name
 from eitbench.benchmark.analysis.leaderboard import Row, boards
 from eitbench.benchmark.analysis.results import read_run
 from eitbench.benchmark.analysis.standings import standings
-from eitbench.reports.tables.columns import layout
+from eitbench.reports.tables.columns import layout, shown_columns
 from eitbench.reports.tables.formats import csv_text, to_html, to_latex, to_markdown
 
 
@@ -52,7 +52,7 @@ def sorted_rows(rows: Sequence[Row], by: str) -> list[Row]:
     Raises:
         InputError: no row has such a column.
     """
-    check_columns(rows, [by])
+    (by,) = columns_called(rows, [by])
 
     def order(row: Row) -> tuple[bool, Any]:
         column = layout(row).column(by)
@@ -68,21 +68,32 @@ def chosen_columns(rows: Sequence[Row], names: Sequence[str]) -> list[str]:
     Raises:
         InputError: no row has such a column.
     """
-    check_columns(rows, names)
+    names = columns_called(rows, names)
     own = "operator" if rows and "operator" in rows[0] else "method"
     return list(dict.fromkeys([own, *names] if own not in names else names))
 
 
-def check_columns(rows: Sequence[Row], names: Sequence[str]) -> None:
-    """Refuse names that are no column of a printed table of `rows`.
+def columns_called(rows: Sequence[Row], names: Sequence[str]) -> list[str]:
+    """Return the columns that have these names, titles or headings in a printed table of `rows`.
 
     Raises:
-        InputError: there is one.
+        InputError: there is none.
     """
-    known = dict.fromkeys(column.name for row in rows for column in layout(row).columns)
+    if not rows:
+        return list(names)
+    # Two columns may share the first line of a heading, of which a board shows one.
+    shown = [column for board in boards(rows) for column in shown_columns(board)]
+    columns = [*shown, *layout(rows[0]).columns]
+    headings = layout(rows[0]).terminal
+    called: dict[str, str] = {column.name: column.name for column in columns}
+    for column in columns:
+        heading = headings.get(column.name, column.title)
+        for text in (column.title, heading.replace("\n", " "), heading.split("\n")[0]):
+            called.setdefault(text.casefold(), column.name)
     for name in names:
-        if rows and name not in known:
-            raise unknown_name("column", name, known)
+        if name.casefold() not in called:
+            raise unknown_name("column", name, [column.name for column in layout(rows[0]).columns])
+    return [called[name.casefold()] for name in names]
 
 
 def to_json(rows: Sequence[Row], columns: Sequence[str] = ()) -> str:

@@ -105,7 +105,7 @@ function drawBoard() {
     const ends = interval(c, row);
     return el("td", { class: (c.form ? "" : "text ") + (best[c.name] === text ? "best" : "") }, text, ends ? el("small", {}, ends) : null);
   })));
-  $("leaderboard").replaceChildren(el("caption", { class: "soft" }, `${board().suite} / ${board().scenario}, ${view().label}`),
+  $("leaderboard").replaceChildren(el("caption", { class: "soft" }, `${board().name}, ${view().label}`),
     el("thead", {}, el("tr", {}, ...head)), el("tbody", {}, ...(body.length ? body : [el("tr", {}, el("td", { class: "text", colspan: columns.length }, "Nothing matches."))])));
   const notes = [view().clusters ? `Intervals from ${view().clusters} sessions or objects` : view().why_not.replace(/\.$/, ""), ...board().notes];
   $("board-note").textContent = notes.filter(Boolean).join("; ") + ".";
@@ -443,7 +443,8 @@ function drawOverall() {
     `Mean ranks that differ by ${found.critical_difference.toFixed(2)} or more differ significantly (Nemenyi)` +
     (found.friedman_p === null ? "." : `; of no difference between all of them, p ${found.friedman_p < 0.001 ? "< 0.001" : "= " + found.friedman_p.toFixed(3)} (Friedman).`) +
     (found.left_out.length ? ` Not on all of these scenarios: ${found.left_out.join(", ")}.` : "");
-  options($("mine"), names.map((name) => [name, name]), names.includes($("mine").value) ? $("mine").value : names[0]);
+  const passing = names.filter((name) => of.some((b) => b.views[0].rows.some((row) => nameOf(row) === name && passes(row))));
+  options($("mine"), passing.map((name) => [name, name]), passing.includes($("mine").value) ? $("mine").value : passing[0]);
   drawAgainst();
 }
 
@@ -451,19 +452,20 @@ function drawOverall() {
 function drawAgainst() {
   const mine = $("mine").value, rivals = new Map();
   for (const b of boardsShown()) {
-    const rows = b.views[0].rows, me = rows.findIndex((row) => nameOf(row) === mine);
+    const rows = b.views[0].rows, me = rows.findIndex((row) => nameOf(row) === mine && passes(row));
     if (me < 0 || b.kind !== "method") continue;
     rows.forEach((row, k) => {
       if (k === me || !passes(row)) return;
       const pair = b.pairs.find((p) => (p.first === me && p.second === k) || (p.first === k && p.second === me));
       const verdict = !pair ? "untested" : pair.p >= 0.05 ? "tied" : pair.first === me ? "better" : "worse";
       if (!rivals.has(nameOf(row))) rivals.set(nameOf(row), { better: [], tied: [], worse: [], untested: [] });
-      rivals.get(nameOf(row))[verdict].push(b.scenario);
+      rivals.get(nameOf(row))[verdict].push(b.apart ? `${b.scenario} (${b.apart})` : b.scenario);
     });
   }
   const cell = (scenarios, named) => el("td", {}, scenarios.length || "–", named && scenarios.length ? el("small", {}, scenarios.slice(0, 3).join(", ") + (scenarios.length > 3 ? ", …" : "")) : null);
-  $("against").replaceChildren(heads([`${mine} against`, "better on", "not told apart on", "worse on", "not tested on"]),
-    el("tbody", {}, ...[...rivals].map(([name, of]) => el("tr", {}, el("td", { class: "text" }, name), cell(of.better, true), cell(of.tied, false), cell(of.worse, true), cell(of.untested, false)))));
+  const none = el("tr", {}, el("td", { class: "text", colspan: 5 }, "No scenario was tested in common."));
+  $("against").replaceChildren(heads([`${mine || "–"} against`, "better on", "not told apart on", "worse on", "not tested on"]),
+    el("tbody", {}, ...[...rivals].map(([name, of]) => el("tr", {}, el("td", { class: "text" }, name), cell(of.better, true), cell(of.tied, false), cell(of.worse, true), cell(of.untested, false))), ...(rivals.size ? [] : [none])));
 }
 
 // ---- what is chosen ----------------------------------------------------------------------------
@@ -471,7 +473,7 @@ function drawAgainst() {
 function filter() {
   const shown = boardsShown();
   if (!shown.includes(board())) state.board = data.boards.indexOf(shown[0]);
-  options($("board"), shown.map((b) => [String(data.boards.indexOf(b)), `${b.suite} / ${b.scenario}`]), state.board);
+  options($("board"), shown.map((b) => [String(data.boards.indexOf(b)), b.name]), state.board);
   drawOverall();
   openBoard();
 }
@@ -547,6 +549,6 @@ $("shown").addEventListener("change", drawImages);
 $("press-method").addEventListener("change", drawPresses);
 $("noise-figure").addEventListener("change", drawNoise);
 buildSliders();
-options($("board"), data.boards.map((b, k) => [String(k), `${b.suite} / ${b.scenario}`]), 0);
+options($("board"), data.boards.map((b, k) => [String(k), b.name]), 0);
 drawOverall();
 openBoard().then(() => plotly).then(() => { document.documentElement.dataset.ready = "true"; });

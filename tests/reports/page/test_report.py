@@ -25,7 +25,8 @@ from eitbench.reports.page.paper import (
     paper_figures,
 )
 from eitbench.reports.page.report import to_page, write_report
-from eitbench.reports.page.report_data import overall_views, report_data
+from eitbench.reports.page.report_data import counted_data, overall_views, report_data
+from eitbench.reports.page.site import write_site
 from eitbench.scenarios.errors import DataCorruptError, InputError
 
 NASTY = "<img src=x onerror=alert(1)>"
@@ -150,6 +151,62 @@ def test_scenarios_are_summed_up_under_each_filter(several_once: Path) -> None:
     boards = report_data([several_once])["boards"]
     smaller = boards[0] | {"n": 6, "views": [{**boards[0]["views"][0], "rows": []}]}
     assert overall_views([*boards, smaller]) == overall_views([smaller, *boards]) == views
+
+
+@pytest.fixture
+def two_sizes(run_builder: Any, dataset_of: Any, tmp_path: Path) -> list[Path]:
+    """Two runs of one suite and scenarios on other data: 12 samples, and 18."""
+    runs = []
+    for n in (12, 18):
+        build = run_builder(tmp_path / f"n{n}")
+        for k in range(2):
+            shares = {"good": 0.9, "poor": 0.5} if n == 18 else {"good": 0.9, "early": 0.7}
+            build.add_scaled(dataset_of("conductivity", n, f"s{k}"), shares, noise=0.01)
+        runs.append(build.write())
+        with edited_manifest(runs[-1]) as content:
+            for data in content["data"].values():
+                data["hash"] = f"{n}abcdef"
+            content["versions"] = {"eitbench": "0.1.0"}
+    return runs
+
+
+def test_boards_of_other_data_have_other_names_and_figures(two_sizes: list[Path]) -> None:
+    found = report_data(two_sizes)
+    names = [board["name"] for board in found["boards"]]
+    assert {"bench / s0 (n = 12, data 12abcd)", "bench / s0 (n = 18, data 18abcd)"} <= set(names)
+    stems = [stem for stem, _ in paper_figures(found["boards"])]
+    assert "frontier-bench-s0-n-12-data-12abcd" in stems
+    assert len(set(stems)) == len(stems) == 2 * len(names)
+    said = [answer(board) for board in found["boards"]]
+    assert all(text.startswith(f"On {name}, ") for text, name in zip(said, names, strict=True))
+    assert report_data(two_sizes[:1])["boards"][0]["name"] == "bench / s0"
+
+
+def test_the_data_that_count_over_all_scenarios_are_named(
+    two_sizes: list[Path], several_once: Path, tmp_path: Path
+) -> None:
+    found = report_data(two_sizes)
+    view = found["overall"]["||"]
+    assert view["scenarios"] == [f"bench / s{k} (n = 18, data 18abcd)" for k in range(2)]
+    assert "early" not in {row["method"] for row in view["rows"]}
+    said = counted_data(found["boards"])
+    assert ", ".join(view["scenarios"]) in said
+    assert said in to_page(found)
+    assert said in write_site(two_sizes[0].parent, tmp_path / "site")[0].read_text()
+    assert counted_data(report_data([several_once])["boards"]) == ""
+
+
+def test_a_loss_is_significant_and_a_single_method_is_not_first(
+    build: Any, dataset_of: Any
+) -> None:
+    build.add_scaled(dataset_of("conductivity", 12, "s0"), {"good": 0.9, "poor": 0.5}, noise=0.01)
+    build.add_scaled(dataset_of("conductivity", 3, "s1"), {"good": 0.5, "poor": 0.9}, noise=0.01)
+    build.add_scaled(dataset_of("conductivity", 12, "s2"), {"good": 0.9})
+    boards = report_data([build.write()])["boards"]
+    assert boards[1]["pairs"] == []
+    assert "Elsewhere" not in answer(boards[0], boards)
+    alone = answer(boards[2], boards)
+    assert alone.startswith("On bench / s2 (12 samples), only good was run: S ")
 
 
 def test_methods_are_shown_with_what_they_were_told_source_and_code(

@@ -107,12 +107,17 @@ def test_filters_leave_methods_and_scenarios_out(opened: Any, several: Path) -> 
     assert found.column("#overall", 1) == ["fair", "net", "slow"]
     assert found.column("#overall", 2) == ["1.67", "1.67", "2.67"]
     page.check("#untrained")
-    for table, number in (("#overall", 1), ("#leaderboard", 2), ("#against", 1)):
+    for table, number in (("#overall", 1), ("#leaderboard", 2)):
         assert set(found.column(table, number)) - {"net"} == {"fair", "slow"}
+    assert page.locator("#mine option").all_inner_texts() == ["fair", "slow"]
+    assert found.column("#against", 1) == ["slow"]
     page.check("#fast")
     assert found.column("#leaderboard", 2) == ["fair"]
     assert page.locator("#overall").is_hidden()
     assert "No two methods" in page.locator("#overall-note").inner_text()
+    assert page.locator("#mine option").all_inner_texts() == ["fair"]
+    assert found.column("#against", 1) == ["No scenario was tested in common."]
+    assert "whatever is filtered" in page.locator("#answer-title").inner_text()
     page.uncheck("#untrained")
     page.select_option("#sensor", "foam16")
     assert found.column("#overall", 2) == ["1.00", "2.00"]
@@ -227,6 +232,10 @@ def test_paper_is_light_and_holds_the_whole_table(opened: Any) -> None:
     found.page.set_viewport_size({"width": 1047, "height": 718})  # A4 landscape less its margins
     right = "document.querySelector('#leaderboard').getBoundingClientRect().right"
     assert found.page.evaluate(right) <= 1047
+    for heading in ("Show only", "What the figures mean"):
+        assert found.page.get_by_text(heading, exact=True).is_hidden()
+    assert found.page.locator("details:not([open])").first.is_hidden()
+    assert found.page.locator("#leaderboard").is_visible()
 
 
 def test_the_theme_can_be_changed(opened: Any) -> None:

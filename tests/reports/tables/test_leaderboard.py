@@ -84,6 +84,11 @@ def test_columns_are_chosen_and_rows_sorted_in_every_format(full_run: Path) -> N
         by_ssim, columns
     )
     assert FORMATS["csv"](by_ssim, columns).startswith("suite,scenario,method,ssim,frame_ms_p99\n")
+    printed = ["METHOD", "b", "Loc.", "loc. mm", "Ties", "p99 [ms]", "Frame", "S"]
+    assert chosen_columns(rows, printed) == [
+        "method", "bounded", "localisation_mm", "group", "frame_ms_p99", "frame_ms_p50", "score",
+    ]  # fmt: skip
+    assert sorted_rows(rows, "frame ms") == sorted_rows(rows, "frame_ms_p50")
     with pytest.raises(InputError, match="Unknown column 'scroe': did you mean 'score'"):
         sorted_rows(rows, "scroe")
     with pytest.raises(InputError, match="Unknown column 'scroe'"):

@@ -4,6 +4,7 @@ import csv
 import io
 import json
 import re
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -114,5 +115,14 @@ def test_operators_have_no_figures(operator_run: Path) -> None:
 def test_methods_and_operators_are_not_ranked_together(operator_run: Path, full_run: Path) -> None:
     with pytest.raises(InputError, match=r"operators ranks operators and .*full methods: ask for"):
         ranked_rows([operator_run, full_run])
-    with pytest.raises(InputError, match="2 of the runs are called 'operators'"):
+
+
+def test_runs_of_one_name_and_a_run_given_twice_are_refused(
+    operator_run: Path, tmp_path: Path
+) -> None:
+    with pytest.raises(InputError, match=rf"^{re.escape(str(operator_run))} is given twice\.$"):
         ranked_rows([operator_run, operator_run])
+    other = shutil.copytree(operator_run, tmp_path / "x" / operator_run.name)
+    said = f"same name 'operators' ({operator_run}, {other}): rename one."
+    with pytest.raises(InputError, match=re.escape(said)):
+        ranked_rows([operator_run, other])
