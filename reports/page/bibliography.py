@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from eitbench.reports.page.report_data import rows_of
 from eitbench.reports.tables.formats import escape_latex
-from eitbench.reports.tables.references import KEYS, RECORDINGS, SELF, entries
+from eitbench.reports.tables.references import KEYS, SELF, entries, entry_key, recording_key
 
 if TYPE_CHECKING:
     from eitbench.reports.page.report_data import ReportData
@@ -43,9 +43,8 @@ def bibliography(report: ReportData) -> str:
             unknown.append(name)
     for run in report["runs"]:
         for scenario in _suite(run).get("scenarios", []):
-            named = str(scenario.get("recording", ""))
-            if named in RECORDINGS and scenario.get("name") in (run["data"] or {}):
-                found[RECORDINGS[named]] = known[RECORDINGS[named]]
+            if recording := recording_key(run, scenario):
+                found[recording] = known[recording]
         found |= _suite_entry(run)
     return "\n\n".join([*_comments(unknown), *found.values()]) + "\n"
 
@@ -64,7 +63,7 @@ def _own_entry(name: str, source: str, taken: dict[str, str]) -> tuple[str, str]
     if entry is not None and _is_harmless(entry[3]):
         key = entry[2] if entry[2] not in taken else f"{entry[2]}-own"
         return key, f"@{entry[1]}{{{key},{entry[3]}}}"
-    key = _key("method", name)
+    key = entry_key("method", name)
     return key, _misc(key, f"Method {name}", source)
 
 
@@ -94,10 +93,6 @@ def _misc_entry(key: str, fields: dict[str, str]) -> str:
     return f"@misc{{{key},\n{lines}\n}}"
 
 
-def _key(kind: str, name: str) -> str:
-    return f"{kind}-{re.sub(r'[^A-Za-z0-9.-]', '-', name)}"
-
-
 def _text(text: str) -> str:
     """`text` on one line, for LaTeX; BibTeX counts braces, and takes an @ for an entry."""
     plain = " ".join(text.split()).replace("{", "(").replace("}", ")").replace("@", "(at)")
@@ -115,7 +110,7 @@ def _suite_entry(run: dict[str, Any]) -> dict[str, str]:
     suite = _suite(run)
     if not suite.get("name"):
         return {}
-    key = _key("suite", suite["name"])
+    key = entry_key("suite", suite["name"])
     version = (run["versions"] or {}).get("eitbench") or "unknown"
     data = ", ".join(
         f"{name} {str(of['hash'])[:12]}"

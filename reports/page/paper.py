@@ -30,8 +30,9 @@ from eitbench.reports.figures.style import (
 from eitbench.reports.page.bibliography import bibliography
 from eitbench.reports.page.images import unpacked
 from eitbench.reports.page.report_data import PAGE_COLUMNS, rows_of
-from eitbench.reports.tables.columns import layout
+from eitbench.reports.tables.columns import layout, printable
 from eitbench.reports.tables.leaderboard import write_leaderboard
+from eitbench.reports.tables.references import data_keys
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -48,9 +49,14 @@ def write_paper(report: ReportData, out: Path) -> list[Path]:
     import matplotlib as mpl
 
     boards = report["boards"]
+    about = {(run["kind"], run["run"]): run for run in report["runs"]}
     rows_by_kind = {
         kind: [
-            row | {"why_not": board["why_not"]}
+            row
+            | {
+                "why_not": board["why_not"],
+                "cites": data_keys(about[kind, printable(row["run"])], row["scenario"]),
+            }
             for board in boards
             if board["kind"] == kind
             for row in rows_of([board])

@@ -99,13 +99,15 @@ def to_latex(rows: Sequence[Row], columns: Sequence[str] = ()) -> str:
         headings = layout(board.rows[0]).terminal
         about = escape_latex(f"{board.title}. {legend(shown, headings)}")
         heads = [" ".join([*headings.get(c.name, c.title).split(), c.arrow]) for c in shown]
+        keys = [key for row in board.rows for key in (row.get("cites") or "").split(",") if key]
+        data = f"; data~\\cite{{{','.join(dict.fromkeys(keys))}}}" if keys else ""
         lines = [
             "% needs \\usepackage{booktabs}; \\cite is of the references.bib of `eitbench report`",
             "\\begin{table*}",
             "\\centering",
             "\\footnotesize",
             "\\setlength{\\tabcolsep}{3.5pt}",
-            f"\\caption{{{about} Made with eitbench~\\cite{{{SELF}}}.}}",
+            f"\\caption{{{about} Made with eitbench~\\cite{{{SELF}}}{data}.}}",
             f"\\label{{tab:{_label(board)}}}",
             *_latex_tabular(
                 "".join("r" if c.form else "l" for c in shown),

@@ -13,20 +13,24 @@ from eitbench.benchmark.analysis.results import read_run
 from eitbench.benchmark.analysis.standings import standings
 from eitbench.reports.tables.columns import layout, shown_columns
 from eitbench.reports.tables.formats import csv_text, to_html, to_latex, to_markdown
+from eitbench.reports.tables.references import data_keys
 
 
 def ranked_rows(runs: Sequence[Path]) -> list[Row]:
     """Return the ranked rows of run directories, those of a scenario together.
 
-    They are plain values for JSON; see `Standing.rows`. `why_not` says why there are no ties.
+    They are plain values for JSON; see `Standing.rows`. `why_not` says why there are no ties,
+    `cites` holds the keys of suite and recording in the bibliography, with commas.
 
     Raises:
         InputError: a path is no run directory.
         DataCorruptError: a file of a run is damaged.
     """
+    read = [read_run(path) for path in runs]
+    about = {run.path.name: run.manifest for run in read}
     return [
-        row | {"why_not": standing.why_not}
-        for standing in standings([read_run(path) for path in runs])
+        row | {"why_not": standing.why_not, "cites": data_keys(about[row["run"]], row["scenario"])}
+        for standing in standings(read)
         for row in standing.rows
     ]
 

@@ -1,7 +1,9 @@
 """References by key: what methods, operators and recordings come from, and tables cite."""
 
 import re
+from collections.abc import Mapping
 from importlib.resources import files
+from typing import Any
 
 KEYS = {
     "back-projection": "kotre1989",
@@ -59,6 +61,33 @@ def reference(method: str) -> str:
     author = f"{first.split(',')[0]} et al." if others else first.split(",")[0]
     where = (fields.get(name) for name in ("title", "journal", "booktitle", "year"))
     return re.sub(r"[{}\\]", "", ", ".join(part for part in (author, *where) if part))
+
+
+def entry_key(kind: str, name: str) -> str:
+    """The key of the entry of a suite, or of a method of somebody else."""
+    return f"{kind}-{re.sub(r'[^A-Za-z0-9.-]', '-', name)}"
+
+
+def recording_key(about: Mapping[str, Any], scenario: Mapping[str, Any]) -> str | None:
+    """The key of the recording of a declared scenario, if a run has its data and it has a key.
+
+    Args:
+        about: the `plan` and `data` of its manifest.
+    """
+    found = scenario.get("name") in (about.get("data") or {})
+    return RECORDINGS.get(str(scenario.get("recording", ""))) if found else None
+
+
+def data_keys(about: Mapping[str, Any], name: str) -> str:
+    """The keys of the suite of a run and of the recording of the scenario `name`, with commas.
+
+    Args:
+        about: the `plan` and `data` of its manifest.
+    """
+    suite = (about.get("plan") or {}).get("suite") or {}
+    keys = [entry_key("suite", suite["name"])] if suite.get("name") else []
+    of = [s for s in suite.get("scenarios", ()) if s.get("name") == name]
+    return ",".join([*keys, *filter(None, (recording_key(about, s) for s in of))])
 
 
 def entries() -> dict[str, str]:

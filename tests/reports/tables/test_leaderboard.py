@@ -15,6 +15,8 @@ from tests.support.made_runs import edited_manifest
 
 from eitbench.benchmark.metrics.metric_spec import SMALL, TIME
 from eitbench.benchmark.metrics.specs import METRICS
+from eitbench.reports.page.paper import write_paper
+from eitbench.reports.page.report_data import report_data
 from eitbench.reports.tables.boards import note, notes, printed_boards
 from eitbench.reports.tables.columns import METHOD_LAYOUT as LAYOUT
 from eitbench.reports.tables.columns import Column
@@ -303,8 +305,30 @@ def test_latex_has_a_label_arrows_and_keys_of_the_bibliography(
     assert "12 test samples" in text
     assert "mine & " in text
     cited = set(re.findall(r"\\cite\{(.*?)\}", text))
-    assert cited == {"eitbench", "cheney1990", "phydnn"}
-    assert cited <= set(entries())
+    assert cited == {"eitbench", "cheney1990", "phydnn", "suite-bench"}
+    assert cited - {"suite-bench"} <= set(entries())
+
+
+def test_a_caption_cites_suite_and_recording_as_the_bibliography_does(
+    full_run: Path, tmp_path: Path
+) -> None:
+    run = shutil.copytree(full_run, tmp_path / "run")
+    with edited_manifest(run) as content:
+        content["plan"]["suite"]["scenarios"] = [
+            {"name": "position-set", "recording": "ohmc16"},
+            {"name": "classes-set", "recording": "/home/me/touch.h5"},
+        ]
+    text = FORMATS["latex"](ranked_rows([run]))
+    assert text.count("data~\\cite{suite-bench}") == 3
+    assert text.count("data~\\cite{suite-bench,hardman2023}") == 1
+    write_paper(report_data([run]), tmp_path)
+    assert (tmp_path / "tables" / "leaderboard.tex").read_text() == text
+    written = (tmp_path / "references.bib").read_text()
+    assert "{suite-bench," in written
+    assert "{hardman2023," in written
+    with edited_manifest(run) as content:
+        del content["plan"]["suite"]
+    assert "suite-bench" not in FORMATS["latex"](ranked_rows([run]))
 
 
 @pytest.mark.parametrize(
