@@ -231,7 +231,7 @@ def test_what_is_known_of_recorded_data_stands_below_their_table(
     rows = ranked_rows([full_run])
     noted = [row | (NOTES if row["scenario"] == "position-set" else {}) for row in rows]
     assert "guessing" not in printed(rows, form)
-    text = printed(noted, form).replace("\\", "")
+    text = " ".join(printed(noted, form).replace("\\", "").split())
     assert text.count(f"{NOTE}noise between repeats: 0.032%.") == 1
     after = text.index("guessing")
     assert text.index("position-set") < after < text.index("classes-set")
