@@ -66,7 +66,7 @@ def test_a_choice_of_another_version_of_a_plugin_is_not_used_and_said(
     assert found.samples["score"].mean() == pytest.approx(score(1.4))
     assert (
         "The hyper-parameters of 'constant' that were selected on small belong to another version "
-        "of its file: they are not used. Tune it again (eitbench tune)."
+        "of its file, so its defaults are used: tune it again."
     ) in capsys.readouterr().err
 
 
