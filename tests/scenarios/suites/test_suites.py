@@ -176,7 +176,7 @@ def test_own_suite_by_path(tmp_path: Path) -> None:
         ('["circle", "ring"]', "[]", "scenarios[1].families", "at least 1"),
         ('["circle", "ring"]', "[3]", "scenarios[1].families[0]", "valid string"),
         ('"ring"]', SLIT.replace("height", "hight"), SIZES, "'rectangle' are width, height"),
-        ('"ring"]', SLIT.replace("0.5]", "1.5]"), SIZES, "fractions of the sensor's side"),
+        ('"ring"]', SLIT.replace("0.5]", "1.5]"), SIZES, "a fraction of the sensor's side"),
         ('"ring"]', SLIT.replace("[0.4", "[0.6"), f"{SIZES}.width", "the smaller first"),
         ('"ring"]', SLIT.replace("rectangle", "rectangel"), SHAPE, "did you mean 'rectangle'?"),
         ('"ring"]', SLIT.replace("slit", "star"), "scenarios[1].families[1].name", "already"),
