@@ -28,6 +28,11 @@ class DataCorruptError(EitbenchError):
     """A file whose content does not match its checksum or format."""
 
 
+def counted(n: int, what: str, several: str = "") -> str:
+    """A number of things for a sentence: "1 frame", "2 frames", "2 touches" (`several`)."""
+    return f"{n} {what}" if n == 1 else f"{n} {several or what + 's'}"
+
+
 def unknown_name(kind: str, name: str, known: Iterable[str]) -> InputError:
     """The error for an unknown `name`, suggesting the nearest of the `known` ones."""
     names = sorted(known)

@@ -247,7 +247,7 @@ def describe_prior_knowledge(text: object) -> str:
     """Return the column `prior_knowledge` of a cell as a phrase; "" where it is empty.
 
     Raises:
-        ValueError: the text is no such JSON.
+        ValueError: the text is not JSON of this form.
     """
     if not isinstance(text, str) or not text:
         return ""
@@ -274,7 +274,7 @@ def describe_training(text: object) -> str:
     """Return what the column `prior_knowledge` says of training data; "" where there were none.
 
     Raises:
-        ValueError: the text is no such JSON.
+        ValueError: the text is not JSON of this form.
     """
     if not isinstance(text, str) or not text:
         return ""
@@ -299,7 +299,7 @@ def describe_actions(text: object) -> str:
     That is the network, programs, and the test data; files that it read or wrote are not.
 
     Raises:
-        ValueError: the text is no such JSON.
+        ValueError: the text is not JSON of this form.
     """
     if not isinstance(text, str) or not text:
         return ""

@@ -15,9 +15,9 @@ from eitbench.hardware.recording.importing.recording import (
     touches,
 )
 from eitbench.hardware.recording.importing.reference import reference_rows
-from eitbench.hardware.recording.importing.sources import counted, found_files, is_own
+from eitbench.hardware.recording.importing.sources import found_files, is_own
 from eitbench.hardware.recording.recorder import Recorder, check_new
-from eitbench.scenarios.errors import InputError, unknown_name
+from eitbench.scenarios.errors import InputError, counted, unknown_name
 from eitbench.scenarios.recordings import RECORDED_SETS, recorded_set
 from eitbench.scenarios.recordings.fetch import read_recording
 from eitbench.scenarios.recordings.files.csv_mat import (

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from eitbench.scenarios.errors import DataCorruptError, InputError
+from eitbench.scenarios.errors import DataCorruptError, InputError, counted
 from eitbench.scenarios.recordings.agreement import (
     differences_problem,
     fit_of_sensor,
@@ -272,7 +272,7 @@ def _frames(content: Content) -> list[str]:
     problems = []
     if (bad := impossible(content.values)).size:
         problems.append(
-            f"{_count(len(bad), 'impossible frame')}, the first is frame {bad[0]}: "
+            f"{counted(len(bad), 'impossible frame')}, the first is frame {bad[0]}: "
             f"{peak(content.values[bad[0]])}."
         )
     for name, times in (("time_s", content.time_s), ("received_s", content.received_s)):
@@ -284,7 +284,7 @@ def _frames(content: Content) -> list[str]:
     dropped = int(np.sum(steps[steps > 1] - 1))
     if dropped:
         share = dropped / (dropped + len(content))
-        problems.append(f"{_count(dropped, 'frame')} of the board's were dropped ({share:.1%}).")
+        problems.append(f"{counted(dropped, 'frame')} of the board's were dropped ({share:.1%}).")
     if (back := np.flatnonzero(steps <= 0)).size:
         problems.append(f"The running number does not grow at frame {int(back[0]) + 1}.")
     return problems
@@ -316,12 +316,13 @@ def _marks(content: Content) -> list[str]:
     if (half := half_placed(content)).size:
         has = "has" if len(half) == 1 else "have"
         problems.append(
-            f"{_count(len(half), 'label')} {has} only one coordinate, the first is label {half[0]}."
+            f"{counted(len(half), 'label')} {has} only one coordinate, the first is label "
+            f"{half[0]}."
         )
     if (away := off_sensor(content)).size:
         x, y = 1e3 * content.labels.loc[away[0], ["x_m", "y_m"]]
         problems.append(
-            f"{_count(len(away), 'label')} outside the sensor, the first at ({x:.4g}, {y:.4g}) mm."
+            f"{counted(len(away), 'label')} outside the sensor, the first at ({x:.4g}, {y:.4g}) mm."
         )
     return [*problems, *_places(content)]
 
@@ -385,11 +386,7 @@ def _summary(content: Content) -> str:
     kind = "emulated board" if content.emulated else "board"
     seconds = float(np.ptp(content.time_s)) if len(content) else 0.0
     return (
-        f"{_count(len(content), 'frame')} of {content.sensor.n_measurements} values from the "
+        f"{counted(len(content), 'frame')} of {content.sensor.n_measurements} values from the "
         f"{kind} {content.board}, sensor {content.sensor.name}, {seconds:.1f} s, "
-        f"{_count(touches, 'touch', 'touches')}{contacts}, started {content.started}."
+        f"{counted(touches, 'touch', 'touches')}{contacts}, started {content.started}."
     )
-
-
-def _count(n: int, what: str, several: str = "") -> str:
-    return f"{n} {what}" if n == 1 else f"{n} {several or what + 's'}"

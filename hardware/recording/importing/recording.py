@@ -14,12 +14,11 @@ from eitbench.hardware.recording.importing.labels import FramesOf
 from eitbench.hardware.recording.importing.reference import REFERENCE, reference_paths, stacked
 from eitbench.hardware.recording.importing.sources import (
     ALL_COLUMNS,
-    counted,
     found_files,
     read_arrays,
 )
 from eitbench.scenarios.arrays import Array, Index
-from eitbench.scenarios.errors import DataCorruptError, InputError
+from eitbench.scenarios.errors import DataCorruptError, InputError, counted
 from eitbench.scenarios.recordings.files.csv_mat import without_times
 from eitbench.scenarios.recordings.files.pairs import alternating, from_differences, from_pairs
 from eitbench.scenarios.recordings.files.recording_file import Content

@@ -7,9 +7,9 @@ import numpy as np
 
 from eitbench.hardware.recording.importing.arrays import Choice, FrameFile, find_frames
 from eitbench.hardware.recording.importing.labels import FramesOf
-from eitbench.hardware.recording.importing.sources import counted, found_files, read_arrays
+from eitbench.hardware.recording.importing.sources import found_files, read_arrays
 from eitbench.scenarios.arrays import Array, Index
-from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.errors import InputError, counted
 from eitbench.scenarios.sensors.sensor import Sensor
 
 REFERENCE = "reference"

@@ -84,11 +84,6 @@ def natural(path: Path) -> list[tuple[int, str]]:
     return [(int(part), "") if part.isdecimal() else (0, part) for part in parts]
 
 
-def counted(n: int, what: str) -> str:
-    """A number of things, in words."""
-    return f"{n} {what}" if n == 1 else f"{n} {what}s"
-
-
 def read_arrays(path: Path) -> Arrays:
     """All arrays of the file at `path`, tried first in a process of its own.
 
