@@ -45,12 +45,13 @@ class LiveRecording:
         self.failed = ""
         self._touch: _Touch | None = None
         self._recorder: Recorder | None = recorder
+        self._closed = False
         self._lock = threading.Lock()
 
     @property
     def running(self) -> bool:
-        """True while frames are written."""
-        return self._recorder is not None and not self.failed
+        """True until the file is whole and closed, or has failed."""
+        return not self._closed and not self.failed
 
     def append(self, frame: Frame) -> None:
         """Write `frame`, if the recording runs."""
@@ -106,6 +107,7 @@ class LiveRecording:
             recorder, self._recorder = self._recorder, None
         if recorder is not None:
             self._guard(recorder.close)
+        self._closed = True
 
     def _write(self, what: Callable[[Recorder], None]) -> None:
         # The file must not be closed in between; that a frame waits for this takes no time.

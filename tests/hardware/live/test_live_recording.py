@@ -44,6 +44,25 @@ def test_a_slow_viewer_never_delays_the_recording(running: Any, board: Any, wait
     wait_for(lambda: running.newest.frame.number > content.number[-1])
 
 
+def test_a_recording_runs_until_its_file_is_whole(
+    running: Any, wait_for: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Who sees that it has ended opens its file."""
+    states = []
+    close = Recorder.close
+
+    def closing(self: Recorder) -> None:
+        states.append(running.recording["running"])
+        close(self)
+
+    monkeypatch.setattr(Recorder, "close", closing)
+    running.session.start_recording()
+    wait_for(lambda: running.recording["frames"] > 2)
+    running.session.stop_recording()
+    assert states[0]
+    assert not running.recording["running"]
+
+
 def test_a_full_disk_ends_the_recording_only(
     running: Any, wait_for: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
