@@ -12,6 +12,7 @@ from scipy.io import loadmat
 from eitbench.scenarios.physics.forward import forward_model
 from eitbench.scenarios.recordings import RECORDED_SETS
 from eitbench.scenarios.recordings.fetch import read_recording
+from eitbench.scenarios.recordings.public.hydrogel import CUTS, START_FRAMES
 from eitbench.scenarios.recordings.public.pyeidors_tank import read_csv
 from eitbench.scenarios.recordings.quality import quality, reciprocity_error
 from eitbench.scenarios.sensors.patterns import DrivePattern
@@ -96,7 +97,7 @@ def agreement(name: str, positions: Array, change: Array) -> float:
     return float(np.mean(values))
 
 
-@pytest.mark.parametrize("name", ["ohmc16", "ohmc8"])
+@pytest.mark.parametrize("name", ["ohmc16", "ohmc8", "superpose500"])
 def test_disc_skins_answer_where_the_robot_presses(name: str) -> None:
     """The boards' uneven channels hide the homogeneous field, so the changes prove the order."""
     recording = read(name)
@@ -110,7 +111,7 @@ def test_disc_skins_answer_where_the_robot_presses(name: str) -> None:
     assert opposite < nominal_frame / 2
 
 
-@pytest.mark.parametrize("name", ["ohmc16", "ohmc8"])
+@pytest.mark.parametrize("name", ["ohmc16", "ohmc8", "superpose500"])
 def test_common_mode_explains_the_uneven_channels(name: str) -> None:
     """The one factor of the module's docstring holds for both boards."""
     sensor, reference = nominal(name), read(name).reference
@@ -151,6 +152,35 @@ def test_pressing_hydrogel_is_rebased_on_the_common_reference(recorded_data: Pat
     )
     np.testing.assert_array_equal(recording.reference, np.median(raw["responseups"][::5], axis=0))
     assert set(recording.samples["depth_mm"]) == {10.0, 15.0, 20.0}
+
+
+@pytest.mark.parametrize(
+    ("name", "file"), [("ohmc16", "ohmc16"), ("superpose500", "MultiTouch/superpose500")]
+)
+def test_the_reference_of_the_start_is_the_first_released_frames(
+    name: str, file: str, recorded_data: Path
+) -> None:
+    """Pressed frames stay as measured; places and splits are those of the renewed reference."""
+    own, start = read(name), read(f"{name}-start")
+    raw = loadmat(recorded_data / f"DSHardman/HydrogelEIT/Extracted/{file}.mat")
+    np.testing.assert_array_equal(start.voltages, raw["responsedowns"])
+    first = raw["responseups"][:START_FRAMES]
+    np.testing.assert_array_equal(start.reference, np.median(first, axis=0))
+    assert start.samples.equals(own.samples)
+
+
+def test_each_cut_is_a_step_larger_than_any_other() -> None:
+    """What upstream's figure shows, and the frames do: three cuts, and slow drift between them."""
+    recording = read("hydrogel-damage")
+    frames, samples = recording.voltages, recording.samples
+    step = np.linalg.norm(np.diff(frames, axis=0), axis=1) / np.linalg.norm(recording.reference)
+    # A step leads from the frame before it to its own, and the last one back from the cut.
+    during = np.concatenate([np.arange(cut.first - 1, cut.after) for cut in CUTS])
+    assert step[during].min() > 0.01
+    assert np.delete(step, during).max() < 0.006
+    assert samples["time_s"].iloc[-1] == 8 * 831
+    assert samples.groupby("cuts").size().to_dict() == {0: 491, 1: 12, 2: 160, 3: 169}
+    assert samples.loc[samples["split"] == "validation", "cuts"].eq(0).all()
 
 
 def test_multitouch_keeps_the_probe_distances() -> None:
