@@ -33,6 +33,10 @@ same presses as measured, with the first released frames as the only reference.
 had moved by 40 %. The files `Extracted/MultiTouch/multitouch*.mat` state no places. Upstream's
 `MembraneProbing.py` and `ExtractResponses.m` tell how they were made: a probe with two tips, turned
 by 0, 45, 90 and 180 degrees, pressed by 10 and 15 mm. Rows 4 to 7 of A and B repeat rows 0 to 3.
+Where the tips were stands in upstream's figure (`Figures/FinalFigc.pdf`, crosses on six of the
+touches): A and B on both sides of the centre, C 46 and 66 mm from it (but for the two touches at
+the centre), turned clockwise. The crosses differ from this rule by up to 6 mm, so that these places
+of `hydrogel-two-probes` are known to about 5 mm; the single presses agree with them.
 
 `hydrogel-damage` is a skin like these, in an untouched frame every 8 s, cut three times. Its file
 holds nothing but frames. When and where it was cut stands in upstream's figure
@@ -62,6 +66,7 @@ from eitbench.scenarios.recordings.descriptors import (
     validation_every_fifth,
 )
 from eitbench.scenarios.recordings.matlab import read_arrays
+from eitbench.scenarios.recordings.superposed import superposed
 from eitbench.scenarios.sensors.outlines import Disc, rectangle
 from eitbench.scenarios.sensors.patterns import opposition_pattern
 from eitbench.scenarios.sensors.sensor import Sensor, even_electrodes
@@ -77,6 +82,10 @@ DISTANCES_MM = {"A": 108.0, "B": 75.0, "C": 20.0}
 
 FRAME_INTERVAL_S = 8.0
 """Time from one frame of `hydrogel-damage` to the next, of upstream's `plotDamageDetect.m` [s]."""
+TIPS_MM = {"A": (54.0, -54.0), "B": (37.5, -37.5), "C": (46.0, 66.0)}
+"""Places of both tips along the turned probe, from the skin's centre."""
+_TURNS = {"A": (0, 45, 90, 180), "B": (0, 45, 90, 180), "C": (0, 45, 90, 180, None) * 2}
+"""Of the rows that do not repeat others [degrees, clockwise]; None: at the centre."""
 START_FRAMES = 5
 """Released frames whose median is the reference that is taken once, at the start."""
 
@@ -155,6 +164,42 @@ def _read_presses(
         start = np.median(mat["responseups"][:START_FRAMES], axis=0)
         return RecordedFrames(mat["responsedowns"], start, samples)
     return rebased(mat["responsedowns"], mat["responseups"], samples)
+
+
+def _read_superposed(folder: Path, sensor: Sensor) -> RecordedFrames:
+    return superposed(_read_presses(_SINGLE, "own", folder, sensor))
+
+
+def _read_two_probes(folder: Path, sensor: Sensor) -> RecordedFrames:
+    """Read the real pairs as test split, with the validation presses of `superpose500`.
+
+    The frames are on the pairs' reference, two weeks younger than that of the single presses.
+    """
+    single = _read_presses(_SINGLE, "own", folder, sensor)
+    presses = is_validation(single.samples)
+    change, released = [(single.voltages - single.reference)[presses]], []
+    described = single.samples[presses].drop(columns="depth_mm")
+    samples = [described.assign(contacts=1, probe_distance_mm=0.0)]
+    for part, turns in _TURNS.items():
+        path = folder / f"Extracted/MultiTouch/multitouch{part}.mat"
+        mat = read_arrays(path, "responsedowns", "responseups")
+        n = len(turns)
+        change.append((mat["responsedowns"] - mat["responseups"])[:n])
+        released.append(mat["responseups"][:n])
+        places = np.array([_tips(part, turn) for turn in turns]).reshape(n, 4)
+        table = pd.DataFrame(places, columns=["x_m", "y_m", "x2_m", "y2_m"])
+        known = {"split": "test", "contacts": 2, "touched": True}
+        samples.append(table.assign(**known, probe_distance_mm=DISTANCES_MM[part]))
+    reference = np.median(np.concatenate(released), axis=0)
+    table = pd.concat(samples, ignore_index=True)
+    return RecordedFrames(reference + np.concatenate(change), reference, table)
+
+
+def _tips(part: str, turn: float | None) -> NDArray[np.float64]:
+    """Places (2, 2) [m] of both tips of a probe."""
+    along = np.array([10.0, -10.0] if turn is None else TIPS_MM[part])
+    angle = -np.deg2rad(turn or 0)
+    return 1e-3 * along[:, None] * [np.cos(angle), np.sin(angle)]
 
 
 def _read_damage(folder: Path, sensor: Sensor) -> RecordedFrames:
@@ -282,6 +327,24 @@ HYDROGEL = (
         )
     ),
     _recorded_set(
+        "superposed-pairs",
+        "superpose500: pairs of presses, superposed, not measured, 10 to 108 mm apart",
+        _SUPERPOSE500,
+        _read_superposed,
+        _SINGLE,
+        _LOOKUP16,
+        truth="position",
+    ),
+    _recorded_set(
+        "hydrogel-two-probes",
+        "the skin of superpose500: two probes at once, 108, 75 and 20 mm apart, at known places",
+        _SUPERPOSE500,
+        _read_two_probes,
+        "Extracted/MultiTouch/*",
+        _LOOKUP16,
+        truth="position",
+    ),
+    _recorded_set(
         "hydrogel-damage",
         "hydrogel disc skin, 16 electrodes, cut three times in two hours, a frame every 8 s",
         _DAMAGED,
@@ -294,7 +357,7 @@ HYDROGEL = (
         "hydrogel disc skin, 16 electrodes, two probes 108, 75 and 20 mm apart",
         _DISC16,
         _read_multitouch,
-        "Extracted/MultiTouch/*",
+        "Extracted/MultiTouch/multitouch?.mat",
         _LOOKUP16,
     ),
     _recorded_set(
