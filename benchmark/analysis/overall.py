@@ -80,7 +80,7 @@ def overall(
 
     Args:
         figures: of each scenario, the ranking figure of each method; more is better.
-        guesses: of scenarios whose figures are errors with a minus sign, the error of a blind guess.
+        guesses: of scenarios whose figures are errors with a minus sign, that of a blind guess.
     """
     known = list(dict.fromkeys(name for of in figures.values() for name in of))
     names = [name for name in known if all(name in of for of in figures.values())]

@@ -149,7 +149,8 @@ def _front(editions: Sequence[_Edition], methods: Sequence[str], left_out: Seque
     ]
     overall = [
         (_link(e.suite, e.file), printable(row["method"]), _with_ends(row, "rank", ".2f"),
-         _with_ends(row, "wins", ".0%"), _with_ends(row, "ratio", ".2f"), str(len(e.report["overall"]["||"]["scenarios"])))
+         _with_ends(row, "wins", ".0%"), _with_ends(row, "ratio", ".2f"),
+         str(len(e.report["overall"]["||"]["scenarios"])))
         for e in latest.values()
         for row in e.report["overall"].get("||", {"rows": []})["rows"]
     ]  # fmt: skip

@@ -120,8 +120,8 @@ METHOD_LAYOUT = Layout(
         Column("frame_ms_p99", "p99 [ms]", TIME, "min"),
         *_metrics(
             METRICS, "localisation_mm", "localisation_p90_mm", "within_5_mm", "within_10_mm",
-            "unevenness", "worst_tenth_mm", "farthest_contact_mm", "contact_count_error", "area_error",
-            "iou", "edge", "artefacts", "force_error", "measured_force_error_n",
+            "unevenness", "worst_tenth_mm", "farthest_contact_mm", "contact_count_error",
+            "area_error", "iou", "edge", "artefacts", "force_error", "measured_force_error_n",
             "measured_load_error_percent", "iou_resistive", "iou_conductive", "strength_spearman",
             "repeatability_db",
         ),
