@@ -127,7 +127,7 @@ def _problem(error: Mapping[str, Any], model: type[Declaration]) -> str:
         near = difflib.get_close_matches(str(error["loc"][-1]), fields, n=1)
         return f"unknown field, the nearest is {near[0]!r}." if near else "unknown field."
     if error["type"].startswith("union_tag"):
-        return "it is 'simulated' or 'recorded'."
+        return "it is 'simulated', 'recorded' or 'transfer'."
     problem = str(error["msg"]).removeprefix("Value error, ").rstrip(".")
     return problem if problem.endswith("?") else f"{problem}."
 

@@ -15,18 +15,17 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from eitbench.benchmark.metrics.tactile import fit_similarity
 from eitbench.methods import Problem
-from eitbench.methods.learned.linear_maps import unit_frames
 from eitbench.methods.places.kernel_ridge import Kernel, gaussians, kernel_ridge, linear
 from eitbench.methods.places.place_network import REAL, SIMULATED, PlaceNetwork, TrainingPhase
 from eitbench.methods.training.samples import no_split
-from eitbench.scenarios.arrays import Array
+from eitbench.scenarios.arrays import Array, unit_frames
 from eitbench.scenarios.data.datasets import load
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.phantoms.contacts import locate
 from eitbench.scenarios.recordings import recorded_set
 from eitbench.scenarios.seeds import generator
+from eitbench.scenarios.similarity import fit_similarity
 from eitbench.scenarios.suites.scenario import RecordedScenario
 from eitbench.scenarios.suites.suite import learned_from
 

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from pydantic import Field, ValidationInfo, field_validator
@@ -12,7 +12,12 @@ from scipy.ndimage import binary_erosion
 
 from eitbench.scenarios.declaration import Declaration, Name, field_error, read_declaration
 from eitbench.scenarios.errors import InputError, unknown_name
-from eitbench.scenarios.suites.scenario import RecordedScenario, Scenario, SimulatedScenario
+from eitbench.scenarios.suites.scenario import (
+    RecordedScenario,
+    Scenario,
+    SimulatedScenario,
+    TransferScenario,
+)
 
 MEMORY_LIMIT_MB = 8192.0
 """Memory that a method or operator may take where nothing else is declared [MiB]."""
@@ -24,6 +29,10 @@ STANDARDISING = 2
 
 class Suite(Declaration):
     """A suite, of either methods or operators.
+
+    In a file, a table of the kind "transfer" may list `recordings` and counts in `labelled`: it
+    stands for a scenario of each recording with each count, called RECORDING-COUNT, and the
+    others are the rest of the list unless `others` names them.
 
     Attributes:
         title: one line for listings.
@@ -58,6 +67,21 @@ class Suite(Declaration):
             raise ValueError("a suite lists either `methods` or `operators`")
         return value
 
+    @field_validator("scenarios", mode="before")
+    @classmethod
+    def _expanded(cls, value: object) -> object:
+        if not isinstance(value, list | tuple):
+            return value
+        return tuple(
+            one
+            for table in value
+            for one in (
+                _each_transfer(table)
+                if isinstance(table, dict) and "recordings" in table
+                else [table]
+            )
+        )
+
     @field_validator("scenarios")
     @classmethod
     def _distinct(cls, value: tuple[Scenario, ...]) -> tuple[Scenario, ...]:
@@ -65,17 +89,36 @@ class Suite(Declaration):
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
             raise ValueError(f"scenario {twice[0]!r} is declared twice")
+        if len({isinstance(scenario, TransferScenario) for scenario in value}) > 1:
+            raise ValueError("scenarios of the kind 'transfer' stand in a suite of their own")
         return value
 
     @property
-    def ranks(self) -> Literal["methods", "operators"]:
-        """The kind of entries that the suite ranks."""
-        return "methods" if self.operators is None else "operators"
+    def ranks(self) -> Literal["methods", "places", "operators"]:
+        """The kind of entries that the suite ranks: images, places or forward operators."""
+        if self.operators is not None:
+            return "operators"
+        return "places" if isinstance(self.scenarios[0], TransferScenario) else "methods"
 
     @property
     def names(self) -> tuple[str, ...]:
         """The methods or operators run when the user names none."""
         return self.methods or self.operators or ()
+
+
+def _each_transfer(table: dict[str, Any]) -> list[dict[str, Any]]:
+    """The scenarios that a table with several `recordings` stands for."""
+    recordings, counts = table["recordings"], table.get("labelled")
+    if not all(isinstance(value, list) and value for value in (recordings, counts)):
+        raise ValueError("`recordings` and `labelled` are lists: of recorded sets, and of counts")
+    rest = {name: value for name, value in table.items() if name != "recordings"}
+    return [
+        {"others": [other for other in recordings if other != recording]}
+        | rest
+        | {"name": f"{recording}-{count}", "recording": recording, "labelled": count}
+        for recording in recordings
+        for count in counts
+    ]
 
 
 def suites() -> dict[str, Path]:
@@ -103,8 +146,13 @@ def load_suite(name: str | Path) -> Suite:
 
 @cache
 def scenarios() -> Mapping[str, SimulatedScenario | RecordedScenario]:
-    """Every scenario of the packaged suites by name."""
-    return {s.name: s for path in suites().values() for s in read_suite(path).scenarios}
+    """Every scenario of the packaged suites by name, but for those of the kind "transfer"."""
+    return {
+        scenario.name: scenario
+        for path in suites().values()
+        for scenario in read_suite(path).scenarios
+        if not isinstance(scenario, TransferScenario)
+    }
 
 
 def scenario_by_name(name: str) -> SimulatedScenario | RecordedScenario:
@@ -119,7 +167,9 @@ def scenario_by_name(name: str) -> SimulatedScenario | RecordedScenario:
     return known[name]
 
 
-def learned_from(scenario: Scenario) -> Scenario:
+def learned_from(
+    scenario: SimulatedScenario | RecordedScenario,
+) -> SimulatedScenario | RecordedScenario:
     """The scenario whose training split methods learn from for `scenario`.
 
     That is the scenario itself, but for recorded presses: these are learned from the simulated ones
@@ -145,11 +195,11 @@ def read_suite(path: Path) -> Suite:
 def _unusable(scenario: Scenario, ranks: str) -> tuple[str, str] | None:
     """The field and the reason why no method or operator can be evaluated on `scenario`, if so."""
     operators = ranks == "operators"
+    if operators and not isinstance(scenario, SimulatedScenario):
+        return "kind", "operators need a known conductivity, which only simulated scenarios have"
+    if isinstance(scenario, TransferScenario):
+        scenario = scenario.recorded.model_copy(update={"name": scenario.name})
     if isinstance(scenario, RecordedScenario):
-        if operators:
-            return "kind", (
-                "operators need a known conductivity, which only simulated scenarios have"
-            )
         # Tables show this name alone, and no table may pass an emulated board for a real one.
         if scenario.recorded_set.emulated and "emulated" not in scenario.name:
             return "name", (
