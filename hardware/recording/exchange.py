@@ -28,6 +28,7 @@ from eitbench.scenarios.recordings.files.csv_mat import (
     write_mat,
 )
 from eitbench.scenarios.recordings.files.own import off_sensor, undamaged
+from eitbench.scenarios.recordings.files.pairs import from_differences
 from eitbench.scenarios.recordings.files.recording_file import Content, label_table
 from eitbench.scenarios.sensors.sensor import Sensor
 from eitbench.scenarios.storage.try_reading import try_reading
@@ -176,10 +177,18 @@ def write_recording(content: Content, to: Path) -> None:
 
 
 def _public(name: str) -> tuple[Content, list[str]]:
-    """A public set: its reference as the first frame, then a frame for each of its samples."""
+    """A public set: its reference as the first frame, then a frame for each of its samples.
+
+    Of differences only these.
+    """
     recorded = recorded_set(name)
     recording = read_recording(name)
     samples = recording.samples
+    if recording.modelled_reference:
+        change = recording.voltages - recording.reference
+        origin = f"from {recorded.repository}"
+        content = from_differences(change, recorded.sensor(), name, samples, origin)
+        return content, ["Reference: modelled.", touches(content.labels, "the set")]
     rows = np.arange(1, len(samples) + 1)
     known = {name: samples[name] for name in ("x_m", "y_m", "depth_mm") if name in samples}
     if "state" in samples:

@@ -40,6 +40,7 @@ RECORDINGS = {
         ),
         "hardman2023",
     ),
+    **{f"cam09-{n:02d}": "costacornella2023" for n in (*range(4, 13), 14, 15, 16, 18)},
     "ktc2023": "ktc2023",
     "sciospec-tank": "sciospec2025",
     **dict.fromkeys(

@@ -5,6 +5,7 @@ from pathlib import Path
 from eitbench.scenarios.errors import unknown_name
 from eitbench.scenarios.recordings.descriptors import RecordedSet
 from eitbench.scenarios.recordings.files.own import is_recording, own_set
+from eitbench.scenarios.recordings.public.anisotropy import ANISOTROPY
 from eitbench.scenarios.recordings.public.hydrogel import HYDROGEL
 from eitbench.scenarios.recordings.public.jku_tank import JKU_TANKS
 from eitbench.scenarios.recordings.public.kuopio import KTC2023
@@ -15,6 +16,7 @@ RECORDED_SETS: dict[str, RecordedSet] = {
     recorded.name: recorded
     for recorded in (
         *HYDROGEL,
+        *ANISOTROPY,
         KTC2023,
         SCIOSPEC_TANK,
         *JKU_TANKS,

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.errors import DataCorruptError, InputError, UnreadableError
-from eitbench.scenarios.physics.forward import forward_model
 from eitbench.scenarios.recordings.descriptors import (
     LOADS,
     PLACES,
@@ -22,6 +21,7 @@ from eitbench.scenarios.recordings.descriptors import (
     is_validation,
     validation_every_fifth,
 )
+from eitbench.scenarios.recordings.differences import on_modelled_reference
 from eitbench.scenarios.recordings.files.recording_file import (
     Condition,
     Content,
@@ -188,19 +188,12 @@ def _read(path: Path, folder: Path, sensor: Sensor) -> RecordedFrames:
     return frames_of_touches(_usable(path))
 
 
-TYPICAL_CHANGE = 0.02
-"""What a touch changes of the frame, where nothing but the change is known: that of a press on the
-hydrogel discs `ohmc16` and `ohmc8` is 1.8 and 2.8 % (median)."""
-
-
 def frames_of_touches(content: Content) -> RecordedFrames:
     """A frame for each touch, on the common reference; see `RecordedFrames.voltages`.
 
     The reference is the mean of the frames that show the untouched sensor; where there are none but
-    those of the touches, the median of these over the validation touches. Of differences it is the
-    model's frame, scaled so that the median validation touch changes it by `TYPICAL_CHANGE`:
-    methods fit a gain to the reference frame, so that this is the scale of their images, and no
-    place follows from it.
+    those of the touches, the median of these over the validation touches. Of differences it is
+    modelled, see `on_modelled_reference`.
     """
     labels, values = content.labels, content.values
     touch, number = touches_of(labels)
@@ -209,12 +202,7 @@ def frames_of_touches(content: Content) -> RecordedFrames:
     pressed = _means(values, marks["first"], marks["last"])
     validation = is_validation(samples)
     if content.differences:
-        model = forward_model(content.sensor)
-        reference = model.voltages(model.background)
-        change = np.median(np.linalg.norm(pressed[validation], axis=1))
-        if change > 0:
-            reference = reference * change / (TYPICAL_CHANGE * np.linalg.norm(reference))
-        return RecordedFrames(reference + pressed, reference, samples, modelled_reference=True)
+        return on_modelled_reference(pressed, content.sensor, samples)
     own = (marks["reference_first"] != -1).to_numpy()
     released = _means(values, *(marks.loc[own, f"reference_{end}"] for end in ("first", "last")))
     if len(content.reference):

@@ -20,8 +20,9 @@ from eitbench.methods import Problem, methods
 from eitbench.scenarios import forward_model, sensor
 from eitbench.scenarios.errors import DataCorruptError, InputError
 from eitbench.scenarios.recordings import recorded_set
+from eitbench.scenarios.recordings.differences import TYPICAL_CHANGE
 from eitbench.scenarios.recordings.fetch import read_recording, reference_frames
-from eitbench.scenarios.recordings.files.own import TYPICAL_CHANGE, frames_of_touches
+from eitbench.scenarios.recordings.files.own import frames_of_touches
 from eitbench.scenarios.recordings.files.pairs import alternating, from_differences, from_pairs
 from eitbench.scenarios.recordings.files.recording_file import Content
 from eitbench.scenarios.recordings.matlab import read_arrays

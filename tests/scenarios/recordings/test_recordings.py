@@ -96,8 +96,15 @@ def agreement(name: str, positions: Array, change: Array) -> float:
     return float(np.mean(values))
 
 
-@pytest.mark.parametrize("name", ["ohmc16", "ohmc8"])
-def test_disc_skins_answer_where_the_robot_presses(name: str) -> None:
+@pytest.mark.parametrize(
+    ("name", "least"),
+    [
+        *((name, 0.2) for name in ("ohmc16", "ohmc8")),
+        *((f"cam09-{n:02d}", 0.2) for n in (5, 6, 8, 9, 10, 11, 14, 16, 18)),
+        ("cam09-12", 0.08),
+    ],
+)
+def test_disc_skins_answer_where_the_robot_presses(name: str, least: float) -> None:
     """The boards' uneven channels hide the homogeneous field, so the changes prove the order."""
     recording = read(name)
     positions = recording.samples[["x_m", "y_m"]].to_numpy()
@@ -105,7 +112,7 @@ def test_disc_skins_answer_where_the_robot_presses(name: str) -> None:
     nominal_frame = agreement(name, positions, change)
     mirrored = agreement(name, positions * [1, -1], change)
     opposite = agreement(name, -positions, change)
-    assert nominal_frame > 0.2
+    assert nominal_frame > least
     assert abs(mirrored) < nominal_frame / 2
     assert opposite < nominal_frame / 2
 
@@ -125,6 +132,29 @@ def test_common_mode_explains_the_uneven_channels(name: str) -> None:
     common = (above_sink(a) + above_sink(b)) / 2
     assert np.corrcoef(np.abs(difference), reference)[0, 1] < 0.25
     assert np.corrcoef(np.abs(difference - 0.46 * common), reference)[0, 1] > 0.7
+
+
+def test_the_two_layer_skins_have_differences_and_places_only(recorded_data: Path) -> None:
+    folder = recorded_data / "DSHardman/Anisotropy/Shared Code/tests Aleix/CAM09-05"
+    with (folder / "inp-CAM09-05.csv").open(encoding="utf-8-sig") as file:
+        first = [float(value) for value in file.readline().split(",")]
+    with (folder / "out-CAM09-05.csv").open(encoding="utf-8-sig") as file:
+        x, y, _ = (float(value) for value in file.readline().split(","))
+    recording = read("cam09-05")
+    assert recording.modelled_reference
+    change = recording.voltages - recording.reference
+    np.testing.assert_allclose(change[0], first, atol=1e-9 * recording.reference.max())
+    assert recording.samples.loc[0, "x_m"] == pytest.approx(x - 0.0458)
+    assert recording.samples.loc[0, "y_m"] == pytest.approx(y + 0.4093)
+    assert set(recording.samples) == {"split", "x_m", "y_m", "touched"}  # no load to be judged by
+
+
+@pytest.mark.parametrize("name", [n for n in RECORDED_SETS if n.startswith("cam09")])
+def test_every_two_layer_skin_was_pressed_in_the_middle_of_its_disc(name: str) -> None:
+    places = read(name).samples[["x_m", "y_m"]].to_numpy()
+    assert len(places) in (2000, 2500)
+    np.testing.assert_allclose(np.ptp(places, axis=0), 0.08, atol=2e-3)
+    np.testing.assert_allclose(places.max(axis=0) + places.min(axis=0), 0, atol=3e-3)
 
 
 def test_rectangle_answers_where_the_robot_presses() -> None:
