@@ -57,7 +57,8 @@ class PlaceProblem:
     def others(self) -> Mapping[str, Presses]:
         """All presses of other skins with their places, by the name of the recorded set.
 
-        Each has a board, a robot and coordinates of its own.
+        Each has a board, a gel and a robot of its own. Places are those on this sensor, in its
+        coordinates, where electrodes of the same number lie on each other.
         """
         self._note("other-skin", sum(map(len, self._given.others.values())))
         return self._given.others
@@ -66,7 +67,7 @@ class PlaceProblem:
         """The first `limit` simulated presses of the nominal sensor.
 
         Differences are in V/A. Places are in the sensor's coordinates, which are those of the robot
-        up to a similarity with or without reflection.
+        up to a similarity, which nobody knows exactly.
         """
         data = self.physics.training(limit)
         assert data.conductivity is not None  # simulated

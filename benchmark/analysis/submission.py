@@ -109,9 +109,7 @@ def open_submission(path: Path, *, jobs: int = 1) -> Submission:
     """
     run = read_run(path)
     if run.kind != METHOD_RUNS:
-        raise InputError(
-            f"{path} holds no images: a submission is a run of imaging methods."
-        )
+        raise InputError(f"{path} holds no images: a submission is a run of imaging methods.")
     try:
         return Submission(run, plan_of(run.manifest, path), jobs)
     except InputError as error:

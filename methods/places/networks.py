@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from eitbench.methods.place_method import PlaceMethod, PlaceProblem
-from eitbench.methods.places.regressions import FEWEST, common, learned_from, registered
+from eitbench.methods.places.regressions import FEWEST, learned_from, middle, registered
 from eitbench.methods.registry import register_place_method
-from eitbench.scenarios.arrays import Array, unit_frames
-from eitbench.scenarios.similarity import fit_similarity
+from eitbench.scenarios.arrays import Array
+from eitbench.scenarios.data.transfer import Presses
+from eitbench.scenarios.similarity import Similarity
 
 if TYPE_CHECKING:
     from eitbench.methods.places.place_network import TrainingPhase
@@ -44,29 +45,27 @@ class Network(PlaceMethod):
         from eitbench.methods.places.place_network import REAL, SIMULATED, SKINS, PlaceNetwork
 
         start = time.perf_counter()
-        self._problem = problem
-        m = problem.physics.sensor.n_measurements
-        self._networks = [PlaceNetwork(m, (0.0, 0.0), 1.0, seed) for seed in range(self.seeds)]
+        self._problem, labelled = problem, problem.labelled
+        sensor = problem.physics.sensor
+        x0, y0, x1, y1 = sensor.outline.bounds
+        centre, scale = ((x0 + x1) / 2, (y0 + y1) / 2), max(x1 - x0, y1 - y0) / 2
+        self._networks = [
+            PlaceNetwork(sensor.n_measurements, centre, scale, seed) for seed in range(self.seeds)
+        ]
         if self.simulated:
-            seen = problem.simulated(SIMULATED_PRESSES)
-            self._train(unit_frames(seen.differences), common(seen.places), SIMULATED)
+            self._train(problem.simulated(SIMULATED_PRESSES), SIMULATED)
         if self.skins:
-            x, y, _ = learned_from(problem.others, self.presses)
-            # Simulated presses came in other coordinates.
-            onto = fit_similarity(y, self._found(x)) if self.simulated else None
-            self._train(x, y if onto is None else onto(y), SKINS)
-        labelled = problem.labelled
+            self._train(learned_from(problem.others, self.presses)[0], SKINS)
         before = self.simulated or self.skins
         self._blank = not before and len(labelled) < FEWEST
-        self._register = registered(self._found if before else None, problem)
+        self._register = registered(self._found, problem) if before else _onto(centre, problem)
         if len(labelled) >= FEWEST:
-            self._train(
-                problem.unit(labelled.differences), self._register.inverse(labelled.places), REAL
-            )
+            places = self._register.inverse(labelled.places)
+            self._train(Presses(labelled.differences, places), REAL)
         self.train_s = time.perf_counter() - start
 
     def locate(self, differences: Array) -> Array:
-        """Places (n, 2) [m]; in coordinates of their own where no presses are labelled.
+        """Places (n, 2) [m]; in the coordinates of the sensor where none are labelled.
 
         The same for all where nothing was learned from.
         """
@@ -74,11 +73,18 @@ class Network(PlaceMethod):
             return np.zeros((len(self._problem.unit(differences)), 2))
         return self._register(self._found(self._problem.unit(differences)))
 
-    def _train(self, x: Array, y: Array, phase: TrainingPhase) -> None:
-        self._networks = [network.trained(x, y, phase) for network in self._networks]
+    def _train(self, seen: Presses, phase: TrainingPhase) -> None:
+        self._networks = [
+            network.trained(seen.differences, seen.places, phase) for network in self._networks
+        ]
 
     def _found(self, x: Array) -> Array:
         return np.asarray(np.mean([network(x) for network in self._networks], axis=0))
+
+
+def _onto(centre: tuple[float, float], problem: PlaceProblem) -> Similarity:
+    """The shift of the sensor's `centre` onto the middle of the labelled presses."""
+    return Similarity(1.0, np.eye(2), middle(problem) - centre)
 
 
 @register_place_method("network")

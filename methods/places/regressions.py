@@ -94,55 +94,42 @@ class KernelRidgeOfSkins(PlaceMethod):
     def fit(self, problem: PlaceProblem) -> None:
         """Learn from the other skins, then from the labelled presses."""
         self._problem = problem
-        x, y, skins = learned_from(problem.others, self.presses)
-        learned = kernel_ridge(x, y, gaussians(x), skins)
+        seen, skins = learned_from(problem.others, self.presses)
+        kernels = gaussians(seen.differences)
+        learned = kernel_ridge(seen.differences, seen.places, kernels, skins)
         self._places = corrected(learned, problem)
 
     def locate(self, differences: Array) -> Array:
-        """Places (n, 2) [m]; in the common coordinates of skins where none are labelled."""
+        """Places (n, 2) [m]; in the coordinates of the sensor where none are labelled."""
         return self._places(self._problem.unit(differences))
 
 
-def learned_from(skins: Mapping[str, Presses], count: int) -> tuple[Array, Array, list[slice]]:
-    """Unit frames (n, M) of skins, places (n, 2) in common coordinates, and the rows of each skin.
+def learned_from(skins: Mapping[str, Presses], count: int) -> tuple[Presses, list[slice]]:
+    """Presses of all skins with unit frames, and the rows of each skin.
 
     Args:
         skins: by name.
         count: most presses of each, spread evenly over the time of its recording.
     """
-    x, y, rows, start = [], [], [], 0
+    parts, rows, start = [], [], 0
     for skin in skins.values():
         spread = np.linspace(0, len(skin) - 1, min(count, len(skin))).round().astype(np.intp)
-        x.append(unit_frames(skin.differences[spread]))
-        y.append(common(skin.places)[spread])
+        parts.append(skin[spread])
         rows.append(slice(start, start + len(spread)))
         start += len(spread)
-    return np.concatenate(x), np.concatenate(y), rows
+    frames = unit_frames(np.concatenate([part.differences for part in parts]))
+    return Presses(frames, np.concatenate([part.places for part in parts])), rows
 
 
-def common(places: Array) -> Array:
-    """Places (n, 2) in coordinates that skins share: about their middle, in units of their rms."""
-    centred = places - places.mean(axis=0)
-    return np.asarray(centred / np.sqrt(np.mean(np.sum(centred**2, axis=1))))
-
-
-def registered(places: Callable[[Array], Array] | None, problem: PlaceProblem) -> Similarity:
+def registered(places: Callable[[Array], Array], problem: PlaceProblem) -> Similarity:
     """The similarity from `places`, a function of unit frames, to the labelled presses.
 
-    From common coordinates where there is no such function, or where it does not determine one.
-    The identity where fewer than `FEWEST` presses are labelled.
+    The identity where there are none, or too few, or where nothing is determined by them.
     """
-    labelled = problem.labelled
-    if len(labelled) < FEWEST:
-        return Similarity(1.0, np.eye(2), np.zeros(2))
-    found = None
-    if places is not None:
+    labelled, found = problem.labelled, None
+    if len(labelled):
         found = fit_similarity(places(problem.unit(labelled.differences)), labelled.places)
-    if found is None:
-        middle = labelled.places.mean(axis=0)
-        rms = np.sqrt(np.mean(np.sum((labelled.places - middle) ** 2, axis=1)))
-        return Similarity(float(rms), np.eye(2), middle)
-    return found
+    return Similarity(1.0, np.eye(2), np.zeros(2)) if found is None else found
 
 
 def corrected(places: Callable[[Array], Array], problem: PlaceProblem) -> Callable[[Array], Array]:

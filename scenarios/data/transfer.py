@@ -173,7 +173,7 @@ def _placed(recording: str, sensor: Sensor, progress: bool) -> Presses:
     """All presses of another skin, with their places on `sensor`."""
     own = RecordedScenario(name="other", recording=recording).nominal_sensor
     onto = None
-    if np.array_equal(own.pattern.table, sensor.pattern.table):
+    if own.pattern.describe() == sensor.pattern.describe():
         onto = fit_similarity(_electrodes(own), _electrodes(sensor))
     if onto is None:
         raise InputError(

@@ -30,9 +30,9 @@ STANDARDISING = 2
 class Suite(Declaration):
     """A suite, of either methods or operators.
 
-    In a file, a table of the kind "transfer" may list `recordings` and counts in `labelled`: it
-    stands for a scenario of each recording with each count, called RECORDING-COUNT, and the
-    others are the rest of the list unless `others` names them.
+    In a file, a table of the kind "transfer" may list `recordings`, and counts in `labelled`. It
+    stands for a scenario of each recording with each count, called RECORDING-COUNT. Their `others`
+    are the rest of the list, unless the table names them.
 
     Attributes:
         title: one line for listings.
@@ -67,21 +67,6 @@ class Suite(Declaration):
             raise ValueError("a suite lists either `methods` or `operators`")
         return value
 
-    @field_validator("scenarios", mode="before")
-    @classmethod
-    def _expanded(cls, value: object) -> object:
-        if not isinstance(value, list | tuple):
-            return value
-        return tuple(
-            one
-            for table in value
-            for one in (
-                _each_transfer(table)
-                if isinstance(table, dict) and "recordings" in table
-                else [table]
-            )
-        )
-
     @field_validator("scenarios")
     @classmethod
     def _distinct(cls, value: tuple[Scenario, ...]) -> tuple[Scenario, ...]:
@@ -104,21 +89,6 @@ class Suite(Declaration):
     def names(self) -> tuple[str, ...]:
         """The methods or operators run when the user names none."""
         return self.methods or self.operators or ()
-
-
-def _each_transfer(table: dict[str, Any]) -> list[dict[str, Any]]:
-    """The scenarios that a table with several `recordings` stands for."""
-    recordings, counts = table["recordings"], table.get("labelled")
-    if not all(isinstance(value, list) and value for value in (recordings, counts)):
-        raise ValueError("`recordings` and `labelled` are lists: of recorded sets, and of counts")
-    rest = {name: value for name, value in table.items() if name != "recordings"}
-    return [
-        {"others": [other for other in recordings if other != recording]}
-        | rest
-        | {"name": f"{recording}-{count}", "recording": recording, "labelled": count}
-        for recording in recordings
-        for count in counts
-    ]
 
 
 def suites() -> dict[str, Path]:
@@ -183,13 +153,38 @@ def learned_from(
 
 def read_suite(path: Path) -> Suite:
     """The suite declared in the TOML file at `path`; errors as those of `load_suite`."""
-    suite = read_declaration("Suite", path, Suite)
+    suite = read_declaration("Suite", path, Suite, _with_each_transfer)
     for k, scenario in enumerate(suite.scenarios):
         if wrong := _unusable(scenario, suite.ranks):
             field, problem = wrong
             key = ("scenarios", k, field)
             raise field_error("Suite", path, key, f"{problem}.", scenario.name)
     return suite
+
+
+def _with_each_transfer(declared: dict[str, Any]) -> dict[str, Any]:
+    """The declaration with a scenario for each of the `recordings` of a table and each count."""
+    tables = declared.get("scenarios")
+    if not isinstance(tables, list):
+        return declared
+    found: list[Any] = []
+    for table in tables:
+        recordings, counts = (
+            table.get(name) if isinstance(table, dict) else None
+            for name in ("recordings", "labelled")
+        )
+        if not (isinstance(recordings, list) and isinstance(counts, list)):
+            found.append(table)
+            continue
+        rest = {name: value for name, value in table.items() if name != "recordings"}
+        found += [
+            {"others": [other for other in recordings if other != recording]}
+            | rest
+            | {"name": f"{recording}-{count}", "recording": recording, "labelled": count}
+            for recording in recordings
+            for count in counts
+        ]
+    return declared | {"scenarios": found}
 
 
 def _unusable(scenario: Scenario, ranks: str) -> tuple[str, str] | None:
