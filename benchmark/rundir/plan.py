@@ -1,7 +1,7 @@
 """The plan of a run: a suite, and the methods, scenarios and samples chosen of it."""
 
 import hashlib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -25,7 +25,7 @@ from eitbench.scenarios.suites.suite import Suite
 TRACKS = ("default", "tuned", "oracle")
 """As its author set it; with the parameters chosen on validation data; with the best on test."""
 
-_KNOWN = {
+_KNOWN: dict[str, Callable[[], Mapping[str, Any]]] = {
     "methods": METHOD_REGISTRY.known,
     "places": place_methods,
     "operators": OPERATOR_REGISTRY.known,
@@ -193,7 +193,7 @@ def make_plan(
         option = "operators" if ranks == "operators" else "methods"
         raise InputError(f"Suite {suite.name!r} ranks {ranks}: choose among them with --{option}.")
     # Looked up before plugins start workers, which are forked with what is loaded by then.
-    known: set[str] = {*_KNOWN[ranks]()}
+    known = {*_KNOWN[ranks]()}
     files: list[PluginFile] = []
     for path in dict.fromkeys(path.resolve() for path in plugins):
         registered = plugin_names(path, isolate=isolate)

@@ -96,4 +96,4 @@ def simulated_presses(scenario: TransferScenario, split: str, limit: int | None)
             f"A method of places may ask for the train split, not for {split!r}: its labelled "
             "presses are all that it may choose by."
         )
-    return load(learned_from(scenario.recorded), split=split, limit=limit)
+    return load(learned_from(scenario), split=split, limit=limit)

@@ -11,8 +11,8 @@ Source: Rasmussen and Williams, Gaussian Processes for Machine Learning (2006), 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import partial
-from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.distance import cdist
@@ -29,7 +29,8 @@ WEIGHTS = tuple(10.0**k for k in np.arange(-6, 2.5, 0.5))
 """Ridges to choose from, as multiples of the kernel matrix's mean diagonal."""
 
 
-class KernelRidge(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class KernelRidge:
     """Outputs (n, k) from inputs (n, d), learned from samples of both.
 
     Attributes:

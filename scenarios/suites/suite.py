@@ -137,14 +137,14 @@ def scenario_by_name(name: str) -> SimulatedScenario | RecordedScenario:
     return known[name]
 
 
-def learned_from(
-    scenario: SimulatedScenario | RecordedScenario,
-) -> SimulatedScenario | RecordedScenario:
+def learned_from(scenario: Scenario) -> Scenario:
     """The scenario whose training split methods learn from for `scenario`.
 
     That is the scenario itself, but for recorded presses: these are learned from the simulated ones
     of the suite `presses`, on the nominal sensor of the set.
     """
+    if isinstance(scenario, TransferScenario):
+        scenario = scenario.recorded
     if isinstance(scenario, RecordedScenario) and scenario.recorded_set.truth == "position":
         presses = scenario_by_name("presses")
         return presses.model_copy(update={"sensor": scenario.recorded_set.sensor_name})
