@@ -6,6 +6,7 @@ coordinates is fitted here, to presses whose places no worker is ever sent.
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -22,7 +23,7 @@ from eitbench.benchmark.rundir.run_arrays import Truth
 from eitbench.benchmark.rundir.store import RunStore
 from eitbench.benchmark.tuning.selection import recorded_selection
 from eitbench.benchmark.workers.messages import Reply, array_in
-from eitbench.benchmark.workers.place_service import PlaceService
+from eitbench.benchmark.workers.place_service import PlaceService, simulated_presses
 from eitbench.methods.registry import place_methods
 from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.data.transfer import TransferData, load_transfer
@@ -107,9 +108,13 @@ class PlaceCellTask(FrameTask):
         """Return the method with its problem."""
         plan, scenario = self.plan, self.data.scenario
         assert isinstance(scenario, TransferScenario)
-        given = self.data.transfer.given
         return PlaceService(
-            scenario, given, plan.cell.name, plan.parameters, plan.plugin, definition(plan)
+            self.data.transfer.given,
+            plan.cell.name,
+            plan.parameters,
+            partial(simulated_presses, scenario),
+            plan.plugin,
+            definition(plan),
         )
 
     def request(self, split: str, rows: slice) -> tuple[object, ...]:

@@ -3,7 +3,7 @@
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
-from functools import cached_property, partial
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +11,7 @@ from eitbench.benchmark.workers.messages import Reply
 from eitbench.benchmark.workers.method_service import Frames, known_parameters
 from eitbench.benchmark.workers.worker import timed_answer
 from eitbench.methods.place_method import PlaceMethod, PlaceProblem
+from eitbench.methods.problem import Splits
 from eitbench.methods.registry import (
     create_place_method,
     load_plugin,
@@ -29,15 +30,15 @@ class PlaceService:
     """Makes and fits a method of places, and locates presses.
 
     Attributes:
-        scenario: gives the simulated presses.
         given: all that the worker knows of the skin; no press that is located is among it.
+        splits: gives simulated presses.
         plugin, definition: as for `MethodService`.
     """
 
-    scenario: TransferScenario
     given: Learnable
     method: str
     parameters: Mapping[str, Any]
+    splits: Splits
     plugin: Path | None = None
     definition: Callable[[], type[PlaceMethod]] | None = None
     _method: PlaceMethod | None = field(default=None, init=False)
@@ -45,7 +46,7 @@ class PlaceService:
     @cached_property
     def problem(self) -> PlaceProblem:
         """The problem of the method."""
-        return PlaceProblem(self.given, partial(simulated_presses, self.scenario))
+        return PlaceProblem(self.given, self.splits)
 
     def load_plugin(self) -> None:
         """Run the file that the method is registered in; from here on the test split is closed."""

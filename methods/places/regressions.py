@@ -32,6 +32,8 @@ def middle(problem: PlaceProblem) -> Array:
 class OnePlace(PlaceMethod):
     """Guessing: the middle of the labelled presses, whatever the frame."""
 
+    expected_failures: ClassVar = {"learns": "it guesses"}
+
     def fit(self, problem: PlaceProblem) -> None:
         """Take the mean place."""
         self._problem, self._place = problem, middle(problem)
