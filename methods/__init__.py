@@ -2,6 +2,7 @@
 
 from eitbench.methods.method import Method
 from eitbench.methods.operator import Operator
+from eitbench.methods.place_method import PlaceMethod, PlaceProblem
 from eitbench.methods.problem import Problem
 from eitbench.methods.registry import (
     create,
@@ -10,11 +11,14 @@ from eitbench.methods.registry import (
     operator,
     register,
     register_operator,
+    register_place_method,
 )
 
 __all__ = [
     "Method",
     "Operator",
+    "PlaceMethod",
+    "PlaceProblem",
     "Problem",
     "create",
     "load_plugin",
@@ -22,4 +26,5 @@ __all__ = [
     "operator",
     "register",
     "register_operator",
+    "register_place_method",
 ]

@@ -14,8 +14,8 @@ from eitbench.scenarios.data.datasets import Dataset, same_reference
 from eitbench.scenarios.sensors.sensor import Sensor
 
 
-class Method(ABC):
-    """A reconstruction method; the first line of a subclass's docstring is its description.
+class Described:
+    """What a method of any kind says of itself.
 
     Attributes:
         source: the publication it follows.
@@ -48,6 +48,10 @@ class Method(ABC):
         Weights for the sensor, or a program that it runs, may be missing.
         """
         return ""
+
+
+class Method(Described, ABC):
+    """A reconstruction method; the first line of a subclass's docstring is its description."""
 
     @abstractmethod
     def fit(self, problem: Problem) -> None:

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Generic, NamedTuple, TypeVar
 
 from eitbench.methods.method import Method
 from eitbench.methods.operator import Operator
+from eitbench.methods.place_method import PlaceMethod
 from eitbench.scenarios.errors import InputError, unknown_name
 
 if TYPE_CHECKING:
@@ -25,7 +26,7 @@ MAX_NAME = 80  # bytes in UTF-8
 RESERVED = "truth"  # stands beside the methods in a file of reconstructions
 FORBIDDEN = set("/\\,")  # paths inside a run directory, and the separator of --methods a,b
 
-Base = TypeVar("Base", Method, Operator)
+Base = TypeVar("Base", Method, Operator, PlaceMethod)
 AnyClass = TypeVar("AnyClass", bound=type)
 
 
@@ -167,9 +168,17 @@ OPERATOR_REGISTRY = Registry(
     ("operators.jacobian", "operators.surrogate", "operators.fem"),
 )
 
+PLACE_REGISTRY = Registry(
+    "place method",
+    PlaceMethod,  # type: ignore[type-abstract]
+    "eitbench.place_methods",
+    ("places.regressions", "places.networks"),
+)
+
 register = METHOD_REGISTRY.register
 methods = METHOD_REGISTRY.known
 create = METHOD_REGISTRY.create
+register_place_method = PLACE_REGISTRY.register
 register_operator = OPERATOR_REGISTRY.register
 operators = OPERATOR_REGISTRY.known
 
@@ -181,6 +190,24 @@ def operator(name: str, sensor: Sensor) -> Operator:
         InputError: an unknown name (the nearest is suggested).
     """
     return OPERATOR_REGISTRY.create(name, sensor)
+
+
+def place_methods() -> dict[str, type[Method] | type[PlaceMethod]]:
+    """All that can say where a press is: methods of places, and those of images by their images."""
+    return {**METHOD_REGISTRY.known(), **PLACE_REGISTRY.known()}
+
+
+def create_place_method(name: str, **parameters: object) -> PlaceMethod:
+    """The method of places `name`, or that of images, taken for one.
+
+    Raises:
+        InputError: as for `Registry.create`.
+    """
+    if name in METHOD_REGISTRY.known() and name not in PLACE_REGISTRY.known():
+        from eitbench.methods.places.by_image import PlacesOfImages
+
+        return PlacesOfImages(METHOD_REGISTRY.create(name, **parameters))
+    return PLACE_REGISTRY.create(name, **parameters)
 
 
 def source_hash(cls: type) -> str:
@@ -202,6 +229,7 @@ class Plugin(NamedTuple):
 
     methods: list[str]
     operators: list[str]
+    places: list[str]
 
 
 def load_plugin(path: str | Path) -> Plugin:
@@ -230,11 +258,13 @@ def load_plugin(path: str | Path) -> Plugin:
             f"The plugin {file.name} does not run: {type(error).__name__}: {error}."
         ) from error
     registered = Plugin(
-        METHOD_REGISTRY.of_module(module_name), OPERATOR_REGISTRY.of_module(module_name)
+        METHOD_REGISTRY.of_module(module_name),
+        OPERATOR_REGISTRY.of_module(module_name),
+        PLACE_REGISTRY.of_module(module_name),
     )
     if not any(registered):
         raise InputError(
             f"The plugin {file.name} registers no method and no operator: decorate a class with "
-            "@register or @register_operator."
+            "@register, @register_place_method or @register_operator."
         )
     return registered

@@ -4,7 +4,7 @@ import difflib
 import json
 import re
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
@@ -57,19 +57,25 @@ def field_error(kind: str, path: Path, key: Key, problem: object, section: str =
     return InputError(f"{kind} file {path}, field {''.join(parts).lstrip('.')!r}{of}: {problem}")
 
 
-def read_declaration(kind: str, path: Path, model: type[Declared]) -> Declared:
+def read_declaration(
+    kind: str,
+    path: Path,
+    model: type[Declared],
+    in_full: Callable[[dict[str, Any]], dict[str, Any]] = lambda declared: declared,
+) -> Declared:
     """Read the declaration `model` from the TOML file at `path`.
 
     Args:
         kind: of file, such as "Suite", for sentences.
         path: of the file; `beside` finds the files that it names.
         model: of the whole file.
+        in_full: writes out what the file abbreviates.
 
     Raises:
         InputError: the file cannot be read or declares something wrong.
     """
     try:
-        declared = tomllib.loads(_text(kind, path))
+        declared = in_full(tomllib.loads(_text(kind, path)))
         # Read as JSON, so that numbers written as text are refused but lists can be tuples. No
         # field holds a date of TOML, but many hold text.
         content = json.dumps(declared, default=lambda value: {"date": str(value)})
@@ -127,7 +133,7 @@ def _problem(error: Mapping[str, Any], model: type[Declaration]) -> str:
         near = difflib.get_close_matches(str(error["loc"][-1]), fields, n=1)
         return f"unknown field, the nearest is {near[0]!r}." if near else "unknown field."
     if error["type"].startswith("union_tag"):
-        return "it is 'simulated' or 'recorded'."
+        return "it is 'simulated', 'recorded' or 'transfer'."
     problem = str(error["msg"]).removeprefix("Value error, ").rstrip(".")
     return problem if problem.endswith("?") else f"{problem}."
 

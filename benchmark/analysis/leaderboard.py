@@ -16,7 +16,7 @@ from eitbench.benchmark.analysis.results import (
 )
 from eitbench.benchmark.metrics.aggregation import aggregate, numbers
 from eitbench.benchmark.metrics.statistics import once
-from eitbench.benchmark.rundir.kinds import METHOD_RUNS, RunKind
+from eitbench.benchmark.rundir.kinds import RunKind
 from eitbench.scenarios.data.datasets import SNR_COLUMNS
 from eitbench.scenarios.errors import InputError
 
@@ -73,7 +73,7 @@ def ranked_boards(runs: Sequence[Run]) -> list[list[Entry]]:
         InputError: some of the runs rank methods and others operators, or two share a name.
     """
     for run in runs:
-        if run.kind != runs[0].kind:
+        if run.kind.name != runs[0].kind.name:
             raise InputError(
                 f"{runs[0].path} ranks {runs[0].kind.name}s and {run.path} {run.kind.name}s: ask "
                 "for their leaderboards one after the other."
@@ -180,7 +180,7 @@ def _row(run: Run, keys: Row, cell: pd.DataFrame) -> Row:
         of = of[of[name] == keys[name]]
     known: Row = dict(of.iloc[0]) if len(of) else {}
     # Failed samples of methods hold what an image of the untouched sensor gets.
-    counted = cell if kind == METHOD_RUNS and len(valid) else valid
+    counted = cell if kind.name == "method" and len(valid) else valid
     specs = tuple(kind.metrics.values())
     figures = once(lambda counts: aggregate(counted, specs, counts), len(counted))
     for spec, value in zip(specs, figures, strict=True):
@@ -197,7 +197,7 @@ def _row(run: Run, keys: Row, cell: pd.DataFrame) -> Row:
     row |= {"inverse_crime": data.get("inverse_crime"), "sensor": data.get("sensor")}
     machine = known.get("machine")
     row["machine"] = machine if isinstance(machine, str) and machine else None
-    if kind == METHOD_RUNS:
+    if kind.name == "method":
         solve = known.get("calibration_ms")
         frame = row["frame_ms_p50"]
         row["frame_solves"] = _plain(frame / solve if solve and frame is not None else None)
@@ -231,5 +231,5 @@ def _place(row: Row, name: str | None, kind: RunKind) -> tuple[bool, bool, float
     value = None if name is None else row[name]
     if name is None or value is None:
         return True, True, 0.0
-    lost = not is_whole(row) or (kind != METHOD_RUNS and row["coverage"] < 1)
+    lost = not is_whole(row) or (kind.name != "method" and row["coverage"] < 1)
     return False, lost, -kind.metrics[name].sign * value

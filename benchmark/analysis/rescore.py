@@ -15,11 +15,11 @@ from eitbench.benchmark.analysis.results import Run, cells_of, read_run
 from eitbench.benchmark.metrics.evaluation import GroundTruth, evaluate
 from eitbench.benchmark.metrics.load import LoadCalibration
 from eitbench.benchmark.metrics.specs import METRIC_COLUMNS
-from eitbench.benchmark.metrics.tactile import Similarity
 from eitbench.benchmark.rundir import manifest as manifests
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
 from eitbench.benchmark.rundir.store import SAMPLES, RunStore
 from eitbench.scenarios.errors import DataCorruptError, InputError
+from eitbench.scenarios.similarity import Similarity
 from eitbench.scenarios.suites.scenario import RecordedScenario, Scenario
 
 Fitted = TypeVar("Fitted", Similarity, LoadCalibration)
@@ -58,7 +58,7 @@ def rescored(run: Run) -> Iterator[tuple[Rescored, pd.DataFrame]]:
         DataCorruptError: its images cannot be read.
     """
     if run.kind != METHOD_RUNS:
-        raise InputError(f"{run.path} ranks operators, which have no images to score.")
+        raise InputError(f"{run.path} holds no images to score.")
     scenarios = {scenario.name: scenario for scenario in manifests.suite_of(run.manifest).scenarios}
     for (name, method), rows in cells_of(run.samples).items():
         if name not in scenarios:

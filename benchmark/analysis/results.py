@@ -21,7 +21,7 @@ from eitbench.benchmark.rundir.run_arrays import Scene, read_estimates, read_sce
 from eitbench.benchmark.rundir.store import SAMPLES, TRACKS
 from eitbench.benchmark.rundir.tables import read_parquet, wrong_kind
 from eitbench.benchmark.workers.messages import plain_trace
-from eitbench.methods.registry import MAX_NAME, METHOD_REGISTRY, OPERATOR_REGISTRY
+from eitbench.methods.registry import MAX_NAME, METHOD_REGISTRY, OPERATOR_REGISTRY, PLACE_REGISTRY
 from eitbench.scenarios.data.datasets import SNR_COLUMNS
 from eitbench.scenarios.errors import DataCorruptError, InputError
 from eitbench.scenarios.recordings.descriptors import PLACES
@@ -326,10 +326,14 @@ def code_of(run: Run, name: str) -> str:
     for plugin in run.manifest.get("plan", {}).get("plugins", ()):
         if name in plugin["names"]:
             return f"{plugin_file(plugin)} in the run {run.path.name}"
-    registry = METHOD_REGISTRY if run.kind == METHOD_RUNS else OPERATOR_REGISTRY
-    registry.import_built_in()  # and no package of others
-    modules = (m for m in registry.built_in if name in registry.of_module(f"eitbench.methods.{m}"))
-    module = next(modules, None)
+    module: str | None = None
+    # A name of one registry is in no other.
+    for registry in (
+        (METHOD_REGISTRY, PLACE_REGISTRY) if run.kind.name == "method" else (OPERATOR_REGISTRY,)
+    ):
+        registry.import_built_in()  # and no package of others
+        own = (m for m in registry.built_in if name in registry.of_module(f"eitbench.methods.{m}"))
+        module = module or next(own, None)
     if module is None:
         return "an installed package"
     version = run.manifest.get("versions", {}).get("eitbench") or ""

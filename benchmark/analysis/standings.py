@@ -114,7 +114,7 @@ def standings(runs: Sequence[Run]) -> list[Standing]:
 
 def _standing(board: Sequence[Entry]) -> Standing:
     rows = [dict(entry.row) for entry in board]
-    if any(entry.run.kind != METHOD_RUNS for entry in board):
+    if any(entry.run.kind.name != "method" for entry in board):
         return Standing(rows, [], 0, "Operators are deterministic: nothing is drawn.")
     specs = [
         c for c in METHOD_RUNS.metrics.values() if any(row[c.name] is not None for row in rows)

@@ -25,7 +25,6 @@ from eitbench.benchmark.analysis.rescore import ROUNDING, rescored
 from eitbench.benchmark.analysis.results import NOTES_FILE, Run, cells_of, read_run
 from eitbench.benchmark.analysis.standings import standings
 from eitbench.benchmark.metrics.evaluation import fit_registration
-from eitbench.benchmark.metrics.tactile import Similarity
 from eitbench.benchmark.run.method_cell import MethodData
 from eitbench.benchmark.run.tracks import cell_entries
 from eitbench.benchmark.rundir import manifest as manifests
@@ -36,6 +35,7 @@ from eitbench.benchmark.rundir.run_arrays import read_validation
 from eitbench.benchmark.rundir.store import TRACKS
 from eitbench.methods.registry import METHOD_REGISTRY, usable_name
 from eitbench.scenarios.errors import EitbenchError, InputError
+from eitbench.scenarios.similarity import Similarity
 from eitbench.scenarios.suites.scenario import RecordedScenario
 from eitbench.scenarios.suites.suite import load_suite, suites
 
@@ -109,7 +109,7 @@ def open_submission(path: Path, *, jobs: int = 1) -> Submission:
     """
     run = read_run(path)
     if run.kind != METHOD_RUNS:
-        raise InputError(f"{path} ranks operators: a submission is a run of methods.")
+        raise InputError(f"{path} holds no images: a submission is a run of imaging methods.")
     try:
         return Submission(run, plan_of(run.manifest, path), jobs)
     except InputError as error:

@@ -1,14 +1,14 @@
-"""Entry points of `eitbench check`: the checks of methods and of operators, each run in a worker.
+"""Entry points of `eitbench check`: checks of methods, methods of places and operators, in workers.
 
 A method or operator that hangs or dies fails its checks and nothing else.
 """
 
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
-from eitbench.benchmark.checks import method_checks, operator_checks
+from eitbench.benchmark.checks import method_checks, operator_checks, place_checks
 from eitbench.benchmark.checks.harness import (
     LIMIT_S,
     BrokenError,
@@ -22,11 +22,13 @@ from eitbench.benchmark.checks.harness import (
 )
 from eitbench.benchmark.checks.method_under_test import OWN_GRID, SCENARIO, MethodUnderTest
 from eitbench.benchmark.checks.operator_under_test import SMALL, OperatorCheckService
+from eitbench.benchmark.checks.place_under_test import PlaceUnderTest
 from eitbench.benchmark.workers.worker import plugin_names
-from eitbench.methods.registry import methods, operators
+from eitbench.methods.registry import PLACE_REGISTRY, methods, operators
 from eitbench.scenarios.errors import InputError, unknown_name
 
 METHOD_CHECKS = checks_in(method_checks)
+PLACE_CHECKS = checks_in(place_checks)
 OPERATOR_CHECKS = checks_in(operator_checks)
 
 
@@ -42,6 +44,7 @@ def check_target(target: str) -> list[CheckReport]:
         found = plugin_names(plugin)
         return [
             *(check_method(name, plugin=plugin) for name in found.methods),
+            *(check_place_method(name, plugin=plugin) for name in found.places),
             *(check_operator(name, plugin=plugin) for name in found.operators),
         ]
     known = methods()
@@ -49,9 +52,13 @@ def check_target(target: str) -> list[CheckReport]:
         if why := known[target].unusable(OWN_GRID.nominal_sensor):
             raise InputError(f"{target!r} cannot be checked here: {why}")
         return [check_method(target)]
+    if target in PLACE_REGISTRY.known():
+        return [check_place_method(target)]
     if target in operators():  # looked up last: it loads their libraries
         return [check_operator(target)]
-    raise unknown_name("method or operator", target, {*known, *operators()})
+    raise unknown_name(
+        "method or operator", target, {*known, *PLACE_REGISTRY.known(), *operators()}
+    )
 
 
 def check_method(name: str, *, plugin: Path | None = None, limit_s: float = LIMIT_S) -> CheckReport:
@@ -71,7 +78,7 @@ def check_method(name: str, *, plugin: Path | None = None, limit_s: float = LIMI
         if tested.refuses_sensor:
             tested = MethodUnderTest(OWN_GRID, name, plugin, limit_s, Path(folder))
         try:
-            expected = _expected_failures(tested.worker, name)
+            expected = _expected_failures(tested.worker, name, METHOD_CHECKS)
             results = run_checks(METHOD_CHECKS, lambda check: check(tested), expected)
         finally:
             tested.worker.close()
@@ -80,7 +87,30 @@ def check_method(name: str, *, plugin: Path | None = None, limit_s: float = LIMI
     return CheckReport("method", name, where, results, len(METHOD_CHECKS) - len(results))
 
 
-def _expected_failures(worker: CheckWorker, name: str) -> Mapping[str, str]:
+def check_place_method(
+    name: str, *, plugin: Path | None = None, limit_s: float = LIMIT_S
+) -> CheckReport:
+    """Run every check on the method of places `name`; see `check_method`.
+
+    Raises:
+        InputError: as for `check_method`.
+    """
+    if plugin is None and name not in (known := PLACE_REGISTRY.known()):
+        raise unknown_name("place method", name, known)
+    with tempfile.TemporaryDirectory() as folder:
+        tested = PlaceUnderTest(name, plugin, limit_s, Path(folder))
+        try:
+            expected = _expected_failures(tested.worker, name, PLACE_CHECKS)
+            results = run_checks(PLACE_CHECKS, lambda check: check(tested), expected)
+        finally:
+            tested.worker.close()
+    where = f"{tested.sensor.name}, simulated presses"
+    return CheckReport("place method", name, where, results, len(PLACE_CHECKS) - len(results))
+
+
+def _expected_failures(
+    worker: CheckWorker, name: str, checks: Sequence[Check]
+) -> Mapping[str, str]:
     """Return the reasons that the method gives for its failures; none if it cannot be asked."""
     try:
         reply = worker.request("expected_failures")
@@ -94,7 +124,7 @@ def _expected_failures(worker: CheckWorker, name: str) -> Mapping[str, str]:
         expected: Mapping[str, str] = answer_of(dict[str, str], reply, "expected_failures")
     except BrokenError:
         return {}
-    known = [check.__name__ for check in METHOD_CHECKS]
+    known = [check.__name__ for check in checks]
     for check in expected:
         if check not in known:
             raise unknown_name(f"check among the expected failures of {name!r}:", check, known)

@@ -9,6 +9,7 @@ from types import ModuleType
 from typing import Any, Literal, get_args
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import TypeAdapter
 
 from eitbench.benchmark.workers.messages import Reply, WorkerLostError, array_in, parsed
@@ -51,7 +52,7 @@ class CheckReport:
     """Results of all checks of one method or operator.
 
     Attributes:
-        kind: "method" or "operator".
+        kind: "method", "place method" or "operator".
         name: registry name.
         where: the sensor that was checked on, for people.
         untried: number of checks that were left out, as it does not work at all.
@@ -139,8 +140,13 @@ def answer_of(kind: Any, reply: Reply, what: str) -> Any:
 
 def images_of(reply: Reply, shape: tuple[int, ...], what: str) -> Images:
     """Return the images of a `reply`, no failure and of that `shape`."""
+    return array_of(reply, np.float32, shape, what)
+
+
+def array_of(reply: Reply, dtype: type, shape: tuple[int, ...], what: str) -> NDArray[Any]:
+    """Return the array of a `reply`, no failure and of that `dtype` and `shape`."""
     try:
-        return array_in(answered(reply), np.float32, shape, what)
+        return array_in(answered(reply), dtype, shape, what)
     except WorkerLostError as lost:
         raise BrokenError(f"{lost.failure.message}.") from lost
 

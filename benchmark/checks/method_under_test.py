@@ -222,7 +222,7 @@ class MethodTestService(MethodService):
             seed: of the global generators while it is fitted and asked; None: as for all requests.
             threads: that libraries may use meanwhile.
         """
-        with _thread_count(threads):
+        with thread_count(threads):
             if seed is not None:
                 random.seed(seed)
                 np.random.seed(seed)  # noqa: NPY002
@@ -230,7 +230,7 @@ class MethodTestService(MethodService):
                     sys.modules["torch"].manual_seed(seed)
             other = self._other(gain)
             other.set_up()
-            _limit_threads(threads)  # of libraries that fitting loaded
+            limit_threads(threads)  # of libraries that fitting loaded
             return other.reconstruct(frames, _of_each(other.reference[None], frames))
 
     def with_other_reference(self, frames: Frames, reference: Frames) -> Reply:
@@ -252,9 +252,9 @@ class MethodTestService(MethodService):
     def random_state(self, frames: Frames) -> Reply:
         """Return the global generators that fitting, and reconstructing, leave in another state."""
         other = self._other(1.0)
-        fitting, _ = _changed_generators(other.set_up)
+        fitting, _ = changed_generators(other.set_up)
         references = _of_each(other.reference[None], frames)
-        asking, reply = _changed_generators(lambda: other.reconstruct(frames, references))
+        asking, reply = changed_generators(lambda: other.reconstruct(frames, references))
         if reply.failure is not None:
             return reply
         return Reply({"fit": fitting, "reconstruct": asking}, reply.seconds)
@@ -262,9 +262,9 @@ class MethodTestService(MethodService):
     def repeat(self, frame: Frames) -> Reply:
         """Return how often `frame` (1, M) was reconstructed, and how memory grew by it [MiB]."""
         _, failure = self._repeat(frame, REPEATS // 4, LEAST_REPEATS // 2, REPEAT_S / 4)
-        before = _resident()
+        before = resident()
         calls, later = self._repeat(frame, REPEATS, LEAST_REPEATS, REPEAT_S)
-        return Reply((calls, _resident() - before), 0.0, failure or later)
+        return Reply((calls, resident() - before), 0.0, failure or later)
 
     def _repeat(
         self, frame: Frames, most: int, least: int, seconds: float
@@ -289,31 +289,32 @@ def _of_each(reference: Frames, frames: Frames) -> Frames:
     return np.repeat(reference, len(frames), axis=0)
 
 
-def _resident() -> float:
+def resident() -> float:
     """Return the resident memory of this process [MiB] after a garbage collection."""
     gc.collect()
     return float(psutil.Process().memory_info().rss) / 2**20
 
 
 @contextmanager
-def _thread_count(threads: int) -> Iterator[None]:
+def thread_count(threads: int) -> Iterator[None]:
     """Let BLAS, OpenMP and torch use so many threads, also those that are loaded meanwhile."""
     try:
         os.environ.update(dict.fromkeys(PINNED, str(threads)))
-        _limit_threads(threads)
+        limit_threads(threads)
         yield
     finally:
         os.environ.update(PINNED)
-        _limit_threads(THREADS)
+        limit_threads(THREADS)
 
 
-def _limit_threads(threads: int) -> None:
+def limit_threads(threads: int) -> None:
+    """Let libraries that are loaded use so many threads."""
     threadpool_limits(threads)
     if "torch" in sys.modules:
         sys.modules["torch"].set_num_threads(threads)
 
 
-def _changed_generators(action: Callable[[], Reply]) -> tuple[list[str], Reply]:
+def changed_generators(action: Callable[[], Reply]) -> tuple[list[str], Reply]:
     """Return the global generators that `action` leaves in another state, and its reply."""
     before = _generators()
     reply = action()

@@ -13,12 +13,12 @@ from eitbench.benchmark.metrics import tactile
 from eitbench.benchmark.metrics.image_metrics import cc, image_figures
 from eitbench.benchmark.metrics.load import LoadCalibration, fit_load
 from eitbench.benchmark.metrics.specs import METRIC_COLUMNS, bounded_score, score
-from eitbench.benchmark.metrics.tactile import Similarity
 from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.phantoms.contacts import contacts, is_constant, locate
 from eitbench.scenarios.recordings.descriptors import LOADS, contact_places
 from eitbench.scenarios.sensors.sensor import Sensor
+from eitbench.scenarios.similarity import Similarity, fit_similarity
 
 if TYPE_CHECKING:
     from eitbench.scenarios.data.datasets import Dataset
@@ -100,7 +100,7 @@ def fit_registration(validation: Known, estimates: ArrayLike) -> Similarity:
     sensor = validation.sensor
     contrast = _imputed(validation, estimates).astype(np.float64) - sensor.background
     presses = _presses(validation)
-    similarity = tactile.fit_similarity(locate(contrast, sensor), presses)
+    similarity = fit_similarity(locate(contrast, sensor), presses)
     if similarity is not None:
         several = "contacts" in validation.samples
         return _refitted(similarity, validation, contrast) if several else similarity
@@ -119,7 +119,7 @@ def _refitted(similarity: Similarity, validation: Known, contrast: Array) -> Sim
             rows, columns = tactile.matched(true, similarity(position))
             source.append(position[columns])
             target.append(true[rows])
-        fitted = tactile.fit_similarity(np.concatenate(source), np.concatenate(target))
+        fitted = fit_similarity(np.concatenate(source), np.concatenate(target))
         if fitted is None:
             break
         similarity = fitted

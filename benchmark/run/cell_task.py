@@ -15,7 +15,6 @@ from eitbench.benchmark.rundir.cells import Cell, Values
 from eitbench.benchmark.rundir.run_arrays import Truth
 from eitbench.benchmark.rundir.store import RunStore
 from eitbench.benchmark.workers.messages import Reply, WorkerLostError
-from eitbench.methods.registry import Registry
 from eitbench.scenarios.data.datasets import Dataset
 from eitbench.scenarios.suites.scenario import Scenario
 from eitbench.scenarios.suites.suite import Suite
@@ -52,11 +51,9 @@ class CellData(ABC):
 
     Attributes:
         batch: samples that are asked for at once.
-        registry: of what can run, but for plugin files: theirs are known in their workers alone.
     """
 
     batch: ClassVar[int]
-    registry: ClassVar[Registry[Any]]
 
     scenario: Scenario
     test: Dataset
@@ -71,6 +68,11 @@ class CellData(ABC):
         Raises:
             DataUnavailableError, DataCorruptError: recorded data cannot be had or are damaged.
         """
+
+    @classmethod
+    @abstractmethod
+    def known(cls) -> Mapping[str, type[Any]]:
+        """Return what can run by name, but for plugin files: theirs are known in workers alone."""
 
     @abstractmethod
     def task(self, plan: CellPlan, store: RunStore) -> "CellTask":
@@ -91,12 +93,13 @@ class CellData(ABC):
 
     def weights(self, name: str) -> str:
         """Return the SHA-256 (hex) of the weights that `name` would load; "" without any."""
-        known = self.registry.known()  # of plugins a run remembers the file
+        known = self.known()  # of plugins a run remembers the file
         return known[name].weights_hash(self.test.sensor) if name in known else ""
 
     def unusable(self, name: str) -> str:
         """Return the reason why `name` cannot run here, as a sentence; "" if it can."""
-        return ""
+        known = self.known()
+        return known[name].unusable(self.test.sensor) if name in known else ""
 
     def selection(self, name: str, code: str) -> dict[str, Any] | None:
         """Return the record of the parameters selected for `name` with this `code`, if any."""

@@ -36,8 +36,7 @@ from eitbench.benchmark.rundir.store import RunStore
 from eitbench.benchmark.tuning.selection import recorded_selection
 from eitbench.benchmark.workers.messages import Cost, Reply, array_in, parsed
 from eitbench.benchmark.workers.method_service import Frames, MethodService, learning_splits
-from eitbench.methods.method import Method
-from eitbench.methods.registry import METHOD_REGISTRY, Registry
+from eitbench.methods.registry import METHOD_REGISTRY, place_methods
 from eitbench.scenarios.data.datasets import Dataset, load
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.recordings.fetch import fetch_recording
@@ -60,8 +59,6 @@ class MethodData(CellData):
     """
 
     batch: ClassVar[int] = 32
-    registry: ClassVar[Registry[Any]] = METHOD_REGISTRY
-
     validation: Dataset | None
 
     @classmethod
@@ -85,6 +82,11 @@ class MethodData(CellData):
             )
         return cls(scenario, test, validation)
 
+    @classmethod
+    def known(cls) -> Mapping[str, type[Any]]:
+        """See `CellData.known`."""
+        return METHOD_REGISTRY.known()
+
     def task(self, plan: CellPlan, store: RunStore) -> "MethodCellTask":
         """Return the method of the cell."""
         return MethodCellTask(plan, store, self)
@@ -106,11 +108,6 @@ class MethodData(CellData):
         elif test.classes is not None:
             arrays["classes"] = test.classes
         return attributes, arrays
-
-    def unusable(self, name: str) -> str:
-        """See `CellData.unusable`."""
-        known = self.registry.known()
-        return known[name].unusable(self.test.sensor) if name in known else ""
 
     def selection(self, name: str, code: str) -> dict[str, Any] | None:
         """See `CellData.selection`."""
@@ -138,22 +135,20 @@ class MethodSetUp:
 _SET_UP = TypeAdapter(MethodSetUp)
 
 
-def _definition(plan: CellPlan) -> Callable[[], type[Method]] | None:
+def definition(plan: CellPlan) -> Callable[[], type[Any]] | None:
     """Return what gives a worker the class of a method that this process defined, if it did."""
-    cls = METHOD_REGISTRY.known().get(plan.cell.name)
+    cls = place_methods().get(plan.cell.name)
     if cls is None or plan.plugin is not None or cls.__module__.startswith("eitbench."):
         return None
-    given: Callable[[], type[Method]] = joblib.wrap_non_picklable_objects(
+    given: Callable[[], type[Any]] = joblib.wrap_non_picklable_objects(
         lambda: cls, keep_wrapper=False
     )
     return given
 
 
 @dataclass(frozen=True, eq=False)
-class MethodCellTask(CellTask):
-    """A method, asked for the images of frames."""
-
-    data: MethodData
+class FrameTask(CellTask):
+    """A method of any kind that answers frame by frame."""
 
     reports_prior_knowledge: ClassVar[bool] = True
 
@@ -171,55 +166,11 @@ class MethodCellTask(CellTask):
         ),
     }
 
-    @property
-    def sizes(self) -> Mapping[str, int]:
-        """The validation frames that a registration needs, then the test frames."""
-        return {split: len(self.data.frames(split)[0]) for split in ("validation", "test")}
-
-    def service(self) -> MethodService:
-        """Return the method with its problem."""
-        plan, test = self.plan, self.data.test
-        splits = partial(learning_splits, self.data.scenario)
-        return MethodService(
-            test.sensor,
-            test.references[0],
-            splits,
-            plan.cell.name,
-            plan.parameters,
-            plan.plugin,
-            _definition(plan),
-        )
-
     def set_up(self, value: object) -> dict[str, Any]:
         """Return its `parameters` as JSON, and what it says of its training and its origin."""
         answer: MethodSetUp = parsed(_SET_UP, value, "set-up")
         texts = {"parameters": json.dumps(answer.parameters), "source": "\n".join(answer.source)}
         return {**vars(answer), **texts}
-
-    def request(self, split: str, rows: slice) -> tuple[object, ...]:
-        """Return a request for the images of frames."""
-        frames, references = self.data.frames(split)
-        return "reconstruct", frames[rows], references[rows]
-
-    def blank(self, n: int) -> dict[str, NDArray[Any]]:
-        """Return images and times of NaN."""
-        shape = (n, *self.data.test.sensor.image_shape)
-        return {
-            "conductivity": np.full(shape, np.nan, dtype=np.float32),
-            "frame_ms": np.full(n, np.nan),
-        }
-
-    def values(self, split: str, rows: slice, reply: Reply) -> tuple[Values, NDArray[np.bool_]]:
-        """Return the images and the time of each frame."""
-        sensor = self.data.test.sensor
-        shape = (rows.stop - rows.start, *sensor.image_shape)
-        mask, images = sensor.mask, array_in(reply.value, np.float32, shape, "reconstruction")
-        # Pixels outside the sensor do not count.
-        images[:, ~mask] = sensor.background
-        good = np.isfinite(images[:, mask]).all(axis=1)
-        images[~good] = np.nan
-        times = np.full(len(images), reply.seconds * 1e3 / len(images))
-        return {"conductivity": images, "frame_ms": times}, good
 
     def warm(self, ask: Ask, *, pinned: bool) -> dict[str, float]:
         """Return times of single valid frames; p99 is NaN below `TAIL_FRAMES` of them.
@@ -246,6 +197,57 @@ class MethodCellTask(CellTask):
             "frame_ms_p50": float(np.median(times)) if times else NAN,
             "frame_ms_p99": float(np.percentile(times, 99)) if len(times) >= TAIL_FRAMES else NAN,
         }
+
+
+@dataclass(frozen=True, eq=False)
+class MethodCellTask(FrameTask):
+    """A method, asked for the images of frames."""
+
+    data: MethodData
+
+    @property
+    def sizes(self) -> Mapping[str, int]:
+        """The validation frames that a registration needs, then the test frames."""
+        return {split: len(self.data.frames(split)[0]) for split in ("validation", "test")}
+
+    def service(self) -> MethodService:
+        """Return the method with its problem."""
+        plan, test = self.plan, self.data.test
+        splits = partial(learning_splits, self.data.scenario)
+        return MethodService(
+            test.sensor,
+            test.references[0],
+            splits,
+            plan.cell.name,
+            plan.parameters,
+            plan.plugin,
+            definition(plan),
+        )
+
+    def request(self, split: str, rows: slice) -> tuple[object, ...]:
+        """Return a request for the images of frames."""
+        frames, references = self.data.frames(split)
+        return "reconstruct", frames[rows], references[rows]
+
+    def blank(self, n: int) -> dict[str, NDArray[Any]]:
+        """Return images and times of NaN."""
+        shape = (n, *self.data.test.sensor.image_shape)
+        return {
+            "conductivity": np.full(shape, np.nan, dtype=np.float32),
+            "frame_ms": np.full(n, np.nan),
+        }
+
+    def values(self, split: str, rows: slice, reply: Reply) -> tuple[Values, NDArray[np.bool_]]:
+        """Return the images and the time of each frame."""
+        sensor = self.data.test.sensor
+        shape = (rows.stop - rows.start, *sensor.image_shape)
+        mask, images = sensor.mask, array_in(reply.value, np.float32, shape, "reconstruction")
+        # Pixels outside the sensor do not count.
+        images[:, ~mask] = sensor.background
+        good = np.isfinite(images[:, mask]).all(axis=1)
+        images[~good] = np.nan
+        times = np.full(len(images), reply.seconds * 1e3 / len(images))
+        return {"conductivity": images, "frame_ms": times}, good
 
     def prior_knowledge(self, value: object) -> dict[str, Any]:
         """Return the columns of `prior_knowledge_columns`."""

@@ -32,7 +32,7 @@ from eitbench.benchmark.rundir.run_arrays import TOUCHES_KEPT, TRUTH, Truth
 from eitbench.benchmark.rundir.store import RunStore
 from eitbench.benchmark.workers.messages import Cost, Reply, Seconds, array_in, parsed
 from eitbench.benchmark.workers.operator_service import OperatorService, ReferenceModelService
-from eitbench.methods.registry import OPERATOR_REGISTRY, Registry
+from eitbench.methods.registry import OPERATOR_REGISTRY
 from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.data.datasets import SNR_COLUMNS, load
 from eitbench.scenarios.data.simulation import clean_frames
@@ -57,7 +57,6 @@ class OperatorData(CellData):
     """
 
     batch: ClassVar[int] = 64
-    registry: ClassVar[Registry[Any]] = OPERATOR_REGISTRY
 
     clean: Array
     reference: Array
@@ -77,7 +76,7 @@ class OperatorData(CellData):
                 f"Scenario {scenario.name!r} draws units of its sensor, or is a slab: operators "
                 "are compared on one sensor of two dimensions."
             )
-        cls.registry.known()  # loads their libraries here, so that workers are forked with them
+        cls.known()  # loads their libraries here, so that workers are forked with them
         measured = load(scenario, split="test", limit=limit, jobs=jobs, progress=progress)
         # Noise is no matter of operators.
         test = replace(measured, samples=measured.samples.drop(columns=list(SNR_COLUMNS)))
@@ -86,6 +85,15 @@ class OperatorData(CellData):
         )
         clean = clean_frames(scenario, "test", len(test))
         return cls(scenario, test, clean.voltages, clean.untouched[0], Standard.of(known.voltages))
+
+    @classmethod
+    def known(cls) -> Mapping[str, type[Any]]:
+        """See `CellData.known`."""
+        return OPERATOR_REGISTRY.known()
+
+    def unusable(self, name: str) -> str:
+        """Return "": an operator that cannot run fails."""
+        return ""
 
     def task(self, plan: CellPlan, store: RunStore) -> CellTask:
         """Return the operator of the cell, or the model."""

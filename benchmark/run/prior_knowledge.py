@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field, InstanceOf, StringConstraints, TypeAdapter, ValidationError
+from typing_extensions import TypedDict
 
 from eitbench.benchmark.tuning.selection import validation_scenario
 from eitbench.benchmark.workers.messages import array_in, parsed
@@ -65,7 +66,13 @@ class _Report:
     trained_on: dict[str, Any]
 
 
-_REPORT, _TRAINING = TypeAdapter(_Report), TypeAdapter(Training)
+class _Real(TypedDict):
+    """Numbers of real presses that a method of places has read."""
+
+    real: dict[Literal["labelled", "unlabelled", "other-skin"], Annotated[int, Field(ge=0)]]
+
+
+_REPORT, _TRAINING, _REAL = TypeAdapter(_Report), TypeAdapter(Training), TypeAdapter(_Real)
 
 
 def read_report(value: object) -> tuple[AccessRecord, Training | None]:
@@ -142,6 +149,36 @@ def prior_knowledge_columns(
         "prior_knowledge": json.dumps(knowledge),
         "overlap": overlap if known or overlap else NAN,
     }
+
+
+def place_knowledge(value: object, *, spent: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what a method of places knew of a skin, as columns of its cell.
+
+    `prior_knowledge` has what `prior_knowledge_columns` says; `given` counts the simulated
+    presses, split "train", and the real ones: "labelled", "unlabelled" and "other-skin". No press
+    that is located is among them, so that `overlap` is 0.
+
+    Args:
+        value: answer of `PlaceService.prior_knowledge`.
+        spent: as for `prior_knowledge_columns`.
+
+    Raises:
+        WorkerLostError: `value` is no such answer.
+    """
+    access, training = read_report(value)
+    real = parsed(_REAL, value, _REPORTING)["real"]
+    given = {of.split: of.samples for of in access.samples} | real
+    knowledge = {
+        "model": access.model,
+        "gain": access.gain,
+        "conductivity_range": access.conductivity_range,
+        "given": [{"split": split, "samples": count} for split, count in given.items()],
+        "trained_on": {} if training is None else {k: str(v) for k, v in vars(training).items()},
+        "tuned": dict(spent),
+        "noise": [],
+        "families": None,
+    }
+    return {"prior_knowledge": json.dumps(knowledge), "overlap": 0.0}
 
 
 def contents_file(data_hash: str, count: int) -> str:

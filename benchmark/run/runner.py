@@ -13,6 +13,7 @@ from eitbench.benchmark.run.cell_task import CellData, CellPlan
 from eitbench.benchmark.run.executors import Executor, executor
 from eitbench.benchmark.run.method_cell import MethodData
 from eitbench.benchmark.run.operator_cell import OperatorData
+from eitbench.benchmark.run.place_cell import PlaceData
 from eitbench.benchmark.run.progress import RunProgress
 from eitbench.benchmark.run.timing import calibration_solves
 from eitbench.benchmark.run.tracks import cell_entries, write_tracks
@@ -36,7 +37,11 @@ from eitbench.scenarios.suites.suite import Suite
 
 __all__ = ["Plan", "RunInterruptedError", "RunResult", "make_plan", "resume_run", "start_run"]
 
-DATA: Mapping[str, type[CellData]] = {"methods": MethodData, "operators": OperatorData}
+DATA: Mapping[str, type[CellData]] = {
+    "methods": MethodData,
+    "places": PlaceData,
+    "operators": OperatorData,
+}
 
 Lost = dict[str, dict[str, str]]
 """Sentences on scenarios and cells that are "skipped" and on scenarios that are "refused"."""

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 def cell_entries(plan: "Plan", data: CellData, name: str) -> list[Manifest]:
     """Return manifest entries for the cells of `name`, the ranked one first."""
     given = plan.parameters.get(name)
-    code = plan.code(name) if plan.suite.ranks == "methods" else ""
+    code = plan.code(name) if plan.suite.ranks != "operators" else ""
     selection = data.selection(name, code) if given is None else None
     own: dict[str, Any] = selection or {"parameters": given or {}, "spent": {}, "trials": []}
     track = "default" if selection is None else "tuned"

@@ -1,7 +1,7 @@
-"""The two kinds of runs: those that rank methods and those that rank forward operators."""
+"""The kinds of runs: they rank methods by images or by places, or forward operators."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from eitbench.benchmark.metrics.metric_spec import MetricSpec
 from eitbench.benchmark.metrics.operator_metrics import OPERATOR_COSTS, OPERATOR_METRICS
@@ -59,6 +59,7 @@ METHOD_RUNS = RunKind(
     # response.
     ranked_by=("score", "cc", "localisation_mm", "repeatability_db"),
 )
+PLACE_RUNS = replace(METHOD_RUNS, table="places.parquet", arrays="places.h5", array="place")
 OPERATOR_RUNS = RunKind(
     name="operator",
     table="operators.parquet",
@@ -70,4 +71,4 @@ OPERATOR_RUNS = RunKind(
     facts=("trained_on", "timed"),
     ranked_by=("mse",),
 )
-RUN_KINDS = {"methods": METHOD_RUNS, "operators": OPERATOR_RUNS}
+RUN_KINDS = {"methods": METHOD_RUNS, "places": PLACE_RUNS, "operators": OPERATOR_RUNS}

@@ -1,7 +1,7 @@
 """The plan of a run: a suite, and the methods, scenarios and samples chosen of it."""
 
 import hashlib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -11,7 +11,13 @@ from eitbench.benchmark.rundir.folder import read_json_file
 from eitbench.benchmark.rundir.kinds import RUN_KINDS, RunKind
 from eitbench.benchmark.rundir.manifest import Manifest, first_problem, read
 from eitbench.benchmark.workers.worker import plugin_names
-from eitbench.methods.registry import METHOD_REGISTRY, OPERATOR_REGISTRY, source_hash
+from eitbench.methods.registry import (
+    METHOD_REGISTRY,
+    OPERATOR_REGISTRY,
+    create_place_method,
+    place_methods,
+    source_hash,
+)
 from eitbench.scenarios.errors import InputError, unknown_name
 from eitbench.scenarios.storage.limits import check_regular
 from eitbench.scenarios.suites.suite import Suite
@@ -19,6 +25,11 @@ from eitbench.scenarios.suites.suite import Suite
 TRACKS = ("default", "tuned", "oracle")
 """As its author set it; with the parameters chosen on validation data; with the best on test."""
 
+_KNOWN: dict[str, Callable[[], Mapping[str, Any]]] = {
+    "methods": METHOD_REGISTRY.known,
+    "places": place_methods,
+    "operators": OPERATOR_REGISTRY.known,
+}
 _PARAMETERS = TypeAdapter(dict[str, dict[str, Any]])
 
 
@@ -60,19 +71,19 @@ class Plan(_Declared):
 
     @property
     def kind(self) -> RunKind:
-        """The kind of run: of methods or of operators."""
+        """The kind of run: of methods that make images or say places, or of operators."""
         return RUN_KINDS[self.suite.ranks]
 
     @property
     def methods(self) -> tuple[str, ...]:
-        """The names, if the suite ranks methods.
+        """The names, if the suite ranks methods that make images.
 
         Raises:
-            InputError: the suite ranks operators.
+            InputError: the suite ranks something else.
         """
         if self.suite.ranks != "methods":
             raise InputError(
-                f"Suite {self.suite.name!r} ranks operators: name one of methods "
+                f"Suite {self.suite.name!r} ranks {self.suite.ranks}: name one of methods "
                 "(eitbench list suites)."
             )
         return self.names
@@ -86,7 +97,7 @@ class Plan(_Declared):
         """SHA-256 (hex) of the file that a method of somebody else is in; "" for one of ours."""
         if name in self.origins:
             return self.origins[name].sha256
-        return source_hash(METHOD_REGISTRY.known()[name])
+        return source_hash(place_methods()[name])
 
 
 class _Data(BaseModel):
@@ -176,16 +187,21 @@ def make_plan(
         if track not in TRACKS:
             raise unknown_name("track", track, TRACKS)
     if tracks and ranks != "methods":
-        raise InputError(f"Suite {suite.name!r} ranks operators, which have no tracks.")
-    asked, other = (methods, operators) if ranks == "methods" else (operators, methods)
+        raise InputError(f"Suite {suite.name!r} ranks {ranks}, which have no tracks.")
+    asked, other = (operators, methods) if ranks == "operators" else (methods, operators)
     if other:
-        raise InputError(f"Suite {suite.name!r} ranks {ranks}: choose among them with --{ranks}.")
+        option = "operators" if ranks == "operators" else "methods"
+        raise InputError(f"Suite {suite.name!r} ranks {ranks}: choose among them with --{option}.")
     # Looked up before plugins start workers, which are forked with what is loaded by then.
-    known = {*(METHOD_REGISTRY if ranks == "methods" else OPERATOR_REGISTRY).known()}
+    known = {*_KNOWN[ranks]()}
     files: list[PluginFile] = []
     for path in dict.fromkeys(path.resolve() for path in plugins):
         registered = plugin_names(path, isolate=isolate)
-        offered = registered.methods if ranks == "methods" else registered.operators
+        offered = {
+            "methods": registered.methods,
+            "places": [*registered.methods, *registered.places],
+            "operators": registered.operators,
+        }[ranks]
         if not offered:
             raise InputError(f"The plugin {path} registers no {ranks}, which {suite.name!r} ranks.")
         for other_file in files:
@@ -203,12 +219,12 @@ def make_plan(
             raise unknown_name(RUN_KINDS[ranks].name, name, known)
     given = {name: dict(values) for name, values in (parameters or {}).items()}
     for name, values in given.items():
-        if ranks != "methods":
+        if ranks == "operators":
             raise InputError(f"Suite {suite.name!r} ranks operators, which take no parameters.")
         if name not in chosen:
             raise unknown_name("method in the parameters:", name, chosen)
         if name not in own:  # a plugin is not loaded here
-            METHOD_REGISTRY.create(name, **values)
+            create_place_method(name, **values)
     declared = [scenario.name for scenario in suite.scenarios]
     for name in scenarios:
         if name not in declared:

@@ -12,7 +12,7 @@ from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.sensors.sensor import content_hash
 from eitbench.scenarios.storage.atomic_write import atomic_write
 from eitbench.scenarios.storage.cache_dir import cache_dir
-from eitbench.scenarios.suites.scenario import Scenario, SimulatedScenario
+from eitbench.scenarios.suites.scenario import RecordedScenario, Scenario, SimulatedScenario
 
 _log = logging.getLogger(__name__)
 
@@ -150,6 +150,7 @@ def validation_key(scenario: Scenario) -> str:
                 "noise": seen.noise.validation,
             }
         )
+    assert isinstance(seen, RecordedScenario)  # what says places is not tuned
     named = {"name": seen.recorded_set.name, "calibrated": False}
     return seen.model_copy(update=named).data_hash("validation")
 

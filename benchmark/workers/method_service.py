@@ -62,11 +62,8 @@ class MethodService:
         """Fit the method; the reply holds its `parameters`, and attributes for the cell."""
         self.load_plugin()
         method, reply = self.fitted(self.parameters)
-        # Every constructor parameter of a method that is a dataclass, with defaults.
-        declared: dict[str, Field[Any]] = getattr(method, "__dataclass_fields__", {})
-        known = {name: getattr(method, name) for name, field in declared.items() if field.init}
         said = {
-            "parameters": known | dict(self.parameters),
+            "parameters": known_parameters(method) | dict(self.parameters),
             "train_s": float(method.train_s),
             "differs": method.differs,
             "source": str(method.source).splitlines(),  # a message shortens each text
@@ -105,6 +102,12 @@ class MethodService:
             with np.errstate(over="ignore"):
                 images.append(reply.value.astype(np.float32))
         return Reply(np.concatenate(images), seconds)
+
+
+def known_parameters(method: object) -> dict[str, Any]:
+    """Every constructor parameter of a method that is a dataclass, with defaults."""
+    declared: dict[str, Field[Any]] = getattr(method, "__dataclass_fields__", {})
+    return {name: getattr(method, name) for name, field in declared.items() if field.init}
 
 
 def learning_splits(scenario: Scenario, split: str, limit: int | None) -> Dataset:

@@ -11,9 +11,10 @@ import shutil
 from contextlib import suppress
 from dataclasses import replace
 
-import eitbench.benchmark.workers.method_service  # noqa: F401
+import eitbench.benchmark.workers.method_service
+import eitbench.benchmark.workers.place_service  # noqa: F401
 from eitbench.benchmark.workers.process import SOCKETS
-from eitbench.methods.registry import METHOD_REGISTRY
+from eitbench.methods.registry import METHOD_REGISTRY, PLACE_REGISTRY
 from eitbench.scenarios.physics.forward import ForwardModel
 from eitbench.scenarios.sensors.sensor import foam16
 
@@ -22,6 +23,7 @@ from eitbench.scenarios.sensors.sensor import foam16
 if SOCKETS in os.environ:
     atexit.register(shutil.rmtree, os.environ[SOCKETS], ignore_errors=True)
 METHOD_REGISTRY.import_built_in()
+PLACE_REGISTRY.import_built_in()
 # What fails here fails again where it is needed, with a message.
 with suppress(Exception):
     model = ForwardModel(replace(foam16(), image_shape=(16, 16)))

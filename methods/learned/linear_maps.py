@@ -6,13 +6,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from eitbench.methods.classical.linearisation import damping
 from eitbench.methods.method import Method
 from eitbench.methods.problem import Problem
 from eitbench.methods.registry import register
-from eitbench.scenarios.arrays import Array, Images
+from eitbench.scenarios.arrays import Array, Images, unit_frames
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.sensors.patterns import averaging
 from eitbench.scenarios.sensors.symmetry import asymmetry
@@ -151,10 +151,3 @@ class LinearTouch(Method):
     def reconstruct(self, voltages: Array) -> Array:
         """Absolute conductivity (n, H, W) [S/m] from frames (n, M), within the sensor's range."""
         return absolute(self._problem.difference(voltages) @ self._matrix, self._problem)
-
-
-def unit_frames(frames: ArrayLike) -> Array:
-    """Differences (n, M) in any unit divided by their rms; a frame of zeros stays as it is."""
-    values = np.asarray(frames, dtype=np.float64)
-    rms = np.sqrt(np.mean(values**2, axis=1, keepdims=True))
-    return np.asarray(values / np.where(rms > 0, rms, 1.0))

@@ -1,8 +1,9 @@
 """Kernel ridge regression that chooses its kernel and ridge by leave-one-out, in closed form.
 
-With the kernel matrix K (n, n) of the training inputs and the smoother H = K (K + w I)^-1, the
-prediction of y_i from all others is off by (y - H y)_i / (1 - H_ii): no regression has to be
-repeated. One eigendecomposition of K serves every ridge w.
+With the kernel matrix K (n, n) of the training inputs and G = (K + w I)^-1, the prediction of the
+outputs y_B of a block B of samples from all others is off by G_BB^-1 (G y)_B: no regression has to
+be repeated. A block is one sample, or all samples of one sensor. One eigendecomposition of K serves
+every ridge w.
 
 Source: Rasmussen and Williams, Gaussian Processes for Machine Learning (2006), sec. 2.2 and 5.4.2.
 """
@@ -10,8 +11,8 @@ Source: Rasmussen and Williams, Gaussian Processes for Machine Learning (2006), 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import partial
-from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.distance import cdist
@@ -28,7 +29,8 @@ WEIGHTS = tuple(10.0**k for k in np.arange(-6, 2.5, 0.5))
 """Ridges to choose from, as multiples of the kernel matrix's mean diagonal."""
 
 
-class KernelRidge(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class KernelRidge:
     """Outputs (n, k) from inputs (n, d), learned from samples of both.
 
     Attributes:
@@ -36,7 +38,7 @@ class KernelRidge(NamedTuple):
         samples: (m, d) the training inputs.
         coefficients: (m, k).
         mean: (k,) of the training outputs.
-        error: root mean squared leave-one-out error of the training outputs.
+        error: root mean squared error of the training outputs, each block left out in its turn.
     """
 
     kernel: Kernel
@@ -67,8 +69,18 @@ def gaussians(inputs: Array) -> list[Kernel]:
     return [partial(gaussian, factor * typical) for factor in WIDTHS]
 
 
-def kernel_ridge(inputs: Array, outputs: Array, kernels: Sequence[Kernel]) -> KernelRidge:
+def kernel_ridge(
+    inputs: Array,
+    outputs: Array,
+    kernels: Sequence[Kernel],
+    blocks: Sequence[slice] = (),
+) -> KernelRidge:
     """The regression of `outputs` (n, k) on `inputs` (n, d) with the least leave-one-out error.
+
+    Args:
+        inputs, outputs: the samples.
+        kernels: to choose from.
+        blocks: samples that are left out together; by default each is alone.
 
     Raises:
         InputError: fewer than 3 samples.
@@ -84,8 +96,10 @@ def kernel_ridge(inputs: Array, outputs: Array, kernels: Sequence[Kernel]) -> Ke
         for weight in WEIGHTS:
             damped = np.maximum(energy, 0.0) + weight * np.trace(matrix) / len(matrix)
             coefficients = vectors @ (rotated / damped[:, None])
-            # 1 - H = w (K + w I)^-1 and y - H y = w (K + w I)^-1 y: w cancels.
             left_out = coefficients / (vectors**2 @ (1 / damped))[:, None]
+            for rows in blocks:
+                of_block = vectors[rows] / np.sqrt(damped)
+                left_out[rows] = np.linalg.solve(of_block @ of_block.T, coefficients[rows])
             error = float(np.sqrt(np.mean(left_out**2)))
             candidates.append(KernelRidge(kernel, inputs, coefficients, mean, error))
     return min(candidates, key=lambda candidate: candidate.error)

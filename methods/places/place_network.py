@@ -18,8 +18,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from eitbench.methods.learned.linear_maps import unit_frames
-from eitbench.scenarios.arrays import Array
+from eitbench.scenarios.arrays import Array, unit_frames
 from eitbench.scenarios.errors import InputError
 
 if TYPE_CHECKING:
@@ -50,6 +49,9 @@ class TrainingPhase:
 
 SIMULATED = TrainingPhase(steps=2500, batch=128, rate=3e-3, gain=0.5, noise=1.0)
 """From thousands of simulated presses."""
+
+SKINS = TrainingPhase(steps=2000, batch=256, rate=1e-3, gain=0.3, noise=0.5)
+"""From thousands of presses of other skins, whose boards and gels differ."""
 
 REAL = TrainingPhase(steps=300, batch=512, rate=1e-3, gain=0.0, noise=0.3)
 """From tens or hundreds of real ones, whose board is the one to be used."""

@@ -20,8 +20,10 @@ from eitbench import __version__
 from eitbench.benchmark import EitbenchError, atomic_write
 from eitbench.benchmark.analysis.ladder import Ladder, read_ladder
 from eitbench.benchmark.analysis.results import plugin_file, read_run
+from eitbench.benchmark.analysis.transfer import SkinError, over_skins, skin_errors
 from eitbench.benchmark.metrics.specs import ANCHORS
 from eitbench.reports.figures import ladder as ladder_figures
+from eitbench.reports.figures import transfer as transfer_figures
 from eitbench.reports.figures.critical_difference import to_png
 from eitbench.reports.figures.ladder import LEGEND, grid, write_files
 from eitbench.reports.figures.style import COLOURS, CONDUCTIVITY_MAP, CONTRAST_MAP, STYLE
@@ -49,15 +51,20 @@ def write_report(runs: Sequence[Path], out: Path) -> list[Path]:
     """
     report = report_data(runs)
     ladders = _ladders(runs)
-    found = [finding for run in runs for finding in findings(read_run(run))]
+    read = [read_run(run) for run in runs]
+    found, transfer = [finding for run in read for finding in findings(run)], skin_errors(read)
     try:
         written = [out / PAGE, out / DATA]
-        page = to_page(report, list(ladders.values()), _code_links(report, runs, out), found)
+        links = _code_links(report, runs, out)
+        page = to_page(report, list(ladders.values()), links, found, transfer)
         atomic_write(written[0], page.encode())
         atomic_write(written[1], (json.dumps(report, allow_nan=False) + "\n").encode())
         written += write_paper(report, out)
         for stem, ladder in ladders.items():
             written += write_files(ladder, out / "tables", out / "figures", stem)
+        if transfer:
+            tables, figures = out / "tables", out / "figures"
+            written += transfer_figures.write_files(transfer, tables, figures, "transfer")
     except OSError as error:
         raise EitbenchError(f"Could not write the report into {out}: {error.strerror}.") from error
     return written
@@ -90,12 +97,14 @@ def to_page(
     ladders: Sequence[Ladder] = (),
     code_links: Mapping[str, str] = MappingProxyType({}),
     found: Sequence[Finding] = (),
+    transfer: Sequence[SkinError] = (),
 ) -> str:
     """Return the HTML page of a report, with its ladders from simulation to reality.
 
     Args:
         code_links: addresses of the files that `code` of a row names.
         found: what the runs say of time and of two touches.
+        transfer: errors on skins after few labelled presses.
     """
     methods = _methods(report)
     suites = dict.fromkeys(board["suite"] for board in report["boards"])
@@ -119,6 +128,9 @@ def to_page(
         ],
         ladder_legend=LEGEND,
         findings=[(finding, _picture(finding)) for finding in found],
+        transfer_grid=transfer_figures.grid(over_skins(transfer)) if transfer else [],
+        transfer_figure=transfer_figures.to_png(transfer) if transfer else "",
+        transfer_legend=transfer_figures.LEGEND,
         answers=[answer(board, report["boards"]) for board in report["boards"]],
         methods=methods,
         counted_data=counted_data(report["boards"]),

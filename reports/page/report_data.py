@@ -231,7 +231,7 @@ def _sensor(run: Run, scenario: str) -> tuple[str, bool]:
 
 def _with_all_columns(run: Run, missing: list[str]) -> Run:
     """Return a run of methods with empty columns for the figures that it lacks."""
-    if run.kind != METHOD_RUNS or run.samples.empty:
+    if run.kind.name != "method" or run.samples.empty:
         return run
     lacking = [name for name in METRIC_COLUMNS if name not in run.samples]
     missing += [
@@ -353,6 +353,8 @@ def _board(standing: Standing, apart: str, runs: Sequence[Run], missing: list[st
 
 def _has_images(run: Run, missing: list[str]) -> bool:
     there = (run.path / run.kind.arrays).is_file()
+    if run.kind != METHOD_RUNS:
+        return False  # places are no images
     if not there:
         missing.append(f"{run.path.name} holds no {run.kind.arrays}: its images are not shown.")
     return there

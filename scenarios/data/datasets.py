@@ -32,7 +32,14 @@ from eitbench.scenarios.imperfections.noise import (
 from eitbench.scenarios.interrupts import end_with_parent
 from eitbench.scenarios.phantoms.phantom import Phantom, rasterise
 from eitbench.scenarios.sensors.sensor import Sensor
-from eitbench.scenarios.suites.scenario import TOUCHES, RecordedScenario, SimulatedScenario, Split
+from eitbench.scenarios.suites.scenario import (
+    TOUCHES,
+    RecordedScenario,
+    Scenario,
+    SimulatedScenario,
+    Split,
+    TransferScenario,
+)
 from eitbench.scenarios.suites.suite import scenario_by_name
 
 SNR_COLUMNS = ("snr_db", "touch_snr_db", "model_distance_db")
@@ -107,7 +114,7 @@ class Dataset:
 
 
 def load(
-    scenario: str | SimulatedScenario | RecordedScenario,
+    scenario: str | Scenario,
     split: str = "test",
     limit: int | None = None,
     *,
@@ -139,6 +146,11 @@ def load(
     if split not in get_args(Split):
         raise unknown_name("split", split, get_args(Split))
     check_open(split)
+    if isinstance(scenario, TransferScenario):
+        raise InputError(
+            f"Scenario {scenario.name!r} has no splits of its own: load the recorded set "
+            f"{scenario.recording!r}."
+        )
     if isinstance(scenario, RecordedScenario):
         data = _recorded(scenario, cast("Split", split), limit, progress)
     else:

@@ -237,17 +237,7 @@ class RecordedScenario(Declaration):
     @field_validator("recording")
     @classmethod
     def _known_recording(cls, value: str, info: ValidationInfo) -> str:
-        if not is_recording(value):
-            recorded_set(value)
-            return value
-        path = beside(value, info)
-        # A suite file must name what is there; a run is readable without its recordings.
-        if info.context:
-            try:
-                recorded_set(path)
-            except EitbenchError as error:
-                raise ValueError(str(error)) from error
-        return path
+        return _recording(value, info)
 
     @property
     def title(self) -> str:
@@ -280,6 +270,91 @@ class RecordedScenario(Declaration):
         )
 
 
+class TransferScenario(Declaration):
+    """Presses of one skin, to be located after few labelled presses of it: leave one skin out.
+
+    Methods that learn places get `labelled` presses with their places, unlabelled ones, and the
+    presses of other skins; see `scenarios.data.transfer`. Without labelled presses, their
+    places are registered with the robot's coordinates afterwards.
+
+    Attributes:
+        name: registry name.
+        recording: registry name of the recorded set, or the path of a recording of one's own (.h5).
+        labelled: number of presses whose places methods learn from.
+        others: recorded sets of other skins, all presses of which are labelled.
+    """
+
+    kind: Literal["transfer"] = "transfer"
+    name: Name
+    recording: str
+    labelled: int = Field(ge=0)
+    others: tuple[str, ...] = ()
+
+    @field_validator("recording")
+    @classmethod
+    def _known_recording(cls, value: str, info: ValidationInfo) -> str:
+        return _pressed(_recording(value, info))
+
+    @field_validator("others")
+    @classmethod
+    def _known_others(cls, value: tuple[str, ...], info: ValidationInfo) -> tuple[str, ...]:
+        others = tuple(_pressed(_recording(other, info)) for other in value)
+        if info.data.get("recording") in others:
+            raise ValueError("the skin that is tested cannot be one of the others")
+        return others
+
+    @property
+    def title(self) -> str:
+        """One line for listings."""
+        return f"{self.recorded.title}; {self.labelled} labelled presses"
+
+    @property
+    def recorded(self) -> RecordedScenario:
+        """The recorded set on its own, whose presses methods may simulate."""
+        return RecordedScenario(name="tested", recording=self.recording)
+
+    @property
+    def nominal_sensor(self) -> Sensor:
+        """The sensor that methods know."""
+        return self.recorded.nominal_sensor
+
+    @property
+    def calibrated(self) -> bool:
+        """False: frames are given as they were measured."""
+        return False
+
+    def data_hash(self, split: Split) -> str:
+        """SHA-256 (hex) of what is declared, of the recorded sets, their files and sensors."""
+        sets = [RecordedScenario(name="set", recording=name) for name in self.others]
+        return content_hash(
+            {
+                "labelled": self.labelled,
+                "sets": [one.data_hash(split) for one in (self.recorded, *sets)],
+            }
+        )
+
+
+def _recording(value: str, info: ValidationInfo) -> str:
+    """The name of a public set, or the absolute path of a recording of one's own."""
+    if not is_recording(value):
+        recorded_set(value)
+        return value
+    path = beside(value, info)
+    # A suite file must name what is there; a run is readable without its recordings.
+    if info.context:
+        try:
+            recorded_set(path)
+        except EitbenchError as error:
+            raise ValueError(str(error)) from error
+    return path
+
+
+def _pressed(value: str) -> str:
+    if not is_recording(value) and recorded_set(value).truth != "position":
+        raise ValueError(f"the recorded set {value!r} does not know where it was pressed")
+    return value
+
+
 def _declared(scenario: SimulatedScenario | RecordedScenario, apart: set[str]) -> dict[str, Any]:
     """Declared fields of a scenario but `apart`, and but optional ones at their default."""
     declared = scenario.model_dump(mode="json", exclude=apart)
@@ -287,7 +362,9 @@ def _declared(scenario: SimulatedScenario | RecordedScenario, apart: set[str]) -
     return {k: v for k, v in declared.items() if k not in optional or v != optional[k]}
 
 
-Scenario = Annotated[SimulatedScenario | RecordedScenario, Field(discriminator="kind")]
+Scenario = Annotated[
+    SimulatedScenario | RecordedScenario | TransferScenario, Field(discriminator="kind")
+]
 
 
 def _nominal_sensor(

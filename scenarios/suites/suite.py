@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from pydantic import Field, ValidationInfo, field_validator
@@ -12,7 +12,12 @@ from scipy.ndimage import binary_erosion
 
 from eitbench.scenarios.declaration import Declaration, Name, field_error, read_declaration
 from eitbench.scenarios.errors import InputError, unknown_name
-from eitbench.scenarios.suites.scenario import RecordedScenario, Scenario, SimulatedScenario
+from eitbench.scenarios.suites.scenario import (
+    RecordedScenario,
+    Scenario,
+    SimulatedScenario,
+    TransferScenario,
+)
 
 MEMORY_LIMIT_MB = 8192.0
 """Memory that a method or operator may take where nothing else is declared [MiB]."""
@@ -24,6 +29,10 @@ STANDARDISING = 2
 
 class Suite(Declaration):
     """A suite, of either methods or operators.
+
+    In a file, a table of the kind "transfer" may list `recordings`, and counts in `labelled`. It
+    stands for a scenario of each recording with each count, called RECORDING-COUNT. Their `others`
+    are the rest of the list, unless the table names them.
 
     Attributes:
         title: one line for listings.
@@ -65,12 +74,16 @@ class Suite(Declaration):
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
             raise ValueError(f"scenario {twice[0]!r} is declared twice")
+        if len({isinstance(scenario, TransferScenario) for scenario in value}) > 1:
+            raise ValueError("scenarios of the kind 'transfer' stand in a suite of their own")
         return value
 
     @property
-    def ranks(self) -> Literal["methods", "operators"]:
-        """The kind of entries that the suite ranks."""
-        return "methods" if self.operators is None else "operators"
+    def ranks(self) -> Literal["methods", "places", "operators"]:
+        """The kind of entries that the suite ranks: images, places or forward operators."""
+        if self.operators is not None:
+            return "operators"
+        return "places" if isinstance(self.scenarios[0], TransferScenario) else "methods"
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -103,8 +116,13 @@ def load_suite(name: str | Path) -> Suite:
 
 @cache
 def scenarios() -> Mapping[str, SimulatedScenario | RecordedScenario]:
-    """Every scenario of the packaged suites by name."""
-    return {s.name: s for path in suites().values() for s in read_suite(path).scenarios}
+    """Every scenario of the packaged suites by name, but for those of the kind "transfer"."""
+    return {
+        scenario.name: scenario
+        for path in suites().values()
+        for scenario in read_suite(path).scenarios
+        if not isinstance(scenario, TransferScenario)
+    }
 
 
 def scenario_by_name(name: str) -> SimulatedScenario | RecordedScenario:
@@ -125,6 +143,8 @@ def learned_from(scenario: Scenario) -> Scenario:
     That is the scenario itself, but for recorded presses: these are learned from the simulated ones
     of the suite `presses`, on the nominal sensor of the set.
     """
+    if isinstance(scenario, TransferScenario):
+        scenario = scenario.recorded
     if isinstance(scenario, RecordedScenario) and scenario.recorded_set.truth == "position":
         presses = scenario_by_name("presses")
         return presses.model_copy(update={"sensor": scenario.recorded_set.sensor_name})
@@ -133,7 +153,7 @@ def learned_from(scenario: Scenario) -> Scenario:
 
 def read_suite(path: Path) -> Suite:
     """The suite declared in the TOML file at `path`; errors as those of `load_suite`."""
-    suite = read_declaration("Suite", path, Suite)
+    suite = read_declaration("Suite", path, Suite, _with_each_transfer)
     for k, scenario in enumerate(suite.scenarios):
         if wrong := _unusable(scenario, suite.ranks):
             field, problem = wrong
@@ -142,14 +162,39 @@ def read_suite(path: Path) -> Suite:
     return suite
 
 
+def _with_each_transfer(declared: dict[str, Any]) -> dict[str, Any]:
+    """The declaration with a scenario for each of the `recordings` of a table and each count."""
+    tables = declared.get("scenarios")
+    if not isinstance(tables, list):
+        return declared
+    found: list[Any] = []
+    for table in tables:
+        recordings, counts = (
+            table.get(name) if isinstance(table, dict) else None
+            for name in ("recordings", "labelled")
+        )
+        if not (isinstance(recordings, list) and isinstance(counts, list)):
+            found.append(table)
+            continue
+        rest = {name: value for name, value in table.items() if name != "recordings"}
+        found += [
+            {"others": [other for other in recordings if other != recording]}
+            | rest
+            | {"name": f"{recording}-{count}", "recording": recording, "labelled": count}
+            for recording in recordings
+            for count in counts
+        ]
+    return declared | {"scenarios": found}
+
+
 def _unusable(scenario: Scenario, ranks: str) -> tuple[str, str] | None:
     """The field and the reason why no method or operator can be evaluated on `scenario`, if so."""
     operators = ranks == "operators"
+    if operators and not isinstance(scenario, SimulatedScenario):
+        return "kind", "operators need a known conductivity, which only simulated scenarios have"
+    if isinstance(scenario, TransferScenario):
+        scenario = scenario.recorded.model_copy(update={"name": scenario.name})
     if isinstance(scenario, RecordedScenario):
-        if operators:
-            return "kind", (
-                "operators need a known conductivity, which only simulated scenarios have"
-            )
         # Tables show this name alone, and no table may pass an emulated board for a real one.
         if scenario.recorded_set.emulated and "emulated" not in scenario.name:
             return "name", (

@@ -31,7 +31,17 @@ app = typer.Typer(
 
 Listing = StrEnum(
     "Listing",
-    ["methods", "operators", "scenarios", "families", "sensors", "suites", "recordings", "boards"],
+    [
+        "methods",
+        "place-methods",
+        "operators",
+        "scenarios",
+        "families",
+        "sensors",
+        "suites",
+        "recordings",
+        "boards",
+    ],
 )
 
 

@@ -33,9 +33,8 @@ BETWEEN_OUR_PROCESSES = {
     "benchmark/workers/confinement.py",
     "benchmark/workers/process.py", "benchmark/workers/worker.py",
     "benchmark/studies/priors.py", "benchmark/studies/readings.py",
-    "benchmark/studies/real_trained.py", "benchmark/studies/training_study.py",
-    "methods/learned/refiner_training.py", "scenarios/data/datasets.py",
-    "scenarios/data/simulation.py",
+    "benchmark/studies/training_study.py", "methods/learned/refiner_training.py",
+    "scenarios/data/datasets.py", "scenarios/data/simulation.py",
 }  # fmt: skip
 
 

@@ -1,13 +1,16 @@
 """A skin that drifts, pressed at known places, as frames before and during each press."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from eitbench.hardware.recording.exchange import write_recording
 from eitbench.scenarios import forward_model, sensor
 from eitbench.scenarios.phantoms.press import FOAM
+from eitbench.scenarios.recordings.files.pairs import from_pairs
 from eitbench.scenarios.sensors.outlines import rectangle
 from eitbench.scenarios.sensors.sensor import Sensor, even_electrodes
 
@@ -46,3 +49,18 @@ def pressed_skin(
 def renumbered(skin: Sensor, number: NDArray[np.int64]) -> Sensor:
     """The sensor whose electrode k is the electrode `number[k]` of `skin`."""
     return replace(skin, electrodes=tuple(skin.electrodes[k] for k in number.tolist()))
+
+
+def recording(path: Path, n: int = 50, skin: Sensor = SKIN, *contacts: dict[str, float]) -> str:
+    """A recording of one's own of `n` touches."""
+    released, pressed, places = pressed_skin(n, skin=skin)
+    labels = places.assign(touch=range(n))
+    if contacts:
+        labels = pd.concat([labels, pd.DataFrame(contacts)])
+    write_recording(from_pairs(released, pressed, skin, "fake", labels), path)
+    return str(path)
+
+
+def rows(table: Array) -> set[bytes]:
+    """The rows of a table, to be compared bit for bit."""
+    return {row.tobytes() for row in np.ascontiguousarray(table)}

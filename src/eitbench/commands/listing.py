@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from eitbench.hardware.registry import board_rows
-from eitbench.methods.registry import methods, operators
+from eitbench.methods.registry import PLACE_REGISTRY, methods, operators
 from eitbench.scenarios.catalogue import sensors
 from eitbench.scenarios.docstrings import first_line
 from eitbench.scenarios.phantoms.families import FAMILIES
@@ -101,6 +101,7 @@ def _recordings() -> list[Row]:
 
 LISTINGS: dict[str, Callable[[], list[Row]]] = {
     "methods": lambda: _described(methods(), "source", "differs"),
+    "place-methods": lambda: _described(PLACE_REGISTRY.known(), "source"),
     "operators": lambda: _described(operators(), "source"),
     "families": _families,
     "scenarios": _scenarios,

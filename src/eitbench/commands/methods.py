@@ -213,30 +213,6 @@ def priors(
         typer.echo(str(path))
 
 
-@app.command("real-trained", epilog="Example: eitbench real-trained --jobs 2 --out runs/presses")
-def real_trained_command(
-    out: Annotated[Path, typer.Option(metavar="DIR", help="Where the errors and figure go.")],
-    recording: Annotated[
-        str,
-        typer.Argument(
-            metavar="NAME|FILE.h5", help="A recorded set that knows where it was pressed."
-        ),
-    ] = "ohmc16",
-    jobs: Annotated[int, typer.Option(min=1, help="Folds at a time.")] = 1,
-) -> None:
-    """Measure how far presses are placed wrong after learning from 0 to 400 real ones."""
-    from eitbench.benchmark.studies.real_trained import real_trained
-    from eitbench.reports.studies.real_trained import summary, to_markdown, write_real_trained
-    from eitbench.scenarios.recordings import recorded_set
-
-    errors = real_trained(recording, jobs=jobs)
-    name = recorded_set(recording).name
-    typer.echo(f"Median error [mm] on {name}, cross-validated:\n")
-    typer.echo(to_markdown(summary(errors)))
-    for path in write_real_trained(errors, name, out):
-        typer.echo(str(path))
-
-
 @app.command(epilog="Example: eitbench check noser, or: eitbench check my_operator.py")
 def check(
     target: Annotated[

@@ -230,18 +230,16 @@ def _complete(run: Path) -> tuple[list[dict[str, Any]], list[Path]]:
     from eitbench.reports.figures.image_grid import write_figures
     from eitbench.reports.figures.ladder import write_ladder
     from eitbench.reports.figures.touches import write_findings
+    from eitbench.reports.figures.transfer import write_transfer
     from eitbench.reports.figures.voltages import write_voltages
     from eitbench.reports.tables.leaderboard import ranked_rows, write_leaderboard
 
     write_notes(run)
     rows = ranked_rows([run])
     write_leaderboard(rows, run)
-    return rows, [
-        *write_ladder(run),
-        *write_findings(run),
-        *write_figures(run),
-        *write_voltages(run),
-    ]
+    writers = (write_ladder, write_transfer, write_findings, write_figures, write_voltages)
+    drawn = [write(run) for write in writers]
+    return rows, [path for written in drawn for path in written]
 
 
 @app.command(epilog="Example: eitbench reproduce --limit 200 --out runs/claims")

@@ -7,7 +7,6 @@ import pytest
 from numpy.typing import NDArray
 
 from eitbench.benchmark import metrics
-from eitbench.benchmark.metrics import tactile
 from eitbench.benchmark.metrics.evaluation import (
     GroundTruth,
     evaluate,
@@ -20,6 +19,7 @@ from eitbench.scenarios.phantoms.contacts import contacts
 from eitbench.scenarios.phantoms.press import FOAM
 from eitbench.scenarios.sensors.outlines import Disc
 from eitbench.scenarios.sensors.sensor import even_electrodes, foam16
+from eitbench.scenarios.similarity import Similarity
 
 Array = NDArray[np.float64]
 # Not exactly a float32, as real backgrounds are.
@@ -179,7 +179,7 @@ def test_positions_need_a_registration_and_estimates_their_shape() -> None:
     with pytest.raises(InputError, match="registration"):
         evaluate(data, presses(image))
     with pytest.raises(InputError, match=r"\(4, 40, 40\), got \(3, 40, 40\)"):
-        evaluate(data, presses(image)[:3], tactile.Similarity(1.0, np.eye(2), np.zeros(2)))
+        evaluate(data, presses(image)[:3], Similarity(1.0, np.eye(2), np.zeros(2)))
 
 
 def several(n: int, seed: int) -> tuple[GroundTruth, Array]:

@@ -4,8 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from scipy.ndimage import gaussian_filter
 from tests.support.contact_images import FOAM, PIXEL, Array, blobs, disc_sensor
 
@@ -130,56 +128,3 @@ def test_noise_adds_as_much_to_the_force_as_the_card_says() -> None:
         found = tactile.force(FOAM.background * (1 + share * noise), FOAM).mean()
         assert found == pytest.approx(newtons, abs=0.05)
         assert f"{newtons} N" in METRICS["force_error"].traps
-
-
-@given(
-    angle=st.floats(0, 6.28),
-    scale=st.floats(0.1, 10),
-    shift=st.tuples(st.floats(-1, 1), st.floats(-1, 1)),
-    mirrored=st.booleans(),
-    seed=st.integers(0, 99),
-)
-def test_a_similarity_is_recovered(
-    angle: float, scale: float, shift: tuple[float, float], mirrored: bool, seed: int
-) -> None:
-    points = np.random.default_rng(seed).standard_normal((12, 2))
-    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-    if mirrored:
-        turn = turn @ np.diag([1, -1])
-    target = scale * points @ turn.T + shift
-    lost = np.vstack([points, [np.nan, np.nan]])
-    fitted = tactile.fit_similarity(lost, np.vstack([target, [0.0, 0.0]]))
-    assert fitted is not None
-    np.testing.assert_allclose(fitted(points), target, atol=1e-9)
-    np.testing.assert_allclose(fitted.inverse(target), points, atol=1e-9)
-    np.testing.assert_allclose(fitted.turn, turn, atol=1e-9)
-
-
-def test_points_that_determine_no_similarity_give_none() -> None:
-    target = np.random.default_rng(0).standard_normal((5, 2))
-    line = np.linspace(0, 1, 5)[:, None] * [1.0, 2.0]
-    assert tactile.fit_similarity(np.zeros((5, 2)), target) is None
-    assert tactile.fit_similarity(line, target) is None
-    assert tactile.fit_similarity(np.full((5, 2), np.nan), target) is None
-    assert tactile.fit_similarity(target[:2], target[:2]) is None
-    assert tactile.fit_similarity(target, np.ones((5, 2))) is None
-    for angle in np.linspace(0.1, 3, 30):  # of most, rounding leaves a little beside the line
-        turned = np.linspace(0, 1, 5)[:, None] * [np.cos(angle), np.sin(angle)] + 0.3
-        assert tactile.fit_similarity(turned, target) is None
-
-
-def test_three_points_are_enough() -> None:
-    points = np.random.default_rng(3).standard_normal((3, 2))
-    fitted = tactile.fit_similarity(points, 2 * points + 1)
-    assert fitted is not None
-    np.testing.assert_allclose(fitted(points), 2 * points + 1, atol=1e-9)
-
-
-def test_a_similarity_survives_contacts_that_were_found_elsewhere() -> None:
-    rng = np.random.default_rng(0)
-    points = rng.standard_normal((60, 2))
-    target = 2 * points[:, ::-1] + np.array([5.0, 1.0])
-    points[:15] = rng.standard_normal((15, 2))
-    fitted = tactile.fit_similarity(points, target)
-    assert fitted is not None
-    np.testing.assert_allclose(fitted(points[15:]), target[15:], atol=0.05)

@@ -9,11 +9,11 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from eitbench.methods import Problem, create
-from eitbench.methods.learned.linear_maps import unit_frames
 from eitbench.methods.method import reconstructed
 from eitbench.methods.places.kernel_ridge import WEIGHTS, gaussians, kernel_ridge, linear
 from eitbench.methods.places.place_network import SIMULATED, PlaceNetwork
 from eitbench.scenarios import InputError, RecordedScenario, load
+from eitbench.scenarios.arrays import unit_frames
 from eitbench.scenarios.data.datasets import Dataset
 from eitbench.scenarios.imperfections.imperfections import Imperfections
 from eitbench.scenarios.phantoms.contacts import locate

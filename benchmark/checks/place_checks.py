@@ -1,0 +1,176 @@
+"""The checks of methods of places: every public function, in the order they run."""
+
+import numpy as np
+
+from eitbench.benchmark.checks.harness import BrokenError, require
+from eitbench.benchmark.checks.place_under_test import PlaceUnderTest
+from eitbench.benchmark.workers.audit_hook import Kind
+from eitbench.benchmark.workers.method_service import Frames
+
+SAME_MM = 1e-2
+"""Sums in another order, and iterations that stop at a tolerance, move a place by less."""
+MEMORY_MIB = 4.0
+OTHER_SEED = 12345
+LEARNED = 0.7
+"""Share of the error of guessing that a method may keep after 60 labelled presses."""
+
+
+def shape(tested: PlaceUnderTest) -> None:
+    """Returns (n, 2)."""
+    _require_sound(tested, "shape")
+
+
+def dtype(tested: PlaceUnderTest) -> None:
+    """Returns real numbers."""
+    _require_sound(tested, "dtype")
+
+
+def unchanged_input(tested: PlaceUnderTest) -> None:
+    """Leaves its input unchanged."""
+    _require_sound(tested, "mutated")
+
+
+def _require_sound(tested: PlaceUnderTest, kind: str) -> None:
+    """Require that plain differences cause no failure, above all none of `kind`."""
+    if failure := tested.worker.request("locate", tested.differences).failure:
+        who = "locate " if kind in failure.kinds else ""
+        raise BrokenError(f"{who}{failure.message}.", failure.trace)
+
+
+def finite(tested: PlaceUnderTest) -> None:
+    """Returns finite values."""
+    bad = int((~np.isfinite(tested.places).all(axis=1)).sum())
+    require(bad == 0, f"{bad} of {len(tested.places)} places are NaN or infinite.")
+
+
+def batch_equals_single(tested: PlaceUnderTest) -> str:
+    """A batch equals its single presses."""
+    alone = np.concatenate([tested.ask(one[None]) for one in tested.differences[:3]])
+    what = "places of a press alone and in a batch"
+    return tested.close(tested.places[:3], alone, SAME_MM, what)
+
+
+def order(tested: PlaceUnderTest) -> str:
+    """The order of presses does not matter."""
+    backwards = tested.ask(np.ascontiguousarray(tested.differences[::-1]))[::-1]
+    what = "places of a batch, and of the same presses in reverse order,"
+    return tested.close(tested.places, backwards, SAME_MM, what)
+
+
+def learns(tested: PlaceUnderTest) -> str:
+    """Labelled presses are learned from."""
+    true = tested.located.places
+    error, guess = (
+        1e3 * float(np.median(np.hypot(*(places - true).T)))
+        for places in (tested.places, true.mean(axis=0))
+    )
+    said = f"the median error is {error:.1f} mm, of guessing {guess:.1f} mm"
+    require(error <= LEARNED * guess, f"{said}; at most {LEARNED * guess:.1f} is allowed.")
+    return f"{said}; {LEARNED * guess:.1f} is allowed."
+
+
+def without_labelled(tested: PlaceUnderTest) -> None:
+    """Works without labelled presses."""
+    found = tested.refit(labelled=False)
+    require(bool(np.isfinite(found).all()), "without labelled presses it says no finite places.")
+
+
+def wrong_length(tested: PlaceUnderTest) -> None:
+    """Refuses differences of the wrong length."""
+    _require_refusal(tested, tested.differences[:, :-1], "differences with a value too few")
+
+
+def nan_differences(tested: PlaceUnderTest) -> None:
+    """Refuses differences with NaN."""
+    differences = tested.differences.copy()
+    differences[1, 0] = np.nan
+    _require_refusal(tested, differences, "differences with a NaN")
+
+
+def _require_refusal(tested: PlaceUnderTest, differences: Frames, what: str) -> None:
+    failure = tested.worker.request("locate", differences).failure
+    require(
+        failure is not None and "ValueError" in failure.kinds,
+        f"{what} should raise a ValueError that says what is wrong; "
+        "PlaceProblem.unit(differences) raises one.",
+    )
+
+
+def seed(tested: PlaceUnderTest) -> str:
+    """The global seed does not matter."""
+    what = "places with two seeds of the global random generators"
+    return tested.close(tested.places, tested.refit(seed=OTHER_SEED), SAME_MM, what)
+
+
+def random_state(tested: PlaceUnderTest) -> None:
+    """Leaves the global random state alone."""
+    found = tested.answer(dict[str, list[str]], "random_state", tested.differences)
+    for step, generators in found.items():
+        require(
+            not generators,
+            f"{step} changes the global random generator of {' and '.join(generators)}: "
+            "use a generator of your own.",
+        )
+
+
+def memory(tested: PlaceUnderTest) -> str:
+    """Memory does not grow."""
+    calls, mib = tested.answer(tuple[int, float], "repeat", tested.differences)
+    said = f"memory grows by {max(mib, 0.0):.2g} MiB over {calls} presses"
+    require(mib <= MEMORY_MIB, f"{said}; {MEMORY_MIB:g} is allowed.")
+    return f"{said}; {MEMORY_MIB:g} is allowed."
+
+
+# It takes another worker, so it comes after what compares with the first one's places.
+def deterministic(tested: PlaceUnderTest) -> str:
+    """The same twice."""
+    first = tested.places
+    tested.worker.renew()
+    what = "places after two fits on the same problem"
+    return tested.close(first, tested.ask(tested.differences), SAME_MM, what)
+
+
+def quiet(tested: PlaceUnderTest) -> None:
+    """Prints nothing."""
+    before = tested.log.stat().st_size
+    tested.ask(tested.differences)
+    text = tested.log.read_text(errors="replace")[before:].strip()
+    require(not text, f"locate prints: {text[:80]!r}.")
+
+
+def threads(tested: PlaceUnderTest) -> str:
+    """The thread count does not matter."""
+    two = tested.refit(threads=2)
+    return tested.close(tested.places, two, SAME_MM, "places found with one thread and with two")
+
+
+# What the processes were seen to do comes after all that makes them do something.
+def no_network(tested: PlaceUnderTest) -> None:
+    """Uses no network."""
+    _require_unseen(tested, "network", "it uses the network")
+
+
+def no_writing(tested: PlaceUnderTest) -> None:
+    """Writes nothing elsewhere."""
+    _require_unseen(tested, "write", "it writes or changes files elsewhere")
+
+
+def no_programs(tested: PlaceUnderTest) -> None:
+    """Starts no other program."""
+    _require_unseen(tested, "program", "it starts other programs")
+
+
+def _require_unseen(tested: PlaceUnderTest, kind: Kind, what: str) -> None:
+    """Require that nothing of the `kind` was noted while the method was loaded, fitted, asked."""
+    noted = tested.watch.noted(kind)
+    more = f" and {len(noted) - 1} more" if len(noted) > 1 else ""
+    require(not noted, f"{what} ({noted[0]}{more})." if noted else "")
+
+
+def in_time(tested: PlaceUnderTest) -> str:
+    """Answers within the time limit."""
+    reply = tested.worker.request("locate", tested.differences)
+    return (
+        f"fitted in {tested.answer(float, 'fit_s'):.2g} s, {len(tested.differences)} presses in "
+        f"{reply.seconds:.2g} s; {tested.limit_s:g} s each are allowed."
+    )

@@ -1,0 +1,130 @@
+"""Runs of the transfer question: registered outside the method, scored by the distance."""
+
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pandas as pd
+import pytest
+from tests.support.pressed_skin import recording, rows
+
+from eitbench.benchmark import InputError
+from eitbench.benchmark.analysis.results import read_run
+from eitbench.benchmark.analysis.transfer import skin_errors
+from eitbench.benchmark.run.cell_task import CellPlan
+from eitbench.benchmark.run.place_cell import PlaceData, register
+from eitbench.benchmark.run.runner import make_plan, resume_run, start_run
+from eitbench.benchmark.rundir.cells import Cell
+from eitbench.benchmark.rundir.kinds import PLACE_RUNS
+from eitbench.benchmark.rundir.store import RunStore
+from eitbench.benchmark.workers.place_service import PlaceService
+from eitbench.reports.figures.transfer import write_transfer
+from eitbench.scenarios.suites.suite import Suite, load_suite
+
+PLUGIN = '''
+import numpy as np
+from eitbench.methods import PlaceMethod, register_place_method
+
+class Memory(PlaceMethod):
+    """Places that it was told, turned, mirrored, shifted and scaled; one is lost."""
+
+    def fit(self, problem):
+        self.problem = problem
+        assert not len(problem.labelled)
+
+@register_place_method("similar")
+class Similar(Memory):
+    """A similarity of what a frame knows."""
+
+    def locate(self, differences):
+        x = self.problem.unit(differences)[:, :2]
+        return 3 * x[:, ::-1] @ np.array([[0.6, 0.8], [-0.8, 0.6]]) + 5
+
+@register_place_method("lost")
+class Lost(Memory):
+    """No place at all."""
+
+    def locate(self, differences):
+        return np.full((len(differences), 2), np.nan)
+'''
+
+
+def suite_of(folder: Path, labelled: str) -> Suite:
+    recording(folder / "skin.h5")
+    path = folder / "new.toml"
+    path.write_text(
+        'name = "new"\ntitle = "New"\nmethods = ["one-place", "kernel-ridge"]\n'
+        f'[[scenarios]]\nkind = "transfer"\nname = "skin"\nrecording = "skin.h5"\n'
+        f"labelled = {labelled}\n"
+    )
+    return load_suite(path)
+
+
+def test_a_run_locates_presses_and_is_resumed(tmp_path: Path) -> None:
+    run = start_run(make_plan(suite_of(tmp_path, "25")), tmp_path / "run").path
+    errors = {error.method: error for error in skin_errors([read_run(run)])}
+    assert errors["kernel-ridge"].labelled == 25
+    assert errors["kernel-ridge"].median_mm < 0.6 * errors["one-place"].median_mm
+    samples = pd.read_parquet(run / "samples.parquet")
+    distance = np.hypot(
+        samples["found_x_m"] - samples["expected_x_m"],
+        samples["found_y_m"] - samples["expected_y_m"],
+    )
+    np.testing.assert_allclose(samples["localisation_mm"], 1e3 * distance)
+    known = pd.read_parquet(run / "places.parquet")["prior_knowledge"]
+    assert known.str.contains('"split": "labelled", "samples": 25').all()
+    with h5py.File(run / "places.h5") as file:
+        assert file["skin/kernel-ridge/place"].shape == (10, 2)
+    assert resume_run(run).path == run
+    assert {path.name for path in write_transfer(run)} >= {"transfer.md", "transfer.png"}
+
+
+def test_places_are_registered_outside_the_method(tmp_path: Path) -> None:
+    """A method that says a similarity of a place is as good as one that says the place."""
+    plugin = tmp_path / "similar.py"
+    plugin.write_text(PLUGIN)
+    plan = make_plan(suite_of(tmp_path, "0"), methods=["one-place", "lost"], plugins=[plugin])
+    run = start_run(plan, tmp_path / "run").path
+    samples = pd.read_parquet(run / "samples.parquet").set_index("method")
+    places = PlaceData.load(
+        plan.suite.scenarios[0], plan.suite, None, jobs=1, progress=False
+    ).transfer.registration.places
+    found = samples.loc["one-place", ["found_x_m", "found_y_m"]].to_numpy()
+    np.testing.assert_allclose(found, np.tile(np.median(places, axis=0), (10, 1)))
+    lost = samples.loc["lost"]
+    assert (lost["status"] == "invalid-output").all()
+    np.testing.assert_allclose(lost["localisation_mm"], 1e3 * np.hypot(0.1, 0.08), rtol=0.01)
+
+
+def test_the_similarity_of_a_method_costs_nothing() -> None:
+    rng = np.random.default_rng(0)
+    places = rng.uniform(-0.04, 0.04, (25, 2))
+    found = 3 * places[:, ::-1] @ np.array([[0.6, 0.8], [-0.8, 0.6]]) + 5
+    np.testing.assert_allclose(register(found, places)(found), places, atol=1e-9)
+
+
+def test_no_worker_is_sent_what_it_is_scored_on(tmp_path: Path) -> None:
+    suite = suite_of(tmp_path, "0")
+    data = PlaceData.load(suite.scenarios[0], suite, None, jobs=1, progress=False)
+    cell = CellPlan(Cell("skin", "one-place"), "default", {}, {}, suite, None, 128)
+    task = data.task(cell, RunStore.create(tmp_path / "run", PLACE_RUNS))
+    service = task.service()
+    assert isinstance(service, PlaceService)
+    given = service.given
+    assert (len(given.labelled), given.others) == (0, {})
+    assert not rows(given.unlabelled) & rows(data.differences("test"))
+    # It holds nothing else of the data.
+    assert {type(value).__name__ for value in vars(service).values()} <= {
+        "Learnable", "str", "dict", "partial", "NoneType"
+    }  # fmt: skip
+
+
+def test_methods_that_no_suite_of_places_has_are_refused(tmp_path: Path) -> None:
+    suite = suite_of(tmp_path, "0")
+    with pytest.raises(InputError, match="ranks places: choose among them with --methods"):
+        make_plan(suite, operators=["fem"])
+    with pytest.raises(InputError, match="ranks places, which have no tracks"):
+        make_plan(suite, tracks=["default"])
+    with pytest.raises(InputError, match=r"Unknown method .*kernel-ridge"):
+        make_plan(suite, methods=["kernel-rigde"])
+    assert make_plan(suite, methods=["noser"]).names == ("noser",)
