@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
-from eitbench.benchmark.metrics import tactile
+from eitbench.benchmark.metrics import ktc, tactile
 from eitbench.benchmark.metrics.image_metrics import cc, image_figures
 from eitbench.benchmark.metrics.load import LoadCalibration, fit_load
 from eitbench.benchmark.metrics.specs import METRIC_COLUMNS, bounded_score, score
@@ -215,8 +215,8 @@ def _figures_of_images(
     known = dataset.conductivity if dataset.truth == "conductivity" else dataset.classes
     if known is None:
         raise InputError(f"Scenario {dataset.scenario!r} holds no true {dataset.truth}.")
-    sensor, truth = dataset.sensor, known[rows].astype(np.float64)
-    mask = sensor.mask
+    sensor, mask = dataset.sensor, dataset.sensor.mask
+    truth = _on_grid(known[rows], sensor.image_shape).astype(np.float64)
     background = sensor.background if dataset.truth == "conductivity" else 0.0
     true, found = contacts(truth - background, sensor), contacts(contrast, sensor)
     figures: Columns = {"cc_undefined": is_constant(truth, mask) | is_constant(images, mask)}
@@ -232,6 +232,8 @@ def _figures_of_images(
             figures["force_error"] = np.where(pressed, error, np.nan)
     else:
         figures["cc"] = cc(truth, contrast, mask)
+        if known.shape[1:] == (ktc.SIDE, ktc.SIDE):
+            figures["ktc_score"] = ktc.ktc_score(known[rows], contrast)
         for name, sign in (("iou_resistive", -1), ("iou_conductive", 1)):
             figures[name] = tactile.overlap(true.region, found.region, (sign,))
     area = true.total_area
@@ -247,6 +249,15 @@ def _figures_of_images(
         "found_x_m": place[:, 0],
         "found_y_m": place[:, 1],
     }
+
+
+def _on_grid(images: NDArray[np.number], shape: tuple[int, int]) -> NDArray[np.number]:
+    """The nearest pixels of images (n, h, w) for each of a grid of `shape` on the same ground."""
+    rows, columns = (
+        ((np.arange(n) + 0.5) * size / n).astype(int)
+        for n, size in zip(shape, images.shape[1:], strict=True)
+    )
+    return images[:, rows[:, None], columns]
 
 
 def _figures_of_positions(
