@@ -120,7 +120,7 @@ class TankUNet(TrainedMethod):
 
     source: ClassVar[str] = "Denker et al., Applied Mathematics for Modern Challenges, 2024"
     files: ClassVar = TankWeights("tank-unet", version="1")
-    recipe: ClassVar = Recipe(epochs=60, rate=2e-3)
+    recipe: ClassVar = Recipe(epochs=7, batch=32, rate=2e-3)
     options: ClassVar = ("limit",)
 
     @classmethod

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import torch
 from torch import Tensor, nn
 
-from eitbench.methods.networks.image_network import PatchUNet
+from eitbench.methods.networks.image_network import FEWER_CHANNELS, PatchUNet
 
 if TYPE_CHECKING:
     from eitbench.methods.learned.tank_unet import LinearImages
@@ -30,7 +30,7 @@ class ClassNetwork(nn.Module):
         super().__init__()
         self.register_buffer("mask", torch.from_numpy(mask.copy()), persistent=False)
         self.register_buffer("scale", torch.ones(count))
-        self.unet = PatchUNet(count, 0, (mask.shape[0], mask.shape[1]))
+        self.unet = PatchUNet(count, 0, (mask.shape[0], mask.shape[1]), FEWER_CHANNELS)
 
     def forward(self, images: Tensor) -> Tensor:
         """Expected class (n, H, W); 0 outside the sensor."""
