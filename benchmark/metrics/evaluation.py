@@ -14,7 +14,7 @@ from eitbench.benchmark.metrics.image_metrics import cc, image_figures
 from eitbench.benchmark.metrics.load import LoadCalibration, fit_load
 from eitbench.benchmark.metrics.specs import METRIC_COLUMNS, bounded_score, score
 from eitbench.benchmark.metrics.tactile import Similarity
-from eitbench.scenarios.arrays import Array
+from eitbench.scenarios.arrays import Array, nearest_pixels
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.phantoms.contacts import contacts, is_constant, locate
 from eitbench.scenarios.recordings.descriptors import LOADS, contact_places
@@ -216,7 +216,7 @@ def _figures_of_images(
     if known is None:
         raise InputError(f"Scenario {dataset.scenario!r} holds no true {dataset.truth}.")
     sensor, mask = dataset.sensor, dataset.sensor.mask
-    truth = _on_grid(known[rows], sensor.image_shape).astype(np.float64)
+    truth = nearest_pixels(known[rows], sensor.image_shape).astype(np.float64)
     background = sensor.background if dataset.truth == "conductivity" else 0.0
     true, found = contacts(truth - background, sensor), contacts(contrast, sensor)
     figures: Columns = {"cc_undefined": is_constant(truth, mask) | is_constant(images, mask)}
@@ -249,15 +249,6 @@ def _figures_of_images(
         "found_x_m": place[:, 0],
         "found_y_m": place[:, 1],
     }
-
-
-def _on_grid(images: NDArray[np.number], shape: tuple[int, int]) -> NDArray[np.number]:
-    """The nearest pixels of images (n, h, w) for each of a grid of `shape` on the same ground."""
-    rows, columns = (
-        ((np.arange(n) + 0.5) * size / n).astype(int)
-        for n, size in zip(shape, images.shape[1:], strict=True)
-    )
-    return images[:, rows[:, None], columns]
 
 
 def _figures_of_positions(

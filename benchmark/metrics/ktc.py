@@ -67,7 +67,8 @@ def _thresholds(counts: NDArray[np.int_]) -> list[int]:
     total = np.concatenate([[0], np.cumsum(counts)])
     moment = np.concatenate([[0], np.cumsum(number * counts)])
     mean = moment[-1] / total[-1]
-    j, i = np.meshgrid(np.arange(1, _BINS), np.arange(1, _BINS))  # the classes are [:j], [j:i], [i:]
+    # The classes are the bins [:j], [j:i] and [i:].
+    j, i = np.meshgrid(np.arange(1, _BINS), np.arange(1, _BINS))
     between = np.zeros(j.shape)
     possible = j < i
     for start, end in ((np.zeros_like(j), j), (j, i), (i, np.full_like(i, _BINS))):

@@ -30,7 +30,7 @@ if TYPE_CHECKING:  # torch takes a second to import, and listing methods does no
     from eitbench.scenarios.sensors.sensor import Sensor
 
 NOISE = (0.05, 0.01)
-"""Of a value, relative to it and to the largest one: the challenge's noise model, up to a factor."""
+"""Of a value, relative to it and to the largest one: the challenge's noise model, scaled."""
 NOSER, LAPLACIAN = (0.003, 0.03, 0.3), (0.003, 0.03)
 """Weights of the images with either prior."""
 CHANNELS = len(NOSER) + len(LAPLACIAN) + 1

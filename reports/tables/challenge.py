@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 from eitbench.benchmark.analysis.leaderboard import Row
 
-_SCENARIO = "ktc2023-level{}"
+SCENARIO = "ktc2023-level{}"
 LEVELS = tuple(range(1, 8))
 TARGETS = 3
 """Of a level."""
@@ -43,7 +43,7 @@ def challenge_rows(rows: Sequence[Row]) -> list[ChallengeRow]:
         if row.get("ktc_score") is not None and row["n"] == TARGETS:
             of = scores.setdefault((row["method"], row["track"], row["run"]), {})
             of[row["scenario"]] = TARGETS * row["ktc_score"]
-    names = [_SCENARIO.format(level) for level in LEVELS]
+    names = [SCENARIO.format(level) for level in LEVELS]
     ours = [
         ChallengeRow(method, track, levels, sum(levels))
         for (method, track, _), of in scores.items()

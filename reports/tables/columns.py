@@ -119,8 +119,8 @@ METHOD_LAYOUT = Layout(
         Column("frame_ms_p50", "Frame p50 [ms]", TIME, "min"),
         Column("frame_ms_p99", "p99 [ms]", TIME, "min"),
         *_metrics(
-            METRICS, "ktc_score", "localisation_mm", "farthest_contact_mm", "contact_count_error", "area_error",
-            "iou", "edge", "artefacts", "force_error", "measured_force_error_n",
+            METRICS, "ktc_score", "localisation_mm", "farthest_contact_mm", "contact_count_error",
+            "area_error", "iou", "edge", "artefacts", "force_error", "measured_force_error_n",
             "measured_load_error_percent", "iou_resistive", "iou_conductive", "strength_spearman",
             "repeatability_db",
         ),

@@ -61,7 +61,8 @@ def to_markdown(rows: Sequence[Row], columns: Sequence[str] = ()) -> str:
             lines += [f"- {escape_markdown(sentence)}" for sentence in known]
         parts.append("\n".join(lines) + "\n")
     if challenge := challenge_rows(rows):
-        heads, *body = ([escape_markdown(text) for text in row] for row in challenge_table(challenge))
+        texts = challenge_table(challenge)
+        heads, *body = ([escape_markdown(text) for text in row] for row in texts)
         table = markdown_table(heads, body, [False, False, *[True] * (len(heads) - 2)])
         parts.append("\n".join([escape_markdown(NOTE), "", *table]) + "\n")
     return "\n".join(parts)

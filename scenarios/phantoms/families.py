@@ -18,8 +18,7 @@ background (foam16: 1 S/m, so they read as S/m). Every value is uniform in its r
 | `four-contacts` | four discs at least 0.03 apart | radii 0.05-0.1 | 0.1-0.9, each its own |
 | `conductive` | disc or rectangle | radius 0.08-0.22, sides 0.12-0.45 | 1.1-1.9 |
 | `soft-press` | disc or rectangular indenter | radius 0.06-0.15, sides 0.1-0.3 | 2-60 kPa |
-| `tank-1`, `tank-2`, `tank-3` | so many of: discs, rectangles, triangles, Ls, stars, ellipses, \
-irregular polygons of 4, 5 and 7 corners | see `_TANK_SHAPES`; of two 0.85, of three 0.72 as large | 0.01 or 100, each its own |
+| `tank-1`, `-2`, `-3` | so many of `_TANK_SHAPES` | 1, 0.85, 0.72 times theirs | 0.01 or 100 |
 | `object-disc` | disc of 4 cm on a side of 10 cm | radius 0.198-0.202 | 0.3-0.7 |
 | `object-small-disc` | disc of 2 cm | radius 0.099-0.101 | 0.3-0.7 |
 | `object-triangle` | right isosceles triangle of 4 cm | leg 0.396-0.404 | 0.3-0.7 |
@@ -222,8 +221,8 @@ def _polygon(corners: int) -> Shape:
     def build(sizes: Sizes, pose: Pose) -> Region:
         angle = 2 * np.pi * np.arange(corners) / corners
         radius = sizes["radius"] * np.array([sizes[name] for name in parts])
-        places = zip((radius * np.cos(angle)).tolist(), (radius * np.sin(angle)).tolist(), strict=True)
-        return Polygonal(tuple(places), pose)
+        x, y = (radius * np.cos(angle)).tolist(), (radius * np.sin(angle)).tolist()
+        return Polygonal(tuple(zip(x, y, strict=True)), pose)
 
     return Shape(f"polygon-{corners}", {"radius": (0.1, 0.24), **parts}, build)
 

@@ -112,7 +112,6 @@ class RecordedFrames:
             classes=None if self.classes is None else self.classes[kept],
         )
 
-
     def after(self, others: "RecordedFrames") -> "RecordedFrames":
         """Frames of the same sensor, `others` first; the reference frame is this one's."""
         known = None

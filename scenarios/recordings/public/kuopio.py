@@ -20,6 +20,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from eitbench.scenarios.arrays import nearest_pixels
 from eitbench.scenarios.recordings.descriptors import (
     RecordedFrames,
     RecordedSet,
@@ -51,9 +52,9 @@ def _pattern() -> DrivePattern:
 
 
 def tank(level: int = 1) -> Sensor:
-    """The tank; a level of the challenge drops all measurements of the first 2 (level - 1) electrodes.
+    """The tank; a level of the challenge lacks what concerns the first 2 (level - 1) electrodes.
 
-    The electrodes stay in the water, so that they stay in the model.
+    These stay in the water, so that they stay in the model.
     """
     outline = Disc(0.115)
     electrodes = even_electrodes(
@@ -77,11 +78,7 @@ def resampled(image: NDArray[np.float64], sensor: Sensor) -> NDArray[np.float64]
 
     The image fills the outline's bounding box, as the grid does.
     """
-    rows, columns = (
-        ((np.arange(n) + 0.5) * size / n).astype(int)
-        for n, size in zip(sensor.image_shape, image.shape, strict=True)
-    )
-    return image[::-1][np.ix_(rows, columns)]
+    return nearest_pixels(image[::-1], sensor.image_shape)
 
 
 def _level(level: int) -> RecordedSet:
@@ -93,9 +90,7 @@ def _level(level: int) -> RecordedSet:
     def kept(frame: NDArray[np.float64]) -> NDArray[np.float64]:
         return frame[(_pattern().table >= 2 * (level - 1)).all(axis=1)]
 
-    def read(
-        folder: Path, data: str, truths: str, count: int, split: str
-    ) -> RecordedFrames:
+    def read(folder: Path, data: str, truths: str, count: int, split: str) -> RecordedFrames:
         numbers = range(1, count + 1)
         frames = [kept(_frame(folder / data / f"data{k}.mat", "Inj", "Uel")) for k in numbers]
         found = [read_arrays(folder / truths.format(k), "truth")["truth"] for k in numbers]
@@ -111,8 +106,8 @@ def _level(level: int) -> RecordedSet:
 
     def evaluation(folder: Path, _: Sensor) -> RecordedFrames:
         folder = folder / _EVALUATION
-        data, truths = f"evaluation_datasets/level{level}", f"GroundTruths/level_{level}/{{}}_true.mat"
-        return read(folder, data, truths, 3, "test")
+        truths = f"GroundTruths/level_{level}/{{}}_true.mat"
+        return read(folder, f"evaluation_datasets/level{level}", truths, 3, "test")
 
     def training(folder: Path, _: Sensor) -> RecordedFrames:
         return read(folder, "TrainingData", "GroundTruths/true{}.mat", _TARGETS, "validation")
