@@ -118,7 +118,7 @@ class TankUNet(TrainedMethod):
     does not, times the probability of one minus that of the other.
     """
 
-    source: ClassVar[str] = "Denker et al., Applied Mathematics for Modern Challenges, 2024"
+    source: ClassVar[str] = "Denker et al., arXiv:2407.01559, 2024"
     files: ClassVar = TankWeights("tank-unet", version="1")
     recipe: ClassVar = Recipe(epochs=7, batch=32, rate=2e-3)
     options: ClassVar = ("limit",)

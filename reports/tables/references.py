@@ -25,6 +25,7 @@ KEYS = {
     "pyeit-bp": "liu2018",
     "pyeit-greit": "liu2018",
     "pyeit-jac": "liu2018",
+    "tank-unet": "denker2024",
     "tikhonov": "vauhkonen1998",
     "tv": "borsic2010",
     "fem": "somersalo1992",
@@ -40,7 +41,9 @@ RECORDINGS = {
         ),
         "hardman2023",
     ),
-    "ktc2023": "ktc2023",
+    **dict.fromkeys(
+        ("ktc2023", *(f"ktc2023-level{level}" for level in range(1, 8))), "ktc2023"
+    ),
     "sciospec-tank": "sciospec2025",
     **dict.fromkeys(
         ("jku-tank-adjacent", "jku-tank-diagonal", "jku-tank-hybrid", "jku-tank-opposite"),
