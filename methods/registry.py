@@ -157,6 +157,7 @@ METHOD_REGISTRY = Registry(
         "learned.image_networks",
         "untrained.dip",
         "learned.refined",
+        "learned.tank_unet",
         "peers.pyeit_methods",
         "peers.eidors",
     ),

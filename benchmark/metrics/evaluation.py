@@ -9,11 +9,11 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
-from eitbench.benchmark.metrics import tactile
+from eitbench.benchmark.metrics import ktc, tactile
 from eitbench.benchmark.metrics.image_metrics import cc, image_figures
 from eitbench.benchmark.metrics.load import LoadCalibration, fit_load
 from eitbench.benchmark.metrics.specs import METRIC_COLUMNS, bounded_score, score
-from eitbench.scenarios.arrays import Array
+from eitbench.scenarios.arrays import Array, nearest_pixels
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.phantoms.contacts import contacts, is_constant, locate
 from eitbench.scenarios.recordings.descriptors import LOADS, contact_places
@@ -215,8 +215,8 @@ def _figures_of_images(
     known = dataset.conductivity if dataset.truth == "conductivity" else dataset.classes
     if known is None:
         raise InputError(f"Scenario {dataset.scenario!r} holds no true {dataset.truth}.")
-    sensor, truth = dataset.sensor, known[rows].astype(np.float64)
-    mask = sensor.mask
+    sensor, mask = dataset.sensor, dataset.sensor.mask
+    truth = nearest_pixels(known[rows], sensor.image_shape).astype(np.float64)
     background = sensor.background if dataset.truth == "conductivity" else 0.0
     true, found = contacts(truth - background, sensor), contacts(contrast, sensor)
     figures: Columns = {"cc_undefined": is_constant(truth, mask) | is_constant(images, mask)}
@@ -232,6 +232,8 @@ def _figures_of_images(
             figures["force_error"] = np.where(pressed, error, np.nan)
     else:
         figures["cc"] = cc(truth, contrast, mask)
+        if known.shape[1:] == (ktc.SIDE, ktc.SIDE):
+            figures["ktc_score"] = ktc.ktc_score(known[rows], contrast)
         for name, sign in (("iou_resistive", -1), ("iou_conductive", 1)):
             figures[name] = tactile.overlap(true.region, found.region, (sign,))
     area = true.total_area

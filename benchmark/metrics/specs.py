@@ -296,6 +296,21 @@ _SPECS = (
         traps="As IoU resistive.",
     ),
     MetricSpec(
+        "ktc_score",
+        "KTC score",
+        formula="mean of the SSIM of conductive and of resistive pixels, 256 x 256, in Gaussian "
+        "windows of standard deviation 80 pixels, C1 = 1e-4, C2 = 9e-4; p is brought to these "
+        "pixels by linear interpolation and cut into classes by Otsu's rule with two thresholds, "
+        "the largest class being the background",
+        domain="the levels of the Kuopio Tomography Challenge 2023",
+        best="max",
+        mask="the whole square, of which the tank is the disc",
+        form=".3f",
+        traps="The challenge's own: at most 1 an image, and 21 for its 21 images. A class that "
+        "neither image holds counts 1, so that half of the score is won where there is only one "
+        "kind of object and p shows no other; the windows are wide, so that shape counts little.",
+    ),
+    MetricSpec(
         "strength_spearman",
         "Strength",
         formula="Spearman correlation of the strongest contact's integrated |contrast| with "

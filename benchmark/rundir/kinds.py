@@ -55,9 +55,9 @@ METHOD_RUNS = RunKind(
         "memory_mb",
     ),
     facts=("differs", "timed"),
-    # A true conductivity gives a score, true classes a CC, presses a place, and recordings else a
-    # response.
-    ranked_by=("score", "cc", "localisation_mm", "repeatability_db"),
+    # A true conductivity gives a score, true classes the challenge's score or a CC, presses a
+    # place, and recordings else a response.
+    ranked_by=("score", "ktc_score", "cc", "localisation_mm", "repeatability_db"),
 )
 PLACE_RUNS = replace(METHOD_RUNS, table="places.parquet", arrays="places.h5", array="place")
 OPERATOR_RUNS = RunKind(

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import TypeAdapter
 
+from eitbench.benchmark.metrics import ktc
 from eitbench.benchmark.metrics.evaluation import REGISTRATION_FRAMES, evaluate, fit_registration
 from eitbench.benchmark.tuning.selection import Trial, validation_scenario
 from eitbench.benchmark.workers.messages import Failure, Reply, WorkerLostError, array_in, parsed
@@ -267,8 +268,8 @@ def run_trial(
 def frame_figures(data: Dataset, estimates: NDArray[np.float32]) -> Array:
     """Return the figure (n,) of each frame that the scenario is ranked by, larger better.
 
-    The score S of true conductivities, the correlation of true classes, minus the localisation
-    error [mm] of positions.
+    The score S of true conductivities, the challenge's score or the correlation of true classes,
+    minus the localisation error [mm] of positions.
     """
     if data.truth == "position":
         rows = evaluate(data, estimates, fit_registration(data, estimates))
@@ -278,6 +279,8 @@ def frame_figures(data: Dataset, estimates: NDArray[np.float32]) -> Array:
 
 def ranked_by(data: Dataset) -> str:
     """Return the metric that frames like those of `data` are ranked by."""
+    if data.classes is not None and data.classes.shape[1:] == (ktc.SIDE, ktc.SIDE):
+        return "ktc_score"
     return {"position": "localisation_mm", "classes": "cc"}.get(data.truth, "score")
 
 

@@ -10,12 +10,13 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from eitbench.benchmark import EitbenchError
+from eitbench.benchmark import EitbenchError, nearest_pixels
 from eitbench.benchmark.analysis.leaderboard import leaderboard_rows
 from eitbench.benchmark.analysis.results import Run, read_run
 from eitbench.benchmark.rundir.file_names import file_name
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
 from eitbench.benchmark.rundir.run_arrays import Scene
+from eitbench.reports.figures.challenge import draw_challenge
 from eitbench.reports.figures.style import (
     CONDUCTIVITY_MAP,
     CONTRAST_MAP,
@@ -25,6 +26,7 @@ from eitbench.reports.figures.style import (
     TITLE,
     save,
 )
+from eitbench.reports.tables.challenge import PUBLISHED, challenge_rows
 from eitbench.reports.tables.columns import printable
 
 if TYPE_CHECKING:
@@ -40,6 +42,7 @@ _HEAD_LINES = 3
 _HEAD_WIDTH = 15
 _MAX_ROWS = 12
 _ROWS_WITHOUT_FAMILIES = 5
+_CHALLENGERS = 4  # methods in the figure of all targets of the challenge
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,6 +104,9 @@ def write_figures(run: Path) -> list[Path]:
         for scenario in read.scenarios():
             figure = draw(comparison(read, scenario))
             written += save(figure, run / "figures" / f"comparison-{file_name(scenario)}")
+        best = [row.method for row in challenge_rows(leaderboard_rows([read]))]
+        if shown := [name for name in dict.fromkeys(best) if name not in PUBLISHED][:_CHALLENGERS]:
+            written += save(draw_challenge(read, shown), run / "figures" / "challenge")
     except OSError as error:
         reason = error.strerror or str(error)
         raise EitbenchError(f"Could not write the figures of {run}: {reason}.") from error
@@ -243,7 +249,7 @@ def _true_tile(scene: Scene, sample: int, scale: float) -> Tile:
     if scene.truth is None or sample not in scene.sample:
         return Tile(None, ())
     image = scene.truth[int(np.flatnonzero(scene.sample == sample)[0])] * scale
-    return Tile(np.where(scene.mask, image, np.nan), ())
+    return Tile(np.where(nearest_pixels(scene.mask, image.shape), image, np.nan), ())
 
 
 def _limits(scene: Scene, shift: float, images: Sequence[Images | None]) -> tuple[float, float]:

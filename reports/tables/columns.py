@@ -119,8 +119,9 @@ METHOD_LAYOUT = Layout(
         Column("frame_ms_p50", "Frame p50 [ms]", TIME, "min"),
         Column("frame_ms_p99", "p99 [ms]", TIME, "min"),
         *_metrics(
-            METRICS, "localisation_mm", "localisation_p90_mm", "within_5_mm", "within_10_mm",
-            "unevenness", "worst_tenth_mm", "farthest_contact_mm", "contact_count_error",
+            METRICS, "ktc_score", "localisation_mm", "localisation_p90_mm", "within_5_mm",
+            "within_10_mm", "unevenness", "worst_tenth_mm", "farthest_contact_mm",
+            "contact_count_error",
             "area_error", "iou", "edge", "artefacts", "force_error", "measured_force_error_n",
             "measured_load_error_percent", "iou_resistive", "iou_conductive", "strength_spearman",
             "repeatability_db",
@@ -135,12 +136,12 @@ METHOD_LAYOUT = Layout(
     frozenset(
         {
             "rank", "method", "run", "group", "score", "ssim", "cc", "rie", "psnr",
-            "localisation_mm", "strength_spearman", "repeatability_db", "frame_ms_p50",
+            "ktc_score", "localisation_mm", "strength_spearman", "repeatability_db", "frame_ms_p50",
             "frame_solves", "coverage",
         }
     ),
     {
-        "rank": "#", "method": "Method", "group": "Ties", "score": "S",
+        "rank": "#", "method": "Method", "group": "Ties", "score": "S", "ktc_score": "KTC",
         "localisation_mm": "Loc.\nmm", "farthest_contact_mm": "Farthest\nmm",
         "measured_force_error_n": "Force\nN", "measured_load_error_percent": "Load\n%",
         "repeatability_db": "Repeatability\ndB",

@@ -15,6 +15,7 @@ from eitbench.reports.tables.boards import (
     prior_knowledge,
     tracks_table,
 )
+from eitbench.reports.tables.challenge import NOTE, challenge_rows, challenge_table
 from eitbench.reports.tables.columns import Column, layout, legend
 from eitbench.reports.tables.references import KEYS, SELF
 
@@ -59,6 +60,11 @@ def to_markdown(rows: Sequence[Row], columns: Sequence[str] = ()) -> str:
             lines += ["", "Prior knowledge:", ""]
             lines += [f"- {escape_markdown(sentence)}" for sentence in known]
         parts.append("\n".join(lines) + "\n")
+    if challenge := challenge_rows(rows):
+        texts = challenge_table(challenge)
+        heads, *body = ([escape_markdown(text) for text in row] for row in texts)
+        table = markdown_table(heads, body, [False, False, *[True] * (len(heads) - 2)])
+        parts.append("\n".join([escape_markdown(NOTE), "", *table]) + "\n")
     return "\n".join(parts)
 
 

@@ -25,6 +25,7 @@ KEYS = {
     "pyeit-bp": "liu2018",
     "pyeit-greit": "liu2018",
     "pyeit-jac": "liu2018",
+    "tank-unet": "denker2024",
     "tikhonov": "vauhkonen1998",
     "tv": "borsic2010",
     "fem": "somersalo1992",
@@ -41,7 +42,9 @@ RECORDINGS = {
         "hardman2023",
     ),
     **{f"cam09-{n:02d}": "costacornella2023" for n in (*range(4, 13), 14, 15, 16, 18)},
-    "ktc2023": "ktc2023",
+    **dict.fromkeys(
+        ("ktc2023", *(f"ktc2023-level{level}" for level in range(1, 8))), "ktc2023"
+    ),
     "sciospec-tank": "sciospec2025",
     **dict.fromkeys(
         ("jku-tank-adjacent", "jku-tank-diagonal", "jku-tank-hybrid", "jku-tank-opposite"),

@@ -14,6 +14,7 @@ from eitbench.reports.tables.boards import (
     prior_knowledge,
     tracks_table,
 )
+from eitbench.reports.tables.challenge import NOTE, challenge_rows, challenge_table
 from eitbench.reports.tables.columns import Column, layout, legend
 
 if TYPE_CHECKING:
@@ -72,6 +73,14 @@ def table(rows: Sequence[Row], width: int, columns: Sequence[str] = ()) -> "Grou
             parts.append(beside)
         parts += [Text(f" Prior knowledge: {text}") for text in prior_knowledge(board.rows)]
         parts.append(Text())
+    if challenge := challenge_rows(rows):
+        heads, *body = challenge_table(challenge)
+        sums = Table(title="KTC2023", title_justify="left", box=box.SIMPLE_HEAD)
+        for k, head in enumerate(heads):
+            sums.add_column(Text(head.removeprefix("Level ")), justify="right" if k > 1 else "left")
+        for cells in body:
+            sums.add_row(*map(Text, cells))
+        parts += [sums, Text(f" {NOTE}")]
     return Group(*parts)
 
 

@@ -18,6 +18,7 @@ background (foam16: 1 S/m, so they read as S/m). Every value is uniform in its r
 | `four-contacts` | four discs at least 0.03 apart | radii 0.05-0.1 | 0.1-0.9, each its own |
 | `conductive` | disc or rectangle | radius 0.08-0.22, sides 0.12-0.45 | 1.1-1.9 |
 | `soft-press` | disc or rectangular indenter | radius 0.06-0.15, sides 0.1-0.3 | 2-60 kPa |
+| `tank-1`, `-2`, `-3` | so many of `_TANK_SHAPES` | 1, 0.85, 0.72 times theirs | 0.01 or 100 |
 | `object-disc` | disc of 4 cm on a side of 10 cm | radius 0.198-0.202 | 0.3-0.7 |
 | `object-small-disc` | disc of 2 cm | radius 0.099-0.101 | 0.3-0.7 |
 | `object-triangle` | right isosceles triangle of 4 cm | leg 0.396-0.404 | 0.3-0.7 |
@@ -73,6 +74,8 @@ class Family:
         conductivity: range as fractions of the background; for a soft press see `pressure`.
         count: number of inclusions.
         gap: least distance between inclusions, as a fraction of the sensor's side.
+        levels: conductivities that each inclusion draws one of, and its shape, too; none where all
+            have one shape and conductivities of the range.
         pressure: range [Pa] of a soft press; None for inclusions of given conductivity.
     """
 
@@ -81,6 +84,7 @@ class Family:
     conductivity: Range = (0.1, 0.9)
     count: int = 1
     gap: float = 0.0
+    levels: tuple[float, ...] = ()
     pressure: Range | None = None
 
     def covers(self, other: "Family") -> bool:
@@ -91,7 +95,8 @@ class Family:
         (low, high), (least, greatest) = self.conductivity, other.conductivity
         return (
             {shape.name for shape in other.shapes} <= {shape.name for shape in self.shapes}
-            and (self.count, self.pressure) == (other.count, other.pressure)
+            and (self.count, self.pressure, self.levels)
+            == (other.count, other.pressure, other.levels)
             and low <= least <= greatest <= high
         )
 
@@ -104,6 +109,7 @@ class Family:
             "count": self.count,
             "gap": self.gap,
             "pressure": None if self.pressure is None else list(self.pressure),
+            **({"levels": list(self.levels)} if self.levels else {}),
         }
 
 
@@ -208,6 +214,19 @@ def _box(low: float, high: float) -> Shape:
     return Shape("rectangle", {"width": (low, high), "height": (low, high)}, _rectangle)
 
 
+def _polygon(corners: int) -> Shape:
+    """An irregular polygon: its corners at even angles, each at a part of the radius."""
+    parts = {f"corner_{k}_ratio": (0.55, 1.0) for k in range(1, corners + 1)}
+
+    def build(sizes: Sizes, pose: Pose) -> Region:
+        angle = 2 * np.pi * np.arange(corners) / corners
+        radius = sizes["radius"] * np.array([sizes[name] for name in parts])
+        x, y = (radius * np.cos(angle)).tolist(), (radius * np.sin(angle)).tolist()
+        return Polygonal(tuple(zip(x, y, strict=True)), pose)
+
+    return Shape(f"polygon-{corners}", {"radius": (0.1, 0.24), **parts}, build)
+
+
 _RING = Shape(
     "ring",
     {"outer": (0.18, 0.3), "inner_ratio": (0.4, 0.65)},
@@ -245,6 +264,38 @@ _OTHERS = (
     Family("soft-press", (_disc(0.06, 0.15), _box(0.1, 0.3)), pressure=PRESSURE_PA),
 )
 _PRESSED = (0.3, 0.7)
+_TANK_SHAPES = (
+    _disc(0.06, 0.2),
+    _box(0.1, 0.35),
+    replace(_TRIANGLE, sizes={"leg": (0.2, 0.45)}),
+    replace(_L_SHAPE, sizes={"arm": (0.22, 0.45), "width": (0.09, 0.18)}),
+    replace(_STAR, sizes={"outer": (0.12, 0.25), "inner_ratio": (0.4, 0.7)}),
+    replace(_ELLIPSE, sizes={"long": (0.1, 0.22), "short": (0.05, 0.1)}),
+    _polygon(4),
+    _polygon(5),
+    _polygon(7),
+)
+
+
+def _smaller(shape: Shape, factor: float) -> Shape:
+    sizes = {
+        name: limits if name.endswith("ratio") else (factor * limits[0], factor * limits[1])
+        for name, limits in shape.sizes.items()
+    }
+    return replace(shape, sizes=sizes)
+
+
+_TANK = tuple(
+    Family(
+        f"tank-{count}",
+        tuple(_smaller(shape, factor) for shape in _TANK_SHAPES),
+        (0.01, 100.0),
+        count,
+        0.02,
+        levels=(0.01, 100.0),
+    )
+    for count, factor in ((1, 1.0), (2, 0.85), (3, 0.72))
+)
 _OBJECTS = (
     Family("object-disc", (_disc(0.198, 0.202),), conductivity=_PRESSED),
     Family("object-small-disc", (_disc(0.099, 0.101),), conductivity=_PRESSED),
@@ -269,7 +320,7 @@ _OBJECTS = (
         conductivity=_PRESSED,
     ),
 )
-FAMILIES = {family.name: family for family in (*_PUBLISHED, *_OTHERS, *_OBJECTS)}
+FAMILIES = {family.name: family for family in (*_PUBLISHED, *_OTHERS, *_TANK, *_OBJECTS)}
 OBJECT_FAMILIES = tuple(family.name for family in _OBJECTS)
 PUBLISHED_FAMILIES = tuple(family.name for family in _PUBLISHED)
 

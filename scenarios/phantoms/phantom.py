@@ -82,10 +82,16 @@ def draw(family: Family, sensor: Sensor, rng: np.random.Generator) -> Phantom:
     """
     x0, y0, x1, y1 = sensor.outline.bounds
     side = min(x1 - x0, y1 - y0)
-    shape = family.shapes[rng.integers(len(family.shapes))]
-    sizes = [_sizes(shape, side, rng) for _ in range(family.count)]
-    levels = rng.uniform(*(family.pressure or family.conductivity), size=family.count)
-    poses = _places([shape.build(s, Pose()) for s in sizes], sensor.outline, family.gap * side, rng)
+    several = 1 if not family.levels else family.count
+    shapes = [family.shapes[rng.integers(len(family.shapes))] for _ in range(several)]
+    shapes *= family.count // several
+    sizes = [_sizes(shape, side, rng) for shape in shapes]
+    if family.levels:
+        levels = rng.choice(family.levels, size=family.count)
+    else:
+        levels = rng.uniform(*(family.pressure or family.conductivity), size=family.count)
+    built = [shape.build(s, Pose()) for shape, s in zip(shapes, sizes, strict=True)]
+    poses = _places(built, sensor.outline, family.gap * side, rng)
     if poses is None:
         raise InputError(
             f"No place for a phantom of family {family.name!r} inside sensor {sensor.name!r} after "
@@ -95,7 +101,9 @@ def draw(family: Family, sensor: Sensor, rng: np.random.Generator) -> Phantom:
         levels = levels * sensor.background
     inclusions = []
     parameters: dict[str, float] = {}
-    for k, (size, pose, level) in enumerate(zip(sizes, poses, levels.tolist(), strict=True)):
+    for k, (shape, size, pose, level) in enumerate(
+        zip(shapes, sizes, poses, levels.tolist(), strict=True)
+    ):
         inclusions.append(_inclusion(family, shape.build(size, pose), level))
         number = f"_{k + 1}" if family.count > 1 else ""
         parameters |= {
@@ -105,7 +113,8 @@ def draw(family: Family, sensor: Sensor, rng: np.random.Generator) -> Phantom:
             f"conductivity{number}" if family.pressure is None else f"pressure{number}_pa": level,
         }
         parameters |= {n if _is_ratio(n) else f"{n}{number}_m": v for n, v in size.items()}
-    name = shape.name if len(family.shapes) > 1 else family.name
+    kinds = dict.fromkeys(shape.name for shape in shapes)
+    name = ", ".join(kinds) if len(family.shapes) > 1 else family.name
     return Phantom(family.name, name, sensor.background, tuple(inclusions), parameters)
 
 

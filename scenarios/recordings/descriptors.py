@@ -91,7 +91,8 @@ class RecordedFrames:
             contacts together, and `pressure_pa`; `touched`, False for frames of the empty sensor;
             `state`, equal for frames that repeat one state. Where some touches have several
             contacts: `contacts`, their number, and `x2_m`, `y2_m`, ... of the second and further.
-        classes: (n, H, W) int8 truth: 0 background, -1 resistive, +1 conductive; None if unknown.
+        classes: (n, h, w) int8 truth: 0 background, -1 resistive, +1 conductive; None if unknown.
+            Its pixels may be finer than the sensor's.
         modelled_reference: `reference` is the nominal sensor's, as only differences were measured.
     """
 
@@ -111,6 +112,18 @@ class RecordedFrames:
             classes=None if self.classes is None else self.classes[kept],
         )
 
+    def after(self, others: "RecordedFrames") -> "RecordedFrames":
+        """Frames of the same sensor, `others` first; the reference frame is this one's."""
+        known = None
+        if self.classes is not None and others.classes is not None:
+            known = np.concatenate([others.classes, self.classes])
+        return replace(
+            self,
+            voltages=np.concatenate([others.voltages, self.voltages]),
+            samples=pd.concat([others.samples, self.samples], ignore_index=True),
+            classes=known,
+        )
+
 
 @dataclass(frozen=True, eq=False)
 class RecordedSet:
@@ -126,6 +139,7 @@ class RecordedSet:
         reader: from the folder that holds the repository's files to a `RecordedFrames`.
         own: the file of a recording of one's own, which has no public source.
         emulated: no real sensor was measured.
+        validation: the set, of another source, whose frames are the validation split of this one.
     """
 
     name: str
@@ -138,6 +152,7 @@ class RecordedSet:
     reader: Callable[[Path, Sensor], RecordedFrames]
     own: Path | None = None
     emulated: bool = False
+    validation: "RecordedSet | None" = None
 
     @property
     def repository(self) -> str:

@@ -41,6 +41,9 @@ def read_recording(name: str, *, progress: bool = False) -> RecordedFrames:
     """
     recorded = recorded_set(name)
     recording = recorded.read(fetch_recording(recorded, progress=progress))
+    if recorded.validation is not None:
+        folder = fetch_recording(recorded.validation, progress=progress)
+        recording = recording.after(recorded.validation.read(folder))
     return recording.without_test() if is_closed() else recording
 
 
@@ -64,6 +67,8 @@ def fetch_recording(
         DataUnavailableError: no network, a server's refusal, a full disk, or too slow.
         DataCorruptError: a file differs from the published one, here or at the source.
     """
+    if recorded.validation is not None:
+        fetch_recording(recorded.validation, limit_s=limit_s, progress=progress)
     if recorded.own is not None:
         return recorded.own.parent  # its own checksums were compared when it was described
     if given := os.environ.get("EITBENCH_DATA"):

@@ -8,7 +8,7 @@ from eitbench.scenarios.recordings.files.own import is_recording, own_set
 from eitbench.scenarios.recordings.public.anisotropy import ANISOTROPY
 from eitbench.scenarios.recordings.public.hydrogel import HYDROGEL
 from eitbench.scenarios.recordings.public.jku_tank import JKU_TANKS
-from eitbench.scenarios.recordings.public.kuopio import KTC2023
+from eitbench.scenarios.recordings.public.kuopio import KTC2023, KTC2023_LEVELS
 from eitbench.scenarios.recordings.public.pyeidors_tank import PYEIDORS_TANK
 from eitbench.scenarios.recordings.public.sciospec_tank import SCIOSPEC_TANK
 
@@ -18,6 +18,7 @@ RECORDED_SETS: dict[str, RecordedSet] = {
         *HYDROGEL,
         *ANISOTROPY,
         KTC2023,
+        *KTC2023_LEVELS,
         SCIOSPEC_TANK,
         *JKU_TANKS,
         PYEIDORS_TANK,

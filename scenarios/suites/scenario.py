@@ -258,6 +258,7 @@ class RecordedScenario(Declaration):
         """SHA-256 (hex) of the descriptor, its files and the sensor."""
         recorded = self.recorded_set
         own = recorded.own is not None
+        validation = recorded.validation.source if recorded.validation else None
         return content_hash(
             {
                 # The content of a recording of one's own counts, not its name.
@@ -266,6 +267,7 @@ class RecordedScenario(Declaration):
                 "source": [recorded.repository, recorded.source.commit, recorded.truth],
                 "sensor": self.nominal_sensor.describe(),
                 "split": split,
+                **({"validation": [f.sha256 for f in validation.files]} if validation else {}),
             }
         )
 

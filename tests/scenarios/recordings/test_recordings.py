@@ -11,7 +11,7 @@ from scipy.io import loadmat
 
 from eitbench.scenarios.physics.forward import forward_model
 from eitbench.scenarios.recordings import RECORDED_SETS
-from eitbench.scenarios.recordings.fetch import read_recording
+from eitbench.scenarios.recordings.fetch import fetch_recording, read_recording
 from eitbench.scenarios.recordings.public.hydrogel import CUTS, START_FRAMES
 from eitbench.scenarios.recordings.public.pyeidors_tank import read_csv
 from eitbench.scenarios.recordings.quality import quality, reciprocity_error
@@ -280,6 +280,31 @@ def test_repeats_are_five_of_each_press() -> None:
     assert (samples.groupby("state")[["x_m", "y_m", "depth_mm", "split"]].nunique() == 1).all(
         axis=None
     )
+
+
+def test_levels_of_the_challenge_lack_electrodes() -> None:
+    """Exactly the values that the organisers replaced by NaN are left out."""
+    folder = fetch_recording(RECORDED_SETS["ktc2023"]).parents[1]
+    files = folder / "LJK666666666/EIT_KTC2023_4/KTC2023/EvaluationData/evaluation_datasets"
+    whole = nominal("ktc2023").pattern.table
+    for level in range(1, 8):
+        name = f"ktc2023-level{level}"
+        values = loadmat(files / f"level{level}" / "data1.mat")["Uel"].ravel()
+        assert (whole[np.isfinite(values)] == nominal(name).pattern.table).all()
+        assert nominal(name).n_electrodes == 32
+        assert read(name).samples["split"].tolist() == ["validation"] * 4 + ["test"] * 3
+
+
+def test_levels_are_validated_with_the_training_targets() -> None:
+    whole, level = read("ktc2023"), read("ktc2023-level4")
+    kept = (nominal("ktc2023").pattern.table >= 6).all(axis=1)
+    assert (level.voltages[:4] == whole.voltages[:, kept]).all()
+    assert (level.reference == whole.reference[kept]).all()
+    assert level.classes is not None
+    assert level.classes.shape == (7, 256, 256)
+    assert whole.classes is not None
+    x = ((np.arange(80) + 0.5) * 256 / 80).astype(int)
+    assert (level.classes[:4, x[:, None], x] == whole.classes).all()
 
 
 def test_kuopio_truth_has_our_orientation() -> None:
