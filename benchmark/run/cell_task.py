@@ -35,6 +35,7 @@ class CellPlan:
         suite: declares the limits.
         plugin: the file that registers the method or operator, None for one that is installed.
         batch: samples asked for at once; a run keeps to the number it was started with.
+        source: the publication that it follows.
     """
 
     cell: Cell
@@ -44,6 +45,7 @@ class CellPlan:
     suite: Suite
     plugin: Path | None
     batch: int
+    source: str = ""
 
 
 @dataclass(frozen=True, eq=False)

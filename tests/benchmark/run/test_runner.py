@@ -108,6 +108,13 @@ def test_a_method_costs_its_own_rows_only(
     assert table.loc[method, "coverage"] == statuses.get("ok", 0) / N
 
 
+def test_a_method_that_cannot_be_fitted_keeps_its_source(table: pd.DataFrame) -> None:
+    assert table.loc["toy-fit-raises", "source"] == (
+        "A. Author, Fits that fail, 2024,\ndoi:10.1000/182"
+    )
+    assert table.loc["noser", "source"] == methods()["noser"].source
+
+
 def test_what_a_method_prints_goes_to_its_log(toy_run: Path) -> None:
     text = (toy_run / "logs" / "tiny--toy-prints.log").read_text()
     assert "hello from the plugin" in text
@@ -118,7 +125,7 @@ def test_an_exception_of_a_method_shows_where_it_was_raised(
     toy_run: Path, table: pd.DataFrame
 ) -> None:
     trace = str(table.loc["toy-fit-raises", "trace"])
-    where = 'toy_methods.py", line 34, in fit'
+    where = 'toy_methods.py", line 36, in fit'
     assert trace.split("\n")[0].endswith(where)
     assert "raise ValueError" in trace
     assert "eitbench" not in trace  # none of its callers
