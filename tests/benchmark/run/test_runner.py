@@ -330,7 +330,7 @@ def test_a_run_is_finished_only_with_every_cell(
 
     with monkeypatch.context() as patch:
         patch.setattr(execution, "run_cell", forget)
-        with pytest.raises(EitbenchError, match=r"1 of the 2 cells .* are not complete"):
+        with pytest.raises(EitbenchError, match=r"1 of 2 cells .* is not finished"):
             start_run(plan_of(tiny, toys, "noser", "toy-good"), tmp_path / "run")
     manifest = json.loads((tmp_path / "run" / "manifest.json").read_text())
     assert manifest["status"] == "interrupted"
