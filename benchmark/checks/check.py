@@ -15,6 +15,7 @@ from eitbench.benchmark.checks.harness import (
     Check,
     CheckReport,
     CheckWorker,
+    GivenUpError,
     SkippedError,
     answer_of,
     checks_in,
@@ -162,7 +163,9 @@ def _run_in(worker: CheckWorker, check: Check) -> str | None:
     """Run one check of an operator in its worker; an error that it raises is its finding."""
     reply = worker.request("run", check)
     if reply.failure is not None:
-        raise BrokenError(f"it raises {reply.failure.message.rstrip('.')}.", reply.failure.trace)
+        # No other check can run on an operator that cannot be evaluated.
+        kind = GivenUpError if check is operator_checks.shapes else BrokenError
+        raise kind(f"it raises {reply.failure.message.rstrip('.')}.", reply.failure.trace)
     found = answer_of(dict[str, str | None], reply, check.__name__)
     if "skipped" in found:
         raise SkippedError(found["skipped"])

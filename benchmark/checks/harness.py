@@ -16,6 +16,7 @@ from eitbench.benchmark.workers.messages import Reply, WorkerLostError, array_in
 from eitbench.benchmark.workers.restarting import RESTARTS, RestartingWorker, SetUpFailedError
 from eitbench.scenarios.arrays import Images
 from eitbench.scenarios.docstrings import first_line
+from eitbench.scenarios.errors import counted
 
 LIMIT_S = 60.0
 
@@ -99,10 +100,9 @@ class CheckReport:
         n = self.counts
         expected = f", {n['xfail']} failed as expected" if n["xfail"] else ""
         skipped = f", {n['skipped']} skipped" if n["skipped"] else ""
-        untried = f", {n['untried']} not tried" if n["untried"] else ""
-        checks = "1 check" if n["ran"] == 1 else f"{n['ran']} checks"
+        untried = f", {n['untried']} not tried for that reason" if n["untried"] else ""
         return (
-            f"{self.name} on {self.where}: {checks} ran, {n['passed']} passed, "
+            f"{self.name} on {self.where}: {counted(n['ran'], 'check')} ran, {n['passed']} passed, "
             f"{n['failed']} failed{expected}{skipped}{untried}."
         )
 

@@ -10,9 +10,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from eitbench.benchmark.checks.harness import BrokenError, SkippedError, require
+from eitbench.benchmark.checks.harness import GivenUpError, SkippedError, require
 from eitbench.benchmark.checks.method_under_test import CONTRAST, MethodUnderTest, disc
 from eitbench.benchmark.workers.audit_hook import Kind
+from eitbench.benchmark.workers.messages import BROKEN_CONTRACT
 from eitbench.benchmark.workers.method_service import Frames
 from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.imperfections.noise import add_noise
@@ -77,6 +78,23 @@ def dtype(tested: MethodUnderTest) -> None:
     _require_sound(tested, "dtype")
 
 
+def unchanged_input(tested: MethodUnderTest) -> None:
+    """Leaves its input unchanged."""
+    _require_sound(tested, "mutated")
+
+
+def _require_sound(tested: MethodUnderTest, kind: str) -> None:
+    """Require that plain frames cause no failure of `kind`, and no error.
+
+    No other check can run on a method that fails on these.
+    """
+    failure = tested.ask(tested.frames).failure
+    if failure is None or (BROKEN_CONTRACT.intersection(failure.kinds) - {kind}):
+        return
+    who = "reconstruct " if kind in failure.kinds else ""
+    raise GivenUpError(f"{who}{failure.message.rstrip('.')}.", failure.trace)
+
+
 def finite(tested: MethodUnderTest) -> None:
     """Returns finite values.
 
@@ -124,18 +142,6 @@ def random_state(tested: MethodUnderTest) -> None:
             f"{step} changes the global random generator of {' and '.join(generators)}: "
             "use a generator of your own.",
         )
-
-
-def unchanged_input(tested: MethodUnderTest) -> None:
-    """Leaves its input unchanged."""
-    _require_sound(tested, "mutated")
-
-
-def _require_sound(tested: MethodUnderTest, kind: str) -> None:
-    """Require that plain frames cause no failure, above all none of `kind`."""
-    if failure := tested.ask(tested.frames).failure:
-        who = "reconstruct " if kind in failure.kinds else ""
-        raise BrokenError(f"{who}{failure.message}.", failure.trace)
 
 
 def wrong_length(tested: MethodUnderTest) -> None:

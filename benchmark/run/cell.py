@@ -26,7 +26,12 @@ from eitbench.benchmark.rundir.cells import Batch, Values
 from eitbench.benchmark.rundir.run_arrays import TRUTH
 from eitbench.benchmark.workers.audit_hook import Watch
 from eitbench.benchmark.workers.confinement import Confinement
-from eitbench.benchmark.workers.messages import Failure, Reply, WorkerLostError
+from eitbench.benchmark.workers.messages import (
+    BROKEN_CONTRACT,
+    Failure,
+    Reply,
+    WorkerLostError,
+)
 from eitbench.benchmark.workers.restarting import RestartingWorker, WorkerHistory
 from eitbench.benchmark.workers.worker import StoppedError, describe_exception
 from eitbench.scenarios.errors import DataCorruptError, EitbenchError
@@ -41,8 +46,6 @@ _UNTIMED = {
     "trace": "",
     **dict.fromkeys(("calibration_ms", "calibration_spread", "load", "cpu_mhz"), NAN),
 }
-# Failures that asking again sample by sample would not mend.
-BROKEN_CONTRACT = frozenset({"mutated", "shape", "dtype"})
 
 
 def run_cell(
@@ -113,6 +116,7 @@ def score_cell(task: CellTask, row: Mapping[str, Any] | None) -> None:
     table = table[stored.status != ""]
     cell_row = {
         **labels,
+        "source": plan.source,
         **task.unknown,
         **_UNTIMED,
         **(row or {}),

@@ -34,6 +34,7 @@ class CellPlan:
         suite: declares the limits.
         plugin: the file that registers the method or operator, None for one that is installed.
         batch: samples asked for at once; a run keeps to the number it was started with.
+        source: the publication that it follows.
     """
 
     cell: Cell
@@ -43,6 +44,7 @@ class CellPlan:
     suite: Suite
     plugin: Path | None
     batch: int
+    source: str = ""
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,13 +4,13 @@ import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import Annotated, Any, ClassVar, Self
+from typing import Any, ClassVar, Self
 
 import joblib
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from pydantic import Field, TypeAdapter
+from pydantic import TypeAdapter
 
 from eitbench.benchmark.metrics.evaluation import (
     LEAST_PRESSES,
@@ -129,7 +129,6 @@ class MethodSetUp:
     parameters: dict[str, Any]
     train_s: Cost
     differs: str
-    source: Annotated[list[str], Field(max_length=100)]
 
 
 _SET_UP = TypeAdapter(MethodSetUp)
@@ -159,7 +158,6 @@ class FrameTask(CellTask):
         "prior_knowledge": "",
         "overlap": NAN,
         "differs": "",
-        "source": "",
         **dict.fromkeys(
             ("setup_s", "train_s", "first_frame_ms", "frame_ms_p50", "frame_ms_p99", "batch_fps"),
             NAN,
@@ -167,10 +165,9 @@ class FrameTask(CellTask):
     }
 
     def set_up(self, value: object) -> dict[str, Any]:
-        """Return its `parameters` as JSON, and what it says of its training and its origin."""
+        """Return its `parameters` as JSON, and what it says of its training and software."""
         answer: MethodSetUp = parsed(_SET_UP, value, "set-up")
-        texts = {"parameters": json.dumps(answer.parameters), "source": "\n".join(answer.source)}
-        return {**vars(answer), **texts}
+        return {**vars(answer), "parameters": json.dumps(answer.parameters)}
 
     def warm(self, ask: Ask, *, pinned: bool) -> dict[str, float]:
         """Return times of single valid frames; p99 is NaN below `TAIL_FRAMES` of them.

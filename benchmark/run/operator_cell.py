@@ -4,12 +4,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from hashlib import sha256
-from typing import Annotated, Any, ClassVar, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from pydantic import Field, TypeAdapter
+from pydantic import TypeAdapter
 
 from eitbench.benchmark.metrics.operator_metrics import (
     Standard,
@@ -171,7 +171,6 @@ class OperatorSetUp:
 
     train_s: Cost
     trained_on: str
-    source: Annotated[list[str], Field(max_length=100)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -203,7 +202,6 @@ class OperatorCellTask(CellTask):
 
     unknown: ClassVar[Mapping[str, Any]] = {
         "trained_on": "",
-        "source": "",
         **dict.fromkeys(
             ("setup_s", "train_s", "first_frame_ms", "forward_ms", "grad_ms", "batch_fps"), NAN
         ),
@@ -217,7 +215,7 @@ class OperatorCellTask(CellTask):
     def set_up(self, value: object) -> dict[str, Any]:
         """Return what it says of its training."""
         answer: OperatorSetUp = parsed(_SET_UP, value, "set-up")
-        return {**vars(answer), "source": "\n".join(answer.source)}
+        return vars(answer)
 
     def request(self, split: str, rows: slice) -> tuple[object, ...]:
         """Return a request for the voltages and gradients of images."""

@@ -31,11 +31,20 @@ from eitbench.scenarios.errors import (
     DataUnavailableError,
     EitbenchError,
     InputError,
+    counted,
 )
 from eitbench.scenarios.interrupts import termination_interrupts
 from eitbench.scenarios.suites.suite import Suite
 
-__all__ = ["Plan", "RunInterruptedError", "RunResult", "make_plan", "resume_run", "start_run"]
+__all__ = [
+    "Plan",
+    "RunInterruptedError",
+    "RunResult",
+    "UnfinishedError",
+    "make_plan",
+    "resume_run",
+    "start_run",
+]
 
 DATA: Mapping[str, type[CellData]] = {
     "methods": MethodData,
@@ -94,8 +103,18 @@ class TimeLimit:
         self.stop.set()
 
 
-class RunInterruptedError(EitbenchError):
-    """The run was stopped by the user; finished rows are stored."""
+class UnfinishedError(EitbenchError):
+    """The run in the folder `run` ended early for a `reason`, a sentence; what is done is kept."""
+
+    def __init__(self, reason: str, run: Path) -> None:
+        super().__init__(
+            f"{reason} Finished rows are kept: continue with `eitbench run --resume {run}`."
+        )
+        self.reason = reason
+
+
+class RunInterruptedError(UnfinishedError):
+    """The run was stopped by the user."""
 
     exit_code = 130
 
@@ -332,6 +351,7 @@ def _execute(
             suite=plan.suite,
             plugin=plugins.get(entry["name"]),
             batch=manifest["batch"],
+            source=plan.source(entry["name"]),
         )
         for entry in manifest["cells"]
     ]
@@ -353,22 +373,21 @@ def _execute(
     if limit.reached and unfinished and not interrupted:
         return replace(
             _result(store.path, manifest),
-            unfinished=f"The time limit of {limit.seconds:g} s ended the run: {unfinished} of the "
-            f"{len(cells)} cells are not finished. Continue with `eitbench run --resume "
+            unfinished=f"The time limit of {limit.seconds:g} s ended the run: "
+            f"{_unfinished(unfinished, len(cells))}. Continue with `eitbench run --resume "
             f"{store.path}`.",
         )
     if interrupted:
-        raise RunInterruptedError(
-            f"Interrupted: finished rows are kept in {store.path}. Continue with "
-            f"`eitbench run --resume {store.path}`."
-        )
+        raise RunInterruptedError("The run was interrupted.", store.path)
     if unfinished:
-        raise EitbenchError(
-            f"{unfinished} of the {len(cells)} cells in {store.path} are not complete: continue "
-            f"with `eitbench run --resume {store.path}`."
-        )
+        raise UnfinishedError(f"{_unfinished(unfinished, len(cells))}.", store.path)
     store.remove_parts()
     return _result(store.path, manifest)
+
+
+def _unfinished(n: int, cells: int) -> str:
+    are = "is" if n == 1 else "are"
+    return f"{n} of {counted(cells, 'cell')} (scenario x method) {are} not finished"
 
 
 def _run_cells(
@@ -418,10 +437,7 @@ def _run_cells(
     errors = [future.exception() for future in futures if not future.cancelled()]
     for error in errors:
         if isinstance(error, EitbenchError):
-            raise EitbenchError(
-                f"{error} Finished rows are kept: when that is mended, continue with "
-                f"`eitbench run --resume {store.path}`."
-            ) from error
+            raise UnfinishedError(str(error), store.path) from error
         if error is not None and not isinstance(error, StoppedError):
             raise error
     return True

@@ -1,6 +1,7 @@
 """The plan of a run: a suite, and the methods, scenarios and samples chosen of it."""
 
 import hashlib
+import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
@@ -38,11 +39,16 @@ class _Declared(BaseModel):
 
 
 class PluginFile(_Declared):
-    """A file with more methods or operators, the SHA-256 of its content, and their names."""
+    """A file with more methods or operators, the SHA-256 of its content, and their names.
+
+    Attributes:
+        sources: the publication that each of `names` follows.
+    """
 
     path: Path
     sha256: Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
     names: tuple[str, ...]
+    sources: tuple[str, ...]
 
     @property
     def kept(self) -> Path:
@@ -98,6 +104,13 @@ class Plan(_Declared):
         if name in self.origins:
             return self.origins[name].sha256
         return source_hash(place_methods()[name])
+
+    def source(self, name: str) -> str:
+        """The publication that a method or operator follows; "" if it names none."""
+        if name in self.origins:
+            plugin = self.origins[name]
+            return plugin.sources[plugin.names.index(name)]
+        return str(_KNOWN[self.suite.ranks]()[name].source)
 
 
 class _Data(BaseModel):
@@ -194,12 +207,15 @@ def make_plan(
         raise InputError(f"Suite {suite.name!r} ranks {ranks}: choose among them with --{option}.")
     # Looked up before plugins start workers, which are forked with what is loaded by then.
     known = {*_KNOWN[ranks]()}
+    given = {name: dict(values) for name, values in (parameters or {}).items()}
+    if given and ranks == "operators":
+        raise InputError(f"Suite {suite.name!r} ranks operators, which take no parameters.")
     files: list[PluginFile] = []
     for path in dict.fromkeys(path.resolve() for path in plugins):
-        registered = plugin_names(path, isolate=isolate)
+        registered = plugin_names(path, parameters=given, isolate=isolate)
         offered = {
             "methods": registered.methods,
-            "places": [*registered.methods, *registered.places],
+            "places": registered.methods | registered.places,
             "operators": registered.operators,
         }[ranks]
         if not offered:
@@ -210,20 +226,20 @@ def make_plan(
                     f"The {RUN_KINDS[ranks].name} name {min(both)!r} is registered by "
                     f"{other_file.path} and by {path}: choose another in one of them."
                 )
-        files.append(PluginFile(path=path, sha256=sha256(path), names=tuple(offered)))
+        sources = tuple(map("\n".join, offered.values()))
+        files.append(
+            PluginFile(path=path, sha256=sha256(path), names=tuple(offered), sources=sources)
+        )
     own = [name for file in files for name in file.names]
     known |= set(own)
     chosen = tuple(dict.fromkeys(asked or (*suite.names, *own)))
     for name in chosen:
         if name not in known:
             raise unknown_name(RUN_KINDS[ranks].name, name, known)
-    given = {name: dict(values) for name, values in (parameters or {}).items()}
     for name, values in given.items():
-        if ranks == "operators":
-            raise InputError(f"Suite {suite.name!r} ranks operators, which take no parameters.")
         if name not in chosen:
             raise unknown_name("method in the parameters:", name, chosen)
-        if name not in own:  # a plugin is not loaded here
+        if name not in own:  # those of plugins were made when these were loaded
             create_place_method(name, **values)
     declared = [scenario.name for scenario in suite.scenarios]
     for name in scenarios:
@@ -244,18 +260,30 @@ def read_parameters(text: str) -> dict[str, dict[str, Any]]:
     """Return constructor parameters by method from JSON, or from the path of a file of JSON.
 
     Raises:
-        InputError: it is not JSON of this form.
+        InputError: it is not JSON of this form, or names something twice.
     """
     try:
         content = text.encode() if text.lstrip().startswith("{") else _small_file(Path(text))
-        found: dict[str, dict[str, Any]] = _PARAMETERS.validate_json(content)
-    except (OSError, ValueError) as error:
+        found: dict[str, dict[str, Any]] = _PARAMETERS.validate_python(
+            json.loads(content, object_pairs_hook=_without_repeats)
+        )
+    except InputError:
+        raise
+    except (OSError, ValueError, RecursionError) as error:
         reason = error.strerror if isinstance(error, OSError) else "it is not JSON of this form"
         raise InputError(
             f'Parameters are JSON by method, such as {{"noser": {{"weight": 0.1}}}}, or the '
             f"path of a file that holds it; got {text[:80]!r}: {reason}."
         ) from error
     return found
+
+
+def _without_repeats(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    names = [name for name, _ in pairs]
+    for name in names:
+        if names.count(name) > 1:
+            raise InputError(f"The parameters name {name!r} more than once: give it one value.")
+    return dict(pairs)
 
 
 def _small_file(path: Path) -> bytes:

@@ -21,6 +21,8 @@ MAX_TRACE = 2000  # characters
 MAX_HEADER = 2**16  # bytes
 MAX_ARRAYS = 2**28  # bytes: 32 images of the largest sensor, twice
 LARGEST = 1e9  # seconds, MiB
+# Kinds of failures that asking again sample by sample would not mend.
+BROKEN_CONTRACT = frozenset({"shape", "dtype", "mutated"})
 _LENGTH = 4  # bytes of the length of a header
 _ARRAY = "array of the message"
 _NO_ANSWER = "its process sent something that is no answer"
@@ -32,7 +34,7 @@ class Failure:
 
     Attributes:
         message: a sentence for people.
-        kinds: for programs: class names of the exception, or "mutated", "shape", "dtype".
+        kinds: for programs: class names of the exception, or one of `BROKEN_CONTRACT`.
         trace: where scored code raised it, as lines of a traceback; "" where it raised nothing.
     """
 

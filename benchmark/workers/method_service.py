@@ -66,7 +66,6 @@ class MethodService:
             "parameters": known_parameters(method) | dict(self.parameters),
             "train_s": float(method.train_s),
             "differs": method.differs,
-            "source": str(method.source).splitlines(),  # a message shortens each text
         }
         return replace(reply, value=said)
 

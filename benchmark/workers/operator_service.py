@@ -49,7 +49,6 @@ class OperatorService:
         said = {
             "train_s": float(made.train_s),
             "trained_on": made.trained_on,
-            "source": str(made.source).splitlines(),  # a message shortens each text
         }
         return Reply(said, seconds)
 

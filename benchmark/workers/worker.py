@@ -11,13 +11,14 @@ import sys
 import threading
 import time
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from types import MappingProxyType
+from typing import Any, NamedTuple
 
 import numpy as np
 import psutil
@@ -40,7 +41,15 @@ from eitbench.benchmark.workers.messages import (
     plain_trace,
 )
 from eitbench.benchmark.workers.process import start_process
-from eitbench.methods.registry import Plugin, load_plugin, usable_name
+from eitbench.methods.registry import (
+    METHOD_REGISTRY,
+    OPERATOR_REGISTRY,
+    PLACE_REGISTRY,
+    Registry,
+    create_place_method,
+    load_plugin,
+    usable_name,
+)
 from eitbench.scenarios.errors import EitbenchError, InputError
 from eitbench.scenarios.guard import close_test_split
 from eitbench.scenarios.suites.suite import MEMORY_LIMIT_MB
@@ -184,32 +193,61 @@ def serve(connection: Connection, service: object) -> None:
 
 
 class _PluginReader:
-    """Reads the names that the file `plugin` registers."""
+    """Reads the names that the file `plugin` registers, and makes methods with parameters."""
 
-    def __init__(self, plugin: Path) -> None:
+    def __init__(self, plugin: Path, parameters: Mapping[str, Mapping[str, Any]]) -> None:
         self._plugin = plugin
+        self._parameters = parameters
 
     def names(self) -> Reply:
         close_test_split()
-        return Reply(load_plugin(self._plugin)._asdict(), 0.0)
+        loaded = load_plugin(self._plugin)
+        for name in {*loaded.methods, *loaded.places} & self._parameters.keys():
+            create_place_method(name, **self._parameters[name])
+        found = PluginNames(
+            {name: _source_lines(METHOD_REGISTRY, name) for name in loaded.methods},
+            {name: _source_lines(PLACE_REGISTRY, name) for name in loaded.places},
+            {name: _source_lines(OPERATOR_REGISTRY, name) for name in loaded.operators},
+        )
+        return Reply(found._asdict(), 0.0)
 
 
-_PLUGIN = TypeAdapter(Plugin)
+def _source_lines(registry: Registry[Any], name: str) -> list[str]:
+    return str(registry.known()[name].source).splitlines()  # a message shortens each text
 
 
-def plugin_names(path: Path, *, isolate: bool = False) -> Plugin:
+class PluginNames(NamedTuple):
+    """The names that a file registers, and the lines of the `source` of each."""
+
+    methods: dict[str, list[str]]
+    places: dict[str, list[str]]
+    operators: dict[str, list[str]]
+
+
+_NAMES = TypeAdapter(PluginNames)
+
+
+def plugin_names(
+    path: Path,
+    *,
+    parameters: Mapping[str, Mapping[str, Any]] = MappingProxyType({}),
+    isolate: bool = False,
+) -> PluginNames:
     """Return the names of the methods and operators that the file `path` registers.
 
     A worker loads the file; with `isolate` it may neither use the network nor read other files.
 
+    Args:
+        parameters: constructor parameters by method, which those of the file have to take.
+
     Raises:
-        InputError: the file does not load, or registers nothing.
+        InputError: the file does not load, registers nothing, or a method takes other parameters.
     """
     with (
         TemporaryDirectory(prefix="eitbench-", ignore_cleanup_errors=True) as folder,
         Worker(
             serve,
-            _PluginReader(path),
+            _PluginReader(path, dict(parameters)),
             confinement=Confinement(Path(folder), (path,)) if isolate else None,
         ) as worker,
     ):
@@ -217,8 +255,8 @@ def plugin_names(path: Path, *, isolate: bool = False) -> Plugin:
             what = f"loading {path.name}"
             reply = worker.ask("names", limit=PLUGIN_LIMIT_S, what=what)
             if reply.failure is None:
-                names: Plugin = parsed(_PLUGIN, reply.value, what)
-                if all(map(usable_name, (*names.methods, *names.operators))):
+                names: PluginNames = parsed(_NAMES, reply.value, what)
+                if all(map(usable_name, (*names.methods, *names.places, *names.operators))):
                     return names
                 raise no_answer(what)  # the registry of its process lets none other pass
         except WorkerLostError as lost:
@@ -245,9 +283,7 @@ def timed_answer(
         array = np.asarray(answer)  # a part of its time: it waits for a device
     seconds = time.perf_counter() - start
     failure = None
-    if any(not np.array_equal(*pair, equal_nan=True) for pair in zip(given, inputs, strict=True)):
-        failure = Failure("error", "changed its input in place", ("mutated",))
-    elif array is None:
+    if array is None:
         message = f"returned a {type(answer).__name__} that is not an array"
         failure = Failure("invalid-output", message, ("shape",))
     elif array.shape != shape:
@@ -256,6 +292,8 @@ def timed_answer(
     elif array.dtype.kind not in "fiu":
         message = f"returned values of type {array.dtype} instead of real numbers"
         failure = Failure("invalid-output", message, ("dtype",))
+    elif any(not np.array_equal(*pair, equal_nan=True) for pair in zip(given, inputs, strict=True)):
+        failure = Failure("error", "changed its input in place", ("mutated",))
     return Reply(None if failure else array, seconds, failure)
 
 

@@ -155,7 +155,7 @@ def _relabelled(path: Path, options: ImportOptions) -> tuple[Content, list[str]]
         content = replace(content, reference=reference_rows(options.reference, len(content)))
     said = [f"Reference: {counted(len(content.reference), 'frame')}."]
     if options.labels is not None:
-        labels, of_labels = relabelled(content, path, options.labels)
+        labels, of_labels = relabelled(content, path, options)
         return replace(content, labels=labels), [*said, *of_labels]
     return content, [*said, touches(content.labels, "the file")]
 

@@ -39,6 +39,16 @@ def variables(path: Path, names: Collection[str] | None = None) -> dict[str, Var
         names: of those to be read; by default all.
 
     Raises:
+        UnreadableError, DataCorruptError: as for `all_variables`.
+    """
+    found = all_variables(path, names)
+    return {name: value for name, value in found.items() if value is not None}
+
+
+def all_variables(path: Path, names: Collection[str] | None = None) -> dict[str, Variable | None]:
+    """As `variables`, with None for structs, cell arrays and all else that is not read.
+
+    Raises:
         UnreadableError: the file cannot be read.
         DataCorruptError: it is damaged, or of another kind.
     """
@@ -58,11 +68,12 @@ def read_arrays(path: Path, *names: str) -> dict[str, NDArray[np.float64]]:
     return {name: np.asarray(found[name], dtype=np.float64) for name in names}
 
 
-def _variables(path: Path, names: Collection[str] | None) -> dict[str, Variable]:
+def _variables(path: Path, names: Collection[str] | None) -> dict[str, Variable | None]:
     content = path.read_bytes()
     if content[124:_HEADER] != b"\x00\x01IM":  # little-endian, as every MATLAB of today writes
         raise ValueError("it is not of version 5 to 7")
-    found, place = {}, _HEADER
+    found: dict[str, Variable | None] = {}
+    place = _HEADER
     while place < len(content):
         kind, size = struct.unpack_from("<II", content, place)
         place += 8
@@ -74,7 +85,7 @@ def _variables(path: Path, names: Collection[str] | None) -> dict[str, Variable]
             kind, data = next(_elements(_unpacked(data, most_bytes(path))))
         if kind == _MATRIX and data:
             name, value = _variable(data)
-            if (names is None or name in names) and value is not None:
+            if names is None or name in names:
                 found[name] = value
     return found
 

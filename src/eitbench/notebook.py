@@ -10,13 +10,13 @@ from typing import Any
 import pandas as pd
 
 from eitbench.benchmark.analysis.results import failures_with_traces, read_run
-from eitbench.benchmark.run.runner import make_plan, start_run
+from eitbench.benchmark.run.runner import UnfinishedError, make_plan, start_run
 from eitbench.methods.method import Method
 from eitbench.methods.registry import methods as known_methods
 from eitbench.methods.registry import register
 from eitbench.reports.tables.columns import shown_columns
 from eitbench.reports.tables.leaderboard import ranked_rows
-from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.errors import EitbenchError, InputError
 from eitbench.scenarios.suites.suite import Suite, load_suite
 
 AnyMethod = str | type[Method]
@@ -55,6 +55,7 @@ def evaluate(
 
     Raises:
         InputError: no method, an object instead of a class, or an unknown name.
+        EitbenchError: it was interrupted, or its folder cannot be written.
 
     Warns:
         UserWarning: a method failed; the sentence says how, and where an error was raised.
@@ -73,7 +74,15 @@ def evaluate(
         parameters=parameters,
     )
     with TemporaryDirectory(prefix="eitbench-") as folder:
-        run = start_run(plan, Path(out or Path(folder) / "run"), jobs=jobs)
+        try:
+            run = start_run(plan, Path(out or Path(folder) / "run"), jobs=jobs)
+        except UnfinishedError as error:
+            if out is not None:
+                raise
+            raise EitbenchError(
+                f"{error.reason} Nothing is kept: give `out`, a new folder, to keep the rows that "
+                "are finished by then."
+            ) from error
         for sentence, trace in failures_with_traces(read_run(run.path)):
             warnings.warn("\n".join([sentence, *trace.splitlines()]), stacklevel=2)
         for sentence in (*run.skipped, *run.refused):

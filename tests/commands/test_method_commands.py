@@ -63,7 +63,7 @@ def test_a_failure_shows_where_and_is_not_said_again_and_again(
         "         KeyError: 1.",
         '           File "a.py", line 3, in fit',
         "FAILED   finite",
-        "mine on foam16: 2 checks ran, 0 passed, 2 failed, 25 not tried.",
+        "mine on foam16: 2 checks ran, 0 passed, 2 failed, 25 not tried for that reason.",
     ]
 
 

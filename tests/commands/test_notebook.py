@@ -8,8 +8,10 @@ import pytest
 
 from eitbench import InputError, Method, evaluate, methods
 from eitbench.benchmark.analysis.results import read_run
+from eitbench.benchmark.run.runner import Plan, RunInterruptedError
 from eitbench.methods.registry import METHOD_REGISTRY
 from eitbench.scenarios.arrays import Array
+from eitbench.scenarios.errors import EitbenchError
 
 TINY = Path(__file__).parents[1] / "benchmark" / "data" / "tiny.toml"
 LEVEL = 0.5
@@ -59,6 +61,20 @@ def test_what_it_raises_is_told_with_its_frames() -> None:
     with pytest.warns(UserWarning, match=re.escape("return voltages / self.no_such_thing")):
         board = evaluate(Broken, TINY, limit=1)
     assert board["coverage"].tolist() == [0.0]
+
+
+def test_nobody_is_sent_to_a_folder_that_is_deleted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(plan: Plan, run: Path, *, jobs: int) -> None:
+        raise RunInterruptedError("The run was interrupted.", run)
+
+    monkeypatch.setattr("eitbench.notebook.start_run", interrupted)
+    with pytest.raises(EitbenchError, match=re.escape(f"--resume {tmp_path}")):
+        evaluate("noser", TINY, out=tmp_path)
+    with pytest.raises(EitbenchError, match="Nothing is kept: give `out`") as told:
+        evaluate("noser", TINY)
+    assert "resume" not in str(told.value)
 
 
 def test_what_is_wrong_is_said_before_anything_is_run() -> None:

@@ -162,7 +162,8 @@ def test_a_time_limit_ends_a_run_that_can_be_resumed(tmp_path: Path, eitbench: R
     code, out, _ = eitbench("run", TINY, "--limit", "2", "--time-limit", "0", "--out", folder)
     assert code == 0
     assert (
-        "The time limit of 0 s ended the run: 1 of the 1 cells are not finished. Continue with "
+        "The time limit of 0 s ended the run: 1 of 1 cell (scenario x method) is not finished. "
+        "Continue with "
         f"`eitbench run --resume {folder}`."
     ) in out
     assert json.loads((folder / "manifest.json").read_text())["status"] == "interrupted"

@@ -45,7 +45,7 @@ def test_a_formula_declares_what_tuning_may_choose(
 
 
 def test_a_network_is_trained_stored_and_loaded_with_its_card(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setenv("EITBENCH_CACHE", str(tmp_path / "cache"))
     monkeypatch.setattr(METHOD_REGISTRY, "_registered", METHOD_REGISTRY.known())
@@ -58,7 +58,11 @@ def test_a_network_is_trained_stored_and_loaded_with_its_card(
     assert "train them with `python eitbench_my_net.py`" in method.unusable(train.sensor)
     with pytest.raises(InputError, match="'my-net' has no weights"):
         method.fit(problem)
+    capsys.readouterr()
     names["train"](n=3, epochs=1, seed=4)
+    log = capsys.readouterr().out
+    assert log.startswith("Data: 3 training samples of quick, simulated unless they are stored\n")
+    assert "epoch 1 of 1: mean squared error " in log
     method.fit(problem)
     assert method.unusable(train.sensor) == ""
     assert method.trained_on == {

@@ -142,7 +142,7 @@ def test_touches_without_places_are_ranked_by_nothing(tmp_path: Path) -> None:
 
 def test_what_cannot_be_a_set_is_told(folder: Path, tmp_path: Path) -> None:
     record(tmp_path / "empty.h5", 0)
-    with pytest.raises(InputError, match="has no labels, so it is no set: record with --guided"):
+    with pytest.raises(InputError, match="has no labels, so that methods cannot be compared on it"):
         recorded_set(str(tmp_path / "empty.h5"))
     record(tmp_path / "bare.h5", 3, reference=False)
     with pytest.raises(InputError, match="has no reference frames"):

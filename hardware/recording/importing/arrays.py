@@ -21,6 +21,9 @@ Order = Literal["rows", "columns"]
 Part = Literal["real", "magnitude"]
 
 
+_AXES = {"rows": "frame x drive x sense pair", "columns": "sense pair x drive x frame"}
+
+
 @dataclass(frozen=True)
 class Choice:
     """What a user says about the frames of a file; None: it is found out.
@@ -66,16 +69,16 @@ class _Fit:
     order: Order
     values: NDArray[Any]  # (n, W)
     kept: Index | None  # the places (M,) of a frame among W values; None for all
-    unit: str  # what a row or column is
+    how: str  # a row or column is what, or what its axes are
     rank: int  # the lower, the plainer
 
 
 def find_frames(arrays: Arrays, sensor: Sensor, path: Path, choice: Choice) -> FoundFrames:
     """The frames in the `arrays` of the file at `path`.
 
-    An array holds frames if its last axis (or first, for frames in columns) has M values, or if its
-    last two are drives and sense pairs. Where every drive has a value for every sense pair, those
-    that the sensor's pattern leaves out are dropped.
+    An array holds frames if its last axis (or first, for frames in columns) has M values, if its
+    last two are drives and sense pairs, or the first two of three. Where every drive has a value
+    for every sense pair, those that the sensor's pattern leaves out are dropped.
 
     Raises:
         InputError: no array fits, several do, or values are complex and nobody said what to take.
@@ -111,13 +114,15 @@ def find_frames(arrays: Arrays, sensor: Sensor, path: Path, choice: Choice) -> F
         )
     name = TABLE if TABLE in names else names[0]
     chosen = [fit for fit in best if fit.name == name]
-    if len({fit.order for fit in chosen}) > 1:
+    if len({(fit.order, fit.how) for fit in chosen}) > 1:
         raise InputError(
-            f"Array {name!r} of {path} has the shape {_shape(arrays[name])}, which fits twice: say "
-            "--order rows or --order columns, whichever a frame (or the values of a drive) is."
+            f"Array {name!r} of {path} has the shape {_shape(arrays[name])}, which fits twice "
+            f"({'; '.join(dict.fromkeys(fit.how for fit in chosen))}): say --order rows or --order "
+            "columns, whichever a frame (or the values of a drive) is, or save it as frames x "
+            "values."
         )
     fit = chosen[0]
-    how = f"array {name!r}, a {fit.unit} is a {fit.order[:-1]}"
+    how = f"array {name!r}, {fit.how}"
     frames = fit.values
     if fit.kept is not None:
         how += _dropped(fit.values, fit.kept, path)
@@ -154,9 +159,18 @@ def _fits(name: str, array: NDArray[Any], pattern: DrivePattern) -> Iterator[_Fi
         *_, before, last = (1, *turned.shape)
         for rank, (width, kept) in enumerate(widths):
             if last == width:
-                yield _Fit(name, order, turned.reshape(-1, width), kept, "frame", rank)
+                how = f"a frame is a {order[:-1]}"
+                yield _Fit(name, order, turned.reshape(-1, width), kept, how, rank)
             elif drive_major and last * n_drives == width and before % n_drives == 0 != before:
-                yield _Fit(name, order, turned.reshape(-1, width), kept, "drive", 2 + rank)
+                how = f"a drive is a {order[:-1]}"
+                if turned.ndim == 3:
+                    how = f"its axes are {_AXES[order]}"
+                yield _Fit(name, order, turned.reshape(-1, width), kept, how, 2 + rank)
+            if drive_major and turned.ndim == 3 and order == "rows":
+                by_frame = np.moveaxis(turned, -1, 0)
+                if by_frame.shape[1] == n_drives and by_frame.shape[2] * n_drives == width:
+                    how = "its axes are drive x sense pair x frame"
+                    yield _Fit(name, order, by_frame.reshape(-1, width), kept, how, 2 + rank)
 
 
 def _dropped(full: NDArray[Any], kept: Index, path: Path) -> str:

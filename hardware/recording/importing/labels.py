@@ -110,6 +110,48 @@ def _whole(cells: Array, name: str, path: Path) -> Array:
     return cells
 
 
+def array_columns(given: str) -> tuple[str, list[str]]:
+    """The array and the names of its columns that `--labels array:NAME:x_mm,y_mm` tells.
+
+    Raises:
+        InputError: it tells no columns, or one that is none of numbers with a unit.
+    """
+    name, _, told = given.removeprefix("array:").rpartition(":")
+    columns = [column.strip() for column in told.split(",")]
+    wrong = [column for column in columns if column not in _VALUES]
+    if not name or wrong:
+        raise InputError(
+            f"--labels {given}: an array in the files of frames is given as array:NAME:x_mm,y_mm, "
+            f"with a name for each of its columns, out of {', '.join(_VALUES)}."
+        )
+    return name, columns
+
+
+def array_labels(arrays: Arrays, given: str, path: Path) -> pd.DataFrame:
+    """The labels in the array that `given` names, see `array_columns`; as `parsed` gives them.
+
+    Raises:
+        InputError: there is no such array, or it has another number of columns.
+    """
+    name, columns = array_columns(given)
+    array = arrays.get(name, np.empty(0))
+    if array.ndim != 2 or array.shape[1] != len(columns) or array.dtype.kind not in "iuf":
+        held = f"has the shape {' x '.join(map(str, array.shape))}" if name in arrays else "is none"
+        raise InputError(
+            f"--labels {given}: {path} should hold an array {name!r} of {len(columns)} columns of "
+            f"numbers, a row for each touch; there {held}."
+        )
+    return parsed(dict(zip(columns, array.T, strict=True)), path)
+
+
+def moved(table: pd.DataFrame, origin_mm: tuple[float, float] | None) -> pd.DataFrame:
+    """The labels with places from another origin, which lies at `origin_mm` on the sensor."""
+    if origin_mm is None:
+        return table
+    places = zip(("x_m", "y_m"), origin_mm, strict=True)
+    return table.assign(**{k: table[k] + mm / 1e3 for k, mm in places if k in table})
+
+
 def read_sheet(arrays: Arrays, path: Path) -> tuple[pd.DataFrame, list[str]]:
     """The sheet of labels in the file at `path`, and its columns that are none of labels.
 

@@ -14,6 +14,7 @@ from eitbench.hardware.recording.importing.labels import FramesOf
 from eitbench.hardware.recording.importing.reference import REFERENCE, reference_paths, stacked
 from eitbench.hardware.recording.importing.sources import (
     ALL_COLUMNS,
+    UNREAD,
     found_files,
     read_arrays,
 )
@@ -34,7 +35,8 @@ class ImportOptions:
 
     Attributes:
         frames: which array holds frames, and how.
-        labels: path of a sheet of labels.
+        labels: path of a sheet of labels, or `array:NAME:x_mm,y_mm` for an array of the files.
+        origin_mm: where the origin of all places lies in the coordinates of the sensor.
         reference: a path, `first:N` frames, `array:NAME` of the same files, or `none`.
         released: the array of the files with a frame of the untouched sensor for each of `frames`;
             `ALTERNATING` where frames are released, pressed, released, pressed ...
@@ -42,7 +44,8 @@ class ImportOptions:
     """
 
     frames: Choice = field(default_factory=Choice)
-    labels: Path | None = None
+    labels: str | None = None
+    origin_mm: tuple[float, float] | None = None
     reference: str | None = None
     released: str | None = None
     differences: bool = False
@@ -57,7 +60,8 @@ def import_files(
         InputError: something is not there or fits twice, with what to say about it.
         UnreadableError, DataCorruptError: a file cannot be read, or is not what it should be.
     """
-    beside = [*reference_paths(options.reference), *([options.labels] if options.labels else [])]
+    sheet = _sheet(options.labels)
+    beside = [*reference_paths(options.reference), *([sheet] if sheet else [])]
     paths, others = found_files(sources, beside)
     files = [_one_of(paths, path, sensor, options.frames) for path in paths]
     hows = Counter(file.frames.how for file in files)
@@ -80,7 +84,7 @@ def _frames(
 ) -> tuple[Content, list[str]]:
     """The recording of frames that follow each other, and what its marks are."""
     values, parts, rows, of_reference = stacked(files, sensor, options.frames, options.reference)
-    table, of_labels = _label_table(files, parts, rows, options.labels)
+    table, of_labels = _label_table(files, parts, rows, options)
     content = without_times(values, sensor, "imported")
     labels = sheets.as_labels(table)
     return replace(content, reference=rows, labels=labels), [of_reference, of_labels]
@@ -105,7 +109,7 @@ def _touches_alone(
         found = [_pairs(file, sensor, options.frames, options.released) for file in files]
         released, files = [before for before, _ in found], [file for _, file in found]
     pressed, parts, _, _ = stacked(files, sensor, options.frames, "none")
-    table, of_labels = _label_table(files, parts, _NO_ROWS, options.labels)
+    table, of_labels = _label_table(files, parts, _NO_ROWS, options)
     contacts = None
     if not len(table):
         of_labels = f"Touches: {len(pressed)}, without places, since --labels names no sheet."
@@ -113,7 +117,12 @@ def _touches_alone(
         labels = sheets.as_labels(table)
         if (labels["first"] != labels["last"]).any():
             raise InputError("A pair or a difference is one touch: label single frames.")
-        contacts = labels.assign(touch=labels["first"])
+        named, touch = np.unique(labels["first"], return_inverse=True)
+        contacts = labels.assign(touch=touch)
+        if left := len(pressed) - len(named):
+            of_labels += f" Left out: {counted(left, 'touch', 'touches')} without a row of labels."
+            pressed = pressed[named]
+            released = [np.concatenate(released)[named]] if released else []
     if options.differences:
         said = "Reference: none, the values are differences; the model's frame stands for it."
         return from_differences(pressed, sensor, "imported", contacts), [said, of_labels]
@@ -162,11 +171,22 @@ def _read(path: Path, sensor: Sensor, choice: Choice) -> FrameFile:
     return FrameFile(path, arrays, find_frames(others, sensor, path, choice))
 
 
-def relabelled(content: Content, path: Path, sheet: Path) -> tuple[pd.DataFrame, list[str]]:
+def relabelled(
+    content: Content, path: Path, options: ImportOptions
+) -> tuple[pd.DataFrame, list[str]]:
     """The labels that a sheet gives to the recording at `path`, and what they are."""
+    if (sheet := _sheet(options.labels)) is None:
+        raise InputError(
+            f"{path} is a recording, whose arrays have names of its own: --labels names a sheet."
+        )
     part = FramesOf(path, 0, len(content))
     table, said = _of_sheet(sheet, [part], content.reference)
-    return sheets.as_labels(table), [said]
+    return sheets.as_labels(sheets.moved(table, options.origin_mm)), [said]
+
+
+def _sheet(labels: str | None) -> Path | None:
+    """The path of the sheet that `--labels` names; None where it names an array, or nothing."""
+    return None if labels is None or labels.startswith("array:") else Path(labels)
 
 
 def _of_sheet(path: Path, parts: list[FramesOf], reference: Index) -> tuple[pd.DataFrame, str]:
@@ -181,16 +201,21 @@ def _of_sheet(path: Path, parts: list[FramesOf], reference: Index) -> tuple[pd.D
 
 
 def _label_table(
-    files: list[FrameFile], parts: list[FramesOf], reference: Index, sheet: Path | None
+    files: list[FrameFile], parts: list[FramesOf], reference: Index, options: ImportOptions
 ) -> tuple[pd.DataFrame, str]:
     """Labels by rows of the recording, of a sheet or else of the files, and what they are."""
-    if sheet is not None:
-        return _of_sheet(sheet, parts, reference)
+    if (sheet := _sheet(options.labels)) is not None:
+        table, said = _of_sheet(sheet, parts, reference)
+        return sheets.moved(table, options.origin_mm), said
     tables, left_out = [], 0
     for file, part in zip(files, parts, strict=True):
         beside = {n: a for n, a in file.arrays.items() if n != file.frames.name}
-        if any(map(sheets.is_label, beside)):
-            inside = sheets.parsed(beside, file.path)
+        if options.labels is not None or any(map(sheets.is_label, beside)):
+            inside = (
+                sheets.parsed(beside, file.path)
+                if options.labels is None
+                else sheets.array_labels(file.arrays, options.labels, file.path)
+            )
             table, _, without = sheets.placed(inside, [part], reference, file.path)
             tables.append(table)
             left_out += without
@@ -198,8 +223,9 @@ def _label_table(
         return pd.DataFrame(), (
             "Touches: none, since the files hold no labels and --labels names no sheet of them."
         )
-    table = pd.concat(tables, ignore_index=True)
-    return table, touches(table, "the files") + _left_out(left_out)
+    table = sheets.moved(pd.concat(tables, ignore_index=True), options.origin_mm)
+    by = "the files" if options.labels is None else options.labels
+    return table, touches(table, by) + _left_out(left_out)
 
 
 def _left_out(count: int) -> str:
@@ -222,15 +248,17 @@ def _unused(files: list[FrameFile], options: ImportOptions) -> list[str]:
     """Arrays and columns of the files that are neither frames nor labels nor reference."""
     found: dict[str, None] = {}
     alone = options.released is not None or options.differences
+    by_array = options.labels is not None and _sheet(options.labels) is None
+    of_labels = sheets.array_columns(options.labels or "")[0] if by_array else None
     for file in files:
         for name, array in file.arrays.items():
-            used = name in (file.frames.name, options.released, ALL_COLUMNS)
+            used = name in (file.frames.name, options.released, of_labels, ALL_COLUMNS)
             used |= name == REFERENCE and not alone
             used |= f"array:{name}" == options.reference
             used |= file.frames.name == ALL_COLUMNS and array.dtype.kind != "U"
             used |= sheets.is_label(name) and options.labels is None
             if not used:
-                shape = " x ".join(map(str, array.shape))
+                shape = "no array" if array is UNREAD else " x ".join(map(str, array.shape))
                 found[f"{name or 'a column without a name'} ({shape})"] = None
     listed = list(found)
     return [*listed[:8], *([f"{len(listed) - 8} more"] if len(listed) > 8 else [])]

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from eitbench.scenarios.errors import DataCorruptError, EitbenchError, InputError, UnreadableError
 from eitbench.scenarios.recordings.files import layout
 from eitbench.scenarios.recordings.files.csv_mat import OURS
-from eitbench.scenarios.recordings.matlab import variables
+from eitbench.scenarios.recordings.matlab import all_variables, variables
 from eitbench.scenarios.storage.limits import most_bytes, own_dataset
 from eitbench.scenarios.storage.try_reading import try_reading
 
@@ -29,6 +29,8 @@ TABLE = "values"
 """Name of the array of a table without names of columns, and of a file with one array."""
 ALL_COLUMNS = "all columns"
 """Name of the array of all columns of numbers, where a table has more than one series."""
+UNREAD: NDArray[Any] = np.empty(0, dtype=object)
+"""In the place of what a file holds beside arrays of numbers and text, such as structs."""
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _SERIES = re.compile(r"(.*?)[\s_.(\[-]*(\d+)[)\]]?")
 
@@ -269,13 +271,13 @@ def _matlab(path: Path) -> Arrays:
     if _is_hdf5(path):
         # MATLAB stores columns first, as HDF5 does not know.
         return {name: array.T for name, array in _hdf5(path).items()}
-    found = variables(path)
-    if not found:
+    found = all_variables(path)
+    if all(value is None for value in found.values()):
         raise ValueError(
             "it holds no arrays: save the parts of structs, cell arrays and sparse matrices as "
             "arrays of their own (save -struct)"
         )
-    return {name: np.asarray(value) for name, value in found.items()}
+    return {name: UNREAD if value is None else np.asarray(value) for name, value in found.items()}
 
 
 def _is_hdf5(path: Path) -> bool:
@@ -292,7 +294,8 @@ def _npz(path: Path) -> Arrays:
     with zipfile.ZipFile(path) as archive:
         _refuse_expansion(archive, path)
     with np.load(path, allow_pickle=False) as arrays:
-        return {name: arrays[name] for name in arrays.files if arrays[name].dtype.kind in "biufcU"}
+        found = {name: arrays[name] for name in arrays.files}
+    return {name: a if a.dtype.kind in "biufcU" else UNREAD for name, a in found.items()}
 
 
 def _refuse_expansion(archive: zipfile.ZipFile, path: Path) -> None:
@@ -313,6 +316,8 @@ def _hdf5(path: Path) -> Arrays:
         if part.dtype.kind in "biufc" or set(parts) == {"real", "imag"}:
             array = np.asarray(own_dataset(part.file, name, most)[()])
             found[name] = array["real"] + 1j * array["imag"] if parts else array
+        else:
+            found[name] = UNREAD
 
     with h5py.File(path, "r") as file:
         if file.attrs.get("format") == layout.FORMAT.encode():

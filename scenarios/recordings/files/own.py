@@ -111,9 +111,16 @@ def _usable(path: Path) -> Content:
     """The content of the file at `path`, if methods can be evaluated on it."""
     content, _ = undamaged(path)
     untouched = content.differences or len(content.reference) or has_own_references(content).all()
-    for name, marked in (("labels", len(content.labels)), ("reference frames", untouched)):
+    for name, marked, option in (
+        ("labels", len(content.labels), "--labels SHEET"),
+        ("reference frames", untouched, "--reference first:N"),
+    ):
         if not marked:
-            raise InputError(f"{path} has no {name}, so it is no set: record with --guided.")
+            raise InputError(
+                f"{path} has no {name}, so that methods cannot be compared on it: record with "
+                f"--guided, or give them by `eitbench recordings import {path} {option} --out "
+                "NEW.h5`."
+            )
     if len(wrong := impossible(content.values)):
         raise DataCorruptError(
             f"{path} is not used: frame {wrong[0]} holds {peak(content.values[wrong[0]])}."

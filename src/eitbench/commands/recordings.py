@@ -81,8 +81,19 @@ def import_command(
         typer.Option(help="What was measured, or a sensor file, .toml, if SOURCE does not say."),
     ] = None,
     labels: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="A sheet with a row for each touch: places, states."),
+        str | None,
+        typer.Option(
+            metavar="FILE",
+            help="A sheet with a row for each touch: places, states; or an array of SOURCE and its "
+            "columns, array:NAME:x_mm,y_mm.",
+        ),
+    ] = None,
+    origin: Annotated[
+        tuple[float, float] | None,
+        typer.Option(
+            metavar="X_MM Y_MM",
+            help="Where the origin of the places lies on the sensor [mm], if it is another.",
+        ),
     ] = None,
     reference: Annotated[
         str | None,
@@ -120,6 +131,6 @@ def import_command(
 
     nominal = None if sensor is None else sensor_by_name(sensor)
     choice = Choice(frames, order, values)
-    options = ImportOptions(choice, labels, reference, released, differences)
+    options = ImportOptions(choice, labels, origin, reference, released, differences)
     for sentence in import_recording(sources, out, nominal, options):
         typer.echo(sentence)

@@ -82,6 +82,21 @@ def test_every_check_can_fail() -> None:
     assert set().union(*BROKEN.values()) == {check.__name__ for check in OPERATOR_CHECKS}
 
 
+def test_an_operator_that_cannot_be_evaluated_is_told_so_once(tmp_path: Path) -> None:
+    plugin = tmp_path / "fails.py"
+    plugin.write_text(
+        "from eitbench.methods import Operator, register_operator\n"
+        "@register_operator('fails')\n"
+        "class Fails(Operator):\n"
+        "    def tensor_voltages(self, sigma):\n"
+        "        raise ArithmeticError('no voltages')\n"
+    )
+    report = check_operator("fails", plugin=plugin)
+    assert [result.check for result in report.results] == ["described", "shapes"]
+    assert report.results[1].message == "it raises ArithmeticError: no voltages."
+    assert report.untried == len(OPERATOR_CHECKS) - 2
+
+
 @pytest.mark.parametrize("name", ["fem", "jacobian"])
 def test_what_comes_with_eitbench_keeps_the_contract(name: str) -> None:
     subject = OperatorUnderTest.of(partial(operator, name))

@@ -30,6 +30,8 @@ class Toy(Method):
 class FitRaises(Toy):
     """Cannot be set up."""
 
+    source = "A. Author, Fits that fail, 2024,\ndoi:10.1000/182"
+
     def fit(self, problem: Problem) -> None:
         raise ValueError("no licence for this sensor")
 

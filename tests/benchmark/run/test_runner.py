@@ -108,6 +108,13 @@ def test_a_method_costs_its_own_rows_only(
     assert table.loc[method, "coverage"] == statuses.get("ok", 0) / N
 
 
+def test_a_method_that_cannot_be_fitted_keeps_its_source(table: pd.DataFrame) -> None:
+    assert table.loc["toy-fit-raises", "source"] == (
+        "A. Author, Fits that fail, 2024,\ndoi:10.1000/182"
+    )
+    assert table.loc["noser", "source"] == methods()["noser"].source
+
+
 def test_what_a_method_prints_goes_to_its_log(toy_run: Path) -> None:
     text = (toy_run / "logs" / "tiny--toy-prints.log").read_text()
     assert "hello from the plugin" in text
@@ -118,7 +125,7 @@ def test_an_exception_of_a_method_shows_where_it_was_raised(
     toy_run: Path, table: pd.DataFrame
 ) -> None:
     trace = str(table.loc["toy-fit-raises", "trace"])
-    where = 'toy_methods.py", line 34, in fit'
+    where = 'toy_methods.py", line 36, in fit'
     assert trace.split("\n")[0].endswith(where)
     assert "raise ValueError" in trace
     assert "eitbench" not in trace  # none of its callers
@@ -323,7 +330,7 @@ def test_a_run_is_finished_only_with_every_cell(
 
     with monkeypatch.context() as patch:
         patch.setattr(execution, "run_cell", forget)
-        with pytest.raises(EitbenchError, match=r"1 of the 2 cells .* are not complete"):
+        with pytest.raises(EitbenchError, match=r"1 of 2 cells .* is not finished"):
             start_run(plan_of(tiny, toys, "noser", "toy-good"), tmp_path / "run")
     manifest = json.loads((tmp_path / "run" / "manifest.json").read_text())
     assert manifest["status"] == "interrupted"

@@ -100,6 +100,8 @@ def test_the_command_of_a_tuned_row_makes_it_again(run: Path, tmp_path: Path) ->
         ("nowhere.json", "'nowhere.json': No such file"),
         ("{", "it is not JSON of this form"),
         ('{"noser": 3}', "it is not JSON of this form"),
+        ('{"noser": {}, "tv": {}, "noser": {}}', "name 'noser' more than once"),
+        ('{"noser": {"weight": 1, "weight": 2}}', "name 'weight' more than once"),
     ],
 )
 def test_parameters_that_are_none_are_refused(text: str, sentence: str) -> None:
@@ -110,6 +112,8 @@ def test_parameters_that_are_none_are_refused(text: str, sentence: str) -> None:
 def test_parameters_are_of_methods_that_are_run_and_take_them() -> None:
     with pytest.raises(InputError, match="Unknown method in the parameters: 'nosr'"):
         make_plan(SUITE, parameters={"nosr": {}})
+    with pytest.raises(InputError, match=r"'constant' cannot be made with \{'faktor': 1\}"):
+        make_plan(SUITE, plugins=[PLUGIN], parameters={"constant": {"faktor": 1}})
     with pytest.raises(InputError, match="Method 'noser' cannot be made with"):
         make_plan(SUITE, parameters={"noser": {"wait": 1}})
 

@@ -225,7 +225,7 @@ class Mine(Method):
 def test_a_plugin_cannot_have_any_name(name: str, sentence: str, tmp_path: Path) -> None:
     plugin = tmp_path / "plugin.py"
     plugin.write_text(REGISTERS.format("ü" * 40), encoding="utf-8")
-    assert plugin_names(plugin).methods == ["ü" * 40]
+    assert list(plugin_names(plugin).methods) == ["ü" * 40]
     plugin.write_text(REGISTERS.format(name), encoding="utf-8")
     with pytest.raises(InputError, match=sentence):
         plugin_names(plugin)

@@ -150,7 +150,7 @@ def test_recordings_are_checked_and_exchanged(
         assert "No such file" in err
     code, _, err = eitbench("recordings", "fetch", path)
     assert code == 2
-    assert "has no labels, so it is no set: record with --guided" in err
+    assert "has no labels, so that methods cannot be compared on it" in err
 
 
 def recorded(path: Path) -> int:

@@ -35,6 +35,8 @@ def imported(tmp_path: Path, skin: Sensor) -> Callable[..., tuple[Content, str]]
 
     def run(*sources: str, sensor: Sensor = skin, **options: Any) -> tuple[Content, str]:
         out = tmp_path / f"{len(list(tmp_path.glob('*.h5')))}-out.h5"
+        if "labels" in options:
+            options["labels"] = str(options["labels"])
         choice = Choice(*(options.pop(name, None) for name in ("name", "order", "part")))
         said = import_recording(
             [str(tmp_path / source) for source in sources],
@@ -259,7 +261,7 @@ def test_what_is_no_file_of_frames_is_told(tmp_path: Path, imported: Import) -> 
 def test_contacts_of_touches_are_counted(tmp_path: Path, imported: Import) -> None:
     np.savetxt(tmp_path / "a.csv", VALUES, delimiter=",")
     (tmp_path / "sheet.csv").write_text("frame,x_mm,y_mm\n3,10,20\n3,30,20\n4,10,20\n")
-    _, said = imported("a.csv", labels=tmp_path / "sheet.csv", reference="first:2")
+    _, said = imported("a.csv", labels=str(tmp_path / "sheet.csv"), reference="first:2")
     assert "Touches: 2 with 3 contacts, all with a place" in said
     assert "2 touches with 3 contacts, started" in check(tmp_path / "0-out.h5")[1][0]
 
@@ -326,7 +328,7 @@ def test_wrong_sheets_are_one_sentence(
     np.savetxt(tmp_path / "a.csv", VALUES, delimiter=",")
     (tmp_path / "sheet.csv").write_text(text)
     with pytest.raises(EitbenchError, match=says):
-        imported("a.csv", labels=tmp_path / "sheet.csv")
+        imported("a.csv", labels=str(tmp_path / "sheet.csv"))
     assert not list(tmp_path.glob("*.h5"))
 
 
@@ -375,7 +377,7 @@ def test_an_exported_file_without_its_header_keeps_labels(
 ) -> None:
     np.save(tmp_path / "a.npy", VALUES)
     (tmp_path / "sheet.csv").write_text("frame,x_mm,y_mm,state\n2,10,20,one\n3,10,30,two ü\n")
-    first, _ = imported("a.npy", labels=tmp_path / "sheet.csv", reference="first:2")
+    first, _ = imported("a.npy", labels=str(tmp_path / "sheet.csv"), reference="first:2")
     export_recording(tmp_path / "0-out.h5", tmp_path / "whole.mat")
     arrays = scipy.io.loadmat(tmp_path / "whole.mat")
     kept = {n: a for n, a in arrays.items() if not n.startswith("__") and n != "header"}
@@ -428,7 +430,7 @@ def test_what_fits_twice_is_asked(tmp_path: Path, imported: Import) -> None:
         imported("two.npz")
     square = np.arange(1600.0).reshape(40, 40)
     np.save(tmp_path / "square.npy", square)
-    with pytest.raises(InputError, match="shape 40 x 40, which fits twice: say --order rows or"):
+    with pytest.raises(InputError, match=r"shape 40 x 40, which fits twice .* say --order rows or"):
         imported("square.npy")
     np.testing.assert_array_equal(imported("square.npy", order="columns")[0].values, square.T)
     matrix = full_matrices(VALUES[:1], 0.0)[0]
@@ -544,7 +546,7 @@ def test_a_recording_gets_labels_later(tmp_path: Path, imported: Import) -> None
     np.save(tmp_path / "a.npy", VALUES)
     imported("a.npy")
     (tmp_path / "sheet.csv").write_text("first,last,x_mm,y_mm\n2,3,10,20\n")
-    options = ImportOptions(labels=tmp_path / "sheet.csv", reference="first:2")
+    options = ImportOptions(labels=str(tmp_path / "sheet.csv"), reference="first:2")
     export_recording(tmp_path / "0-out.h5", tmp_path / "a.csv")
     for k, source in enumerate(("0-out.h5", "a.csv")):
         import_recording([str(tmp_path / source)], tmp_path / f"new{k}.h5", None, options)
@@ -552,6 +554,60 @@ def test_a_recording_gets_labels_later(tmp_path: Path, imported: Import) -> None
         assert content.reference.tolist() == [0, 1]
         assert content.labels[["first", "last"]].to_numpy().tolist() == [[2, 3]]
         np.testing.assert_array_equal(content.values, VALUES)
+
+
+def test_frames_along_the_last_of_three_axes(tmp_path: Path, imported: Import) -> None:
+    """As instruments and MATLAB programs store them: drive x sense pair x frame."""
+    np.save(tmp_path / "cube.npy", VALUES.reshape(6, 8, 5).transpose(1, 2, 0))
+    content, said = imported("cube.npy")
+    np.testing.assert_array_equal(content.values, VALUES)
+    assert "array 'values', its axes are drive x sense pair x frame." in said
+    np.save(tmp_path / "square.npy", full_matrices(VALUES, 0.0).transpose(1, 2, 0))
+    with pytest.raises(InputError, match=r"fits twice \(its axes are .* x frame"):
+        imported("square.npy")
+    content, said = imported("square.npy", order="rows")
+    np.testing.assert_array_equal(content.values, VALUES)
+    assert "its axes are drive x sense pair x frame; of its 64 values 24 are dropped" in said
+    eight = np.concatenate([VALUES, VALUES[:2]])
+    np.save(tmp_path / "eight.npy", full_matrices(eight, 0.0))
+    with pytest.raises(InputError, match=r"frame x drive .*; its axes are drive .* x frame\)"):
+        imported("eight.npy", order="rows")
+
+
+def test_places_in_an_array_of_any_name_and_from_another_origin(
+    tmp_path: Path, imported: Import
+) -> None:
+    places = np.arange(18.0).reshape(6, 3)
+    np.savez(tmp_path / "robot.npz", v=VALUES, positions=places)
+    content, said = imported("robot.npz", labels="array:positions:x_mm,y_mm,depth_mm")
+    found = content.labels[["x_m", "y_m", "depth_mm"]].to_numpy()
+    np.testing.assert_allclose(found, places / [1e3, 1e3, 1.0])
+    assert "Touches: 6, all with a place, by array:positions:x_mm,y_mm,depth_mm." in said
+    assert "Not used" not in said
+    content, _ = imported(
+        "robot.npz", labels="array:positions:x_m,y_m,depth_mm", origin_mm=(20.0, -5.0)
+    )
+    np.testing.assert_allclose(
+        content.labels[["x_m", "y_m"]], places[:, :2] + [0.02, -0.005], rtol=1e-12
+    )
+    for given, sentence in (
+        ("array:positions:x_mm,y_mm", "'positions' of 2 columns .* there has the shape 6 x 3"),
+        ("array:places:x_mm,y_mm", "'places' of 2 columns .* there is none"),
+        ("array:positions:x,y,z", "with a name for each of its columns, out of x_mm, x_m"),
+        ("array:positions", "is given as array:NAME:x_mm,y_mm"),
+    ):
+        with pytest.raises(InputError, match=sentence):
+            imported("robot.npz", labels=given)
+
+
+def test_what_is_no_array_is_named_as_not_used(tmp_path: Path, imported: Import) -> None:
+    struct = {"a": 1.0}
+    scipy.io.savemat(tmp_path / "s.mat", {"v": VALUES, "setup": struct})
+    assert "Not used: setup (no array)." in imported("s.mat")[1]
+    np.savez(tmp_path / "s.npz", v=VALUES, log=np.zeros(2, dtype=[("t", "f8"), ("n", "i4")]))
+    assert "Not used: log (no array)." in imported("s.npz")[1]
+    hdf5(tmp_path / "s.h5", {"v": VALUES, "note": "by hand"})
+    assert "Not used: note (no array)." in imported("s.h5")[1]
 
 
 @pytest.mark.parametrize(
@@ -578,10 +634,32 @@ def test_public_files_give_the_frames_of_the_packaged_readers(
         np.testing.assert_allclose(packaged.voltages - packaged.reference, frames - up, atol=1e-9)
 
 
+def test_a_touch_without_a_row_of_labels_is_left_out_and_told(tmp_path: Path) -> None:
+    released, pressed, places = pressed_skin(12)
+    places.loc[3] = np.nan
+    places.to_csv(tmp_path / "places.csv", index=False)
+    np.savez(tmp_path / "two.npz", down=pressed, up=released)
+    np.save(tmp_path / "changes.npy", pressed - released)
+    sheet, kept = str(tmp_path / "places.csv"), np.delete(pressed, 3, axis=0)
+    for name, options in (
+        ("two.npz", ImportOptions(Choice("down"), sheet, released="up")),
+        ("changes.npy", ImportOptions(labels=sheet, differences=True)),
+    ):
+        out = tmp_path / f"{name}.h5"
+        said = " ".join(import_recording([str(tmp_path / name)], out, SKIN, options))
+        assert "Touches: 11, all with a place" in said
+        assert "Left out: 1 row without a place or another value." in said
+        assert "Left out: 1 touch without a row of labels." in said
+        content, _ = read_file(out)
+        touched = content.values[content.labels["first"]]
+        without = np.delete(released, 3, axis=0) if content.differences else 0.0
+        np.testing.assert_allclose(touched, kept - without, atol=1e-12)
+
+
 def test_touches_come_with_released_frames_or_as_differences(tmp_path: Path) -> None:
     """Released and pressed arrays, alternating frames and differences tell the same touches."""
     released, pressed, places = pressed_skin(12, drift=0.5)
-    sheet = tmp_path / "places.csv"
+    sheet = str(tmp_path / "places.csv")
     places.to_csv(sheet, index=False)
     np.savez(tmp_path / "two.npz", down=pressed, up=released)
     np.save(tmp_path / "turns.npy", np.stack([released, pressed], axis=1).reshape(24, -1))
@@ -649,7 +727,7 @@ def test_pairs_that_do_not_fit_are_told(tmp_path: Path) -> None:
     released, pressed, places = pressed_skin(4)
     np.savez(tmp_path / "two.npz", down=pressed, up=released[:3])
     np.save(tmp_path / "odd.npy", pressed[:3])
-    sheet = tmp_path / "places.csv"
+    sheet = str(tmp_path / "places.csv")
     places[:2].to_csv(sheet, index=False)
     for name, options, said in (
         ("two.npz", ImportOptions(Choice("down"), released="up"), "'up' of .* holds 3 frames, and"),
