@@ -73,7 +73,7 @@ def _of_time(run: Run) -> list[Finding]:
 
 
 def _of_two_touches(run: Run) -> list[Finding]:
-    table = told_apart(run)
+    table = told_apart(run.samples)
     if table.empty:
         return []
     x_label = "distance of the two touches [mm]"

@@ -69,7 +69,17 @@ def simulated(suite: str) -> list[SimulatedScenario]:
 
 
 def test_packaged_suites_are_these() -> None:
-    methods = {"quick", "paper", "paper-noise", "noise", "shapes", "presses", "recorded"}
+    methods = {
+        "quick",
+        "paper",
+        "paper-noise",
+        "noise",
+        "shapes",
+        "presses",
+        "recorded",
+        "drift",
+        "two-touch",
+    }
     methods |= {"sim2real", "objects"}
     assert set(suites()) == methods | {"operators"}
     for name in suites():
