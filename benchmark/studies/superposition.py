@@ -17,6 +17,7 @@ import pandas as pd
 from scipy.optimize import nnls
 
 from eitbench.benchmark.analysis.two_touch import told_apart
+from eitbench.benchmark.metrics.evaluation import REGISTRATION_FRAMES
 from eitbench.benchmark.metrics.tactile import distances
 from eitbench.benchmark.rundir.manifest import git_commit, now, versions
 from eitbench.scenarios.arrays import Array
@@ -25,7 +26,13 @@ from eitbench.scenarios.recordings.descriptors import contact_places
 from eitbench.scenarios.recordings.fetch import read_recording
 from eitbench.scenarios.recordings.superposed import DISTANCES_MM, TOLERANCE_MM
 
-SINGLE, SUPERPOSED, REAL = "superpose500", "superposed-pairs", "hydrogel-two-probes"
+SINGLE, REAL = "superpose500", "hydrogel-two-probes"
+TOUCHES = {
+    "superposed-pairs": "superposed-pairs",
+    "real-pairs": REAL,
+    "superposed-pairs-cam09-05": "superposed-pairs-cam09-05",
+}
+"""Scenarios of the suite `two-touch`, and their recorded sets."""
 FIT = "fit of two presses"
 _LENGTH, _RIDGE = 0.015, 0.3
 _STEP = 0.005
@@ -154,8 +161,8 @@ def _row(kind: str, distance: float, share: Array) -> dict[str, object]:
 def fitted_touches() -> pd.DataFrame:
     """Touches of the suite `two-touch` found by a fit of two known presses, as rows of a run.
 
-    The map learns from the 100 validation presses, which register images in the suite. The fit is
-    told that there are two contacts.
+    The map learns from the presses that register images in the suite, the first 100 of the
+    validation split. The fit is told that there are two contacts.
 
     Returns:
         Columns `scenario`, `method`, `sample`, `probe_distance_mm`, `contacts`,
@@ -163,9 +170,10 @@ def fitted_touches() -> pd.DataFrame:
         `eitbench.benchmark.analysis.two_touch` takes them.
     """
     tables = []
-    for scenario, name in (("superposed-pairs", SUPERPOSED), ("real-pairs", REAL)):
+    for scenario, name in TOUCHES.items():
         places, change, test = _presses(name)
-        directions = learned_directions(places[~test, 0], change[~test])
+        known = np.flatnonzero(~test)[:REGISTRATION_FRAMES]
+        directions = learned_directions(places[known, 0], change[known])
         two = test & np.isfinite(places).all(axis=(1, 2))
         found = fitted_pairs(directions, change[two])
         error = 1e3 * np.array(
@@ -198,7 +206,11 @@ def record(command: str) -> dict[str, object]:
         "written": now(),
         "versions": versions(),
         "git_commit": git_commit(),
-        "files": {file.path: file.sha256 for n in (SINGLE, REAL) for file in recorded_set(n).files},
+        "files": {
+            file.path: file.sha256
+            for name in (SINGLE, *TOUCHES.values())
+            for file in recorded_set(name).files
+        },
         "explained": superposition().to_dict("records"),
         "told_apart": apart.to_dict("records"),
     }
