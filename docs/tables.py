@@ -14,7 +14,9 @@ import pandas as pd
 
 from eitbench.benchmark.analysis.results import GUESS
 from eitbench.reports.claims.rules import LABELS
+from eitbench.reports.figures.touches import alarm_grid, apart_grid, time_grid
 from eitbench.reports.studies.priors import priors_table
+from eitbench.reports.studies.superposition import explained_table
 from eitbench.reports.tables.formats import markdown_table
 from eitbench.reports.tables.published import TABLE_I, TABLE_II
 
@@ -339,6 +341,35 @@ def _each_skin() -> str:
     return _table(heads, rows)
 
 
+def _course() -> str:
+    """Return the error in the first, middle and last fifth of the presses."""
+    heads, *rows = time_grid(pd.read_csv(STUDIES / "drift" / "over-time.csv"))
+    return _table(heads, [_named(row, 2) for row in rows])
+
+
+def _alarms() -> str:
+    heads, *rows = alarm_grid(pd.read_csv(STUDIES / "drift" / "alarms.csv"))
+    return _table(heads, rows)
+
+
+def _told_apart() -> str:
+    """Return the shares told apart by images, and by the fit of two presses."""
+    folder = STUDIES / "two-touch"
+    fitted = json.loads((folder / "superposition.json").read_text())["told_apart"]
+    stored = pd.concat([pd.read_csv(folder / "two-touch.csv"), pd.DataFrame(fitted)])
+    heads, *rows = apart_grid(stored)
+    return _table(heads, [_named(row, 1) for row in sorted(rows, key=lambda row: row[0])])
+
+
+def _named(row: Sequence[str], names: int) -> list[str]:
+    return [*(f"`{name}`" for name in row[:names]), *row[names:]]
+
+
+def _explained() -> str:
+    stored = (STUDIES / "two-touch" / "superposition.json").read_text()
+    return explained_table(json.loads(stored))
+
+
 TABLES: dict[str, Callable[[], str]] = {
     "generators": partial(_generators, 1, 2, form=".2f"),
     "noise and unseen shapes": partial(_generators, 2, form=".1f"),
@@ -368,6 +399,10 @@ TABLES: dict[str, Callable[[], str]] = {
     "peers": _peers,
     "skins": _skins,
     "each skin": _each_skin,
+    "error over time": _course,
+    "alarms": _alarms,
+    "told apart": _told_apart,
+    "superposition": _explained,
 }  # fmt: skip
 
 

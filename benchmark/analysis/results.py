@@ -59,6 +59,7 @@ TEXTS = (
 )
 NUMBERS = (
     *("sample", *SNR_COLUMNS, "contacts", "cc_undefined", "overlap"),
+    *("probe_distance_mm", "time_s", "cuts"),
     *(name for place in PLACES for name in place),
     *("calibration_ms", "calibration_spread", "load", "cpu_mhz"),
     *METRIC_COLUMNS,

@@ -25,6 +25,7 @@ from eitbench.reports.figures import ladder as ladder_figures
 from eitbench.reports.figures.critical_difference import to_png
 from eitbench.reports.figures.ladder import LEGEND, grid, write_files
 from eitbench.reports.figures.style import COLOURS, CONDUCTIVITY_MAP, CONTRAST_MAP, STYLE
+from eitbench.reports.figures.touches import Finding, findings
 from eitbench.reports.page.answer import answer
 from eitbench.reports.page.images import pack
 from eitbench.reports.page.paper import board_maps, overall_figure, write_paper
@@ -48,9 +49,10 @@ def write_report(runs: Sequence[Path], out: Path) -> list[Path]:
     """
     report = report_data(runs)
     ladders = _ladders(runs)
+    found = [finding for run in runs for finding in findings(read_run(run))]
     try:
         written = [out / PAGE, out / DATA]
-        page = to_page(report, list(ladders.values()), _code_links(report, runs, out))
+        page = to_page(report, list(ladders.values()), _code_links(report, runs, out), found)
         atomic_write(written[0], page.encode())
         atomic_write(written[1], (json.dumps(report, allow_nan=False) + "\n").encode())
         written += write_paper(report, out)
@@ -87,11 +89,13 @@ def to_page(
     report: ReportData,
     ladders: Sequence[Ladder] = (),
     code_links: Mapping[str, str] = MappingProxyType({}),
+    found: Sequence[Finding] = (),
 ) -> str:
     """Return the HTML page of a report, with its ladders from simulation to reality.
 
     Args:
         code_links: addresses of the files that `code` of a row names.
+        found: what the runs say of time and of two touches.
     """
     methods = _methods(report)
     suites = dict.fromkeys(board["suite"] for board in report["boards"])
@@ -114,6 +118,7 @@ def to_page(
             {"grid": grid(ladder), "figure": ladder_figures.to_png(ladder)} for ladder in ladders
         ],
         ladder_legend=LEGEND,
+        findings=[(finding, _picture(finding)) for finding in found],
         answers=[answer(board, report["boards"]) for board in report["boards"]],
         methods=methods,
         counted_data=counted_data(report["boards"]),
@@ -145,6 +150,14 @@ def _methods(report: ReportData) -> list[dict[str, Any]]:
             if told := row.get("prior_knowledge"):
                 about["told"].setdefault(told, []).append(board["scenario"])
     return list(found.values())
+
+
+def _picture(finding: Finding) -> str:
+    """Return the figure of a finding as a `data:` address; "" where there is none."""
+    import matplotlib as mpl
+
+    with mpl.rc_context(STYLE):
+        return "" if finding.figure is None else to_png(finding.figure)
 
 
 def _critical_difference(report: ReportData) -> str:

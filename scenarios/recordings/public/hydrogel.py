@@ -38,8 +38,8 @@ touches): A and B on both sides of the centre, C 46 and 66 mm from it (but for t
 the centre), turned clockwise. The crosses differ from this rule by up to 6 mm, so that these places
 of `hydrogel-two-probes` are known to about 5 mm; the single presses agree with them.
 
-`hydrogel-damage` is a skin like these, in an untouched frame every 8 s, cut three times. Its file
-holds nothing but frames. When and where it was cut stands in upstream's figure
+`hydrogel-damage` is a skin like these, a frame every 8 s, cut three times and not touched else. Its
+file holds nothing but frames. When and where it was cut stands in upstream's figure
 (`Figures/FinalFigb.pdf`): a time line, and a photograph of the cuts, from which the places are
 taken to about 5 mm. The frames of each cut follow from the only steps of 1 % and more.
 
@@ -203,15 +203,16 @@ def _tips(part: str, turn: float | None) -> NDArray[np.float64]:
 
 
 def _read_damage(folder: Path, sensor: Sensor) -> RecordedFrames:
-    """Read frames as measured; the first half of those before the first cut is for validation."""
+    """Read frames as measured; those that make the reference are the validation split."""
     frames = read_arrays(folder / _DAMAGE, "damage")["damage"]
     number = np.arange(len(frames))
     samples = pd.DataFrame(
         {
-            "split": np.where(number < CUTS[0].first // 2, "validation", "test"),
+            "split": np.where(number < START_FRAMES, "validation", "test"),
             "time_s": FRAME_INTERVAL_S * number,
             "cuts": sum((number >= cut.first).astype(int) for cut in CUTS),
-            "touched": False,
+            # By what cuts the skin.
+            "touched": sum((cut.first <= number) & (number < cut.after) for cut in CUTS) > 0,
         }
     )
     return RecordedFrames(frames, np.median(frames[:START_FRAMES], axis=0), samples)

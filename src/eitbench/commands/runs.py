@@ -221,7 +221,7 @@ def _show_run(result: "RunResult", as_json: bool, limit: int | None) -> None:
     typer.echo(f"Run: {result.path}")
     for path in figures:
         if path.suffix in (".png", ".md"):
-            typer.echo(f"{'Picture' if path.suffix == '.png' else 'Ladder'}: {path}")
+            typer.echo(f"{'Picture' if path.suffix == '.png' else 'Table'}: {path}")
 
 
 def _complete(run: Path) -> tuple[list[dict[str, Any]], list[Path]]:
@@ -229,13 +229,19 @@ def _complete(run: Path) -> tuple[list[dict[str, Any]], list[Path]]:
     from eitbench.benchmark.analysis.recording_notes import write_notes
     from eitbench.reports.figures.image_grid import write_figures
     from eitbench.reports.figures.ladder import write_ladder
+    from eitbench.reports.figures.touches import write_findings
     from eitbench.reports.figures.voltages import write_voltages
     from eitbench.reports.tables.leaderboard import ranked_rows, write_leaderboard
 
     write_notes(run)
     rows = ranked_rows([run])
     write_leaderboard(rows, run)
-    return rows, [*write_ladder(run), *write_figures(run), *write_voltages(run)]
+    return rows, [
+        *write_ladder(run),
+        *write_findings(run),
+        *write_figures(run),
+        *write_voltages(run),
+    ]
 
 
 @app.command(epilog="Example: eitbench reproduce --limit 200 --out runs/claims")
