@@ -12,8 +12,11 @@ from pathlib import Path
 
 import pandas as pd
 
+from eitbench.benchmark.analysis.results import GUESS
 from eitbench.reports.claims.rules import LABELS
+from eitbench.reports.figures.touches import alarm_grid, apart_grid, time_grid
 from eitbench.reports.studies.priors import priors_table
+from eitbench.reports.studies.superposition import explained_table
 from eitbench.reports.tables.formats import markdown_table
 from eitbench.reports.tables.published import TABLE_I, TABLE_II
 
@@ -289,6 +292,84 @@ def _peers() -> str:
     return _table(heads, rows)
 
 
+_PLACE_COLUMNS = {
+    "localisation_mm": ("median [mm]", ".1f"),
+    "localisation_p90_mm": ("90 % [mm]", ".1f"),
+    "within_5_mm": ("within 5 mm", ".0%"),
+    "within_10_mm": ("within 10 mm", ".0%"),
+    "unevenness": ("unevenness", ".2f"),
+    "worst_tenth_mm": ("worst tenth [mm]", ".1f"),
+}
+
+
+def _skins() -> str:
+    """Return the board over skins: ranks, and medians over the skins of what each has."""
+    stored = pd.read_csv(STUDIES / "skins" / "skins.csv")
+    found = json.loads((STUDIES / "skins" / "skins.json").read_text())["overall"]
+    medians = stored.groupby("method")[list(_PLACE_COLUMNS)].median()
+    rows = []
+    for row in found["rows"]:
+        figures = medians.loc[row["method"]]
+        rank, ratio = (
+            f"{row[of]:.2f} ({row[f'{of}_low']:.2f} to {row[f'{of}_high']:.2f})"
+            for of in ("rank", "ratio")
+        )
+        rows.append([
+            f"`{row['method']}`", rank, ratio,
+            *(format(figures[name], form) for name, (_, form) in _PLACE_COLUMNS.items()),
+        ])  # fmt: skip
+    guess = stored.drop_duplicates("scenario")[list(GUESS)].median()
+    guesses = zip(guess, _PLACE_COLUMNS.values(), strict=True)
+    rows.append(["one place", "", "1", *(format(value, form) for value, (_, form) in guesses)])
+    heads = ["", "mean rank (95 %)", "error over a guess's (95 %)"]
+    return _table([*heads, *(heading for heading, _ in _PLACE_COLUMNS.values())], rows)
+
+
+def _each_skin() -> str:
+    """Return the median error of every method on every skin."""
+    stored = pd.read_csv(STUDIES / "skins" / "skins.csv")
+    found = json.loads((STUDIES / "skins" / "skins.json").read_text())["overall"]
+    methods = [row["method"] for row in found["rows"]]
+    rows = []
+    for skin, of in stored.groupby("scenario", sort=False):
+        error = of.set_index("method")["localisation_mm"]
+        best = f"{error.min():.1f}"
+        texts = (f"{error[method]:.1f}" for method in methods)
+        marked = (f"**{text}**" if text == best else text for text in texts)
+        rows.append([f"`{skin}`", f"{of['n'].iloc[0]:,}", f"{of['guess_mm'].iloc[0]:.1f}", *marked])
+    heads = ["median error [mm]", "presses", "one place", *(f"`{method}`" for method in methods)]
+    return _table(heads, rows)
+
+
+def _course() -> str:
+    """Return the error in the first, middle and last fifth of the presses."""
+    heads, *rows = time_grid(pd.read_csv(STUDIES / "drift" / "over-time.csv"))
+    return _table(heads, [_named(row, 2) for row in rows])
+
+
+def _alarms() -> str:
+    heads, *rows = alarm_grid(pd.read_csv(STUDIES / "drift" / "alarms.csv"))
+    return _table(heads, rows)
+
+
+def _told_apart() -> str:
+    """Return the shares told apart by images, and by the fit of two presses."""
+    folder = STUDIES / "two-touch"
+    fitted = json.loads((folder / "superposition.json").read_text())["told_apart"]
+    stored = pd.concat([pd.read_csv(folder / "two-touch.csv"), pd.DataFrame(fitted)])
+    heads, *rows = apart_grid(stored)
+    return _table(heads, [_named(row, 1) for row in sorted(rows, key=lambda row: row[0])])
+
+
+def _named(row: Sequence[str], names: int) -> list[str]:
+    return [*(f"`{name}`" for name in row[:names]), *row[names:]]
+
+
+def _explained() -> str:
+    stored = (STUDIES / "two-touch" / "superposition.json").read_text()
+    return explained_table(json.loads(stored))
+
+
 TABLES: dict[str, Callable[[], str]] = {
     "generators": partial(_generators, 1, 2, form=".2f"),
     "noise and unseen shapes": partial(_generators, 2, form=".1f"),
@@ -316,6 +397,12 @@ TABLES: dict[str, Callable[[], str]] = {
     "ladder": _ladder,
     "operators": _operators,
     "peers": _peers,
+    "skins": _skins,
+    "each skin": _each_skin,
+    "error over time": _course,
+    "alarms": _alarms,
+    "told apart": _told_apart,
+    "superposition": _explained,
 }  # fmt: skip
 
 

@@ -36,7 +36,8 @@ LAG_S = LAG * FRAME_INTERVAL_S
 FALSE_ALARMS = 0.01
 RAW = "raw voltages"
 DAMAGE = "hydrogel-damage"
-_AROUND = 10
+_AROUND = 8
+"""As many as lie between the first two cuts."""
 
 
 def over_time(run: Run) -> pd.DataFrame:

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 from scipy.stats import binomtest
 
-from eitbench.benchmark.analysis.results import Run, cells_of
+from eitbench.benchmark.analysis.results import cells_of
 from eitbench.benchmark.metrics.statistics import LEVEL
 
 WITHIN_MM = 20.0
@@ -18,8 +18,11 @@ DISTANCE = "probe_distance_mm"
 _NEEDED = (DISTANCE, "contacts", "contact_count_error", "localisation_mm", "farthest_contact_mm")
 
 
-def told_apart(run: Run) -> pd.DataFrame:
+def told_apart(samples: pd.DataFrame) -> pd.DataFrame:
     """How well each method tells two touches apart, by their distance; empty without such.
+
+    Args:
+        samples: rows of a run, see `Run.samples`.
 
     Returns:
         One row per scenario, method and distance: `scenario`, `method`, `distance_mm` (0 of single
@@ -28,11 +31,11 @@ def told_apart(run: Run) -> pd.DataFrame:
         `place_mm`, the median over touches of the mean error of their places.
     """
     rows = []
-    for (scenario, method), cell in cells_of(run.samples).items():
+    for (scenario, method), cell in cells_of(samples).items():
         if not set(_NEEDED) <= set(cell) or not (cell["contacts"] == 2).any():
             continue
         for distance, touches in cell.groupby(DISTANCE):
-            counted = (touches["contact_count_error"] == 0).to_numpy()
+            wrong = touches["contact_count_error"]
             within = min(WITHIN_MM, float(distance) / 2)
             apart = (touches["farthest_contact_mm"] < within).to_numpy()
             two = bool((touches["contacts"] == 2).all())
@@ -43,7 +46,7 @@ def told_apart(run: Run) -> pd.DataFrame:
                     "method": method,
                     "distance_mm": float(distance),
                     "n": len(touches),
-                    "counted": counted.mean(),
+                    "counted": wrong.eq(0).where(wrong.notna()).mean(),
                     "apart": apart.mean() if two else np.nan,
                     "low": share.low if two else np.nan,
                     "high": share.high if two else np.nan,

@@ -63,7 +63,7 @@ def _of_time(run: Run) -> list[Finding]:
     if table.empty:
         return []
     x_label = "fifth of the presses, in order of time"
-    figure = _panels(table, "part", "error_mm", x_label, "error [mm]")
+    figure = panels(table, "part", "error_mm", x_label, "error [mm]")
     legend = (
         "Median error of the place [mm] with its 95 % interval over presses; the order of presses "
         "is time."
@@ -73,12 +73,12 @@ def _of_time(run: Run) -> list[Finding]:
 
 
 def _of_two_touches(run: Run) -> list[Finding]:
-    table = told_apart(run)
+    table = told_apart(run.samples)
     if table.empty:
         return []
     x_label = "distance of the two touches [mm]"
     pairs = table[table["apart"].notna()]
-    figure = _panels(pairs, "distance_mm", "apart", x_label, "share told apart", highest=1.0)
+    figure = panels(pairs, "distance_mm", "apart", x_label, "share told apart", highest=1.0)
     legend = (
         "Told apart: the two strongest contacts of the image are each nearer to its own touch than "
         f"half the distance of both, and than {WITHIN_MM:.0f} mm. Half from: smallest distance "
@@ -154,13 +154,17 @@ def apart_grid(table: pd.DataFrame) -> list[list[str]]:
             [
                 printable(str(scenario)),
                 printable(str(method)),
-                *(f"{apart[d]:.0%}" if d in apart else _NONE for d in distances),
+                *(_share(apart.get(d, np.nan)) for d in distances),
                 "never" if least is None else f"{least:g} mm",
-                f"{cell['counted'][cell['distance_mm'] > 0].mean():.0%}",
-                f"{counted[0.0]:.0%}" if 0.0 in counted else _NONE,
+                _share(cell["counted"][cell["distance_mm"] > 0].mean()),
+                _share(counted.get(0.0, np.nan)),
             ]
         )
     return rows
+
+
+def _share(value: float) -> str:
+    return _NONE if np.isnan(value) else f"{value:.0%}"
 
 
 def alarm_grid(table: pd.DataFrame) -> list[list[str]]:
@@ -189,7 +193,7 @@ def _of_cut(of: pd.Series) -> list[str]:
     ]
 
 
-def _panels(
+def panels(
     table: pd.DataFrame, x: str, y: str, x_label: str, y_label: str, highest: float | None = None
 ) -> Figure:
     """A panel for each scenario with a line for each method, and its intervals."""

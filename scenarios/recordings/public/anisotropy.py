@@ -23,6 +23,7 @@ The robot's height is not used: 04, 05 and 06 were pressed to two heights 4.5 mm
 to one.
 """
 
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -38,6 +39,7 @@ from eitbench.scenarios.recordings.descriptors import (
     validation_every_fifth,
 )
 from eitbench.scenarios.recordings.differences import on_modelled_reference
+from eitbench.scenarios.recordings.superposed import superposed
 from eitbench.scenarios.sensors.outlines import Disc
 from eitbench.scenarios.sensors.patterns import opposition_pattern
 from eitbench.scenarios.sensors.sensor import Sensor, even_electrodes
@@ -84,6 +86,10 @@ def _read(files: Source, number: int, folder: Path, sensor: Sensor) -> RecordedF
     return on_modelled_reference(differences, sensor, samples)
 
 
+def _read_superposed(files: Source, number: int, folder: Path, sensor: Sensor) -> RecordedFrames:
+    return superposed(_read(files, number, folder, sensor))
+
+
 def _recorded_set(number: int) -> RecordedSet:
     folder = f"Shared Code/tests Aleix/{_FOLDERS[number]}"
     files = source(REPOSITORY, f"{folder}/inp*.csv", f"{folder}/out*.csv")
@@ -99,4 +105,14 @@ def _recorded_set(number: int) -> RecordedSet:
     )
 
 
-ANISOTROPY = tuple(_recorded_set(number) for number in sorted(_FOLDERS))
+def _superposed_set(number: int) -> RecordedSet:
+    single = _recorded_set(number)
+    return replace(
+        single,
+        name=f"superposed-pairs-{single.name}",
+        title=f"CAM09-{number:02d}: pairs of presses, superposed, not measured, 10 to 75 mm apart",
+        reader=partial(_read_superposed, single.source, number),
+    )
+
+
+ANISOTROPY = (*(_recorded_set(number) for number in sorted(_FOLDERS)), _superposed_set(5))

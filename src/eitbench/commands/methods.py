@@ -213,6 +213,25 @@ def priors(
         typer.echo(str(path))
 
 
+@app.command(epilog="Example: eitbench superposition --out runs/superposition")
+def superposition(
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Where the record goes.")],
+) -> None:
+    """Measure how far real pairs of touches are the sum of single ones, and where they are."""
+    import json
+
+    from eitbench.benchmark.studies.superposition import record
+    from eitbench.reports.studies.superposition import explained_table
+    from eitbench.scenarios.storage.atomic_write import atomic_write
+
+    found = record("eitbench superposition")
+    typer.echo(explained_table(found))
+    path = out / "superposition.json"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    atomic_write(path, (json.dumps(found, indent=1) + "\n").encode())
+    typer.echo(str(path))
+
+
 @app.command(epilog="Example: eitbench check noser, or: eitbench check my_operator.py")
 def check(
     target: Annotated[

@@ -9,14 +9,17 @@ import pytest
 from numpy.typing import NDArray
 from scipy.io import loadmat
 
+from eitbench.methods.places.kernel_ridge import gaussians, kernel_ridge
+from eitbench.scenarios.arrays import unit_frames
 from eitbench.scenarios.physics.forward import forward_model
 from eitbench.scenarios.recordings import RECORDED_SETS
 from eitbench.scenarios.recordings.fetch import fetch_recording, read_recording
+from eitbench.scenarios.recordings.matlab import read_arrays
 from eitbench.scenarios.recordings.public.hydrogel import CUTS, START_FRAMES
 from eitbench.scenarios.recordings.public.pyeidors_tank import read_csv
 from eitbench.scenarios.recordings.quality import quality, reciprocity_error
 from eitbench.scenarios.recordings.superposed import DISTANCES_MM, PAIRS, TOLERANCE_MM
-from eitbench.scenarios.sensors.patterns import DrivePattern
+from eitbench.scenarios.sensors.patterns import DrivePattern, ring_pattern
 from eitbench.scenarios.sensors.sensor import Sensor
 
 Array = NDArray[np.float64]
@@ -376,3 +379,35 @@ def test_rectangular_tank_repeats_and_tells_positions_apart(name: str) -> None:
 def test_quality_is_silent_without_repeats() -> None:
     figures = quality(read("ktc2023"), nominal("ktc2023").pattern)
     assert np.isnan(figures).all()
+
+
+def test_the_presses_of_taros_say_nothing_of_their_places(recorded_data: Path) -> None:
+    """Why it is no recorded set: see docs/results/skins.md."""
+    path = recorded_data / "DSHardman/HydrogelEIT/Extracted/taros/taros32.mat"
+    if not path.is_file():
+        pytest.skip("needs taros32.mat of DSHardman/HydrogelEIT in EITBENCH_DATA")
+    file = read_arrays(path, "positions", "responsedowns", "responseups")
+    change, places = file["responsedowns"] - file["responseups"], file["positions"][:, :2]
+    presses = read("cam09-05")
+    real = presses.voltages[:315] - presses.reference
+    assert left_out(real, presses.samples[["x_m", "y_m"]].to_numpy()[:315]) < 0.25
+    assert left_out(change, places) > 0.9
+
+    released = np.median(file["responseups"], axis=0)
+    ascending, rotating = (ring_pattern(32, 1, 1, rotating=turn) for turn in (False, True))
+    assert agreement_of_reciprocals(released, ascending) > 0.6
+    assert abs(agreement_of_reciprocals(released, rotating)) < 0.1
+
+
+def left_out(change: Array, places: Array) -> float:
+    """Error of the places by regression on the others' frames, over the spread of the places."""
+    frames = unit_frames(change)
+    spread = np.sqrt(np.mean((places - places.mean(axis=0)) ** 2))
+    return float(kernel_ridge(frames, places, gaussians(frames)[1:3]).error / spread)
+
+
+def agreement_of_reciprocals(frame: Array, pattern: DrivePattern) -> float:
+    """Correlation of reciprocal values of `frame` (M,), without the pair 28, which is dead."""
+    pairs = pattern.reciprocal_pairs()
+    pairs = pairs[~(pattern.table[pairs][:, :, [0, 2]] == 28).any(axis=(1, 2))]
+    return float(np.corrcoef(*frame[pairs].T)[0, 1])

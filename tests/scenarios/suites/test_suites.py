@@ -70,7 +70,7 @@ def simulated(suite: str) -> list[SimulatedScenario]:
 
 def test_packaged_suites_are_these() -> None:
     methods = {"quick", "paper", "paper-noise", "noise", "shapes", "presses", "recorded"}
-    methods |= {"sim2real", "objects", "tank", "ktc2023"}
+    methods |= {"sim2real", "objects", "tank", "ktc2023", "skins", "drift", "two-touch"}
     assert set(suites()) == methods | {"operators"}
     for name in suites():
         suite = load_suite(name)

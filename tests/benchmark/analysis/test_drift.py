@@ -1,0 +1,110 @@
+"""Errors over time, and alarms of a skin that was cut."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from eitbench.benchmark.analysis.drift import _AROUND, DAMAGE, PARTS, RAW, alarms, over_time
+from eitbench.benchmark.analysis.results import Run
+from eitbench.benchmark.rundir.kinds import METHOD_RUNS
+from eitbench.scenarios.data.datasets import load
+from eitbench.scenarios.recordings.public.hydrogel import CUTS
+from eitbench.scenarios.suites.suite import load_suite, scenario_by_name
+
+N = 100
+
+
+@dataclass(frozen=True, eq=False)
+class MadeRun(Run):
+    images: NDArray[np.float32] | None = None
+
+    def estimates(
+        self, scenario: str, method: str, samples: Sequence[int]
+    ) -> NDArray[np.float32] | None:
+        return self.images
+
+
+def made(
+    scenario: str, columns: dict[str, object], n: int, images: NDArray[np.float32] | None = None
+) -> Run:
+    samples = pd.DataFrame(
+        {"suite": "drift", "scenario": scenario, "method": "made", "sample": np.arange(n)}
+    ).assign(status="ok", **columns)
+    manifest = {
+        "plan": {"suite": load_suite("drift").model_dump(mode="json")},
+        "data": {scenario: {"n": n}},
+    }
+    return MadeRun(Path("run"), METHOD_RUNS, manifest, samples, pd.DataFrame(), {}, images=images)
+
+
+def test_the_error_of_each_fifth_is_the_median_of_its_presses() -> None:
+    error = np.repeat([4.0, 5.0, 9.0, 8.0, 30.0], N // PARTS) + np.tile(
+        [-1.0, 0.0, 0.0, 1.0], N // 4
+    )
+    run = made("ohmc16-start", {"localisation_mm": error, "expected_x_m": 0.0}, N)
+    # The number of a sample is its place in time, not its row.
+    shuffled = replace(run, samples=run.samples.sample(frac=1, random_state=0))
+    for found in (over_time(run), over_time(shuffled)):
+        assert found["error_mm"].tolist() == [4.0, 5.0, 9.0, 8.0, 30.0]
+        assert found["part"].tolist() == [1, 2, 3, 4, 5]
+        assert (found["n"] == N // PARTS).all()
+        assert (found["low"] <= found["error_mm"]).all()
+        assert (found["high"] - found["low"] <= 2).all()
+
+
+def test_touches_of_two_contacts_and_few_presses_have_no_course() -> None:
+    known = {"localisation_mm": 5.0, "expected_x_m": 0.0}
+    assert over_time(made("ohmc16", known | {"contacts": 2}, N)).empty
+    assert over_time(made("ohmc16", known, 40)).empty
+    assert over_time(made("presses", known, N)).empty  # simulated, or of another suite
+
+
+def test_alarms_of_the_raw_voltages_and_of_an_image_that_is_right(recorded_data: Path) -> None:
+    """The made image shows a slow drift all over, each cut at its place, and a scar of it."""
+    data = load(scenario_by_name(DAMAGE))
+    first = round(data.samples["time_s"].iloc[0] / 8)
+    number = first + np.arange(len(data))
+    x, y = data.sensor.pixel_centres
+    contrast = 1e-6 * number[:, None, None] * np.ones(data.sensor.image_shape)
+    for cut in CUTS:
+        spot = np.exp(-((x - cut.place[0]) ** 2 + (y - cut.place[1]) ** 2) / (2 * 0.005**2))
+        during = (number >= cut.first) & (number < cut.after)
+        scar = number >= cut.after
+        contrast += (1.0 * during + 0.2 * scar)[:, None, None] * spot
+    images = (data.sensor.background + contrast).astype(np.float32)
+    found = alarms(made(DAMAGE, {}, len(data), images)).set_index(["method", "cut"])
+    for method in (RAW, "made"):
+        of = found.loc[method]
+        assert (of["false_start"] == 1).all()  # drift
+        assert (of["delay_s"] == 0).all()
+    # The threshold is exact for a steady drift: all changes are alike, and rounding decides.
+    assert (found.loc[RAW, "false_before"] <= 0.02).all()
+    assert (found.loc["made", ["during_mm", "place_mm"]] < 2).all(axis=None)
+    assert (found.loc["made", "lasting"] > 10).all()
+    assert found.loc[RAW, ["during_mm", "place_mm"]].isna().all(axis=None)
+
+
+def test_no_window_around_a_cut_holds_another_one() -> None:
+    for earlier, later in pairwise(CUTS):
+        assert later.first - earlier.after >= _AROUND
+
+
+def test_a_cut_without_a_change_gives_no_alarm(recorded_data: Path) -> None:
+    data = load(scenario_by_name(DAMAGE))
+    noise = np.random.default_rng(0).normal(0, 1e-3, (len(data), *data.sensor.image_shape))
+    images = (data.sensor.background + noise).astype(np.float32)
+    found = alarms(made(DAMAGE, {}, len(data), images)).set_index(["method", "cut"]).loc["made"]
+    # Nine frames are cut in all; one in a hundred gives a false alarm.
+    assert found["delay_s"].isna().sum() >= 2
+    assert (found["lasting"] < 1.5).all()
+    assert (found["false_before"] < 0.06).all()
+
+
+def test_a_run_without_a_cut_skin_has_no_alarms() -> None:
+    assert alarms(made("ohmc16", {}, N)).empty
+    assert alarms(made(DAMAGE, {}, 10)).empty  # too short to hold a cut
