@@ -8,11 +8,11 @@ import pytest
 
 from eitbench.benchmark.analysis.results import Run
 from eitbench.benchmark.metrics.place_errors import LEAST_PRESSES
-from eitbench.benchmark.metrics.tactile import Similarity
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
 from eitbench.reports.figures.error_maps import error_maps_figure
 from eitbench.reports.page.error_maps import error_maps
 from eitbench.scenarios.recordings import recorded_set
+from eitbench.scenarios.similarity import Similarity
 from eitbench.scenarios.suites.suite import load_suite
 
 PLACES = 1e-3 * np.random.default_rng(0).uniform(-40, 40, size=(1200, 2))
