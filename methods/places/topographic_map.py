@@ -49,7 +49,7 @@ LABELLED = 20.0
 """Presses that one labelled press counts for: about as many as have their place at the start."""
 FLOOR = 0.05
 """Variance of a value that is always noise, as a share of the value's mean square."""
-PRESSES_OF_A_SKIN = 100
+PRESSES_OF_A_SKIN = 60
 _SAME = Similarity(1.0, np.eye(2), np.zeros(2))
 
 
