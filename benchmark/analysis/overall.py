@@ -10,11 +10,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 from scipy import stats
 
-from eitbench.benchmark.metrics.statistics import LEVEL, bootstrap
+from eitbench.benchmark.metrics.statistics import LEVEL, bootstrap, medians
 
 MIN_SCENARIOS = 5
 """Fewer say too little of how much they differ among themselves."""
@@ -30,6 +31,8 @@ class OverallRow:
             and its 95 % interval.
         wins, wins_low, wins_high: share of the scenarios on which it is the best, equals sharing a
             win, and its 95 % interval.
+        ratio, ratio_low, ratio_high: median over the scenarios of its error over that of a blind
+            guess, and its 95 % interval; None where a scenario has no guess.
     """
 
     method: str
@@ -39,6 +42,9 @@ class OverallRow:
     wins: float
     wins_low: float | None
     wins_high: float | None
+    ratio: float | None
+    ratio_low: float | None
+    ratio_high: float | None
 
 
 @dataclass(frozen=True)
@@ -61,7 +67,9 @@ class Overall:
     left_out: list[str]
 
 
-def overall(figures: Mapping[str, Mapping[str, float]]) -> Overall | None:
+def overall(
+    figures: Mapping[str, Mapping[str, float]], guesses: Mapping[str, float] = MappingProxyType({})
+) -> Overall | None:
     """Rank methods over scenarios; None where fewer than two methods are on two or more.
 
     Intervals are of a bootstrap over scenarios, as if these had been drawn from all that there
@@ -72,6 +80,7 @@ def overall(figures: Mapping[str, Mapping[str, float]]) -> Overall | None:
 
     Args:
         figures: of each scenario, the ranking figure of each method; more is better.
+        guesses: of scenarios whose figures are errors with a minus sign, that of a blind guess.
     """
     known = list(dict.fromkeys(name for of in figures.values() for name in of))
     names = [name for name in known if all(name in of for of in figures.values())]
@@ -87,8 +96,15 @@ def overall(figures: Mapping[str, Mapping[str, float]]) -> Overall | None:
     ends: list[tuple[float | None, float | None]] = [(None, None)] * (2 * k)
     if n >= MIN_SCENARIOS:
         ends = [(of.low, of.high) for of in bootstrap(both, np.arange(n))]
+    ratios: list[tuple[float | None, float | None, float | None]] = [(None, None, None)] * k
+    if all(guesses.get(name) for name in figures):
+        over_guess = -table / np.array([[guesses[name]] for name in figures])
+        ratios = [
+            (of.value, *((of.low, of.high) if n >= MIN_SCENARIOS else (None, None)))
+            for of in bootstrap(over_guess, np.arange(n), medians)
+        ]
     rows = [
-        OverallRow(names[j], float(mean[j]), *ends[j], float(mean[k + j]), *ends[k + j])
+        OverallRow(names[j], float(mean[j]), *ends[j], float(mean[k + j]), *ends[k + j], *ratios[j])
         for j in range(k)
     ]
     quantile = stats.studentized_range.ppf(LEVEL, k, np.inf) / np.sqrt(2)

@@ -4,8 +4,11 @@ import json
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 
-from eitbench.benchmark.analysis.results import NOTES, NOTES_FILE
+from eitbench.benchmark.analysis.results import GUESS, NOTES, NOTES_FILE
+from eitbench.benchmark.metrics.aggregation import figure_of
+from eitbench.benchmark.metrics.specs import METRICS
 from eitbench.benchmark.rundir import manifest as manifests
 from eitbench.scenarios.data.datasets import load
 from eitbench.scenarios.errors import DataCorruptError, DataUnavailableError
@@ -41,20 +44,27 @@ def write_notes(run: Path) -> None:
 def notes_of(scenario: RecordedScenario, n: int) -> dict[str, float | None]:
     """Quality of a recording, and the error of a blind guess on its first `n` test samples.
 
-    `reciprocity_error` and `repeat_noise` are relative, see `quality`; `guess_mm` is the median
-    distance from a contact to the mean contact of the validation split. None where not defined.
+    `reciprocity_error` and `repeat_noise` are relative, see `quality`. Guessing gives all contacts
+    the mean place of those of the validation split, and has the figures of `GUESS`: the median over
+    contacts, and of single presses those of a method. None where not defined.
     """
-    guess = _guess_mm(scenario, n) if scenario.recorded_set.truth == "position" else None
     found = quality(read_recording(scenario.recording), scenario.nominal_sensor.pattern)
-    values = (*found, guess)
+    values = dict(zip(NOTES, found, strict=False))
+    if scenario.recorded_set.truth == "position":
+        values |= _guess(scenario, n)
     return {
-        name: value if value is not None and np.isfinite(value) else None
-        for name, value in zip(NOTES, values, strict=True)
+        name: value if (value := values.get(name)) is not None and np.isfinite(value) else None
+        for name in NOTES
     }
 
 
-def _guess_mm(scenario: RecordedScenario, n: int) -> float:
+def _guess(scenario: RecordedScenario, n: int) -> dict[str, float]:
     known = contact_places(load(scenario, "validation").samples)
     presses = contact_places(load(scenario, "test", n).samples)
-    away = np.linalg.norm(presses - np.nanmean(known, axis=(0, 1)), axis=2)
-    return float(1e3 * np.nanmedian(away))
+    away = 1e3 * np.linalg.norm(presses - np.nanmean(known, axis=(0, 1)), axis=2)
+    if presses.shape[1] > 1:
+        return {"guess_mm": float(np.nanmedian(away))}
+    columns = {"localisation_mm": away[:, 0]}
+    columns |= {f"expected_{axis}_m": presses[:, 0, k] for k, axis in enumerate("xy")}
+    cell = pd.DataFrame(columns)
+    return {name: figure_of(cell, METRICS[of]) for name, of in GUESS.items()}

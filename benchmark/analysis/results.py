@@ -28,7 +28,14 @@ from eitbench.scenarios.recordings.descriptors import PLACES
 from eitbench.scenarios.storage.try_reading import try_reading
 
 # What is known of a scenario's data beside its rows, if it is recorded.
-NOTES = ("reciprocity_error", "repeat_noise", "guess_mm")
+GUESS = {
+    "guess_mm": "localisation_mm",
+    **{f"guess_{name}": name for name in (
+        "localisation_p90_mm", "within_5_mm", "within_10_mm", "unevenness", "worst_tenth_mm",
+    )},
+}  # fmt: skip
+"""Notes on guessing one place, and the figures of a method that they stand beside."""
+NOTES = ("reciprocity_error", "repeat_noise", *GUESS)
 NOTES_FILE = "recordings.json"
 _NOTES = TypeAdapter(dict[str, dict[str, float | None]], config=ConfigDict(strict=True))
 

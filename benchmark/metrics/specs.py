@@ -10,11 +10,20 @@ from numpy.typing import ArrayLike
 
 from eitbench.benchmark.metrics.aggregation import repeatability_db, strength_spearman
 from eitbench.benchmark.metrics.metric_spec import MetricSpec
+from eitbench.benchmark.metrics.place_errors import (
+    LEAST_PRESSES,
+    NEIGHBOURS,
+    p90_mm,
+    unevenness,
+    within,
+    worst_tenth_mm,
+)
 from eitbench.scenarios.arrays import Array
 
 _SIMULATED = "scenarios with a true conductivity"
 _TRUE_CLASSES = "scenarios with true classes"
 _TRUE_IMAGES = "scenarios with a true conductivity or true classes"
+_PRESSES = "recorded scenarios with the places of single presses"
 _SEVERAL = "recorded scenarios with touches of several contacts"
 _RANGE = "the sensor's data range, 1.0 S/m for foam16"
 
@@ -111,6 +120,57 @@ _SPECS = (
         "image without any is charged the sensor's diameter. The similarity is fitted for"
         " each method, so a common shift, turn, mirror image or scale of its images costs"
         " nothing. The median hides the worst half.",
+    ),
+    MetricSpec(
+        "localisation_p90_mm",
+        "Localisation 90 %",
+        formula="the distance of Localisation that 90 % of the presses stay within",
+        domain=_PRESSES,
+        unit="mm",
+        best="min",
+        aggregate=p90_mm,
+        form=".1f",
+        traps="As Localisation. Of few presses it rests on a handful.",
+    ),
+    *(
+        MetricSpec(
+            f"within_{mm}_mm",
+            f"Within {mm} mm",
+            formula=f"share of presses whose distance, as of Localisation, is at most {mm} mm",
+            domain=_PRESSES,
+            best="max",
+            aggregate=within(mm),
+            form=".1%",
+            traps="In millimetres, whatever the size of the sensor: compare with guessing one "
+            "place. Blind to how far the others are.",
+        )
+        for mm in (5, 10)
+    ),
+    MetricSpec(
+        "unevenness",
+        "Unevenness",
+        formula="standard deviation over the presses of their local error / its mean; the local "
+        f"error is the median distance of the {NEIGHBOURS} presses nearest to one",
+        domain=f"{_PRESSES}, {LEAST_PRESSES} of them or more",
+        best="min",
+        aggregate=unevenness,
+        form=".2f",
+        traps="A method that is equally bad everywhere is even. Errors that do not depend on the "
+        "place still give about 0.15, as each local error is of few presses. Neighbours are not "
+        "drawn again for intervals.",
+    ),
+    MetricSpec(
+        "worst_tenth_mm",
+        "Worst tenth",
+        formula="the local error, as of Unevenness, that a tenth of the presses reaches",
+        domain=f"{_PRESSES}, {LEAST_PRESSES} of them or more",
+        unit="mm",
+        best="min",
+        aggregate=worst_tenth_mm,
+        form=".1f",
+        traps="Of places, where Localisation 90 % is of presses: a few bad presses everywhere do "
+        "not count, a region where half of them are lost does. Smaller spots than the nearest "
+        f"{NEIGHBOURS} presses take up are not seen.",
     ),
     MetricSpec(
         "farthest_contact_mm",

@@ -85,6 +85,19 @@ def medians(counts: Array, values: Array) -> Array:
     return found
 
 
+def quantile(counts: Array, values: Array, share: float) -> Array:
+    """The least of `values` (n,) that at least `share` of each draw (b,) does not exceed.
+
+    NaN of nothing.
+    """
+    if not len(values):
+        return np.full(len(counts), np.nan)
+    order = np.argsort(values)
+    upto = np.cumsum(counts[:, order], axis=1)
+    below = (upto < share * upto[:, -1:] - EQUAL).sum(axis=1)
+    return np.where(upto[:, -1] > 0, values[order][np.minimum(below, len(order) - 1)], np.nan)
+
+
 def spearman(counts: Array, x: Array, y: Array) -> Array:
     """Rank correlations (b,) of `x` with the known `y` (n,), ties sharing their mean rank.
 

@@ -103,10 +103,14 @@ def _off_sensor(content: Content) -> list[str]:
         return []
     x, y = 1e3 * content.labels.loc[away[0], ["x_m", "y_m"]]
     x0, y0, x1, y1 = (f"{1e3 * bound:.4g}" for bound in content.sensor.outline.bounds)
-    return [
+    said = (
         f"Places outside the sensor: {len(away)}, the first at ({x:.4g}, {y:.4g}) mm; the sensor "
         f"reaches from ({x0}, {y0}) to ({x1}, {y1}) mm."
-    ]
+    )
+    metres = content.labels[["x_m", "y_m"]] / 1e3
+    if not off_sensor(replace(content, labels=content.labels.assign(**metres))).size:
+        said += " Read as millimetres they are inside: name the columns x_mm and y_mm."
+    return [said]
 
 
 def _imported(

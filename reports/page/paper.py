@@ -13,6 +13,7 @@ import numpy as np
 from eitbench.benchmark import atomic_write
 from eitbench.benchmark.rundir.file_names import file_name
 from eitbench.reports.figures.critical_difference import critical_difference_figure
+from eitbench.reports.figures.error_maps import error_maps_figure
 from eitbench.reports.figures.style import (
     COLOURS,
     COLUMN,
@@ -69,7 +70,7 @@ def write_paper(report: ReportData, out: Path) -> list[Path]:
             stored = [{k: v for k, v in row.items() if k not in PAGE_COLUMNS} for row in rows]
             written += write_leaderboard(stored, out / "tables", ("csv", "md", "latex"), stem)
     with mpl.rc_context(STYLE):
-        figures = [*paper_figures(boards), *overall_figure(report)]
+        figures = [*paper_figures(boards), *overall_figure(report), *suite_maps(report)]
         for stem, figure in figures:
             written += save(figure, out / "figures" / file_name(stem), ("pdf", "svg"))
     references = out / "references.bib"
@@ -86,6 +87,8 @@ def paper_figures(boards: Sequence[BoardData]) -> Iterator[tuple[str, Figure]]:
             yield f"frontier-{name}", frontier(board)
         if board["images"] is not None:
             yield f"comparison-{name}", comparison(board["images"])
+        if board["maps"] is not None:
+            yield f"maps-{name}", board_maps(board)
     for suite in dict.fromkeys(board["suite"] for board in boards):
         with_noise = [b for b in boards if b["suite"] == suite and b["snr_db"] is not None]
         # Boards of one level differ in something else.
@@ -99,6 +102,25 @@ def overall_figure(report: ReportData) -> Iterator[tuple[str, Figure]]:
         ranks = [(row["method"], row["rank"]) for row in found["rows"]]
         figure = critical_difference_figure(ranks, found["critical_difference"])
         yield "critical-difference", figure
+
+
+def board_maps(board: BoardData) -> Figure:
+    """Where the best methods err, a map each, in a column's width."""
+    about = board["maps"]
+    assert about is not None
+    panels = [("", about, of) for of in about["maps"]]
+    return error_maps_figure(panels, COLUMN, len(panels))
+
+
+def suite_maps(report: ReportData) -> Iterator[tuple[str, Figure]]:
+    """Where the best method of each sensor errs, all sensors of a report, in a page's width."""
+    panels = [
+        (board["scenario"], about, about["maps"][0])
+        for board in report["boards"]
+        if (about := board["maps"]) is not None
+    ]
+    if len(panels) > 1:
+        yield "maps", error_maps_figure(panels, PAGE, 5)
 
 
 def _blank(width: float, height: float) -> tuple[Figure, Axes]:

@@ -29,7 +29,7 @@ from eitbench.reports.figures.ladder import LEGEND, grid, write_files
 from eitbench.reports.figures.style import COLOURS, CONDUCTIVITY_MAP, CONTRAST_MAP, STYLE
 from eitbench.reports.page.answer import answer
 from eitbench.reports.page.images import pack
-from eitbench.reports.page.paper import overall_figure, write_paper
+from eitbench.reports.page.paper import board_maps, overall_figure, write_paper
 from eitbench.reports.page.rendering import asset, render
 from eitbench.reports.page.report_data import FAST_MS, ReportData, counted_data, report_data
 from eitbench.reports.tables.columns import printable
@@ -131,6 +131,7 @@ def to_page(
         counted_data=counted_data(report["boards"]),
         code_links=code_links,
         critical_difference=_critical_difference(report),
+        board_maps=_board_maps(report),
         fast_ms=FAST_MS,
         anchors=", ".join(
             f"{name.upper()} {low:g} and {high:g}" for name, (low, high) in ANCHORS.items()
@@ -164,6 +165,18 @@ def _critical_difference(report: ReportData) -> str:
 
     with mpl.rc_context(STYLE):
         return next((to_png(figure) for _, figure in overall_figure(report)), "")
+
+
+def _board_maps(report: ReportData) -> list[tuple[str, str]]:
+    """Return the name of each board with maps of errors, and its figure as a `data:` address."""
+    import matplotlib as mpl
+
+    with mpl.rc_context(STYLE):
+        return [
+            (printable(board["name"]), to_png(board_maps(board)))
+            for board in report["boards"]
+            if board["maps"] is not None
+        ]
 
 
 @cache

@@ -17,7 +17,7 @@ from typing import Any, NotRequired, TypedDict
 import numpy as np
 import pandas as pd
 
-from eitbench.benchmark import DataCorruptError, InputError
+from eitbench.benchmark import DataCorruptError, EitbenchError, InputError
 from eitbench.benchmark.analysis.leaderboard import Row, is_whole
 from eitbench.benchmark.analysis.overall import overall
 from eitbench.benchmark.analysis.results import (
@@ -35,6 +35,7 @@ from eitbench.benchmark.rundir.kinds import METHOD_RUNS
 from eitbench.reports.claims.claim import Verdict
 from eitbench.reports.claims.evidence import Evidence
 from eitbench.reports.claims.published_claims import CLAIMS
+from eitbench.reports.page.error_maps import error_maps
 from eitbench.reports.page.images import packed_images
 from eitbench.reports.tables.boards import notes, prior_knowledge, told_apart, tracks_table
 from eitbench.reports.tables.columns import printable, shown_columns
@@ -67,7 +68,8 @@ class BoardData(TypedDict):
     samples. `snr_db` is "clean" for data without noise, and None for several levels or unknown
     ones; `touch_snr_db` is the median over samples. `sensor` is "" where it is not known,
     `recorded` true if the data are of a real one. `presses` holds for each method the places of
-    presses and those that it found [m], in the coordinates of its image.
+    presses and those that it found [m], in the coordinates of its image. `maps` is what
+    `error_maps` returns.
     """
 
     suite: str
@@ -94,6 +96,7 @@ class BoardData(TypedDict):
     sensitivity: list[dict[str, Any]]
     images: dict[str, Any] | None
     presses: list[dict[str, Any]]
+    maps: dict[str, Any] | None
     sensitivity_samples: NotRequired[int]
 
 
@@ -177,11 +180,13 @@ def overall_views(boards: Sequence[BoardData]) -> dict[str, dict[str, Any]]:
     sensors = dict.fromkeys(board["sensor"] for board in boards)
     choices = product(("", "untrained"), ("", "fast"), dict.fromkeys(["", *sensors]))
     for untrained, fast, sensor in choices:
-        figures = {}
+        figures, guesses = {}, {}
         for board in _largest(boards):
             by = board["ranked_by"]
             sign = METRICS[by].sign if by in METRICS else 1.0
             if not sensor or board["sensor"] == sensor:
+                if by == "localisation_mm" and (guess := board["views"][0]["rows"][0]["guess_mm"]):
+                    guesses[board["name"]] = guess
                 figures[board["name"]] = {
                     row["label"]: sign * row[by]
                     for row in board["views"][0]["rows"]
@@ -190,7 +195,7 @@ def overall_views(boards: Sequence[BoardData]) -> dict[str, dict[str, Any]]:
                     and not (untrained and row["training"] != "")
                     and not (fast and not (row["frame_ms_p50"] or FAST_MS) < FAST_MS)
                 }
-        if found := overall(figures):
+        if found := overall(figures, guesses):
             views[f"{untrained}|{fast}|{sensor}"] = asdict(found)
     return views
 
@@ -313,6 +318,7 @@ def _board(standing: Standing, apart: str, runs: Sequence[Run], missing: list[st
         sensitivity=[],
         images=None,
         presses=[],
+        maps=None,
     )
     if kind == "operator":
         return board
@@ -328,6 +334,10 @@ def _board(standing: Standing, apart: str, runs: Sequence[Run], missing: list[st
     board["presses"] = [
         _presses(label, cell) for label, cell in cells.items() if cell["expected_x_m"].notna().any()
     ]
+    try:
+        board["maps"] = error_maps(methods, cells, scenario)
+    except EitbenchError as error:  # the sensor of one's own recording
+        missing.append(str(error))
     for row in view["rows"]:
         row["anchored"] = _anchored(cells[row["label"]])
     with_images = {label: of for label, of in methods.items() if _has_images(of[0], missing)}

@@ -149,7 +149,8 @@ def _front(editions: Sequence[_Edition], methods: Sequence[str], left_out: Seque
     ]
     overall = [
         (_link(e.suite, e.file), printable(row["method"]), _with_ends(row, "rank", ".2f"),
-         _with_ends(row, "wins", ".0%"), str(len(e.report["overall"]["||"]["scenarios"])))
+         _with_ends(row, "wins", ".0%"), _with_ends(row, "ratio", ".2f"),
+         str(len(e.report["overall"]["||"]["scenarios"])))
         for e in latest.values()
         for row in e.report["overall"].get("||", {"rows": []})["rows"]
     ]  # fmt: skip
@@ -163,7 +164,7 @@ def _front(editions: Sequence[_Edition], methods: Sequence[str], left_out: Seque
         Section("Send yours", heads=("",), rows=[(guide,)]),
     ]
     if overall:
-        heads = ("Suite", "Method", "Mean rank", "Wins", "Scenarios")
+        heads = ("Suite", "Method", "Mean rank", "Wins", "Error over a guess's", "Scenarios")
         counted = [
             of
             for e in latest.values()
@@ -178,7 +179,9 @@ def _front(editions: Sequence[_Edition], methods: Sequence[str], left_out: Seque
 
 
 def _with_ends(row: Mapping[str, Any], name: str, form: str) -> str:
-    """A figure of `OverallRow` with its 95 % interval, if it has one."""
+    """A figure of `OverallRow` with its 95 % interval, if it has one; "–" where it is not known."""
+    if row[name] is None:
+        return "–"
     low, high = row[f"{name}_low"], row[f"{name}_high"]
     ends = "" if low is None else f" ({format(low, form)} to {format(high, form)})"
     return format(row[name], form) + ends

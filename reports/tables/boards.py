@@ -128,6 +128,11 @@ _MESHES = {
 
 _RECORDED = {
     "guess_mm": "always guessing one place gives {:.1f} mm",
+    "guess_localisation_p90_mm": "90 % of the guesses are within {:.1f} mm",
+    "guess_within_5_mm": "{:.1%} within 5 mm",
+    "guess_within_10_mm": "{:.1%} within 10 mm",
+    "guess_unevenness": "its unevenness is {:.2f}",
+    "guess_worst_tenth_mm": "its worst tenth {:.1f} mm",
     "reciprocity_error": "reciprocity error of the reference frame: {:.2%}",
     "repeat_noise": "noise between repeats: {:.3%}",
 }

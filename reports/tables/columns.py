@@ -119,8 +119,9 @@ METHOD_LAYOUT = Layout(
         Column("frame_ms_p50", "Frame p50 [ms]", TIME, "min"),
         Column("frame_ms_p99", "p99 [ms]", TIME, "min"),
         *_metrics(
-            METRICS, "localisation_mm", "farthest_contact_mm", "contact_count_error", "area_error",
-            "iou", "edge", "artefacts", "force_error", "measured_force_error_n",
+            METRICS, "localisation_mm", "localisation_p90_mm", "within_5_mm", "within_10_mm",
+            "unevenness", "worst_tenth_mm", "farthest_contact_mm", "contact_count_error",
+            "area_error", "iou", "edge", "artefacts", "force_error", "measured_force_error_n",
             "measured_load_error_percent", "iou_resistive", "iou_conductive", "strength_spearman",
             "repeatability_db",
         ),
@@ -146,7 +147,9 @@ METHOD_LAYOUT = Layout(
         "frame_ms_p50": "Frame\nms", "frame_solves": "Frame\nsolves", "coverage": "Done",
         "ssim": "SSIM", "cc": "CC", "psnr": "PSNR\ndB", "rie": "RIE", "bounded": "B",
         "strength_spearman": "Strength", "track": "Track", "iou": "IoU", "n": "n",
-        "setup_s": "Set-up\ns", "run": "Run",
+        "setup_s": "Set-up\ns", "localisation_p90_mm": "90 %\nmm",
+        "within_5_mm": "Within\n5 mm", "within_10_mm": "Within\n10 mm",
+        "worst_tenth_mm": "Worst\ntenth", "unevenness": "Uneven-\nness", "run": "Run",
     },
 )  # fmt: skip
 OPERATOR_LAYOUT = Layout(
@@ -178,6 +181,9 @@ _MEANINGS = {
     "score": "0.25 (SSIM + CC + PSNR - RIE)",
     "bounded": "mean of SSIM, CC, 1 - RIE and PSNR / 40 dB, each within 0 to 1",
     "localisation_mm": "median error of the place",
+    "localisation_p90_mm": "error of the place that 90 % of the presses stay within",
+    "unevenness": "standard deviation of the local error over the skin, over its mean",
+    "worst_tenth_mm": "local error that the worst tenth of the places reaches",
     "strength_spearman": "rank correlation of strength with pressure or depth",
     "coverage": "share of samples with a valid image",
 }

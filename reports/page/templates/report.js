@@ -431,14 +431,17 @@ function drawOverall() {
   const of = boardsShown().filter((b) => b.kind === "method"), names = [...new Set(of.flatMap((b) => b.views[0].rows.map(nameOf)))];
   $("overall-section").hidden = of.length < 2 || names.length < 2;
   const found = data.overall[[$("untrained").checked ? "untrained" : "", $("fast").checked ? "fast" : "", $("sensor").value].join("|")];
+  const guessed = found && found.rows[0].ratio !== null;
   $("overall").hidden = !found;
-  if (found) $("overall").replaceChildren(heads(["Method", "Mean rank", "Wins"]), el("tbody", {}, ...found.rows.map((row) => {
+  if (found) $("overall").replaceChildren(heads(["Method", "Mean rank", "Wins", ...(guessed ? ["Error over a guess’s"] : [])]), el("tbody", {}, ...found.rows.map((row) => {
     const at = data.methods.indexOf(row.method);
     return el("tr", {}, el("td", { class: "text" }, el("a", { href: `#method-${at}` }, row.method)),
-      withEnds(".2f", row.rank, row.rank_low, row.rank_high), withEnds(".0%", row.wins, row.wins_low, row.wins_high));
+      withEnds(".2f", row.rank, row.rank_low, row.rank_high), withEnds(".0%", row.wins, row.wins_low, row.wins_high),
+      guessed ? withEnds(".2f", row.ratio, row.ratio_low, row.ratio_high) : null);
   })));
   $("overall-note").textContent = !found ? "No two methods that pass the filters were run on all samples of two or more scenarios together." :
     `Of ${found.scenarios.length} scenarios${found.scenarios.length > 8 ? "" : ": " + found.scenarios.join(", ")}. Wins: share of them on which the method is the best. ` +
+    (guessed ? "Error over a guess’s: median over them of its error over that of guessing one place. " : "") +
     (found.rows[0].rank_low === null ? "These are too few scenarios for intervals. " : "Intervals are of a bootstrap over scenarios. ") +
     `Mean ranks that differ by ${found.critical_difference.toFixed(2)} or more differ significantly (Nemenyi)` +
     (found.friedman_p === null ? "." : `; of no difference between all of them, p ${found.friedman_p < 0.001 ? "< 0.001" : "= " + found.friedman_p.toFixed(3)} (Friedman).`) +

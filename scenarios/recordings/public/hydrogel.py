@@ -24,13 +24,34 @@ electrodes three on each long side, one on each short side) is where the 10,000 
 drive pair to be most sensitive; nothing confirms it for 16. In the 8-electrode recording several
 electrodes conduct badly: a third of the values are saturated, drives (0, 4) and (1, 5) show little.
 
+Drift. Between the first and the last of 500 presses the released frame moves by 20 % of its norm
+(`ohmc16`) and 14 % (`superpose500`), ten times as far as a press moves it. `ohmc16` and the others
+are re-based on each press's own released frame; `ohmc16-start` and `superpose500-start` are the
+same presses as measured, with the first released frames as the only reference.
+
+`superpose500` is the skin of the multi-touch sets, two weeks earlier: by then its released frame
+had moved by 40 %. The files `Extracted/MultiTouch/multitouch*.mat` state no places. Upstream's
+`MembraneProbing.py` and `ExtractResponses.m` tell how they were made: a probe with two tips, turned
+by 0, 45, 90 and 180 degrees, pressed by 10 and 15 mm. Rows 4 to 7 of A and B repeat rows 0 to 3.
+Where the tips were stands in upstream's figure (`Figures/FinalFigc.pdf`, crosses on six of the
+touches): A and B on both sides of the centre, C 46 and 66 mm from it (but for the two touches at
+the centre), turned clockwise. The crosses differ from this rule by up to 6 mm, so that these places
+of `hydrogel-two-probes` are known to about 5 mm; the single presses agree with them.
+
+`hydrogel-damage` is a skin like these, in an untouched frame every 8 s, cut three times. Its file
+holds nothing but frames. When and where it was cut stands in upstream's figure
+(`Figures/FinalFigb.pdf`): a time line, and a photograph of the cuts, from which the places are
+taken to about 5 mm. The frames of each cut follow from the only steps of 1 % and more.
+
 Rows of `response` alternate; the second of each pair is the pressed one, as in upstream's
 `ExtractResponses.m`, and it varies more from press to press.
 """
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pandas as pd
@@ -45,6 +66,7 @@ from eitbench.scenarios.recordings.descriptors import (
     validation_every_fifth,
 )
 from eitbench.scenarios.recordings.matlab import read_arrays
+from eitbench.scenarios.recordings.superposed import superposed
 from eitbench.scenarios.sensors.outlines import Disc, rectangle
 from eitbench.scenarios.sensors.patterns import opposition_pattern
 from eitbench.scenarios.sensors.sensor import Sensor, even_electrodes
@@ -58,10 +80,46 @@ CITATION = (
 DISTANCES_MM = {"A": 108.0, "B": 75.0, "C": 20.0}
 """Distance between the two probes of each multi-touch file."""
 
+FRAME_INTERVAL_S = 8.0
+"""Time from one frame of `hydrogel-damage` to the next, of upstream's `plotDamageDetect.m` [s]."""
+TIPS_MM = {"A": (54.0, -54.0), "B": (37.5, -37.5), "C": (46.0, 66.0)}
+"""Places of both tips along the turned probe, from the skin's centre."""
+_TURNS = {"A": (0, 45, 90, 180), "B": (0, 45, 90, 180), "C": (0, 45, 90, 180, None) * 2}
+"""Of the rows that do not repeat others [degrees, clockwise]; None: at the centre."""
+START_FRAMES = 5
+"""Released frames whose median is the reference that is taken once, at the start."""
+
+
+@dataclass(frozen=True)
+class Cut:
+    """A cut of the skin of `hydrogel-damage`.
+
+    Attributes:
+        letter: in upstream's figure.
+        first, after: the first frame that it disturbs, and the first one after it.
+        place: x, y [m] of its middle, in the robot's coordinates, to about 5 mm.
+        length: [m], to about 3 mm.
+    """
+
+    letter: str
+    first: int
+    after: int
+    place: tuple[float, float]
+    length: float
+
+
+CUTS = (
+    Cut("B", 491, 495, (0.037, 0.031), 0.009),
+    Cut("C", 503, 505, (-0.057, -0.008), 0.016),
+    Cut("D", 663, 665, (-0.004, -0.002), 0.040),
+)
+"""The cuts in the order of time; upstream's A is a time without any."""
+
 _RECTANGLE = "Extracted/Rectangle"
 _RANDOM = f"{_RECTANGLE}/random_f_d_8_10k.mat"
 _FIXED = f"{_RECTANGLE}/fixed_f_d_16_200.mat"
 _REPEATS = f"{_RECTANGLE}/repeats_r_s_16_50_5.mat"
+_DAMAGE = "DamageTests/Damage.mat"
 _RADIUS = 0.0855
 _FIRST_ELECTRODE = np.deg2rad(281.25)
 
@@ -87,7 +145,10 @@ def _disc_skin(name: str, n_electrodes: int) -> Sensor:
     )  # fmt: skip
 
 
-def _read_presses(file: str, folder: Path, sensor: Sensor) -> RecordedFrames:
+def _read_presses(
+    file: str, reference: Literal["own", "start"], folder: Path, sensor: Sensor
+) -> RecordedFrames:
+    """Read presses, each with its own released frame, or all with the first ones."""
     mat = read_arrays(folder / file, "positions", "responsedowns", "responseups")
     x, y, depth = mat["positions"].T
     samples = pd.DataFrame(
@@ -99,7 +160,61 @@ def _read_presses(file: str, folder: Path, sensor: Sensor) -> RecordedFrames:
             "touched": True,
         }
     )
+    if reference == "start":
+        start = np.median(mat["responseups"][:START_FRAMES], axis=0)
+        return RecordedFrames(mat["responsedowns"], start, samples)
     return rebased(mat["responsedowns"], mat["responseups"], samples)
+
+
+def _read_superposed(folder: Path, sensor: Sensor) -> RecordedFrames:
+    return superposed(_read_presses(_SINGLE, "own", folder, sensor))
+
+
+def _read_two_probes(folder: Path, sensor: Sensor) -> RecordedFrames:
+    """Read the real pairs as test split, with the validation presses of `superpose500`.
+
+    The frames are on the pairs' reference, two weeks younger than that of the single presses.
+    """
+    single = _read_presses(_SINGLE, "own", folder, sensor)
+    presses = is_validation(single.samples)
+    change, released = [(single.voltages - single.reference)[presses]], []
+    described = single.samples[presses].drop(columns="depth_mm")
+    samples = [described.assign(contacts=1, probe_distance_mm=0.0)]
+    for part, turns in _TURNS.items():
+        path = folder / f"Extracted/MultiTouch/multitouch{part}.mat"
+        mat = read_arrays(path, "responsedowns", "responseups")
+        n = len(turns)
+        change.append((mat["responsedowns"] - mat["responseups"])[:n])
+        released.append(mat["responseups"][:n])
+        places = np.array([_tips(part, turn) for turn in turns]).reshape(n, 4)
+        table = pd.DataFrame(places, columns=["x_m", "y_m", "x2_m", "y2_m"])
+        known = {"split": "test", "contacts": 2, "touched": True}
+        samples.append(table.assign(**known, probe_distance_mm=DISTANCES_MM[part]))
+    reference = np.median(np.concatenate(released), axis=0)
+    table = pd.concat(samples, ignore_index=True)
+    return RecordedFrames(reference + np.concatenate(change), reference, table)
+
+
+def _tips(part: str, turn: float | None) -> NDArray[np.float64]:
+    """Places (2, 2) [m] of both tips of a probe."""
+    along = np.array([10.0, -10.0] if turn is None else TIPS_MM[part])
+    angle = -np.deg2rad(turn or 0)
+    return 1e-3 * along[:, None] * [np.cos(angle), np.sin(angle)]
+
+
+def _read_damage(folder: Path, sensor: Sensor) -> RecordedFrames:
+    """Read frames as measured; the first half of those before the first cut is for validation."""
+    frames = read_arrays(folder / _DAMAGE, "damage")["damage"]
+    number = np.arange(len(frames))
+    samples = pd.DataFrame(
+        {
+            "split": np.where(number < CUTS[0].first // 2, "validation", "test"),
+            "time_s": FRAME_INTERVAL_S * number,
+            "cuts": sum((number >= cut.first).astype(int) for cut in CUTS),
+            "touched": False,
+        }
+    )
+    return RecordedFrames(frames, np.median(frames[:START_FRAMES], axis=0), samples)
 
 
 def _read_multitouch(folder: Path, sensor: Sensor) -> RecordedFrames:
@@ -182,29 +297,67 @@ def _recorded_set(
 
 
 _DISC16, _DISC8 = partial(_disc_skin, "ohmc16", 16), partial(_disc_skin, "ohmc8", 8)
+_SUPERPOSE500 = partial(_disc_skin, "superpose500", 16)
+_DAMAGED = partial(_disc_skin, "hydrogel-damage", 16)
 _RECTANGLE8 = partial(_rectangular_skin, "hydrogel-rectangle", 8)
 _RECTANGLE16 = partial(_rectangular_skin, "hydrogel-rectangle16", 16)
 _LOOKUP16, _LOOKUP8 = "lookup192.mat", "lookup32.mat"  # of the pattern, which a test compares
+_OHMC16, _OHMC8 = "Extracted/ohmc16.mat", "Extracted/ohmc8.mat"
+_SINGLE = "Extracted/MultiTouch/superpose500.mat"
+_BY_ROBOT = "500 robot presses of 10, 15 and 20 mm"
 
 HYDROGEL = (
     *(
         _recorded_set(
-            f"ohmc{n}",
-            f"hydrogel disc skin, {n} electrodes, 500 robot presses of 10, 15 and 20 mm",
+            name,
+            f"hydrogel disc skin, {skin().n_electrodes} electrodes, {_BY_ROBOT}"
+            + ", reference of the start" * (reference == "start"),
             skin,
-            partial(_read_presses, f"Extracted/ohmc{n}.mat"),
-            f"Extracted/ohmc{n}.mat",
-            lookup,
+            partial(_read_presses, file, reference),
+            file,
+            _LOOKUP8 if skin is _DISC8 else _LOOKUP16,
             truth="position",
         )
-        for n, skin, lookup in ((16, _DISC16, _LOOKUP16), (8, _DISC8, _LOOKUP8))
+        for name, skin, file, reference in (
+            ("ohmc16", _DISC16, _OHMC16, "own"),
+            ("ohmc8", _DISC8, _OHMC8, "own"),
+            ("superpose500", _SUPERPOSE500, _SINGLE, "own"),
+            ("ohmc16-start", _DISC16, _OHMC16, "start"),
+            ("superpose500-start", _SUPERPOSE500, _SINGLE, "start"),
+        )
+    ),
+    _recorded_set(
+        "superposed-pairs",
+        "superpose500: pairs of presses, superposed, not measured, 10 to 108 mm apart",
+        _SUPERPOSE500,
+        _read_superposed,
+        _SINGLE,
+        _LOOKUP16,
+        truth="position",
+    ),
+    _recorded_set(
+        "hydrogel-two-probes",
+        "the skin of superpose500: two probes at once, 108, 75 and 20 mm apart, at known places",
+        _SUPERPOSE500,
+        _read_two_probes,
+        "Extracted/MultiTouch/*",
+        _LOOKUP16,
+        truth="position",
+    ),
+    _recorded_set(
+        "hydrogel-damage",
+        "hydrogel disc skin, 16 electrodes, cut three times in two hours, a frame every 8 s",
+        _DAMAGED,
+        _read_damage,
+        _DAMAGE,
+        _LOOKUP16,
     ),
     _recorded_set(
         "hydrogel-multitouch",
         "hydrogel disc skin, 16 electrodes, two probes 108, 75 and 20 mm apart",
         _DISC16,
         _read_multitouch,
-        "Extracted/MultiTouch/*",
+        "Extracted/MultiTouch/multitouch?.mat",
         _LOOKUP16,
     ),
     _recorded_set(

@@ -55,3 +55,22 @@ def test_all_equal_or_alone_is_no_order() -> None:
     assert found is not None
     assert {(row.rank, row.rank_low, row.rank_high) for row in found.rows} == {(2.0, 2.0, 2.0)}
     assert found.friedman_p is None
+
+
+def test_the_ratio_to_a_guess_is_the_median_over_scenarios() -> None:
+    errors = {f"s{k}": {"a": -1.0 * k, "b": -6.0} for k in range(1, 6)}
+    guesses = dict.fromkeys(errors, 10.0)
+    found = overall(errors, guesses)
+    assert found is not None
+    rows = {row.method: row for row in found.rows}
+    assert rows["a"].ratio == pytest.approx(0.3)
+    assert rows["a"].ratio_low is not None
+    assert rows["a"].ratio_high is not None
+    assert 0.1 <= rows["a"].ratio_low < 0.3 < rows["a"].ratio_high <= 0.5
+    assert (rows["b"].ratio, rows["b"].ratio_low) == (pytest.approx(0.6), pytest.approx(0.6))
+    few = overall({name: errors[name] for name in ("s1", "s2")}, guesses)
+    assert few is not None
+    assert {row.ratio_low for row in few.rows} == {None}
+    lacking = overall(errors, {"s1": 10.0})
+    assert lacking is not None
+    assert {row.ratio for row in lacking.rows} == {None}

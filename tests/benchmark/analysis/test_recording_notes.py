@@ -30,6 +30,18 @@ def test_guessing_one_place_is_the_baseline_of_positions() -> None:
     assert found["reciprocity_error"] is None
 
 
+def test_a_guess_has_the_figures_of_a_method() -> None:
+    found = notes_of(scenario("ohmc16"), 200)
+    places = load("ohmc16", "validation").samples
+    presses = load("ohmc16", limit=200).samples
+    away = 1e3 * np.hypot(*((presses[a] - places[a].mean()).to_numpy() for a in ("x_m", "y_m")))
+    assert found["guess_within_10_mm"] == pytest.approx(np.mean(away <= 10))
+    expected = np.quantile(away, 0.9, method="inverted_cdf")
+    assert found["guess_localisation_p90_mm"] == pytest.approx(expected)
+    # The error of a guess is the distance from the middle, and neighbours reach further inwards.
+    assert found["guess_worst_tenth_mm"] == pytest.approx(expected, rel=0.2)
+
+
 def test_a_tank_has_reciprocity_and_repeats_but_no_place() -> None:
     found = notes_of(scenario("sciospec-tank"), 50)
     assert found["guess_mm"] is None

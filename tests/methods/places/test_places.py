@@ -8,10 +8,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from eitbench.methods import Problem, create
+from eitbench.benchmark.checks.place_under_test import simulated, skin
+from eitbench.methods import PlaceProblem, Problem, create
 from eitbench.methods.method import reconstructed
 from eitbench.methods.places.kernel_ridge import WEIGHTS, gaussians, kernel_ridge, linear
 from eitbench.methods.places.place_network import SIMULATED, PlaceNetwork
+from eitbench.methods.registry import create_place_method
 from eitbench.scenarios import InputError, RecordedScenario, load
 from eitbench.scenarios.arrays import unit_frames
 from eitbench.scenarios.data.datasets import Dataset
@@ -39,6 +41,23 @@ def test_the_leave_one_out_error_is_that_of_leaving_out_one() -> None:
             fitted = np.linalg.solve(gram[np.ix_(rest, rest)] + ridge, y[rest] - mean)
             left.append(mean + gram[k, rest] @ fitted - y[k])
         errors.append(np.sqrt(np.mean(np.square(left))))
+    assert found.error == pytest.approx(min(errors), rel=1e-6)
+
+
+def test_whole_blocks_are_left_out() -> None:
+    x, y = RNG.standard_normal((12, 3)), RNG.standard_normal((12, 2))
+    kernel, blocks = gaussians(x)[1], [slice(0, 5), slice(5, 8), slice(8, 12)]
+    found = kernel_ridge(x, y, [kernel], blocks)
+    errors = []
+    gram, mean = kernel(x, x), y.mean(axis=0)
+    for weight in WEIGHTS:
+        ridge, left = weight * np.trace(gram) / len(x), []
+        for block in blocks:
+            out = np.arange(len(x))[block]
+            rest = np.setdiff1d(np.arange(len(x)), out)
+            inverse = np.linalg.inv(gram[np.ix_(rest, rest)] + ridge * np.eye(len(rest)))
+            left.append(mean + gram[np.ix_(out, rest)] @ inverse @ (y[rest] - mean) - y[out])
+        errors.append(np.sqrt(np.mean(np.square(np.concatenate(left)))))
     assert found.error == pytest.approx(min(errors), rel=1e-6)
 
 
@@ -126,3 +145,39 @@ def test_recorded_presses_are_learned_from_simulated_ones_of_their_sensor() -> N
     assert learned_from(paper) is paper
     tank = scenario_by_name("sciospec-tank")
     assert learned_from(tank) is tank
+
+
+def located(name: str, labelled: int) -> float:
+    """Median error [mm] of a method of places on the skin of the checks, not registered."""
+    given, presses = skin()
+    problem = PlaceProblem(replace(given, labelled=given.labelled[:labelled]), simulated)
+    method = create_place_method(name)
+    method.fit(problem)
+    places = method.locate(presses.differences)
+    return float(1e3 * np.median(np.hypot(*(places - presses.places).T)))
+
+
+def test_a_skin_is_learned_from_another() -> None:
+    guess = located("one-place", 60)
+    # The same sensor and another gain: what is learned of it holds here.
+    assert located("kernel-ridge-skins", 0) < 0.2 * guess
+    assert located("kernel-ridge-skins", 60) < 0.2 * guess
+    assert located("kernel-ridge", 0) > 0.5 * guess
+    assert located("ridge", 60) < 0.5 * guess
+
+
+def test_an_imaging_method_says_the_place_of_its_contact() -> None:
+    assert located("noser", 0) < 10  # of a square of 100 mm, in the sensor's own coordinates
+    assert located("noser", 10) < 10
+
+
+@pytest.mark.slow
+def test_networks_learn_from_simulation_and_skins_first(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("SIMULATED", "SKINS"):
+        phase = replace(SIMULATED, steps=400, gain=0.1, noise=0.1)
+        monkeypatch.setattr(f"eitbench.methods.places.place_network.{name}", phase)
+    guess, alone = located("one-place", 10), located("network", 10)
+    for name in ("network-simulated", "network-skins", "network-simulated-skins"):
+        assert located(name, 0) < 0.5 * guess
+        assert located(name, 10) < alone
+    assert located("network", 0) > 0.5 * guess  # it has learned nothing

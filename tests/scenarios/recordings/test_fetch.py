@@ -334,3 +334,58 @@ def test_a_download_without_end_is_stopped(
             fetch_recording(skin)
     assert sum(sent) < 50_000_000  # what the connection holds, not the 260 MB that were offered
     assert left_in_cache(skin) == set()
+
+
+def without_mark(content: bytes) -> bytes:
+    return content.removeprefix(b"\xef\xbb\xbf")
+
+
+def without_a_column(content: bytes) -> bytes:
+    return b"\n".join(line.rpartition(b",")[0] for line in content.split(b"\n"))
+
+
+def with_an_empty_row(content: bytes) -> bytes:
+    first, rest = content.split(b"\n", 1)
+    return b",".join([b"NaN"] * (first.count(b",") + 1)) + b"\n" + rest
+
+
+def in_millimetres(content: bytes) -> bytes:
+    rows = np.loadtxt(without_mark(content).decode().splitlines(), delimiter=",")
+    return "\n".join(",".join(map(str, row)) for row in 1e3 * rows).encode()
+
+
+def cut(content: bytes) -> bytes:
+    return content[: len(content) // 2]
+
+
+@pytest.mark.parametrize(
+    ("name", "file", "spoil"),
+    [
+        *(("cam09-06", "inp", of) for of in (without_mark, without_a_column, with_an_empty_row)),
+        *(("cam09-06", "out", of) for of in (in_millimetres, cut)),
+        ("ohmc16", "ohmc16", cut),
+    ],
+)
+def test_a_spoilt_public_file_is_not_read_and_is_left_there(
+    recorded_data: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    name: str,
+    file: str,
+    spoil: Callable[[bytes], bytes],
+) -> None:
+    recorded = RECORDED_SETS[name]
+    for of in recorded.files:
+        content = (recorded_data / recorded.repository / of.path).read_bytes()
+        copy = tmp_path / recorded.repository / of.path
+        copy.parent.mkdir(parents=True, exist_ok=True)
+        copy.write_bytes(spoil(content) if copy.name.startswith(file) else content)
+    monkeypatch.setenv("EITBENCH_DATA", str(tmp_path))
+    spoilt = next(p for p in tmp_path.rglob(f"{file}*"))
+    before = spoilt.read_bytes()
+    with pytest.raises(DataCorruptError) as failure:
+        read_recording(name)
+    said = str(failure.value)
+    assert f"{spoilt} is not the file that was published (its SHA-256 differs): " in said
+    assert said.endswith(f"run `eitbench recordings fetch {name}`.")
+    assert spoilt.read_bytes() == before

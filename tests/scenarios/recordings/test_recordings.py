@@ -12,8 +12,10 @@ from scipy.io import loadmat
 from eitbench.scenarios.physics.forward import forward_model
 from eitbench.scenarios.recordings import RECORDED_SETS
 from eitbench.scenarios.recordings.fetch import read_recording
+from eitbench.scenarios.recordings.public.hydrogel import CUTS, START_FRAMES
 from eitbench.scenarios.recordings.public.pyeidors_tank import read_csv
 from eitbench.scenarios.recordings.quality import quality, reciprocity_error
+from eitbench.scenarios.recordings.superposed import DISTANCES_MM, PAIRS, TOLERANCE_MM
 from eitbench.scenarios.sensors.patterns import DrivePattern
 from eitbench.scenarios.sensors.sensor import Sensor
 
@@ -99,7 +101,7 @@ def agreement(name: str, positions: Array, change: Array) -> float:
 @pytest.mark.parametrize(
     ("name", "least"),
     [
-        *((name, 0.2) for name in ("ohmc16", "ohmc8")),
+        *((name, 0.2) for name in ("ohmc16", "ohmc8", "superpose500")),
         *((f"cam09-{n:02d}", 0.2) for n in (5, 6, 8, 9, 10, 11, 14, 16, 18)),
         ("cam09-12", 0.08),
     ],
@@ -117,7 +119,7 @@ def test_disc_skins_answer_where_the_robot_presses(name: str, least: float) -> N
     assert opposite < nominal_frame / 2
 
 
-@pytest.mark.parametrize("name", ["ohmc16", "ohmc8"])
+@pytest.mark.parametrize("name", ["ohmc16", "ohmc8", "superpose500"])
 def test_common_mode_explains_the_uneven_channels(name: str) -> None:
     """The one factor of the module's docstring holds for both boards."""
     sensor, reference = nominal(name), read(name).reference
@@ -181,6 +183,78 @@ def test_pressing_hydrogel_is_rebased_on_the_common_reference(recorded_data: Pat
     )
     np.testing.assert_array_equal(recording.reference, np.median(raw["responseups"][::5], axis=0))
     assert set(recording.samples["depth_mm"]) == {10.0, 15.0, 20.0}
+
+
+@pytest.mark.parametrize(
+    ("name", "file"), [("ohmc16", "ohmc16"), ("superpose500", "MultiTouch/superpose500")]
+)
+def test_the_reference_of_the_start_is_the_first_released_frames(
+    name: str, file: str, recorded_data: Path
+) -> None:
+    """Pressed frames stay as measured; places and splits are those of the renewed reference."""
+    own, start = read(name), read(f"{name}-start")
+    raw = loadmat(recorded_data / f"DSHardman/HydrogelEIT/Extracted/{file}.mat")
+    np.testing.assert_array_equal(start.voltages, raw["responsedowns"])
+    first = raw["responseups"][:START_FRAMES]
+    np.testing.assert_array_equal(start.reference, np.median(first, axis=0))
+    assert start.samples.equals(own.samples)
+
+
+def test_each_cut_is_a_step_larger_than_any_other() -> None:
+    """What upstream's figure shows, and the frames do: three cuts, and slow drift between them."""
+    recording = read("hydrogel-damage")
+    frames, samples = recording.voltages, recording.samples
+    step = np.linalg.norm(np.diff(frames, axis=0), axis=1) / np.linalg.norm(recording.reference)
+    # A step leads from the frame before it to its own, and the last one back from the cut.
+    during = np.concatenate([np.arange(cut.first - 1, cut.after) for cut in CUTS])
+    assert step[during].min() > 0.01
+    assert np.delete(step, during).max() < 0.006
+    assert samples["time_s"].iloc[-1] == 8 * 831
+    assert samples.groupby("cuts").size().to_dict() == {0: 491, 1: 12, 2: 160, 3: 169}
+    assert samples.loc[samples["split"] == "validation", "cuts"].eq(0).all()
+
+
+def test_superposed_touches_are_sums_of_test_presses() -> None:
+    """Every difference is that of one press or the sum of two, at the places that the row says."""
+    single, pairs = read("superpose500"), read("superposed-pairs")
+    samples = pairs.samples[pairs.samples["split"] == "test"]
+    change = (pairs.voltages - pairs.reference)[samples.index]
+    presses = single.samples[single.samples["split"] == "test"]
+    of_press = (single.voltages - single.reference)[presses.index]
+    row_of = {place: k for k, place in enumerate(presses[["x_m", "y_m"]].itertuples(index=False))}
+    for row, measured in zip(samples.to_dict("records"), change, strict=True):
+        places = [(row["x_m"], row["y_m"]), (row["x2_m"], row["y2_m"])][: row["contacts"]]
+        expected = sum(of_press[row_of[place]] for place in places)
+        np.testing.assert_allclose(measured, expected, atol=1e-9 * np.abs(pairs.reference).max())
+        apart = 1e3 * np.hypot(row["x_m"] - row["x2_m"], row["y_m"] - row["y2_m"])
+        if row["contacts"] == 2:
+            assert apart == pytest.approx(row["probe_distance_mm"], abs=TOLERANCE_MM)
+    assert (samples.groupby("probe_distance_mm").size() == PAIRS).all()
+    assert samples.head(10)["probe_distance_mm"].tolist() == [0.0, *DISTANCES_MM]
+
+
+def test_the_places_of_the_two_probes_agree_with_single_presses() -> None:
+    """The single presses nearest to the tips explain a pair better than those elsewhere.
+
+    Elsewhere are the tips turned by 90 degrees. Touches at the centre hardly change by a turn.
+    """
+    single, pairs = read("superpose500"), read("hydrogel-two-probes")
+    places = single.samples[["x_m", "y_m"]].to_numpy()
+    change = single.voltages / single.reference - 1
+    samples = pairs.samples[pairs.samples["split"] == "test"]
+    measured = (pairs.voltages / pairs.reference - 1)[samples.index]
+    tips = samples[["x_m", "y_m", "x2_m", "y2_m"]].to_numpy().reshape(-1, 2, 2)
+    elsewhere = tips @ np.array([[0.0, 1.0], [-1.0, 0.0]])
+
+    def explained(at: Array) -> Array:
+        near = np.linalg.norm(at[:, :, None] - places, axis=-1).argsort(axis=-1)[:, :, :8]
+        modelled = change[near].mean(axis=(1, 2))
+        norms = np.linalg.norm(modelled, axis=1) * np.linalg.norm(measured, axis=1)
+        return np.asarray((modelled * measured).sum(axis=1) / norms)
+
+    off_centre = np.hypot(*tips.mean(axis=1).T) + np.ptp(tips, axis=1).max(axis=1) > 0.03
+    assert off_centre.sum() == 16
+    assert (explained(tips) > explained(elsewhere))[off_centre].all()
 
 
 def test_multitouch_keeps_the_probe_distances() -> None:

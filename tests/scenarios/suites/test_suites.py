@@ -11,7 +11,12 @@ from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.imperfections.imperfections import Imperfections
 from eitbench.scenarios.phantoms.families import FAMILIES, OBJECT_FAMILIES, PUBLISHED_FAMILIES
 from eitbench.scenarios.sensors.sensor import content_hash
-from eitbench.scenarios.suites.scenario import RecordedScenario, SimulatedScenario, SplitNoise
+from eitbench.scenarios.suites.scenario import (
+    RecordedScenario,
+    SimulatedScenario,
+    SplitNoise,
+    TransferScenario,
+)
 from eitbench.scenarios.suites.suite import (
     WINDOW,
     Suite,
@@ -70,19 +75,75 @@ def simulated(suite: str) -> list[SimulatedScenario]:
 
 def test_packaged_suites_are_these() -> None:
     methods = {"quick", "paper", "paper-noise", "noise", "shapes", "presses", "recorded"}
-    methods |= {"sim2real", "objects"}
-    assert set(suites()) == methods | {"operators"}
+    methods |= {"sim2real", "objects", "skins", "drift", "two-touch"}
+    places = {"new-skin", "few-presses"}
+    assert set(suites()) == methods | places | {"operators"}
     for name in suites():
         suite = load_suite(name)
         assert suite.name == name
         assert suite.names
-        assert suite.ranks == ("methods" if name in methods else "operators")
+        kinds = {**dict.fromkeys(methods, "methods"), **dict.fromkeys(places, "places")}
+        assert suite.ranks == kinds.get(name, "operators")
 
 
 def test_a_scenario_name_means_one_scenario() -> None:
     declared = [s for name in suites() for s in load_suite(name).scenarios]
     for scenario in declared:
-        assert scenarios()[scenario.name] == scenario
+        if not isinstance(scenario, TransferScenario):
+            assert scenarios()[scenario.name] == scenario
+    transfer = [s.name for s in declared if isinstance(s, TransferScenario)]
+    assert len({*transfer}) == len(transfer)
+
+
+RECORDED_TABLE = '[[scenarios]]\nkind = "recorded"\nname = "ohmc16"\nrecording = "ohmc16"\n'
+NEW_SKINS = """\
+name = "mine"
+title = "My skins"
+methods = ["kernel-ridge"]
+
+[[scenarios]]
+kind = "transfer"
+recordings = ["cam09-05", "cam09-06", "ohmc16"]
+labelled = [0, 25]
+"""
+
+
+def test_a_table_of_skins_and_counts_stands_for_each_pair(tmp_path: Path) -> None:
+    path = tmp_path / "skins.toml"
+    path.write_text(NEW_SKINS)
+    suite = read_suite(path)
+    assert [scenario.name for scenario in suite.scenarios] == [
+        f"{skin}-{count}" for skin in ("cam09-05", "cam09-06", "ohmc16") for count in (0, 25)
+    ]
+    second = suite.scenarios[3]
+    assert isinstance(second, TransferScenario)
+    assert (second.recording, second.labelled) == ("cam09-06", 25)
+    assert second.others == ("cam09-05", "ohmc16")
+    assert Suite.model_validate_json(suite.model_dump_json()) == suite  # as in a manifest
+    path.write_text(NEW_SKINS + 'others = ["cam09-07"]\n')
+    assert {s.others for s in read_suite(path).scenarios} == {("cam09-07",)}  # type: ignore[union-attr]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ("recordings = [", "recordings = 3 #", "unknown field"),
+        ("[0, 25]", "[-1]", "greater than or equal to 0"),
+        ("[0, 25]", '["many"]', "valid integer"),
+        ('"ohmc16"]', '"ktc2023"]', "'ktc2023' does not know where it was pressed"),
+        ('"ohmc16"]', '"ohmc61"]', "'ohmc16'"),
+        ("labelled = [0, 25]\n", 'labelled = [0]\nothers = ["ohmc16"]\n', "cannot be one of"),
+        ('["kernel-ridge"]\n', f'["kernel-ridge"]\n{RECORDED_TABLE}', "a suite of their own"),
+        ("methods", "operators", "operators need a known conductivity"),
+    ],
+)
+def test_a_table_of_skins_that_is_wrong_is_named(
+    tmp_path: Path, old: str, new: str, says: str
+) -> None:
+    path = tmp_path / "bad.toml"
+    path.write_text(NEW_SKINS.replace(old, new))
+    with pytest.raises(InputError, match=says):
+        read_suite(path)
 
 
 def test_paper_is_as_published() -> None:

@@ -603,6 +603,48 @@ def test_touches_come_with_released_frames_or_as_differences(tmp_path: Path) -> 
         np.testing.assert_array_equal(recording.samples[["x_m", "y_m"]], places)
 
 
+def test_bad_files_of_differences_are_one_sentence(tmp_path: Path) -> None:
+    """Of a robot's files, `inp.csv` with differences and `out.csv` with places, as skins have."""
+    released, pressed, places = pressed_skin(6)
+    changes, sheet = pressed - released, tmp_path / "places.csv"
+    places.to_csv(sheet, index=False, encoding="utf-8-sig")
+    source, options = tmp_path / "inp.csv", ImportOptions(labels=sheet, differences=True)
+
+    def lines(values: Any) -> list[str]:
+        return [",".join(map(repr, row)) for row in values.tolist()]
+
+    whole, empty = lines(changes), ",".join(["NaN"] * changes.shape[1])
+    for text, says in (
+        (lines(changes[:, 1:]), r"measures 208 values: it holds values \(6 x 207\)"),
+        ([*whole[:3], whole[3].rpartition(",")[0], *whole[4:]], "line 4 has 207 values, and those"),
+        ([*whole[:3], empty, *whole[4:]], r"frame 3 \(counted from 0\) holds nan V/A"),
+        (whole[:4], "6 rows of labels for 4 frames"),
+    ):
+        source.write_text("\n".join(text), encoding="utf-8-sig")
+        with pytest.raises(EitbenchError, match=says):
+            import_recording([str(source)], tmp_path / "no.h5", SKIN, options)
+        assert not (tmp_path / "no.h5").exists()
+    for mark in ("utf-8", "utf-8-sig"):  # with a byte-order mark and without, they are read
+        source.write_text("\n".join(whole), encoding=mark)
+        import_recording([str(source)], tmp_path / f"{mark}.h5", SKIN, options)
+        assert np.array_equal(read_file(tmp_path / f"{mark}.h5")[0].values, changes)
+    (1e3 * places).to_csv(sheet, index=False)
+    said = " ".join(import_recording([str(source)], tmp_path / "mm.h5", SKIN, options))
+    assert "Places outside the sensor: 6" in said
+    assert "Read as millimetres they are inside: name the columns x_mm and y_mm." in said
+    problems, _ = check(tmp_path / "mm.h5")
+    assert [p for p in problems if "6 labels outside the sensor" in p]
+
+
+def test_a_cut_matlab_file_is_one_sentence(tmp_path: Path) -> None:
+    scipy.io.savemat(tmp_path / "whole.mat", {"volts": np.ones((6, 208))}, do_compression=True)
+    content = (tmp_path / "whole.mat").read_bytes()
+    (tmp_path / "cut.mat").write_bytes(content[: len(content) - 9])
+    with pytest.raises(DataCorruptError, match=r"not a readable MATLAB file \(it was cut short\)"):
+        import_recording([str(tmp_path / "cut.mat")], tmp_path / "no.h5", SKIN)
+    assert not (tmp_path / "no.h5").exists()
+
+
 def test_pairs_that_do_not_fit_are_told(tmp_path: Path) -> None:
     released, pressed, places = pressed_skin(4)
     np.savez(tmp_path / "two.npz", down=pressed, up=released[:3])

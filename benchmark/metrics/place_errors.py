@@ -1,0 +1,75 @@
+"""Errors of the places of single presses over the skin, in any bootstrap draw of the presses.
+
+`counts` (b, n) say how often each of the n presses of a cell occurs in each of b draws, as in
+`eitbench.benchmark.metrics.aggregation`. Cells that know no places, or of touches with several
+contacts, have none of these figures.
+"""
+
+import numpy as np
+import pandas as pd
+from scipy.spatial import KDTree
+
+from eitbench.benchmark.metrics.metric_spec import CellStatistic
+from eitbench.benchmark.metrics.statistics import means, quantile
+from eitbench.scenarios.arrays import Array
+
+NEIGHBOURS = 25
+"""Presses whose median error is the local error: that of the place of the press amid them."""
+LEAST_PRESSES = 4 * NEIGHBOURS
+"""With fewer, neighbours lie all over the skin."""
+
+
+def p90_mm(cell: pd.DataFrame, counts: Array) -> Array:
+    """The error that 90 % of the presses stay within (b,) [mm]."""
+    known, error, _ = _presses(cell)
+    return quantile(counts[:, known], error, 0.9)
+
+
+def within(distance_mm: float) -> CellStatistic:
+    """The statistic of the share (b,) of presses that are found within `distance_mm`."""
+
+    def share(cell: pd.DataFrame, counts: Array) -> Array:
+        known, error, _ = _presses(cell)
+        near: Array = means(counts[:, known], (error <= distance_mm).astype(np.float64)[:, None])
+        return near[:, 0]
+
+    return share
+
+
+def unevenness(cell: pd.DataFrame, counts: Array) -> Array:
+    """Coefficient of variation of the local error over the skin (b,)."""
+    known, error, places = _presses(cell)
+    if len(error) < LEAST_PRESSES:
+        return np.full(len(counts), np.nan)
+    local = local_errors(error, places)
+    mean, square = means(counts[:, known], np.stack([local, local**2], axis=1)).T
+    spread = np.sqrt(np.maximum(square - mean**2, 0.0))
+    return np.divide(spread, mean, out=np.full_like(mean, np.nan), where=mean > 0)
+
+
+def worst_tenth_mm(cell: pd.DataFrame, counts: Array) -> Array:
+    """The local error that the worst tenth of the places reaches (b,) [mm]."""
+    known, error, places = _presses(cell)
+    if len(error) < LEAST_PRESSES:
+        return np.full(len(counts), np.nan)
+    return quantile(counts[:, known], local_errors(error, places), 0.9)
+
+
+def local_errors(error: Array, places: Array) -> Array:
+    """Median error (n,) of the `NEIGHBOURS` presses that are nearest to each of n `places` (n, 2).
+
+    Neighbours are the same in every turned, mirrored or scaled picture of the skin.
+    """
+    _, nearest = KDTree(places).query(places, min(NEIGHBOURS, len(places)))
+    return np.asarray(np.median(error[nearest.reshape(len(places), -1)], axis=1))
+
+
+def _presses(cell: pd.DataFrame) -> tuple[Array, Array, Array]:
+    """Rows (n,) of single presses with known places, their errors (n,) [mm] and places (n, 2)."""
+    names = ["localisation_mm", "expected_x_m", "expected_y_m"]
+    known = np.zeros(len(cell), dtype=np.bool_)
+    several = "farthest_contact_mm" in cell and bool(cell["farthest_contact_mm"].notna().any())
+    if set(names) <= set(cell) and not several:
+        known = cell[names].notna().all(axis=1).to_numpy()
+    values = cell.loc[known, names].to_numpy(np.float64) if known.any() else np.empty((0, 3))
+    return known, values[:, 0], values[:, 1:]
