@@ -173,7 +173,7 @@ PLACE_REGISTRY = Registry(
     "place method",
     PlaceMethod,  # type: ignore[type-abstract]
     "eitbench.place_methods",
-    ("places.regressions", "places.networks"),
+    ("places.regressions", "places.networks", "places.topographic_map"),
 )
 
 register = METHOD_REGISTRY.register
