@@ -1,4 +1,4 @@
-"""The record of what the training targets of the challenge say of the tank is what the data give."""
+"""The record of what the challenge's training targets say of the tank is what the data give."""
 
 from pathlib import Path
 
