@@ -17,6 +17,7 @@ from eitbench.reports.claims.rules import LABELS
 from eitbench.reports.figures.touches import alarm_grid, apart_grid, time_grid
 from eitbench.reports.studies.priors import priors_table
 from eitbench.reports.studies.superposition import explained_table
+from eitbench.reports.tables.challenge import challenge_rows, challenge_table
 from eitbench.reports.tables.formats import markdown_table
 from eitbench.reports.tables.published import TABLE_I, TABLE_II
 
@@ -370,6 +371,31 @@ def _explained() -> str:
     return explained_table(json.loads(stored))
 
 
+def _challenge() -> str:
+    stored = json.loads((STUDIES / "ktc2023" / "ktc2023.json").read_text())
+    heads, *body = challenge_table(challenge_rows(stored["rows"]))
+    rows = [
+        [name if track == "published" else f"`{name}`", track, *scores]
+        for name, track, *scores in body
+    ]
+    return _table(heads, rows, [False, False, *[True] * (len(heads) - 2)])
+
+
+def _tank() -> str:
+    rows = [
+        [
+            str(row["target"]), f"{row['strength']:.2f}", f"{row['common']:+.1%}",
+            f"{row['unexplained_alone']:.0%}", f"{row['unexplained']:.0%}",
+        ]
+        for row in pd.read_csv(STUDIES / "ktc2023" / "tank.csv").to_dict("records")
+    ]  # fmt: skip
+    heads = [
+        "training target", "change over the modelled one", "common factor",
+        "unexplained without that factor", "with it",
+    ]  # fmt: skip
+    return _table(heads, rows)
+
+
 TABLES: dict[str, Callable[[], str]] = {
     "generators": partial(_generators, 1, 2, form=".2f"),
     "noise and unseen shapes": partial(_generators, 2, form=".1f"),
@@ -403,6 +429,8 @@ TABLES: dict[str, Callable[[], str]] = {
     "alarms": _alarms,
     "told apart": _told_apart,
     "superposition": _explained,
+    "challenge": _challenge,
+    "tank": _tank,
 }  # fmt: skip
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from eitbench.methods.learned.tank_unet import CHANNELS, LinearImages
+from eitbench.methods.learned.tank_unet import CHANNELS, LinearImages, image_map
 from eitbench.methods.networks.class_network import ClassNetwork
 from eitbench.methods.problem import Problem
 from eitbench.methods.training.loop import Data, TrainingTask, working_precision
@@ -114,7 +114,7 @@ def train_tank_unet(method: type[TankUNet], job: TrainingJob) -> TrainingResult:
     for level in range(1, LEVELS + 1):
         kept = np.array([rows[tuple(row)] for row in tank(level).pattern.table.tolist()])
         linear = LinearImages(jacobian[kept], untouched[kept], mask)
-        levels.append((torch.from_numpy(kept), network.images_of(linear)))
+        levels.append((torch.from_numpy(kept), image_map(linear, mask)))
 
     sigma, clean = job.clean_samples("train", count)
     train = _tensors(clean.numpy() - untouched, sigma)

@@ -20,7 +20,7 @@ from eitbench.scenarios.arrays import Array, Images, Mask
 from eitbench.scenarios.recordings.public.kuopio import tank
 
 if TYPE_CHECKING:  # torch takes a second to import, and listing methods does not need it
-    from collections.abc import Mapping
+    from collections.abc import Callable, Mapping
     from pathlib import Path
 
     from torch import Tensor
@@ -79,6 +79,30 @@ class LinearImages:
     def _without_common(columns: Array, direction: Array) -> Array:
         unit = direction / np.linalg.norm(direction)
         return np.asarray(columns - np.outer(unit, unit @ columns))
+
+
+def image_map(linear: LinearImages, mask: Mask) -> Callable[[Tensor], Tensor]:
+    """Return the map of tensors from differences (n, M) [V/A] to the network's (n, C, H, W)."""
+    import torch
+
+    combinations, matrix, seen = (
+        torch.from_numpy(array).float()
+        for array in (
+            linear.combinations,
+            linear.matrix.reshape(len(linear.matrix), -1),
+            linear.seen,
+        )
+    )
+    inside = torch.from_numpy(mask.copy())
+
+    def images(difference: Tensor) -> Tensor:
+        shown = (difference @ combinations @ matrix).view(len(difference), -1, len(seen))
+        shown = torch.cat([shown, seen.expand(len(shown), 1, -1)], dim=1)
+        full = torch.zeros(*shown.shape[:2], *mask.shape)
+        full[:, :, inside] = shown
+        return full
+
+    return images
 
 
 def _inverse(rows: Array, prior: Array, weight: float) -> Array:
@@ -141,7 +165,7 @@ class TankUNet(TrainedMethod):
         self._network = ClassNetwork(problem.mask, CHANNELS)
         self._network.load_state_dict(tensors)
         self._network.eval().requires_grad_(requires_grad=False)
-        self._inputs = self._network.images_of(self._linear)
+        self._inputs = image_map(self._linear, problem.mask)
 
     def relative(self, difference: Array) -> Images:
         """See `TrainedMethod`."""

@@ -1,18 +1,10 @@
 """A U-Net that says which class each pixel of linear images belongs to."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
-from typing import TYPE_CHECKING
-
 import torch
 from torch import Tensor, nn
 
 from eitbench.methods.networks.image_network import FEWER_CHANNELS, PatchUNet
-
-if TYPE_CHECKING:
-    from eitbench.methods.learned.tank_unet import LinearImages
-    from eitbench.scenarios.arrays import Mask
+from eitbench.scenarios.arrays import Mask
 
 
 class ClassNetwork(nn.Module):
@@ -36,19 +28,3 @@ class ClassNetwork(nn.Module):
         """Expected class (n, H, W); 0 outside the sensor."""
         change: Tensor = self.unet(images / self.scale[:, None, None]).float()
         return change * self.mask
-
-    def images_of(self, linear: LinearImages) -> Callable[[Tensor], Tensor]:
-        """Return the map from differences (n, M) [V/A] to images (n, C, H, W)."""
-        count, inside = linear.matrix.shape[1] + 1, self.mask
-        combinations = torch.from_numpy(linear.combinations).float()
-        matrix = torch.from_numpy(linear.matrix).float().flatten(1)
-        seen = torch.from_numpy(linear.seen).float()
-
-        def images(difference: Tensor) -> Tensor:
-            shown = (difference @ combinations @ matrix).view(len(difference), count - 1, -1)
-            shown = torch.cat([shown, seen.expand(len(shown), 1, -1)], dim=1)
-            full = torch.zeros(len(shown), count, *inside.shape)
-            full[:, :, inside] = shown
-            return full
-
-        return images

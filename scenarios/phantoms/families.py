@@ -322,6 +322,7 @@ _OBJECTS = (
 )
 FAMILIES = {family.name: family for family in (*_PUBLISHED, *_OTHERS, *_TANK, *_OBJECTS)}
 OBJECT_FAMILIES = tuple(family.name for family in _OBJECTS)
+TANK_FAMILIES = tuple(family.name for family in _TANK)
 PUBLISHED_FAMILIES = tuple(family.name for family in _PUBLISHED)
 
 

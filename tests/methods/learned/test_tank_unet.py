@@ -1,4 +1,4 @@
-"""The U-Net of the Kuopio tank: its linear images, its sensors, and real frames."""
+"""The U-Net of the Kuopio tank: its linear images, its sensors, and its images of real frames."""
 
 from dataclasses import replace
 from functools import cache
@@ -14,6 +14,7 @@ from eitbench.methods.learned.tank_unet import NOISE, LinearImages, TankUNet
 from eitbench.methods.method import reconstructed
 from eitbench.methods.networks.class_network import ClassNetwork
 from eitbench.methods.problem import Problem
+from eitbench.scenarios.arrays import nearest_pixels
 from eitbench.scenarios.data.datasets import load
 from eitbench.scenarios.physics.forward import forward_model
 from eitbench.scenarios.recordings.public.kuopio import tank
@@ -93,6 +94,14 @@ def test_the_board_changes_each_drive_alike() -> None:
     of_first, of_second = (logs[drives == k] for k in (0, 1))
     np.testing.assert_allclose(np.diff(of_first), np.diff(of_second), atol=1e-5)
     assert 0.1 < float(made.mean()) / 1e6 < 3
+
+
+@pytest.mark.usefixtures("recorded_data")
+def test_true_classes_on_the_coarse_grid_lose_little() -> None:
+    data = load("ktc2023-level7", "validation")
+    assert data.classes is not None
+    coarse = nearest_pixels(data.classes, data.sensor.image_shape)
+    assert ktc_score(data.classes, coarse).min() > 0.97
 
 
 @pytest.mark.usefixtures("recorded_data")

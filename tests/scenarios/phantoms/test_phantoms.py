@@ -9,7 +9,12 @@ from hypothesis import strategies as st
 
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.phantoms import families
-from eitbench.scenarios.phantoms.families import FAMILIES, PUBLISHED_FAMILIES, family
+from eitbench.scenarios.phantoms.families import (
+    FAMILIES,
+    PUBLISHED_FAMILIES,
+    TANK_FAMILIES,
+    family,
+)
 from eitbench.scenarios.phantoms.phantom import Phantom, draw, rasterise
 from eitbench.scenarios.phantoms.regions import Circle, Ellipse, Polygonal, Pose, Region, Ring
 from eitbench.scenarios.seeds import generator
@@ -24,6 +29,8 @@ OUTLINES: dict[str, Outline] = {
     "l": Polygon(((0, 0), (0.16, 0), (0.16, 0.08), (0.08, 0.08), (0.08, 0.16), (0, 0.16))),
 }
 SQUARE = foam16()
+ALIKE = sorted(set(FAMILIES) - set(TANK_FAMILIES))
+"""Families whose inclusions have one shape, and conductivities of one range."""
 
 
 def sensor_on(outline: Outline, background: float = 1.0) -> Sensor:
@@ -38,7 +45,7 @@ def regions(phantom: Phantom) -> list[Region]:
 @pytest.mark.parametrize("outline", OUTLINES)
 @settings(max_examples=40, deadline=None)
 @example(name="circle", sample=3857)  # between two points of its rim lay the tip of the notch
-@given(name=st.sampled_from(sorted(FAMILIES)), sample=st.integers(0, 10**6))
+@given(name=st.sampled_from(ALIKE), sample=st.integers(0, 10**6))
 def test_inclusions_lie_wholly_inside(outline: str, name: str, sample: int) -> None:
     if outline == "l":
         # In a notched outline the widest shapes have hardly any place.
@@ -68,6 +75,25 @@ def test_contacts_keep_their_gap_and_have_their_own_values(name: str, k: int) ->
     assert len({p[f"conductivity_{i}"] for i in numbers}) == len(numbers)
 
 
+@pytest.mark.parametrize("name", TANK_FAMILIES)
+def test_objects_in_a_tank_differ_in_shape_and_are_of_either_kind(name: str) -> None:
+    tank = sensor_on(OUTLINES["disc"])
+    drawn = [draw(family(name), tank, generator("tank", name, k)) for k in range(60)]
+    levels, shapes = set(), set()
+    x, y = tank.pixel_centres
+    for phantom in drawn:
+        found = regions(phantom)
+        assert len(found) == family(name).count
+        assert np.sum([of.contains(x, y) for of in found], axis=0).max() <= 1  # none overlaps
+        assert not any((of.contains(x, y) & ~tank.mask).any() for of in found)
+        levels |= {value for key, value in phantom.parameters.items() if "conductivity" in key}
+        shapes |= set(phantom.shape.split(", "))
+    assert levels == {0.01, 100.0}
+    assert shapes == {shape.name for shape in family(name).shapes}
+    mixed = [p for p in drawn if len({i.conductivity for i in p.inclusions}) > 1]  # type: ignore[union-attr]
+    assert (len(mixed) > 10) == (family(name).count > 1)
+
+
 def test_published_families_have_the_published_ranges() -> None:
     ranges = {
         name: {key: limits for shape in family(name).shapes for key, limits in shape.sizes.items()}
@@ -84,7 +110,7 @@ def test_published_families_have_the_published_ranges() -> None:
     assert {family(name).conductivity for name in PUBLISHED_FAMILIES} == {(0.1, 0.9)}
 
 
-@pytest.mark.parametrize("name", FAMILIES)
+@pytest.mark.parametrize("name", ALIKE)
 def test_documented_table_is_the_one_in_use(name: str) -> None:
     (row,) = [line for line in (families.__doc__ or "").splitlines() if f"| `{name}` |" in line]
     kind = family(name)
@@ -96,7 +122,7 @@ def test_documented_table_is_the_one_in_use(name: str) -> None:
     assert ("at least 0.03 apart" in row) == (kind.gap == 0.03)
 
 
-@pytest.mark.parametrize("name", FAMILIES)
+@pytest.mark.parametrize("name", ALIKE)
 def test_draws_fill_their_ranges_and_nothing_more(name: str) -> None:
     kind = family(name)
     drawn = [draw(kind, SQUARE, generator("range", name, k)).parameters for k in range(300)]
@@ -113,7 +139,7 @@ def test_draws_fill_their_ranges_and_nothing_more(name: str) -> None:
         assert np.mean(values) == pytest.approx((low + high) / 2, abs=0.06 * (high - low))
 
 
-@pytest.mark.parametrize("name", FAMILIES)
+@pytest.mark.parametrize("name", ALIKE)
 def test_places_do_not_favour_small_inclusions(name: str) -> None:
     # All sizes are drawn before a place is tried, and the place is found for every one of them.
     for k in range(100):
@@ -132,7 +158,7 @@ def test_conductivity_is_relative_to_the_background() -> None:
     assert rasterise(low, sensor_on(OUTLINES["square"], 0.2)).max() == 0.2
 
 
-@pytest.mark.parametrize("name", FAMILIES)
+@pytest.mark.parametrize("name", ALIKE)
 def test_image_has_the_right_area_on_every_grid(name: str) -> None:
     phantom = draw(family(name), SQUARE, generator("area", name))
     images = [rasterise(phantom, SQUARE.refined(k)) for k in (1, 2, 4)]
