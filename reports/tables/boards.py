@@ -244,8 +244,8 @@ def overlaps(board: Sequence[Row]) -> list[str]:
             )
         elif row.get("prior_knowledge") and row["overlap"] is None:
             sentences.append(
-                f"the training data of {row['method']} are not known here: test samples may be "
-                "among them"
+                f"{row['method']} was trained on data that this run cannot look up: test samples "
+                "may be among them"
             )
     return sentences
 
