@@ -152,7 +152,10 @@ def read_results(path: Path) -> Results:
 def _read_results(path: Path) -> Results:
     table = path / SAMPLES if path.is_dir() else path
     if not table.is_file():
-        raise InputError(f"{path} is neither a run directory nor the {SAMPLES} of one.")
+        raise InputError(
+            f"{path} is neither a run directory nor the {SAMPLES} of one: name the folder that "
+            "`eitbench run` wrote."
+        )
     about: manifest.Manifest = {}
     if (path / manifest.FILE_NAME).is_file():
         about = manifest.read(path)  # nothing is scored by a run of which a part is damaged
@@ -164,7 +167,9 @@ def _read_results(path: Path) -> Results:
             "suite again."
         )
     if samples.duplicated(["scenario", "method", "sample"]).any():
-        raise InputError(f"{table} has several rows for one sample of a method: run again.")
+        raise InputError(
+            f"{table} has several rows for one sample of a method: run the suite again."
+        )
     cells, times = table.with_name(METHOD_RUNS.table), {}
     if cells.is_file():
         for row in checked_table(cells, METHOD_RUNS, _NEEDED_OF_CELL).to_dict("records"):
@@ -260,13 +265,13 @@ def compare(
     ]
     if not changes:
         asked = ", ".join(METRICS[name].title for name in margins)
-        none = f"no scenario of theirs has {asked}." if asked else "one of them is empty."
+        none = f"they share no scenario with {asked}." if asked else "one of them is empty."
         why = (*missing, *added, none)[0]
         raise InputError(f"{before.path} and {after.path} cannot be compared: {why}")
     told = [
-        f"Times that were taken on a busy machine in {path} are not compared: beside them the "
-        f"calibration solve took up to {max(slower):.2f} times as long as this machine can. Run "
-        "again on an idle machine with --jobs 1."
+        f"Some times in {path} are not compared, as the machine was busy: a fixed computation "
+        f"beside them took up to {max(slower):.2f} times as long as it takes when the machine is "
+        "idle. Run again on an idle machine with --jobs 1."
         for path, slower in busy.items()
     ]
     return RunComparison(_adjusted(changes), missing, added, told)

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from eitbench.benchmark.analysis.results import NOTES, NOTES_FILE
+from eitbench.benchmark.metrics.load import fit_load
 from eitbench.benchmark.rundir import manifest as manifests
 from eitbench.scenarios.data.datasets import load
 from eitbench.scenarios.errors import DataCorruptError, DataUnavailableError
@@ -42,11 +43,13 @@ def notes_of(scenario: RecordedScenario, n: int) -> dict[str, float | None]:
     """Quality of a recording, and the error of a blind guess on its first `n` test samples.
 
     `reciprocity_error` and `repeat_noise` are relative, see `quality`; `guess_mm` is the median
-    distance from a contact to the mean contact of the validation split. None where not defined.
+    distance from a contact to the mean contact of the validation split. `guess_force_n` and
+    `guess_load_percent` are the errors of always guessing the mean load of the validation split.
+    None where not defined.
     """
     guess = _guess_mm(scenario, n) if scenario.recorded_set.truth == "position" else None
     found = quality(read_recording(scenario.recording), scenario.nominal_sensor.pattern)
-    values = (*found, guess)
+    values = (*found, guess, *_guessed_loads(scenario, n))
     return {
         name: value if value is not None and np.isfinite(value) else None
         for name, value in zip(NOTES, values, strict=True)
@@ -58,3 +61,14 @@ def _guess_mm(scenario: RecordedScenario, n: int) -> float:
     presses = contact_places(load(scenario, "test", n).samples)
     away = np.linalg.norm(presses - np.nanmean(known, axis=(0, 1)), axis=2)
     return float(1e3 * np.nanmedian(away))
+
+
+def _guessed_loads(scenario: RecordedScenario, n: int) -> tuple[float | None, float | None]:
+    """As the metrics `measured_force_error_n` and `measured_load_error_percent`."""
+    known = load(scenario, "validation").samples
+    mean = fit_load(known, np.zeros(len(known)))  # images that say nothing
+    if mean is None:
+        return None, None
+    tested = load(scenario, "test", n).samples
+    error = float(np.nanmedian(mean.error(np.zeros(len(tested)), tested)))
+    return error if mean.quantity == "force_N" else None, 100 * error / mean.full_scale

@@ -128,6 +128,8 @@ _MESHES = {
 
 _RECORDED = {
     "guess_mm": "always guessing one place gives {:.1f} mm",
+    "guess_force_n": "always guessing the mean force gives {:.2f} N",
+    "guess_load_percent": "always guessing the mean load gives {:.1f} %",
     "reciprocity_error": "reciprocity error of the reference frame: {:.2%}",
     "repeat_noise": "noise between repeats: {:.3%}",
 }
