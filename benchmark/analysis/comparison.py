@@ -99,7 +99,7 @@ class RunComparison:
 
     Attributes:
         changes: in the order of the earlier run.
-        missing: a sentence for each scenario and method of the earlier run that the later one
+        missing: a sentence for each scenario, on the methods of the earlier run that the later one
             does not hold, or not on all of its frames.
         added: a sentence for each that only the later one holds.
         busy: a sentence for each run with times that are not compared, as its machine was busy.
@@ -152,7 +152,10 @@ def read_results(path: Path) -> Results:
 def _read_results(path: Path) -> Results:
     table = path / SAMPLES if path.is_dir() else path
     if not table.is_file():
-        raise InputError(f"{path} is neither a run directory nor the {SAMPLES} of one.")
+        raise InputError(
+            f"{path} is neither a run directory nor the {SAMPLES} of one: name the folder that "
+            "`eitbench run` wrote."
+        )
     about: manifest.Manifest = {}
     if (path / manifest.FILE_NAME).is_file():
         about = manifest.read(path)  # nothing is scored by a run of which a part is damaged
@@ -164,7 +167,9 @@ def _read_results(path: Path) -> Results:
             "suite again."
         )
     if samples.duplicated(["scenario", "method", "sample"]).any():
-        raise InputError(f"{table} has several rows for one sample of a method: run again.")
+        raise InputError(
+            f"{table} has several rows for one sample of a method: run the suite again."
+        )
     cells, times = table.with_name(METHOD_RUNS.table), {}
     if cells.is_file():
         for row in checked_table(cells, METHOD_RUNS, _NEEDED_OF_CELL).to_dict("records"):
@@ -205,26 +210,32 @@ def compare(
     """
     margins = {figure_called(name): margin for name, margin in margins.items()}
     old, new = cells_of(before.samples), cells_of(after.samples)
-    changes, missing = [], []
+    changes = []
+    gone: dict[tuple[str, str, str, str], list[str]] = {}
     busy: dict[Path, list[float]] = {}
     fastest = {
         machine: min(of.fastest_ms.get(machine, np.inf) for of in (before, after))
         for machine in {*before.fastest_ms, *after.fastest_ms}
     }
     for (scenario, method), cell in old.items():
-        who = f"{method!r} on {scenario!r}"
+
+        def lost(one: str, several: str, what: str) -> None:
+            gone.setdefault((scenario, one, several, what), []).append(repr(method))  # noqa: B023
+
         if (scenario, method) not in new:
-            missing.append(f"{who} is only in {before.path}.")
+            lost("is", "are", f"only in {before.path}")
             continue
         cells = _common(cell, new[scenario, method])
         clusters = cells[0]["cluster"].nunique()
         if clusters == 0:
-            missing.append(f"{who} was given other frames in {after.path}.")
+            lost("was", "were", f"given other frames in {after.path}")
             continue
         if len(cells[0]) < len(cell):
-            missing.append(
-                f"{who} lacks {len(cell) - len(cells[0])} of the {len(cell)} frames of "
-                f"{before.path} in {after.path}: the others are compared."
+            lost(
+                "lacks",
+                "lack",
+                f"{len(cell) - len(cells[0])} of the {len(cell)} frames of {before.path} in "
+                f"{after.path}: the others are compared",
             )
         times = [of.times.get((scenario, method)) for of in (before, after)]
         ratio, shared = _time_ratio(times, fastest)
@@ -242,21 +253,25 @@ def compare(
                     )
                 )
             elif np.isfinite(figures[0]):  # else this scenario does not know it
-                missing.append(f"{who} has no {spec.title} in {after.path}.")
+                lost("has", "have", f"no {spec.title} in {after.path}")
     added = [
         f"{method!r} on {scenario!r} is only in {after.path}."
         for scenario, method in new
         if (scenario, method) not in old
     ]
+    missing = [
+        f"{', '.join(names)} on {scenario!r} {one if len(names) == 1 else several} {what}."
+        for (scenario, one, several, what), names in gone.items()
+    ]
     if not changes:
         asked = ", ".join(METRICS[name].title for name in margins)
-        none = f"no scenario of theirs has {asked}." if asked else "one of them is empty."
+        none = f"they share no scenario with {asked}." if asked else "one of them is empty."
         why = (*missing, *added, none)[0]
         raise InputError(f"{before.path} and {after.path} cannot be compared: {why}")
     told = [
-        f"Times that were taken on a busy machine in {path} are not compared: beside them the "
-        f"calibration solve took up to {max(slower):.2f} times as long as this machine can. Run "
-        "again on an idle machine with --jobs 1."
+        f"Some times in {path} are not compared, as the machine was busy: a fixed computation "
+        f"beside them took up to {max(slower):.2f} times as long as it takes when the machine is "
+        "idle. Run again on an idle machine with --jobs 1."
         for path, slower in busy.items()
     ]
     return RunComparison(_adjusted(changes), missing, added, told)

@@ -8,6 +8,7 @@ import pandas as pd
 
 from eitbench.benchmark.analysis.results import GUESS, NOTES, NOTES_FILE
 from eitbench.benchmark.metrics.aggregation import figure_of
+from eitbench.benchmark.metrics.load import fit_load
 from eitbench.benchmark.metrics.specs import METRICS
 from eitbench.benchmark.rundir import manifest as manifests
 from eitbench.scenarios.data.datasets import load
@@ -46,12 +47,15 @@ def notes_of(scenario: RecordedScenario, n: int) -> dict[str, float | None]:
 
     `reciprocity_error` and `repeat_noise` are relative, see `quality`. Guessing gives all contacts
     the mean place of those of the validation split, and has the figures of `GUESS`: the median over
-    contacts, and of single presses those of a method. None where not defined.
+    contacts, and of single presses those of a method.
+    `guess_force_n` and `guess_load_percent` are the errors of always guessing the mean load of the
+    validation split. None where not defined.
     """
     found = quality(read_recording(scenario.recording), scenario.nominal_sensor.pattern)
     values = dict(zip(NOTES, found, strict=False))
     if scenario.recorded_set.truth == "position":
         values |= _guess(scenario, n)
+    values |= _guessed_loads(scenario, n)
     return {
         name: value if (value := values.get(name)) is not None and np.isfinite(value) else None
         for name in NOTES
@@ -68,3 +72,15 @@ def _guess(scenario: RecordedScenario, n: int) -> dict[str, float]:
     columns |= {f"expected_{axis}_m": presses[:, 0, k] for k, axis in enumerate("xy")}
     cell = pd.DataFrame(columns)
     return {name: figure_of(cell, METRICS[of]) for name, of in GUESS.items()}
+
+
+def _guessed_loads(scenario: RecordedScenario, n: int) -> dict[str, float]:
+    """As the metrics `measured_force_error_n` and `measured_load_error_percent`."""
+    known = load(scenario, "validation").samples
+    mean = fit_load(known, np.zeros(len(known)))  # images that say nothing
+    if mean is None:
+        return {}
+    tested = load(scenario, "test", n).samples
+    error = float(np.nanmedian(mean.error(np.zeros(len(tested)), tested)))
+    force = {"guess_force_n": error} if mean.quantity == "force_N" else {}
+    return force | {"guess_load_percent": 100 * error / mean.full_scale}

@@ -66,7 +66,7 @@ def _problem(submission: Submission, entry: Mapping[str, Any], n: int, isolate: 
     data, plugin = submission.data[scenario], submission.plan.origins.get(name)
     copy = None if plugin is None else run.path / plugin.kept
     if plugin is not None and not (copy and copy.is_file() and sha256(copy) == plugin.sha256):
-        return "The directory holds no copy of its plugin: run it again with this eitbench."
+        return "The run directory lacks a copy of the method's plugin: run the suite again."
     cell, suite = Cell(scenario, name), submission.plan.suite
     plan = CellPlan(
         cell, entry["track"], entry["parameters"], entry["spent"], suite, copy, data.batch
@@ -103,7 +103,8 @@ def _problem(submission: Submission, entry: Mapping[str, Any], n: int, isolate: 
     known = run.cells[(run.cells["scenario"] == scenario) & (run.cells["method"] == name)]
     for column in ("prior_knowledge", "differs"):
         if known[column].tolist() != [row.get(column, "")]:
-            return f"Its {column.replace('_', ' ')} is not what the directory says."
+            what = column.replace("_", " ")
+            return f"Its {what}, as noted here, is not what the run directory says."
     did = describe_actions(row.get("actions"))
     return f"Run again, it {did}." if did else ""
 

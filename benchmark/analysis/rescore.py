@@ -67,18 +67,25 @@ def rescored(run: Run) -> Iterator[tuple[Rescored, pd.DataFrame]]:
         if _truth(scenarios[name]) == "position":
             stored = _stored_text(run, name, method, "registration")
             if not stored:
-                raise InputError(f"{run.path} does not hold the registration of {method!r}.")
+                raise InputError(
+                    f"{run.path} does not say how images of {method!r} map to places (its "
+                    "registration): run the suite again."
+                )
             registration = _parsed(Similarity.from_json, stored, run, method)
         stored = _stored_text(run, name, method, "load_calibration")
         calibration = _parsed(LoadCalibration.from_json, stored, run, method) if stored else None
         if calibration is not None and calibration.quantity not in rows:
-            raise InputError(f"{run.path} does not hold the loads of {name!r}.")
+            raise InputError(
+                f"{run.path} does not hold the measured loads of {name!r}: run the suite again."
+            )
         parts = []
         for first in range(0, len(rows), AT_ONCE):
             part = rows.iloc[first : first + AT_ONCE]
             images = run.estimates(name, method, part["sample"].tolist())
             if images is None:
-                raise InputError(f"{run.path} holds no images of {method!r} on {name!r}.")
+                raise InputError(
+                    f"{run.path} holds no images of {method!r} on {name!r}: run the suite again."
+                )
             images[(part["status"] != "ok").to_numpy()] = np.nan
             truth = _stored(run, scenarios[name], part)
             parts.append(evaluate(truth, images, registration, calibration))
@@ -120,7 +127,9 @@ def _stored(run: Run, scenario: Scenario, rows: pd.DataFrame) -> GroundTruth:
     truth = _truth(scenario)
     images = run.scene(scenario.name, rows["sample"].tolist()).truth
     if truth in ("conductivity", "classes") and (images is None or len(images) != len(rows)):
-        raise InputError(f"{run.path} does not hold the truth of {scenario.name!r}.")
+        raise InputError(
+            f"{run.path} does not hold the true images of {scenario.name!r}: run the suite again."
+        )
     rows = rows.reset_index(drop=True)
     return GroundTruth(scenario.name, scenario.nominal_sensor, rows, truth, images, images)
 

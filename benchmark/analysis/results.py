@@ -35,7 +35,7 @@ GUESS = {
     )},
 }  # fmt: skip
 """Notes on guessing one place, and the figures of a method that they stand beside."""
-NOTES = ("reciprocity_error", "repeat_noise", *GUESS)
+NOTES = ("reciprocity_error", "repeat_noise", *GUESS, "guess_force_n", "guess_load_percent")
 NOTES_FILE = "recordings.json"
 _NOTES = TypeAdapter(dict[str, dict[str, float | None]], config=ConfigDict(strict=True))
 
@@ -154,13 +154,13 @@ def _read_run(path: Path) -> Run:
     try:
         noted = _NOTES.validate_json(read_json_file(notes)) if notes.is_file() else {}
     except ValueError as error:
-        raise DataCorruptError(f"{notes} holds no figures of recordings: run again.") from error
+        raise DataCorruptError(f"{notes} is damaged: delete it and run the suite again.") from error
     # Tracks have rows of the same samples, once each.
     most = sum(manifest.samples_of(content).values()) * max(1, len(content.get("cells", [])))
     samples = checked_table(path / SAMPLES, kind, ("suite", *labels, "sample", "status"), most)
     cells = checked_table(path / kind.table, kind, labels, most)
     if len(samples) and cells.empty:
-        raise DataCorruptError(f"{path / kind.table} is empty: run again.")
+        raise DataCorruptError(f"{path / kind.table} is empty: run the suite again.")
     return Run(
         path,
         kind,
@@ -193,17 +193,17 @@ def checked_table(
     table = read_table(path, most_rows)
     for name in needed:
         if len(table) and name not in table:
-            raise DataCorruptError(f"{path} has no column {name!r}: run again.")
+            raise DataCorruptError(f"{path} has no column {name!r}: run the suite again.")
     texts = ("suite", "scenario", kind.name, *kind.labels, *kind.facts, *TEXTS)
     for name in ("suite", "scenario", kind.name, *kind.labels):
         for text in table[name].dropna().unique() if name in table else ():
             if not isinstance(text, str) or len(text.encode()) > MAX_NAME:
                 raise DataCorruptError(
                     f"The column {name!r} of {path} holds a name of more than {MAX_NAME} bytes: "
-                    "run again with a shorter one."
+                    "run the suite again with a shorter one."
                 )
     if wrong := wrong_kind(table, texts, (*kind.metrics, *kind.costs, *NUMBERS)):
-        raise DataCorruptError(f"The column {wrong!r} of {path} is damaged: run again.")
+        raise DataCorruptError(f"The column {wrong!r} of {path} is damaged: run the suite again.")
     described = {"prior_knowledge": describe_prior_knowledge, "actions": describe_actions}
     for name, describe in described.items():
         try:
@@ -211,7 +211,7 @@ def checked_table(
                 describe(text)
         except ValueError as error:
             raise DataCorruptError(
-                f"The column {name!r} of {path} is damaged: run again."
+                f"The column {name!r} of {path} is damaged: run the suite again."
             ) from error
     return table
 
@@ -376,9 +376,9 @@ def read_json(path: Path) -> dict[str, Any]:
     try:
         content = json.loads(read_json_file(path).decode())
     except (ValueError, RecursionError) as error:
-        raise DataCorruptError(f"{path} is not valid JSON: run again.") from error
+        raise DataCorruptError(f"{path} is not valid JSON: run the suite again.") from error
     if not isinstance(content, dict):
-        raise DataCorruptError(f"{path} does not hold a JSON object: run again.")
+        raise DataCorruptError(f"{path} does not hold a JSON object: run the suite again.")
     return content
 
 
@@ -394,5 +394,5 @@ def read_table(path: Path, most_rows: int | None = None) -> pd.DataFrame:
     except Exception as error:
         reason = (str(error).splitlines() or [type(error).__name__])[0].rstrip(".")
         raise DataCorruptError(
-            f"{path} is not a readable Parquet file ({reason}): run again."
+            f"{path} is not a readable Parquet file ({reason}): run the suite again."
         ) from error

@@ -115,7 +115,7 @@ def standings(runs: Sequence[Run]) -> list[Standing]:
 def _standing(board: Sequence[Entry]) -> Standing:
     rows = [dict(entry.row) for entry in board]
     if any(entry.run.kind.name != "method" for entry in board):
-        return Standing(rows, [], 0, "Operators are deterministic: nothing is drawn.")
+        return Standing(rows, [], 0, "There are no intervals for operators: chance plays no part.")
     specs = [
         c for c in METHOD_RUNS.metrics.values() if any(row[c.name] is not None for row in rows)
     ]
@@ -124,13 +124,16 @@ def _standing(board: Sequence[Entry]) -> Standing:
         row |= dict.fromkeys(_COLUMNS)
         row |= {"ranked_by": by, "rank_valid": rank}
     if by is None:
-        return Standing(rows, [], 0, "Nothing that methods are ranked by is known here.")
+        return Standing(rows, [], 0, "No figure that could rank methods is known here.")
     for row, entry in zip(rows, board, strict=True):
         row |= _gaps(entry, by)
     places = _whole(board)
     cells = [board[place].cell.sort_values("sample") for place in places]
     if any("cluster" not in cell for cell in cells):
-        why = "Intervals need to know clusters, and a run lacks that column: run the suite again."
+        why = (
+            "Intervals need to know which samples share a session, and a run does not say so: run "
+            "the suite again."
+        )
         return Standing(rows, [], 0, why)
     clusters = cells[0]["cluster"].nunique() if cells else 0
     if clusters < MIN_CLUSTERS:

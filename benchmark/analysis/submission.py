@@ -48,7 +48,8 @@ PLAUSIBLE_PLACE_MM = 0.1
 
 TRUST = (
     "times and memory",
-    "prior knowledge, differences and actions of methods, parameters and weights of plugins",
+    "what methods say of their prior knowledge and differences, what they were seen to do, "
+    "parameters and weights of plugins",
     "that the images are what the methods make of the frames",
 )
 """What is taken on trust without a rerun; with one, the first only."""
@@ -113,7 +114,9 @@ def open_submission(path: Path, *, jobs: int = 1) -> Submission:
     try:
         return Submission(run, plan_of(run.manifest, path), jobs)
     except InputError as error:
-        raise InputError(f"{path} cannot be checked: its manifest was changed.") from error
+        raise InputError(
+            f"{path} cannot be checked: its manifest was changed. Send what the run wrote."
+        ) from error
 
 
 def check_submission(submission: Submission) -> list[Check]:
@@ -133,7 +136,10 @@ def _problem(check: Callable[[Submission], str], submission: Submission) -> str:
     except EitbenchError as error:
         return str(error)
     except (AttributeError, KeyError, TypeError, ValueError) as error:
-        return f"The {manifests.FILE_NAME} or a table lacks something ({error})."
+        return (
+            f"The {manifests.FILE_NAME} or a table lacks an entry that every run writes ({error}): "
+            "send what the run wrote."
+        )
 
 
 def _holds_nothing_else(of: Submission) -> str:
@@ -144,14 +150,20 @@ def _holds_nothing_else(of: Submission) -> str:
     copies = {plugin.kept.name for plugin in of.plan.plugins}
     folder = of.run.path / "plugins"
     if folder.is_dir() and (more := {path.name for path in folder.iterdir()} - copies):
-        return f"The folder 'plugins' holds {min(more)!r}, which is none of this run: delete it."
+        return (
+            f"The folder 'plugins' holds {min(more)!r}, which does not belong to this run: delete "
+            "it."
+        )
     return ""
 
 
 def _is_packaged(of: Submission) -> str:
     plan = of.plan
     if plan.suite.name not in suites():
-        return f"The suite {plan.suite.name!r} is not one of eitbench's."
+        return (
+            f"The suite {plan.suite.name!r} is not one of eitbench's: run one that `eitbench list "
+            "suites` shows."
+        )
     if plan.suite != load_suite(plan.suite.name):
         return (
             f"The suite {plan.suite.name!r} of this run is not that of this version of eitbench: "
@@ -167,7 +179,7 @@ def _is_of_a_release(of: Submission) -> str:
     except InvalidVersion:
         return f"{stated!r} is no version of eitbench."
     if newer:
-        return f"It says that eitbench {stated} made it; this is {ours}: check it with that one."
+        return f"Eitbench {stated} made it, and this is {ours}: check it with {stated}."
     commit = of.run.manifest["git_commit"]
     if commit is not None and not re.fullmatch("[0-9a-f]{40}", commit):
         return f"It was made with changed code (git commit {commit}): run it from a clean checkout."
@@ -201,14 +213,20 @@ _ALIKE = str.maketrans({"0": "o", "1": "l", "i": "l", "|": "l", "5": "s", **dict
 def _is_complete(of: Submission) -> str:
     run, plan = of.run, of.plan
     if run.manifest["status"] != "finished":
-        return f"The run is {run.manifest['status']}: resume it."
+        return (
+            f"The run is {run.manifest['status']}: finish it with `eitbench run --resume "
+            f"{run.path}`."
+        )
     if plan.limit != plan.suite.limit:
-        return f"The run was limited to {plan.limit} samples a scenario."
+        return (
+            f"The run was limited to {plan.limit} samples a scenario: run the suite without "
+            "--limit."
+        )
     if any(cell["variant"] for cell in run.manifest["cells"]):
         return "The manifest holds cells of other tracks: run it without --tracks."
     samples = {name: len(data.test) for name, data in of.data.items()}
     if manifests.samples_of(run.manifest) != samples:
-        return f"The manifest is not of these numbers of samples: {samples}."
+        return f"The manifest tells other numbers of samples than the scenarios have: {samples}."
     expected = []
     for scenario in plan.suite.scenarios:
         for name in plan.names:
@@ -227,7 +245,7 @@ def _is_complete(of: Submission) -> str:
     for (where, name), of_cell in cells_of(run.samples).items():
         n = len(of.data[where].test)
         if sorted(of_cell["sample"]) != list(range(n)):
-            return f"{name!r} on {where!r} has rows of other samples than 0 to {n - 1}, once each."
+            return f"{name!r} on {where!r} should have one row for each sample, 0 to {n - 1}."
     return ""
 
 
@@ -331,8 +349,8 @@ def _registrations_are_ours(of: Submission) -> str:
                  (stored.shift, fitted.shift))  # fmt: skip
         if not all(_agree(np.asarray(one), np.asarray(other)) for one, other in pairs):
             return (
-                f"The registration of {method!r} on {scenario!r} is not that of its images of the "
-                "validation presses."
+                f"The registration of {method!r} on {scenario!r} does not follow from its images "
+                "of the validation presses."
             )
     return ""
 
@@ -347,7 +365,8 @@ def _is_plausible(of: Submission) -> str:
         else:
             continue
         return (
-            f"{method!r} on {scenario!r} has {told}, more than frames tell: look how it knows that."
+            f"{method!r} on {scenario!r} has {told}, which is better than frames allow: look where "
+            "it gets the truth from."
         )
     return ""
 
@@ -356,8 +375,8 @@ def _scores_are_ours(of: Submission) -> str:
     for cell, _ in rescored(of.run):
         if cell.changed:
             return (
-                f"{cell.changed} of {cell.n} samples of {cell.method!r} on {cell.scenario!r} do "
-                f"not have the figures of their images: {', '.join(cell.figures)}."
+                f"{cell.changed} of {cell.n} samples of {cell.method!r} on {cell.scenario!r} have "
+                f"other figures than their stored images give: {', '.join(cell.figures)}."
             )
     return ""
 
@@ -371,15 +390,15 @@ def _leaderboard_follows(of: Submission) -> str:
         return f"{LEADERBOARD} cannot be read ({type(error).__name__})."
     expected = [row for standing in standings([run]) for row in standing.rows]
     if len(stored) != len(expected):
-        return f"{LEADERBOARD} has {len(stored)} rows, and its samples make {len(expected)}."
+        return f"{LEADERBOARD} has {len(stored)} rows, and the samples give {len(expected)}."
     for row in expected:
         there = rows.get((row["scenario"], row["method"]), {})
         for name, value in row.items():
             # A folder may be renamed.
             if name != "run" and not _agrees(there.get(name), value):
                 return (
-                    f"{LEADERBOARD} says {name} {there.get(name)} of {row['method']!r} on "
-                    f"{row['scenario']!r}, and its samples say {value}."
+                    f"In {LEADERBOARD} the {name} of {row['method']!r} on {row['scenario']!r} is "
+                    f"{there.get(name)}, and the samples give {value}."
                 )
     return ""
 

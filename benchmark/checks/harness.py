@@ -190,7 +190,10 @@ def run_checks(
             message = run(check) or ""
             if reason:
                 status = "failed"
-                message = f"it passes although it is expected to fail ({reason}): remove it."
+                message = (
+                    f"it passes although it is expected to fail ({reason}): remove it from "
+                    "`expected_failures`."
+                )
         except SkippedError as skipped:
             status, message = "skipped", str(skipped)
         except GivenUpError as finding:

@@ -380,7 +380,7 @@ def no_writing(tested: MethodUnderTest) -> None:
 
 def no_programs(tested: MethodUnderTest) -> None:
     """Starts no other program."""
-    advice = "what they do is not seen, so that a reason is needed"
+    advice = "what they do cannot be watched, so give the reason in `expected_failures`"
     _require_unseen(tested, "program", "it starts other programs", advice)
 
 

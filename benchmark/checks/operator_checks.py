@@ -282,7 +282,7 @@ def reciprocity(tested: OperatorUnderTest) -> str:
     pairs = pattern.reciprocal_pairs()
     if not len(pairs):
         raise SkippedError(
-            "The drive pattern measures no pair of electrodes as drive and as sense."
+            "No pair of electrodes is both driven and measured with, so that nothing is reciprocal."
         )
     voltages = tested.voltages
     violation = (
@@ -309,7 +309,7 @@ def scaling(tested: OperatorUnderTest) -> str:
     Ohm's law: F_(z/c)(c sigma) = F_z(sigma) / c with contact impedances z.
     """
     if not tested.exact:
-        raise SkippedError("Only exact operators need to obey it; this one is not (`exact`).")
+        raise SkippedError("Only operators that say `exact = True` need to obey it.")
     factor = 2.0
     electrodes = tuple(
         replace(e, contact_impedance=e.contact_impedance / factor) for e in tested.sensor.electrodes
@@ -365,7 +365,9 @@ def _require_refusal(tested: OperatorUnderTest, sigma: Any, cotangent: Any, what
                 raise BrokenError(
                     f"{name} of {what} raises a {found}, not an InputError."
                 ) from error
-            raise BrokenError(f"{name} takes {what}: raise an InputError that says what is wrong.")
+            raise BrokenError(
+                f"{name} accepts {what}: raise an InputError that says what is wrong."
+            )
 
 
 def refuses_cotangents(tested: OperatorUnderTest) -> None:
@@ -376,4 +378,6 @@ def refuses_cotangents(tested: OperatorUnderTest) -> None:
             tested.operator.vjp(tested.sigma, np.ones(shape))
         except InputError:
             continue
-        raise BrokenError(f"vjp takes a cotangent of shape {shape} for {n} images.")
+        raise BrokenError(
+            f"vjp accepts a cotangent of shape {shape} for {n} images: raise an InputError."
+        )

@@ -68,8 +68,8 @@ def evaluate(
     images = _imputed(dataset, estimates)
     if dataset.truth == "position" and registration is None:
         raise InputError(
-            f"Scenario {dataset.scenario!r} knows positions in the robot's coordinates only: "
-            "fit a registration on its validation split first."
+            f"Scenario {dataset.scenario!r} has places in the robot's coordinates: first find how "
+            "images map to them (`fit_registration`), on its validation split."
         )
     table = pd.DataFrame({"sample": dataset.samples["sample"].to_numpy()})
     for name in METRIC_COLUMNS:

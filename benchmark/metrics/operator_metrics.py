@@ -34,7 +34,7 @@ class Standard:
         if not (std > 0).all():
             raise InputError(
                 f"Measurement {int(np.argmin(std))} is the same in all {len(voltages)} validation "
-                "samples, so that it cannot be standardised: declare more of them."
+                "samples, so that it cannot be standardised: declare more validation samples."
             )
         return cls(voltages.mean(axis=0), std)
 
@@ -128,7 +128,7 @@ _SPECS = (
         aggregate=None,
         form=".5f",
         traps="Blind to a common scale and offset. Close to 1 it hardly moves: 0.97 and 0.995 "
-        "are an error six times as large in MSE. The large responses beside the drive rule it. "
+        "are an error six times as large in MSE. The large responses next to the drive decide it. "
         "Not defined where all answers are alike.",
     ),
     _metric(
@@ -140,7 +140,7 @@ _SPECS = (
         form=SMALL,
         traps="Relative to the whole voltage, of which a touch changes a small part: always "
         "answering the untouched sensor's voltages scores well. The large voltages beside"
-        " the drive rule it.",
+        " the drive decide it.",
     ),
     _metric(
         "grad_cosine",
@@ -154,7 +154,7 @@ _SPECS = (
         traps="Direction only: a gradient of the wrong length scores 1. One cotangent a sample,"
         " the same for all operators, along which a reconstruction would first move; "
         "other directions are not looked at. Pixels at the rim, where gradients are "
-        "largest, rule it. A gradient of zero has no direction; it counts as 0 and its "
+        "largest, decide it. A gradient of zero has no direction; it counts as 0 and its "
         "row is flagged `grad_undefined`.",
     ),
 )

@@ -232,7 +232,7 @@ class BatchRunner:
                 self._state = _STATE.validate_python(json.loads(text))
             except ValueError as error:
                 raise DataCorruptError(
-                    "A stored part of the run lacks the state of its cell: start a new run."
+                    "A stored part of the run is damaged, so that it cannot go on: start a new run."
                 ) from error
         self._service, self._stop = task.service(), stop
         self._logged: set[str] = set()

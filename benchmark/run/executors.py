@@ -161,7 +161,8 @@ class DaskExecutor(Executor):
                 return self._result(data, task, stop)
             except KilledWorker as error:
                 raise EitbenchError(
-                    f"{name} was lost with each of the machines that worked on it."
+                    f"Every machine that worked on {name} was lost: see in their logs why, and "
+                    "whether they have enough memory."
                 ) from error
             except CancelledError:  # the data went with the last machine that had them
                 with self._lock:

@@ -76,9 +76,9 @@ class MethodData(CellData):
         if test.truth == "position" and len(validation) < LEAST_PRESSES:
             # Every fifth press is for validation, the first one among them.
             raise InputError(
-                f"Scenario {scenario.name!r} has {len(validation)} validation presses, and at "
-                f"least {LEAST_PRESSES} register images with places: record at least "
-                f"{5 * (LEAST_PRESSES - 1) + 1} touches."
+                f"Scenario {scenario.name!r} has {len(validation)} validation presses (every fifth "
+                f"touch), and at least {LEAST_PRESSES} are needed to find how images map to "
+                f"places: record at least {5 * (LEAST_PRESSES - 1) + 1} touches."
             )
         return cls(scenario, test, validation)
 

@@ -73,8 +73,8 @@ class OperatorData(CellData):
             )
         if scenario.imperfections.drawn or scenario.imperfections.mesh == "slab":
             raise InputError(
-                f"Scenario {scenario.name!r} draws units of its sensor, or is a slab: operators "
-                "are compared on one sensor of two dimensions."
+                f"The sensor of scenario {scenario.name!r} varies, or has three dimensions: "
+                "operators are compared on one sensor of two dimensions."
             )
         cls.known()  # loads their libraries here, so that workers are forked with them
         measured = load(scenario, split="test", limit=limit, jobs=jobs, progress=progress)

@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from io import BytesIO
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -120,11 +121,16 @@ def prior_knowledge_columns(
     """
     learned = [given.contents for given in access.samples]
     noise = [given.split for given in access.samples if _has_test_noise(scenario, given.split)]
-    source = None
+    source, shown_in_training = None, None
     if training is not None:
         source = _source(training, scenario)
-        if source is not None:
-            learned.append(training_contents(source, training.train_samples, training.train_data))
+        shown_in_training = (
+            _stored_contents(training.train_data, training.train_samples)
+            if source is None
+            else training_contents(source, training.train_samples, training.train_data)
+        )
+        if shown_in_training is not None:
+            learned.append(shown_in_training)
     if spent and _has_test_noise(validation_scenario(scenario), "validation"):
         noise.append("tuning")
     shown = contents(test.phantoms, test.voltages)
@@ -144,7 +150,7 @@ def prior_knowledge_columns(
         "noise": noise,
         "families": _families(access, source, scenario),
     }
-    known = training is None or source is not None
+    known = training is None or shown_in_training is not None
     return {
         "prior_knowledge": json.dumps(knowledge),
         "overlap": overlap if known or overlap else NAN,
@@ -188,20 +194,30 @@ def contents_file(data_hash: str, count: int) -> str:
 
 def training_contents(scenario: SimulatedScenario, count: int, data_hash: str) -> Contents:
     """Return the contents of the first `count` training samples: packaged, or computed once."""
-    name = contents_file(data_hash, count)
-    cached = cache_dir() / "contents" / name
-    for path in (packaged_weights() / name, cached):
+    if (stored := _stored_contents(data_hash, count)) is not None:
+        return stored
+    drawn = tuple(phantom(scenario, "train", sample) for sample in range(count))
+    found: Contents = np.sort(contents(drawn, None))
+    buffer = BytesIO()
+    np.save(buffer, found)
+    with suppress(OSError):  # the next run would only have to do it again
+        atomic_write(_cached_contents(data_hash, count), buffer.getvalue())
+    return found
+
+
+def _cached_contents(data_hash: str, count: int) -> Path:
+    return cache_dir() / "contents" / contents_file(data_hash, count)
+
+
+def _stored_contents(data_hash: str, count: int) -> Contents | None:
+    """Contents that are packaged, or that an earlier run computed, of this or another suite."""
+    packaged = packaged_weights() / contents_file(data_hash, count)
+    for path in (packaged, _cached_contents(data_hash, count)):
         with suppress(OSError, ValueError, EOFError):  # one that is damaged is made again
             found: Contents = np.load(path, allow_pickle=False)
             if found.shape == (count,) and found.dtype == np.uint64:
                 return found
-    drawn = tuple(phantom(scenario, "train", sample) for sample in range(count))
-    found = np.sort(contents(drawn, None))
-    buffer = BytesIO()
-    np.save(buffer, found)
-    with suppress(OSError):  # the next run would only have to do it again
-        atomic_write(cached, buffer.getvalue())
-    return found
+    return None
 
 
 def _source(training: Training, scenario: Scenario) -> SimulatedScenario | None:

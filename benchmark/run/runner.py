@@ -104,12 +104,10 @@ class TimeLimit:
 
 
 class UnfinishedError(EitbenchError):
-    """The run in the folder `run` ended early for a `reason`, a sentence; what is done is kept."""
+    """A run ended early for a `reason`, a sentence; the command `again` continues it."""
 
-    def __init__(self, reason: str, run: Path) -> None:
-        super().__init__(
-            f"{reason} Finished rows are kept: continue with `eitbench run --resume {run}`."
-        )
+    def __init__(self, reason: str, again: str) -> None:
+        super().__init__(f"{reason} Finished rows are kept: continue with `{again}`.")
         self.reason = reason
 
 
@@ -189,8 +187,8 @@ def resume_run(
     _, plan = read_resumable(run)
     if suite is not None and suite != plan.suite:
         raise InputError(
-            f"{run} is a run of suite {plan.suite.name!r} as it was then, not of this "
-            f"{suite.name!r}: leave the suite out to continue it, or start a new run."
+            f"{run} was started with suite {plan.suite.name!r} as it was then, which differs from "
+            f"this {suite.name!r}: leave the suite out to continue it, or start a new run."
         )
     progress = progress or RunProgress(quiet=True)
     with (
@@ -370,17 +368,17 @@ def _execute(
         "finished": manifests.now() if ended else None,
     }
     store.write_manifest(manifest)
+    again = f"eitbench run --resume {store.path}"
     if limit.reached and unfinished and not interrupted:
         return replace(
             _result(store.path, manifest),
             unfinished=f"The time limit of {limit.seconds:g} s ended the run: "
-            f"{_unfinished(unfinished, len(cells))}. Continue with `eitbench run --resume "
-            f"{store.path}`.",
+            f"{_unfinished(unfinished, len(cells))}. Continue with `{again}`.",
         )
     if interrupted:
-        raise RunInterruptedError("The run was interrupted.", store.path)
+        raise RunInterruptedError("The run was interrupted.", again)
     if unfinished:
-        raise UnfinishedError(f"{_unfinished(unfinished, len(cells))}.", store.path)
+        raise UnfinishedError(f"{_unfinished(unfinished, len(cells))}.", again)
     store.remove_parts()
     return _result(store.path, manifest)
 
@@ -437,7 +435,7 @@ def _run_cells(
     errors = [future.exception() for future in futures if not future.cancelled()]
     for error in errors:
         if isinstance(error, EitbenchError):
-            raise UnfinishedError(str(error), store.path) from error
+            raise UnfinishedError(str(error), f"eitbench run --resume {store.path}") from error
         if error is not None and not isinstance(error, StoppedError):
             raise error
     return True

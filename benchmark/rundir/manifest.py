@@ -207,6 +207,6 @@ def suite_of(manifest: Manifest) -> Suite:
         return Suite.model_validate(manifest["plan"]["suite"])
     except (KeyError, ValidationError) as error:
         raise InputError(
-            "The manifest of the run does not hold its suite as this version of eitbench declares "
-            "suites: run it again."
+            "The manifest describes its suite in a way that this version of eitbench does not "
+            "read: run the suite again."
         ) from error

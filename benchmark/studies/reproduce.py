@@ -38,8 +38,7 @@ def run_claims(
         except RunInterruptedError as interrupted:
             again = "" if limit is None else f" --limit {limit}"
             raise RunInterruptedError(
-                f"Interrupted: finished rows are in {folder}. Continue with "
-                f"`eitbench reproduce --out {out}{again}`."
+                interrupted.reason, f"eitbench reproduce --out {out}{again}"
             ) from interrupted
         folders.append(folder)
     return folders

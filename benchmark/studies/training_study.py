@@ -137,7 +137,9 @@ def run_study(
         raise unknown_name("study", name, STUDIES)
     scenario = training_scenario(load_suite(budget.suite))
     if budget.limit is not None and "samples" in STUDIES[name].grid:
-        raise InputError(f"The study {name!r} is about numbers of samples: leave out --limit.")
+        raise InputError(
+            f"The study {name!r} chooses the numbers of samples itself: leave out --limit."
+        )
     _begin(out, {"study": name, **vars(budget), "data": scenario.data_hash("train")})
     study = STUDIES[name]
     variants = [

@@ -53,7 +53,8 @@ class TrialService(MethodService):
         for name in search:
             if not hasattr(made, name):
                 raise InputError(
-                    f"Method {self.method!r} lets {name!r} be chosen, but has no such parameter."
+                    f"Method {self.method!r} lists {name!r} in `search`, and has no such "
+                    "parameter: correct its name."
                 )
         defaults = {name: getattr(made, name) for name in search}
         return Reply(

@@ -108,7 +108,7 @@ class RestartingWorker:
         if history.lost is not None:
             if history.restarts >= RESTARTS:
                 history.losses += 1
-                message = f"not tried after too many losses: {history.lost.message}"
+                message = f"not tried, as its process was lost too often: {history.lost.message}"
                 raise WorkerLostError(replace(history.lost, message=message))
             history.restarts += 1
         self.start()

@@ -195,9 +195,11 @@ def serve(connection: Connection, service: object) -> None:
 class _PluginReader:
     """Reads the names that the file `plugin` registers, and makes methods with parameters."""
 
-    def __init__(self, plugin: Path, parameters: Mapping[str, Mapping[str, Any]]) -> None:
+    def __init__(
+        self, plugin: Path, parameters: Mapping[str, Mapping[str, Any]] = MappingProxyType({})
+    ) -> None:
         self._plugin = plugin
-        self._parameters = parameters
+        self._parameters = dict(parameters)  # which can be sent to the worker
 
     def names(self) -> Reply:
         close_test_split()
@@ -247,7 +249,7 @@ def plugin_names(
         TemporaryDirectory(prefix="eitbench-", ignore_cleanup_errors=True) as folder,
         Worker(
             serve,
-            _PluginReader(path, dict(parameters)),
+            _PluginReader(path, parameters),
             confinement=Confinement(Path(folder), (path,)) if isolate else None,
         ) as worker,
     ):

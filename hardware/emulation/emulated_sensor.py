@@ -111,7 +111,7 @@ class ScriptedTouch(Declaration):
     @classmethod
     def _later(cls, value: float, info: ValidationInfo) -> float:
         if value <= info.data.get("start_s", -1.0):
-            raise ValueError("a touch ends later than it starts")
+            raise ValueError("end_s has to be later than start_s")
         return value
 
     @property

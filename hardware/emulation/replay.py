@@ -47,8 +47,8 @@ class Replay(Board):
             nominal, times, values, emulated = _recorded_set(str(file))
         if sensor is not None and sensor != nominal:
             raise InputError(
-                f"{file} was measured on sensor {nominal.name!r}, not on {sensor.name!r}: name "
-                "that one, or none."
+                f"{file} was measured on sensor {nominal.name!r}, not on {sensor.name!r}: leave "
+                "out --sensor."
             )
         super().__init__(nominal, emulated=emulated)
         self._values = values
@@ -126,5 +126,7 @@ def _recording_file(path: Path) -> Frames:
     if not len(content):
         raise InputError(f"{path} holds no frames: there is nothing to play.")
     if content.differences:
-        raise InputError(f"{path} holds differences, which no board measures: it is not played.")
+        raise InputError(
+            f"{path} holds differences only, and boards send whole frames: it cannot be played."
+        )
     return content.sensor, content.time_s, content.values, content.emulated

@@ -80,7 +80,7 @@ def access_to(host: str | None, token_file: Path | None, token: str) -> Access:
     if host is None:
         if token_file is not None:
             raise InputError(
-                "--token-file is for other machines: say with --host where they connect."
+                "--token-file is for pages on other machines: let them connect with --host."
             )
         return Access()
     if token_file is not None:

@@ -64,7 +64,7 @@ def export_recording(path: Path, to: Path) -> str:
     written = f"{len(content)} frames are in {to}."
     if condition.complete:
         return written
-    return f"{written} {path} was not closed: what followed them is lost."
+    return f"{written} {path} was cut off, so that what followed them is lost."
 
 
 def import_recording(

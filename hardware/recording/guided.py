@@ -12,7 +12,7 @@ from threading import Event, Thread
 from eitbench.hardware.board import Board, BoardError
 from eitbench.hardware.recording.loop import Status, record
 from eitbench.hardware.recording.recorder import Recorder
-from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.errors import InputError, counted
 from eitbench.scenarios.sensors.sensor import Sensor
 
 MIN_TOUCHES = 11
@@ -100,7 +100,10 @@ class GuidedSession:
         try:
             record(self._board, self._recorder, stop=self._stop, show=self._follow, say=self._say)
             if not self._stop.is_set():
-                raise BoardError("The board has sent its last frame, and the session is not over.")
+                raise BoardError(
+                    "The board stopped sending before the session was over: look at its cable and "
+                    "power, and record again."
+                )
         except Exception as error:  # raised where frames are waited for
             self._failure = error
 
@@ -115,19 +118,35 @@ class GuidedSession:
         repeats = self._number("How often is each place touched? [1]", 1, whole=True)
         depth_mm = self._number("How deep is a touch [mm]? (Enter if unknown)", float("nan"))
         self._say(
-            "A force in N may follow a place: 30 55 2.5. Places touched at once: 30 55; 70 20."
+            "Type a place as 30 55, or with a force in N as 30 55 2.5. Places that are touched at "
+            f"the same time: 30 55; 70 20. {self._registering()}"
         )
         while contacts := self._contacts():
             for _ in range(int(repeats)):
                 self._touch(contacts, depth_mm)
-            touches = "1 touch" if self.touches == 1 else f"{self.touches} touches"
-            self._report(f"{touches} so far.")
+            self._report(f"{counted(self.touches, 'touch', 'touches')} so far.")
         if self.touches < MIN_TOUCHES:
             self._say(
-                f"{MIN_TOUCHES - self.touches} of {MIN_TOUCHES} touches are missing, so that there "
-                "is no suite: every fifth touch registers images with places. Record again, with "
-                f"at least {MIN_TOUCHES}."
+                f"No suite is written: only {counted(self.touches, 'touch', 'touches')} so far. "
+                "Every fifth touch is used to find how images map to places, and 3 such touches "
+                f"are needed. Record again, with at least {MIN_TOUCHES} touches."
             )
+
+    def _registering(self) -> str:
+        """Which touches find how images map to places, and where they do it well: a sentence."""
+        sensor = self._board.sensor
+        x0, y0, x1, y1 = (1e3 * bound for bound in sensor.outline.bounds)
+        corners = [
+            (x0 + x * (x1 - x0), y0 + y * (y1 - y0))
+            for x, y in ((0.3, 0.3), (0.7, 0.35), (0.45, 0.7))
+        ]
+        inside = all(sensor.outline.contains(x / 1e3, y / 1e3) for x, y in corners)
+        such = f", such as {'; '.join(f'{x:.0f} {y:.0f}' for x, y in corners)}" if inside else ""
+        return (
+            "Touches 1, 6, 11 and so on (every fifth) are used to find how images map to places: "
+            "at least 3 such places are needed, far apart and not on a line, as a line does not "
+            f"tell an image from its mirror image{such}."
+        )
 
     def _report(self, sentence: str) -> None:
         if self._status is not None:
@@ -183,7 +202,7 @@ class GuidedSession:
                 number = -1
             if least <= number <= _GREATEST:
                 return number
-            self._say(f"That is a {kind} from {least} to {_GREATEST}, got {typed!r}.")
+            self._say(f"Type a {kind} from {least} to {_GREATEST}; got {typed!r}.")
         return default
 
     def _contacts(self) -> list[_Contact]:
@@ -210,11 +229,11 @@ def _contact(typed: str) -> _Contact:
         x_mm = y_mm = force_n = math.inf
     if not (abs(x_mm) < math.inf and abs(y_mm) < math.inf and not force_n > _GREATEST):
         raise InputError(
-            "A place is two numbers such as 30 55, with a force in N 30 55 2.5, got "
-            f"{typed.strip()!r}."
+            "A place is two numbers in mm, such as 30 55; a force in N may follow, such as 30 55 "
+            f"2.5. Got {typed.strip()!r}."
         )
     if force_n <= 0:
-        raise InputError(f"A force is above 0 N, got {force_n:g}.")
+        raise InputError(f"A force has to be above 0 N, got {force_n:g}.")
     return _Contact(x_mm / 1e3, y_mm / 1e3, force_n)
 
 

@@ -105,7 +105,10 @@ def contrasts(data: Dataset, problem: Problem) -> NDArray[np.float32]:
         InputError: the conductivity of `data` is not known.
     """
     if data.conductivity is None:
-        raise InputError(f"Scenario {data.scenario!r} knows no conductivity to learn from.")
+        raise InputError(
+            f"Scenario {data.scenario!r} has no true images to learn from: learn from a simulated "
+            "one."
+        )
     inside = data.conductivity[:, problem.mask] / problem.background - 1
     return inside.astype(np.float32)
 

@@ -59,8 +59,8 @@ class RefinementMethod(TrainedMethod):
         self.start(problem)
         if metadata["begun_from"] != self.begun_from:
             raise InputError(
-                f"The weights of {self.files.name!r} continue another network than the present "
-                f"one of 'dnn': train them again with `{self.files.command}`."
+                f"The weights of {self.files.name!r} were trained for another network 'dnn' than "
+                f"there is now: train them again with `{self.files.command}`."
             )
         self._network = self.network(problem)
         torch.nn.Sequential(self._network).load_state_dict(tensors)

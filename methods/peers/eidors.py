@@ -141,7 +141,7 @@ class Octave:
         if late:
             raise EitbenchError(f"EIDORS took more than {limit_s:g} s.")
         said = (Path(self._folder.name) / "errors.txt").read_text(errors="replace")
-        reason = " ".join(said.split())[-_LONGEST_REASON:] or "it says no more"
+        reason = " ".join(said.split())[-_LONGEST_REASON:] or "it gave no reason"
         raise EitbenchError(f"Octave ended with code {process.returncode}: {reason}")
 
 

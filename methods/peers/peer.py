@@ -86,8 +86,8 @@ class Peer(Method):
         scale = float(alike @ np.sum(true * found, axis=1)) / energy if energy > 0 else 0.0
         if not scale > 0:
             raise InputError(
-                f"What the peer returns for simulated contacts on sensor {problem.sensor.name!r} "
-                "is not correlated with them."
+                "The images that the other software makes of simulated contacts on sensor "
+                f"{problem.sensor.name!r} do not show them: it cannot be used for this sensor."
             )
         return scale
 

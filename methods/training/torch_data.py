@@ -38,7 +38,9 @@ def training_data(
         )
     data = source.validation(n) if split == "validation" else source.training(n)
     if data.conductivity is None:
-        raise InputError(f"The conductivity of {data.scenario!r} is not known: learn from others.")
+        raise InputError(
+            f"Scenario {data.scenario!r} has no true images: learn from a simulated one."
+        )
     return TensorDataset(
         torch.tensor(source.differences(data), dtype=torch.float32),
         torch.tensor(data.conductivity, dtype=torch.float32),

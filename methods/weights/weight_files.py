@@ -88,8 +88,8 @@ class WeightFiles:
         arrays, metadata = found
         if metadata.get("sensor_key") != sensor_key(sensor):
             raise InputError(
-                f"{path} holds weights for another sensor, {metadata.get('sensor')!r}, than "
-                f"{sensor.name!r}. {self._again(path)}"
+                f"{path} holds weights for another sensor than {sensor.name!r}: they were trained "
+                f"for {metadata.get('sensor')!r}. {self._again(path)}"
             )
         if metadata.get("network_version") != self.version:
             raise InputError(

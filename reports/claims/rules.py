@@ -113,7 +113,7 @@ def _finding(
 ) -> Finding:
     n = None if measured is None else len(measured.samples)
     if n is not None and n < LEAST_SAMPLES:
-        why += f" {n} samples are too few to decide: at least {LEAST_SAMPLES} are."
+        why += f" {n} samples are too few to decide: at least {LEAST_SAMPLES} are needed."
     return Finding(
         together([figure.verdict for figure in figures if figure.verdict is not None]),
         tuple(figures),
@@ -198,8 +198,8 @@ def table_row(method: str, evidence: Evidence) -> Finding:
     why = f"{_counted(figures)}."
     if method in CLASSICAL:
         why += (
-            " Our images are scored as absolute maps. Readings of the published rows shows which "
-            "simple mistakes would give which of its figures."
+            " Our images are scored as absolute maps. The table of readings of the published rows "
+            "shows which simple mistakes would give which of its figures."
         )
     return _finding(figures, why, measured)
 

@@ -26,8 +26,11 @@ from eitbench.reports.figures.style import (
     TITLE,
     save,
 )
+from eitbench.reports.tables.boards import printed_boards
 from eitbench.reports.tables.challenge import PUBLISHED, challenge_rows
 from eitbench.reports.tables.columns import printable
+from eitbench.scenarios.recordings.descriptors import PLACES
+from eitbench.scenarios.similarity import Similarity
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -52,12 +55,12 @@ class Tile:
     Attributes:
         image: (H, W) [S/m]; None where there is none.
         note: lines under it.
-        cross: where the press really was, in the image's frame [m], if known.
+        crosses: where contacts really were, in the image's frame [m]; empty if unknown.
     """
 
     image: Images | None
     note: tuple[str, ...]
-    cross: tuple[float, float] | None = None
+    crosses: tuple[tuple[float, float], ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,8 +136,9 @@ def comparison(
     for method in methods:
         images = run.estimates(scenario, method, samples)
         cell = _by_sample(run.cell(scenario, method))
+        image_of = _registration(run, scenario, method)
         tiles = [
-            _tile(cell, sample, None if images is None else images[k] - shift, scene)
+            _tile(cell, sample, None if images is None else images[k] - shift, scene, image_of)
             for k, sample in enumerate(samples)
         ]
         columns.append((printable(method), tiles))
@@ -147,12 +151,12 @@ def comparison(
     described = _by_sample(run.samples[run.samples["scenario"] == scenario])
     labels = [_label(described[sample]) for sample in samples]
     footnotes = []
-    if any(tile.cross for _, tiles in columns for tile in tiles):
+    if any(tile.crosses for _, tiles in columns for tile in tiles):
         footnotes.append(_CROSSES)
     if without:
         footnotes.append(f"left out, without any image here: {', '.join(without)}")
     return ImageGrid(
-        title=printable(f"{rows[0]['suite']} / {scenario}"),
+        title=printed_boards(rows)[0].title,
         columns=tuple(name for name, _ in columns),
         rows=tuple(
             (label, tuple(tiles[k] for _, tiles in columns)) for k, label in enumerate(labels)
@@ -165,9 +169,18 @@ def comparison(
 
 
 _CROSSES = (
-    "+  where the press was, mapped into each method's image by the similarity fitted on the "
-    "validation split (not drawn where that is outside the image)"
+    "+  a true place of contact, turned, moved and scaled into each method's image as the "
+    "validation presses tell (not drawn where that is outside the image)"
 )
+
+
+def _registration(run: Run, scenario: str, method: str) -> Similarity | None:
+    """The similarity from a method's images to places, if the run has a sound one."""
+    cells = run.cells[(run.cells["scenario"] == scenario) & (run.cells["method"] == method)]
+    try:
+        return Similarity.from_json(cells["registration"].iloc[0])
+    except (KeyError, IndexError, ValueError, TypeError):
+        return None
 
 
 def _with_images(columns: Columns, *, always: bool) -> tuple[Columns, list[str]]:
@@ -205,20 +218,29 @@ def _chosen(rows: pd.DataFrame) -> list[int]:
     return sorted(int(sample) for sample in chosen)
 
 
-def _tile(cell: dict[int, dict[str, Any]], sample: int, image: Images | None, scene: Scene) -> Tile:
+def _tile(
+    cell: dict[int, dict[str, Any]],
+    sample: int,
+    image: Images | None,
+    scene: Scene,
+    registration: Similarity | None,
+) -> Tile:
     if sample not in cell:
         return Tile(None, ("not run",))
     row = cell[sample]
     if row["status"] != "ok" or image is None:
         return Tile(None, (printable(str(row["status"])),))
     known = {name: float(row[name]) for name in _NOTES if pd.notna(row.get(name))}
-    cross = None
+    crosses: tuple[tuple[float, float], ...] = ()
     note = _note(known)
     if pd.notna(row.get("expected_x_m")):
         if pd.isna(row["found_x_m"]):
             note = ("no contact found",)
-        cross = (float(row["expected_x_m"]), float(row["expected_y_m"]))
-    return Tile(np.where(scene.mask, image, np.nan), note, cross)
+        crosses = ((float(row["expected_x_m"]), float(row["expected_y_m"])),)
+        places = [[row[x], row[y]] for x, y in PLACES if pd.notna(row.get(x))]
+        if len(places) > 1 and registration is not None:
+            crosses = tuple((x, y) for x, y in registration.inverse(places).tolist())
+    return Tile(np.where(scene.mask, image, np.nan), note, crosses)
 
 
 # Metrics that may stand under an image, with their format.
@@ -298,10 +320,12 @@ def draw(grid: ImageGrid) -> "Figure":
     letters = int(width * 72 / (NOTE * 0.6))
     foot = [part for line in grid.footnote.splitlines() for part in textwrap.wrap(line, letters)]
     bottom = gap + (len(foot) + 1) * _LINE
-    height = _HEAD + len(grid.rows) * (tile + gap) + bottom - gap
+    title = textwrap.wrap(grid.title, int(width * 72 / (TITLE * 0.65)))
+    head = _HEAD + (len(title) - 1) * TITLE * 1.3 / 72
+    height = head + len(grid.rows) * (tile + gap) + bottom - gap
     figure = Figure(figsize=(width, height), facecolor="white")
     figure.suptitle(
-        grid.title, x=0.15 / width, y=1 - 0.15 / height, ha="left", va="top", weight="bold",
+        "\n".join(title), x=0.15 / width, y=1 - 0.15 / height, ha="left", va="top", weight="bold",
         **plain | {"fontsize": TITLE},
     )  # fmt: skip
     figure.supxlabel("\n".join(foot), x=0.15 / width, y=0.1 / height, ha="left", **plain)
@@ -312,7 +336,7 @@ def draw(grid: ImageGrid) -> "Figure":
         "left": _LABEL / width,
         "right": 1 - (_BAR + _GAP) / width,
         "bottom": bottom / height,
-        "top": 1 - _HEAD / height,
+        "top": 1 - head / height,
         "wspace": _GAP / _CELL,
         "hspace": gap / tile,
     }
@@ -328,8 +352,8 @@ def draw(grid: ImageGrid) -> "Figure":
             of_tile.spines[:].set_visible(False)
             of_tile.set_facecolor(OUTSIDE if grid.contrast else "none")
             _draw_tile(of_tile, one, grid.bounds, colours, plain)
-    long = min(2.4, max(height - _HEAD - bottom, 0.6))
-    place = (1 - (_BAR - 0.1) / width, 1 - (_HEAD + long) / height, 0.13 / width, long / height)
+    long = min(2.4, max(height - head - bottom, 0.6))
+    place = (1 - (_BAR - 0.1) / width, 1 - (head + long) / height, 0.13 / width, long / height)
     scale = figure.colorbar(colours, cax=figure.add_axes(place), extend="both")
     scale.ax.tick_params(labelsize=NOTE, length=2)
     scale.set_label("contrast [S/m]" if grid.contrast else "conductivity [S/m]", fontsize=NOTE)
@@ -357,6 +381,6 @@ def _draw_tile(
         tile.image, origin="lower", extent=(x0, x1, y0, y1), cmap=colours.cmap, norm=colours.norm,
         interpolation="nearest",
     )  # fmt: skip
-    if tile.cross is not None:
+    for cross in tile.crosses:
         halo = [Stroke(linewidth=3, foreground="white"), Normal()]
-        axes.plot(*tile.cross, "+", color="black", markersize=9, mew=1.4, path_effects=halo)
+        axes.plot(*cross, "+", color="black", markersize=9, mew=1.4, path_effects=halo)

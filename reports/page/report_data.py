@@ -141,6 +141,7 @@ def report_data(paths: Sequence[Path]) -> ReportData:
         if (of_kind := [run for run in runs if run.kind.name == kind])
         for standing, apart in _told_apart(standings(of_kind))
     ]
+    name_kinds(boards)
     for run in runs:
         missing += _incomplete(run)
     if not boards:
@@ -217,8 +218,8 @@ def counted_data(boards: Sequence[BoardData]) -> str:
     if not named:
         return ""
     return (
-        "Of a scenario with several data sets, one counts, the largest: "
-        f"{printable(', '.join(named))}. Methods that ran on other data only are left out for it."
+        "Where runs of a scenario used different data, the largest data set counts: "
+        f"{printable(', '.join(named))}. Methods that ran on other data only are left out there."
     )
 
 
@@ -227,6 +228,16 @@ def _sensor(run: Run, scenario: str) -> tuple[str, bool]:
     declared = run.manifest.get("plan", {}).get("suite", {}).get("scenarios", ())
     recorded = any((s.get("name"), s.get("kind")) == (scenario, "recorded") for s in declared)
     return run.manifest.get("data", {}).get(scenario, {}).get("sensor") or "", recorded
+
+
+def name_kinds(boards: Sequence[BoardData]) -> None:
+    """Add what is ranked to the names that boards of methods and of operators share."""
+    kinds: dict[str, set[str]] = {}
+    for board in boards:
+        kinds.setdefault(board["name"], set()).add(board["kind"])
+    for board in boards:
+        if len(kinds[board["name"]]) > 1:
+            board["name"] += f" ({board['kind']}s)"
 
 
 def _with_all_columns(run: Run, missing: list[str]) -> Run:

@@ -133,6 +133,8 @@ _RECORDED = {
     "guess_within_10_mm": "{:.1%} within 10 mm",
     "guess_unevenness": "its unevenness is {:.2f}",
     "guess_worst_tenth_mm": "its worst tenth {:.1f} mm",
+    "guess_force_n": "always guessing the mean force gives {:.2f} N",
+    "guess_load_percent": "always guessing the mean load gives {:.1f} %",
     "reciprocity_error": "reciprocity error of the reference frame: {:.2%}",
     "repeat_noise": "noise between repeats: {:.3%}",
 }
@@ -249,8 +251,8 @@ def overlaps(board: Sequence[Row]) -> list[str]:
             )
         elif row.get("prior_knowledge") and row["overlap"] is None:
             sentences.append(
-                f"the training data of {row['method']} are not known here: test samples may be "
-                "among them"
+                f"{row['method']} was trained on data that this run cannot look up: test samples "
+                "may be among them"
             )
     return sentences
 

@@ -34,7 +34,7 @@ class Fit:
     misfit: float
 
     def __str__(self) -> str:
-        return f"correlation {self.correlation:.2f}, {self.misfit:.1%} left after one gain"
+        return f"correlation {self.correlation:.2f}, misfit {self.misfit:.1%} with the best gain"
 
 
 def fit(frame: Array, modelled: Array) -> Fit:
@@ -88,8 +88,8 @@ def reference_problem(frame: Array, sensor: Sensor) -> str:
     if size == 0 or float(np.std(frame)) < LEAST_SPREAD * size:
         return (
             f"The reference is {'0' if size == 0 else f'about {frame.mean():.3g}'} in all values, "
-            "and an untouched sensor gives unlike ones: the board did not measure; see whether it "
-            "drives current, and take the reference again."
+            "whereas those of an untouched sensor differ: the board did not measure. See whether "
+            "it drives current, and take the reference again."
         )
     model = forward_model(sensor)
     _, fields = model.voltages_and_fields(model.background[None])
@@ -119,8 +119,8 @@ def reference_problem(frame: Array, sensor: Sensor) -> str:
             part for part in (hint, "number its electrodes so" * ("electrode" in said)) if part
         )
         return (
-            f"The reference fits the model of sensor {sensor.name!r} badly ({own:.0%} left after "
-            f"one gain) and well ({misfit:.0%}) if {said}: {mend} in the sensor file."
+            f"The reference fits the model of sensor {sensor.name!r} badly (misfit {own:.0%}), but "
+            f"well (misfit {misfit:.0%}) if {said}: {mend} in the sensor file."
         )
     if own == 1:
         return (
@@ -183,7 +183,8 @@ def _range_problem(cosine: Array, sensor: Sensor) -> str:
             return (
                 f"{counted} of {len(clear)} touches {does} the conductivity, and the "
                 f"conductivity_range of sensor {sensor.name!r} ends at {bound:g} times the "
-                "background: widen it, or check the sign of the values."
+                "background, so that methods cannot show these touches: widen it in the sensor "
+                "file, or check the sign of the values."
             )
     return ""
 
@@ -225,9 +226,9 @@ def _order_problem(shown: Array, known: Array) -> str:
         return ""
     presses = "one press" if abs(lag) == 1 else "two presses"
     return (
-        f"The labels seem {presses} too {'late' if lag > 0 else 'early'}: so moved, they explain "
-        f"{best:.0%} of what the touches show, and as they are {max(own, 0):.0%}. Move the labels "
-        f"by {presses}, and leave out what then has no frames."
+        f"The labels seem {presses} too {'late' if lag > 0 else 'early'}: moved by {presses} they "
+        f"explain {best:.0%} of the touches' responses, and as they are {max(own, 0):.0%}. Move "
+        "them so, and leave out labels that then have no frames."
     )
 
 

@@ -48,7 +48,7 @@ def reciprocity_error(frames: ArrayLike, pattern: DrivePattern) -> NDArray[np.fl
         raise InputError(f"Frames need {pattern.n_measurements} values, got shape {values.shape}.")
     pairs = pattern.reciprocal_pairs()
     if len(pairs) == 0:
-        raise InputError("The pattern measures nothing twice, so reciprocity says nothing.")
+        raise InputError("The pattern has no reciprocal pairs of values to compare.")
     first = values[..., pairs[:, 0]]
     difference = values[..., pairs[:, 1]] - pattern.reciprocal_signs(pairs) * first
     return np.asarray(np.linalg.norm(difference, axis=-1) / np.linalg.norm(first, axis=-1))
@@ -203,7 +203,9 @@ def check(path: Path, other: Sensor | None = None) -> tuple[list[str], list[str]
     if missing := " and ".join(what for what, count, _ in needs if not count):
         options = " and ".join(option for _, count, option in needs[::-1] if not count)
         also = f", or import with {options}" if content.board == "imported" else ""
-        facts.append(f"To be a set for suites it needs {missing}: record with --guided{also}.")
+        facts.append(
+            f"Before methods can be compared on it, it needs {missing}: record with --guided{also}."
+        )
     # Impossible frames say nothing about electrodes.
     if len(content) and not impossible(content.values).size and not outside(content):
         if content.differences:
@@ -241,7 +243,7 @@ def _agreement(
         for nominal in (sensor, other):
             if nominal is not None and frame.any():
                 fit = fit_of_sensor(frame, nominal)
-                facts.append(f"Reference beside the model of sensor {nominal.name}: {fit}.")
+                facts.append(f"Reference against the model of sensor {nominal.name}: {fit}.")
     if content.differences and (
         problem := differences_problem(content.values[:_LOOKED_AT], sensor)
     ):
@@ -259,8 +261,8 @@ def _agreement(
 def _condition(content: Content, condition: Condition) -> list[str]:
     problems = []
     if not condition.complete:
-        lost = f"; {condition.trimmed} at its end are not" if condition.trimmed else ""
-        problems.append(f"It was not closed: {len(content)} whole frames are intact{lost}.")
+        lost = f", {condition.trimmed} at its end are lost" if condition.trimmed else ""
+        problems.append(f"It was cut off: {len(content)} whole frames are intact{lost}.")
     if problem := damage(condition):
         problems.append(f"{problem[0].upper()}{problem[1:]}.")
     return problems
@@ -284,7 +286,10 @@ def _frames(content: Content) -> list[str]:
     dropped = int(np.sum(steps[steps > 1] - 1))
     if dropped:
         share = dropped / (dropped + len(content))
-        problems.append(f"{counted(dropped, 'frame')} of the board's were dropped ({share:.1%}).")
+        problems.append(
+            f"The board's running numbers show that {counted(dropped, 'frame')} "
+            f"{'was' if dropped == 1 else 'were'} lost ({share:.1%})."
+        )
     if (back := np.flatnonzero(steps <= 0)).size:
         problems.append(f"The running number does not grow at frame {int(back[0]) + 1}.")
     return problems
@@ -343,7 +348,10 @@ def _places(content: Content) -> list[str]:
     extent, (x0, y0, x1, y1) = np.ptp(places, axis=0).max(), content.sensor.outline.bounds
     in_metres = content.sensor.outline.contains(*(1e3 * places).T).all()
     if extent < _SMALL * max(x1 - x0, y1 - y0) and in_metres:
-        return [f"All places lie within {1e3 * extent:.2g} mm of each other: are they in metres?"]
+        return [
+            f"All places lie within {1e3 * extent:.2g} mm of each other: were metres imported as "
+            "millimetres?"
+        ]
     touches = content.labels[["x_m", "y_m"]].groupby(touches_of(content.labels)[0])
     middles = touches.mean().to_numpy(dtype=np.float64)
     registering = middles[np.array(validation_every_fifth(len(middles))) == "validation"]
@@ -353,8 +361,9 @@ def _places(content: Content) -> list[str]:
     longest, shortest = np.linalg.svd(spread, compute_uv=False)
     if shortest <= _ON_A_LINE * longest:
         return [
-            "The places of the touches that register images (every fifth) lie almost on a line: "
-            "touch again in another order, or more places."
+            "Every fifth touch is used to find how images map to places, and the places of these "
+            "lie almost on a line, which does not tell an image from its mirror image: touch again "
+            "in another order, or more places."
         ]
     return []
 

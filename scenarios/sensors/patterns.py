@@ -37,7 +37,10 @@ class DrivePattern:
                 f"{given.shape}."
             )
         if (table[:, 0] == table[:, 1]).any() or (table[:, 2] == table[:, 3]).any():
-            raise InputError("A drive pattern drives or measures between an electrode and itself.")
+            raise InputError(
+                "A row of a drive pattern drives (src, sink) or measures (a, b) between an "
+                "electrode and itself: these have to differ."
+            )
         table.setflags(write=False)
         object.__setattr__(self, "table", table)
 

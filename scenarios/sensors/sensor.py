@@ -37,7 +37,10 @@ class Electrode:
     def __post_init__(self) -> None:
         sizes = (self.width, self.contact_impedance)
         if not (np.isfinite(self.centre) and all(0 < size < np.inf for size in sizes)):
-            raise InputError(f"An electrode needs a place, a width > 0 and z > 0, got {self}.")
+            raise InputError(
+                "An electrode needs a place, and a width and a contact impedance above 0; got "
+                f"{self}."
+            )
 
 
 @dataclass(frozen=True, eq=False)

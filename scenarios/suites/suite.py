@@ -203,10 +203,10 @@ def _unusable(scenario: Scenario, ranks: str) -> tuple[str, str] | None:
             )
         return None
     if scenario.test < 1:
-        return "test", f"a suite evaluates {ranks} on at least 1 test sample"
+        return "test", f"a suite needs at least 1 test sample to evaluate {ranks} on"
     if operators and scenario.validation < STANDARDISING:
         return "validation", (
-            f"voltages are standardised with at least {STANDARDISING} validation samples"
+            f"at least {STANDARDISING} validation samples are needed to standardise voltages"
         )
     window = np.ones((WINDOW, WINDOW), dtype=bool)
     if not operators and not binary_erosion(scenario.nominal_sensor.mask, window).any():

@@ -67,7 +67,7 @@ def test_nobody_is_sent_to_a_folder_that_is_deleted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def interrupted(plan: Plan, run: Path, *, jobs: int) -> None:
-        raise RunInterruptedError("The run was interrupted.", run)
+        raise RunInterruptedError("The run was interrupted.", f"eitbench run --resume {run}")
 
     monkeypatch.setattr("eitbench.notebook.start_run", interrupted)
     with pytest.raises(EitbenchError, match=re.escape(f"--resume {tmp_path}")):

@@ -99,7 +99,7 @@ def test_skipped_and_refused_scenarios_are_told_to_people_and_programs(
     assert answer["run"] == str(stored)
     assert [row["n"] for row in answer["leaderboard"]] == [12]
     assert (answer["skipped"], answer["refused"]) == (["Scenario 'a' is skipped."], refused)
-    assert "only 12 test samples: --limit 99" in err
+    assert "only 12 test samples, fewer than --limit 99" in err
 
 
 def test_a_run_without_rows_is_told(

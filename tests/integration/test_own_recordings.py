@@ -126,8 +126,8 @@ def test_three_presses_register_and_fewer_are_told(folder: Path, tmp_path: Path)
     with pytest.raises(InputError) as caught:
         start_run(few, tmp_path / "few")
     assert str(caught.value) == (
-        "Scenario 'touch' has 2 validation presses, and at least 3 register images with places: "
-        "record at least 11 touches."
+        "Scenario 'touch' has 2 validation presses (every fifth touch), and at least 3 are "
+        "needed to find how images map to places: record at least 11 touches."
     )
     run = start_run(enough, tmp_path / "enough").path
     assert len(pd.read_parquet(run / "samples.parquet")) == 2 * 8

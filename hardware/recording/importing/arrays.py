@@ -101,9 +101,10 @@ def find_frames(arrays: Arrays, sensor: Sensor, path: Path, choice: Choice) -> F
         )
     if not fits:
         raise InputError(
-            f"{path} holds no frames of sensor {sensor.name!r}, which measures "
-            f"{sensor.n_measurements} values{f' in {choice.order}' if choice.order else ''}: "
-            f"{_inventory(wanted)} Name the sensor that was measured, or save frames as an array."
+            f"{path} holds no frames of sensor {sensor.name!r}, which have {sensor.n_measurements} "
+            f"values each{f', in {choice.order}' if choice.order else ''}: {_inventory(wanted)} "
+            "Name the sensor that was measured (--sensor), or save the frames as an array with a "
+            "row for each."
         )
     best = [fit for fit in fits if fit.rank == min(fit.rank for fit in fits)]
     names = list(dict.fromkeys(fit.name for fit in best))
@@ -180,8 +181,8 @@ def _dropped(full: NDArray[Any], kept: Index, path: Path) -> str:
     if left.any() and np.count_nonzero(~full.any(axis=0)) == left.shape[1]:
         raise InputError(
             f"{left.shape[1]} of the {full.shape[1]} values of a frame in {path} are always 0, but "
-            "not those that the sensor's pattern leaves out: their order is not that of the "
-            "pattern, so name the right sensor."
+            "not those that the sensor's pattern leaves out, so that the values are in another "
+            "order than in the pattern: correct the pattern in the sensor file."
         )
     zero = "all 0" if not left.any() else f"of at most {np.abs(left).max():.3g} in size"
     return (

@@ -77,12 +77,15 @@ def parsed(arrays: Arrays, path: Path) -> pd.DataFrame:
         if target in columns:
             raise InputError(f"{path} has two columns for {target!r}: leave one out.")
         if array.size != max(array.shape, default=1):
-            raise InputError(f"{name!r} of {path} is no column, but of shape {array.shape}.")
+            raise InputError(
+                f"{name!r} of {path} should be one column of labels, and has the shape "
+                f"{array.shape}."
+            )
         cells = array.reshape(-1)
         if known in _TEXTS:
             columns[target] = [_text(cell) for cell in cells.tolist()]
         elif cells.dtype.kind not in "iufb":
-            raise InputError(f"Column {name!r} of {path} holds something else than numbers.")
+            raise InputError(f"Column {name!r} of {path} should hold numbers only.")
         elif known in _ROWS:
             columns[target] = _whole(cells.astype(float), known, path)
         else:
@@ -106,7 +109,10 @@ def _whole(cells: Array, name: str, path: Path) -> Array:
     if name.startswith("reference"):
         cells = np.where(np.isnan(cells), -1, cells)
     if not (cells == np.floor(cells)).all():
-        raise InputError(f"Column {name!r} of {path} holds rows of frames: whole numbers from 0.")
+        raise InputError(
+            f"Column {name!r} of {path} should hold numbers of frames: whole numbers, counted from "
+            "0."
+        )
     return cells
 
 

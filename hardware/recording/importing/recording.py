@@ -101,8 +101,8 @@ def _touches_alone(
     """
     if options.reference is not None or (options.released and options.differences):
         raise InputError(
-            "Touches have one reference: give --reference, --released or --differences, and not "
-            "two of them."
+            "--reference, --released and --differences each say what a touch is compared with: "
+            "give one of them."
         )
     released = []
     if options.released is not None:
@@ -116,7 +116,10 @@ def _touches_alone(
     else:
         labels = sheets.as_labels(table)
         if (labels["first"] != labels["last"]).any():
-            raise InputError("A pair or a difference is one touch: label single frames.")
+            raise InputError(
+                "With --released and --differences each frame is one touch: a label is for one "
+                "frame, not for first to last."
+            )
         named, touch = np.unique(labels["first"], return_inverse=True)
         contacts = labels.assign(touch=touch)
         if left := len(pressed) - len(named):
@@ -124,7 +127,7 @@ def _touches_alone(
             pressed = pressed[named]
             released = [np.concatenate(released)[named]] if released else []
     if options.differences:
-        said = "Reference: none, the values are differences; the model's frame stands for it."
+        said = "Reference: none, as the values are differences; methods get the model's frame."
         return from_differences(pressed, sensor, "imported", contacts), [said, of_labels]
     said = "Reference: for each touch the released frame before it."
     before = np.concatenate(released)
@@ -193,7 +196,7 @@ def _of_sheet(path: Path, parts: list[FramesOf], reference: Index) -> tuple[pd.D
     """Labels by rows of the recording, of the sheet at `path`, and what they are."""
     paths, _ = found_files([str(path)])
     if len(paths) > 1:
-        raise InputError(f"{path} holds {len(paths)} files: labels are one sheet.")
+        raise InputError(f"--labels {path} leads to {len(paths)} files: name one sheet.")
     labels, unused = sheets.read_sheet(read_arrays(paths[0]), paths[0])
     table, how, left_out = sheets.placed(labels, parts, reference, path)
     said = touches(table, f"{path} ({how})") + _left_out(left_out)

@@ -71,8 +71,9 @@ def found_files(sources: Sequence[str], besides: Iterable[Path] = ()) -> tuple[l
         found += files
     if not found:
         raise InputError(
-            f"{', '.join(map(str, sources))}: what is there is given as reference or labels, and "
-            "no file of frames is left. For a reference among the frames say --reference first:N."
+            f"All files of {', '.join(map(str, sources))} are given as reference or labels, so "
+            "that no file of frames is left. For a reference among the frames say --reference "
+            "first:N."
         )
     for path in found:
         if path.suffix.lower() not in READERS:

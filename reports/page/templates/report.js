@@ -439,7 +439,7 @@ function drawOverall() {
       withEnds(".2f", row.rank, row.rank_low, row.rank_high), withEnds(".0%", row.wins, row.wins_low, row.wins_high),
       guessed ? withEnds(".2f", row.ratio, row.ratio_low, row.ratio_high) : null);
   })));
-  $("overall-note").textContent = !found ? "No two methods that pass the filters were run on all samples of two or more scenarios together." :
+  $("overall-note").textContent = !found ? "A comparison over scenarios needs two methods that were run on all samples of the same two or more scenarios, and that pass the filters." :
     `Of ${found.scenarios.length} scenarios${found.scenarios.length > 8 ? "" : ": " + found.scenarios.join(", ")}. Wins: share of them on which the method is the best. ` +
     (guessed ? "Error over a guess’s: median over them of its error over that of guessing one place. " : "") +
     (found.rows[0].rank_low === null ? "These are too few scenarios for intervals. " : "Intervals are of a bootstrap over scenarios. ") +

@@ -101,7 +101,7 @@ def undamaged(path: Path) -> tuple[Content, Condition]:
     content, condition = read_file(path)
     problem = damage(condition)
     if not problem and outside(content):
-        problem = "a label or the reference lies outside it"
+        problem = "a label or the reference names frames that are not there"
     if problem:
         raise DataCorruptError(f"{path} is damaged, so that it is not used: {problem}.")
     return content, condition
@@ -147,7 +147,7 @@ def impossible_label(content: Content) -> str:
         load = content.labels[name].to_numpy()
         if (wrong := np.flatnonzero((load < 0) | np.isinf(load))).size:
             k = int(wrong[0])
-            return f"label {k} has {load[k]:g} {unit}, and what presses has a number from 0"
+            return f"label {k} has {load[k]:g} {unit}, and a force or pressure is 0 or more"
     return ""
 
 

@@ -212,8 +212,8 @@ def _open(path: Path) -> Any:
     if found != (layout.FORMAT, layout.VERSION):
         file.close()
         raise DataCorruptError(
-            f"{path} is no recording of eitbench's of layout {layout.VERSION}, which this eitbench "
-            "reads."
+            f"{path} is no recording of layout {layout.VERSION}, the only one that this version of "
+            "eitbench reads."
         )
     return file
 

@@ -24,14 +24,13 @@ SensorName = Annotated[
 ]
 PlayedFile = Annotated[str | None, typer.Option(metavar="SET|FILE.h5", help="What `replay` plays.")]
 Script = Annotated[
-    Path | None, typer.Option(metavar="FILE.toml", help="Touches of `emulator`: when, where, how.")
+    Path | None, typer.Option(metavar="FILE.toml", help="A file of touches for `emulator`.")
 ]
 Protocol = Annotated[
-    str | None, typer.Option(metavar="BOARD", help="What `emulator` speaks (default: teensy).")
+    str | None,
+    typer.Option(metavar="BOARD", help="The board that `emulator` imitates (default: teensy)."),
 ]
-Speed = Annotated[
-    float | None, typer.Option(help="Of `replay` and `emulator`: times their own rate.")
-]
+Speed = Annotated[float | None, typer.Option(help="Speed of `replay` and `emulator`, as a factor.")]
 
 
 @app.command(epilog="Example: eitbench calibrate sciospec-tank")
@@ -104,7 +103,7 @@ def record(
     protocol: Protocol = None,
     speed: Speed = None,
     guided: Annotated[
-        bool, typer.Option("--guided", help="Be led to a set that is ready for a suite.")
+        bool, typer.Option("--guided", help="Record touches step by step, for a suite.")
     ] = False,
 ) -> None:
     """Record a board into a file, free-running or guided."""

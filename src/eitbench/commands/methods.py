@@ -28,13 +28,13 @@ def tune(
         list[Path] | None, typer.Option(metavar="FILE.py", help="A file with more methods.")
     ] = None,
     trials: Annotated[
-        int, typer.Option(min=1, help="Sets of parameters that each method may try.")
+        int, typer.Option(min=1, help="How many sets of parameters each method may try.")
     ] = 16,
     seconds: Annotated[
         float, typer.Option(min=1, help="Seconds that each method may take in all.")
     ] = 1200.0,
     once: Annotated[
-        bool, typer.Option("--once", help="One choice for all scenarios ranked by one figure.")
+        bool, typer.Option("--once", help="One choice for all scenarios of one ranking figure.")
     ] = False,
     jobs: Annotated[int, typer.Option(min=1, help="Methods at a time.")] = 1,
     out: Annotated[
@@ -71,7 +71,10 @@ def tune(
                 "a better value may lie beyond it."
             )
     if left := [name for name in plan.names if name not in tuned]:
-        typer.echo(f"Nothing to select for {', '.join(left)}: see `search` in docs/tuning.md.")
+        typer.echo(
+            f"Nothing to select for {', '.join(left)}, which list no values in `search` "
+            "(docs/tuning.md)."
+        )
     typer.echo(f"Selected hyper-parameters: {folder}")
 
 
@@ -184,7 +187,7 @@ def study(
 @app.command("readings", epilog="Example: eitbench readings --jobs 2 --out runs/readings")
 def readings_command(
     out: Annotated[Path, typer.Option(metavar="DIR", help="Where the figures go.")],
-    samples: Annotated[int, typer.Option(min=2, help="Test samples that are read.")] = 120,
+    samples: Annotated[int, typer.Option(min=2, help="How many test samples are used.")] = 120,
     jobs: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
 ) -> None:
     """Score NOSER and TV with every simple mistake that the published rows could rest on."""

@@ -78,7 +78,7 @@ def import_command(
     out: Annotated[Path, typer.Option(metavar="FILE.h5", help="The new recording.")],
     sensor: Annotated[
         str | None,
-        typer.Option(help="What was measured, or a sensor file, .toml, if SOURCE does not say."),
+        typer.Option(help="The sensor, or a sensor file (.toml), if SOURCE does not say."),
     ] = None,
     labels: Annotated[
         str | None,

@@ -106,8 +106,8 @@ def gate(
         list[str] | None,
         typer.Option(
             metavar="FIGURE=LOSS",
-            help="A loss that is allowed (repeatable; default: none of what each scenario ranks "
-            "by).",
+            help="How much of a figure may be lost (repeatable; default: nothing of what each "
+            "scenario is ranked by).",
         ),
     ] = None,
     as_json: Json = False,
@@ -136,7 +136,7 @@ def gate(
         typer.echo(
             f"Gate {'passed' if passed else 'failed'}: {lost} of {len(found.changes)} figures "
             f"are significantly worse by more than is allowed; {untested} could not be tested; "
-            f"{len(found.missing)} things missing."
+            f"missing: {len(found.missing)}."
         )
     if not passed:
         raise typer.Exit(1)

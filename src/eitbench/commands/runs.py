@@ -26,7 +26,7 @@ Isolate = Annotated[
     bool,
     typer.Option(
         "--isolate",
-        help="Keep methods from the network and from files that are not theirs (Linux).",
+        help="Let methods use no network and read no files of others (Linux).",
     ),
 ]
 Jobs = Annotated[int, typer.Option(min=1, help="Cells (scenario x method) at a time.")]
@@ -81,7 +81,9 @@ def run(
     ] = None,
     time_limit: Annotated[
         float | None,
-        typer.Option(min=0, metavar="SECONDS", help="Stop then; --resume continues the run."),
+        typer.Option(
+            min=0, metavar="SECONDS", help="Stop after that time; --resume continues the run."
+        ),
     ] = None,
     out: Annotated[
         Path | None, typer.Option(metavar="DIR", help="New folder (default: runs/SUITE-TIME).")
@@ -194,10 +196,14 @@ def _show_run(result: "RunResult", as_json: bool, limit: int | None) -> None:
     from eitbench.benchmark.analysis.results import failures_with_traces, read_run
     from eitbench.benchmark.rundir import manifest
     from eitbench.reports.tables.terminal import table
+    from eitbench.scenarios.errors import counted
 
     for name, data in manifest.read(result.path)["data"].items():
         if limit is not None and data["n"] < limit:
-            warn(f"Scenario {name!r} has only {data['n']} test samples: --limit {limit} is above.")
+            warn(
+                f"Scenario {name!r} has only {counted(data['n'], 'test sample')}, fewer than "
+                f"--limit {limit}: all are used."
+            )
     rows, figures = _complete(result.path)
     if as_json:
         print_json(
@@ -256,7 +262,9 @@ def reproduce(
     jobs: Jobs = 1,
     out: Annotated[
         Path | None,
-        typer.Option(metavar="DIR", help="Where all goes; what is run there is not run again."),
+        typer.Option(
+            metavar="DIR", help="Folder of all results; runs that are in it are not run again."
+        ),
     ] = None,
 ) -> None:
     """Compare the published claims with own measurements, and write the claim ledger."""

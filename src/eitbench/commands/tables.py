@@ -56,10 +56,11 @@ def changes_notes(comparison: "RunComparison") -> list[str]:
     if tested:
         notes.append(
             f"p: of no change, two-sided, adjusted for the {tested} figures of this table (Holm). "
-            "Frames are paired and drawn by session or object; medians are tested by signed ranks."
+            "The same frames are compared in both runs, and sessions or objects are drawn, not "
+            "single frames; medians are tested by Wilcoxon's signed ranks."
         )
     if any(change.margin for change in comparison.changes):
-        notes.append("A figure fails that is worse by more than its margin by the same test.")
+        notes.append("A figure fails if the same test finds it worse by more than its margin.")
     if few:
         notes.append(
             f"{len(few)} figures are of fewer than {MIN_CLUSTERS} sessions or objects "

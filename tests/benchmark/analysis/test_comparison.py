@@ -168,6 +168,15 @@ def test_what_cannot_be_compared_is_said() -> None:
     ]  # fmt: skip
 
 
+def test_what_several_methods_lack_is_one_sentence() -> None:
+    old, new = before_and_after()
+    rows = new.samples[new.samples["sample"] >= 20]
+    found = compare(old, Results(new.path, rows, {}, {}), {"score": 9.0})
+    (sentence,) = found.missing
+    assert " on 'one' lack 20 of the 60 frames of old in new: the others are" in sentence
+    assert all(repr(method) in sentence for method in old.samples["method"].unique())
+
+
 def test_frames_that_are_gone_are_missed() -> None:
     old, new = before_and_after()
     rows = new.samples[(new.samples["method"] != "same") | (new.samples["sample"] >= 20)]

@@ -5,11 +5,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.support.pressed_skin import SKIN, pressed_skin
 
 from eitbench.benchmark.analysis.recording_notes import notes_of, write_notes
 from eitbench.benchmark.analysis.results import NOTES
+from eitbench.hardware.recording.exchange import write_recording
 from eitbench.scenarios import load
 from eitbench.scenarios.errors import DataUnavailableError
+from eitbench.scenarios.recordings.files.pairs import from_pairs
 from eitbench.scenarios.suites.scenario import RecordedScenario
 from eitbench.scenarios.suites.suite import load_suite
 
@@ -47,6 +50,18 @@ def test_a_tank_has_reciprocity_and_repeats_but_no_place() -> None:
     assert found["guess_mm"] is None
     assert found["reciprocity_error"] == pytest.approx(0.026, abs=0.002)
     assert found["repeat_noise"] == pytest.approx(3.2e-4, rel=0.1)
+
+
+def test_guessing_the_mean_force_is_the_baseline_of_forces(tmp_path: Path) -> None:
+    released, pressed, places = pressed_skin(20)
+    forces = np.arange(1.0, 21.0)
+    content = from_pairs(released, pressed, SKIN, "bench", places.assign(force_N=forces))
+    write_recording(content, tmp_path / "forces.h5")
+    found = notes_of(RecordedScenario(name="forces", recording=str(tmp_path / "forces.h5")), 16)
+    known = forces[::5]  # every fifth touch is for validation
+    error = np.median(np.abs(np.delete(forces, np.arange(0, 20, 5)) - known.mean()))
+    assert found["guess_force_n"] == pytest.approx(error)
+    assert found["guess_load_percent"] == pytest.approx(100 * error / known.max())
 
 
 @pytest.fixture

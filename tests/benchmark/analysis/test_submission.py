@@ -168,10 +168,14 @@ def copy_the_truth(run: Path) -> None:
         (
             edit_samples(lambda table: table.drop(index=3)),
             ROWS,
-            "'noser' on 'tiny' has rows of other samples than 0 to 4",
+            "'noser' on 'tiny' should have one row for each sample, 0 to 4",
         ),
         # An image as good as the truth, without the figures of one.
-        (copy_image("truth", "noser"), FIGURES, "do not have the figures of their images: ssim"),
+        (
+            copy_image("truth", "noser"),
+            FIGURES,
+            "other figures than their stored images give: ssim",
+        ),
         (copy_image("noser", "truth"), FRAMES, "The truth that is stored of 'tiny' is not ours"),
         (
             edit_json(
@@ -194,7 +198,11 @@ def copy_the_truth(run: Path) -> None:
             SUITE,
             "is not that of this version",
         ),
-        (edit_json(lambda m: m["cells"][0].pop("variant")), ROWS, "lacks something ('variant')"),
+        (
+            edit_json(lambda m: m["cells"][0].pop("variant")),
+            ROWS,
+            "lacks an entry that every run writes ('variant')",
+        ),
         (drop_a_method, ROWS, "'noser' was not run on 'tiny'"),
         (set_in_a_row("status", "error"), FAILURES, "does not say which of its images are whole"),
         (add_a_figure, BOARD, ""),
@@ -215,7 +223,7 @@ def copy_the_truth(run: Path) -> None:
         (
             edit_json(lambda m: m["versions"].update(eitbench="999.0.0")),
             RELEASE,
-            "It says that eitbench 999.0.0 made it",
+            "Eitbench 999.0.0 made it",
         ),
         (edit_json(lambda m: m["versions"].update(eitbench="best")), RELEASE, "is no version"),
         (edit_json(lambda m: m.update(git_commit="ab-dirty")), RELEASE, "changed code"),

@@ -130,7 +130,8 @@ def test_an_expected_failure_that_passes_fails() -> None:
     (found,) = report.failed
     assert found.check == "rotation_equivariance"
     assert found.message == (
-        "it passes although it is expected to fail (saw more at the top): remove it."
+        "it passes although it is expected to fail (saw more at the top): remove it from "
+        "`expected_failures`."
     )
 
 

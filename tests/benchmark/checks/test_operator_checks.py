@@ -105,7 +105,7 @@ def test_what_comes_with_eitbench_keeps_the_contract(name: str) -> None:
     skipped = {check for check, result in found.items() if result.status == "skipped"}
     assert skipped == (set() if name == "fem" else {"scaling"})
     if name == "jacobian":
-        assert "Only exact operators" in found["scaling"].message
+        assert "exact = True" in found["scaling"].message
     else:
         assert "(1e-06 is allowed)" in found["differences"].message
 

@@ -214,6 +214,9 @@ def test_weights_are_held_against_the_data_they_come_from(
     assert describe_prior_knowledge(other).endswith("; trained on other families of phantoms")
     # What is tested on what it was trained on.
     assert columns(problem.access_record(), notes, SMALL, train, spent={})["overlap"] == 6
+    # Weights of an own suite, in another one, once a run of the own suite has told their contents.
+    other_suite = SMALL.model_copy(update={"name": "other", "families": ("ring",)})
+    assert columns(problem.access_record(), notes, other_suite, train, spent={})["overlap"] == 6
     # Nothing is known of data that are not here.
     elsewhere = replace(notes, train_data="0" * 64)
     assert np.isnan(columns(problem.access_record(), elsewhere, SMALL, test, spent={})["overlap"])

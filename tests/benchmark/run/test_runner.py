@@ -266,7 +266,7 @@ def test_resuming_needs_a_run_of_the_same_suite_data_and_plugin(
     with pytest.raises(InputError, match="is not a run directory"):
         resume_run(tmp_path)
     other = tiny.model_copy(update={"frame_limit_s": 3.0})
-    with pytest.raises(InputError, match="is a run of suite 'tiny' as it was then"):
+    with pytest.raises(InputError, match="was started with suite 'tiny' as it was then"):
         resume_run(cut_run, suite=other)
     with monkeypatch.context() as patch:
         changed = replace(load(tiny.scenarios[0]), data_hash="0" * 64)

@@ -48,7 +48,7 @@ def test_a_stopped_run_is_continued(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     def stopped(plan: Plan, folder: Path, **options: Any) -> None:
         start_run(plan, folder, **options)
         if folder.name == "second":
-            raise RunInterruptedError("Interrupted.")
+            raise RunInterruptedError("Interrupted.", f"eitbench run --resume {folder}")
 
     again = f"`eitbench reproduce --out {out} --limit 2`"
     monkeypatch.setattr(reproduce, "start_run", stopped)

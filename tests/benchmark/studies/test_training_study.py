@@ -132,7 +132,9 @@ def test_the_published_sweep_is_the_grid() -> None:
 def test_what_is_no_study_is_refused(budget: StudyBudget, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="Unknown study 'betta': did you mean 'beta'"):
         run_study("betta", budget, tmp_path / "out")
-    with pytest.raises(InputError, match="'size' is about numbers of samples: leave out --limit"):
+    with pytest.raises(
+        InputError, match="'size' chooses the numbers of samples itself: leave out --limit"
+    ):
         run_study("size", replace(budget, limit=40), tmp_path / "out")
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "something").write_text("mine")

@@ -74,9 +74,9 @@ def test_what_was_cut_off_is_made_whole(recorded: Path, tmp_path: Path, skin: Se
         while len(read_file(tmp_path / "running.h5")[0]) < 5:
             time.sleep(0.02)
         (tmp_path / "cut.h5").write_bytes((tmp_path / "running.h5").read_bytes())
-    assert "It was not closed: 5 whole frames are intact." in check(tmp_path / "cut.h5")[0]
+    assert "It was cut off: 5 whole frames are intact." in check(tmp_path / "cut.h5")[0]
     assert export_recording(tmp_path / "cut.h5", tmp_path / "whole.h5") == (
-        f"5 frames are in {tmp_path / 'whole.h5'}. {tmp_path / 'cut.h5'} was not closed: what "
+        f"5 frames are in {tmp_path / 'whole.h5'}. {tmp_path / 'cut.h5'} was cut off, so that what "
         "followed them is lost."
     )
     content, condition = read_file(tmp_path / "whole.h5")

@@ -293,21 +293,30 @@ def test_typing_errors_are_asked_again(tmp_path: Path, board: Make) -> None:
     ]
     touches, _, said = guided(tmp_path / "a.h5", board, answers)
     assert touches == 1
-    assert said[1:6] == [
-        "That is a whole number from 1 to 1000, got 'many'.",
-        "That is a whole number from 1 to 1000, got '2.5'.",
-        "That is a whole number from 1 to 1000, got '0'.",
-        "That is a number from 0 to 1000, got '-3'.",
-        "A force in N may follow a place: 30 55 2.5. Places touched at once: 30 55; 70 20.",
+    assert said[5].endswith(
+        "are used to find how images map to places: at least 3 such places are needed, far apart "
+        "and not on a line, as a line does not tell an image from its mirror image, such as 30 30; "
+        "70 35; 45 70."
+    )
+    assert [said[1], said[2], said[3], said[4], said[5].split(" Touches 1")[0]] == [
+        "Type a whole number from 1 to 1000; got 'many'.",
+        "Type a whole number from 1 to 1000; got '2.5'.",
+        "Type a whole number from 1 to 1000; got '0'.",
+        "Type a number from 0 to 1000; got '-3'.",
+        "Type a place as 30 55, or with a force in N as 30 55 2.5. Places that "
+        "are touched at the same time: 30 55; 70 20.",
     ]
-    wrong = "A place is two numbers such as 30 55, with a force in N 30 55 2.5, got"
+    wrong = (
+        "A place is two numbers in mm, such as 30 55; a force in N may follow, such as 30 55 2.5. "
+        "Got"
+    )
     assert said[6:-2] == [
         *(f"{wrong} {typed!r}." for typed in ("30", "30 x", "1e999 3", "30 20 nan 1")),
-        "A force is above 0 N, got -2.",
+        "A force has to be above 0 N, got -2.",
         "(500, 20) mm is outside the sensor, which reaches from (0, 0) to (100, 100) mm.",
     ]
     assert said[-2] == "1 touch so far."
-    assert said[-1].startswith("10 of 11 touches are missing, so that there is no suite:")
+    assert said[-1].startswith("No suite is written: only 1 touch so far.")
 
 
 def test_a_session_says_how_it_goes(

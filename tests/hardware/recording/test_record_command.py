@@ -125,7 +125,7 @@ def test_recordings_are_checked_and_exchanged(
     assert said.splitlines()[-1] == f"{path} is sound."
     code, said, _ = eitbench("recordings", "check", path, "--sensor", path)
     assert code == 0
-    assert said.count("beside the model of sensor skin: correlation 1.00, 0.0% left") == 2
+    assert said.count("against the model of sensor skin: correlation 1.00, misfit 0.0%") == 2
     code, _, err = eitbench("recordings", "check", path, "--sensor", "ohmc16")
     assert code == 2
     assert "holds 40 values a frame, and sensor 'ohmc16' has 192: name one of as many." in err

@@ -374,5 +374,5 @@ def test_a_recorded_set_has_nothing_to_fit_a_linear_map_on() -> None:
         return replace(load(TINY, split, limit), truth="position")
 
     p = Problem(SENSOR, load(TINY, "test", 1).references[0], splits)
-    with pytest.raises(InputError, match="knows no conductivity to learn from"):
+    with pytest.raises(InputError, match="has no true images to learn from"):
         create("linear-learned").fit(p)

@@ -329,7 +329,7 @@ def test_what_octave_answers_stands_in_its_place(stub: Path, name: str) -> None:
     ("fault", "sentence"),
     [
         ("error", "Octave ended with code 1: error: 'prior_noser' undefined"),
-        ("silent", "Octave ended with code 0: it says no more"),
+        ("silent", "Octave ended with code 0: it gave no reason"),
         ("shape", r"EIDORS answered points \(5, 2\) and values \(4, 208\), not"),
         ("nan", "not finite ones of shapes"),
     ],

@@ -7,8 +7,9 @@ from matplotlib.figure import Figure
 from tests.support.figures import assert_no_text_overlaps_or_is_cut
 
 from eitbench.benchmark.analysis.results import read_run
+from eitbench.benchmark.metrics.tactile import Similarity
 from eitbench.reports.figures import image_grid
-from eitbench.reports.figures.image_grid import comparison, draw, write_figures
+from eitbench.reports.figures.image_grid import _tile, comparison, draw, write_figures
 from eitbench.scenarios.errors import EitbenchError
 
 
@@ -55,17 +56,33 @@ def test_truth_first_then_methods_by_rank_one_row_per_family(full_run: Path) -> 
 
 def test_presses_are_marked_in_the_image_s_frame(full_run: Path) -> None:
     grid = comparison(read_run(full_run), "position-set")
+    assert grid.title == "bench / position-set: 8 test samples"
     assert "truth" not in grid.columns
     assert grid.contrast
     x0, y0, x1, y1 = grid.bounds
     for _, tiles in grid.rows:
         sharp = tiles[grid.columns.index("sharp")]
         assert sharp.image is not None
-        assert sharp.cross is not None
+        (cross,) = sharp.crosses
         row, column = np.unravel_index(np.nanargmin(sharp.image), sharp.image.shape)
         found = x0 + (column + 0.5) / 40 * (x1 - x0), y0 + (row + 0.5) / 40 * (y1 - y0)
-        assert np.hypot(*np.subtract(found, sharp.cross)) < 0.02
+        assert np.hypot(*np.subtract(found, cross)) < 0.02
         assert np.isnan(sharp.image[0, 0])
+
+
+def test_every_contact_has_its_cross(full_run: Path) -> None:
+    places = np.array([[0.03, 0.05], [0.08, 0.02]])
+    registration = Similarity(2.0, np.array([[0.0, -1.0], [1.0, 0.0]]), np.array([0.01, 0.02]))
+    row = {
+        "status": "ok", "expected_x_m": 0.0, "expected_y_m": 0.0, "found_x_m": 0.0,
+        "x_m": places[0, 0], "y_m": places[0, 1], "x2_m": places[1, 0], "y2_m": places[1, 1],
+        "x3_m": np.nan, "y3_m": np.nan,
+    }  # fmt: skip
+    scene = read_run(full_run).scene("position-set", [0])
+    image = np.zeros(scene.mask.shape)
+    tile = _tile({0: row}, 0, image, scene, registration)
+    np.testing.assert_allclose(registration(tile.crosses), places)
+    assert len(_tile({0: row | {"x2_m": np.nan}}, 0, image, scene, registration).crosses) == 1
 
 
 def test_a_lost_frame_says_why(build: Any, dataset_of: Any) -> None:

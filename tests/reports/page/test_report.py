@@ -25,7 +25,7 @@ from eitbench.reports.page.paper import (
     paper_figures,
 )
 from eitbench.reports.page.report import to_page, write_report
-from eitbench.reports.page.report_data import counted_data, overall_views, report_data
+from eitbench.reports.page.report_data import counted_data, name_kinds, overall_views, report_data
 from eitbench.reports.page.site import write_site
 from eitbench.scenarios.errors import DataCorruptError, InputError
 
@@ -471,7 +471,7 @@ def test_a_column_that_is_missing_costs_what_it_held(many: Path, column: str) ->
     assert len(said) == (column not in ("cluster", "frame_ms", "family"))
     if column == "cluster":
         why = found["boards"][0]["why_not"]
-        assert why.startswith("Intervals need to know clusters")
+        assert why.startswith("Intervals need to know which samples share a session")
 
 
 def test_a_damaged_table_is_refused_with_one_sentence(many: Path, tmp_path: Path) -> None:
@@ -499,3 +499,12 @@ def test_a_run_without_rows_is_refused(many: Path) -> None:
     pd.read_parquet(many / "samples.parquet")[:0].to_parquet(many / "samples.parquet")
     with pytest.raises(InputError, match="no results"):
         report_data([many])
+
+
+def test_boards_of_methods_and_of_operators_have_names_of_their_own() -> None:
+    boards: Any = [
+        {"name": name, "kind": kind}
+        for name, kind in (("a / b", "method"), ("a / b", "operator"), ("a / c", "method"))
+    ]
+    name_kinds(boards)
+    assert [board["name"] for board in boards] == ["a / b (methods)", "a / b (operators)", "a / c"]

@@ -105,7 +105,7 @@ def test_differences_are_put_on_the_model_and_say_so(tmp_path: Path) -> None:
     assert np.isnan(quality(read_recording(str(path)), SKIN.pattern)).all()
     with pytest.raises(InputError, match="no frame shows the untouched sensor"):
         reference_frames(str(path))
-    with pytest.raises(InputError, match="differences, which no board measures"):
+    with pytest.raises(InputError, match="differences only, and boards send whole frames"):
         Replay(path)
     for ending in (".csv", ".mat"):
         export_recording(path, tmp_path / f"touch{ending}")
@@ -159,7 +159,9 @@ def test_pairs_that_do_not_fit_are_one_sentence(tmp_path: Path) -> None:
         wrong.loc[1, column] = row
         path = tmp_path / f"{column}{row}.h5"
         write_recording(replace(content, labels=wrong), path)
-        with pytest.raises(DataCorruptError, match="a label or the reference lies outside"):
+        with pytest.raises(
+            DataCorruptError, match="a label or the reference names frames that are not there"
+        ):
             recorded_set(str(path))
         assert any("Label 1 names reference frames" in problem for problem in check(path)[0])
 
@@ -168,8 +170,8 @@ def test_pairs_that_do_not_fit_are_one_sentence(tmp_path: Path) -> None:
     ("contacts", "says"),
     [
         ({"touch": [0] * 11 + [1]}, "touch 0 has 11 contacts, and at most 10 are possible"),
-        ({"force_N": [1.0, -2.0]}, "label 1 has -2 N, and what presses has a number from 0"),
-        ({"pressure_Pa": [np.inf, 1.0]}, "label 0 has inf Pa, and what presses has a number"),
+        ({"force_N": [1.0, -2.0]}, "label 1 has -2 N, and a force or pressure is 0 or more"),
+        ({"pressure_Pa": [np.inf, 1.0]}, "label 0 has inf Pa, and a force or pressure is"),
     ],
 )
 def test_labels_that_no_touch_can_have_are_told(

@@ -318,7 +318,7 @@ def test_rows_of_a_reference_are_those_of_the_file() -> None:
         ("frame,x_mm\n1.5,1\n", "whole numbers from 0"),
         ("frame,x_mm\n1,left\n", "Column 'x_mm' of .* something else than numbers"),
         ("1,2,3\n", "Column 'values' .* is unknown: the first line .* names its columns"),
-        ("x_mm1,x_mm2\n1,2\n3,4\n", "'x_mm' .* is no column, but of shape"),
+        ("x_mm1,x_mm2\n1,2\n3,4\n", "'x_mm' .* should be one column of labels"),
         ("", "holds no lines"),
     ],
 )
@@ -483,7 +483,7 @@ def test_bad_files_are_one_sentence(tmp_path: Path, imported: Import) -> None:
     scipy.io.savemat(tmp_path / "struct.mat", {"data": {"v": VALUES}})
     (tmp_path / "folder").mkdir()
     for name, says in {
-        "short.csv": "holds no frames of sensor 'skin', which measures 40 values: it holds values",
+        "short.csv": "holds no frames of sensor 'skin', which have 40 values each: it holds values",
         "ragged.csv": "line 4 has 1 values, and those before it have 2",
         "words.csv": "line 2 holds something else than numbers",
         "series.csv": "line 2 holds something else than numbers",
@@ -732,7 +732,11 @@ def test_pairs_that_do_not_fit_are_told(tmp_path: Path) -> None:
     for name, options, said in (
         ("two.npz", ImportOptions(Choice("down"), released="up"), "'up' of .* holds 3 frames, and"),
         ("odd.npy", ImportOptions(released="alternating"), "an even number is needed"),
-        ("odd.npy", ImportOptions(differences=True, reference="first:1"), "not two of them"),
+        (
+            "odd.npy",
+            ImportOptions(differences=True, reference="first:1"),
+            "each say what a touch is compared with",
+        ),
         ("odd.npy", ImportOptions(labels=sheet, differences=True), "has 2 rows of labels for 3"),
     ):
         with pytest.raises(InputError, match=said):
