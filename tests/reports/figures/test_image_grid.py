@@ -7,10 +7,10 @@ from matplotlib.figure import Figure
 from tests.support.figures import assert_no_text_overlaps_or_is_cut
 
 from eitbench.benchmark.analysis.results import read_run
-from eitbench.benchmark.metrics.tactile import Similarity
 from eitbench.reports.figures import image_grid
 from eitbench.reports.figures.image_grid import _tile, comparison, draw, write_figures
 from eitbench.scenarios.errors import EitbenchError
+from eitbench.scenarios.similarity import Similarity
 
 
 def test_every_scenario_is_drawn_as_png_and_pdf(
