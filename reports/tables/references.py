@@ -37,7 +37,8 @@ RECORDINGS = {
     **dict.fromkeys(
         (
             "ohmc16", "ohmc8", "hydrogel-multitouch", "hydrogel-rectangle", "hydrogel-fixed",
-            "hydrogel-repeats",
+            "hydrogel-repeats", "hydrogel-damage", "hydrogel-two-probes", "superpose500",
+            "superpose500-start", "superposed-pairs", "ohmc16-start",
         ),
         "hardman2023",
     ),
@@ -45,6 +46,7 @@ RECORDINGS = {
     **dict.fromkeys(
         ("ktc2023", *(f"ktc2023-level{level}" for level in range(1, 8))), "ktc2023"
     ),
+    "superposed-pairs-cam09-05": "costacornella2023",
     "sciospec-tank": "sciospec2025",
     **dict.fromkeys(
         ("jku-tank-adjacent", "jku-tank-diagonal", "jku-tank-hybrid", "jku-tank-opposite"),
