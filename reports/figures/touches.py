@@ -204,13 +204,15 @@ def panels(
     panels = figure.subplots(lines, columns, squeeze=False, sharey=True).ravel()
     methods = list(table["method"].unique())
     values = np.sort(table[x].unique())
-    beside = 0.01 * (values[-1] - values[0])
+    span = values[-1] - values[0]
+    beside = 0.01 * span
     for panel, scenario in zip(panels, scenarios, strict=False):
         of = table[table["scenario"] == scenario]
         for k, method in enumerate(methods):
             _line(panel, of[of["method"] == method], x, y, k, (k - len(methods) / 2) * beside)
         panel.set_title(plain_label(scenario), loc="left")
         panel.set_xlabel(x_label)
+        panel.set_xlim(values[0] - 0.06 * span, values[-1] + 0.06 * span)
         panel.set_xticks(values, [f"{value:g}" for value in values])
         panel.grid(alpha=0.3, lw=0.4)
     panels[0].set_ylim(0, highest)  # of all

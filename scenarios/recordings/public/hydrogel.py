@@ -80,6 +80,8 @@ CITATION = (
 DISTANCES_MM = {"A": 108.0, "B": 75.0, "C": 20.0}
 """Distance between the two probes of each multi-touch file."""
 
+Reference = Literal["own", "start"]
+"""Of each press its own released frame, or of all presses the first ones."""
 FRAME_INTERVAL_S = 8.0
 """Time from one frame of `hydrogel-damage` to the next, of upstream's `plotDamageDetect.m` [s]."""
 TIPS_MM = {"A": (54.0, -54.0), "B": (37.5, -37.5), "C": (46.0, 66.0)}
@@ -145,9 +147,7 @@ def _disc_skin(name: str, n_electrodes: int) -> Sensor:
     )  # fmt: skip
 
 
-def _read_presses(
-    file: str, reference: Literal["own", "start"], folder: Path, sensor: Sensor
-) -> RecordedFrames:
+def _read_presses(file: str, reference: Reference, folder: Path, sensor: Sensor) -> RecordedFrames:
     """Read presses, each with its own released frame, or all with the first ones."""
     mat = read_arrays(folder / file, "positions", "responsedowns", "responseups")
     x, y, depth = mat["positions"].T
@@ -188,8 +188,8 @@ def _read_two_probes(folder: Path, sensor: Sensor) -> RecordedFrames:
         released.append(mat["responseups"][:n])
         places = np.array([_tips(part, turn) for turn in turns]).reshape(n, 4)
         table = pd.DataFrame(places, columns=["x_m", "y_m", "x2_m", "y2_m"])
-        known = {"split": "test", "contacts": 2, "touched": True}
-        samples.append(table.assign(**known, probe_distance_mm=DISTANCES_MM[part]))
+        table = table.assign(split="test", contacts=2, touched=True)
+        samples.append(table.assign(probe_distance_mm=DISTANCES_MM[part]))
     reference = np.median(np.concatenate(released), axis=0)
     table = pd.concat(samples, ignore_index=True)
     return RecordedFrames(reference + np.concatenate(change), reference, table)
@@ -199,7 +199,7 @@ def _tips(part: str, turn: float | None) -> NDArray[np.float64]:
     """Places (2, 2) [m] of both tips of a probe."""
     along = np.array([10.0, -10.0] if turn is None else TIPS_MM[part])
     angle = -np.deg2rad(turn or 0)
-    return 1e-3 * along[:, None] * [np.cos(angle), np.sin(angle)]
+    return np.asarray(1e-3 * along[:, None] * [np.cos(angle), np.sin(angle)])
 
 
 def _read_damage(folder: Path, sensor: Sensor) -> RecordedFrames:
@@ -306,6 +306,13 @@ _LOOKUP16, _LOOKUP8 = "lookup192.mat", "lookup32.mat"  # of the pattern, which a
 _OHMC16, _OHMC8 = "Extracted/ohmc16.mat", "Extracted/ohmc8.mat"
 _SINGLE = "Extracted/MultiTouch/superpose500.mat"
 _BY_ROBOT = "500 robot presses of 10, 15 and 20 mm"
+_PRESSES: tuple[tuple[str, Callable[[], Sensor], str, Reference], ...] = (
+    ("ohmc16", _DISC16, _OHMC16, "own"),
+    ("ohmc8", _DISC8, _OHMC8, "own"),
+    ("superpose500", _SUPERPOSE500, _SINGLE, "own"),
+    ("ohmc16-start", _DISC16, _OHMC16, "start"),
+    ("superpose500-start", _SUPERPOSE500, _SINGLE, "start"),
+)
 
 HYDROGEL = (
     *(
@@ -319,13 +326,7 @@ HYDROGEL = (
             _LOOKUP8 if skin is _DISC8 else _LOOKUP16,
             truth="position",
         )
-        for name, skin, file, reference in (
-            ("ohmc16", _DISC16, _OHMC16, "own"),
-            ("ohmc8", _DISC8, _OHMC8, "own"),
-            ("superpose500", _SUPERPOSE500, _SINGLE, "own"),
-            ("ohmc16-start", _DISC16, _OHMC16, "start"),
-            ("superpose500-start", _SUPERPOSE500, _SINGLE, "start"),
-        )
+        for name, skin, file, reference in _PRESSES
     ),
     _recorded_set(
         "superposed-pairs",
