@@ -320,7 +320,7 @@ def _by_skin() -> str:
         ("linear-touch", 0, "`linear-touch`, 0"),
         ("kernel-ridge-skins", 0, "`kernel-ridge-skins`, 0"),
         ("kernel-ridge", 25, "`kernel-ridge`, 25"), ("network", 25, "`network`, 25"),
-        ("kernel-ridge", 400, "`kernel-ridge`, 400"),
+        ("kernel-ridge-skins", 25, "`kernel-ridge-skins`, 25"),
     ]  # fmt: skip
     value = stored["median_mm"]
     skins = sorted({skin for _, _, skin in value.index})
@@ -342,7 +342,10 @@ def _few_presses() -> str:
     errors = _transfer("few-presses")
     value = {(e.method, e.labelled): f"{e.median_mm:.1f}" for e in errors}
     counts = sorted({e.labelled for e in errors})
-    rows = [[title, *(value[name, count] for count in counts)] for name, title in names.items()]
+    rows = [
+        [title, *(value.get((name, count), "–") for count in counts)]
+        for name, title in names.items()
+    ]
     return _table(["median error [mm] after so many real presses", *map(str, counts)], rows)
 
 
