@@ -93,7 +93,8 @@ class Scene:
         data_range: [S/m].
         mask: (H, W) pixels of the sensor.
         sample: (n,) sample numbers of `truth`.
-        truth: (n, H, W) true conductivity [S/m] or classes; None where neither is known.
+        truth: (n, H, W) true conductivity [S/m], or classes (n, h, w) on the same ground; None
+            where neither is known.
         has_classes: True if `truth` holds classes: -1 resistive, 0, +1 conductive.
     """
 
@@ -121,10 +122,13 @@ def read_scene(path: Path, scenario: str, samples: Sequence[int], n: int) -> Sce
         names = [name for name in ("conductivity", "classes") if name in group]
         truth = None
         if names:
-            images = own_dataset(group, names[0], 8 * n * mask.size)
-            if images.shape != (len(numbers), *mask.shape):
+            of_classes = names == ["classes"]  # their pixels may be finer than the sensor's
+            most = n * MAX_PIXELS**2 if of_classes else 8 * n * mask.size
+            images = own_dataset(group, names[0], most)
+            shape = images.shape[1:] if of_classes and images.ndim == 3 else mask.shape
+            if images.shape != (len(numbers), *shape):
                 raise ValueError("images and mask are of unlike shapes")
-            _check_memory(len(rows), mask.shape, 8)
+            _check_memory(len(rows), shape, 8)
             truth = images[rows].astype(np.float64)
         x0, y0, x1, y1 = (float(value) for value in group.attrs["bounds"])
         background = float(group.attrs["background"])

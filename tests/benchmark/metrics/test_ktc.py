@@ -7,12 +7,16 @@ transforms. Without that change, the organisers' baseline images of targets 1 of
 """
 
 import numpy as np
+import pandas as pd
 import pytest
 from numpy.typing import NDArray
 from skimage.filters import threshold_multiotsu
 
+from eitbench.benchmark.metrics.evaluation import GroundTruth, evaluate
 from eitbench.benchmark.metrics.ktc import enlarged, ktc_score, score_of_classes, segmented
 from eitbench.reports.tables.challenge import PUBLISHED, challenge_rows, challenge_table
+from eitbench.scenarios.arrays import nearest_pixels
+from eitbench.scenarios.recordings.public.kuopio import tank
 
 ROW, COLUMN = np.mgrid[:256, :256]
 
@@ -74,6 +78,18 @@ def test_an_image_is_enlarged_on_the_same_ground() -> None:
     expected = 2 * fine[:, None] - 3 * fine[None, :]
     inside = slice(2, -2)  # beyond the outermost middles the nearest value is kept
     assert enlarged(plane)[inside, inside] == pytest.approx(expected[inside, inside], abs=1e-12)
+
+
+def test_nothing_outside_the_tank_counts() -> None:
+    sensor, truth = tank(7), targets()
+    coarse = nearest_pixels(truth, sensor.image_shape)
+    samples = pd.DataFrame({"sample": [0]})
+    known = GroundTruth("level", sensor, samples, "classes", classes=truth[None])
+    image = 1 + 0.5 * coarse[None]
+    (clean,) = evaluate(known, image)["ktc_score"]
+    assert clean > 0.97
+    (same,) = evaluate(known, np.where(sensor.mask, image, 7.0))["ktc_score"]
+    assert same == clean
 
 
 def test_the_board_sums_scores_over_all_targets() -> None:
