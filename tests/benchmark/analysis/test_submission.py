@@ -106,7 +106,7 @@ NAMES = "names are clear"
 FOLDER = "the directory holds what a run writes"
 PLAUSIBLE = "figures are plausible"
 REGISTRATIONS = "registrations are those of the stored images"
-A_PLUGIN = {"path": "/a.py", "sha256": "0" * 64, "names": ["noser"]}
+A_PLUGIN = {"path": "/a.py", "sha256": "0" * 64, "names": ["noser"], "sources": [""]}
 
 
 def problem(run: Path, name: str) -> str:
@@ -182,7 +182,7 @@ def copy_the_truth(run: Path) -> None:
                 lambda rows: rows[1].update(score=rows[1]["score"] + 0.001), "leaderboard.json"
             ),
             BOARD,
-            "leaderboard.json says score",
+            "In leaderboard.json the score of",
         ),
         (lambda run: (run / "leaderboard.json").unlink(), BOARD, "leaderboard.json cannot be read"),
         (
@@ -245,12 +245,12 @@ def copy_the_truth(run: Path) -> None:
         (
             edit_json(lambda m: m["data"]["tiny"].update(n=1000)),
             ROWS,
-            "other numbers of samples than the scenarios have",
+            "tells other numbers of samples",
         ),
         (
             edit_json(lambda m: m["data"].update(more={"n": 3})),
             ROWS,
-            "other numbers of samples than the scenarios have",
+            "tells other numbers of samples",
         ),
         (edit_json(lambda m: m["cells"][1].update(variant="x")), ROWS, "cells of other tracks"),
         (copy_the_truth, PLAUSIBLE, "better than frames allow"),
