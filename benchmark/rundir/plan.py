@@ -109,7 +109,7 @@ class Plan(_Declared):
         """The publication that a method or operator follows; "" if it names none."""
         if name in self.origins:
             plugin = self.origins[name]
-            return plugin.sources[plugin.names.index(name)]
+            return dict(zip(plugin.names, plugin.sources, strict=False)).get(name, "")
         return str(_KNOWN[self.suite.ranks]()[name].source)
 
 

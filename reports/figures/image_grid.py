@@ -1,5 +1,6 @@
 """Grids of images: the truth beside the image of each method, one row a sample."""
 
+import re
 import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -29,7 +30,6 @@ from eitbench.reports.figures.style import (
 from eitbench.reports.tables.boards import printed_boards
 from eitbench.reports.tables.challenge import PUBLISHED, challenge_rows
 from eitbench.reports.tables.columns import printable
-from eitbench.scenarios.recordings.descriptors import PLACES
 from eitbench.scenarios.similarity import Similarity
 
 if TYPE_CHECKING:
@@ -38,6 +38,7 @@ if TYPE_CHECKING:
 
 Images = NDArray[np.floating]
 
+_X_OF_CONTACT = re.compile(r"x\d*_m")
 # Distances [in], the same in all grids.
 _LINE = NOTE * 1.3 / 72
 _CELL, _GAP, _LABEL, _BAR, _HEAD = 1.3, 0.12, 1.15, 0.85, 0.95
@@ -237,7 +238,8 @@ def _tile(
         if pd.isna(row["found_x_m"]):
             note = ("no contact found",)
         crosses = ((float(row["expected_x_m"]), float(row["expected_y_m"])),)
-        places = [[row[x], row[y]] for x, y in PLACES if pd.notna(row.get(x))]
+        of_contacts = [x for x in row if _X_OF_CONTACT.fullmatch(x) and pd.notna(row[x])]
+        places = [[row[x], row[f"y{x[1:]}"]] for x in of_contacts]
         if len(places) > 1 and registration is not None:
             crosses = tuple((x, y) for x, y in registration.inverse(places).tolist())
     return Tile(np.where(scene.mask, image, np.nan), note, crosses)

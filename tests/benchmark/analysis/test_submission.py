@@ -106,7 +106,7 @@ NAMES = "names are clear"
 FOLDER = "the directory holds what a run writes"
 PLAUSIBLE = "figures are plausible"
 REGISTRATIONS = "registrations are those of the stored images"
-A_PLUGIN = {"path": "/a.py", "sha256": "0" * 64, "names": ["noser"]}
+A_PLUGIN = {"path": "/a.py", "sha256": "0" * 64, "names": ["noser"], "sources": [""]}
 
 
 def problem(run: Path, name: str) -> str:
@@ -161,7 +161,7 @@ def copy_the_truth(run: Path) -> None:
         (
             set_in_a_row("psnr", 60.0),
             FIGURES,
-            "1 of 5 samples of 'noser' on 'tiny' do not have the figures",
+            "1 of 5 samples of 'noser' on 'tiny' have other figures",
         ),
         (set_in_a_row("input_hash", "0"), FRAMES, "'noser' was given other frames of 'tiny'"),
         (set_in_a_row("phantom", "another"), FRAMES, "The column 'phantom' of 'noser' on 'tiny'"),
@@ -182,7 +182,7 @@ def copy_the_truth(run: Path) -> None:
                 lambda rows: rows[1].update(score=rows[1]["score"] + 0.001), "leaderboard.json"
             ),
             BOARD,
-            "leaderboard.json says score",
+            "In leaderboard.json the score of",
         ),
         (lambda run: (run / "leaderboard.json").unlink(), BOARD, "leaderboard.json cannot be read"),
         (
@@ -242,10 +242,18 @@ def copy_the_truth(run: Path) -> None:
             FOLDER,
             "without --tracks",
         ),
-        (edit_json(lambda m: m["data"]["tiny"].update(n=1000)), ROWS, "these numbers of samples"),
-        (edit_json(lambda m: m["data"].update(more={"n": 3})), ROWS, "these numbers of samples"),
+        (
+            edit_json(lambda m: m["data"]["tiny"].update(n=1000)),
+            ROWS,
+            "tells other numbers of samples",
+        ),
+        (
+            edit_json(lambda m: m["data"].update(more={"n": 3})),
+            ROWS,
+            "tells other numbers of samples",
+        ),
         (edit_json(lambda m: m["cells"][1].update(variant="x")), ROWS, "cells of other tracks"),
-        (copy_the_truth, PLAUSIBLE, "more than frames tell"),
+        (copy_the_truth, PLAUSIBLE, "better than frames allow"),
     ],
 )
 def test_what_was_edited_is_found(
@@ -341,7 +349,7 @@ def test_another_plugin_is_not_run(with_plugin: Path) -> None:
     (copy,) = (with_plugin / "plugins").iterdir()
     copy.write_text(METHOD.replace("0.1", "0.2"))
     found = rerun(open_submission(with_plugin), 2)
-    assert "holds no copy of its plugin" in found[1].problem
+    assert "lacks a copy of the method's plugin" in found[1].problem
     (with_plugin / "plugins" / "more.py").write_text("")
     assert "'more.py'" in problem(with_plugin, FOLDER)
 
@@ -367,7 +375,7 @@ def test_a_registration_is_fitted_again(
     cells = pd.read_parquet(run / "methods.parquet")
     scale, turn, shift = json.loads(cells["registration"][0])
     for changed, words in (
-        ([1e-9, turn, shift], "is not that of its images"),
+        ([1e-9, turn, shift], "does not follow from its images"),
         ([scale, [[1, 0], [0, 5]], shift], "similarity"),
         ([-scale, turn, shift], "similarity"),
     ):

@@ -281,5 +281,5 @@ def test_methods_and_operators_are_not_mixed(tiny: Suite, suite: Suite) -> None:
         OperatorData.load(recorded, suite, None, jobs=1, progress=False)
     uneven = {"imperfections": Imperfections(contact_impedance=0.1)}
     units = scenario(suite, "tiny-finer").model_copy(update=uneven)
-    with pytest.raises(InputError, match="'tiny-finer' draws units of its sensor"):
+    with pytest.raises(InputError, match="sensor of scenario 'tiny-finer' varies"):
         OperatorData.load(units, suite, None, jobs=1, progress=False)

@@ -211,7 +211,7 @@ def test_a_search_over_a_parameter_that_does_not_exist_is_refused(tmp_path: Path
     plugin = tmp_path / "odd.py"
     plugin.write_text(FAILS.replace("weight: float", "strength: float"))
     plan = make_plan(suite(SMALL), methods=["fails"], plugins=[plugin])
-    with pytest.raises(InputError, match="'fails' lets 'weight' be chosen"):
+    with pytest.raises(InputError, match="'fails' lists 'weight' in `search`"):
         list(tune(plan, tmp_path / "out"))
 
 

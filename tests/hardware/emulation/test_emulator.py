@@ -164,7 +164,7 @@ def test_the_command_emulates_until_ctrl_c(
     ("change", "says"),
     [
         (("x_mm = 30.0", "x_mm = 'left'"), "field 'touches[0].x_mm': Input should be a"),
-        (("end_s = 1.0", "end_s = 0.5"), "field 'touches[0].end_s': a touch ends later"),
+        (("end_s = 1.0", "end_s = 0.5"), "field 'touches[0].end_s': end_s has to be later"),
         (("radius_mm = 6.0", "radius_mm = 0"), "field 'touches[0].radius_mm'"),
         (("pressure_kpa = 20.0", "pressure_kpa = inf"), "pressure_kpa'"),
     ],

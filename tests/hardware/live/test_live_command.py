@@ -37,7 +37,7 @@ class Mine(Method):
     [
         (["--host", "0.0.0.0"], "EITBENCH_TOKEN, or in a file that you name with --token-file"),
         (["--token", "correct-horse-battery"], "No such option"),
-        (["--token-file", __file__], "say with --host where they connect"),
+        (["--token-file", __file__], "let them connect with --host"),
         (["--token-file", __file__, "--host", "::1"], "16 to 128 letters"),
         (["--method", "nose"], "did you mean 'noser'"),
         (["--method", "linear-touch"], "learns from simulated touches before its first image"),

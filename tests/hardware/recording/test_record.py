@@ -353,7 +353,7 @@ def test_a_board_that_fails_ends_the_session(tmp_path: Path, board: Make) -> Non
 
 
 def test_a_board_that_ends_ends_the_session(tmp_path: Path, board: Make) -> None:
-    with pytest.raises(BoardError, match="last frame"):
+    with pytest.raises(BoardError, match="The board stopped sending"):
         guided(tmp_path / "a.h5", board, ["", "", "", "30 20", ""], n=4)
 
 

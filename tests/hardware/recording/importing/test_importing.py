@@ -315,8 +315,8 @@ def test_rows_of_a_reference_are_those_of_the_file() -> None:
         ("file,x_mm\nc.csv,1\n", "Row 1 of .* is for the file 'c.csv', which is none of the 1"),
         ("frame,x_mm\n6,1\n", "Row 1 of .* frames 6 to 6, and there are frames 0 to 5"),
         ("first,last\n3,2\n", "Row 1 of .* frames 3 to 2: the last frame is before the first"),
-        ("frame,x_mm\n1.5,1\n", "whole numbers from 0"),
-        ("frame,x_mm\n1,left\n", "Column 'x_mm' of .* something else than numbers"),
+        ("frame,x_mm\n1.5,1\n", "whole numbers, counted from 0"),
+        ("frame,x_mm\n1,left\n", "Column 'x_mm' of .* should hold numbers only"),
         ("1,2,3\n", "Column 'values' .* is unknown: the first line .* names its columns"),
         ("x_mm1,x_mm2\n1,2\n3,4\n", "'x_mm' .* should be one column of labels"),
         ("", "holds no lines"),
@@ -445,7 +445,7 @@ def test_the_order_of_a_full_matrix_is_compared_with_its_zeros(
 ) -> None:
     wrong = np.roll(full_matrices(VALUES, 0.0), 1, axis=2)
     np.save(tmp_path / "wrong.npy", wrong.reshape(6, 64))
-    with pytest.raises(InputError, match="their order is not that of the pattern"):
+    with pytest.raises(InputError, match="in another order than in the pattern"):
         imported("wrong.npy")
     dead = VALUES.copy()
     dead[:, 3] = 0.0
