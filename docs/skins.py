@@ -6,37 +6,50 @@ tables of docs/results/skins.md. Further methods join with a run of their own.
 
 import json
 import sys
+from dataclasses import asdict
 from pathlib import Path
 
 import matplotlib as mpl
 import pandas as pd
 
-from eitbench.benchmark.analysis.results import GUESS
-from eitbench.reports.figures.style import STYLE, save
-from eitbench.reports.page.paper import suite_maps
-from eitbench.reports.page.report_data import report_data, rows_of
+from eitbench.benchmark.analysis.leaderboard import is_whole, ranked_boards
+from eitbench.benchmark.analysis.overall import overall
+from eitbench.benchmark.analysis.results import GUESS, read_run
+from eitbench.reports.figures.error_maps import error_maps_figure
+from eitbench.reports.figures.style import PAGE, STYLE, save
+from eitbench.reports.page.error_maps import error_maps
 
 OUT = Path(__file__).resolve().parent / "studies" / "skins"
-_FIGURES = (*GUESS.values(), "localisation_mm_low", "localisation_mm_high", *GUESS)
-_COLUMNS = ("scenario", "method", "track", "group", "n", "coverage", "data_hash", *_FIGURES)
+_COLUMNS = ("scenario", "method", "track", "n", "coverage", "data_hash", *GUESS.values(), *GUESS)
 _RUN = ("started", "git_commit", "versions", "machine", "threads")
 
 
-def write(runs: list[Path]) -> None:
+def write(paths: list[Path]) -> None:
     """Write the record of run directories."""
-    report = report_data(runs)
-    rows = [{name: row[name] for name in _COLUMNS} for row in rows_of(report["boards"])]
-    OUT.mkdir(parents=True, exist_ok=True)
-    pd.DataFrame(rows).to_csv(OUT / "skins.csv", index=False, float_format="%.5g")
+    runs = [read_run(path) for path in paths]
+    rows, panels, figures, guesses = [], [], {}, {}
+    for board in ranked_boards(runs):
+        skin = board[0].row["scenario"]
+        whole = {of.row["method"]: of for of in board if is_whole(of.row)}
+        rows += [{name: of.row[name] for name in _COLUMNS} for of in whole.values()]
+        figures[skin] = {name: -of.row["localisation_mm"] for name, of in whole.items()}
+        guesses[skin] = board[0].row["guess_mm"]
+        methods = {name: (of.run, name) for name, of in whole.items()}
+        about = error_maps(methods, {name: of.cell for name, of in whole.items()}, skin)
+        assert about is not None
+        panels.append((skin, about, about["maps"][0]))
+    found = overall(figures, guesses)
+    assert found is not None
     about = {
         "command": "eitbench run skins",
-        "runs": [{name: run[name] for name in _RUN} for run in report["runs"]],
-        "overall": report["overall"]["||"],
+        "runs": [{name: run.manifest[name] for name in _RUN} for run in runs],
+        "overall": asdict(found),
     }
+    OUT.mkdir(parents=True, exist_ok=True)
+    pd.DataFrame(rows).to_csv(OUT / "skins.csv", index=False, float_format="%.5g")
     (OUT / "skins.json").write_text(json.dumps(about, indent=1) + "\n")
     with mpl.rc_context(STYLE):
-        for _, figure in suite_maps(report):
-            save(figure, OUT / "maps", ("svg",))
+        save(error_maps_figure(panels, PAGE, 5), OUT / "maps", ("svg",))
 
 
 if __name__ == "__main__":

@@ -7,6 +7,7 @@ contacts, have none of these figures.
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from eitbench.benchmark.metrics.metric_spec import CellStatistic
@@ -44,7 +45,7 @@ def unevenness(cell: pd.DataFrame, counts: Array) -> Array:
     local = local_errors(error, places)
     mean, square = means(counts[:, known], np.stack([local, local**2], axis=1)).T
     spread = np.sqrt(np.maximum(square - mean**2, 0.0))
-    return np.divide(spread, mean, out=np.full_like(mean, np.nan), where=mean > 0)
+    return np.asarray(np.divide(spread, mean, out=np.full_like(mean, np.nan), where=mean > 0))
 
 
 def worst_tenth_mm(cell: pd.DataFrame, counts: Array) -> Array:
@@ -64,7 +65,7 @@ def local_errors(error: Array, places: Array) -> Array:
     return np.asarray(np.median(error[nearest.reshape(len(places), -1)], axis=1))
 
 
-def _presses(cell: pd.DataFrame) -> tuple[Array, Array, Array]:
+def _presses(cell: pd.DataFrame) -> tuple[NDArray[np.bool_], Array, Array]:
     """Rows (n,) of single presses with known places, their errors (n,) [mm] and places (n, 2)."""
     names = ["localisation_mm", "expected_x_m", "expected_y_m"]
     known = np.zeros(len(cell), dtype=np.bool_)

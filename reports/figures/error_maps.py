@@ -29,7 +29,6 @@ def error_maps_figure(
     down = -(-len(panels) // across)
     side = width / across
     figure = new_figure(width, down * (side + 0.28) + 0.5)
-    figure.get_layout_engine().set(w_pad=0.01, h_pad=0.02, wspace=0, hspace=0)  # type: ignore[union-attr]
     axes = figure.subplots(down, across, squeeze=False)
     images = [np.array(of["error"], dtype=float) for _, _, of in panels]
     top = float(np.nanquantile(np.concatenate([image.ravel() for image in images]), 0.95))
@@ -41,7 +40,7 @@ def error_maps_figure(
         place.set_aspect("equal")
         shown = place.pcolormesh(
             x + step * np.arange(columns + 1), y + step * np.arange(rows + 1), image,
-            cmap=_ERROR_MAP, vmin=0, vmax=top,
+            cmap=_ERROR_MAP, vmin=0, vmax=top, rasterized=True,
         )  # fmt: skip
         place.plot(*np.transpose(about["outline"]), color="0.5", lw=0.6)
         electrodes = np.array(about["electrodes"])

@@ -63,10 +63,11 @@ def error_maps(
         if list(cell["sample"]) != list(first["sample"]):
             continue  # a part of the samples is no map of the same presses
         error = pd.Series(numbers(cell, "localisation_mm"))
-        image = np.full(squares[::-1], np.nan)
-        for (r, c), median in error.groupby([row, column]).median().items():
-            image[r, c] = round(median, 2)
-        maps.append({"method": label, "median": float(error.median()), "error": image.tolist()})
+        in_squares = error.groupby(row * squares[0] + column).median()
+        image = np.full(int(squares.prod()), np.nan)
+        image[in_squares.index] = in_squares.round(2)
+        by_rows = image.reshape(squares[::-1]).tolist()
+        maps.append({"method": label, "median": float(error.median()), "error": by_rows})
     scenarios = manifests.suite_of(run.manifest).scenarios
     sensor = next(s for s in scenarios if s.name == scenario).nominal_sensor
     outline, around = sensor.outline, np.linspace(0.0, sensor.outline.perimeter, _RIM)

@@ -36,11 +36,13 @@ RECORDINGS = {
     **dict.fromkeys(
         (
             "ohmc16", "ohmc8", "hydrogel-multitouch", "hydrogel-rectangle", "hydrogel-fixed",
-            "hydrogel-repeats",
+            "hydrogel-repeats", "hydrogel-damage", "hydrogel-two-probes", "superpose500",
+            "superpose500-start", "superposed-pairs", "ohmc16-start",
         ),
         "hardman2023",
     ),
     **{f"cam09-{n:02d}": "costacornella2023" for n in (*range(4, 13), 14, 15, 16, 18)},
+    "superposed-pairs-cam09-05": "costacornella2023",
     "ktc2023": "ktc2023",
     "sciospec-tank": "sciospec2025",
     **dict.fromkeys(

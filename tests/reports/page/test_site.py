@@ -80,7 +80,7 @@ def test_the_front_sums_up_the_scenarios_of_a_suite(
     (front, *_) = write_site(tmp_path, tmp_path / "site")
     table = front.read_text().partition("Over all scenarios of a suite</h2>")[2]
     texts = re.findall(r"<td class=\"text\">([^<]+)</td>", table.partition("</table>")[0])
-    assert texts == ["good", "1.00", "100%", "2", "poor", "2.00", "0%", "2"]
+    assert texts == ["good", "1.00", "100%", "–", "2", "poor", "2.00", "0%", "–", "2"]
 
 
 def test_times_of_several_machines_are_shown_in_calibration_solves(runs: Path) -> None:
