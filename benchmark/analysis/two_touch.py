@@ -11,6 +11,7 @@ import pandas as pd
 from scipy.stats import binomtest
 
 from eitbench.benchmark.analysis.results import cells_of
+from eitbench.benchmark.metrics.aggregation import numbers
 from eitbench.benchmark.metrics.statistics import LEVEL
 
 WITHIN_MM = 20.0
@@ -34,9 +35,10 @@ def told_apart(samples: pd.DataFrame) -> pd.DataFrame:
     for (scenario, method), cell in cells_of(samples).items():
         if not set(_NEEDED) <= set(cell) or not (cell["contacts"] == 2).any():
             continue
-        for distance, touches in cell.groupby(DISTANCE):
+        for distance in np.unique(numbers(cell, DISTANCE)).tolist():
+            touches = cell[cell[DISTANCE] == distance]
             wrong = touches["contact_count_error"]
-            within = min(WITHIN_MM, float(distance) / 2)
+            within = min(WITHIN_MM, distance / 2)
             apart = (touches["farthest_contact_mm"] < within).to_numpy()
             two = bool((touches["contacts"] == 2).all())
             share = binomtest(int(apart.sum()), len(apart)).proportion_ci(LEVEL, "wilson")
@@ -44,7 +46,7 @@ def told_apart(samples: pd.DataFrame) -> pd.DataFrame:
                 {
                     "scenario": scenario,
                     "method": method,
-                    "distance_mm": float(distance),
+                    "distance_mm": distance,
                     "n": len(touches),
                     "counted": wrong.eq(0).where(wrong.notna()).mean(),
                     "apart": apart.mean() if two else np.nan,

@@ -20,7 +20,7 @@ from eitbench.benchmark.analysis.two_touch import told_apart
 from eitbench.benchmark.metrics.evaluation import REGISTRATION_FRAMES
 from eitbench.benchmark.metrics.tactile import distances
 from eitbench.benchmark.rundir.manifest import git_commit, now, versions
-from eitbench.scenarios.arrays import Array
+from eitbench.scenarios.arrays import Array, Mask
 from eitbench.scenarios.recordings import recorded_set
 from eitbench.scenarios.recordings.descriptors import contact_places
 from eitbench.scenarios.recordings.fetch import read_recording
@@ -136,14 +136,14 @@ def superposition() -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def _presses(name: str) -> tuple[Array, Array, Array]:
+def _presses(name: str) -> tuple[Array, Array, Mask]:
     """Places (n, k, 2) [m], changes (n, M) relative to the reference, and the test rows (n,)."""
     recording = read_recording(name)
     change = (recording.voltages - recording.reference) / recording.reference
     return (
         contact_places(recording.samples),
         change,
-        (recording.samples["split"] == "test").to_numpy(),
+        (recording.samples["split"] == "test").to_numpy(dtype=bool),
     )
 
 

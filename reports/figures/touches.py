@@ -78,7 +78,7 @@ def _of_two_touches(run: Run) -> list[Finding]:
         return []
     x_label = "distance of the two touches [mm]"
     pairs = table[table["apart"].notna()]
-    figure = panels(pairs, "distance_mm", "apart", x_label, "share told apart", highest=1.0)
+    figure = panels(pairs, "distance_mm", "apart", x_label, "share told apart", highest=1.02)
     legend = (
         "Told apart: the two strongest contacts of the image are each nearer to its own touch than "
         f"half the distance of both, and than {WITHIN_MM:.0f} mm. Half from: smallest distance "

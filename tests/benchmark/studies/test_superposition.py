@@ -27,7 +27,7 @@ def changes(places: Array) -> Array:
 @pytest.fixture(scope="module")
 def known() -> Array:
     places = np.random.default_rng(1).uniform(-0.06, 0.06, (400, 2))
-    return places[np.linalg.norm(places, axis=1) < 0.06]
+    return np.asarray(places[np.linalg.norm(places, axis=1) < 0.06])
 
 
 def test_a_sum_is_explained_by_its_places_and_by_no_others(known: Array) -> None:

@@ -223,10 +223,10 @@ def test_superposed_touches_are_sums_of_test_presses() -> None:
     change = (pairs.voltages - pairs.reference)[samples.index]
     presses = single.samples[single.samples["split"] == "test"]
     of_press = (single.voltages - single.reference)[presses.index]
-    row_of = {place: k for k, place in enumerate(presses[["x_m", "y_m"]].itertuples(index=False))}
+    row_of = {(x, y): k for k, (x, y) in enumerate(presses[["x_m", "y_m"]].to_numpy().tolist())}
     for row, measured in zip(samples.to_dict("records"), change, strict=True):
         places = [(row["x_m"], row["y_m"]), (row["x2_m"], row["y2_m"])][: row["contacts"]]
-        expected = sum(of_press[row_of[place]] for place in places)
+        expected = of_press[[row_of[place] for place in places]].sum(axis=0)
         np.testing.assert_allclose(measured, expected, atol=1e-9 * np.abs(pairs.reference).max())
         apart = 1e3 * np.hypot(row["x_m"] - row["x2_m"], row["y_m"] - row["y2_m"])
         if row["contacts"] == 2:
