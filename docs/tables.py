@@ -321,6 +321,7 @@ def _by_skin() -> str:
         ("kernel-ridge-skins", 0, "`kernel-ridge-skins`, 0"),
         ("kernel-ridge", 25, "`kernel-ridge`, 25"), ("network", 25, "`network`, 25"),
         ("kernel-ridge-skins", 25, "`kernel-ridge-skins`, 25"),
+        ("kernel-ridge", 400, "`kernel-ridge`, 400"),
     ]  # fmt: skip
     value = stored["median_mm"]
     skins = sorted({skin for _, _, skin in value.index})
