@@ -428,6 +428,7 @@ def _by_skin() -> str:
         ("kernel-ridge-skins", 0, "`kernel-ridge-skins`, 0"),
         ("kernel-ridge", 25, "`kernel-ridge`, 25"), ("network", 25, "`network`, 25"),
         ("kernel-ridge-skins", 25, "`kernel-ridge-skins`, 25"),
+        ("kernel-ridge", 400, "`kernel-ridge`, 400"),
     ]  # fmt: skip
     value = stored["median_mm"]
     skins = sorted({skin for _, _, skin in value.index})
@@ -436,6 +437,25 @@ def _by_skin() -> str:
         for skin in skins
     ]
     return _table(["median error [mm]", *(title for *_, title in shown)], rows)
+
+
+def _agreement() -> str:
+    """Spearman's rank correlation over skins of the median errors of two methods."""
+    stored = pd.DataFrame(_transfer("transfer"))
+    value = stored.pivot(index="recording", columns=["method", "labelled"], values="median_mm")
+    pairs = [
+        (("noser", 0), ("linear-touch", 0)), (("noser", 0), ("kernel-ridge-skins", 0)),
+        (("noser", 0), ("kernel-ridge", 25)), (("kernel-ridge-skins", 0), ("kernel-ridge", 25)),
+    ]  # fmt: skip
+    rows = [
+        [
+            *(f"`{method}`, {count}" for method, count in pair),
+            f"{value[pair[0]].corr(value[pair[1]], method='spearman'):.2f}",
+        ]
+        for pair in pairs
+    ]
+    heads = ["method, labelled", "method, labelled", "rank correlation"]
+    return _table(heads, rows, [False] * 2 + [True])
 
 
 def _few_presses() -> str:
@@ -493,6 +513,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "tank": _tank,
     "new skin": _new_skin,
     "by skin": _by_skin,
+    "agreement over skins": _agreement,
     "few presses": _few_presses,
 }  # fmt: skip
 

@@ -119,7 +119,8 @@ def draw(curves: pd.DataFrame) -> Figure:
     axes.set_xscale("log")
     axes.set_yscale("log")
     axes.set_xticks([place[c] for c in counts], list(map(str, counts)))
-    ticks = [tick for tick in (1, 2, 5, 10, 20, 50) if tick < 1.3 * curves["median_mm"].max()]
+    least, most = curves["median_mm"].min() / 2, 1.3 * curves["median_mm"].max()
+    ticks = [tick for tick in (1, 2, 5, 10, 20, 50) if least < tick < most]
     axes.set_yticks(ticks, list(map(str, ticks)))
     axes.minorticks_off()
     label_axes(axes, "", "labelled presses of the skin", "error of the place [mm]")
