@@ -476,7 +476,31 @@ def _few_presses() -> str:
     return _table(["median error [mm] after so many real presses", *map(str, counts)], rows)
 
 
+def _hard_skins() -> str:
+    skins = pd.read_csv(STUDIES / "hard-skins" / "properties.csv").set_index("skin")
+    errors = pd.read_csv(STUDIES / "hard-skins" / "errors.csv")
+    errors = errors.pivot_table(index="skin", columns=["method", "labelled"], values="median_mm")
+    errors.columns = errors.columns.to_flat_index()
+    skins = skins.join(errors).sort_values("explained")
+    forms = {
+        "explained": ".2f", "memory": ".2f", "alike": ".2f", "like_model": ".2f",
+        "rank": ".1f", "at_1500": ".1f",
+        ("kernel-ridge", 25): ".1f", ("topographic-map", 25): ".1f",
+        ("topographic-map-skins", 25): ".1f", ("topographic-map-skins", 0): ".1f",
+    }  # fmt: skip
+    heads = [
+        "skin", "explained", "memory", "alike", "like the model", "rank", "1,500 labelled",
+        "25, kernel ridge", "25, map", "25, map and skins", "0, map and skins",
+    ]  # fmt: skip
+    rows = [
+        [name, *(format(row[key], form) for key, form in forms.items())]
+        for name, row in [*skins.iterrows(), ("median", skins.drop(columns="version").median())]
+    ]
+    return _table(heads, rows)
+
+
 TABLES: dict[str, Callable[[], str]] = {
+    "hard skins": _hard_skins,
     "generators": partial(_generators, 1, 2, form=".2f"),
     "noise and unseen shapes": partial(_generators, 2, form=".1f"),
     "families of shapes": _families,
