@@ -174,4 +174,4 @@ class TankUNet(TrainedMethod):
         reference = self._problem.reference / self._problem.gain
         clean = torch.from_numpy(self._linear.differences(difference, reference)).float()
         images: Images = self._network(self._inputs(clean)).numpy()
-        return 1 + CONTRAST * images.clip(-1, 1)
+        return np.asarray(1 + CONTRAST * images.clip(-1, 1), dtype=np.float32)
