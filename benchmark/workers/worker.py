@@ -41,12 +41,12 @@ from eitbench.benchmark.workers.messages import (
     plain_trace,
 )
 from eitbench.benchmark.workers.process import start_process
+from eitbench.methods.places.by_image import create_place_method
 from eitbench.methods.registry import (
     METHOD_REGISTRY,
     OPERATOR_REGISTRY,
     PLACE_REGISTRY,
     Registry,
-    create_place_method,
     load_plugin,
     usable_name,
 )

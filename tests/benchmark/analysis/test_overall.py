@@ -67,7 +67,7 @@ def test_the_ratio_to_a_guess_is_the_median_over_scenarios() -> None:
     assert rows["a"].ratio_low is not None
     assert rows["a"].ratio_high is not None
     assert 0.1 <= rows["a"].ratio_low < 0.3 < rows["a"].ratio_high <= 0.5
-    assert (rows["b"].ratio, rows["b"].ratio_low) == (pytest.approx(0.6), pytest.approx(0.6))
+    assert [rows["b"].ratio, rows["b"].ratio_low] == pytest.approx([0.6, 0.6])
     few = overall({name: errors[name] for name in ("s1", "s2")}, guesses)
     assert few is not None
     assert {row.ratio_low for row in few.rows} == {None}

@@ -17,7 +17,7 @@ def disc(n: int, seed: int = 0) -> Array:
     """Places (n, 2) all over the unit disc."""
     rng = np.random.default_rng(seed)
     radius, angle = np.sqrt(rng.uniform(size=n)), rng.uniform(0, 2 * np.pi, n)
-    return radius[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    return np.asarray(radius[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1))
 
 
 def cell(error: Array, places: Array) -> pd.DataFrame:

@@ -643,7 +643,7 @@ def test_a_touch_without_a_row_of_labels_is_left_out_and_told(tmp_path: Path) ->
     sheet, kept = str(tmp_path / "places.csv"), np.delete(pressed, 3, axis=0)
     for name, options in (
         ("two.npz", ImportOptions(Choice("down"), sheet, released="up")),
-        ("changes.npy", ImportOptions(labels=sheet, differences=True)),
+        ("changes.npy", ImportOptions(labels=str(sheet), differences=True)),
     ):
         out = tmp_path / f"{name}.h5"
         said = " ".join(import_recording([str(tmp_path / name)], out, SKIN, options))
@@ -668,7 +668,7 @@ def test_touches_come_with_released_frames_or_as_differences(tmp_path: Path) -> 
     for name, choice, said in (
         ("two.npz", ImportOptions(down, sheet, released="up"), "released frame before it"),
         ("turns.npy", ImportOptions(labels=sheet, released="alternating"), "before it"),
-        ("changes.npy", ImportOptions(labels=sheet, differences=True), "differences"),
+        ("changes.npy", ImportOptions(labels=str(sheet), differences=True), "differences"),
     ):
         path = tmp_path / f"{name}.h5"
         found = " ".join(import_recording([str(tmp_path / name)], path, SKIN, choice))
@@ -686,7 +686,7 @@ def test_bad_files_of_differences_are_one_sentence(tmp_path: Path) -> None:
     released, pressed, places = pressed_skin(6)
     changes, sheet = pressed - released, tmp_path / "places.csv"
     places.to_csv(sheet, index=False, encoding="utf-8-sig")
-    source, options = tmp_path / "inp.csv", ImportOptions(labels=sheet, differences=True)
+    source, options = tmp_path / "inp.csv", ImportOptions(labels=str(sheet), differences=True)
 
     def lines(values: Any) -> list[str]:
         return [",".join(map(repr, row)) for row in values.tolist()]
@@ -737,7 +737,7 @@ def test_pairs_that_do_not_fit_are_told(tmp_path: Path) -> None:
             ImportOptions(differences=True, reference="first:1"),
             "each say what a touch is compared with",
         ),
-        ("odd.npy", ImportOptions(labels=sheet, differences=True), "has 2 rows of labels for 3"),
+        ("odd.npy", ImportOptions(labels=str(sheet), differences=True), "has 2 rows of labels for 3"),
     ):
         with pytest.raises(InputError, match=said):
             import_recording([str(tmp_path / name)], tmp_path / "no.h5", SKIN, options)
