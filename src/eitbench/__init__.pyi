@@ -1,11 +1,14 @@
 from .methods import Method as Method
 from .methods import Operator as Operator
+from .methods import PlaceMethod as PlaceMethod
+from .methods import PlaceProblem as PlaceProblem
 from .methods import Problem as Problem
 from .methods import create as create
 from .methods import load_plugin as load_plugin
 from .methods import operator as operator
 from .methods import register as register
 from .methods import register_operator as register_operator
+from .methods import register_place_method as register_place_method
 from .methods.registry import operators as operators
 from .methods.training.torch_data import training_data as training_data
 from .notebook import evaluate as evaluate
