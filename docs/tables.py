@@ -12,7 +12,9 @@ from pathlib import Path
 
 import pandas as pd
 
+from eitbench.benchmark.analysis.transfer import SkinError, over_skins
 from eitbench.reports.claims.rules import LABELS
+from eitbench.reports.figures.transfer import grid
 from eitbench.reports.studies.priors import priors_table
 from eitbench.reports.tables.formats import markdown_table
 from eitbench.reports.tables.published import TABLE_I, TABLE_II
@@ -289,6 +291,84 @@ def _peers() -> str:
     return _table(heads, rows)
 
 
+def _transfer(name: str) -> list[SkinError]:
+    """The errors of every method on every skin that a run of methods of places stored."""
+    stored = pd.read_csv(STUDIES / "new-skin" / f"{name}.csv")
+    return [SkinError(**row) for row in stored.to_dict("records")]
+
+
+def _new_skin() -> str:
+    heads, *rows = grid(over_skins(_transfer("transfer")))
+    learned = {
+        "one-place": "nothing: guessing", "kernel-ridge": "presses of the skin",
+        "ridge": "presses of the skin", "network": "presses of the skin",
+        "kernel-ridge-skins": "other skins", "network-skins": "other skins",
+        "network-simulated": "simulated presses", "linear-touch": "simulated presses",
+        "network-simulated-skins": "simulated presses, other skins", "noser": "nothing: a model",
+    }  # fmt: skip
+    body = [[f"`{name}`", learned[name], *cells] for name, *cells in rows]
+    return _table(
+        ["method", "learned from", *heads[1:]], body, [False, False] + [True] * len(heads[1:])
+    )
+
+
+def _by_skin() -> str:
+    """The median error on each skin of some methods after some numbers of presses."""
+    stored = pd.DataFrame(_transfer("transfer")).set_index(["method", "labelled", "recording"])
+    shown = [
+        ("kernel-ridge", 0, "guessing"), ("noser", 0, "`noser`, 0"),
+        ("linear-touch", 0, "`linear-touch`, 0"),
+        ("kernel-ridge-skins", 0, "`kernel-ridge-skins`, 0"),
+        ("kernel-ridge", 25, "`kernel-ridge`, 25"), ("network", 25, "`network`, 25"),
+        ("kernel-ridge-skins", 25, "`kernel-ridge-skins`, 25"),
+        ("kernel-ridge", 400, "`kernel-ridge`, 400"),
+    ]  # fmt: skip
+    value = stored["median_mm"]
+    skins = sorted({skin for _, _, skin in value.index})
+    rows = [
+        [f"`{skin}`", *(f"{value[method, count, skin]:.1f}" for method, count, _ in shown)]
+        for skin in skins
+    ]
+    return _table(["median error [mm]", *(title for *_, title in shown)], rows)
+
+
+def _agreement() -> str:
+    """Spearman's rank correlation over skins of the median errors of two methods."""
+    stored = pd.DataFrame(_transfer("transfer"))
+    value = stored.pivot(index="recording", columns=["method", "labelled"], values="median_mm")
+    pairs = [
+        (("noser", 0), ("linear-touch", 0)), (("noser", 0), ("kernel-ridge-skins", 0)),
+        (("noser", 0), ("kernel-ridge", 25)), (("kernel-ridge-skins", 0), ("kernel-ridge", 25)),
+    ]  # fmt: skip
+    rows = [
+        [
+            *(f"`{method}`, {count}" for method, count in pair),
+            f"{value[pair[0]].corr(value[pair[1]], method='spearman'):.2f}",
+        ]
+        for pair in pairs
+    ]
+    heads = ["method, labelled", "method, labelled", "rank correlation"]
+    return _table(heads, rows, [False] * 2 + [True])
+
+
+def _few_presses() -> str:
+    names = {
+        "one-place": "one place, whatever the frame",
+        "ridge": "ridge regression of the place on unit frames",
+        "kernel-ridge": "kernel ridge regression",
+        "network": "network, real presses only",
+        "network-simulated": "network, simulated presses first",
+    }
+    errors = _transfer("few-presses")
+    value = {(e.method, e.labelled): f"{e.median_mm:.1f}" for e in errors}
+    counts = sorted({e.labelled for e in errors})
+    rows = [
+        [title, *(value.get((name, count), "–") for count in counts)]
+        for name, title in names.items()
+    ]
+    return _table(["median error [mm] after so many real presses", *map(str, counts)], rows)
+
+
 def _hard_skins() -> str:
     skins = pd.read_csv(STUDIES / "hard-skins" / "properties.csv").set_index("skin")
     errors = pd.read_csv(STUDIES / "hard-skins" / "errors.csv")
@@ -340,6 +420,10 @@ TABLES: dict[str, Callable[[], str]] = {
     "ladder": _ladder,
     "operators": _operators,
     "peers": _peers,
+    "new skin": _new_skin,
+    "by skin": _by_skin,
+    "agreement over skins": _agreement,
+    "few presses": _few_presses,
 }  # fmt: skip
 
 

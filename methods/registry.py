@@ -197,19 +197,6 @@ def place_methods() -> dict[str, type[Method] | type[PlaceMethod]]:
     return {**METHOD_REGISTRY.known(), **PLACE_REGISTRY.known()}
 
 
-def create_place_method(name: str, **parameters: object) -> PlaceMethod:
-    """The method of places `name`, or that of images, taken for one.
-
-    Raises:
-        InputError: as for `Registry.create`.
-    """
-    if name in METHOD_REGISTRY.known() and name not in PLACE_REGISTRY.known():
-        from eitbench.methods.places.by_image import PlacesOfImages
-
-        return PlacesOfImages(METHOD_REGISTRY.create(name, **parameters))
-    return PLACE_REGISTRY.create(name, **parameters)
-
-
 def source_hash(cls: type) -> str:
     """SHA-256 (hex) of the file that somebody else wrote `cls` in; "" for a class of eitbench.
 

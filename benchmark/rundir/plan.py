@@ -11,10 +11,10 @@ from eitbench.benchmark.rundir.folder import read_json_file
 from eitbench.benchmark.rundir.kinds import RUN_KINDS, RunKind
 from eitbench.benchmark.rundir.manifest import Manifest, first_problem, read
 from eitbench.benchmark.workers.worker import plugin_names
+from eitbench.methods.places.by_image import create_place_method
 from eitbench.methods.registry import (
     METHOD_REGISTRY,
     OPERATOR_REGISTRY,
-    create_place_method,
     place_methods,
     source_hash,
 )

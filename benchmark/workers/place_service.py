@@ -11,9 +11,9 @@ from eitbench.benchmark.workers.messages import Reply
 from eitbench.benchmark.workers.method_service import Frames, known_parameters
 from eitbench.benchmark.workers.worker import timed_answer
 from eitbench.methods.place_method import PlaceMethod, PlaceProblem
+from eitbench.methods.places.by_image import create_place_method
 from eitbench.methods.problem import Splits
 from eitbench.methods.registry import (
-    create_place_method,
     load_plugin,
     register_place_method,
 )

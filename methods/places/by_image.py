@@ -4,6 +4,7 @@ import numpy as np
 
 from eitbench.methods.method import Method
 from eitbench.methods.place_method import PlaceMethod, PlaceProblem
+from eitbench.methods.registry import METHOD_REGISTRY, PLACE_REGISTRY
 from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.phantoms.contacts import locate
 from eitbench.scenarios.similarity import fit_similarity
@@ -42,3 +43,14 @@ class PlacesOfImages(PlaceMethod):
         physics = self._problem.physics
         images = self._method.reconstruct(physics.reference + differences)
         return locate(np.asarray(images, np.float64) - physics.background, physics.sensor)
+
+
+def create_place_method(name: str, **parameters: object) -> PlaceMethod:
+    """The method of places `name`, or that of images, taken for one.
+
+    Raises:
+        InputError: as for `Registry.create`.
+    """
+    if name in METHOD_REGISTRY.known() and name not in PLACE_REGISTRY.known():
+        return PlacesOfImages(METHOD_REGISTRY.create(name, **parameters))
+    return PLACE_REGISTRY.create(name, **parameters)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 import io
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
@@ -24,7 +24,7 @@ from eitbench.reports.tables.columns import printable
 from eitbench.reports.tables.formats import csv_text, escape_markdown, markdown_table
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Hashable, Mapping, Sequence
     from pathlib import Path
 
     from matplotlib.figure import Figure
@@ -93,7 +93,7 @@ def grid(curves: pd.DataFrame) -> list[list[str]]:
     ]
 
 
-def _cell(row: dict[str, float] | None) -> str:
+def _cell(row: Mapping[Hashable, Any] | None) -> str:
     if row is None:
         return "–"
     ends = "" if pd.isna(row["low_mm"]) else f" ({row['low_mm']:.1f} to {row['high_mm']:.1f})"
@@ -119,7 +119,8 @@ def draw(curves: pd.DataFrame) -> Figure:
     axes.set_xscale("log")
     axes.set_yscale("log")
     axes.set_xticks([place[c] for c in counts], list(map(str, counts)))
-    ticks = [tick for tick in (1, 2, 5, 10, 20, 50) if tick < 1.3 * curves["median_mm"].max()]
+    least, most = curves["median_mm"].min() / 2, 1.3 * curves["median_mm"].max()
+    ticks = [tick for tick in (1, 2, 5, 10, 20, 50) if least < tick < most]
     axes.set_yticks(ticks, list(map(str, ticks)))
     axes.minorticks_off()
     label_axes(axes, "", "labelled presses of the skin", "error of the place [mm]")

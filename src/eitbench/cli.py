@@ -71,7 +71,7 @@ def list_command(
     what: Annotated[Listing, typer.Argument(help="What to list.")],
     as_json: Json = False,
 ) -> None:
-    """List methods, operators, scenarios, families, sensors, suites, recordings or boards."""
+    """List methods (of images or places), operators, scenarios, sensors, suites and so on."""
     from eitbench.commands.listing import LISTINGS
 
     rows = LISTINGS[what.value]()

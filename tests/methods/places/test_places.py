@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from eitbench.benchmark.checks.place_under_test import simulated, skin
 from eitbench.methods import PlaceProblem, Problem, create
 from eitbench.methods.method import reconstructed
+from eitbench.methods.places.by_image import create_place_method
 from eitbench.methods.places.kernel_ridge import WEIGHTS, gaussians, kernel_ridge, linear
 from eitbench.methods.places.place_network import SIMULATED, PlaceNetwork
-from eitbench.methods.registry import create_place_method
 from eitbench.scenarios import InputError, RecordedScenario, load
 from eitbench.scenarios.arrays import unit_frames
 from eitbench.scenarios.data.datasets import Dataset

@@ -15,8 +15,8 @@ from eitbench.scenarios.suites.scenario import TransferScenario
 HASHES = Path(__file__).parents[3] / "docs" / "studies" / "new-skin" / "splits.csv"
 
 
-def given(path: str, labelled: int, **declared: tuple[str, ...]) -> TransferData:
-    scenario = TransferScenario(name="new", recording=path, labelled=labelled, **declared)
+def given(path: str, labelled: int, others: tuple[str, ...] = ()) -> TransferData:
+    scenario = TransferScenario(name="new", recording=path, labelled=labelled, others=others)
     return load_transfer(scenario)
 
 
