@@ -30,9 +30,9 @@ from scipy.spatial import cKDTree
 
 from eitbench import __version__
 from eitbench.methods.place_method import PlaceProblem
+from eitbench.methods.places.by_image import create_place_method
 from eitbench.methods.places.kernel_ridge import gaussian, kernel_ridge
 from eitbench.methods.places.topographic_map import compressed
-from eitbench.methods.registry import create_place_method
 from eitbench.methods.training.samples import no_split
 from eitbench.scenarios.arrays import Array, Index, unit_frames
 from eitbench.scenarios.data.transfer import load_transfer, split
