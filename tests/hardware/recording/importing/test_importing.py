@@ -737,7 +737,11 @@ def test_pairs_that_do_not_fit_are_told(tmp_path: Path) -> None:
             ImportOptions(differences=True, reference="first:1"),
             "each say what a touch is compared with",
         ),
-        ("odd.npy", ImportOptions(labels=str(sheet), differences=True), "has 2 rows of labels for 3"),
+        (
+            "odd.npy",
+            ImportOptions(labels=str(sheet), differences=True),
+            "has 2 rows of labels for 3",
+        ),
     ):
         with pytest.raises(InputError, match=said):
             import_recording([str(tmp_path / name)], tmp_path / "no.h5", SKIN, options)
