@@ -24,17 +24,24 @@ class Linearisation:
     Rows are divided by their norm to the power `row_exponent`: 0 trusts every volt alike (white
     noise, as on simulated boards), 1 trusts every measurement alike.
 
+    Args:
+        gains: (M,) what the board makes of each measurement, over what it makes of the whole frame.
+
     Attributes:
         jacobian: (M, P) weighted rows dv/dx at x = 0 on the P pixels inside the sensor.
         bounds: least and greatest x, from the sensor's conductivity range.
     """
 
-    def __init__(self, problem: Problem, variable: Variable, row_exponent: float) -> None:
+    def __init__(
+        self, problem: Problem, variable: Variable, row_exponent: float, gains: Array | None = None
+    ) -> None:
         if variable not in VARIABLES:
             raise InputError(f"A variable is one of {', '.join(VARIABLES)}, got {variable!r}.")
         self._problem = problem
         self._variable = variable
         rows = problem.jacobian[:, problem.mask] * self.slope(np.zeros(1))
+        if gains is not None:
+            rows = gains[:, None] * rows
         norms = np.linalg.norm(rows, axis=1)
         floor = 1e-6 * norms.max()  # a row that sees nothing must not be blown up
         self._weights = (np.maximum(norms, floor) / norms.max()) ** -row_exponent

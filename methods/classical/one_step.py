@@ -28,9 +28,14 @@ class OneStep(Method):
     def fit(self, problem: Problem) -> None:
         """Compute the reconstruction matrix."""
         self._problem = problem
-        self._linearisation = Linearisation(problem, self.variable, self.row_exponent)
+        gains = self.gains(problem)
+        self._linearisation = Linearisation(problem, self.variable, self.row_exponent, gains)
         matrix = self.matrix(self._linearisation.jacobian, problem)
         self._matrix = self._linearisation.weighted(np.ascontiguousarray(matrix.T))
+
+    def gains(self, problem: Problem) -> Array | None:
+        """Gains (M,) of the measurements over that of the whole frame; None: they are alike."""
+        return None
 
     @abstractmethod
     def matrix(self, jacobian: Array, problem: Problem) -> Array:
