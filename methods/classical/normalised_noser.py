@@ -40,8 +40,6 @@ def gains_of_reference(problem: Problem) -> Array:
 class NormalisedNoser(OneStep):
     """NOSER with one gain a measurement, that of the reference frame over the modelled one.
 
-    The gains are those of the reference frame at `fit`: a board keeps them.
-
     Attributes:
         exponent: of the prior diag(J^T J)^exponent, 0 (Tikhonov) to 1.
     """
@@ -57,6 +55,17 @@ class NormalisedNoser(OneStep):
     }
     weight: float = 0.3
     exponent: float = 0.5
+
+    def fit(self, problem: Problem) -> None:
+        """Compute the reconstruction matrix for the gains of the present reference frame."""
+        self._reference = problem.reference.copy()
+        super().fit(problem)
+
+    def reconstruct(self, voltages: Array) -> Array:
+        """Absolute conductivity (n, H, W) [S/m] from frames (n, M); another reference is fitted."""
+        if not np.array_equal(self._problem.reference, self._reference):
+            self.fit(self._problem)
+        return super().reconstruct(voltages)
 
     def gains(self, problem: Problem) -> Array:
         """See `gains_of_reference`."""
