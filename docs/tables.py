@@ -405,13 +405,16 @@ def _transfer(name: str) -> list[SkinError]:
 
 
 def _new_skin() -> str:
-    heads, *rows = grid(over_skins(_transfer("transfer")))
+    heads, *rows = grid(over_skins(_transfer("new-skin")))
     learned = {
         "one-place": "nothing: guessing", "kernel-ridge": "presses of the skin",
         "ridge": "presses of the skin", "network": "presses of the skin",
         "kernel-ridge-skins": "other skins", "network-skins": "other skins",
         "network-simulated": "simulated presses", "linear-touch": "simulated presses",
         "network-simulated-skins": "simulated presses, other skins", "noser": "nothing: a model",
+        "greit": "nothing: a model", "back-projection": "nothing: a model",
+        "topographic-map": "presses of the skin, unlabelled ones",
+        "topographic-map-skins": "other skins, presses of the skin, unlabelled ones",
     }  # fmt: skip
     body = [[f"`{name}`", learned[name], *cells] for name, *cells in rows]
     return _table(
@@ -421,13 +424,15 @@ def _new_skin() -> str:
 
 def _by_skin() -> str:
     """The median error on each skin of some methods after some numbers of presses."""
-    stored = pd.DataFrame(_transfer("transfer")).set_index(["method", "labelled", "recording"])
+    stored = pd.DataFrame(_transfer("new-skin")).set_index(["method", "labelled", "recording"])
     shown = [
         ("kernel-ridge", 0, "guessing"), ("noser", 0, "`noser`, 0"),
         ("linear-touch", 0, "`linear-touch`, 0"),
         ("kernel-ridge-skins", 0, "`kernel-ridge-skins`, 0"),
         ("kernel-ridge", 25, "`kernel-ridge`, 25"), ("network", 25, "`network`, 25"),
         ("kernel-ridge-skins", 25, "`kernel-ridge-skins`, 25"),
+        ("topographic-map-skins", 0, "`topographic-map-skins`, 0"),
+        ("topographic-map-skins", 25, "`topographic-map-skins`, 25"),
         ("kernel-ridge", 400, "`kernel-ridge`, 400"),
     ]  # fmt: skip
     value = stored["median_mm"]
@@ -441,7 +446,7 @@ def _by_skin() -> str:
 
 def _agreement() -> str:
     """Spearman's rank correlation over skins of the median errors of two methods."""
-    stored = pd.DataFrame(_transfer("transfer"))
+    stored = pd.DataFrame(_transfer("new-skin"))
     value = stored.pivot(index="recording", columns=["method", "labelled"], values="median_mm")
     pairs = [
         (("noser", 0), ("linear-touch", 0)), (("noser", 0), ("kernel-ridge-skins", 0)),
@@ -476,6 +481,10 @@ def _few_presses() -> str:
     return _table(["median error [mm] after so many real presses", *map(str, counts)], rows)
 
 
+UNSEEN = [f"cam09-{number}" for number in ("07", "08", "10", "15", "18")]
+"""Skins whose errors chose no setting of the topographic map."""
+
+
 def _hard_skins() -> str:
     skins = pd.read_csv(STUDIES / "hard-skins" / "properties.csv").set_index("skin")
     errors = pd.read_csv(STUDIES / "hard-skins" / "errors.csv")
@@ -494,7 +503,14 @@ def _hard_skins() -> str:
     ]  # fmt: skip
     rows = [
         [name, *(format(row[key], form) for key, form in forms.items())]
-        for name, row in [*skins.iterrows(), ("median", skins.drop(columns="version").median())]
+        for name, row in [
+            *skins.iterrows(),
+            ("median", skins.drop(columns="version").median()),
+            (
+                "median of those that chose nothing",
+                skins.loc[UNSEEN].drop(columns="version").median(),
+            ),
+        ]
     ]
     return _table(heads, rows)
 

@@ -1,0 +1,46 @@
+"""The record of the suites `new-skin` and `few-presses`, from stored runs.
+
+`python docs/new_skin.py new-skin RUN...` writes the errors of all runs on each skin into
+`docs/studies/new-skin`, of which `make tables` makes the tables of docs/results/new-skin.md, and
+the figure of that page; `few-presses` those of docs/results/skin.md.
+"""
+
+import json
+import re
+import sys
+from pathlib import Path
+
+import matplotlib as mpl
+import pandas as pd
+
+from eitbench.benchmark.analysis.results import read_run
+from eitbench.benchmark.analysis.transfer import over_skins, skin_errors
+from eitbench.reports.figures.style import STYLE, save
+from eitbench.reports.figures.transfer import draw
+
+DOCS = Path(__file__).resolve().parent
+OUT = DOCS / "studies" / "new-skin"
+
+
+def write(suite: str, paths: list[Path]) -> None:
+    """Write the record of run directories of `suite`."""
+    runs = [read_run(path) for path in paths]
+    errors = skin_errors(runs)
+    pd.DataFrame(errors).to_csv(OUT / f"{suite}.csv", index=False, float_format="%.6g")
+    known = json.loads((OUT / "runs.json").read_text())
+    known[suite] = [
+        {
+            "command": re.sub(r" --(out|jobs) \S+", "", run.manifest["command_line"]),
+            **{name: run.manifest[name] for name in ("git_commit", "versions")},
+            "data": {name: data["hash"] for name, data in run.manifest["data"].items()},
+        }
+        for run in runs
+    ]
+    (OUT / "runs.json").write_text(json.dumps(known, indent=1) + "\n")
+    if suite == "new-skin":
+        with mpl.rc_context(STYLE):
+            save(draw(over_skins(errors)), DOCS / "new-skin", ("png",))
+
+
+if __name__ == "__main__":
+    write(sys.argv[1], [Path(run) for run in sys.argv[2:]])
