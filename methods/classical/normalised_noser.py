@@ -41,6 +41,7 @@ class NormalisedNoser(OneStep):
     """NOSER with one gain a measurement, that of the reference frame over the modelled one.
 
     Attributes:
+        weight: as for `OneStep`; the default suits the validation presses of real skins.
         exponent: of the prior diag(J^T J)^exponent, 0 (Tikhonov) to 1.
     """
 
@@ -53,7 +54,7 @@ class NormalisedNoser(OneStep):
         "exponent": (0.0, 0.25, 0.5, 0.75, 1.0),
         **ROWS,
     }
-    weight: float = 0.3
+    weight: float = 3.0
     exponent: float = 0.5
 
     def fit(self, problem: Problem) -> None:
