@@ -87,7 +87,8 @@ def test_every_packaged_simulated_scenario_has_choices_from_the_search_space() -
     listed = [
         (scenario, name)
         for suite in loaded
-        if suite.ranks == "methods"
+        # What `tank-unet` learns from is tuned by nobody: no board of it is shown.
+        if suite.ranks == "methods" and suite.name != "tank"
         for scenario in suite.scenarios
         if scenario.kind == "simulated"
         for name in (*suite.names, "pyeit-jac", "pyeit-greit", "pyeit-bp")
