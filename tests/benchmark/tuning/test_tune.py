@@ -130,7 +130,7 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list[dict[str, Any]]:
             return Trial(parameters, None, "pruned", 2.0)
         return Trial(parameters, figure, "ok", 2.0)
 
-    data = SimpleNamespace(truth="conductivity")
+    data = SimpleNamespace(truth="conductivity", classes=None)
     no_worker = SimpleNamespace(data=data, close=lambda: None)
     monkeypatch.setattr(tuning, "Validation", lambda *_: no_worker)
     monkeypatch.setattr(tuning, "_search_space", lambda *_: SPACE)
