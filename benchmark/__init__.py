@@ -2,12 +2,14 @@
 
 from eitbench.scenarios.arrays import nearest_pixels
 from eitbench.scenarios.errors import DataCorruptError, EitbenchError, InputError, unknown_name
+from eitbench.scenarios.similarity import Similarity
 from eitbench.scenarios.storage.atomic_write import atomic_write
 
 __all__ = [
     "DataCorruptError",
     "EitbenchError",
     "InputError",
+    "Similarity",
     "atomic_write",
     "nearest_pixels",
     "unknown_name",

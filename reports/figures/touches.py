@@ -16,6 +16,7 @@ from eitbench.benchmark import atomic_write
 from eitbench.benchmark.analysis.drift import LAG_S, PARTS, alarms, over_time
 from eitbench.benchmark.analysis.results import read_run
 from eitbench.benchmark.analysis.two_touch import WITHIN_MM, least_distance, told_apart
+from eitbench.benchmark.rundir.kinds import METHOD_RUNS
 from eitbench.reports.figures.style import PAGE, STYLE, line_style, new_figure, plain_label, save
 from eitbench.reports.tables.columns import printable
 from eitbench.reports.tables.formats import csv_text, escape_markdown, markdown_table
@@ -54,6 +55,8 @@ def findings(run: Run) -> list[Finding]:
     """What the stored figures of a run say of time and of two touches; none of other runs."""
     import matplotlib as mpl
 
+    if run.kind != METHOD_RUNS:
+        return []
     with mpl.rc_context(STYLE):
         return [*_of_time(run), *_of_two_touches(run)]
 

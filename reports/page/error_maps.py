@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from eitbench.benchmark import Similarity
 from eitbench.benchmark.analysis.results import Run
 from eitbench.benchmark.metrics.aggregation import numbers
 from eitbench.benchmark.metrics.place_errors import LEAST_PRESSES
 from eitbench.benchmark.rundir import manifest as manifests
-from eitbench.scenarios.similarity import Similarity
 
 METHODS = 3
 """The best ones, whose errors are mapped."""

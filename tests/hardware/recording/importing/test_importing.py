@@ -693,7 +693,7 @@ def test_bad_files_of_differences_are_one_sentence(tmp_path: Path) -> None:
 
     whole, empty = lines(changes), ",".join(["NaN"] * changes.shape[1])
     for text, says in (
-        (lines(changes[:, 1:]), r"measures 208 values: it holds values \(6 x 207\)"),
+        (lines(changes[:, 1:]), r"208 values each: it holds values \(6 x 207\)"),
         ([*whole[:3], whole[3].rpartition(",")[0], *whole[4:]], "line 4 has 207 values, and those"),
         ([*whole[:3], empty, *whole[4:]], r"frame 3 \(counted from 0\) holds nan V/A"),
         (whole[:4], "6 rows of labels for 4 frames"),
