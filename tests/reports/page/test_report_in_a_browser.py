@@ -114,7 +114,7 @@ def test_filters_leave_methods_and_scenarios_out(opened: Any, several: Path) -> 
     page.check("#fast")
     assert found.column("#leaderboard", 2) == ["fair"]
     assert page.locator("#overall").is_hidden()
-    assert "No two methods" in page.locator("#overall-note").inner_text()
+    assert "needs two methods" in page.locator("#overall-note").inner_text()
     assert page.locator("#mine option").all_inner_texts() == ["fair"]
     assert found.column("#against", 1) == ["No scenario was tested in common."]
     assert "whatever is filtered" in page.locator("#answer-title").inner_text()
