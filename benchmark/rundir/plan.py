@@ -234,6 +234,11 @@ def make_plan(
     known |= set(own)
     chosen = tuple(dict.fromkeys(asked or (*suite.names, *own)))
     for name in chosen:
+        if name not in known and name in place_methods():
+            raise InputError(
+                f"{name!r} says places and makes no images, which suite {suite.name!r} ranks: run "
+                "it on a suite such as new-skin."
+            )
         if name not in known:
             raise unknown_name(RUN_KINDS[ranks].name, name, known)
     for name, values in given.items():

@@ -128,3 +128,8 @@ def test_methods_that_no_suite_of_places_has_are_refused(tmp_path: Path) -> None
     with pytest.raises(InputError, match=r"Unknown method .*kernel-ridge"):
         make_plan(suite, methods=["kernel-rigde"])
     assert make_plan(suite, methods=["noser"]).names == ("noser",)
+
+
+def test_a_method_of_places_is_sent_to_a_suite_that_ranks_it() -> None:
+    with pytest.raises(InputError, match=r"'kernel-ridge' says places .* new-skin"):
+        make_plan(load_suite("quick"), methods=["kernel-ridge"])
