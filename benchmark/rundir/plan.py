@@ -234,7 +234,7 @@ def make_plan(
     known |= set(own)
     chosen = tuple(dict.fromkeys(asked or (*suite.names, *own)))
     for name in chosen:
-        if name not in known and name in place_methods():
+        if ranks == "methods" and name not in known and name in place_methods():
             raise InputError(
                 f"{name!r} says places and makes no images, which suite {suite.name!r} ranks: run "
                 "it on a suite such as new-skin."
