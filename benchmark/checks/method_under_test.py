@@ -202,13 +202,7 @@ class MethodTestService(MethodService):
     def set_up(self) -> Reply:
         """Fit the method."""
         self.watch.begin()
-        reply = super().set_up()
-        self._fit_s = reply.seconds
-        return reply
-
-    def fit_s(self) -> Reply:
-        """Return the time that fitting took [s]."""
-        return Reply(self._fit_s, 0.0)
+        return super().set_up()
 
     def expected_failures(self) -> Reply:
         """Return the declaration of its class, which must map names to reasons."""
@@ -224,10 +218,7 @@ class MethodTestService(MethodService):
         """
         with thread_count(threads):
             if seed is not None:
-                random.seed(seed)
-                np.random.seed(seed)  # noqa: NPY002
-                if "torch" in sys.modules:
-                    sys.modules["torch"].manual_seed(seed)
+                seed_generators(seed)
             other = self._other(gain)
             other.set_up()
             limit_threads(threads)  # of libraries that fitting loaded
@@ -312,6 +303,14 @@ def limit_threads(threads: int) -> None:
     threadpool_limits(threads)
     if "torch" in sys.modules:
         sys.modules["torch"].set_num_threads(threads)
+
+
+def seed_generators(seed: int) -> None:
+    """Seed every global generator."""
+    random.seed(seed)
+    np.random.seed(seed)  # noqa: NPY002
+    if "torch" in sys.modules:
+        sys.modules["torch"].manual_seed(seed)
 
 
 def changed_generators(action: Callable[[], Reply]) -> tuple[list[str], Reply]:

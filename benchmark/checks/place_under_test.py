@@ -1,7 +1,5 @@
 """The method of places under test on a simulated skin, and the service of its worker."""
 
-import random
-import sys
 import time
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
@@ -18,6 +16,7 @@ from eitbench.benchmark.checks.method_under_test import (
     changed_generators,
     limit_threads,
     resident,
+    seed_generators,
     thread_count,
 )
 from eitbench.benchmark.workers.audit_hook import Watch
@@ -135,13 +134,7 @@ class PlaceTestService(PlaceService):
     def set_up(self) -> Reply:
         """Fit the method."""
         self.watch.begin()
-        reply = super().set_up()
-        self._fit_s = reply.seconds
-        return reply
-
-    def fit_s(self) -> Reply:
-        """Return the time that fitting took [s]."""
-        return Reply(self._fit_s, 0.0)
+        return super().set_up()
 
     def expected_failures(self) -> Reply:
         """Return the declaration of its class, which must map names to reasons."""
@@ -157,10 +150,7 @@ class PlaceTestService(PlaceService):
         """
         with thread_count(threads):
             if seed is not None:
-                random.seed(seed)
-                np.random.seed(seed)  # noqa: NPY002
-                if "torch" in sys.modules:
-                    sys.modules["torch"].manual_seed(seed)
+                seed_generators(seed)
             other = self._other(labelled)
             other.set_up()
             limit_threads(threads)  # of libraries that fitting loaded
