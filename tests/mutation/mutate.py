@@ -112,7 +112,8 @@ def checkout() -> Iterator[None]:
 
 def run(module: str, tests: Sequence[str], count: int, seed: int) -> list[Mutant]:
     """Run the tests on mutants of a module."""
-    command = f"{sys.executable} -m pytest -x -q -p no:xdist -p no:cacheprovider {' '.join(tests)}"
+    flags = "-x -q -p no:xdist -p no:cacheprovider -m 'not nightly'"
+    command = f"{sys.executable} -m pytest {flags} {' '.join(tests)}"
     found = []
     with checkout():
         done = subprocess.run(command.split(), capture_output=True, text=True, check=False)

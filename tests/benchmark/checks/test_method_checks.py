@@ -47,7 +47,7 @@ MISBEHAVING = {"toy-good": set(), "toy-prints": {"quiet"}}
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(n, marks=pytest.mark.slow) if n in MORE else n for n in BROKEN]
+    "name", [pytest.param(n, marks=pytest.mark.nightly) if n in MORE else n for n in BROKEN]
 )
 def test_a_broken_promise_is_found_alone(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -106,6 +106,7 @@ def test_a_hole_is_found() -> None:
     assert found.message == "3 of 4800 pixels are NaN or infinite."
 
 
+@pytest.mark.slow
 def test_a_method_that_will_not_stop_is_stopped_at_the_limit() -> None:
     subject_model = SCENARIO.nominal_sensor
     forward_model(subject_model).jacobian(np.ones(subject_model.image_shape))  # compiles it
@@ -156,6 +157,7 @@ def test_a_sensor_that_no_motion_brings_onto_itself_has_none_to_check(tmp_path: 
             check(subject)
 
 
+@pytest.mark.slow
 def test_a_method_of_one_image_grid_is_checked_there() -> None:
     report = check_method("contract-own-grid", plugin=PLUGIN)
     assert report.where == "foam16, 80 x 80"
