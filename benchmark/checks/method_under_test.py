@@ -47,8 +47,9 @@ OWN_GRID = SCENARIO.model_copy(update={"image_shape": None, "conductivity_range"
 CONTRAST = 0.5
 """Fall of conductivity inside the contact that most checks show."""
 
-# How often one frame is asked for, at most, and for how long, to see memory grow.
-REPEATS, LEAST_REPEATS, REPEAT_S = 600, 4, 0.4
+# How often one frame is asked for, at most, to see memory grow: for so long [s] of processor time,
+# which does not depend on what else the computer does, and so much of the clock for what sleeps.
+REPEATS, LEAST_REPEATS, REPEAT_S, WAIT_S = 600, 4, 0.4, 4.0
 
 Reason = Annotated[str, StringConstraints(strip_whitespace=True, min_length=1)]
 REASONS = TypeAdapter(dict[str, Reason])
@@ -252,22 +253,7 @@ class MethodTestService(MethodService):
 
     def repeat(self, frame: Frames) -> Reply:
         """Return how often `frame` (1, M) was reconstructed, and how memory grew by it [MiB]."""
-        _, failure = self._repeat(frame, REPEATS // 4, LEAST_REPEATS // 2, REPEAT_S / 4)
-        before = resident()
-        calls, later = self._repeat(frame, REPEATS, LEAST_REPEATS, REPEAT_S)
-        return Reply((calls, resident() - before), 0.0, failure or later)
-
-    def _repeat(
-        self, frame: Frames, most: int, least: int, seconds: float
-    ) -> tuple[int, Failure | None]:
-        end = time.perf_counter() + seconds
-        calls = 0
-        while calls < least or (calls < most and time.perf_counter() < end):
-            failure = self.reconstruct(frame, self.reference[None]).failure
-            calls += 1
-            if failure is not None:
-                return calls, failure
-        return calls, None
+        return memory_growth(lambda: self.reconstruct(frame, self.reference[None]))
 
     def _other(self, gain: float) -> MethodService:
         # The plugin is loaded already.
@@ -278,6 +264,25 @@ class MethodTestService(MethodService):
 def _of_each(reference: Frames, frames: Frames) -> Frames:
     """Return the reference frame (1, M) of each of `frames` (n, M): the same for all, (n, M)."""
     return np.repeat(reference, len(frames), axis=0)
+
+
+def memory_growth(ask: Callable[[], Reply]) -> Reply:
+    """Return how often `ask` was called, and how memory grew by it [MiB], after some to warm up."""
+    _, failure = _repeat(ask, 4)
+    before = resident()
+    calls, later = _repeat(ask, 1)
+    return Reply((calls, resident() - before), 0.0, failure or later)
+
+
+def _repeat(ask: Callable[[], Reply], part: int) -> tuple[int, Failure | None]:
+    """Call `ask` for a `part`-th of the time, or until it fails; the calls, and the failure."""
+    busy, end = time.process_time() + REPEAT_S / part, time.perf_counter() + WAIT_S / part
+    for calls in range(1, REPEATS // part + 1):
+        failure = ask().failure
+        over = time.process_time() > busy or time.perf_counter() > end
+        if failure is not None or (over and calls >= LEAST_REPEATS // min(part, 2)):
+            break
+    return calls, failure
 
 
 def resident() -> float:

@@ -13,6 +13,7 @@ import contextlib
 import os
 import random
 import re
+import shlex
 import subprocess
 import sys
 import tempfile
@@ -116,7 +117,7 @@ def run(module: str, tests: Sequence[str], count: int, seed: int) -> list[Mutant
     command = f"{sys.executable} -m pytest {flags} {' '.join(tests)}"
     found = []
     with checkout():
-        done = subprocess.run(command.split(), capture_output=True, text=True, check=False)
+        done = subprocess.run(shlex.split(command), capture_output=True, text=True, check=False)
         if done.returncode:
             sys.exit(f"{module}: its tests fail without a mutant.\n{done.stdout[-2000:]}")
         for mutation in mutants(module, count, seed):

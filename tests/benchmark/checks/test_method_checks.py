@@ -61,7 +61,7 @@ def test_a_broken_promise_is_found_alone(
 
 @pytest.mark.parametrize("name", MISBEHAVING)
 def test_a_misbehaving_method_fails_and_the_check_goes_on(name: str, toys: Path) -> None:
-    report = check_method(name, plugin=toys, limit_s=0.5 if name == "toy-hangs" else 60)
+    report = check_method(name, plugin=toys)
     assert {result.check for result in report.failed} == MISBEHAVING[name]
     failed = len(MISBEHAVING[name])
     assert f"{len(EVERYTHING)} checks ran, {len(EVERYTHING) - failed} passed, {failed} failed" in (
@@ -78,7 +78,7 @@ def test_a_misbehaving_method_fails_and_the_check_goes_on(name: str, toys: Path)
             "set-up failed with ValueError: no licence for this sensor.",
             'in fit\n    raise ValueError("no licence',
         ),
-        ("toy-hangs", "shape", "reconstruct took longer than 0.5 s.", ""),
+        ("toy-hangs", "shape", "reconstruct took longer than 10 s.", ""),
         ("toy-raises", "shape", "RuntimeError: the sky is falling.", "in fail"),
         ("toy-shape", "shape", "reconstruct returned an array of shape", ""),
         ("toy-mutates", "unchanged_input", "reconstruct changed its input in place.", ""),
@@ -87,7 +87,7 @@ def test_a_misbehaving_method_fails_and_the_check_goes_on(name: str, toys: Path)
 def test_a_method_that_does_not_work_at_all_is_told_so_once(
     name: str, check: str, says: str, line: str, toys: Path
 ) -> None:
-    report = check_method(name, plugin=toys, limit_s=0.5 if name == "toy-hangs" else 60)
+    report = check_method(name, plugin=toys, limit_s=10 if name == "toy-hangs" else 60)
     (failed,) = report.failed
     assert failed.check == check
     assert failed.message.startswith(says)
