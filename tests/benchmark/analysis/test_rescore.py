@@ -70,6 +70,7 @@ def test_recorded_sets_are_scored_with_the_registration_of_the_run(
     pd.testing.assert_frame_equal(again, right, check_exact=True)
 
 
+@pytest.mark.slow
 def test_without_images_nothing_is_touched(tmp_path: Path, tiny: Suite) -> None:
     run = run_of(tiny, tmp_path / "run")
     with h5py.File(run / "reconstructions.h5", "a") as file:

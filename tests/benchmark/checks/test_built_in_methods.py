@@ -11,8 +11,7 @@ LONG = {"dip"}
 # Peers that share their code with one that is always checked.
 ALIKE = {"pyeit-bp", "pyeit-greit"}
 
-# A classical method and a trained one.
-QUICK = {"noser", "linear-learned"}
+QUICK = {"noser"}
 
 BUILT_IN = [name for name, cls in methods().items() if cls.__module__.startswith("eitbench.")]
 

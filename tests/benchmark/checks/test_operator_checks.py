@@ -82,6 +82,7 @@ def test_every_check_can_fail() -> None:
     assert set().union(*BROKEN.values()) == {check.__name__ for check in OPERATOR_CHECKS}
 
 
+@pytest.mark.slow
 def test_an_operator_that_cannot_be_evaluated_is_told_so_once(tmp_path: Path) -> None:
     plugin = tmp_path / "fails.py"
     plugin.write_text(

@@ -36,6 +36,7 @@ def plugin(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_a_regression_passes() -> None:
     (report,) = check_target("kernel-ridge")
     assert report.passed

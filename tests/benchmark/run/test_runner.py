@@ -301,6 +301,7 @@ with locked(Path(sys.argv[1])):
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("apart", [False, True])
 def test_a_lock_holds_as_long_as_its_process(cut_run: Path, apart: bool) -> None:
     """Also of one whose number nobody here knows, as in another container or on another machine."""

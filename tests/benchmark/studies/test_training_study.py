@@ -108,6 +108,7 @@ def test_losses_are_compared_on_the_same_samples_for_every_seed(
     assert np.ptp(found.to_numpy(), axis=1).min() > 0
 
 
+@pytest.mark.slow
 def test_a_training_that_diverges_is_a_row_without_figures(
     budget: StudyBudget, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

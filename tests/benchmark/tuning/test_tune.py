@@ -79,6 +79,7 @@ class Fails(Method):
 """
 
 
+@pytest.mark.slow
 def test_nothing_is_chosen_where_no_trial_gave_a_figure(
     tmp_path: Path, eitbench: Callable[..., tuple[int, str, str]]
 ) -> None:
