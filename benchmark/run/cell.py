@@ -257,7 +257,9 @@ class BatchRunner:
                 stop=self._stop,
                 memory_limit_mb=self.plan.suite.memory_limit_mb,
                 core=self._core,
-                confinement=None if ours else Confinement(Path(folder), self._readable),
+                confinement=None
+                if ours
+                else Confinement(Path(folder), self._readable, self.task.recordings),
             )
             return self._run()
 

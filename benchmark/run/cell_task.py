@@ -16,6 +16,7 @@ from eitbench.benchmark.rundir.run_arrays import Truth
 from eitbench.benchmark.rundir.store import RunStore
 from eitbench.benchmark.workers.messages import Reply, WorkerLostError
 from eitbench.scenarios.data.datasets import Dataset
+from eitbench.scenarios.recordings import is_recording
 from eitbench.scenarios.suites.scenario import Scenario
 from eitbench.scenarios.suites.suite import Suite
 
@@ -138,6 +139,13 @@ class CellTask(ABC):
         named = [os.environ.get(name) for name in ("EITBENCH_DATA", "EITBENCH_EIDORS")]
         named += [getattr(scenario, name, None) for name in ("sensor", "recording")]
         return tuple(Path(place) for place in (self.plan.plugin, *named) if place)
+
+    @property
+    def recordings(self) -> tuple[Path, ...]:
+        """Recordings of the user's own that the scenario names."""
+        scenario = self.data.scenario
+        named = (getattr(scenario, "recording", ""), *getattr(scenario, "others", ()))
+        return tuple(Path(name) for name in named if is_recording(name))
 
     @abstractmethod
     def service(self) -> object:

@@ -4,9 +4,11 @@ Without labelled presses of the skin, the similarity from a method's places to t
 coordinates is fitted here, to presses whose places no worker is ever sent.
 """
 
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -103,6 +105,12 @@ class PlaceCellTask(FrameTask):
     def sizes(self) -> Mapping[str, int]:
         """The presses that a registration needs, then the test presses."""
         return {split: len(self.data.places(split)) for split in ("validation", "test")}
+
+    @property
+    def readable(self) -> tuple[Path, ...]:
+        """See `CellTask`; no public recordings, since it is sent what it may learn from."""
+        recordings = Path(os.environ.get("EITBENCH_DATA", ""))
+        return tuple(place for place in super().readable if place != recordings)
 
     def service(self) -> PlaceService:
         """Return the method with its problem."""

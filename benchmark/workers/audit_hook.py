@@ -14,6 +14,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from types import FrameType
 from typing import Any, Literal, get_args
 
 import eitbench
@@ -53,8 +54,9 @@ PROGRAMS = {
     "os.system",
     "subprocess.Popen",
 }
-FONT_LISTER = "fc-list"  # called by matplotlib
+HARMLESS = {"fc-list", "uname"}  # called by matplotlib, and by Python's `platform`
 TEST_SPLIT = "eitbench.test_split"  # announced by `scenarios.guard`
+PROBLEM = "eitbench.methods.problem"  # gives methods what they may learn from
 MAX_NOTES = 40  # of each kind
 MOST_BYTES = 2**20  # of all notes
 
@@ -66,9 +68,11 @@ class Watch:
     Attributes:
         folder: a folder that exists; temporary files of the process go to a folder in it, which is
             its own to write to, as is eitbench's cache.
+        recordings: files of the user that it is scored on; public recordings are known.
     """
 
     folder: Path
+    recordings: tuple[Path, ...] = ()
 
     def begin(self) -> None:
         """Watch this process, from now to its end."""
@@ -80,7 +84,7 @@ class Watch:
         os.environ["MPLCONFIGDIR"] = str(cache_dir() / "matplotlib")
         notes = os.open(self._notes, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o600)
         places = [os.path.realpath(place) for place in (*own_places(self.folder), _compiled())]
-        sys.addaudithook(_hook(notes, places))
+        sys.addaudithook(_hook(notes, places, self._recorded()))
 
     def noted(self, kind: Kind) -> list[str]:
         """Return the notes of that kind, as parts of a sentence, each once, in order."""
@@ -97,6 +101,14 @@ class Watch:
                     if (text := plain_text(str(what))) not in notes and len(notes) < MAX_NOTES:
                         notes.append(text)
         return found
+
+    def _recorded(self) -> tuple[str, ...]:
+        """Return files of recordings, and folders of them with a separator at the end."""
+        folders = [cache_dir() / "recordings"]
+        if given := os.environ.get("EITBENCH_DATA"):
+            folders.append(Path(given).expanduser())
+        files = (os.path.realpath(file) for file in self.recordings)
+        return (*files, *(os.path.realpath(folder) + os.sep for folder in folders))
 
     @property
     def _notes(self) -> Path:
@@ -127,7 +139,17 @@ def _code() -> tuple[str, ...]:
     return tuple(f"{os.path.realpath(place)}{os.sep}" for place in places)
 
 
-def _hook(notes: int, allowed: list[str]) -> Callable[[str, tuple[Any, ...]], None]:
+def _for_a_problem() -> bool:
+    """True if the file that is opened holds data of a split that a problem was asked for."""
+    frame: FrameType | None = sys._getframe()
+    while frame is not None and frame.f_globals.get("__name__") != PROBLEM:
+        frame = frame.f_back
+    return frame is not None
+
+
+def _hook(
+    notes: int, allowed: list[str], recorded: tuple[str, ...]
+) -> Callable[[str, tuple[Any, ...]], None]:
     known: dict[str, set[str]] = {kind: set() for kind in get_args(Kind)}
     own, code = tuple(place + os.sep for place in allowed), _code()
     test_data = os.path.realpath(split_folder("test")) + os.sep
@@ -156,16 +178,16 @@ def _hook(notes: int, allowed: list[str]) -> Callable[[str, tuple[Any, ...]], No
             note("network", f"{event} of {arguments[0]!r}")
         elif event == TEST_SPLIT:
             note("test data", "the test split was asked for")
-        elif event in PROGRAMS and arguments[0] != FONT_LISTER:
+        elif event in PROGRAMS and arguments[0] not in HARMLESS:
             note("program", f"{event} of {str(arguments[0])!r}")
 
     def _note_reading(path: str) -> None:
-        if path.startswith(code) or path.endswith((".py", ".pyc")):
+        if path.endswith((".py", ".pyc")):
             return
         path = os.path.realpath(path)
-        if path.startswith(test_data):
+        if path.startswith(test_data) or (path.startswith(recorded) and not _for_a_problem()):
             note("test data", f"open of {path}")
-        elif path not in allowed and not path.startswith((*own, *code)):
+        elif path not in allowed and not path.startswith((*own, *code, *recorded)):
             note("read", path)
 
     def _note_path(path: object, folder: object) -> None:

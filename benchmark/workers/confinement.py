@@ -43,15 +43,17 @@ class Confinement:
         folder: a folder that exists, for its temporary files and what is noted of it.
         readable: files and folders that it may read, beside those of the system, of Python and its
             own; None: all. A worker that may not read all has no network either.
+        recordings: as those of `Watch`.
     """
 
     folder: Path
     readable: tuple[Path, ...] | None = None
+    recordings: tuple[Path, ...] = ()
 
     @property
     def watch(self) -> Watch:
         """Notes of what the worker does."""
-        return Watch(self.folder)
+        return Watch(self.folder, self.recordings)
 
     def begin(self) -> None:
         """Confine this process, from now to its end; it must have one thread.

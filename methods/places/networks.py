@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
@@ -44,7 +43,6 @@ class Network(PlaceMethod):
         # Imported here: torch takes long.
         from eitbench.methods.places.place_network import REAL, SIMULATED, SKINS, PlaceNetwork
 
-        start = time.perf_counter()
         self._problem, labelled = problem, problem.labelled
         sensor = problem.physics.sensor
         x0, y0, x1, y1 = sensor.outline.bounds
@@ -53,16 +51,16 @@ class Network(PlaceMethod):
             PlaceNetwork(sensor.n_measurements, centre, scale, seed) for seed in range(self.seeds)
         ]
         if self.simulated:
-            self._train(problem.simulated(SIMULATED_PRESSES), SIMULATED)
+            self._learn_first(problem.simulated(SIMULATED_PRESSES), SIMULATED)
         if self.skins:
-            self._train(learned_from(problem.others, self.presses)[0], SKINS)
+            self._learn_first(learned_from(problem.others, self.presses)[0], SKINS)
         before = self.simulated or self.skins
         self._blank = not before and len(labelled) < FEWEST
         self._register = registered(self._found, problem) if before else _onto(centre, problem)
         if len(labelled) >= FEWEST:
-            places = self._register.inverse(labelled.places)
-            self._train(Presses(labelled.differences, places), REAL)
-        self.train_s = time.perf_counter() - start
+            seen = labelled.differences, self._register.inverse(labelled.places)
+            self._networks = [network.trained(*seen, REAL) for network in self._networks]
+        self.train_s = sum(network.train_s for network in self._networks)
 
     def locate(self, differences: Array) -> Array:
         """Places (n, 2) [m]; in the coordinates of the sensor where none are labelled.
@@ -73,9 +71,9 @@ class Network(PlaceMethod):
             return np.zeros((len(self._problem.unit(differences)), 2))
         return self._register(self._found(self._problem.unit(differences)))
 
-    def _train(self, seen: Presses, phase: TrainingPhase) -> None:
+    def _learn_first(self, seen: Presses, phase: TrainingPhase) -> None:
         self._networks = [
-            network.trained(seen.differences, seen.places, phase) for network in self._networks
+            network.trained_once(seen.differences, seen.places, phase) for network in self._networks
         ]
 
     def _found(self, x: Array) -> Array:

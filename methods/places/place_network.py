@@ -9,9 +9,13 @@ al., IROS 2017, did it with images.)
 from __future__ import annotations
 
 import copy
+import hashlib
 import itertools
+import logging
 import math
+import time
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,11 +23,14 @@ import torch
 from torch import Tensor, nn
 
 from eitbench.scenarios.arrays import Array, unit_frames
-from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.data.simulation import split_folder
+from eitbench.scenarios.errors import DataCorruptError, InputError
+from eitbench.scenarios.storage.array_file import read_arrays, write_arrays
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
+    from numpy.typing import ArrayLike, NDArray
 
+_log = logging.getLogger(__name__)
 
 HIDDEN = (256, 256)
 
@@ -62,7 +69,10 @@ class PlaceNetwork:
 
     Attributes:
         centre, scale: of the places it can tell [m]; its outputs are relative to them.
+        train_s: time of all its training [s].
     """
+
+    train_s: float = 0.0
 
     def __init__(self, n_measurements: int, centre: ArrayLike, scale: float, seed: int) -> None:
         self.centre, self.scale = np.asarray(centre, dtype=np.float64), scale
@@ -85,6 +95,7 @@ class PlaceNetwork:
         y = torch.from_numpy((np.asarray(places) - self.centre) / self.scale).float()
         if not len(x) or x.shape[0] != y.shape[0] or y.shape[1:] != (2,):
             raise InputError(f"A place (x, y) is needed for each frame, got {y.shape}, {x.shape}.")
+        start = time.perf_counter()
         trained = copy.deepcopy(self)
         network = trained._network
         optimizer = torch.optim.AdamW(network.parameters(), phase.rate, weight_decay=1e-2)
@@ -99,7 +110,38 @@ class PlaceNetwork:
                 loss.backward()
                 optimizer.step()
                 rates.step()
+        trained.train_s = self.train_s + time.perf_counter() - start
         return trained
+
+    def trained_once(self, frames: Array, places: Array, phase: TrainingPhase) -> PlaceNetwork:
+        """As `trained`; the same training is made once, and read from the cache from then on.
+
+        So all skins share what is learned from simulated presses of their sensor, and all numbers
+        of labelled presses of a skin what is learned from other skins.
+        """
+        made_from = hashlib.sha256(Path(__file__).read_bytes())
+        made_from.update(repr((torch.__version__, self._seed, phase)).encode())
+        for array in (frames, places, self.centre, np.array(self.scale), *self._state().values()):
+            made_from.update(np.ascontiguousarray(array).tobytes())
+        # Beside the simulated data, which workers may write, too.
+        path = split_folder("train") / "places" / f"{made_from.hexdigest()}.safetensors"
+        try:
+            stored = read_arrays(path)
+        except DataCorruptError as error:
+            _log.warning("%s It is made again.", error)
+            stored = None
+        if stored is None:
+            trained = self.trained(frames, places, phase)
+            write_arrays(path, trained._state(), {"train_s": str(trained.train_s)})
+            return trained
+        trained = copy.deepcopy(self)
+        state = {name: torch.from_numpy(array) for name, array in stored[0].items()}
+        trained._network.load_state_dict(state)
+        trained.train_s = float(stored[1]["train_s"])
+        return trained
+
+    def _state(self) -> dict[str, NDArray[np.float32]]:
+        return {name: value.numpy() for name, value in self._network.state_dict().items()}
 
     @torch.no_grad()
     def __call__(self, frames: ArrayLike) -> Array:

@@ -133,6 +133,8 @@ def load_transfer(
         DataUnavailableError, DataCorruptError: as for `read_recording`.
     """
     check_open("test")
+    if scenario.same_skin:
+        raise InputError(f"Scenario {scenario.name!r}: {scenario.same_skin}")
     presses, reference, samples = _presses(scenario.recording, progress)
     rows = split(scenario.recording, len(presses))
     needed = max(scenario.labelled, REGISTRATION)

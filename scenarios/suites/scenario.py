@@ -325,6 +325,19 @@ class TransferScenario(Declaration):
         """False: frames are given as they were measured."""
         return False
 
+    @property
+    def same_skin(self) -> str:
+        """A sentence where two of the recorded sets hold the same file; else ""."""
+        found: dict[str, str] = {}
+        for name in (self.recording, *self.others):
+            for file in recorded_set(name).files:
+                if (first := found.setdefault(file.sha256, name)) != name:
+                    return (
+                        f"{first!r} and {name!r} hold the same file (the same SHA-256), so they "
+                        "are no different skins: leave one of them out."
+                    )
+        return ""
+
     def data_hash(self, split: Split) -> str:
         """SHA-256 (hex) of what is declared, of the recorded sets, their files and sensors."""
         sets = [RecordedScenario(name="set", recording=name) for name in self.others]

@@ -1,7 +1,8 @@
 """Suites: scenarios with the methods or operators to run on them, read from TOML files."""
 
+import re
 from collections.abc import Mapping
-from functools import cache
+from functools import cache, partial
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, Literal
@@ -12,6 +13,7 @@ from scipy.ndimage import binary_erosion
 
 from eitbench.scenarios.declaration import Declaration, Name, field_error, read_declaration
 from eitbench.scenarios.errors import InputError, unknown_name
+from eitbench.scenarios.recordings import is_recording
 from eitbench.scenarios.suites.scenario import (
     RecordedScenario,
     Scenario,
@@ -31,8 +33,9 @@ class Suite(Declaration):
     """A suite, of either methods or operators.
 
     In a file, a table of the kind "transfer" may list `recordings`, and counts in `labelled`. It
-    stands for a scenario of each recording with each count, called RECORDING-COUNT. Their `others`
-    are the rest of the list, unless the table names them.
+    stands for a scenario of each recording with each count, called RECORDING-COUNT, with the name
+    of its file for a recording of one's own. Their `others` are the rest of the list, unless the
+    table names them.
 
     Attributes:
         title: one line for listings.
@@ -153,7 +156,7 @@ def learned_from(scenario: Scenario) -> Scenario:
 
 def read_suite(path: Path) -> Suite:
     """The suite declared in the TOML file at `path`; errors as those of `load_suite`."""
-    suite = read_declaration("Suite", path, Suite, _with_each_transfer)
+    suite = read_declaration("Suite", path, Suite, partial(_with_each_transfer, path))
     for k, scenario in enumerate(suite.scenarios):
         if wrong := _unusable(scenario, suite.ranks):
             field, problem = wrong
@@ -162,29 +165,37 @@ def read_suite(path: Path) -> Suite:
     return suite
 
 
-def _with_each_transfer(declared: dict[str, Any]) -> dict[str, Any]:
+def _with_each_transfer(path: Path, declared: dict[str, Any]) -> dict[str, Any]:
     """The declaration with a scenario for each of the `recordings` of a table and each count."""
     tables = declared.get("scenarios")
     if not isinstance(tables, list):
         return declared
     found: list[Any] = []
-    for table in tables:
-        recordings, counts = (
-            table.get(name) if isinstance(table, dict) else None
-            for name in ("recordings", "labelled")
-        )
-        if not (isinstance(recordings, list) and isinstance(counts, list)):
+    for k, table in enumerate(tables):
+        if not isinstance(table, dict) or "recordings" not in table:
             found.append(table)
             continue
+        for name, example in (("recordings", '["first.h5", "second.h5"]'), ("labelled", "[0, 25]")):
+            if not (isinstance(table.get(name), list) and table[name]):
+                key = ("scenarios", k, name)
+                raise field_error("Suite", path, key, f"a list is needed, such as {example}.")
+        recordings, counts = table["recordings"], table["labelled"]
         rest = {name: value for name, value in table.items() if name != "recordings"}
         found += [
             {"others": [other for other in recordings if other != recording]}
             | rest
-            | {"name": f"{recording}-{count}", "recording": recording, "labelled": count}
+            | {"name": f"{_short(recording)}-{count}", "recording": recording, "labelled": count}
             for recording in recordings
             for count in counts
         ]
     return declared | {"scenarios": found}
+
+
+def _short(recording: object) -> object:
+    """The name of a file as a name of scenarios may be; names of public sets as they are."""
+    if not (isinstance(recording, str) and is_recording(recording)):
+        return recording
+    return re.sub("[^a-z0-9]+", "-", Path(recording).stem.lower()).strip("-")
 
 
 def _unusable(scenario: Scenario, ranks: str) -> tuple[str, str] | None:
@@ -193,6 +204,8 @@ def _unusable(scenario: Scenario, ranks: str) -> tuple[str, str] | None:
     if operators and not isinstance(scenario, SimulatedScenario):
         return "kind", "operators need a known conductivity, which only simulated scenarios have"
     if isinstance(scenario, TransferScenario):
+        if scenario.same_skin:
+            return "others", scenario.same_skin.removesuffix(".")
         scenario = scenario.recorded.model_copy(update={"name": scenario.name})
     if isinstance(scenario, RecordedScenario):
         # Tables show this name alone, and no table may pass an emulated board for a real one.

@@ -6,9 +6,10 @@ import h5py
 import numpy as np
 import pandas as pd
 import pytest
-from tests.support.pressed_skin import recording, rows
+from tests.support.pressed_skin import SKIN, recording, renumbered, rows
 
 from eitbench.benchmark import InputError
+from eitbench.benchmark.analysis.leaderboard import leaderboard_rows
 from eitbench.benchmark.analysis.results import read_run
 from eitbench.benchmark.analysis.transfer import skin_errors
 from eitbench.benchmark.run.cell_task import CellPlan
@@ -49,6 +50,48 @@ class Lost(Memory):
 '''
 
 
+PEEKING = """
+import os
+from pathlib import Path
+from eitbench.methods import PlaceMethod, register_place_method
+from eitbench.scenarios.recordings.fetch import read_recording
+
+class OnePlace(PlaceMethod):
+    "The same place for all."
+
+    def locate(self, differences):
+        return 0 * differences[:, :2]
+
+@register_place_method("peeks")
+class Peeks(OnePlace):
+    "Reads the recording that it is scored on."
+
+    def fit(self, problem):
+        Path(OWN).read_bytes()
+
+@register_place_method("asks")
+class Asks(OnePlace):
+    "Lets eitbench read the recording, without its test split."
+
+    def fit(self, problem):
+        read_recording(OWN)
+
+@register_place_method("looks-around")
+class LooksAround(OnePlace):
+    "Reads a public recording."
+
+    def fit(self, problem):
+        Path(os.environ["EITBENCH_DATA"], "owner", "set", "out.csv").read_bytes()
+
+@register_place_method("simulates")
+class Simulates(OnePlace):
+    "Is given simulated presses, of the sensor that the recording holds."
+
+    def fit(self, problem):
+        assert len(problem.simulated(3)) == 3
+"""
+
+
 def suite_of(folder: Path, labelled: str) -> Suite:
     recording(folder / "skin.h5")
     path = folder / "new.toml"
@@ -81,6 +124,25 @@ def test_a_run_locates_presses_and_is_resumed(tmp_path: Path) -> None:
     assert written["transfer.csv"].read_text().count(".h5,25,") == len(errors)
 
 
+def test_skins_of_ones_own_are_left_out_one_after_the_other(tmp_path: Path) -> None:
+    """Electrodes of the second are numbered from another corner: places are put onto each other."""
+    turned = renumbered(SKIN, (np.arange(16) + 8) % 16)
+    recording(tmp_path / "First_skin.h5")
+    recording(tmp_path / "second.h5", 40, turned)
+    path = tmp_path / "own.toml"
+    path.write_text(
+        'name = "own"\ntitle = "Own skins"\nmethods = ["one-place", "kernel-ridge-skins"]\n'
+        '[[scenarios]]\nkind = "transfer"\nrecordings = ["First_skin.h5", "second.h5"]\n'
+        "labelled = [0]\n"
+    )
+    plan = make_plan(load_suite(path))
+    assert plan.scenarios == ("first-skin-0", "second-0")
+    found = skin_errors([read_run(start_run(plan, tmp_path / "run").path)])
+    errors = {(Path(error.recording).name, error.method): error.median_mm for error in found}
+    for skin in ("First_skin.h5", "second.h5"):
+        assert errors[skin, "kernel-ridge-skins"] < 0.6 * errors[skin, "one-place"]
+
+
 def test_places_are_registered_outside_the_method(tmp_path: Path) -> None:
     """A method that says a similarity of a place is as good as one that says the place."""
     plugin = tmp_path / "similar.py"
@@ -96,6 +158,39 @@ def test_places_are_registered_outside_the_method(tmp_path: Path) -> None:
     lost = samples.loc["lost"]
     assert (lost["status"] == "invalid-output").all()
     np.testing.assert_allclose(lost["localisation_mm"], 1e3 * np.hypot(0.1, 0.08), rtol=0.01)
+
+
+def test_a_method_that_reads_recordings_itself_is_marked(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    public = tmp_path / "public" / "owner" / "set" / "out.csv"
+    public.parent.mkdir(parents=True)
+    public.write_text("1,2,3")
+    monkeypatch.setenv("EITBENCH_DATA", str(tmp_path / "public"))
+    suite = suite_of(tmp_path, "0")
+    plugin = tmp_path / "peeking.py"
+    plugin.write_text(f"OWN = {str(tmp_path / 'skin.h5')!r}\n{PEEKING}")
+    names = ["peeks", "asks", "looks-around", "simulates"]
+    run = start_run(make_plan(suite, methods=names, plugins=[plugin]), tmp_path / "run").path
+    marked = {row["method"]: row["actions"] for row in leaderboard_rows([read_run(run)])}
+    own = f"asked for test data (open of {tmp_path / 'skin.h5'})"
+    assert marked == {
+        "peeks": own,
+        "asks": own,
+        "looks-around": f"asked for test data (open of {public})",
+        "simulates": "",
+    }
+
+
+def test_an_isolated_method_of_places_reads_no_public_recordings(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("EITBENCH_DATA", str(tmp_path / "public"))
+    suite = suite_of(tmp_path, "0")
+    data = PlaceData.load(suite.scenarios[0], suite, None, jobs=1, progress=False)
+    cell = CellPlan(Cell("skin", "one-place"), "default", {}, {}, suite, None, 128)
+    task = data.task(cell, RunStore.create(tmp_path / "run", PLACE_RUNS))
+    assert task.readable == (tmp_path / "skin.h5",)
 
 
 def test_the_similarity_of_a_method_costs_nothing() -> None:

@@ -1,6 +1,8 @@
 """Places straight from voltages: kernel ridge, networks, and the linear map of touches."""
 
 from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -99,6 +101,39 @@ def test_a_network_learns_places_and_further_training_leaves_it_as_it_was() -> N
     assert np.array_equal(again(frames), trained(frames))
     with pytest.raises(InputError, match="for each frame"):
         fresh.trained(frames, places[:3], phase)
+
+
+def test_the_same_training_is_made_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setenv("EITBENCH_CACHE", str(tmp_path))
+    frames, places = disc_frames(60)
+    phase = replace(SIMULATED, steps=5)
+    fresh = PlaceNetwork(40, (0, 0), 0.05, seed=1)
+    expected = fresh.trained(frames, places, phase)(frames)
+    made: list[int] = []
+    train = PlaceNetwork.trained
+
+    def counted(self: PlaceNetwork, *what: Any) -> PlaceNetwork:
+        made.append(1)
+        return train(self, *what)
+
+    monkeypatch.setattr(PlaceNetwork, "trained", counted)
+    first, again = (fresh.trained_once(frames, places, phase) for _ in range(2))
+    assert len(made) == 1
+    assert again.train_s == first.train_s > 0
+    for network in (first, again):
+        assert np.array_equal(network(frames), expected)
+    # Anything else that it learns from, or starts from, is another training.
+    fresh.trained_once(frames, places[::-1], phase)
+    fresh.trained_once(frames, places, replace(phase, noise=0.1))
+    PlaceNetwork(40, (0, 0), 0.05, seed=2).trained_once(frames, places, phase)
+    first.trained_once(frames, places, phase)
+    assert len(made) == 5
+    for path in tmp_path.rglob("*.safetensors"):
+        path.write_bytes(b"damaged")
+    assert np.array_equal(fresh.trained_once(frames, places, phase)(frames), expected)
+    assert "made again" in caplog.text
 
 
 @pytest.mark.slow

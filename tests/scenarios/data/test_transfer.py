@@ -63,6 +63,14 @@ def test_places_of_other_skins_lie_electrode_on_electrode(tmp_path: Path) -> Non
     np.testing.assert_allclose(placed.places, expected, atol=1e-9)
 
 
+def test_a_copy_of_a_skin_is_no_other_skin(tmp_path: Path) -> None:
+    path = Path(recording(tmp_path / "skin.h5"))
+    copy = tmp_path / "copy.h5"
+    copy.write_bytes(path.read_bytes())
+    with pytest.raises(InputError, match=r"skin\.h5' and .*copy\.h5' hold the same file"):
+        given(str(path), 0, others=(str(copy),))
+
+
 def test_what_cannot_be_is_said(tmp_path: Path) -> None:
     path = recording(tmp_path / "skin.h5")
     with pytest.raises(InputError, match=r"needs 41 presses to learn from, and .* has 40 beside"):

@@ -132,7 +132,10 @@ def test_a_table_of_skins_and_counts_stands_for_each_pair(tmp_path: Path) -> Non
 @pytest.mark.parametrize(
     ("old", "new", "says"),
     [
-        ("recordings = [", "recordings = 3 #", "unknown field"),
+        ("recordings = [", "recordings = 3 #", r"recordings': a list is needed, such as \["),
+        ("recordings = [", "recordings = [] #", r"recordings': a list is needed, such as \["),
+        ("[0, 25]", "25", r"labelled': a list is needed, such as \[0, 25\]"),
+        ('"ohmc16"]', '"superposed-pairs-cam09-05"]', "'cam09-05' and 'superposed.*the same file"),
         ("[0, 25]", "[-1]", "greater than or equal to 0"),
         ("[0, 25]", '["many"]', "valid integer"),
         ('"ohmc16"]', '"ktc2023"]', "'ktc2023' does not know where it was pressed"),
