@@ -70,6 +70,7 @@ def test_every_set_is_read_and_split(name: str) -> None:
         assert {"x_m", "y_m"} <= set(recording.samples)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "least"),
     [
@@ -122,6 +123,7 @@ def test_disc_skins_answer_where_the_robot_presses(name: str, least: float) -> N
     assert opposite < nominal_frame / 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["ohmc16", "ohmc8", "superpose500"])
 def test_common_mode_explains_the_uneven_channels(name: str) -> None:
     """The one factor of the module's docstring holds for both boards."""
@@ -310,6 +312,7 @@ def test_levels_are_validated_with_the_training_targets() -> None:
     assert (level.classes[:4, x[:, None], x] == whole.classes).all()
 
 
+@pytest.mark.slow
 def test_kuopio_truth_has_our_orientation() -> None:
     """One-step images agree with every truth image, and with no mirrored or turned one as well."""
     recording = read("ktc2023")
