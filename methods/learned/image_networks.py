@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
+from eitbench.methods.classical.linearisation import GAINS
 from eitbench.methods.method import Method
 from eitbench.methods.registry import register
 from eitbench.methods.training import Recipe, Trainable
@@ -44,9 +45,12 @@ class TrainedMethod(Trainable, Method):
     Attributes:
         weights: a file of weights to use; by default those for the sensor, the user's own or those
             that come with the package.
+        gain_power: of the gains of measurements that are taken out of frames, see `Problem`.
     """
 
+    search: ClassVar = GAINS
     weights: str = ""
+    gain_power: float = 0.0
 
     @classmethod
     def unusable(cls, sensor: Sensor) -> str:
@@ -80,7 +84,7 @@ class TrainedMethod(Trainable, Method):
 
     def reconstruct(self, voltages: Array) -> Array:
         """Absolute conductivity (n, H, W) [S/m] from frames (n, M), within the sensor's range."""
-        difference = self._problem.difference(voltages)
+        difference = self._problem.difference(voltages, self.gain_power)
         low, high = self._problem.sensor.conductivity_range
         images = np.empty((len(difference), *self._problem.mask.shape))
         for first in range(0, len(difference), BATCH):
