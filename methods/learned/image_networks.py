@@ -113,7 +113,7 @@ class ImageNetworkMethod(TrainedMethod):
 
     source: ClassVar[str] = "Physics-Driven Learning Framework for Tomographic Tactile Sensing"
     recipe: ClassVar = Recipe(epochs=100, patience=25)
-    options: ClassVar = ("limit", "operator", "alpha", "beta", "backbone")
+    options: ClassVar = ("limit", "start", "loss", "operator", "alpha", "beta", "backbone")
     beta: ClassVar[float] = 0.0
 
     @classmethod
@@ -158,3 +158,4 @@ class PhyDnn(ImageNetworkMethod):
     expected_failures: ClassVar = asymmetry(LEARNED_SYMMETRY, 0.079, 0.060)
     files: ClassVar = WeightFiles("phydnn", version="1")
     beta: ClassVar = 0.0029
+    options: ClassVar = ("limit", "start", "operator", "alpha", "beta", "backbone")

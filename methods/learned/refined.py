@@ -36,12 +36,14 @@ class RefinementMethod(TrainedMethod):
     Attributes:
         n_inputs: images that the network takes, the one to be refined among them.
         begun_from: SHA-256 of the weights that the first images need; "" if they need none.
+        begun_train_s: time that these took to train [s].
     """
 
     recipe: ClassVar = Recipe(epochs=30, patience=15)
-    options: ClassVar = ("limit",)
+    options: ClassVar = ("limit", "loss")
     n_inputs: ClassVar[int]
     begun_from = ""
+    begun_train_s = 0.0
 
     @classmethod
     def train(cls, job: TrainingJob) -> TrainingResult:
@@ -62,6 +64,7 @@ class RefinementMethod(TrainedMethod):
                 f"The weights of {self.files.name!r} were trained for another network 'dnn' than "
                 f"there is now: train them again with `{self.files.command}`."
             )
+        self.train_s += self.begun_train_s
         self._network = self.network(problem)
         torch.nn.Sequential(self._network).load_state_dict(tensors)
         self._network.eval().requires_grad_(requires_grad=False)
@@ -151,6 +154,7 @@ class LearnedGaussNewton(RefinementMethod):
         self._dnn = Dnn()
         self._dnn.fit(problem)
         self.begun_from = Dnn.weights_hash(problem.sensor)
+        self.begun_train_s = self._dnn.train_s
         self._range = problem.sensor.conductivity_range
         self._update = GaussNewtonUpdate(problem)
 

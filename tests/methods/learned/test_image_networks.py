@@ -68,7 +68,9 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> TrainingResult:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(ImageNetworkMethod, "recipe", recipe(batch=32))
         tiny = suite_of(folder, TINY)
-        request = TrainingRequest("dnn", tiny, epochs=30, out=folder / "out", use=False, **QUICK)
+        request = TrainingRequest(
+            "dnn", tiny, epochs=30, out=folder / "out", install="never", **QUICK
+        )
         return train(request)
 
 
@@ -89,15 +91,15 @@ def install(result: TrainingResult) -> Path:
 def test_a_network_learns_what_no_linear_map_can(trained: TrainingResult) -> None:
     linear, network = tiny_mse(create("linear-learned")), tiny_mse(Dnn(str(trained.weights)))
     assert network < 0.8 * linear
-    assert trained.baseline_mse == pytest.approx(linear, rel=0.3)
-    assert trained.validation_mse == pytest.approx(network, rel=0.3)
+    assert trained.baseline_loss == pytest.approx(linear, rel=0.3)
+    assert trained.validation_loss == pytest.approx(network, rel=0.3)
     assert linear < tiny_mse(create("noser"))
     about = json.loads(trained.weights.with_suffix(".json").read_text())
     assert about["command"].endswith(" --epochs 30 --seed 0 --operator jacobian")
     table = rows(trained.weights.parent)
     assert table == about["curve"]
     assert len(table) == 30
-    assert min(row["validation"] for row in table) == float(about["validation_mse"])
+    assert min(row["validation"] for row in table) == float(about["validation_loss"])
     # Images that resemble the truth explain the voltages better, though none asked them to.
     assert table[-1]["validation_physical"] < 0.95 * table[0]["validation_physical"]
     assert {"train", "train_physical", "rate", "seconds"} < set(table[0])
@@ -235,6 +237,7 @@ def test_the_gradient_is_that_of_both_losses(
         difference, truth, motion = self.augmentation(*batch)
         relative = self.images(difference)
         data = (relative - truth).square().mean()
+        assert self.physical is not None
         part = slice(math.ceil(len(truth) / 4))
         physical = self.physical(relative[part], difference[part], motion)
         seen.append((objective.item(), data.item(), physical.item()))
@@ -256,9 +259,9 @@ def test_without_a_data_loss_no_true_image_has_a_part(
     """Weights are the same to the last bit where images are wrong, and explain the voltages."""
     clean = {"noise": {"train": "clean", "validation": "clean"}}
     suite = suite_of(tmp_path, SimulatedScenario(**NOISY.model_dump() | clean))
-    request = TrainingRequest("phydnn", suite, epochs=4, operator="fem", alpha=0.0, use=False)
+    request = TrainingRequest("phydnn", suite, epochs=4, operator="fem", alpha=0.0, install="never")
     first = train(replace(request, out=tmp_path / "true"))
-    assert first.validation_mse < 0.5 * first.baseline_mse
+    assert first.validation_loss < 0.5 * first.baseline_loss
     assert "physical loss" in first.sentences()[0]
     about = json.loads(first.weights.with_suffix(".json").read_text())
     assert (about["alpha"], about["beta"]) == ("0.0", "0.0029")
@@ -314,7 +317,7 @@ def test_it_ends_early_when_nothing_improves(
         result = train(TrainingRequest("dnn", noisy, epochs=50, out=tmp_path / "o", **QUICK))
         assert len(rows(tmp_path / "o")) == 4
     # Without a step the network is the best linear map.
-    assert result.validation_mse == pytest.approx(result.baseline_mse, rel=1e-4)
+    assert result.validation_loss == pytest.approx(result.baseline_loss, rel=1e-4)
 
 
 @pytest.mark.parametrize(

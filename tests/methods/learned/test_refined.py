@@ -129,14 +129,14 @@ def test_a_step_through_the_model_improves_the_image_of_a_network(
             train(request)
     assert (cache / "out/curve.csv").is_file()
     result = train(request)
-    again = train(replace(request, out=cache / "again", use=False))
+    again = train(replace(request, out=cache / "again", install="never"))
     assert again.weights.with_suffix(".json") != result.weights.with_suffix(".json")
-    assert again.validation_mse == result.validation_mse
+    assert again.validation_loss == result.validation_loss
     begun, found = tiny_mse(create("dnn")), tiny_mse(create("learned-gn"))
     assert found < 0.65 * begun
     assert found == tiny_mse(create("learned-gn", weights=str(again.weights)))
-    assert result.baseline_mse == pytest.approx(begun, rel=0.3)
-    assert result.validation_mse == pytest.approx(found, rel=0.3)
+    assert result.baseline_loss == pytest.approx(begun, rel=0.3)
+    assert result.validation_loss == pytest.approx(found, rel=0.3)
 
     train(TrainingRequest("dnn", tiny, epochs=1, operator="jacobian", out=cache / "other"))
     with pytest.raises(
@@ -153,4 +153,4 @@ def test_a_network_improves_a_coarse_image(cache: Path) -> None:
     assert result.in_use
     coarse = tiny_mse(create("noser", variable="clausius-mossotti", weight=0.01))
     assert tiny_mse(create("coarse-to-fine")) < 0.7 * coarse
-    assert result.baseline_mse == pytest.approx(coarse, rel=0.3)
+    assert result.baseline_loss == pytest.approx(coarse, rel=0.3)

@@ -114,10 +114,10 @@ def test_the_surrogate_learns_what_a_linear_branch_cannot(
 ) -> None:
     tiny_suite = suite_of(tmp_path, tiny(train=600))
     result = train(TrainingRequest("surrogate", tiny_suite, epochs=8))
-    assert result.validation_mse < 0.6 * result.baseline_mse
+    assert result.validation_loss < 0.6 * result.baseline_loss
     sentences = " ".join(result.sentences())
     assert str(result.weights) in sentences
-    assert f"{result.baseline_mse / result.validation_mse:.3g} times below" in sentences
+    assert f"{result.baseline_loss / result.validation_loss:.3g} times below" in sentences
 
     s = load_suite(tiny_suite).scenarios[0].nominal_sensor
     assert result.weights == user_weights() / Surrogate.files.file_name(s)
@@ -127,7 +127,7 @@ def test_the_surrogate_learns_what_a_linear_branch_cannot(
     about = json.loads(result.weights.with_suffix(".json").read_text())
     assert about["command"] == f"eitbench train surrogate --suite {tiny_suite} --epochs 8 --seed 0"
     assert [epoch["epoch"] for epoch in about["curve"]] == list(range(1, 9))
-    assert min(epoch["validation"] for epoch in about["curve"]) == result.validation_mse
+    assert min(epoch["validation"] for epoch in about["curve"]) == result.validation_loss
 
     # The same training of the physics branch alone: the correction stays at zero.
     def frozen(self: SurrogateNetwork, sigma: torch.Tensor) -> torch.Tensor:
@@ -136,7 +136,7 @@ def test_the_surrogate_learns_what_a_linear_branch_cannot(
 
     monkeypatch.setattr(SurrogateNetwork, "forward", frozen)
     alone = train(TrainingRequest("surrogate", tiny_suite, epochs=8, out=tmp_path / "alone"))
-    assert result.validation_mse < 0.7 * alone.validation_mse
+    assert result.validation_loss < 0.7 * alone.validation_loss
 
 
 @pytest.mark.slow
