@@ -170,7 +170,8 @@ def test_an_interrupted_training_continues_as_if_it_had_not_been(
 
     def run(name: str, seed: int = 4) -> TrainingResult:
         out = tmp_path / name
-        return train(TrainingRequest("phydnn", noisy, epochs=5, seed=seed, out=out, **QUICK))
+        request = TrainingRequest("phydnn", noisy, epochs=5, seed=seed, out=out, **QUICK)
+        return train(replace(request, install="always"))
 
     monkeypatch.setattr(ImageTask, "objective", stopping)
     with pytest.raises(TrainingInterruptedError):
