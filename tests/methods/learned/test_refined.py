@@ -12,14 +12,21 @@ from tests.support.small_sensors import TINY, clean_problem, foam, round_board, 
 
 from eitbench.methods import Problem, create
 from eitbench.methods.learned.gauss_newton_update import SNR_DB, GaussNewtonUpdate, expected_error
-from eitbench.methods.learned.image_networks import ImageNetworkMethod
+from eitbench.methods.learned.image_networks import (
+    TRAINED_ON,
+    ImageNetworkMethod,
+    TrainedMethod,
+)
 from eitbench.methods.learned.refined import RefinementMethod
 from eitbench.methods.learned.refiner_training import RefinerTask
+from eitbench.methods.networks.image_network import ImageNetwork
 from eitbench.methods.networks.refiner import Refiner
 from eitbench.methods.training import TrainingInterruptedError, TrainingRequest, train
 from eitbench.methods.training.loop import Data
+from eitbench.methods.weights import weight_files
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.sensors.sensor import Sensor
+from eitbench.scenarios.sensors.symmetry import motions
 
 Array = NDArray[np.float64]
 
@@ -97,6 +104,58 @@ def test_a_refiner_begins_as_the_identity_and_sees_all_its_images() -> None:
     assert images.grad is not None
     assert (images.grad.abs().amax((0, 2, 3)) > 0).all()
     assert all(p.grad is not None and p.grad.abs().max() > 0 for p in network.parameters())
+
+
+def with_random_weights(name: str, s: Sensor, folder: Path) -> TrainedMethod:
+    """A method whose networks know nothing of symmetry, ready for the sensor `s`."""
+    method = create(name, weights=str(folder / f"{name}.safetensors"))
+    assert isinstance(method, TrainedMethod)
+    torch.manual_seed(3)
+    about = dict.fromkeys(TRAINED_ON, "1") | {"train_s": "5", "backbone": "unet", "begun_from": ""}
+    if isinstance(method, RefinementMethod):
+        method.start(clean_problem(s))
+        network = torch.nn.Sequential(method.network(clean_problem(s)))
+        about["begun_from"] = method.begun_from
+    else:
+        network = ImageNetwork(s, "unet")  # type: ignore[assignment]
+    for parameter in network.parameters():
+        parameter.data += 0.05 * torch.randn_like(parameter)
+    method.files.save(Path(method.weights), s, network.state_dict(), about)
+    method.fit(clean_problem(s))
+    return method
+
+
+@pytest.mark.parametrize(
+    ("make", "count"), [(foam, 8), (lambda: foam((12, 16)), 4), (round_board, 1)]
+)
+def test_images_move_with_the_sensor(
+    make: Callable[[], Sensor], count: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Exactly, whatever the weights; a sensor without symmetry has a mean of one."""
+    monkeypatch.setattr(weight_files, "user_weights", lambda: tmp_path)
+    s = make()
+    problem = clean_problem(s)
+    moves = motions(s, problem.jacobian)
+    assert len(moves) == count
+    frames = difference(problem, touched(s))[None]
+    for name in ("dnn", "coarse-to-fine", "learned-gn"):
+        method = with_random_weights(name, s, tmp_path)
+        if name == "dnn":
+            Path(method.weights).rename(tmp_path / method.files.file_name(s))
+        image = method.relative(frames)
+        alone = []
+        for move in moves:
+            change = method.relative(move.voltages(frames)) - move.images(image)
+            assert np.abs(change).max() < 1e-3 * np.ptp(image)
+            np.testing.assert_array_equal(move.images_back(move.images(image)), image)
+        # One network does not do it by itself.
+        monkeypatch.setattr(method, "_motions", moves[:1])
+        alone = [
+            method.relative(move.voltages(frames)) - move.images(method.relative(frames))
+            for move in moves[1:]
+        ]
+        assert all(np.abs(change).max() > 0.02 * np.ptp(image) for change in alone)
+    assert method.train_s == 10  # that of `dnn`, which it continues, too
 
 
 @pytest.fixture
