@@ -16,7 +16,7 @@ from eitbench.methods.training import Recipe, Trainable
 from eitbench.methods.weights.weight_files import WeightFiles
 from eitbench.scenarios.arrays import Array, Images
 from eitbench.scenarios.errors import DataCorruptError, InputError
-from eitbench.scenarios.sensors.symmetry import asymmetry
+from eitbench.scenarios.sensors.symmetry import mean_over, motions
 
 if TYPE_CHECKING:  # torch takes a second to import, and listing methods does not need it
     from collections.abc import Mapping
@@ -30,9 +30,6 @@ if TYPE_CHECKING:  # torch takes a second to import, and listing methods does no
 
 BATCH = 64
 """Frames that go through a network at once: more would only take more memory."""
-
-LEARNED_SYMMETRY = "learned symmetry only approximately, from samples turned and mirrored at random"
-"""Reason why a network that was trained here has the sensor's symmetry in part."""
 
 TRAINED_ON = ("scenario", "train_data", "train_samples", "seed")
 """Metadata of weights that name the data which they were trained on, and the seed."""
@@ -117,7 +114,7 @@ class ImageNetworkMethod(TrainedMethod):
 
     source: ClassVar[str] = "Physics-Driven Learning Framework for Tomographic Tactile Sensing"
     recipe: ClassVar = Recipe(epochs=100, patience=25)
-    options: ClassVar = ("limit", "operator", "alpha", "beta", "backbone")
+    options: ClassVar = ("limit", "start", "loss", "operator", "alpha", "beta", "backbone")
     beta: ClassVar[float] = 0.0
 
     @classmethod
@@ -136,13 +133,15 @@ class ImageNetworkMethod(TrainedMethod):
         self._network = ImageNetwork(problem.sensor, metadata["backbone"])
         self._network.load_state_dict(tensors)
         self._network.eval().requires_grad_(requires_grad=False)
+        self._motions = motions(problem.sensor, problem.jacobian)
 
     def relative(self, difference: Array) -> Images:
-        """See `TrainedMethod`."""
+        """See `TrainedMethod`; the mean over the sensor's symmetries."""
         import torch
 
-        images: Images = self._network(torch.from_numpy(difference).float()).numpy()
-        return images
+        moved = np.concatenate([motion.voltages(difference) for motion in self._motions])
+        images: Images = self._network(torch.from_numpy(moved).float()).numpy()
+        return mean_over(self._motions, images)
 
 
 @register("dnn")
@@ -150,7 +149,6 @@ class ImageNetworkMethod(TrainedMethod):
 class Dnn(ImageNetworkMethod):
     """A U-Net from voltages to conductivity, trained on simulated touches (DNN)."""
 
-    expected_failures: ClassVar = asymmetry(LEARNED_SYMMETRY, 0.064, 0.048)
     files: ClassVar = WeightFiles("dnn", version="1")
 
 
@@ -159,6 +157,6 @@ class Dnn(ImageNetworkMethod):
 class PhyDnn(ImageNetworkMethod):
     """The U-Net of `dnn`, trained to explain the measured voltages too (PhyDNN)."""
 
-    expected_failures: ClassVar = asymmetry(LEARNED_SYMMETRY, 0.079, 0.060)
     files: ClassVar = WeightFiles("phydnn", version="1")
     beta: ClassVar = 0.0029
+    options: ClassVar = ("limit", "start", "operator", "alpha", "beta", "backbone")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import csv
 import math
 import sys
@@ -51,6 +52,11 @@ class TrainingTask(nn.Module):
     def optimizer(self) -> torch.optim.Optimizer:
         """Return Adam with decoupled weight decay; the loop sets its learning rate."""
         return torch.optim.AdamW(self.network.parameters(), weight_decay=1e-4)
+
+    def network_of(self, metadata: Mapping[str, str]) -> nn.Module:
+        """Return a network for other weights of the same name, with their `metadata`."""
+        del metadata
+        return copy.deepcopy(self.network)
 
     def loss(self, batch: Data) -> Tensor:
         """Return the mean loss () over a batch."""
@@ -210,7 +216,7 @@ def _epochs(
             nn.utils.clip_grad_norm_(task.network.parameters(), LARGEST_GRADIENT)
             optimizer.step()
             total = total + loss.detach() * len(chosen)
-        losses = _mean_losses(task, seen, recipe.batch)
+        losses = mean_losses(task, seen, recipe.batch)
         losses["train"] = float(total / len(order))
         _check_finite(*losses.values())
         epoch = Epoch(
@@ -236,7 +242,7 @@ def _over(recipe: Recipe, state: Checkpoint) -> bool:
     return len(state.curve) >= last
 
 
-def _mean_losses(task: TrainingTask, seen: Mapping[str, Data], batch: int) -> dict[str, float]:
+def mean_losses(task: TrainingTask, seen: Mapping[str, Data], batch: int) -> dict[str, float]:
     """Return the mean losses over the samples of each split, by split and name of the loss."""
     losses = {}
     task.eval()

@@ -115,10 +115,10 @@ def test_the_surrogate_learns_what_a_linear_branch_cannot(
 ) -> None:
     tiny_suite = suite_of(tmp_path, tiny(train=600))
     result = train(TrainingRequest("surrogate", tiny_suite, epochs=8))
-    assert result.validation_mse < 0.6 * result.baseline_mse
+    assert result.validation_loss < 0.6 * result.baseline_loss
     sentences = " ".join(result.sentences())
     assert str(result.weights) in sentences
-    assert f"{result.baseline_mse / result.validation_mse:.3g} times below" in sentences
+    assert f"loss: {result.validation_loss:.3g} ({result.baseline_loss:.3g} of the Jac" in sentences
 
     s = load_suite(tiny_suite).scenarios[0].nominal_sensor
     assert result.weights == user_weights() / Surrogate.files.file_name(s)
@@ -128,7 +128,7 @@ def test_the_surrogate_learns_what_a_linear_branch_cannot(
     about = json.loads(result.weights.with_suffix(".json").read_text())
     assert about["command"] == f"eitbench train surrogate --suite {tiny_suite} --epochs 8 --seed 0"
     assert [epoch["epoch"] for epoch in about["curve"]] == list(range(1, 9))
-    assert min(epoch["validation"] for epoch in about["curve"]) == result.validation_mse
+    assert min(epoch["validation"] for epoch in about["curve"]) == result.validation_loss
 
     # The same training of the physics branch alone: the correction stays at zero.
     def frozen(self: SurrogateNetwork, sigma: torch.Tensor) -> torch.Tensor:
@@ -137,7 +137,7 @@ def test_the_surrogate_learns_what_a_linear_branch_cannot(
 
     monkeypatch.setattr(SurrogateNetwork, "forward", frozen)
     alone = train(TrainingRequest("surrogate", tiny_suite, epochs=8, out=tmp_path / "alone"))
-    assert result.validation_mse < 0.7 * alone.validation_mse
+    assert result.validation_loss < 0.7 * alone.validation_loss
 
 
 @pytest.mark.nightly
@@ -299,8 +299,16 @@ def test_what_cannot_be_trained_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no simulated scenario with training"):
         train(TrainingRequest("surrogate", suite_of(tmp_path, tiny(train=0))))
     two = suite_of(tmp_path, tiny(), tiny(pixels=12, name="coarse"))
-    with pytest.raises(InputError, match="simulates 2 sensors"):
+    with pytest.raises(InputError, match=r"simulates 2 sensors .* name a scenario"):
         train(TrainingRequest("surrogate", two))
+    result = train(TrainingRequest("surrogate", two, scenario="coarse", epochs=1))
+    about = json.loads(result.weights.with_suffix(".json").read_text())
+    assert about["scenario"] == "coarse"
+    assert about["command"] == f"eitbench train surrogate --suite {two} --scenario coarse " + (
+        "--epochs 1 --seed 0"
+    )
+    with pytest.raises(InputError, match="to train on: 'coars': did you mean 'coarse'"):
+        train(TrainingRequest("surrogate", two, scenario="coars"))
 
 
 def shifted() -> Sensor:
