@@ -10,7 +10,7 @@ of 24, 91 %; of 60, 93 %).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -157,7 +157,8 @@ def _standing(board: Sequence[Entry]) -> Standing:
     )
     rivals = np.array([board[place].rivals for place in places])
     pairs = _pairs(cells, rivals, specs[main], value[:, main], drawn[:, :, main], clusters)
-    letters, won = groups(len(cells), pairs), weights_won(cells)
+    apart = [(pair.first, pair.second) for pair in pairs if pair.p < SIGNIFICANT]
+    letters, won = groups(len(cells), apart), weights_won(cells)
     for k, row in enumerate(rows[place] for place in places):
         row |= {"group": letters[k], "first": float((ranks[:, k] == 1).mean())}
         row |= {"rank_low": int(rank_ends[0, k]), "rank_high": int(rank_ends[1, k])}
@@ -298,17 +299,14 @@ def _wins(cell: pd.DataFrame, other: pd.DataFrame, spec: MetricSpec) -> float | 
     return float(((known > 0) + 0.5 * (known == 0)).mean()) if len(known) else None
 
 
-def groups(count: int, pairs: Sequence[Pair]) -> list[str]:
-    """Letters of `count` methods, the best first: two share one if they cannot be told apart.
+def groups(count: int, apart: Iterable[tuple[int, int]]) -> list[str]:
+    """Letters of `count` methods, the best first: two share one unless they are told `apart`.
 
     Source: Piepho, An Algorithm for a Letter-Based Representation of All-Pairwise Comparisons,
     Journal of Computational and Graphical Statistics 13(2), 2004 (insert and absorb).
     """
     together = [frozenset(range(count))]
-    for pair in pairs:
-        if pair.p >= SIGNIFICANT:
-            continue
-        both = {pair.first, pair.second}
+    for both in map(set, apart):
         split = [of - {one} for of in together if both <= of for one in both]
         rest = [of for of in together if not both <= of]
         # What lies within another says nothing more.

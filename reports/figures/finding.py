@@ -30,6 +30,7 @@ class Finding:
         legend: explains the table and the figure.
         figure: made in the style `STYLE`; None where there is none.
         shows: sentence for those who cannot see the figure.
+        narrow: the figure for one column of a paper; None where it is the same.
     """
 
     stem: str
@@ -39,9 +40,10 @@ class Finding:
     legend: str
     figure: Figure | None = None
     shows: str = "A line for each method; the table below has the figures"
+    narrow: Figure | None = None
 
     def write(self, tables: Path, figures: Path) -> list[Path]:
-        """Write `tables/STEM.{md,csv}` and `figures/STEM.{png,pdf,svg}`."""
+        """Write `tables/STEM.{md,csv}` and `figures/STEM.{png,pdf,svg}`, narrow `STEM-column.pdf`."""
         import matplotlib as mpl
 
         written = [tables / f"{self.stem}.{form}" for form in ("md", "csv")]
@@ -52,7 +54,10 @@ class Finding:
         if self.figure is None:
             return written
         with mpl.rc_context(STYLE):
-            return written + save(self.figure, figures / self.stem, ("png", "pdf", "svg"), dpi=200)
+            written += save(self.figure, figures / self.stem, ("png", "pdf", "svg"), dpi=200)
+            if self.narrow is not None:
+                written += save(self.narrow, figures / f"{self.stem}-column", ("pdf",))
+        return written
 
     def picture(self) -> str:
         """Return the figure as a `data:` address, for a page; "" where there is none."""

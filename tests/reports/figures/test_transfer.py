@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from eitbench.benchmark.analysis.transfer import SkinError, over_skins
 from eitbench.reports.figures.transfer import draw, grid
@@ -9,7 +10,7 @@ from eitbench.reports.figures.transfer import draw, grid
 
 def errors(method: str, labelled: int, medians: list[float]) -> list[SkinError]:
     return [
-        SkinError(f"skin-{k}", labelled, method, median, 2 * median, 500)
+        SkinError(f"skin-{k}", labelled, method, median, 2 * median, 500, 25.0 + k)
         for k, median in enumerate(medians)
     ]
 
@@ -38,11 +39,41 @@ def test_the_table_has_what_was_run() -> None:
     assert rows[1][1:] == ["–", "3.0"]
 
 
+def test_methods_that_cannot_be_told_apart_share_a_letter() -> None:
+    """Of 13 skins; p-values of SciPy, multiplied as Holm does: 3, 2 and 1 pairs are left."""
+    worst = np.full(13, 15.0)
+    less = 0.1 * np.array([1, 2, 3, -4, -5, -6, 7, 8, 9, 10, 11, 12, 13])
+    values = {"worst": worst, "middle": worst - less, "best": worst / 3}
+    many = [error for name, of in values.items() for error in errors(name, 25, of.tolist())]
+    pairs = [("best", "middle"), ("best", "worst"), ("middle", "worst")]
+    p = [stats.wilcoxon(values[a], values[b]).pvalue for a, b in pairs]
+    assert 3 * max(p[:2]) < 0.05
+    assert 0.05 / 3 < p[2] < 0.05
+    letters = over_skins(many).set_index("method")["ties"]
+    assert dict(letters) == {"best": "a", "middle": "b", "worst": "c"}
+    # Two more skins where it is worse, and the last two share a letter.
+    noisy = values | {"middle": worst - np.where(np.isin(less, [0.7, 0.8]), -less, less)}
+    assert stats.wilcoxon(noisy["middle"], noisy["worst"]).pvalue > 0.05
+    many = [error for name, of in noisy.items() for error in errors(name, 25, of.tolist())]
+    curves = over_skins(many)
+    assert dict(curves.set_index("method")["ties"]) == {"best": "a", "middle": "b", "worst": "b"}
+    assert grid(curves)[1][1].endswith(") a")
+    # Nine skins are too few, and a method that lacks a skin has no letter.
+    few = [error for error in many if int(error.recording[5:]) < 9]
+    assert set(over_skins(few)["ties"]) == {""}
+    lacking = [e for e in many if (e.method, e.recording) != ("worst", "skin-0")]
+    assert list(over_skins(lacking)["ties"]) == ["a", "b", ""]
+
+
 def test_no_labelled_presses_have_a_place_on_the_axis() -> None:
-    (axes,) = draw(over_skins(MANY)).axes
+    panels = draw(over_skins(MANY)).axes
+    assert [axes.get_title() for axes in panels] == ["ridge", "network"]
+    axes = panels[0]
     assert axes.get_xscale() == "log"
     assert [label.get_text() for label in axes.get_xticklabels()] == ["0", "100"]
     assert 0 < axes.get_xticks()[0] < 100
+    assert [text.get_text() for text in axes.texts] == ["guessing one place"]
+    assert any(np.allclose(line.get_ydata(), 26.0) for line in axes.lines)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("counts", [[0], [0, 10], [10, 400]])
