@@ -5,9 +5,10 @@ Run: python docs/studies/hard-skins/physics.py fit|maps OUT.csv
 This is an explanation and no method: all labelled presses of a skin are used, one half (every
 second press) to fit, the other to score, and the reverse.
 
-The models are sheets on the disc of the descriptor with the complete electrode model; a press lowers
-the conductivity around its place (Gaussian of 7 mm) by the same share in all directions. Electrodes
-may be turned, and numbered the other way; that is fitted first, with the homogeneous model.
+The models are sheets on the disc of the descriptor with the complete electrode model; a press
+lowers the conductivity around its place (Gaussian of 7 mm) by the same share in all directions.
+Electrodes may be turned, and numbered the other way; that is fitted first, with the homogeneous
+model.
 
 - disc: homogeneous and isotropic.
 - tensor: one conductivity tensor, of a ratio along and across an angle (parallel lines).
@@ -22,9 +23,9 @@ registered (similarity) by the half that fits, and `error_gains_mm`: the same wi
 Model `place` is a smooth function of the place (kernel ridge regression, 15 mm), no physics: the
 most that any model of one press at that place can explain.
 
-maps: a row each for skin and square of the skin: the root mean square of the frames' norms (`size`),
-and of their part that the place explains (`of_place`), over the median of the squares; for
-`disc` the same of the modelled frames.
+maps: a row each for skin and square of the skin: the root mean square of the frames' norms
+(`size`), and of their part that the place explains (`of_place`), over the median of the squares;
+for `disc` the same of the modelled frames.
 """
 
 import sys
@@ -46,9 +47,9 @@ from eitbench.scenarios.recordings.fetch import read_recording
 from eitbench.scenarios.similarity import fit_similarity
 
 SKINS = [f"cam09-{k:02d}" for k in (4, 5, 6, 7, 8, 9, 10, 11, 12, 14, 15, 16, 18)]
-RATIOS = (1.25, 1.6, 2.0, 3.0, 5.0)
+RATIOS = (1.25, 1.6, 2.0, 3.0, 5.0, 10.0)
 ANGLES = range(0, 180, 15)
-BENDS = (-2.0, -1.0, -0.5, 0.5, 1.0, 2.0)
+BENDS = (-4.0, -2.0, -1.0, -0.5, 0.5, 1.0, 2.0, 4.0)
 WEIGHTS = (0.01, 0.1, 1.0, 10.0)
 PRESS = 0.007
 SQUARE = 0.008
@@ -121,14 +122,14 @@ def blobs(skin: str, places: Array) -> Array:
 
 
 def turned(places: Array, angle: float, mirrored: bool) -> Array:
-    """Places (n, 2) as electrodes see them that are turned by `angle` [degrees], mirrored before."""
+    """Places (n, 2) turned by `angle` [degrees], mirrored before."""
     c, s = np.cos(np.deg2rad(angle)), np.sin(np.deg2rad(angle))
     return np.asarray((places * ([1, -1] if mirrored else [1, 1])) @ np.array([[c, -s], [s, c]]).T)
 
 
 def by_press(frames: Array, modelled: Array) -> float:
     """Share of the unit frames' sum of squares that unit modelled frames explain, one gain each."""
-    return float(np.mean(np.sum(frames * modelled, axis=1) ** 2))
+    return float(np.mean(np.mean(frames * modelled, axis=1) ** 2))
 
 
 def gains(frames: Array, modelled: Array) -> Array:
@@ -183,10 +184,8 @@ def fits() -> Iterator[dict[str, object]]:
             few = np.flatnonzero(fit)[:FITTED]
             disc = model(skin, "disc", 1.0, 0.0)
 
-            def agreement(
-                seen: Array, j: Array, rows: Array = few, frames: Array = frames
-            ) -> float:
-                return by_press(frames[rows], unit_frames(seen @ j.T))
+            def agreement(seen: Array, j: Array, known: Array = frames[few]) -> float:
+                return by_press(known, unit_frames(seen @ j.T))
 
             turns = [(float(t), m) for t in range(0, 360, 10) for m in (False, True)]
             turn, mirrored = max(
