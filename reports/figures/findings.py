@@ -1,4 +1,4 @@
-"""What runs show besides their leaderboards: ladders, time, two touches, alarms and new skins."""
+"""What runs show besides leaderboards: ladders, time, two touches, alarms, a challenge, skins."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from eitbench.benchmark.analysis.results import read_run
-from eitbench.reports.figures import ladder, touches, transfer
+from eitbench.reports.figures import challenge, ladder, touches, transfer
 from eitbench.reports.figures.style import STYLE
 
 if TYPE_CHECKING:
@@ -23,7 +23,8 @@ def findings(runs: Sequence[Run]) -> list[Finding]:
     import matplotlib as mpl
 
     with mpl.rc_context(STYLE):
-        of = [(run, one) for run in runs for one in (*ladder.findings(run), *touches.findings(run))]
+        makers = (challenge.findings, ladder.findings, touches.findings)
+        of = [(run, one) for run in runs for make in makers for one in make(run)]
         times = Counter(one.stem for _, one in of)
         named = [
             one if times[one.stem] == 1 else replace(one, stem=f"{one.stem}-{run.path.name}")

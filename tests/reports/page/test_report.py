@@ -67,6 +67,20 @@ def test_the_data_are_those_of_the_leaderboard(many: Path, full_run: Path) -> No
     assert len(report_data([full_run])["boards"]) == 4
 
 
+def test_a_scenario_that_nothing_ranks_is_reported(
+    build: Any, dataset_of: Any, tmp_path: Path
+) -> None:
+    """Frames whose truth is not known, and none of which is repeated."""
+    data = dataset_of("none", 4)
+    data.samples["touched"] = True
+    build.add_scaled(data, {"good": 0.9})
+    run = build.write()
+    names = {path.name for path in write_report([run], tmp_path / "report")}
+    assert "index.html" in names
+    assert not any(name.startswith("frontier") for name in names)
+    assert "no method has a figure to rank by" in (tmp_path / "report/index.html").read_text()
+
+
 def test_the_answer_names_ties_and_the_fastest(many: Path) -> None:
     (board,) = report_data([many])["boards"]
     said = answer(board)

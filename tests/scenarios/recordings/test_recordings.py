@@ -261,9 +261,12 @@ def test_the_places_of_the_two_probes_agree_with_single_presses() -> None:
     assert (explained(tips) > explained(elsewhere))[off_centre].all()
 
 
-def test_multitouch_keeps_the_probe_distances() -> None:
-    counts = read("hydrogel-multitouch").samples["probe_distance_mm"].value_counts()
-    assert counts.to_dict() == {108.0: 8, 75.0: 8, 20.0: 10}
+def test_multitouch_keeps_the_probe_distances_and_every_touch_once() -> None:
+    """The files hold 26 touches, the last four of A and of B for the second time."""
+    recording = read("hydrogel-multitouch")
+    counts = recording.samples["probe_distance_mm"].value_counts()
+    assert counts.to_dict() == {108.0: 4, 75.0: 4, 20.0: 10}
+    assert len(np.unique(recording.voltages, axis=0)) == 18
 
 
 def test_noise_of_the_fixed_press() -> None:
