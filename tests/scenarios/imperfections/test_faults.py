@@ -16,7 +16,7 @@ MODEL = forward_model(SENSOR)
 FRAME = MODEL.voltages(MODEL.background)
 
 
-@pytest.mark.parametrize("dead", [(), (5,), (0, 9), (2, 7, 11, 13)])
+@pytest.mark.parametrize("dead", [(), (5,), (0, 9), (0, 1, 2, 3)])
 def test_a_dead_electrode_spoils_what_it_drives_or_senses(dead: tuple[int, ...]) -> None:
     """On a board with offsets, gains, hum and rounding, which read a little where nothing is."""
     board = TYPICAL.model_copy(update={"dead": dead, "unit": 3})
