@@ -34,12 +34,20 @@ def spoiled(reference: Array, modelled: Array, pattern: DrivePattern) -> NDArray
 
     A dead electrode spoils all that is driven or sensed with it.
     """
-    dead = dead_electrodes(reference, modelled, pattern) @ _taking_part(pattern) > 0
+    return _of_dead(reference, modelled, pattern) | saturated_values(reference, modelled, pattern)
+
+
+def saturated_values(reference: Array, modelled: Array, pattern: DrivePattern) -> NDArray[np.bool_]:
+    """(..., M): values of frames (..., M) that are far larger than the others, see `SATURATED`."""
     # Where the model's value is near 0, a large ratio says nothing.
     size = np.abs(modelled)
     ratio = np.abs(reference) / np.maximum(size, np.median(size))
-    typical = np.nanmedian(np.where(dead, np.nan, ratio), axis=-1, keepdims=True)
-    return np.asarray(dead | (ratio > SATURATED * typical))
+    sound = np.where(_of_dead(reference, modelled, pattern), np.nan, ratio)
+    return np.asarray(ratio > SATURATED * np.nanmedian(sound, axis=-1, keepdims=True))
+
+
+def _of_dead(reference: Array, modelled: Array, pattern: DrivePattern) -> NDArray[np.bool_]:
+    return np.asarray(dead_electrodes(reference, modelled, pattern) @ _taking_part(pattern) > 0)
 
 
 def _taking_part(pattern: DrivePattern) -> Array:
