@@ -140,6 +140,7 @@ def train_image_network(method: type[ImageNetworkMethod], job: TrainingJob) -> T
         alpha=request.alpha,
         beta=beta,
         limit=count,
+        unlimited=request.unlimited,
     )
     image_loss(request.loss)
     forward = None if name is None else operator(name, sensor)
@@ -176,6 +177,11 @@ def train_image_network(method: type[ImageNetworkMethod], job: TrainingJob) -> T
     motions = symmetries(sensor, torch.from_numpy(problem.jacobian))
     rms = float(np.sqrt(np.mean(untouched**2)))
     augmentation = Augmentation(scenario.split_noise("train"), motions, rms)
+
+    def renewed(epoch: int) -> Data:
+        fresh, voltages = job.fresh_samples(epoch, count)
+        return _tensors(voltages.numpy(), problem.difference(voltages), fresh / sensor.background)
+
     return job.fit(
         ImageTask(
             network,
@@ -198,6 +204,7 @@ def train_image_network(method: type[ImageNetworkMethod], job: TrainingJob) -> T
             "train_samples": str(count),
         },
         compared=_tensors(compared.voltages, problem.differences(compared), sigma[: len(compared)]),
+        renewed=renewed if request.unlimited else None,
     )
 
 

@@ -69,6 +69,7 @@ class TrainedMethod(Trainable, Method):
         try:
             self.train_s = float(metadata["train_s"])
             self.trained_on = {name: metadata[name] for name in TRAINED_ON}
+            self.trained_on |= {"unlimited": metadata.get("unlimited", "0")}
             # New networks draw weights, to be replaced, from torch's global generator.
             with torch.random.fork_rng(devices=[]):
                 self.prepare(problem, tensors, metadata)
@@ -114,7 +115,9 @@ class ImageNetworkMethod(TrainedMethod):
 
     source: ClassVar[str] = "Physics-Driven Learning Framework for Tomographic Tactile Sensing"
     recipe: ClassVar = Recipe(epochs=100, patience=25)
-    options: ClassVar = ("limit", "start", "loss", "operator", "alpha", "beta", "backbone")
+    options: ClassVar = (
+        "limit", "unlimited", "start", "loss", "operator", "alpha", "beta", "backbone"
+    )  # fmt: skip
     beta: ClassVar[float] = 0.0
 
     @classmethod
@@ -159,4 +162,4 @@ class PhyDnn(ImageNetworkMethod):
 
     files: ClassVar = WeightFiles("phydnn", version="1")
     beta: ClassVar = 0.0029
-    options: ClassVar = ("limit", "start", "operator", "alpha", "beta", "backbone")
+    options: ClassVar = tuple(o for o in ImageNetworkMethod.options if o != "loss")

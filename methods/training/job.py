@@ -14,14 +14,14 @@ from eitbench.methods.training.loop import fit, mean_losses
 from eitbench.methods.training.request import INSTALL
 from eitbench.methods.training.samples import images, training_scenario
 from eitbench.methods.weights.weight_files import packaged_weights, sensor_key, user_weights
-from eitbench.scenarios.data.simulation import clean_frames
+from eitbench.scenarios.data.simulation import clean_frames, fresh_voltages
 from eitbench.scenarios.errors import DataCorruptError, InputError, unknown_name
 from eitbench.scenarios.storage.atomic_write import atomic_write
 from eitbench.scenarios.storage.cache_dir import cache_dir
 from eitbench.scenarios.suites.suite import load_suite
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Mapping
     from pathlib import Path
 
     from torch import Tensor, nn
@@ -193,6 +193,15 @@ class TrainingJob:
         )
         return images(self.scenario, split, count), torch.from_numpy(frames.voltages)
 
+    def fresh_samples(self, epoch: int, count: int) -> tuple[Tensor, Tensor]:
+        """The same as `clean_samples` of the `count` training samples that follow those of `epoch`
+        such sets; they need not be among the declared ones.
+        """
+        first = epoch * count
+        samples, jobs = range(first, first + count), self.request.jobs
+        frames = fresh_voltages(self.scenario, "train", samples, jobs=jobs)
+        return images(self.scenario, "train", count, first), torch.from_numpy(frames)
+
     def fit(
         self,
         task: TrainingTask,
@@ -202,11 +211,12 @@ class TrainingJob:
         metadata: Mapping[str, str],
         *,
         compared: Data | None = None,
+        renewed: Callable[[int], Data] | None = None,
     ) -> TrainingResult:
         """Train a network, write its weights with their learning curve, and put them in use.
 
         Args:
-            task, train, validation, compared: see `loop.fit`.
+            task, train, validation, compared, renewed: see `loop.fit`.
             baseline: see `TrainingResult`; what the task's network is now, if it is a new one.
             metadata: of the weights, beside what concerns all trainings.
 
@@ -225,10 +235,14 @@ class TrainingJob:
             self.folder,
             self.settings,
             compared=compared,
+            renewed=renewed,
             device=self._device,
             progress=self.request.progress,
         )
         seconds = sum(epoch.seconds for epoch in state.curve)
+        if renewed is not None:
+            count = int(metadata["train_samples"]) * len(state.curve)
+            metadata = {**metadata, "train_samples": str(count), "unlimited": "1"}
         if self.begun is not None:  # what was learned before was learned, too
             before = self.begun.metadata
             seconds += float(before["train_s"])

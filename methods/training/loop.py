@@ -95,6 +95,7 @@ def fit(
     settings: Mapping[str, object],
     *,
     compared: Data | None = None,
+    renewed: Callable[[int], Data] | None = None,
     device: torch.device | None = None,
     progress: bool = False,
 ) -> Checkpoint:
@@ -107,6 +108,8 @@ def fit(
         validation: likewise.
         settings: what else decides the result, as plain values: data, initial weights.
         compared: training samples whose losses are to be compared with those of validation.
+        renewed: gives the training samples of every epoch after the first from the number of
+            epochs done; by default they are those of the first.
         device: to train on; the CPU by default.
         progress: show the progress on stderr: a bar on a terminal, else a line for each epoch.
 
@@ -134,6 +137,7 @@ def fit(
             task,
             recipe,
             train,
+            renewed,
             seen,
             state,
             device or torch.device("cpu"),
@@ -175,6 +179,7 @@ def _epochs(
     task: TrainingTask,
     recipe: Recipe,
     train: Data,
+    renewed: Callable[[int], Data] | None,
     seen: Mapping[str, Data],
     state: Checkpoint,
     device: torch.device,
@@ -198,6 +203,8 @@ def _epochs(
         restore_optimizer(optimizer, state.optimizer)
     while not _over(recipe, state):
         done, started = len(state.curve), time.perf_counter()
+        if done and renewed is not None:
+            train = tuple(tensor.to(device) for tensor in renewed(done))
         torch.manual_seed(int(generator("training epoch", recipe.seed, done).integers(2**63)))
         order = generator("training order", recipe.seed, done).permutation(len(train[0]))
         batches = torch.split(torch.from_numpy(order).to(device), recipe.batch)

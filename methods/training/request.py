@@ -28,7 +28,7 @@ class DivergedError(EitbenchError):
     """A loss is not finite; the state after the last good epoch is stored."""
 
 
-OPTIONS = ("limit", "start", "loss", "operator", "alpha", "beta", "backbone")
+OPTIONS = ("limit", "unlimited", "start", "loss", "operator", "alpha", "beta", "backbone")
 """Options that not every training takes, and that decide its result."""
 
 INSTALL = ("better", "always", "never")
@@ -48,6 +48,8 @@ class TrainingRequest:
         epochs: how often every training sample is seen; by default as published or as shipped.
         seed: of initial weights, order, noise and symmetries.
         limit: training samples to use; all by default.
+        unlimited: True for new training samples in every epoch, as many as `limit` or the scenario
+            says; the first epoch has the declared ones.
         start: "new" for a network that begins as its baseline, or "weights" to begin with the
             weights in use.
         loss: "mse", the mean squared error, or "log-mse", the mean over images of its logarithm,
@@ -70,6 +72,7 @@ class TrainingRequest:
     epochs: int | None = None
     seed: int = 0
     limit: int | None = None
+    unlimited: bool = False
     start: str = "new"
     loss: str = "mse"
     operator: str | None = None
@@ -100,7 +103,11 @@ class TrainingRequest:
         """Those of `options` that differ from the defaults, as arguments of the command."""
         defaults = {field.name: field.default for field in fields(self)}
         chosen = {name: getattr(self, name) for name in options}
-        return "".join(f" --{name} {v}" for name, v in chosen.items() if v != defaults[name])
+        return "".join(
+            f" --{name}" if value is True else f" --{name} {value}"
+            for name, value in chosen.items()
+            if value != defaults[name]
+        )
 
 
 WARM_UP = 0.05

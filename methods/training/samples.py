@@ -59,11 +59,14 @@ def no_split(split: str, limit: int | None) -> Dataset:
     raise RuntimeError(f"The {split} split is read elsewhere.")
 
 
-def images(scenario: SimulatedScenario, split: Split, count: int) -> Tensor:
-    """Return conductivities (n, H, W) [S/m] in float32; the background outside the sensor."""
+def images(scenario: SimulatedScenario, split: Split, count: int, first: int = 0) -> Tensor:
+    """Conductivities (count, H, W) [S/m] from sample `first` on, in float32.
+
+    Outside the sensor they are the background.
+    """
     sensor = scenario.nominal_sensor
     drawn = np.empty((count, *sensor.image_shape), dtype=np.float32)
-    for sample, image in enumerate(drawn):
+    for sample, image in enumerate(drawn, start=first):
         image[:] = rasterise(phantom(scenario, split, sample), sensor)
     drawn[:, ~sensor.mask] = sensor.background
     return torch.from_numpy(drawn)

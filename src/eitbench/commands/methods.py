@@ -117,6 +117,9 @@ def train(
     limit: Annotated[
         int | None, typer.Option(min=1, help="Use so many training samples (default: all).")
     ] = None,
+    unlimited: Annotated[
+        bool, typer.Option("--unlimited", help="New training samples in every epoch.")
+    ] = False,
     start: Annotated[
         str, typer.Option(help="new, or weights to begin with the weights in use.")
     ] = "new",
@@ -157,6 +160,7 @@ def train(
         epochs=epochs,
         seed=seed,
         limit=limit,
+        unlimited=unlimited,
         start=start,
         loss=loss,
         operator=operator,

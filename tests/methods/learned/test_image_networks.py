@@ -32,6 +32,7 @@ from eitbench.methods.training.loop import Data
 from eitbench.methods.training.losses import image_loss
 from eitbench.methods.weights import weight_files
 from eitbench.scenarios.data.datasets import Dataset, load
+from eitbench.scenarios.data.simulation import clean_frames
 from eitbench.scenarios.errors import DataCorruptError, InputError
 from eitbench.scenarios.storage.array_file import read_arrays
 from eitbench.scenarios.suites.scenario import SimulatedScenario, SplitNoise
@@ -437,6 +438,35 @@ def test_a_training_continues_weights_and_counts_their_time(
     other = suite_of(tmp_path, SimulatedScenario(**TINY.model_dump() | {"train": 239}))
     with pytest.raises(InputError, match="was trained on other data than those of scenario 'tiny'"):
         train(replace(request, suite=other, out=tmp_path / "other"))
+
+
+def test_training_data_without_end_are_new_phantoms_and_counted(
+    trained: TrainingResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fresh, seen = TrainingJob.fresh_samples, []
+
+    def watched(job: TrainingJob, epoch: int, count: int) -> tuple[torch.Tensor, torch.Tensor]:
+        seen.append(fresh(job, epoch, count))
+        return seen[-1]
+
+    monkeypatch.setattr(TrainingJob, "fresh_samples", watched)
+    monkeypatch.setattr(ImageNetworkMethod, "recipe", recipe(batch=32, rate=1e-4))
+    tiny, out = suite_of(tmp_path, TINY), tmp_path / "o"
+    request = TrainingRequest("dnn", tiny, epochs=3, limit=100, unlimited=True, out=out)
+    about = json.loads(train(request).weights.with_suffix(".json").read_text())
+    assert (about["train_samples"], about["unlimited"]) == ("300", "1")
+    assert about["command"].endswith(" --seed 0 --limit 100 --unlimited")
+    # The next samples of the same stream: the first of them are declared, too.
+    declared = load(TINY, "train")
+    sigma, voltages = seen[0]
+    np.testing.assert_allclose(sigma, declared.conductivity[100:200], rtol=1e-6)
+    clean = clean_frames(TINY, "train", 200).voltages[100:]
+    np.testing.assert_array_equal(voltages, clean)
+    beyond = seen[1][1][len(declared) - 200 :]
+    assert not np.isin(beyond, clean_frames(TINY, "train", len(declared)).voltages).all(1).any()
+    method = Dnn(str(out / trained.weights.name))
+    method.fit(tiny_problem())
+    assert method.trained_on["unlimited"] == "1"
 
 
 def test_a_loss_of_logarithms_is_the_mean_psnr() -> None:

@@ -220,8 +220,29 @@ def test_the_command_ends_with_130_on_ctrl_c(
     with pytest.raises(SystemExit) as done:
         main()
     assert done.value.code == 0
-    assert "of the Jacobian." in capfd.readouterr().out
+    assert "of the Jacobian)." in capfd.readouterr().out
     assert epochs_done(tmp_path / "out") == 3
+
+
+def test_samples_of_every_epoch_may_be_new(tmp_path: Path) -> None:
+    """An interrupted training takes up those of its next epoch."""
+    asked: list[int] = []
+
+    def renewed(epoch: int) -> Data:
+        asked.append(epoch)
+        return toy_data(20 + epoch)
+
+    def run(name: str, trainee: Toy) -> Checkpoint:
+        recipe = Recipe(epochs=4, seed=3, batch=10, rate=0.1)
+        folder = tmp_path / name
+        return fit(trainee, recipe, toy_data(), toy_data(7), folder, {}, renewed=renewed)
+
+    with pytest.raises(TrainingInterruptedError):
+        run("stopped", Toy({7: interrupt}))  # in the third epoch
+    continued = run("stopped", Toy())
+    assert asked == [1, 2, 2, 3]
+    assert equal(continued.best, run("whole", Toy()).best)
+    assert not equal(continued.best, toy_fit(tmp_path / "same", Toy(), epochs=4).best)
 
 
 def test_a_finished_training_is_not_repeated(tmp_path: Path) -> None:
