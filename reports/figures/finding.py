@@ -43,7 +43,7 @@ class Finding:
     narrow: Figure | None = None
 
     def write(self, tables: Path, figures: Path) -> list[Path]:
-        """Write `tables/STEM.{md,csv}` and `figures/STEM.{png,pdf,svg}`, narrow `STEM-column.pdf`."""
+        """Write `STEM.md` and `STEM.csv`, and the figures as PNG, PDF and SVG."""
         import matplotlib as mpl
 
         written = [tables / f"{self.stem}.{form}" for form in ("md", "csv")]

@@ -73,7 +73,7 @@ def test_no_labelled_presses_have_a_place_on_the_axis() -> None:
     assert [label.get_text() for label in axes.get_xticklabels()] == ["0", "100"]
     assert 0 < axes.get_xticks()[0] < 100
     assert [text.get_text() for text in axes.texts] == ["guessing one place"]
-    assert any(np.allclose(line.get_ydata(), 26.0) for line in axes.lines)  # type: ignore[arg-type]
+    assert any(np.allclose(line.get_ydata(), 26.0) for line in axes.lines)
 
 
 @pytest.mark.parametrize("counts", [[0], [0, 10], [10, 400]])
