@@ -8,9 +8,17 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from eitbench.methods.normalisation import (
+    FAULT_WEIGHT,
+    WEIGHT,
+    estimate_of_nominal,
+    gains_of_reference,
+    smoothed,
+)
 from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.data.datasets import Dataset
 from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.imperfections.faults import spoiled
 from eitbench.scenarios.phantoms.phantom import Contents, contents
 from eitbench.scenarios.physics.forward import ForwardModel, forward_model
 from eitbench.scenarios.sensors.sensor import Sensor
@@ -115,6 +123,7 @@ class Problem:
     @reference.setter
     def reference(self, frame: ArrayLike) -> None:
         self._latest: Array = self._frames(self._nominal, np.asarray(frame)[None])[0]
+        self._estimates: dict[float, Array | None] = {}
 
     @property
     def background(self) -> float:
@@ -155,22 +164,59 @@ class Problem:
         return float(self._gains(self.reference))
 
     def _gains(self, references: Array) -> Array:
-        """Gains (...) of reference frames (..., M)."""
-        gains = references @ self._modelled / (self._modelled @ self._modelled)
+        """Gains (...) of reference frames (..., M), from values that no fault spoils."""
+        modelled = self._modelled
+        gains = np.asarray(references @ modelled / (modelled @ modelled))
+        wrong = spoiled(references, modelled, self._nominal.pattern)
+        for k in map(tuple, np.argwhere(wrong.any(axis=-1))):
+            sound = modelled * ~wrong[k]
+            gains[k] = references[k] @ sound / (sound @ sound)
         if not (gains > 0).all():
             raise InputError(
                 "The reference frame does not match the sensor's drive pattern: their correlation "
                 "is not positive. Check the order and sign of the measurements."
             )
-        return np.asarray(gains)
+        return gains
 
-    def difference(self, voltages: ArrayLike) -> Array:
+    def difference(self, voltages: ArrayLike, gain_power: float = 0.0) -> Array:
         """Frames minus the reference frame, in model units: (n, M) to (n, M) [V/A].
+
+        Values that a dead electrode or saturation spoils, by the reference frame, are replaced by
+        what the others say of them.
+
+        Args:
+            voltages: the frames.
+            gain_power: with p > 0 the differences are those that the nominal sensor would have
+                measured if each measurement of the real one has the gain |v_ref / V|^p, see
+                `methods.normalisation`. Where only differences were recorded, the gains are 1 and
+                nothing is changed.
 
         Raises:
             InputError: a wrong number of values or a value that is not finite.
         """
-        return np.asarray((self._frames(self._nominal, voltages) - self.reference) / self.gain)
+        change = (self._frames(self._nominal, voltages) - self.reference) / self.gain
+        if gain_power not in self._estimates:
+            self._estimates[gain_power] = self._estimate(gain_power)
+        estimate = self._estimates[gain_power]
+        return np.asarray(change if estimate is None else change @ estimate.T)
+
+    def _estimate(self, gain_power: float) -> Array | None:
+        """(M, M) from measured to nominal differences; None where nothing is to be changed."""
+        kept = ~spoiled(self.reference, self._modelled, self._nominal.pattern)
+        gains = gains_of_reference(self.reference, self._modelled, kept) ** gain_power
+        uneven = not np.allclose(gains[kept], 1, rtol=1e-6)
+        if kept.all() and not uneven:
+            return None
+        estimate = estimate_of_nominal(self._gram, gains, kept, WEIGHT if uneven else FAULT_WEIGHT)
+        if not uneven:
+            estimate[kept] = np.eye(len(kept))[kept]
+        return estimate
+
+    @cached_property
+    def _gram(self) -> Array:
+        """G (M, M): covariance of the measurements of the smoothest contrasts."""
+        rows = self.jacobian[:, self.mask]
+        return np.asarray(rows @ smoothed(rows, self.mask))
 
     def differences(self, data: Dataset) -> Array:
         """Frames of `data` minus their own reference frames, in model units: (n, M) [V/A]."""

@@ -237,6 +237,7 @@ class _Tuned(BaseModel):
 class _Weights(BaseModel):
     train_samples: int = 0
     seed: str = ""
+    unlimited: bool = False
 
 
 class _PriorKnowledge(BaseModel):
@@ -295,7 +296,8 @@ def _weights(known: _PriorKnowledge) -> list[str]:
     parts = []
     if count := known.trained_on.train_samples:
         seed = f" with seed {known.trained_on.seed}" if known.trained_on.seed else ""
-        parts.append(f"weights trained once{seed} on {count:,} samples")
+        track = " of unlimited simulation" if known.trained_on.unlimited else ""
+        parts.append(f"weights trained once{seed} on {count:,} samples{track}")
     if known.families:
         parts.append(f"trained on {_FAMILIES[known.families]}")
     return parts

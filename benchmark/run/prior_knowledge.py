@@ -38,6 +38,7 @@ class Training:
     train_data: Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{64}\z")]
     train_samples: Annotated[int, Field(ge=1, le=10**9)]
     seed: Annotated[str, StringConstraints(pattern=r"^[0-9]{0,20}\z")] = ""
+    unlimited: bool = False
 
 
 UNKNOWN = Training("", "", 0)

@@ -191,11 +191,11 @@ def _rows(
         base = TrainingRequest(
             "phydnn",
             budget.suite,
-            budget.epochs,
+            epochs=budget.epochs,
             limit=budget.limit,
             operator=budget.operator,
             out=folder,
-            use=False,
+            install="never",
             progress=progress,
         )
         try:

@@ -5,7 +5,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from eitbench.methods.classical.linearisation import ROWS, UNKNOWN, Linearisation, Variable
+from eitbench.methods.classical.linearisation import GAINS, ROWS, UNKNOWN, Linearisation, Variable
 from eitbench.methods.method import Method
 from eitbench.methods.problem import Problem
 from eitbench.methods.registry import register
@@ -18,17 +18,20 @@ class BackProjection(Method):
     """Sensitivity-weighted back-projection, scaled to explain the data best.
 
     Attributes:
-        variable, row_exponent: see `Linearisation`.
+        variable, row_exponent, gain_power: see `Linearisation`.
     """
 
     source: ClassVar[str] = "Kotre, Clin. Phys. Physiol. Meas. 10(3), 1989"
-    search: ClassVar = {**UNKNOWN, **ROWS}
+    search: ClassVar = {**GAINS, **UNKNOWN, **ROWS}
     variable: Variable = "conductivity"
     row_exponent: float = 0.0
+    gain_power: float = 0.0
 
     def fit(self, problem: Problem) -> None:
         """Normalise the sensitivity of each pixel."""
-        self._linearisation = Linearisation(problem, self.variable, self.row_exponent)
+        self._linearisation = Linearisation(
+            problem, self.variable, self.row_exponent, self.gain_power
+        )
         jacobian = self._linearisation.jacobian
         total = np.sum(np.abs(jacobian), axis=0)
         self._smear = jacobian / np.maximum(total, 1e-6 * total.max())

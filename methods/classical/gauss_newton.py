@@ -16,6 +16,7 @@ import numpy as np
 from scipy import linalg
 
 from eitbench.methods.classical.linearisation import (
+    GAINS,
     ROWS,
     UNKNOWN,
     VARIATION,
@@ -44,19 +45,22 @@ class GaussNewton(Method):
 
     Attributes:
         weight: of the prior, relative to the data term at the background.
-        variable, row_exponent: see `Linearisation`.
+        variable, row_exponent, gain_power: see `Linearisation`.
         steps: number of linearisations.
     """
 
     weight: float = 1e-3
     variable: Variable = "conductivity"
     row_exponent: float = 0.0
+    gain_power: float = 0.0
     steps: int = 5
 
     def fit(self, problem: Problem) -> None:
         """Linearise at the background, which scales data and prior for every later step."""
         self._problem = problem
-        self._linearisation = Linearisation(problem, self.variable, self.row_exponent)
+        self._linearisation = Linearisation(
+            problem, self.variable, self.row_exponent, self.gain_power
+        )
         self._compression = self._linearisation.compression()
         self._expected = self._combined(problem.background_voltages)
 
@@ -91,7 +95,7 @@ class GaussNewtonNoser(GaussNewton):
     """Nonlinear Gauss-Newton with the NOSER prior."""
 
     source: ClassVar[str] = "Yorkey, Webster and Tompkins, IEEE Trans. Biomed. Eng. 34(11), 1987"
-    search: ClassVar = {**UNKNOWN, **WEIGHTS, **ROWS}
+    search: ClassVar = {**GAINS, **UNKNOWN, **WEIGHTS, **ROWS}
     weight: float = 0.03
 
     def fit(self, problem: Problem) -> None:
@@ -133,7 +137,7 @@ class GaussNewtonTV(GaussNewton):
 
     source: ClassVar[str] = "Borsic et al., IEEE Trans. Med. Imaging 29(1), 2010"
     expected_failures: ClassVar = asymmetry(ANISOTROPY, 0.10, 0.10)
-    search: ClassVar = {**UNKNOWN, **VARIATION, **ROWS}
+    search: ClassVar = {**GAINS, **UNKNOWN, **VARIATION, **ROWS}
     steps: int = 6
 
     def _solve(self, target: Array) -> Array:

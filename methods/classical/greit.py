@@ -6,7 +6,7 @@ from typing import ClassVar
 import numpy as np
 from scipy import linalg
 
-from eitbench.methods.classical.linearisation import ROWS, UNKNOWN, WEIGHTS, damping
+from eitbench.methods.classical.linearisation import GAINS, ROWS, UNKNOWN, WEIGHTS, damping
 from eitbench.methods.classical.one_step import OneStep
 from eitbench.methods.problem import Problem
 from eitbench.methods.registry import register
@@ -27,7 +27,7 @@ class Greit(OneStep):
     """
 
     source: ClassVar[str] = "Adler et al., Physiol. Meas. 30(6), 2009"
-    search: ClassVar = {**UNKNOWN, **WEIGHTS, "blur": (0.05, 0.08, 0.12), **ROWS}
+    search: ClassVar = {**GAINS, **UNKNOWN, **WEIGHTS, "blur": (0.05, 0.08, 0.12), **ROWS}
     blur: float = 0.08
 
     def matrix(self, jacobian: Array, problem: Problem) -> Array:

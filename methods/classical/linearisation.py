@@ -25,6 +25,7 @@ class Linearisation:
     noise, as on simulated boards), 1 trusts every measurement alike.
 
     Args:
+        gain_power: of the gains of measurements that are taken out of data, see `Problem`.
         gains: (M,) what the board makes of each measurement, over what it makes of the whole frame.
 
     Attributes:
@@ -33,11 +34,17 @@ class Linearisation:
     """
 
     def __init__(
-        self, problem: Problem, variable: Variable, row_exponent: float, gains: Array | None = None
+        self,
+        problem: Problem,
+        variable: Variable,
+        row_exponent: float,
+        gain_power: float,
+        gains: Array | None = None,
     ) -> None:
         if variable not in VARIABLES:
             raise InputError(f"A variable is one of {', '.join(VARIABLES)}, got {variable!r}.")
         self._problem = problem
+        self._gain_power = gain_power
         self._variable = variable
         rows = problem.jacobian[:, problem.mask] * self.slope(np.zeros(1))
         if gains is not None:
@@ -63,7 +70,7 @@ class Linearisation:
 
     def data(self, voltages: Array) -> Array:
         """Weighted differences (n, M) from frames (n, M)."""
-        return np.asarray(self._problem.difference(voltages) * self._weights)
+        return np.asarray(self._problem.difference(voltages, self._gain_power) * self._weights)
 
     def weighted(self, values: Array) -> Array:
         """Model voltages or rows (M, ...) under the same weighting."""
@@ -98,8 +105,9 @@ def damping(gram: Array, weight: float) -> Array:
 
 Search = Mapping[str, Sequence[object]]
 
+GAINS: Search = {"gain_power": (0.0, 0.5, 1.0)}
 WEIGHTS: Search = {"weight": (1e-5, 1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 3e-2, 0.1, 0.3, 1.0, 3.0)}
 ROWS: Search = {"row_exponent": (0.0, 0.5, 1.0)}
 UNKNOWN: Search = {"variable": VARIABLES}
-ONE_STEP: Search = {**UNKNOWN, **WEIGHTS, **ROWS}
+ONE_STEP: Search = {**GAINS, **UNKNOWN, **WEIGHTS, **ROWS}
 VARIATION: Search = {"weight": (1e-5, 3e-5, 1e-4, 3e-4, 1e-3, 2e-3, 5e-3, 1e-2)}

@@ -18,18 +18,21 @@ class OneStep(Method):
 
     Attributes:
         weight: regularisation relative to the mean diagonal of the regularised Gram matrix.
-        variable, row_exponent: what is estimated from which weighting, see `Linearisation`.
+        variable, row_exponent, gain_power: what is estimated from which data, see `Linearisation`.
     """
 
     weight: float = 0.03
     variable: Variable = "conductivity"
     row_exponent: float = 0.0
+    gain_power: float = 0.0
 
     def fit(self, problem: Problem) -> None:
         """Compute the reconstruction matrix."""
         self._problem = problem
         gains = self.gains(problem)
-        self._linearisation = Linearisation(problem, self.variable, self.row_exponent, gains)
+        self._linearisation = Linearisation(
+            problem, self.variable, self.row_exponent, self.gain_power, gains
+        )
         matrix = self.matrix(self._linearisation.jacobian, problem)
         self._matrix = self._linearisation.weighted(np.ascontiguousarray(matrix.T))
 
@@ -43,7 +46,7 @@ class OneStep(Method):
 
     def reconstruct(self, voltages: Array) -> Array:
         """Absolute conductivity (n, H, W) [S/m] from frames (n, M)."""
-        return self.of_difference(self._problem.difference(voltages))
+        return self.of_difference(self._problem.difference(voltages, self.gain_power))
 
     def of_difference(self, difference: Array) -> Array:
         """Absolute conductivity (n, H, W) [S/m] from differences to the reference (n, M) [V/A]."""

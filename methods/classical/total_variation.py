@@ -6,6 +6,7 @@ from typing import ClassVar
 import numpy as np
 
 from eitbench.methods.classical.linearisation import (
+    GAINS,
     ROWS,
     UNKNOWN,
     VARIATION,
@@ -32,19 +33,22 @@ class TotalVariation(Method):
 
     Attributes:
         weight: of the total variation, relative to the Jacobian's largest singular value squared.
-        variable, row_exponent: see `Linearisation`.
+        variable, row_exponent, gain_power: see `Linearisation`.
     """
 
     source: ClassVar[str] = "Borsic et al., IEEE Trans. Med. Imaging 29(1), 2010"
     expected_failures: ClassVar = asymmetry(ANISOTROPY, 0.11, 0.11)
-    search: ClassVar = {**UNKNOWN, **VARIATION, **ROWS}
+    search: ClassVar = {**GAINS, **UNKNOWN, **VARIATION, **ROWS}
     weight: float = 1e-3
     variable: Variable = "conductivity"
     row_exponent: float = 0.0
+    gain_power: float = 0.0
 
     def fit(self, problem: Problem) -> None:
         """Factorise the linearised problem."""
-        self._linearisation = Linearisation(problem, self.variable, self.row_exponent)
+        self._linearisation = Linearisation(
+            problem, self.variable, self.row_exponent, self.gain_power
+        )
         self._compression = self._linearisation.compression()
         self._mask = problem.mask
         rows = np.zeros((len(self._compression), *problem.mask.shape))

@@ -79,6 +79,6 @@ class GaussNewtonUpdate:
 
 def expected_error(guess: Images) -> Images:
     """Standard deviation (H, W) of the error of a guess (H, W), relative to the background."""
-    side = [max(3, round(WINDOW * size)) for size in guess.shape]
+    side = [2 * max(1, round(WINDOW * size / 2)) + 1 for size in guess.shape]  # odd: symmetric
     local = ndimage.maximum_filter(guess, side) - ndimage.minimum_filter(guess, side)
     return np.asarray(LEAST_ERROR + ERROR_OF_RANGE * local, dtype=np.float32)

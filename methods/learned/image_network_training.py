@@ -15,12 +15,15 @@ from eitbench.methods.problem import Problem
 from eitbench.methods.registry import operator
 from eitbench.methods.training.augmentation import Augmentation, symmetries
 from eitbench.methods.training.loop import Data, TrainingTask, working_precision
+from eitbench.methods.training.losses import image_loss
 from eitbench.methods.training.samples import images, no_split
 from eitbench.scenarios.data.datasets import load
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.physics.forward import forward_model
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from eitbench.methods.learned.image_networks import ImageNetworkMethod
     from eitbench.methods.operator import Operator
     from eitbench.methods.training.augmentation import Symmetry
@@ -36,11 +39,12 @@ batch has the same expectation; over all of it, physics would cost as much time 
 
 
 class ImageTask(TrainingTask):
-    """alpha * data loss + beta * physical loss, with alpha = 1 or 0.
+    """alpha * data loss + beta * physical loss, with alpha = 1 or 0; the data loss alone without
+    an operator.
 
     A batch for training holds differences (n, M) [V/A], rms of the frames (n,) [V/A] and relative
-    images (n, H, W). The data loss is the mean over samples and pixels of (sigma_p - sigma)^2, both
-    relative to the background; for the other see `PhysicalLoss`. It is minimised over
+    images (n, H, W). The data loss is one of `LOSSES` of sigma_p - sigma, both relative to the
+    background; for the other see `PhysicalLoss`. It is minimised over
     `PHYSICAL_SHARE` of each batch after the first `DATA_ALONE` of the epochs, and always shown, for
     the validation split and for as many training samples.
 
@@ -54,12 +58,14 @@ class ImageTask(TrainingTask):
         self,
         network: ImageNetwork,
         augmentation: Augmentation,
-        physical: PhysicalLoss,
+        loss: str,
+        physical: PhysicalLoss | None,
         alpha: float,
         beta: float,
         epochs: int,
     ) -> None:
         super().__init__(network)
+        self.data_loss = image_loss(loss)
         self.augmentation = augmentation
         self.physical = physical
         self._alpha, self._beta = alpha, beta
@@ -70,11 +76,13 @@ class ImageTask(TrainingTask):
         difference, truth, motion = self.augmentation(*batch)
         relative = self.images(difference)
         if self._alpha == 0:
+            assert self.physical is not None
             alone: Tensor = self.physical(relative, difference, motion)
             return alone, alone
-        data = (relative - truth).square().mean()
+        data = self.data_loss(relative - truth)
         # Images that are not finite have no voltages; the data loss tells of them.
-        if self._beta == 0 or epochs_done < self._alone or not data.isfinite():
+        silent = self._beta == 0 or epochs_done < self._alone or not data.isfinite()
+        if self.physical is None or silent:
             return data, data
         part = slice(math.ceil(PHYSICAL_SHARE * len(truth)))
         physical: Tensor = self.physical(relative[part], difference[part], motion)
@@ -84,11 +92,17 @@ class ImageTask(TrainingTask):
         """See `TrainingTask`; the data loss and the physical loss. The first is minimised."""
         difference, _, truth = batch
         relative = self.images(difference)
-        data = (relative - truth).square().mean()
+        data = self.data_loss(relative - truth)
+        if self.physical is None:
+            return {"": data}
         physical = self.physical(relative, difference, None) if data.isfinite() else data
         if self._alpha == 0:
             return {"": physical, "data": data}
         return {"": data, "physical": physical}
+
+    def network_of(self, metadata: Mapping[str, str]) -> ImageNetwork:
+        """See `TrainingTask`."""
+        return ImageNetwork(self.network.sensor, metadata["backbone"])
 
     def optimizer(self) -> torch.optim.Optimizer:
         """See `TrainingTask`; all weights in one pass."""
@@ -116,18 +130,24 @@ def train_image_network(method: type[ImageNetworkMethod], job: TrainingJob) -> T
             f"The weight alpha of the data loss is 1, or 0 with a physical loss; got "
             f"{request.alpha} for {method.files.name!r}."
         )
+    # Without a physical loss to minimise, it is shown for an operator that is asked for.
+    name = request.operator or ("surrogate" if beta else None)
     count = job.training_count()
     job.check(
         backbone=request.backbone,
-        operator=request.operator,
+        loss=request.loss,
+        operator=name,
         alpha=request.alpha,
         beta=beta,
         limit=count,
+        unlimited=request.unlimited,
     )
-    forward = operator(request.operator, sensor)
+    image_loss(request.loss)
+    forward = None if name is None else operator(name, sensor)
     with torch.random.fork_rng():
         torch.manual_seed(job.recipe.seed)
         network = ImageNetwork(sensor, request.backbone)
+    job.begin(network)
 
     sigma, clean = job.clean_samples("train", count)
     sigma /= sensor.background
@@ -141,39 +161,50 @@ def train_image_network(method: type[ImageNetworkMethod], job: TrainingJob) -> T
     seen_sigma = images(scenario, "validation", scenario.validation) / sensor.background
     validation = _tensors(seen.voltages, problem.differences(seen), seen_sigma)
     std = train[0].std(0)
-    physical = PhysicalLoss(
-        forward,
-        torch.from_numpy(untouched).float(),
-        std.clamp(min=1e-6 * std.max()),
-    )
-    _standardise(network, train)
-    if request.alpha:
-        linear = _best_linear_map(network, train, validation)
-        network.backbone.start_from(torch.from_numpy(linear.matrix))
-        baseline, baseline_loss = "the best linear map", linear.validation_mse
-    else:
-        network.backbone.start_from(torch.zeros_like(network.backbone.linear.weight.T))
-        baseline = "an image of the untouched sensor, by the physical loss"
-        flat = torch.ones_like(validation[2])
-        baseline_loss = float(physical(flat, validation[0], None))
+    physical = None
+    if forward is not None:
+        spread = std.clamp(min=1e-6 * std.max())
+        physical = PhysicalLoss(forward, torch.from_numpy(untouched).float(), spread)
+    baseline = "the best linear map"
+    if job.begun is None:
+        _standardise(network, train)
+        if request.alpha:
+            matrix = torch.from_numpy(_best_linear_map(network, train, validation).matrix)
+        else:
+            matrix = torch.zeros_like(network.backbone.linear.weight.T)
+            baseline = "an image of the untouched sensor, by the physical loss"
+        network.backbone.start_from(matrix)
     motions = symmetries(sensor, torch.from_numpy(problem.jacobian))
     rms = float(np.sqrt(np.mean(untouched**2)))
     augmentation = Augmentation(scenario.split_noise("train"), motions, rms)
+
+    def renewed(epoch: int) -> Data:
+        fresh, voltages = job.fresh_samples(epoch, count)
+        return _tensors(voltages.numpy(), problem.difference(voltages), fresh / sensor.background)
+
     return job.fit(
-        ImageTask(network, augmentation, physical, request.alpha, beta, job.recipe.epochs),
+        ImageTask(
+            network,
+            augmentation,
+            request.loss,
+            physical,
+            request.alpha,
+            beta,
+            job.recipe.epochs,
+        ),
         train,
         validation,
         baseline,
-        baseline_loss,
         {
             "backbone": request.backbone,
-            "operator": request.operator,
+            "loss": request.loss,
+            "operator": name or "",
             "alpha": repr(request.alpha),
             "beta": repr(beta),
             "train_samples": str(count),
-            "baseline_loss": repr(baseline_loss),
         },
         compared=_tensors(compared.voltages, problem.differences(compared), sigma[: len(compared)]),
+        renewed=renewed if request.unlimited else None,
     )
 
 

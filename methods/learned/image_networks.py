@@ -9,13 +9,14 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
+from eitbench.methods.classical.linearisation import GAINS
 from eitbench.methods.method import Method
 from eitbench.methods.registry import register
 from eitbench.methods.training import Recipe, Trainable
 from eitbench.methods.weights.weight_files import WeightFiles
 from eitbench.scenarios.arrays import Array, Images
 from eitbench.scenarios.errors import DataCorruptError, InputError
-from eitbench.scenarios.sensors.symmetry import asymmetry
+from eitbench.scenarios.sensors.symmetry import mean_over, motions
 
 if TYPE_CHECKING:  # torch takes a second to import, and listing methods does not need it
     from collections.abc import Mapping
@@ -30,9 +31,6 @@ if TYPE_CHECKING:  # torch takes a second to import, and listing methods does no
 BATCH = 64
 """Frames that go through a network at once: more would only take more memory."""
 
-LEARNED_SYMMETRY = "learned symmetry only approximately, from samples turned and mirrored at random"
-"""Reason why a network that was trained here has the sensor's symmetry in part."""
-
 TRAINED_ON = ("scenario", "train_data", "train_samples", "seed")
 """Metadata of weights that name the data which they were trained on, and the seed."""
 
@@ -44,9 +42,12 @@ class TrainedMethod(Trainable, Method):
     Attributes:
         weights: a file of weights to use; by default those for the sensor, the user's own or those
             that come with the package.
+        gain_power: of the gains of measurements that are taken out of frames, see `Problem`.
     """
 
+    search: ClassVar = GAINS
     weights: str = ""
+    gain_power: float = 0.0
 
     @classmethod
     def unusable(cls, sensor: Sensor) -> str:
@@ -68,6 +69,7 @@ class TrainedMethod(Trainable, Method):
         try:
             self.train_s = float(metadata["train_s"])
             self.trained_on = {name: metadata[name] for name in TRAINED_ON}
+            self.trained_on |= {"unlimited": metadata.get("unlimited", "0")}
             # New networks draw weights, to be replaced, from torch's global generator.
             with torch.random.fork_rng(devices=[]):
                 self.prepare(problem, tensors, metadata)
@@ -80,7 +82,7 @@ class TrainedMethod(Trainable, Method):
 
     def reconstruct(self, voltages: Array) -> Array:
         """Absolute conductivity (n, H, W) [S/m] from frames (n, M), within the sensor's range."""
-        difference = self._problem.difference(voltages)
+        difference = self._problem.difference(voltages, self.gain_power)
         low, high = self._problem.sensor.conductivity_range
         images = np.empty((len(difference), *self._problem.mask.shape))
         for first in range(0, len(difference), BATCH):
@@ -113,7 +115,9 @@ class ImageNetworkMethod(TrainedMethod):
 
     source: ClassVar[str] = "Physics-Driven Learning Framework for Tomographic Tactile Sensing"
     recipe: ClassVar = Recipe(epochs=100, patience=25)
-    options: ClassVar = ("limit", "operator", "alpha", "beta", "backbone")
+    options: ClassVar = (
+        "limit", "unlimited", "start", "loss", "operator", "alpha", "beta", "backbone"
+    )  # fmt: skip
     beta: ClassVar[float] = 0.0
 
     @classmethod
@@ -132,13 +136,15 @@ class ImageNetworkMethod(TrainedMethod):
         self._network = ImageNetwork(problem.sensor, metadata["backbone"])
         self._network.load_state_dict(tensors)
         self._network.eval().requires_grad_(requires_grad=False)
+        self._motions = motions(problem.sensor, problem.jacobian)
 
     def relative(self, difference: Array) -> Images:
-        """See `TrainedMethod`."""
+        """See `TrainedMethod`; the mean over the sensor's symmetries."""
         import torch
 
-        images: Images = self._network(torch.from_numpy(difference).float()).numpy()
-        return images
+        moved = np.concatenate([motion.voltages(difference) for motion in self._motions])
+        images: Images = self._network(torch.from_numpy(moved).float()).numpy()
+        return mean_over(self._motions, images)
 
 
 @register("dnn")
@@ -146,7 +152,6 @@ class ImageNetworkMethod(TrainedMethod):
 class Dnn(ImageNetworkMethod):
     """A U-Net from voltages to conductivity, trained on simulated touches (DNN)."""
 
-    expected_failures: ClassVar = asymmetry(LEARNED_SYMMETRY, 0.064, 0.048)
     files: ClassVar = WeightFiles("dnn", version="1")
 
 
@@ -155,6 +160,6 @@ class Dnn(ImageNetworkMethod):
 class PhyDnn(ImageNetworkMethod):
     """The U-Net of `dnn`, trained to explain the measured voltages too (PhyDNN)."""
 
-    expected_failures: ClassVar = asymmetry(LEARNED_SYMMETRY, 0.079, 0.060)
     files: ClassVar = WeightFiles("phydnn", version="1")
     beta: ClassVar = 0.0029
+    options: ClassVar = tuple(o for o in ImageNetworkMethod.options if o != "loss")

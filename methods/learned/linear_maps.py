@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from eitbench.methods.classical.linearisation import damping
+from eitbench.methods.classical.linearisation import GAINS, damping
 from eitbench.methods.method import Method
 from eitbench.methods.problem import Problem
 from eitbench.methods.registry import register
@@ -64,10 +64,16 @@ LEARNED_NO_SYMMETRY = "it learns from touches at random places, which it does no
 @register("linear-learned")
 @dataclass
 class LinearLearned(Method):
-    """Ridge regression of images on voltages, over the training split; the baseline of learning."""
+    """Ridge regression of images on voltages, over the training split; the baseline of learning.
+
+    Attributes:
+        gain_power: of the gains of measurements that are taken out of frames, see `Problem`.
+    """
 
     source: ClassVar[str] = "Hoerl and Kennard, Technometrics 12(1), 1970"
     expected_failures: ClassVar = asymmetry(LEARNED_NO_SYMMETRY, 0.38, 0.33)
+    search: ClassVar = GAINS
+    gain_power: float = 0.0
 
     def fit(self, problem: Problem) -> None:
         """Solve for the map; the validation split chooses its regularisation."""
@@ -86,7 +92,7 @@ class LinearLearned(Method):
 
     def reconstruct(self, voltages: Array) -> Array:
         """Absolute conductivity (n, H, W) [S/m] from frames (n, M), within the sensor's range."""
-        inputs = self._problem.difference(voltages) @ self._averaging
+        inputs = self._problem.difference(voltages, self.gain_power) @ self._averaging
         return absolute(inputs / self._std @ self._matrix, self._problem)
 
 
@@ -129,12 +135,14 @@ class LinearTouch(Method):
 
     Attributes:
         weight: of the ridge, relative to the mean variance of the inputs.
+        gain_power: of the gains of measurements that are taken out of frames, see `Problem`.
     """
 
     source: ClassVar[str] = "Hoerl and Kennard, Technometrics 12(1), 1970"
     expected_failures: ClassVar = asymmetry(LEARNED_NO_SYMMETRY, 0.36, 0.38)
-    search: ClassVar = {"weight": (0.03, 0.1, 0.2, 0.3, 0.5, 1.0, 3.0)}
+    search: ClassVar = {**GAINS, "weight": (0.03, 0.1, 0.2, 0.3, 0.5, 1.0, 3.0)}
     weight: float = 0.3
+    gain_power: float = 0.0
 
     def fit(self, problem: Problem) -> None:
         """Solve for the map from the training split."""
@@ -153,4 +161,5 @@ class LinearTouch(Method):
 
     def reconstruct(self, voltages: Array) -> Array:
         """Absolute conductivity (n, H, W) [S/m] from frames (n, M), within the sensor's range."""
-        return absolute(self._problem.difference(voltages) @ self._matrix, self._problem)
+        difference = self._problem.difference(voltages, self.gain_power)
+        return absolute(difference @ self._matrix, self._problem)

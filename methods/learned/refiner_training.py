@@ -14,6 +14,7 @@ from torch import Tensor, nn
 from eitbench.methods.problem import Problem
 from eitbench.methods.training.augmentation import symmetries
 from eitbench.methods.training.loop import Data, TrainingTask, working_precision
+from eitbench.methods.training.losses import image_loss
 from eitbench.methods.training.samples import images, no_split
 from eitbench.scenarios.arrays import Array, Images
 from eitbench.scenarios.data.datasets import load
@@ -33,27 +34,27 @@ TOGETHER = 100
 
 
 class RefinerTask(TrainingTask):
-    """Mean squared error of conductivity over background, of refined images.
+    """An image loss of conductivity over background, of refined images.
 
     A batch holds the network's inputs (n, C, H, W) and the truth (n, H, W). In training, each batch
     is seen under a random symmetry of the sensor. Noise is that of the training split, not drawn
     anew: to work the inputs out again takes too long.
     """
 
-    def __init__(self, network: nn.Module, motions: Sequence[Symmetry]) -> None:
+    def __init__(self, network: nn.Module, motions: Sequence[Symmetry], loss: str = "mse") -> None:
         super().__init__(network)
         self._motions = motions
+        self._image_loss = image_loss(loss)
 
     def loss(self, batch: Data) -> Tensor:
-        """Return the mean squared error () of a batch."""
+        """Return the loss () of a batch."""
         inputs, truth = batch
         if self.training:
             motion = self._motions[int(torch.randint(len(self._motions), ()))]
             inputs, truth = motion.images(inputs), motion.images(truth)
         with working_precision(inputs.device.type):
             refined = self.network(inputs)
-        error: Tensor = refined - truth
-        return error.square().mean()
+        return self._image_loss(refined - truth)
 
 
 def train_refiner(method_class: type[RefinementMethod], job: TrainingJob) -> TrainingResult:
@@ -62,26 +63,22 @@ def train_refiner(method_class: type[RefinementMethod], job: TrainingJob) -> Tra
     problem = _nominal_problem(scenario)
     method = method_class()
     method.start(problem)
-    job.check(limit=count, begun_from=method.begun_from)
-    inputs, truth = _samples(method_class, job, "train", count)
-    validation = _samples(method_class, job, "validation", scenario.validation)
-    first_mse = float((validation[0][:, 0] - validation[1]).square().mean())
+    job.check(limit=count, begun_from=method.begun_from, loss=job.request.loss)
     with torch.random.fork_rng():
         torch.manual_seed(job.recipe.seed)
         network = method.network(problem)
+    motions = symmetries(sensor, torch.from_numpy(problem.jacobian))
+    task = RefinerTask(nn.Sequential(network), motions, job.request.loss)
+    inputs, truth = _samples(method_class, job, "train", count)
+    validation = _samples(method_class, job, "validation", scenario.validation)
     scale = inputs.std((0, 2, 3))
     network.scale.copy_(scale.clamp(min=1e-6 * float(scale.max())))
     return job.fit(
-        RefinerTask(nn.Sequential(network), symmetries(sensor, torch.from_numpy(problem.jacobian))),
+        task,
         (inputs, truth),
         validation,
         "the image that it refines",
-        first_mse,
-        {
-            "begun_from": method.begun_from,
-            "train_samples": str(count),
-            "first_validation_mse": repr(first_mse),
-        },
+        {"begun_from": method.begun_from, "train_samples": str(count)},
     )
 
 

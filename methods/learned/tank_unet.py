@@ -9,10 +9,10 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
-from eitbench.methods.classical.laplacian import IDENTITY_SHARE, graph_laplacian
 from eitbench.methods.classical.linearisation import damping
 from eitbench.methods.classical.noser import noser_covariance
 from eitbench.methods.learned.image_networks import TrainedMethod
+from eitbench.methods.normalisation import IDENTITY_SHARE, graph_laplacian
 from eitbench.methods.registry import register
 from eitbench.methods.training import Recipe
 from eitbench.methods.weights.weight_files import WeightFiles, Weights, sensor_key

@@ -202,6 +202,7 @@ class ImageNetwork(nn.Module):
     standard deviation in the training data.
 
     Attributes:
+        sensor: that gives the frames.
         std: (K,) [V/A].
 
     Raises:
@@ -214,6 +215,7 @@ class ImageNetwork(nn.Module):
 
     def __init__(self, sensor: Sensor, backbone: str) -> None:
         super().__init__()
+        self.sensor = sensor
         if backbone not in BACKBONES:
             raise unknown_name("backbone", backbone, BACKBONES)
         matrix = torch.from_numpy(averaging(sensor.pattern)).float()

@@ -78,15 +78,12 @@ class Surrogate(Trainable, Operator):
         mean, std = voltages.mean(0), voltages.std(0)
         std = std.clamp(min=1e-6 * std.max())  # a measurement that never changes
         network.start_from(mean, std, linear.reference, jacobian)
-        error = (linear.tensor_voltages(seen_sigma.double()) - seen_voltages) / std
-        jacobian_mse = float(error.square().mean())
         return job.fit(
             SurrogateTask(network, symmetries(sensor, jacobian)),
             (sigma, voltages.float()),
             (seen_sigma, seen_voltages.float()),
             "the Jacobian",
-            jacobian_mse,
-            {"jacobian_validation_mse": repr(jacobian_mse)},
+            {"train_samples": str(len(sigma))},
         )
 
     def tensor_voltages(self, sigma: Tensor) -> Tensor:

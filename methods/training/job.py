@@ -10,24 +10,30 @@ import torch
 
 from eitbench import __version__
 from eitbench.methods.training.checkpoint import Checkpoint
-from eitbench.methods.training.loop import fit
+from eitbench.methods.training.loop import fit, mean_losses
+from eitbench.methods.training.request import INSTALL
 from eitbench.methods.training.samples import images, training_scenario
-from eitbench.methods.weights.weight_files import sensor_key, user_weights
-from eitbench.scenarios.data.simulation import clean_frames
-from eitbench.scenarios.errors import InputError, unknown_name
+from eitbench.methods.weights.weight_files import packaged_weights, sensor_key, user_weights
+from eitbench.scenarios.data.simulation import clean_frames, fresh_voltages
+from eitbench.scenarios.errors import DataCorruptError, InputError, unknown_name
 from eitbench.scenarios.storage.atomic_write import atomic_write
 from eitbench.scenarios.storage.cache_dir import cache_dir
 from eitbench.scenarios.suites.suite import load_suite
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Mapping
     from pathlib import Path
 
-    from torch import Tensor
+    from torch import Tensor, nn
 
     from eitbench.methods.training.loop import Data, TrainingTask
     from eitbench.methods.training.request import Trainable, TrainingRequest
+    from eitbench.methods.weights.weight_files import Weights
     from eitbench.scenarios.suites.scenario import Split
+
+
+CONTINUED_RATE = 0.3
+"""Highest learning rate of a training that continues weights, relative to that of a new one."""
 
 
 @dataclass(frozen=True)
@@ -38,28 +44,44 @@ class TrainingResult:
         name: of the method or operator.
         weights: the file that is used, or else the one in the training's folder.
         in_use: True if they will be used from now on.
-        validation_mse: mean squared error on the validation split.
-        baseline, baseline_mse: what to compare it with, and its error.
+        validation_loss: the least one on the validation split.
+        baseline, baseline_loss: what the network began as, and its loss on the same data.
+        loss_before: of the weights that were in use before; None if there were none that fit.
     """
 
     name: str
     weights: Path
     in_use: bool
-    validation_mse: float
+    validation_loss: float
     baseline: str
-    baseline_mse: float
+    baseline_loss: float
+    loss_before: float | None
+
+    @property
+    def better(self) -> str:
+        """What has a lower validation loss than the new weights; "" if nothing has."""
+        rivals = {self.baseline: self.baseline_loss}
+        if self.loss_before is not None:
+            rivals["the weights in use"] = self.loss_before
+        name = min(rivals, key=rivals.__getitem__)
+        return name if rivals[name] < self.validation_loss else ""
 
     def sentences(self) -> list[str]:
         """Return sentences for the user."""
-        ratio = self.baseline_mse / self.validation_mse
-        beside = f"{ratio:.3g} times below" if ratio >= 1 else "not below"
+        compared = f"{self.baseline_loss:.3g} of {self.baseline}"
+        if self.loss_before is not None:
+            compared += f", {self.loss_before:.3g} of the weights in use before"
         sentences = [
-            f"Validation MSE: {self.validation_mse:.3g}, {beside} the "
-            f"{self.baseline_mse:.3g} of {self.baseline}.",
+            f"Validation loss: {self.validation_loss:.3g} ({compared}).",
             f"Weights: {self.weights}",
         ]
         if self.in_use:
             sentences.append(f"{self.name!r} uses them from now on; delete the file to go back.")
+        elif self.better:
+            sentences.append(
+                f"{self.name!r} does not use them, for {self.better} has a lower loss. The same "
+                "command with --install always puts them in use all the same."
+            )
         return sentences
 
 
@@ -72,17 +94,23 @@ class TrainingJob:
         scenario, sensor: what is trained on, and its nominal sensor.
         folder: as requested, by default one in the cache.
         settings: what decides the result beside the recipe: network, sensor and data.
+        begun: the weights that it continues; None if it begins with a new network.
 
     Raises:
-        InputError: no epoch, a suite that cannot be trained on, or no such device.
+        InputError: no epoch, a suite that cannot be trained on, no such device, or no weights to
+            continue, or such as were trained on other data.
     """
 
     def __init__(self, request: TrainingRequest, model: type[Trainable]) -> None:
         self.request, self._files = request, model.files
         epochs = model.recipe.epochs if request.epochs is None else request.epochs
         self.recipe = replace(model.recipe, epochs=epochs, seed=request.seed)
+        if request.start == "weights":
+            self.recipe = replace(self.recipe, rate=CONTINUED_RATE * self.recipe.rate)
         self._device = training_device(request.device)
-        self.scenario = training_scenario(load_suite(request.suite))
+        if request.install not in INSTALL:
+            raise unknown_name("choice of --install:", request.install, INSTALL)
+        self.scenario = training_scenario(load_suite(request.suite), request.scenario)
         self.sensor = self.scenario.nominal_sensor
         self._file_name = self._files.file_name(self.sensor)
         name = self._file_name.removesuffix(".safetensors")
@@ -95,6 +123,40 @@ class TrainingJob:
             "train_data": self.scenario.data_hash("train"),
             "validation_data": self.scenario.data_hash("validation"),
         }
+        self.begun = self._begun()
+
+    def _begun(self) -> Weights | None:
+        if self.request.start not in ("new", "weights"):
+            raise unknown_name("start of a training:", self.request.start, ("new", "weights"))
+        if self.request.start == "new":
+            return None
+        found = self._files.load(self.sensor)
+        self.settings["begun_weights"] = self._files.content_hash(self.sensor)
+        same = found.metadata.get("train_data") == self.settings["train_data"]
+        if found.path.parent == packaged_weights():
+            # A later generator gives the data of the same phantoms another hash.
+            same = found.metadata.get("scenario") == self.scenario.name
+        if not same:
+            raise InputError(
+                f"{found.path} was trained on other data than those of scenario "
+                f"{self.scenario.name!r}: a training continues weights on their own data."
+            )
+        return found
+
+    def begin(self, network: nn.Module) -> None:
+        """Give a new network the weights that the training continues, if it does.
+
+        Raises:
+            InputError: they are of another network.
+        """
+        if self.begun is not None:
+            try:
+                network.load_state_dict(self.begun.tensors)
+            except RuntimeError as error:
+                raise InputError(
+                    f"{self.begun.path} holds the weights of another network than this training "
+                    "has: choose the same --backbone, or begin with a new network."
+                ) from error
 
     def training_count(self) -> int:
         """Return how many training samples are used.
@@ -131,28 +193,40 @@ class TrainingJob:
         )
         return images(self.scenario, split, count), torch.from_numpy(frames.voltages)
 
+    def fresh_samples(self, epoch: int, count: int) -> tuple[Tensor, Tensor]:
+        """The same as `clean_samples` of the `count` training samples that follow those of `epoch`
+        such sets; they need not be among the declared ones.
+        """
+        first = epoch * count
+        samples, jobs = range(first, first + count), self.request.jobs
+        frames = fresh_voltages(self.scenario, "train", samples, jobs=jobs)
+        return images(self.scenario, "train", count, first), torch.from_numpy(frames)
+
     def fit(
         self,
         task: TrainingTask,
         train: Data,
         validation: Data,
         baseline: str,
-        baseline_mse: float,
         metadata: Mapping[str, str],
         *,
         compared: Data | None = None,
+        renewed: Callable[[int], Data] | None = None,
     ) -> TrainingResult:
         """Train a network, write its weights with their learning curve, and put them in use.
 
         Args:
-            task, train, validation, compared: see `loop.fit`.
-            baseline, baseline_mse: see `TrainingResult`.
+            task, train, validation, compared, renewed: see `loop.fit`.
+            baseline: see `TrainingResult`; what the task's network is now, if it is a new one.
             metadata: of the weights, beside what concerns all trainings.
 
         Raises:
             TrainingInterruptedError, DivergedError: as for `loop.fit`.
             EitbenchError: a folder is not writable or full.
         """
+        baseline = baseline if self.begun is None else "the weights that it continues"
+        baseline_loss = self._loss(task, validation)
+        loss_before = self._loss_before(task, validation)
         state = fit(
             task,
             self.recipe,
@@ -161,9 +235,23 @@ class TrainingJob:
             self.folder,
             self.settings,
             compared=compared,
+            renewed=renewed,
             device=self._device,
             progress=self.request.progress,
         )
+        seconds = sum(epoch.seconds for epoch in state.curve)
+        if renewed is not None:
+            count = int(metadata["train_samples"]) * len(state.curve)
+            metadata = {**metadata, "train_samples": str(count), "unlimited": "1"}
+        if self.begun is not None:  # what was learned before was learned, too
+            before = self.begun.metadata
+            seconds += float(before["train_s"])
+            count = max(int(metadata["train_samples"]), int(before["train_samples"]))
+            metadata = {
+                **metadata,
+                "train_samples": str(count),
+                "begun_weights": str(self.settings["begun_weights"]),
+            }
         best, on_gpu = state.best_epoch, self._device.type == "cuda"
         metadata = {
             "seed": str(self.request.seed),
@@ -172,11 +260,13 @@ class TrainingJob:
             "validation_data": str(self.settings["validation_data"]),
             "command": self.request.command(self.recipe.epochs),
             **metadata,
+            "baseline": baseline,
+            "baseline_loss": repr(baseline_loss),
             "epochs": str(len(state.curve)),
             "best_epoch": str(best.epoch),
-            "validation_mse": repr(best.validation),
+            "validation_loss": repr(best.validation),
             "device": torch.cuda.get_device_name(self._device) if on_gpu else "cpu",
-            "train_s": f"{sum(epoch.seconds for epoch in state.curve):.1f}",
+            "train_s": f"{seconds:.1f}",
             "eitbench": __version__,
             "torch": torch.__version__,
         }
@@ -184,13 +274,41 @@ class TrainingJob:
         self._files.save(path, self.sensor, state.best, metadata)
         content = {**metadata, "curve": [epoch.row() for epoch in state.curve]}
         path.with_suffix(".json").write_text(json.dumps(content, indent=1) + "\n")
-        if self.request.use:  # a copy where the user's own weights are looked for
-            made, path = path, user_weights() / path.name
-            for suffix in (".json", path.suffix):
-                atomic_write(path.with_suffix(suffix), made.with_suffix(suffix).read_bytes())
-        return TrainingResult(
-            self.request.name, path, self.request.use, best.validation, baseline, baseline_mse
+        result = TrainingResult(
+            self.request.name, path, False, best.validation, baseline, baseline_loss, loss_before
         )
+        install = self.request.install
+        if install == "never" or (install == "better" and result.better):
+            return result
+        used = user_weights() / path.name  # a copy where the user's own are looked for
+        for suffix in (".json", path.suffix):
+            atomic_write(used.with_suffix(suffix), path.with_suffix(suffix).read_bytes())
+        return replace(result, weights=used, in_use=True)
+
+    def _loss(self, task: TrainingTask, validation: Data) -> float:
+        """The loss of the task's network on the validation samples."""
+        task.to(self._device)
+        seen = {"validation": tuple(tensor.to(self._device) for tensor in validation)}
+        return mean_losses(task, seen, self.recipe.batch)["validation"]
+
+    def _loss_before(self, task: TrainingTask, validation: Data) -> float | None:
+        """That of the weights in use; None if there are none that this version could use."""
+        try:
+            _, tensors, metadata = self._files.load(self.sensor)
+        except (InputError, DataCorruptError):
+            return None
+        if metadata.get("begun_from") != self.settings.get("begun_from"):
+            return None
+        new = task.network
+        try:
+            with torch.random.fork_rng():  # a new network draws weights, to be replaced
+                task.network = task.network_of(metadata)
+            task.network.load_state_dict(tensors)
+            return self._loss(task, validation)
+        except (KeyError, RuntimeError, InputError):  # damaged: they hold something else
+            return None
+        finally:
+            task.network = new
 
 
 def training_device(name: str) -> torch.device:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import csv
 import math
 import sys
@@ -52,6 +53,11 @@ class TrainingTask(nn.Module):
         """Return Adam with decoupled weight decay; the loop sets its learning rate."""
         return torch.optim.AdamW(self.network.parameters(), weight_decay=1e-4)
 
+    def network_of(self, metadata: Mapping[str, str]) -> nn.Module:
+        """Return a network for other weights of the same name, with their `metadata`."""
+        del metadata
+        return copy.deepcopy(self.network)
+
     def loss(self, batch: Data) -> Tensor:
         """Return the mean loss () over a batch."""
         raise NotImplementedError
@@ -89,6 +95,7 @@ def fit(
     settings: Mapping[str, object],
     *,
     compared: Data | None = None,
+    renewed: Callable[[int], Data] | None = None,
     device: torch.device | None = None,
     progress: bool = False,
 ) -> Checkpoint:
@@ -101,6 +108,8 @@ def fit(
         validation: likewise.
         settings: what else decides the result, as plain values: data, initial weights.
         compared: training samples whose losses are to be compared with those of validation.
+        renewed: gives the training samples of every epoch after the first from the number of
+            epochs done; by default they are those of the first.
         device: to train on; the CPU by default.
         progress: show the progress on stderr: a bar on a terminal, else a line for each epoch.
 
@@ -128,6 +137,7 @@ def fit(
             task,
             recipe,
             train,
+            renewed,
             seen,
             state,
             device or torch.device("cpu"),
@@ -169,6 +179,7 @@ def _epochs(
     task: TrainingTask,
     recipe: Recipe,
     train: Data,
+    renewed: Callable[[int], Data] | None,
     seen: Mapping[str, Data],
     state: Checkpoint,
     device: torch.device,
@@ -192,6 +203,8 @@ def _epochs(
         restore_optimizer(optimizer, state.optimizer)
     while not _over(recipe, state):
         done, started = len(state.curve), time.perf_counter()
+        if done and renewed is not None:
+            train = tuple(tensor.to(device) for tensor in renewed(done))
         torch.manual_seed(int(generator("training epoch", recipe.seed, done).integers(2**63)))
         order = generator("training order", recipe.seed, done).permutation(len(train[0]))
         batches = torch.split(torch.from_numpy(order).to(device), recipe.batch)
@@ -210,7 +223,7 @@ def _epochs(
             nn.utils.clip_grad_norm_(task.network.parameters(), LARGEST_GRADIENT)
             optimizer.step()
             total = total + loss.detach() * len(chosen)
-        losses = _mean_losses(task, seen, recipe.batch)
+        losses = mean_losses(task, seen, recipe.batch)
         losses["train"] = float(total / len(order))
         _check_finite(*losses.values())
         epoch = Epoch(
@@ -236,7 +249,7 @@ def _over(recipe: Recipe, state: Checkpoint) -> bool:
     return len(state.curve) >= last
 
 
-def _mean_losses(task: TrainingTask, seen: Mapping[str, Data], batch: int) -> dict[str, float]:
+def mean_losses(task: TrainingTask, seen: Mapping[str, Data], batch: int) -> dict[str, float]:
     """Return the mean losses over the samples of each split, by split and name of the loss."""
     losses = {}
     task.eval()

@@ -28,8 +28,12 @@ class DivergedError(EitbenchError):
     """A loss is not finite; the state after the last good epoch is stored."""
 
 
-OPTIONS = ("limit", "operator", "alpha", "beta", "backbone")
+OPTIONS = ("limit", "unlimited", "start", "loss", "operator", "alpha", "beta", "backbone")
 """Options that not every training takes, and that decide its result."""
+
+INSTALL = ("better", "always", "never")
+"""When new weights are put in use: if they are no worse on validation data than those in use and
+than the network before its first step, or whatever they are."""
 
 
 @dataclass(frozen=True)
@@ -38,41 +42,53 @@ class TrainingRequest:
 
     Attributes:
         name: of the method or operator.
-        suite: name, or path of a suite file, whose first scenario with training and validation
-            samples is trained on.
+        suite: name, or path of a suite file.
+        scenario: of the suite, to train on; by default its first with training and validation
+            samples.
         epochs: how often every training sample is seen; by default as published or as shipped.
         seed: of initial weights, order, noise and symmetries.
         limit: training samples to use; all by default.
-        operator: forward operator of the physical loss.
+        unlimited: True for new training samples in every epoch, as many as `limit` or the scenario
+            says; the first epoch has the declared ones.
+        start: "new" for a network that begins as its baseline, or "weights" to begin with the
+            weights in use.
+        loss: "mse", the mean squared error, or "log-mse", the mean over images of its logarithm,
+            which is what the mean PSNR averages.
+        operator: forward operator of the physical loss; by default the surrogate, where that loss
+            is minimised.
         alpha: weight of the data loss, 1 or 0. With 0 no true image is learned from.
         beta: weight of the physical loss beside the data loss; by default the method's own.
         backbone: of the network.
         device: "cpu", "cuda", or "auto" for a GPU if there is any.
         jobs: processes to simulate with.
         out: folder for checkpoint and results; one in the cache by default.
-        use: True if the method is to use the weights from now on.
+        install: one of `INSTALL`.
         progress: show the progress on stderr.
     """
 
     name: str
     suite: str
+    scenario: str | None = None
     epochs: int | None = None
     seed: int = 0
     limit: int | None = None
-    operator: str = "surrogate"
+    unlimited: bool = False
+    start: str = "new"
+    loss: str = "mse"
+    operator: str | None = None
     alpha: float = 1.0
     beta: float | None = None
     backbone: str = "unet"
     device: str = "auto"
     jobs: int = 1
     out: Path | None = None
-    use: bool = True
+    install: str = "better"
     progress: bool = False
 
     def command(self, epochs: int) -> str:
         """Return the command that does the same."""
-        words = f"eitbench train {self.name} --suite {self.suite} --epochs {epochs}"
-        return f"{words} --seed {self.seed}{self._arguments(OPTIONS)}"
+        words = f"eitbench train {self.name} --suite {self.suite}{self._arguments(('scenario',))}"
+        return f"{words} --epochs {epochs} --seed {self.seed}{self._arguments(OPTIONS)}"
 
     def check_options(self, allowed: Iterable[str]) -> None:
         """Check that no other of `OPTIONS` than those `allowed` was chosen.
@@ -87,7 +103,11 @@ class TrainingRequest:
         """Those of `options` that differ from the defaults, as arguments of the command."""
         defaults = {field.name: field.default for field in fields(self)}
         chosen = {name: getattr(self, name) for name in options}
-        return "".join(f" --{name} {v}" for name, v in chosen.items() if v != defaults[name])
+        return "".join(
+            f" --{name}" if value is True else f" --{name} {value}"
+            for name, value in chosen.items()
+            if value != defaults[name]
+        )
 
 
 WARM_UP = 0.05

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from eitbench.methods.weights.weight_files import sensor_key
 from eitbench.scenarios.data.simulation import phantom
-from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.errors import InputError, unknown_name
 from eitbench.scenarios.phantoms.phantom import rasterise
 from eitbench.scenarios.suites.scenario import SimulatedScenario
 from eitbench.scenarios.suites.suite import Suite
@@ -20,11 +20,16 @@ if TYPE_CHECKING:
     from eitbench.scenarios.suites.scenario import Split
 
 
-def training_scenario(suite: Suite) -> SimulatedScenario:
-    """Return the suite's first simulated scenario with training and validation samples.
+def training_scenario(suite: Suite, name: str | None = None) -> SimulatedScenario:
+    """Return a suite's simulated scenario with training and validation samples.
+
+    Args:
+        suite: to look in.
+        name: of the scenario; by default the first one, if all are of one sensor.
 
     Raises:
-        InputError: there is none, or several sensors are simulated.
+        InputError: there is none, or none of that name, or none is named and several sensors are
+            simulated.
     """
     simulated = [
         scenario
@@ -35,11 +40,16 @@ def training_scenario(suite: Suite) -> SimulatedScenario:
         raise InputError(
             f"Suite {suite.name!r} has no simulated scenario with training and validation samples."
         )
+    if name is not None:
+        named = {scenario.name: scenario for scenario in simulated}
+        if name not in named:
+            raise unknown_name(f"scenario of suite {suite.name!r} to train on:", name, named)
+        return named[name]
     others = {sensor_key(s.nominal_sensor): s.nominal_sensor.name for s in simulated}
     if len(others) > 1:
         raise InputError(
             f"Suite {suite.name!r} simulates {len(others)} sensors ({', '.join(others.values())}): "
-            "a training is for one, so use a suite for each."
+            "a training is for one, so name a scenario with --scenario."
         )
     return simulated[0]
 
@@ -49,11 +59,14 @@ def no_split(split: str, limit: int | None) -> Dataset:
     raise RuntimeError(f"The {split} split is read elsewhere.")
 
 
-def images(scenario: SimulatedScenario, split: Split, count: int) -> Tensor:
-    """Return conductivities (n, H, W) [S/m] in float32; the background outside the sensor."""
+def images(scenario: SimulatedScenario, split: Split, count: int, first: int = 0) -> Tensor:
+    """Conductivities (count, H, W) [S/m] from sample `first` on, in float32.
+
+    Outside the sensor they are the background.
+    """
     sensor = scenario.nominal_sensor
     drawn = np.empty((count, *sensor.image_shape), dtype=np.float32)
-    for sample, image in enumerate(drawn):
+    for sample, image in enumerate(drawn, start=first):
         image[:] = rasterise(phantom(scenario, split, sample), sensor)
     drawn[:, ~sensor.mask] = sensor.background
     return torch.from_numpy(drawn)

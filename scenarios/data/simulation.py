@@ -88,6 +88,30 @@ def clean_frames(
     )
 
 
+def fresh_voltages(
+    scenario: SimulatedScenario, split: Split, samples: range, *, jobs: int = 1
+) -> Array:
+    """Frames (n, M) [V/A] of any `samples` of `split`, without noise; the cache has no part in it.
+
+    They may lie beyond those that the scenario declares.
+    """
+    check_open(split)
+    parts = [samples[first : first + CHUNK] for first in range(0, len(samples), CHUNK)]
+    pool = joblib.Parallel(n_jobs=jobs, initializer=end_with_parent)
+    found = pool(joblib.delayed(_voltages)(scenario, split, part) for part in parts)
+    return np.concatenate(found)
+
+
+def _voltages(scenario: SimulatedScenario, split: Split, samples: range) -> Array:
+    with threadpool_limits(1):
+        return np.array([
+            scenario.data_model(split, sample // TOUCHES).voltages(
+                conductivity(scenario, split, sample)
+            )
+            for sample in samples
+        ])  # fmt: skip
+
+
 def with_bar(steps: Iterable[_Step], title: str, total: int, *, show: bool) -> Iterable[_Step]:
     """Return `steps`, so many in `total`; a bar on stderr shows how many are done."""
     console = Console(stderr=True)

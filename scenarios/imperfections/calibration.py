@@ -28,11 +28,12 @@ from functools import cached_property
 
 import numpy as np
 import pandas as pd
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy import linalg
 
 from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.imperfections.faults import spoiled
 from eitbench.scenarios.imperfections.imperfections import channels
 from eitbench.scenarios.physics.forward import ForwardModel, forward_model
 from eitbench.scenarios.sensors.sensor import Electrode, Sensor
@@ -49,7 +50,6 @@ noise of 50 dB, and a good part of the error of a grid as coarse as the image.""
 LINEARISATIONS, STEPS = 2, 3
 _LENGTHS = (1.0, 0.5, 0.25, 0.125)
 _EXPLAINED = 0.5
-_SILENT = 0.1  # an electrode whose values have so small a part of their nominal size has no contact
 _FARTHEST = 4.0  # standard deviations of a prior
 _OUTLYING = 6.0  # a misfit of so many median ones counts 0.6 of a small one, of twice as many 0.1
 _DIFFERENCE = 1e-2  # of a prior's standard deviation: large against rounding, small against curves
@@ -145,7 +145,10 @@ class Calibration:
             return frames
         mask, nominal = self.sensor.mask, forward_model(self.nominal_sensor)
         found = ForwardModel(self.sensor, nominal.mesh)
-        jacobian = found.jacobian(found.background)[:, mask]
+        modelled = nominal.voltages(nominal.background)
+        sound = ~spoiled(self.reference, modelled, self.sensor.pattern)
+        # Values that a fault spoils rest on the guess alone.
+        jacobian = found.jacobian(found.background)[:, mask] * sound[:, None]
         difference = nominal.jacobian(nominal.background)[:, mask] - jacobian
         prior = np.maximum(np.sum(jacobian**2, axis=0), 1e-300) ** -_EXPONENT
         gram = (jacobian * prior) @ jacobian.T
@@ -153,7 +156,7 @@ class Calibration:
         cross = (difference * prior) @ jacobian.T
         # (M, M): (J_0 - J) C J^T (J C J^T + w I)^-1, transposed
         seen_differently = linalg.solve(weighted, cross.T, assume_a="pos")
-        change = (frames - self.reference) / self.gains[channels(self.sensor.pattern)[0]]
+        change = (frames - self.reference) / self.gains[channels(self.sensor.pattern)[0]] * sound
         return np.asarray(self.nominal + change + change @ seen_differently)
 
 
@@ -214,8 +217,8 @@ class _Problem:
         self.mesh = forward_model(sensor).mesh
         self.size = self.n_channels + 2 * sensor.n_electrodes
         nominal = self.modelled(np.zeros(self.size))
-        self.connected = _connected(sensor, reference, nominal)
-        if not self.connected.any() or _factor(nominal, reference) <= 0:
+        self.sound = ~spoiled(reference, nominal, sensor.pattern)
+        if _factor(nominal, reference) <= 0:
             raise InputError(
                 f"The reference frame does not resemble that of {sensor.name!r}: check the sensor "
                 "and the order and sign of the measurements."
@@ -290,25 +293,12 @@ class _Problem:
         noise = NOISE * float(np.sqrt(np.mean(self.reference**2)))
         typical = max(noise, float(np.median(np.abs(residual))))
         fitting = np.exp(-((residual / (_OUTLYING * typical)) ** 2) / 2)
-        return np.asarray(fitting * self.connected / noise)
+        return np.asarray(fitting * self.sound / noise)
 
 
 def _spacing(sensor: Sensor) -> float:
     """From one electrode to the next [m]."""
     return sensor.outline.perimeter / sensor.n_electrodes
-
-
-def _connected(sensor: Sensor, reference: Array, nominal: Array) -> NDArray[np.bool_]:
-    """The measurements (M,) of electrodes that have contact: others read next to nothing."""
-    connected = np.ones(len(reference), dtype=bool)
-    factor = _factor(nominal, reference)
-    for electrode in range(sensor.n_electrodes):
-        of = (sensor.pattern.table == electrode).any(axis=1)
-        if of.any() and np.linalg.norm(reference[of]) < _SILENT * factor * np.linalg.norm(
-            nominal[of]
-        ):
-            connected &= ~of
-    return connected
 
 
 def _factor(values: Array, reference: Array, weight: Array | None = None) -> float:

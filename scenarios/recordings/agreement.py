@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 
 from eitbench.scenarios.arrays import Array
+from eitbench.scenarios.imperfections.faults import SATURATED, dead_electrodes, saturated_values
 from eitbench.scenarios.physics.forward import forward_model, signed_voltages
 from eitbench.scenarios.recordings.descriptors import LOADS, RecordedFrames, contact_places
 from eitbench.scenarios.sensors.sensor import Sensor
@@ -130,6 +131,27 @@ def reference_problem(frame: Array, sensor: Sensor) -> str:
     return ""
 
 
+def fault_problems(frame: Array, sensor: Sensor) -> list[str]:
+    """Dead electrodes and saturated values of the `frame` (M,) of the untouched `sensor`."""
+    model = forward_model(sensor)
+    modelled, pattern = model.voltages(model.background), sensor.pattern
+    problems = []
+    dead = np.flatnonzero(dead_electrodes(frame, modelled, pattern))
+    if dead.size:
+        named = ", ".join(map(str, dead))
+        problems.append(
+            f"What electrode{'s' if dead.size > 1 else ''} {named} drive{'s' * (dead.size == 1)} "
+            "and sense is about 0: see to the contact. Methods leave these values out."
+        )
+    if saturated := int(saturated_values(frame, modelled, pattern).sum()):
+        problems.append(
+            f"{saturated} of {len(frame)} values of the untouched sensor are more than "
+            f"{SATURATED:g} times as large as its model expects beside the others: an amplifier "
+            "saturates, or an electrode has no contact. Methods leave these values out."
+        )
+    return problems
+
+
 LEAST_TOUCHES = 10
 """Touches that direction and order of labels are judged from: fewer agree by chance."""
 _SIMILAR = 0.3
@@ -207,6 +229,34 @@ def _labelled(samples: pd.DataFrame) -> Array | None:
         if name in samples and samples[name].notna().all() and samples[name].nunique() > 1:
             return samples[[name]].to_numpy(np.float64)
     return None
+
+
+_MANY_TOUCHES = 100
+_COMPONENTS = 20
+
+
+def knowledge_of_places(recording: RecordedFrames, sensor: Sensor) -> str:
+    """Fact: what the touches' frames tell of their places, by the model and without; "" for few.
+
+    Without the model it is a linear regression on the strongest components of the changes.
+    """
+    change = recording.voltages - recording.reference
+    moved = np.linalg.norm(change, axis=1) > 0
+    samples = recording.samples[moved].reset_index(drop=True)
+    known = _labelled(samples)
+    if moved.sum() < _MANY_TOUCHES or known is None or not _knows_places(samples):
+        return ""
+    size = np.median(np.abs(change[moved]), axis=0)
+    scaled = np.clip(change[moved] / np.where(size > 0, size, np.inf), -5, 5)
+    left, strength, _ = np.linalg.svd(scaled - scaled.mean(axis=0), full_matrices=False)
+    components = left[:, :_COMPONENTS] * strength[:_COMPONENTS]
+    unit = change[moved] / np.linalg.norm(change[moved], axis=1, keepdims=True)
+    by_model = explained(_most_similar(unit, sensor)[1], known, 0)
+    return (
+        f"Of the places of touches the pixel that responds most alike in the model explains "
+        f"{max(by_model, 0):.0%}, a linear regression of the frames "
+        f"{max(explained(components, known, 0), 0):.0%}."
+    )
 
 
 LAGS = (1, -1, 2, -2)

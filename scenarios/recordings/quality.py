@@ -9,7 +9,9 @@ from numpy.typing import ArrayLike, NDArray
 from eitbench.scenarios.errors import DataCorruptError, InputError, counted
 from eitbench.scenarios.recordings.agreement import (
     differences_problem,
+    fault_problems,
     fit_of_sensor,
+    knowledge_of_places,
     reference_problem,
     touch_problems,
 )
@@ -235,11 +237,13 @@ def _agreement(
     content: Content, untouched: NDArray[np.int64], other: Sensor | None
 ) -> tuple[list[str], list[str]]:
     """Problems and facts of the recording beside the model of its sensor, and that of `other`."""
-    sensor, problems, facts = content.sensor, list[str](), list[str]()
+    sensor, problems, facts, faults = content.sensor, list[str](), list[str](), list[str]()
     if len(untouched):
         frame = content.values[untouched].mean(axis=0)
         if problem := reference_problem(frame, sensor):
             problems.append(problem)
+        elif frame.any():
+            faults = fault_problems(frame, sensor)
         for nominal in (sensor, other):
             if nominal is not None and frame.any():
                 fit = fit_of_sensor(frame, nominal)
@@ -255,7 +259,9 @@ def _agreement(
         labels = labels[labels["first"].isin(first_ones)].reset_index(drop=True)
         recording = frames_of_touches(replace(content, labels=labels))
         problems += touch_problems(recording, sensor)
-    return problems, facts
+        if fact := knowledge_of_places(recording, sensor):
+            facts.append(fact)
+    return [*problems, *faults], facts
 
 
 def _condition(content: Content, condition: Condition) -> list[str]:

@@ -1,12 +1,13 @@
 """Symmetries of a sensor: turns and mirrors of its image, and the frames that they lead to."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from eitbench.scenarios.arrays import Array
+from eitbench.scenarios.arrays import Array, Images
 from eitbench.scenarios.sensors.sensor import Sensor
 
 TOLERANCE = 1e-6
@@ -51,6 +52,11 @@ class Motion:
         """Moved frames (..., M)."""
         return np.asarray(voltages)[..., self.order] * self.sign
 
+    def images_back(self, images: ArrayLike) -> Array:
+        """Images (..., H, W) of which `images` are the moved ones."""
+        turned = np.asarray(images)[..., ::-1] if self.mirrored else np.asarray(images)
+        return np.rot90(turned, -self.turns, (-2, -1))
+
 
 def motions(sensor: Sensor, jacobian: Array) -> list[Motion]:
     """All symmetries of a sensor with the `jacobian` (M, H, W); the first changes nothing.
@@ -71,6 +77,21 @@ def motions(sensor: Sensor, jacobian: Array) -> list[Motion]:
         if np.abs(change).max() <= TOLERANCE * np.abs(jacobian).max():
             found.append(candidate)
     return found
+
+
+def mean_over(motions: Sequence[Motion], images: Images) -> Images:
+    """Mean (n, H, W) of the images of n samples under every motion, moved back.
+
+    What comes of it moves with the sensor exactly, whatever maps the moved samples to `images`: the
+    motions are a group, so that the same images are averaged for a sample and for a moved one.
+
+    Args:
+        motions: all symmetries of a sensor.
+        images: (len(motions) * n, H, W) of all samples under the first motion, then the second.
+    """
+    parts = np.split(images, len(motions))
+    back = [motion.images_back(part) for motion, part in zip(motions, parts, strict=True)]
+    return np.asarray(np.mean(back, axis=0))
 
 
 def _moved_measurements(

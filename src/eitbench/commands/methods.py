@@ -107,6 +107,9 @@ def train(
     suite: Annotated[
         str, typer.Option(help="The suite with the data: its name, or the path of its file.")
     ],
+    scenario: Annotated[
+        str | None, typer.Option(help="Scenario of the suite (default: the first to train on).")
+    ] = None,
     epochs: Annotated[
         int | None, typer.Option(min=1, help="Passes over the training data (default: its own).")
     ] = None,
@@ -114,9 +117,19 @@ def train(
     limit: Annotated[
         int | None, typer.Option(min=1, help="Use so many training samples (default: all).")
     ] = None,
+    unlimited: Annotated[
+        bool, typer.Option("--unlimited", help="New training samples in every epoch.")
+    ] = False,
+    start: Annotated[
+        str, typer.Option(help="new, or weights to begin with the weights in use.")
+    ] = "new",
+    loss: Annotated[
+        str, typer.Option(help="mse, or log-mse for the mean over images of its logarithm.")
+    ] = "mse",
     operator: Annotated[
-        str, typer.Option(help="Forward operator of the physical loss.")
-    ] = "surrogate",
+        str | None,
+        typer.Option(help="Forward operator of the physical loss (default: the surrogate)."),
+    ] = None,
     alpha: Annotated[
         float, typer.Option(help="Weight of the data loss: 1, or 0 to learn from voltages alone.")
     ] = 1.0,
@@ -128,6 +141,10 @@ def train(
     ] = "unet",
     device: Annotated[str, typer.Option(help="auto, cpu or cuda.")] = "auto",
     jobs: Annotated[int, typer.Option(min=1, help="Processes to simulate with.")] = 1,
+    install: Annotated[
+        str,
+        typer.Option(help="Use the weights if they are no worse (better), always, or never."),
+    ] = "better",
     out: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Where it is stored (default: your cache).")
     ] = None,
@@ -139,9 +156,13 @@ def train(
     request = TrainingRequest(
         name,
         suite,
+        scenario=scenario,
         epochs=epochs,
         seed=seed,
         limit=limit,
+        unlimited=unlimited,
+        start=start,
+        loss=loss,
         operator=operator,
         alpha=alpha,
         beta=beta,
@@ -149,6 +170,7 @@ def train(
         device=device,
         jobs=jobs,
         out=out,
+        install=install,
         progress=True,
     )
     for sentence in train_named(request).sentences():

@@ -310,6 +310,7 @@ def with_plugin(tiny: Suite, tmp_path: Path) -> Path:
     return run
 
 
+@pytest.mark.slow
 def test_methods_are_run_again_plugins_from_the_directory(with_plugin: Path) -> None:
     submission = open_submission(with_plugin)
     checks = rerun(submission, 2)
@@ -325,6 +326,7 @@ def test_methods_are_run_again_plugins_from_the_directory(with_plugin: Path) -> 
     assert digest(with_plugin) not in verified(with_plugin.parent)
 
 
+@pytest.mark.slow
 def test_all_samples_can_be_run_again_and_those_of_a_part_are_drawn(
     with_plugin: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -338,6 +340,7 @@ def test_all_samples_can_be_run_again_and_those_of_a_part_are_drawn(
     assert not all(found)
 
 
+@pytest.mark.slow
 def test_images_that_no_method_made_are_found(with_plugin: Path) -> None:
     copy_the_truth(with_plugin)
     found = rerun(open_submission(with_plugin), 2)
@@ -345,6 +348,7 @@ def test_images_that_no_method_made_are_found(with_plugin: Path) -> None:
     assert found[1].problem == ""
 
 
+@pytest.mark.slow
 def test_another_plugin_is_not_run(with_plugin: Path) -> None:
     (copy,) = (with_plugin / "plugins").iterdir()
     copy.write_text(METHOD.replace("0.1", "0.2"))
@@ -354,6 +358,7 @@ def test_another_plugin_is_not_run(with_plugin: Path) -> None:
     assert "'more.py'" in problem(with_plugin, FOLDER)
 
 
+@pytest.mark.slow
 def test_a_registration_is_fitted_again(
     tiny: Suite, data: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -82,6 +82,7 @@ def test_every_check_can_fail() -> None:
     assert set().union(*BROKEN.values()) == {check.__name__ for check in OPERATOR_CHECKS}
 
 
+@pytest.mark.slow
 def test_an_operator_that_cannot_be_evaluated_is_told_so_once(tmp_path: Path) -> None:
     plugin = tmp_path / "fails.py"
     plugin.write_text(
@@ -120,6 +121,7 @@ def test_without_jax_its_checks_are_skipped_with_a_reason(
         assert "pip install" in result.message
 
 
+@pytest.mark.slow
 def test_a_report_counts_what_ran_and_what_was_skipped() -> None:
     """In a worker, for an operator that exists for one image grid only."""
     report = check_operator("operator-large-only", plugin=PLUGIN)

@@ -36,6 +36,7 @@ def plugin(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_a_regression_passes() -> None:
     (report,) = check_target("kernel-ridge")
     assert report.passed
@@ -52,7 +53,7 @@ def test_broken_methods_fail_the_right_checks(plugin: Path) -> None:
     assert {"wrong_length", "nan_differences"} <= failed.keys()
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     "name",
     ["one-place", "ridge", "kernel-ridge-skins", "network", "network-simulated", "network-skins"],

@@ -61,6 +61,7 @@ def test_a_99th_percentile_is_of_a_thousand_frames(
     assert found["frame_ms_p99"] == pytest.approx(expected, nan_ok=True)
 
 
+@pytest.mark.slow
 @PINNABLE
 def test_one_cell_at_a_time_has_a_core_of_its_own_and_two_share(
     tiny: Suite, tmp_path: Path

@@ -54,6 +54,7 @@ def score(factor: float) -> float:
     return float(evaluate(data, np.full((4, 16, 16), factor))["score"].mean())
 
 
+@pytest.mark.slow
 def test_a_choice_of_another_version_of_a_plugin_is_not_used_and_said(
     run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -70,6 +71,7 @@ def test_a_choice_of_another_version_of_a_plugin_is_not_used_and_said(
     ) in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_the_command_of_a_tuned_row_makes_it_again(run: Path, tmp_path: Path) -> None:
     """Without the choice, which lies in the cache of its author."""
     (board,) = report_data([run])["boards"]

@@ -27,6 +27,7 @@ def small(monkeypatch: pytest.MonkeyPatch, tiny: Suite) -> None:
     monkeypatch.setattr(reproduce, "_plans", plans)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("small")
 def test_finished_runs_are_taken_as_they_are(tmp_path: Path) -> None:
     folders = run_claims(tmp_path / "new", limit=2)
@@ -40,6 +41,7 @@ def test_finished_runs_are_taken_as_they_are(tmp_path: Path) -> None:
         run_claims(tmp_path / "new", limit=3)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("small")
 def test_a_stopped_run_is_continued(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Stopped in the second suite; called again, no suite is started anew."""

@@ -16,6 +16,7 @@ from eitbench.benchmark.tuning.selection import (
     validation_key,
 )
 from eitbench.methods import methods
+from eitbench.methods.classical.linearisation import GAINS
 from eitbench.scenarios.imperfections.imperfections import Imperfections
 from eitbench.scenarios.suites.scenario import SimulatedScenario, SplitNoise
 from eitbench.scenarios.suites.suite import load_suite, suites
@@ -94,12 +95,13 @@ def test_every_packaged_simulated_scenario_has_choices_from_the_search_space() -
         for name in (*suite.names, "pyeit-jac", "pyeit-greit", "pyeit-bp")
     ]
     for scenario, name in listed:
-        if (cls := known[name]).search:
+        # Simulated boards are tuned without gains of measurements, which are those of a real skin.
+        if search := {k: v for k, v in known[name].search.items() if k not in GAINS}:
             parameters = selected_parameters(scenario, name)
             assert parameters is not None, f"{scenario.name}: eitbench tune has not seen {name}"
-            assert set(parameters) == set(cls.search)
+            assert set(parameters) == set(search)
             for key, value in parameters.items():
-                assert value in cls.search[key]
+                assert value in search[key]
             chosen += 1
     assert chosen >= 8 * 12
 
@@ -133,7 +135,7 @@ def test_a_damaged_file_of_choices_is_named_and_not_used(
 def test_a_calibrated_scenario_shares_the_choices_of_the_nominal_one() -> None:
     """Else a ladder would compare tuned with default parameters and call it calibration."""
     declared = {s.name: s for s in load_suite("sim2real").scenarios}
-    for name in ("ohmc16", "ktc2023", "hydrogel-rectangle", "sim2real-emulated"):
+    for name in ("ohmc16", "ktc2023", "sim2real-emulated"):
         assert validation_key(declared[name]) == validation_key(declared[f"{name}-calibrated"])
     assert selected_parameters(declared["ohmc16-calibrated"], "noser") is not None
     # The whole ladder is tuned alike, as a user would: on the nominal sensor, with noise.

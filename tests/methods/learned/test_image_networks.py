@@ -1,6 +1,7 @@
 """The learned methods: they learn, train reproducibly, and load what belongs to the sensor."""
 
 import csv
+import hashlib
 import json
 import math
 import sys
@@ -28,8 +29,10 @@ from eitbench.methods.training import (
 from eitbench.methods.training.checkpoint import CHECKPOINT_FILE as FILE
 from eitbench.methods.training.job import TrainingJob, TrainingResult, training_device
 from eitbench.methods.training.loop import Data
+from eitbench.methods.training.losses import image_loss
 from eitbench.methods.weights import weight_files
 from eitbench.scenarios.data.datasets import Dataset, load
+from eitbench.scenarios.data.simulation import clean_frames
 from eitbench.scenarios.errors import DataCorruptError, InputError
 from eitbench.scenarios.storage.array_file import read_arrays
 from eitbench.scenarios.suites.scenario import SimulatedScenario, SplitNoise
@@ -68,7 +71,9 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> TrainingResult:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(ImageNetworkMethod, "recipe", recipe(batch=32))
         tiny = suite_of(folder, TINY)
-        request = TrainingRequest("dnn", tiny, epochs=30, out=folder / "out", use=False, **QUICK)
+        request = TrainingRequest(
+            "dnn", tiny, epochs=30, out=folder / "out", install="never", **QUICK
+        )
         return train(request)
 
 
@@ -86,23 +91,25 @@ def install(result: TrainingResult) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_a_network_learns_what_no_linear_map_can(trained: TrainingResult) -> None:
     linear, network = tiny_mse(create("linear-learned")), tiny_mse(Dnn(str(trained.weights)))
     assert network < 0.8 * linear
-    assert trained.baseline_mse == pytest.approx(linear, rel=0.3)
-    assert trained.validation_mse == pytest.approx(network, rel=0.3)
+    assert trained.baseline_loss == pytest.approx(linear, rel=0.3)
+    assert trained.validation_loss == pytest.approx(network, rel=0.3)
     assert linear < tiny_mse(create("noser"))
     about = json.loads(trained.weights.with_suffix(".json").read_text())
     assert about["command"].endswith(" --epochs 30 --seed 0 --operator jacobian")
     table = rows(trained.weights.parent)
     assert table == about["curve"]
     assert len(table) == 30
-    assert min(row["validation"] for row in table) == float(about["validation_mse"])
+    assert min(row["validation"] for row in table) == float(about["validation_loss"])
     # Images that resemble the truth explain the voltages better, though none asked them to.
     assert table[-1]["validation_physical"] < 0.95 * table[0]["validation_physical"]
     assert {"train", "train_physical", "rate", "seconds"} < set(table[0])
 
 
+@pytest.mark.slow
 def test_the_reference_frame_gives_the_background(trained: TrainingResult) -> None:
     install(trained)
     p = tiny_problem()
@@ -112,6 +119,7 @@ def test_the_reference_frame_gives_the_background(trained: TrainingResult) -> No
         assert np.abs(method.reconstruct(p.reference[None]) - 1).max() <= allowed
 
 
+@pytest.mark.slow
 def test_the_users_own_weights_are_used_unless_a_file_is_named(trained: TrainingResult) -> None:
     path = install(trained)
     content = read_arrays(path)
@@ -131,6 +139,7 @@ def test_the_users_own_weights_are_used_unless_a_file_is_named(trained: Training
         Dnn("nowhere").fit(tiny_problem())
 
 
+@pytest.mark.slow
 def test_weights_that_do_not_belong_are_refused(
     trained: TrainingResult, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -153,6 +162,7 @@ def test_weights_that_do_not_belong_are_refused(
         create("dnn").fit(tiny_problem())
 
 
+@pytest.mark.slow
 def test_an_interrupted_training_continues_as_if_it_had_not_been(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -168,7 +178,8 @@ def test_an_interrupted_training_continues_as_if_it_had_not_been(
 
     def run(name: str, seed: int = 4) -> TrainingResult:
         out = tmp_path / name
-        return train(TrainingRequest("phydnn", noisy, epochs=5, seed=seed, out=out, **QUICK))
+        request = TrainingRequest("phydnn", noisy, epochs=5, seed=seed, out=out, **QUICK)
+        return train(replace(request, install="always"))
 
     monkeypatch.setattr(ImageTask, "objective", stopping)
     with pytest.raises(TrainingInterruptedError):
@@ -194,7 +205,7 @@ def test_an_interrupted_training_continues_as_if_it_had_not_been(
     assert method.reconstruct(data.voltages).shape == (1, 12, 12)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_physical_loss_is_minimised_after_a_third_of_the_epochs_and_not_before(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -218,6 +229,7 @@ def test_the_physical_loss_is_minimised_after_a_third_of_the_epochs_and_not_befo
     assert strong[-1]["train_physical"] < 0.8 * dnn[-1]["train_physical"]
 
 
+@pytest.mark.slow
 def test_the_gradient_is_that_of_both_losses(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -235,6 +247,7 @@ def test_the_gradient_is_that_of_both_losses(
         difference, truth, motion = self.augmentation(*batch)
         relative = self.images(difference)
         data = (relative - truth).square().mean()
+        assert self.physical is not None
         part = slice(math.ceil(len(truth) / 4))
         physical = self.physical(relative[part], difference[part], motion)
         seen.append((objective.item(), data.item(), physical.item()))
@@ -250,15 +263,16 @@ def test_the_gradient_is_that_of_both_losses(
         assert physical > 0
 
 
+@pytest.mark.slow
 def test_without_a_data_loss_no_true_image_has_a_part(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Weights are the same to the last bit where images are wrong, and explain the voltages."""
     clean = {"noise": {"train": "clean", "validation": "clean"}}
     suite = suite_of(tmp_path, SimulatedScenario(**NOISY.model_dump() | clean))
-    request = TrainingRequest("phydnn", suite, epochs=4, operator="fem", alpha=0.0, use=False)
+    request = TrainingRequest("phydnn", suite, epochs=4, operator="fem", alpha=0.0, install="never")
     first = train(replace(request, out=tmp_path / "true"))
-    assert first.validation_mse < 0.5 * first.baseline_mse
+    assert first.validation_loss < 0.5 * first.baseline_loss
     assert "physical loss" in first.sentences()[0]
     about = json.loads(first.weights.with_suffix(".json").read_text())
     assert (about["alpha"], about["beta"]) == ("0.0", "0.0029")
@@ -278,6 +292,7 @@ def test_without_a_data_loss_no_true_image_has_a_part(
         assert torch.equal(tensor, weights[1][name])
 
 
+@pytest.mark.slow
 def test_a_training_that_diverges_says_so_and_keeps_what_was_good(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
@@ -305,6 +320,7 @@ def test_a_training_that_diverges_says_so_and_keeps_what_was_good(
     assert len(rows(out)) == kept
 
 
+@pytest.mark.slow
 def test_it_ends_early_when_nothing_improves(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -314,7 +330,7 @@ def test_it_ends_early_when_nothing_improves(
         result = train(TrainingRequest("dnn", noisy, epochs=50, out=tmp_path / "o", **QUICK))
         assert len(rows(tmp_path / "o")) == 4
     # Without a step the network is the best linear map.
-    assert result.validation_mse == pytest.approx(result.baseline_mse, rel=1e-4)
+    assert result.validation_loss == pytest.approx(result.baseline_loss, rel=1e-4)
 
 
 @pytest.mark.parametrize(
@@ -327,7 +343,12 @@ def test_it_ends_early_when_nothing_improves(
         ("dnn", {"alpha": 0.0}, "alpha of the data loss is 1, or 0 with a physical loss"),
         ("dnn", {"operator": "fe"}, "Unknown operator 'fe': did you mean 'fem'"),
         ("dnn", {"backbone": "mpl", **QUICK}, "Unknown backbone 'mpl': did you mean 'mlp'"),
-        ("dnn", {}, "'surrogate' has no weights for the sensor 'foam16'"),
+        ("phydnn", {}, "'surrogate' has no weights for the sensor 'foam16'"),
+        ("phydnn", {"loss": "log-mse"}, "'phydnn' takes no --loss log-mse"),
+        ("dnn", {"loss": "log-mes"}, "Unknown loss 'log-mes': did you mean 'log-mse'"),
+        ("dnn", {"start": "weights"}, "'dnn' has no weights for the sensor 'foam16'"),
+        ("dnn", {"start": "old"}, "Unknown start of a training: 'old': known: new, weights"),
+        ("dnn", {"install": "ever"}, "Unknown choice of --install: 'ever'"),
         ("surrogate", {"beta": 0.1}, "'surrogate' takes no --beta 0.1"),
         ("learned-gn", {}, "'dnn' has no weights for the sensor 'foam16'"),
         ("coarse-to-fine", {"limit": 127}, "127 training samples are too few"),
@@ -357,6 +378,103 @@ def test_a_device_that_is_not_there_is_refused(monkeypatch: pytest.MonkeyPatch) 
     assert training_device("auto").type == "cpu"
     monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
     assert [training_device(name).type for name in ("auto", "cpu")] == ["cuda", "cpu"]
+
+
+def test_what_is_worse_on_validation_data_is_not_put_in_use(
+    trained: TrainingResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Neither worse than the linear map that it began as, nor than the weights in use."""
+    used = weight_files.user_weights() / trained.weights.name
+    monkeypatch.setattr(ImageNetworkMethod, "recipe", recipe(batch=32, rate=0.1))
+    spoiled = TrainingRequest("dnn", suite_of(tmp_path, TINY), epochs=1, out=tmp_path / "spoiled")
+    result = train(spoiled)
+    assert result.validation_loss > result.baseline_loss
+    assert result.better == "the best linear map"
+    assert not result.in_use
+    assert not used.exists()
+    assert "'dnn' does not use them, for the best linear map has a lower" in result.sentences()[-1]
+    # No surrogate was asked for, nor its loss shown.
+    assert "validation_physical" not in rows(tmp_path / "spoiled")[0]
+    assert train(replace(spoiled, install="always")).in_use
+    assert used.exists()
+
+    before = install(trained).read_bytes()
+    monkeypatch.setattr(ImageNetworkMethod, "recipe", recipe(batch=32, rate=1e-5))
+    short = replace(spoiled, backbone="mlp", out=tmp_path / "short")
+    result = train(short)
+    assert result.loss_before == pytest.approx(trained.validation_loss, rel=1e-5)
+    assert result.loss_before < result.validation_loss
+    assert result.better == "the weights in use"
+    assert not result.in_use
+    assert used.read_bytes() == before
+    assert train(replace(short, install="always")).loss_before == result.loss_before
+    assert used.read_bytes() != before
+    assert train(short).in_use  # it is no worse than itself
+
+
+def test_a_training_continues_weights_and_counts_their_time(
+    trained: TrainingResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    used, out = install(trained), tmp_path / "out"
+    used.with_suffix(".json").write_bytes(trained.weights.with_suffix(".json").read_bytes())
+    before = json.loads(trained.weights.with_suffix(".json").read_text())
+    monkeypatch.setattr(ImageNetworkMethod, "recipe", recipe(batch=32))
+    tiny = suite_of(tmp_path, TINY)
+    request = TrainingRequest("dnn", tiny, epochs=4, limit=128, start="weights", out=out)
+    result = train(replace(request, loss="log-mse", install="never"))
+    about = json.loads(result.weights.with_suffix(".json").read_text())
+    assert result.baseline == "the weights that it continues"
+    assert result.baseline_loss == result.loss_before
+    # Begun anew, 16 steps do not come near to it.
+    assert result.validation_loss < result.baseline_loss + 0.1
+    own = sum(row["seconds"] for row in rows(out))
+    assert float(about["train_s"]) == pytest.approx(float(before["train_s"]) + own, abs=0.1)
+    assert about["train_samples"] == "240"  # of the weights, which have seen more
+    assert about["begun_weights"] == hashlib.sha256(used.read_bytes()).hexdigest()
+    assert " --limit 128 --start weights --loss log-mse" in about["command"]
+    assert max(row["rate"] for row in rows(out)) <= 0.3e-3
+    with pytest.raises(InputError, match="holds the weights of another network"):
+        train(replace(request, backbone="mlp", out=tmp_path / "other"))
+    other = suite_of(tmp_path, SimulatedScenario(**TINY.model_dump() | {"train": 239}))
+    with pytest.raises(InputError, match="was trained on other data than those of scenario 'tiny'"):
+        train(replace(request, suite=other, out=tmp_path / "other"))
+
+
+def test_training_data_without_end_are_new_phantoms_and_counted(
+    trained: TrainingResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fresh, seen = TrainingJob.fresh_samples, []
+
+    def watched(job: TrainingJob, epoch: int, count: int) -> tuple[torch.Tensor, torch.Tensor]:
+        seen.append(fresh(job, epoch, count))
+        return seen[-1]
+
+    monkeypatch.setattr(TrainingJob, "fresh_samples", watched)
+    monkeypatch.setattr(ImageNetworkMethod, "recipe", recipe(batch=32, rate=1e-4))
+    tiny, out = suite_of(tmp_path, TINY), tmp_path / "o"
+    request = TrainingRequest("dnn", tiny, epochs=3, limit=100, unlimited=True, out=out)
+    about = json.loads(train(request).weights.with_suffix(".json").read_text())
+    assert (about["train_samples"], about["unlimited"]) == ("300", "1")
+    assert about["command"].endswith(" --seed 0 --limit 100 --unlimited")
+    # The next samples of the same stream: the first of them are declared, too.
+    declared = load(TINY, "train")
+    sigma, voltages = seen[0]
+    np.testing.assert_allclose(sigma, declared.conductivity[100:200], rtol=1e-6)
+    clean = clean_frames(TINY, "train", 200).voltages[100:]
+    np.testing.assert_array_equal(voltages, clean)
+    beyond = seen[1][1][len(declared) - 200 :]
+    assert not np.isin(beyond, clean_frames(TINY, "train", len(declared)).voltages).all(1).any()
+    method = Dnn(str(out / trained.weights.name))
+    method.fit(tiny_problem())
+    assert method.trained_on["unlimited"] == "1"
+
+
+def test_a_loss_of_logarithms_is_the_mean_psnr() -> None:
+    error = torch.randn(5, 8, 8, dtype=torch.float64) * torch.logspace(-1, 1, 5)[:, None, None]
+    psnr = -10 * torch.log10(error.square().mean((1, 2)) + 1e-5)
+    found = image_loss("log-mse")(error)
+    assert float(-10 / math.log(10) * found) == pytest.approx(float(psnr.mean()))
+    assert float(image_loss("mse")(error)) == pytest.approx(float(error.square().mean()))
 
 
 def test_another_choice_needs_another_folder(tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from torch.utils.data import DataLoader
 
+from eitbench.methods import create
 from eitbench.methods.problem import Problem
 from eitbench.methods.training.torch_data import training_data
 from eitbench.scenarios.data.datasets import load
@@ -34,6 +35,22 @@ def test_a_method_learns_from_its_problem_which_notes_it() -> None:
     assert len(training_data(problem, split="validation")) == 2
     (noted,) = problem.access_record().samples
     assert (noted.split, noted.samples) == ("validation", 2)
+
+
+@pytest.mark.parametrize("name", ["linear-learned", "linear-touch"])
+def test_what_is_learned_does_not_depend_on_the_gain_of_another_sensor(name: str) -> None:
+    """Training data have reference frames of their own, in V/A; the board has counts."""
+    test, images = load(SMALL), []
+    for gain in (1.0, 250.0):
+        problem = Problem(test.sensor, gain * test.references[0], lambda of, n: load(SMALL, of, n))
+        own = load(SMALL, split="train")
+        dv, _ = training_data(problem).tensors
+        np.testing.assert_allclose(dv, own.voltages - own.references, rtol=1e-3, atol=1e-6)
+        method = create(name)
+        method.fit(problem)
+        images.append(method.reconstruct(gain * test.voltages))
+    np.testing.assert_allclose(images[1], images[0], rtol=1e-9)
+    assert np.ptp(images[0]) > 0.05
 
 
 def test_the_test_split_is_not_for_learning() -> None:

@@ -109,15 +109,16 @@ def interrupt() -> None:
     time.sleep(0.01)  # Python delivers it between two instructions
 
 
+@pytest.mark.slow
 def test_the_surrogate_learns_what_a_linear_branch_cannot(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     tiny_suite = suite_of(tmp_path, tiny(train=600))
     result = train(TrainingRequest("surrogate", tiny_suite, epochs=8))
-    assert result.validation_mse < 0.6 * result.baseline_mse
+    assert result.validation_loss < 0.6 * result.baseline_loss
     sentences = " ".join(result.sentences())
     assert str(result.weights) in sentences
-    assert f"{result.baseline_mse / result.validation_mse:.3g} times below" in sentences
+    assert f"loss: {result.validation_loss:.3g} ({result.baseline_loss:.3g} of the Jac" in sentences
 
     s = load_suite(tiny_suite).scenarios[0].nominal_sensor
     assert result.weights == user_weights() / Surrogate.files.file_name(s)
@@ -127,7 +128,7 @@ def test_the_surrogate_learns_what_a_linear_branch_cannot(
     about = json.loads(result.weights.with_suffix(".json").read_text())
     assert about["command"] == f"eitbench train surrogate --suite {tiny_suite} --epochs 8 --seed 0"
     assert [epoch["epoch"] for epoch in about["curve"]] == list(range(1, 9))
-    assert min(epoch["validation"] for epoch in about["curve"]) == result.validation_mse
+    assert min(epoch["validation"] for epoch in about["curve"]) == result.validation_loss
 
     # The same training of the physics branch alone: the correction stays at zero.
     def frozen(self: SurrogateNetwork, sigma: torch.Tensor) -> torch.Tensor:
@@ -136,10 +137,10 @@ def test_the_surrogate_learns_what_a_linear_branch_cannot(
 
     monkeypatch.setattr(SurrogateNetwork, "forward", frozen)
     alone = train(TrainingRequest("surrogate", tiny_suite, epochs=8, out=tmp_path / "alone"))
-    assert result.validation_mse < 0.7 * alone.validation_mse
+    assert result.validation_loss < 0.7 * alone.validation_loss
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_killed_training_continues_as_if_it_had_never_stopped(tmp_path: Path) -> None:
     tiny_suite, killed, whole = suite_of(tmp_path, tiny()), tmp_path / "killed", tmp_path / "whole"
     command = [sys.executable, "-m", "eitbench.cli", "train", "surrogate", "--suite", tiny_suite]
@@ -219,8 +220,29 @@ def test_the_command_ends_with_130_on_ctrl_c(
     with pytest.raises(SystemExit) as done:
         main()
     assert done.value.code == 0
-    assert "of the Jacobian." in capfd.readouterr().out
+    assert "of the Jacobian)." in capfd.readouterr().out
     assert epochs_done(tmp_path / "out") == 3
+
+
+def test_samples_of_every_epoch_may_be_new(tmp_path: Path) -> None:
+    """An interrupted training takes up those of its next epoch."""
+    asked: list[int] = []
+
+    def renewed(epoch: int) -> Data:
+        asked.append(epoch)
+        return toy_data(20 + epoch)
+
+    def run(name: str, trainee: Toy) -> Checkpoint:
+        recipe = Recipe(epochs=4, seed=3, batch=10, rate=0.1)
+        folder = tmp_path / name
+        return fit(trainee, recipe, toy_data(), toy_data(7), folder, {}, renewed=renewed)
+
+    with pytest.raises(TrainingInterruptedError):
+        run("stopped", Toy({7: interrupt}))  # in the third epoch
+    continued = run("stopped", Toy())
+    assert asked == [1, 2, 2, 3]
+    assert equal(continued.best, run("whole", Toy()).best)
+    assert not equal(continued.best, toy_fit(tmp_path / "same", Toy(), epochs=4).best)
 
 
 def test_a_finished_training_is_not_repeated(tmp_path: Path) -> None:
@@ -298,8 +320,16 @@ def test_what_cannot_be_trained_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no simulated scenario with training"):
         train(TrainingRequest("surrogate", suite_of(tmp_path, tiny(train=0))))
     two = suite_of(tmp_path, tiny(), tiny(pixels=12, name="coarse"))
-    with pytest.raises(InputError, match="simulates 2 sensors"):
+    with pytest.raises(InputError, match=r"simulates 2 sensors .* name a scenario"):
         train(TrainingRequest("surrogate", two))
+    result = train(TrainingRequest("surrogate", two, scenario="coarse", epochs=1))
+    about = json.loads(result.weights.with_suffix(".json").read_text())
+    assert about["scenario"] == "coarse"
+    assert about["command"] == f"eitbench train surrogate --suite {two} --scenario coarse " + (
+        "--epochs 1 --seed 0"
+    )
+    with pytest.raises(InputError, match="to train on: 'coars': did you mean 'coarse'"):
+        train(TrainingRequest("surrogate", two, scenario="coars"))
 
 
 def shifted() -> Sensor:

@@ -1,0 +1,51 @@
+"""Values that a dead electrode or saturation spoils: of simulated boards and of public sets."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from eitbench.scenarios import forward_model, sensor
+from eitbench.scenarios.imperfections.faults import dead_electrodes, saturated_values, spoiled
+from eitbench.scenarios.imperfections.imperfections import TYPICAL
+from eitbench.scenarios.recordings.fetch import read_recording
+
+SENSOR = replace(sensor("foam16"), image_shape=(24, 24))
+MODEL = forward_model(SENSOR)
+FRAME = MODEL.voltages(MODEL.background)
+
+
+@pytest.mark.parametrize("dead", [(), (5,), (0, 9), (0, 1, 2, 3)])
+def test_a_dead_electrode_spoils_what_it_drives_or_senses(dead: tuple[int, ...]) -> None:
+    """On a board with offsets, gains, hum and rounding, which read a little where nothing is."""
+    board = TYPICAL.model_copy(update={"dead": dead, "unit": 3})
+    frame = board.digital(board.analogue(FRAME[None], FRAME, SENSOR.pattern), FRAME, SENSOR.pattern)
+    assert tuple(np.flatnonzero(dead_electrodes(frame[0], FRAME, SENSOR.pattern))) == dead
+    touched = np.isin(SENSOR.pattern.table, dead).any(axis=1)
+    np.testing.assert_array_equal(spoiled(frame[0], FRAME, SENSOR.pattern), touched)
+    # In any units, and of many frames at once.
+    many = spoiled(300 * np.vstack([frame, FRAME]), FRAME, SENSOR.pattern)
+    np.testing.assert_array_equal(many, [touched, np.zeros_like(touched)])
+
+
+def test_a_value_far_larger_than_the_others_is_saturated() -> None:
+    frame = FRAME.copy()
+    largest, smallest = np.argmax(np.abs(FRAME)), np.argmin(np.abs(FRAME))
+    frame[largest] *= 15
+    frame[smallest] *= 15  # still small
+    np.testing.assert_array_equal(
+        np.flatnonzero(saturated_values(frame, FRAME, SENSOR.pattern)), [largest]
+    )
+
+
+@pytest.mark.parametrize(
+    ("name", "count"), [("ohmc16", 0), ("ohmc8", 0), ("hydrogel-rectangle", 8)]
+)
+def test_values_of_public_sets(recorded_data: Path, name: str, count: int) -> None:
+    """Of the rectangle those are saturated that read 240,000 and more where others read 10,000."""
+    skin, frame = sensor(name), read_recording(name).reference
+    model = forward_model(skin)
+    found = spoiled(frame, model.voltages(model.background), skin.pattern)
+    np.testing.assert_array_equal(found, frame > 2e5 if count else np.zeros(len(frame), bool))
+    assert found.sum() == count
