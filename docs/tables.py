@@ -478,6 +478,19 @@ def _agreement() -> str:
     return _table(heads, rows, [False] * 2 + [True])
 
 
+def _presses() -> str:
+    """The board of imaging methods on the set `ohmc16`."""
+    simulated = {"linear-touch", "learned-gn", "coarse-to-fine", "dnn", "phydnn"}
+    rows = []
+    for row in pd.read_csv(STUDIES / "new-skin" / "presses.csv").to_dict("records"):
+        low, high = row["localisation_mm_low"], row["localisation_mm_high"]
+        learned = "simulated presses" if row["method"] in simulated else "nothing: a model"
+        error = f"{row['localisation_mm']:.1f} ({low:.1f} to {high:.1f})"
+        rows.append([f"`{row['method']}`", learned, error, row["group"]])
+    heads = ["method", "learned from", "median error [mm]", "ties"]
+    return _table(heads, rows, [False, False, True, False])
+
+
 def _few_presses() -> str:
     names = {
         "one-place": "one place, whatever the frame",
@@ -571,6 +584,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "by skin": _by_skin,
     "agreement over skins": _agreement,
     "few presses": _few_presses,
+    "presses": _presses,
 }  # fmt: skip
 
 

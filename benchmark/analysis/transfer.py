@@ -48,8 +48,11 @@ class SkinError(NamedTuple):
 
 
 def skin_errors(runs: Sequence[Run]) -> list[SkinError]:
-    """Errors of every method on every skin in `runs`; none of other kinds of runs."""
-    found = []
+    """Errors of every method on every skin in `runs`; none of other kinds of runs.
+
+    Of a cell that several runs hold, the last one counts.
+    """
+    found: dict[tuple[str, int, str], SkinError] = {}
     for run in runs:
         if run.kind != PLACE_RUNS:
             continue
@@ -62,8 +65,9 @@ def skin_errors(runs: Sequence[Run]) -> list[SkinError]:
                 places = rows[["expected_x_m", "expected_y_m"]].to_numpy(np.float64)
                 guess = 1e3 * np.median(np.hypot(*(places - np.median(places, axis=0)).T))
                 figures = float(middle), float(most), len(error), float(guess)
-                found.append(SkinError(scenario.recording, scenario.labelled, method, *figures))
-    return found
+                key = scenario.recording, scenario.labelled, method
+                found[key] = SkinError(*key, *figures)
+    return list(found.values())
 
 
 def over_skins(errors: Sequence[SkinError]) -> pd.DataFrame:

@@ -1,14 +1,15 @@
-"""Thirteen two-layer e-skins pressed by a robot: a hydrogel under a layer of carbon black.
+"""Thirteen two-layer e-skins pressed by a robot: a hydrogel and a layer of carbon black.
 
 From upstream: 16 electrodes, the board and the opposition pattern of the hydrogel discs (module
 `hydrogel`); for each press the difference of the frames, pressed minus released, without either of
 them, so that the reference is modelled and the gain unknown; the place of the press in the robot's
-coordinates, on a disc of radius 40 mm. The lower layer is a hydrogel, which conducts by ions; the
-upper one is a composite with carbon black, which conducts by electrons. The publication compares
-patterns of the upper layer: the whole disc, parallel lines, radii, concentric circles, and none.
-By the names of files, the layer of 04 covers the whole disc, and 18 has concentric circles and was
-damaged and healed; nothing says which pattern the others have. To a model of one homogeneous layer
-each is another sensor.
+coordinates, on a disc of radius 40 mm. By the title of the publication, a skin combines a layer
+that conducts by electrons with one that conducts by ions; by the repository's scripts, the study
+compares patterns of carbon black ("CB"): the whole disc, parallel lines, radii, concentric circles,
+and none. By the names of files, the layer of 04 covers the whole disc, and 18 has concentric
+circles and was damaged and healed; nothing there says which pattern the others have. To a model of
+one homogeneous layer each is another sensor. (The publication itself was not at hand: its authors,
+title, journal, volume and number are those of a bibliography that cites it.)
 
 Ours: a disc of radius 60 mm, electrodes a quarter of their spacing wide, contact impedance
 1e-3 Ohm*m; the robot's coordinates less the middle of the pressed disc, one for each of the two
@@ -51,9 +52,9 @@ from eitbench.scenarios.sensors.sensor import Sensor, even_electrodes
 
 REPOSITORY = "DSHardman/Anisotropy"
 CITATION = (
-    "A. Costa Cornella, D. Hardman, L. Costi, J. Brancart, G. Van Assche, F. Iida. Variable "
+    "A. Costa Cornellà, D. Hardman, L. Costi, J. Brancart, G. Van Assche, F. Iida. Variable "
     "sensitivity multimaterial robotic e-skin combining electronic and ionic conductivity using "
-    "electrical impedance tomography. Scientific Reports 13, 2023, doi:10.1038/s41598-023-47036-5; "
+    "electrical impedance tomography. Scientific Reports 13, 20004, 2023; "
     "data: https://github.com/DSHardman/Anisotropy"
 )
 _FOLDERS = {

@@ -106,6 +106,7 @@ def suite_of(folder: Path, labelled: str) -> Suite:
 def test_a_run_locates_presses_and_is_resumed(tmp_path: Path) -> None:
     run = start_run(make_plan(suite_of(tmp_path, "25")), tmp_path / "run").path
     errors = {error.method: error for error in skin_errors([read_run(run)])}
+    assert skin_errors([read_run(run)] * 2) == list(errors.values())  # each skin counts once
     assert errors["kernel-ridge"].labelled == 25
     assert 0 < errors["one-place"].guess_mm <= errors["one-place"].median_mm * 1.1
     assert errors["kernel-ridge"].median_mm < 0.6 * errors["one-place"].median_mm
