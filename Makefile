@@ -4,7 +4,7 @@ PYTHON ?= $(firstword $(shell for p in python3 python3.13 python3.12 python3.11;
 BIN := .venv/bin
 STAMPS := .venv/.stamps
 
-.PHONY: help demo test slow bench mutants docs tables lint types audit tune clean
+.PHONY: help demo test slow nightly bench mutants docs tables lint types audit tune clean
 
 help:  ## what can be made
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/'
@@ -21,8 +21,11 @@ demo: $(STAMPS)/demo  ## install, run the suite `quick`, print its leaderboards 
 test: $(STAMPS)/test  ## install what tests need and run them
 	$(BIN)/pytest -n auto --dist loadfile --no-loadscope-reorder
 
-slow: $(STAMPS)/test  ## the long tests, too
-	$(BIN)/pytest -m "slow or not slow" --timeout 3600
+slow: $(STAMPS)/test  ## the slow tests, which continuous integration runs, too
+	$(BIN)/pytest -n auto --dist loadfile --no-loadscope-reorder -m "slow and not nightly"
+
+nightly: $(STAMPS)/test  ## the tests that take minutes to hours
+	$(BIN)/pytest -m nightly --timeout 3600
 
 bench: $(STAMPS)/bench  ## speed, measured beside rivals in one run (docs/speed.md)
 	@mkdir -p .benchmarks

@@ -210,13 +210,23 @@ def run_checks(
 
 
 class CheckWorker(RestartingWorker):
-    """The worker of a method or operator under test; losing it is the finding of a check."""
+    """The worker of a method or operator under test; losing it is the finding of a check.
+
+    Attributes:
+        set_up_s: time that the last set-up took [s].
+    """
 
     def __init__(self, service: object, limit_s: float, log: Path) -> None:
         """Prepare a worker; `limit_s` is for set-up and for each answer [s]."""
         super().__init__(service, set_up_limit_s=limit_s, log=log)
         self._limit_s = limit_s
         self._given_up: GivenUpError | None = None
+
+    def start(self) -> Reply:
+        """Start the worker, and return the answer of its set-up."""
+        reply = super().start()
+        self.set_up_s = reply.seconds
+        return reply
 
     def request(self, *request: object) -> Reply:
         """Return the answer to `request`.

@@ -399,7 +399,7 @@ def in_time(tested: MethodUnderTest) -> str:
     frames = np.concatenate([tested.inclusion(float(factor)) for factor in factors])
     tested.images(frames)
     return (
-        f"fitted in {tested.answer(float, 'fit_s'):.2g} s, "
+        f"fitted in {tested.worker.set_up_s:.2g} s, "
         f"{BATCH} frames in {tested.ask(frames).seconds:.2g} s; "
         f"{tested.limit_s:g} s each are allowed."
     )

@@ -47,8 +47,9 @@ OWN_GRID = SCENARIO.model_copy(update={"image_shape": None, "conductivity_range"
 CONTRAST = 0.5
 """Fall of conductivity inside the contact that most checks show."""
 
-# How often one frame is asked for, at most, and for how long, to see memory grow.
-REPEATS, LEAST_REPEATS, REPEAT_S = 600, 4, 0.4
+# How often one frame is asked for, at most, to see memory grow: for so long [s] of processor time,
+# which does not depend on what else the computer does, and so much of the clock for what sleeps.
+REPEATS, LEAST_REPEATS, REPEAT_S, WAIT_S = 600, 4, 0.4, 4.0
 
 Reason = Annotated[str, StringConstraints(strip_whitespace=True, min_length=1)]
 REASONS = TypeAdapter(dict[str, Reason])
@@ -202,13 +203,7 @@ class MethodTestService(MethodService):
     def set_up(self) -> Reply:
         """Fit the method."""
         self.watch.begin()
-        reply = super().set_up()
-        self._fit_s = reply.seconds
-        return reply
-
-    def fit_s(self) -> Reply:
-        """Return the time that fitting took [s]."""
-        return Reply(self._fit_s, 0.0)
+        return super().set_up()
 
     def expected_failures(self) -> Reply:
         """Return the declaration of its class, which must map names to reasons."""
@@ -224,10 +219,7 @@ class MethodTestService(MethodService):
         """
         with thread_count(threads):
             if seed is not None:
-                random.seed(seed)
-                np.random.seed(seed)  # noqa: NPY002
-                if "torch" in sys.modules:
-                    sys.modules["torch"].manual_seed(seed)
+                seed_generators(seed)
             other = self._other(gain)
             other.set_up()
             limit_threads(threads)  # of libraries that fitting loaded
@@ -261,22 +253,7 @@ class MethodTestService(MethodService):
 
     def repeat(self, frame: Frames) -> Reply:
         """Return how often `frame` (1, M) was reconstructed, and how memory grew by it [MiB]."""
-        _, failure = self._repeat(frame, REPEATS // 4, LEAST_REPEATS // 2, REPEAT_S / 4)
-        before = resident()
-        calls, later = self._repeat(frame, REPEATS, LEAST_REPEATS, REPEAT_S)
-        return Reply((calls, resident() - before), 0.0, failure or later)
-
-    def _repeat(
-        self, frame: Frames, most: int, least: int, seconds: float
-    ) -> tuple[int, Failure | None]:
-        end = time.perf_counter() + seconds
-        calls = 0
-        while calls < least or (calls < most and time.perf_counter() < end):
-            failure = self.reconstruct(frame, self.reference[None]).failure
-            calls += 1
-            if failure is not None:
-                return calls, failure
-        return calls, None
+        return memory_growth(lambda: self.reconstruct(frame, self.reference[None]))
 
     def _other(self, gain: float) -> MethodService:
         # The plugin is loaded already.
@@ -287,6 +264,25 @@ class MethodTestService(MethodService):
 def _of_each(reference: Frames, frames: Frames) -> Frames:
     """Return the reference frame (1, M) of each of `frames` (n, M): the same for all, (n, M)."""
     return np.repeat(reference, len(frames), axis=0)
+
+
+def memory_growth(ask: Callable[[], Reply]) -> Reply:
+    """Return how often `ask` was called, and how memory grew by it [MiB], after some to warm up."""
+    _, failure = _repeat(ask, 4)
+    before = resident()
+    calls, later = _repeat(ask, 1)
+    return Reply((calls, resident() - before), 0.0, failure or later)
+
+
+def _repeat(ask: Callable[[], Reply], part: int) -> tuple[int, Failure | None]:
+    """Call `ask` for a `part`-th of the time, or until it fails; the calls, and the failure."""
+    busy, end = time.process_time() + REPEAT_S / part, time.perf_counter() + WAIT_S / part
+    for calls in range(1, REPEATS // part + 1):
+        failure = ask().failure
+        over = time.process_time() > busy or time.perf_counter() > end
+        if failure is not None or (over and calls >= LEAST_REPEATS // min(part, 2)):
+            break
+    return calls, failure
 
 
 def resident() -> float:
@@ -312,6 +308,14 @@ def limit_threads(threads: int) -> None:
     threadpool_limits(threads)
     if "torch" in sys.modules:
         sys.modules["torch"].set_num_threads(threads)
+
+
+def seed_generators(seed: int) -> None:
+    """Seed every global generator."""
+    random.seed(seed)
+    np.random.seed(seed)  # noqa: NPY002
+    if "torch" in sys.modules:
+        sys.modules["torch"].manual_seed(seed)
 
 
 def changed_generators(action: Callable[[], Reply]) -> tuple[list[str], Reply]:

@@ -171,6 +171,6 @@ def in_time(tested: PlaceUnderTest) -> str:
     """Answers within the time limit."""
     reply = tested.worker.request("locate", tested.differences)
     return (
-        f"fitted in {tested.answer(float, 'fit_s'):.2g} s, {len(tested.differences)} presses in "
+        f"fitted in {tested.worker.set_up_s:.2g} s, {len(tested.differences)} presses in "
         f"{reply.seconds:.2g} s; {tested.limit_s:g} s each are allowed."
     )

@@ -1,8 +1,5 @@
 """The method of places under test on a simulated skin, and the service of its worker."""
 
-import random
-import sys
-import time
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -11,13 +8,11 @@ import numpy as np
 
 from eitbench.benchmark.checks.harness import CheckWorker, array_of, require
 from eitbench.benchmark.checks.method_under_test import (
-    LEAST_REPEATS,
     REASONS,
-    REPEAT_S,
-    REPEATS,
     changed_generators,
     limit_threads,
-    resident,
+    memory_growth,
+    seed_generators,
     thread_count,
 )
 from eitbench.benchmark.workers.audit_hook import Watch
@@ -135,13 +130,7 @@ class PlaceTestService(PlaceService):
     def set_up(self) -> Reply:
         """Fit the method."""
         self.watch.begin()
-        reply = super().set_up()
-        self._fit_s = reply.seconds
-        return reply
-
-    def fit_s(self) -> Reply:
-        """Return the time that fitting took [s]."""
-        return Reply(self._fit_s, 0.0)
+        return super().set_up()
 
     def expected_failures(self) -> Reply:
         """Return the declaration of its class, which must map names to reasons."""
@@ -157,10 +146,7 @@ class PlaceTestService(PlaceService):
         """
         with thread_count(threads):
             if seed is not None:
-                random.seed(seed)
-                np.random.seed(seed)  # noqa: NPY002
-                if "torch" in sys.modules:
-                    sys.modules["torch"].manual_seed(seed)
+                seed_generators(seed)
             other = self._other(labelled)
             other.set_up()
             limit_threads(threads)  # of libraries that fitting loaded
@@ -177,17 +163,7 @@ class PlaceTestService(PlaceService):
 
     def repeat(self, differences: Frames) -> Reply:
         """Return how often a press was located, and how memory grew by it [MiB]."""
-        self._repeat(differences, REPEATS // 4)
-        before = resident()
-        calls = self._repeat(differences, REPEATS)
-        return Reply((calls, resident() - before), 0.0)
-
-    def _repeat(self, differences: Frames, most: int) -> int:
-        end, calls = time.perf_counter() + REPEAT_S, 0
-        while calls < LEAST_REPEATS or (calls < most and time.perf_counter() < end):
-            self.locate(differences[:1])
-            calls += 1
-        return calls
+        return memory_growth(lambda: self.locate(differences[:1]))
 
     def _other(self, labelled: bool) -> PlaceService:
         given = self.given if labelled else replace(self.given, labelled=self.given.labelled[:0])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
@@ -27,6 +28,8 @@ Columns = dict[str, NDArray[np.float64] | NDArray[np.bool_]]
 
 _BLOCK = 256
 _REFITS = 5
+_TURNS = 24
+"""Tried where the middles of touches may say nothing, each mirrored, too."""
 REGISTRATION_FRAMES = 100
 """Validation presses, the first ones, that register a method's images with the robot."""
 LEAST_PRESSES = 3
@@ -88,8 +91,10 @@ def evaluate(
 def fit_registration(validation: Known, estimates: ArrayLike) -> Similarity:
     """Fit the similarity from a method's images onto the robot's coordinates by validation presses.
 
-    Where touches have several contacts, the middle of each touch comes first; found contacts are
-    then assigned to places, and the similarity is fitted to these pairs, several times.
+    Where touches have several contacts, the middle of each touch comes first, and where no touch
+    has a single one, also turns and mirror images of the contacts' spread; found contacts are then
+    assigned to places, and the similarity is fitted to these pairs, several times. Touches that lie
+    symmetrically about one point leave open whether the sensor is turned by 180 degrees.
 
     Where the images do not determine one (nothing found, or always the same place), the sensor's
     centre is put on the mean press position, unturned: such a method gains nothing by it.
@@ -111,19 +116,48 @@ def fit_registration(validation: Known, estimates: ArrayLike) -> Similarity:
 
 def _refitted(similarity: Similarity, validation: Known, contrast: Array) -> Similarity:
     places, found = contact_places(validation.samples), contacts(contrast, validation.sensor)
+    touches = []
+    for n, known in enumerate(places):
+        true = known[np.isfinite(known).all(axis=1)]
+        touches.append((true, found.position[found.of(n)][: len(true)]))
+    if all(len(true) > 1 for true, _ in touches):
+        # Middles of touches can lie too close together to say how the sensor is turned.
+        starts = [similarity, *_turned(*map(np.concatenate, zip(*touches, strict=True)))]
+        similarity = min(starts, key=lambda start: _distance(start, touches))
     for _ in range(_REFITS):
-        source, target = [np.empty((0, 2))], [np.empty((0, 2))]
-        for n, known in enumerate(places):
-            true = known[np.isfinite(known).all(axis=1)]
-            position = found.position[found.of(n)][: len(true)]
-            rows, columns = tactile.matched(true, similarity(position))
-            source.append(position[columns])
-            target.append(true[rows])
-        fitted = fit_similarity(np.concatenate(source), np.concatenate(target))
+        fitted = fit_similarity(*_pairs(similarity, touches))
         if fitted is None:
             break
         similarity = fitted
     return similarity
+
+
+def _turned(target: Array, source: Array) -> list[Similarity]:
+    """Similarities that map the centre and the spread of `source` (m, 2) onto those of `target`."""
+    if len(source) < LEAST_PRESSES or not np.std(source):
+        return []
+    scale = float(np.sqrt(np.var(target, axis=0).sum() / np.var(source, axis=0).sum()))
+    angles = np.deg2rad(np.arange(0, 360, 360 / _TURNS))
+    turns = [np.array([[np.cos(a), -np.sin(a)], [np.sin(a), np.cos(a)]]) for a in angles]
+    return [
+        Similarity(scale, turn, target.mean(axis=0) - scale * turn @ source.mean(axis=0))
+        for turn in (*turns, *(turn @ np.diag([1.0, -1.0]) for turn in turns))
+    ]
+
+
+def _pairs(similarity: Similarity, touches: Sequence[tuple[Array, Array]]) -> tuple[Array, Array]:
+    """Found and true places (m, 2) each, those together that belong together."""
+    source, target = [np.empty((0, 2))], [np.empty((0, 2))]
+    for true, position in touches:
+        rows, columns = tactile.matched(true, similarity(position))
+        source.append(position[columns])
+        target.append(true[rows])
+    return np.concatenate(source), np.concatenate(target)
+
+
+def _distance(similarity: Similarity, touches: Sequence[tuple[Array, Array]]) -> float:
+    source, target = _pairs(similarity, touches)
+    return float(np.hypot(*(similarity(source) - target).T).sum())
 
 
 def knows_loads(samples: pd.DataFrame, truth: str) -> bool:

@@ -2,29 +2,24 @@
 
 from __future__ import annotations
 
-import base64
-import io
 import math
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
 
-from eitbench.benchmark import atomic_write
 from eitbench.benchmark.analysis.ladder import Ladder, read_ladder
-from eitbench.benchmark.analysis.results import read_run
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
-from eitbench.reports.figures.style import COLOURS, PAGE, STYLE, line_style, new_figure, save
+from eitbench.reports.figures.finding import Finding
+from eitbench.reports.figures.style import COLOURS, PAGE, line_style, new_figure
 from eitbench.reports.tables.columns import printable
-from eitbench.reports.tables.formats import csv_text, escape_markdown, markdown_table
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from eitbench.benchmark.analysis.ladder import Real, Step
+    from eitbench.benchmark.analysis.results import Run
     from eitbench.benchmark.metrics.statistics import Interval
 
 _NOT_RUN = "–"
@@ -39,38 +34,18 @@ LEGEND = (
 )
 
 
-def write_ladder(run: Path) -> list[Path]:
-    """Write `ladder.md`, `ladder.csv` and `figures/ladder.{png,pdf,svg}` into a run directory.
-
-    Returns:
-        The files; none where the run has no ladder.
-
-    Raises:
-        InputError, DataCorruptError: the run cannot be read.
-    """
-    ladder = read_ladder(read_run(run))
-    return [] if ladder is None else write_files(ladder, run, run / "figures", "ladder")
-
-
-def write_files(ladder: Ladder, tables: Path, figures: Path, stem: str) -> list[Path]:
-    """Write the tables of a ladder into one folder and its figure into another."""
-    import matplotlib as mpl
-
-    written = [tables / f"{stem}.md", tables / f"{stem}.csv"]
-    atomic_write(written[0], to_markdown(ladder).encode())
-    atomic_write(written[1], csv_text(to_table(ladder), "%.6g").encode())
-    with mpl.rc_context(STYLE):
-        return written + save(draw(ladder), figures / stem, ("png", "pdf", "svg"), dpi=200)
-
-
-def to_png(ladder: Ladder) -> str:
-    """Return the figure as a `data:` address, for a page."""
-    import matplotlib as mpl
-
-    content = io.BytesIO()
-    with mpl.rc_context(STYLE):
-        draw(ladder).savefig(content, format="png", dpi=170)
-    return f"data:image/png;base64,{base64.b64encode(content.getvalue()).decode()}"
+def findings(run: Run) -> list[Finding]:
+    """Return the ladder of a run; none of other runs."""
+    ladder = read_ladder(run)
+    if ladder is None:
+        return []
+    title = "From simulation to reality"
+    shows = (
+        "B of every method on every rung, against severity, and on real sensors; the table below "
+        "has all figures"
+    )
+    table = to_table(ladder)
+    return [Finding("ladder", title, table, grid(ladder), LEGEND, draw(ladder), shows)]
 
 
 def to_table(ladder: Ladder) -> pd.DataFrame:
@@ -96,12 +71,6 @@ def _ends(name: str, interval: Interval | None) -> dict[str, float]:
     prefix = f"{name}_" if name else ""
     ends = {f"{prefix}low": interval.low, f"{prefix}high": interval.high}
     return {name or "value": interval.value} | ends
-
-
-def to_markdown(ladder: Ladder) -> str:
-    """Rungs by methods: B, and in brackets what calibration adds."""
-    heads, *rows = ([escape_markdown(text) for text in row] for row in grid(ladder))
-    return "\n".join([*markdown_table(heads, rows), "", LEGEND, ""])
 
 
 def grid(ladder: Ladder) -> list[list[str]]:

@@ -1,29 +1,23 @@
 """What becomes of errors over the time of a recording, and when two touches are told apart.
 
-One table and one figure each, in the folder of a run and in its report; and the table of alarms of
-a skin that was cut.
+And when methods give an alarm on a skin that is cut.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
 
-from eitbench.benchmark import atomic_write
 from eitbench.benchmark.analysis.drift import LAG_S, PARTS, alarms, over_time
-from eitbench.benchmark.analysis.results import read_run
 from eitbench.benchmark.analysis.two_touch import WITHIN_MM, least_distance, told_apart
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
-from eitbench.reports.figures.style import PAGE, STYLE, line_style, new_figure, plain_label, save
+from eitbench.reports.figures.finding import Finding
+from eitbench.reports.figures.style import PAGE, line_style, new_figure, plain_label
 from eitbench.reports.tables.columns import printable
-from eitbench.reports.tables.formats import csv_text, escape_markdown, markdown_table
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
@@ -33,32 +27,11 @@ _NONE = "–"
 _FIFTHS = {1: "first fifth", (PARTS + 1) // 2: "middle fifth", PARTS: "last fifth"}
 
 
-@dataclass(frozen=True, eq=False)
-class Finding:
-    """A table of a run, with its figure.
-
-    Attributes:
-        stem: of its files.
-        table: all figures.
-        grid: the printed table, its heads first.
-    """
-
-    stem: str
-    title: str
-    table: pd.DataFrame
-    grid: list[list[str]]
-    legend: str
-    figure: Figure | None = None
-
-
 def findings(run: Run) -> list[Finding]:
-    """What the stored figures of a run say of time and of two touches; none of other runs."""
-    import matplotlib as mpl
-
+    """What the stored figures of a run say of time, two touches and cuts; none of other runs."""
     if run.kind != METHOD_RUNS:
         return []
-    with mpl.rc_context(STYLE):
-        return [*_of_time(run), *_of_two_touches(run)]
+    return [*_of_time(run), *_of_two_touches(run), *_of_alarms(run)]
 
 
 def _of_time(run: Run) -> list[Finding]:
@@ -90,29 +63,6 @@ def _of_two_touches(run: Run) -> list[Finding]:
     )
     grid = apart_grid(table)
     return [Finding("two-touch", "Two touches at once", table, grid, legend, figure)]
-
-
-def write_findings(path: Path) -> list[Path]:
-    """Write tables (`.md`, `.csv`) and figures of `findings`, and of alarms, into a run directory.
-
-    Raises:
-        InputError, DataCorruptError: the run cannot be read.
-    """
-    import matplotlib as mpl
-
-    run = read_run(path)
-    written: list[Path] = []
-    for finding in [*findings(run), *_of_alarms(run)]:
-        files = [path / f"{finding.stem}.{form}" for form in ("md", "csv")]
-        heads, *rows = ([escape_markdown(text) for text in row] for row in finding.grid)
-        text = "\n".join([*markdown_table(heads, rows), "", finding.legend, ""])
-        atomic_write(files[0], text.encode())
-        atomic_write(files[1], csv_text(finding.table, "%.6g").encode())
-        written += files
-        if finding.figure is not None:
-            with mpl.rc_context(STYLE):
-                written += save(finding.figure, path / "figures" / finding.stem, dpi=200)
-    return written
 
 
 def _of_alarms(run: Run) -> list[Finding]:

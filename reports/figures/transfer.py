@@ -2,34 +2,21 @@
 
 from __future__ import annotations
 
-import base64
-import io
 from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
-from eitbench.benchmark import atomic_write
-from eitbench.benchmark.analysis.results import read_run
 from eitbench.benchmark.analysis.transfer import over_skins, skin_errors
-from eitbench.reports.figures.style import (
-    NOTE,
-    PAGE,
-    STYLE,
-    label_axes,
-    line_style,
-    new_figure,
-    save,
-)
+from eitbench.reports.figures.finding import Finding
+from eitbench.reports.figures.style import NOTE, PAGE, label_axes, line_style, new_figure
 from eitbench.reports.tables.columns import printable
-from eitbench.reports.tables.formats import csv_text, escape_markdown, markdown_table
 
 if TYPE_CHECKING:
     from collections.abc import Hashable, Mapping, Sequence
-    from pathlib import Path
 
     from matplotlib.figure import Figure
 
-    from eitbench.benchmark.analysis.transfer import SkinError
+    from eitbench.benchmark.analysis.results import Run
 
 LEGEND = (
     "Median over skins of the median distance between a press and its place, in brackets the 95 % "
@@ -37,45 +24,18 @@ LEGEND = (
 )
 
 
-def write_transfer(run: Path) -> list[Path]:
-    """Write `transfer.md`, `transfer.csv` and `figures/transfer.{png,pdf,svg}` of a run directory.
-
-    Returns:
-        The files; none where no scenario is of the kind "transfer".
-
-    Raises:
-        InputError, DataCorruptError: the run cannot be read.
-    """
-    errors = skin_errors([read_run(run)])
-    return write_files(errors, run, run / "figures", "transfer") if errors else []
-
-
-def write_files(errors: Sequence[SkinError], tables: Path, figures: Path, stem: str) -> list[Path]:
-    """Write the table over skins, the errors of each skin, and the figure."""
-    import matplotlib as mpl
-
+def findings(runs: Sequence[Run]) -> list[Finding]:
+    """Return the errors of all `runs` over labelled presses; none without scenarios of transfer."""
+    errors = skin_errors(runs)
+    if not errors:
+        return []
     curves = over_skins(errors)
-    written = [tables / f"{stem}.md", tables / f"{stem}.csv"]
-    atomic_write(written[0], to_markdown(curves).encode())
-    atomic_write(written[1], csv_text(pd.DataFrame(errors), "%.6g").encode())
-    with mpl.rc_context(STYLE):
-        return written + save(draw(curves), figures / stem, ("png", "pdf", "svg"), dpi=200)
-
-
-def to_png(errors: Sequence[SkinError]) -> str:
-    """Return the figure as a `data:` address, for a page."""
-    import matplotlib as mpl
-
-    content = io.BytesIO()
-    with mpl.rc_context(STYLE):
-        draw(over_skins(errors)).savefig(content, format="png", dpi=170)
-    return f"data:image/png;base64,{base64.b64encode(content.getvalue()).decode()}"
-
-
-def to_markdown(curves: pd.DataFrame) -> str:
-    """Methods by numbers of labelled presses: the error, and its interval in brackets."""
-    heads, *rows = ([escape_markdown(text) for text in row] for row in grid(curves))
-    return "\n".join([*markdown_table(heads, rows), "", LEGEND, ""])
+    shows = (
+        "Error of the place over the number of labelled presses of the skin; the table below has "
+        "all figures"
+    )
+    table, figure = pd.DataFrame(errors), draw(curves)
+    return [Finding("transfer", "A new skin", table, grid(curves), LEGEND, figure, shows)]
 
 
 def grid(curves: pd.DataFrame) -> list[list[str]]:

@@ -83,7 +83,9 @@ def paper_figures(boards: Sequence[BoardData]) -> Iterator[tuple[str, Figure]]:
     for board in boards:
         data = re.sub(r"\W+", "-", board["apart"])
         name = "-".join(filter(None, (board["suite"], board["scenario"], data)))
-        if any(row.get("frame_ms_p50") for row in rows_of([board])):
+        rows = rows_of([board])
+        ranked = layout(rows[0]).column(board["ranked_by"]) is not None
+        if ranked and any(row.get("frame_ms_p50") for row in rows):
             yield f"frontier-{name}", frontier(board)
         if board["images"] is not None:
             yield f"comparison-{name}", comparison(board["images"])

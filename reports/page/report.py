@@ -18,16 +18,12 @@ from markupsafe import Markup
 
 from eitbench import __version__
 from eitbench.benchmark import EitbenchError, atomic_write
-from eitbench.benchmark.analysis.ladder import Ladder, read_ladder
 from eitbench.benchmark.analysis.results import plugin_file, read_run
-from eitbench.benchmark.analysis.transfer import SkinError, over_skins, skin_errors
 from eitbench.benchmark.metrics.specs import ANCHORS
-from eitbench.reports.figures import ladder as ladder_figures
-from eitbench.reports.figures import transfer as transfer_figures
 from eitbench.reports.figures.critical_difference import to_png
-from eitbench.reports.figures.ladder import LEGEND, grid, write_files
+from eitbench.reports.figures.finding import Finding
+from eitbench.reports.figures.findings import findings
 from eitbench.reports.figures.style import COLOURS, CONDUCTIVITY_MAP, CONTRAST_MAP, STYLE
-from eitbench.reports.figures.touches import Finding, findings
 from eitbench.reports.page.answer import answer
 from eitbench.reports.page.images import pack
 from eitbench.reports.page.paper import board_maps, overall_figure, write_paper
@@ -50,34 +46,19 @@ def write_report(runs: Sequence[Path], out: Path) -> list[Path]:
         EitbenchError: the files cannot be written.
     """
     report = report_data(runs)
-    ladders = _ladders(runs)
-    read = [read_run(run) for run in runs]
-    found, transfer = [finding for run in read for finding in findings(run)], skin_errors(read)
+    found = findings([read_run(run) for run in runs])
     try:
         written = [out / PAGE, out / DATA]
         links = _code_links(report, runs, out)
-        page = to_page(report, list(ladders.values()), links, found, transfer)
+        page = to_page(report, links, found)
         atomic_write(written[0], page.encode())
         atomic_write(written[1], (json.dumps(report, allow_nan=False) + "\n").encode())
         written += write_paper(report, out)
-        for stem, ladder in ladders.items():
-            written += write_files(ladder, out / "tables", out / "figures", stem)
-        if transfer:
-            tables, figures = out / "tables", out / "figures"
-            written += transfer_figures.write_files(transfer, tables, figures, "transfer")
+        for finding in found:
+            written += finding.write(out / "tables", out / "figures")
     except OSError as error:
         raise EitbenchError(f"Could not write the report into {out}: {error.strerror}.") from error
     return written
-
-
-def _ladders(runs: Sequence[Path]) -> dict[str, Ladder]:
-    """Read the ladders of run directories, by the stem of their files."""
-    read = ((run, read_ladder(read_run(run))) for run in runs)
-    ladders = {run.name: ladder for run, ladder in read if ladder is not None}
-    return {
-        "ladder" if len(ladders) == 1 else f"ladder-{name}": ladder
-        for name, ladder in ladders.items()
-    }
 
 
 def _code_links(report: ReportData, runs: Sequence[Path], out: Path) -> dict[str, str]:
@@ -94,17 +75,14 @@ def _code_links(report: ReportData, runs: Sequence[Path], out: Path) -> dict[str
 
 def to_page(
     report: ReportData,
-    ladders: Sequence[Ladder] = (),
     code_links: Mapping[str, str] = MappingProxyType({}),
     found: Sequence[Finding] = (),
-    transfer: Sequence[SkinError] = (),
 ) -> str:
-    """Return the HTML page of a report, with its ladders from simulation to reality.
+    """Return the HTML page of a report.
 
     Args:
         code_links: addresses of the files that `code` of a row names.
-        found: what the runs say of time and of two touches.
-        transfer: errors on skins after few labelled presses.
+        found: what the runs show besides their leaderboards.
     """
     methods = _methods(report)
     suites = dict.fromkeys(board["suite"] for board in report["boards"])
@@ -123,14 +101,7 @@ def to_page(
         title=" and ".join(map(printable, suites)) or "No results",
         made=time.strftime("%Y-%m-%d"),
         version=__version__,
-        ladders=[
-            {"grid": grid(ladder), "figure": ladder_figures.to_png(ladder)} for ladder in ladders
-        ],
-        ladder_legend=LEGEND,
-        findings=[(finding, _picture(finding)) for finding in found],
-        transfer_grid=transfer_figures.grid(over_skins(transfer)) if transfer else [],
-        transfer_figure=transfer_figures.to_png(transfer) if transfer else "",
-        transfer_legend=transfer_figures.LEGEND,
+        findings=found,
         answers=[answer(board, report["boards"]) for board in report["boards"]],
         methods=methods,
         counted_data=counted_data(report["boards"]),
@@ -162,14 +133,6 @@ def _methods(report: ReportData) -> list[dict[str, Any]]:
             if told := row.get("prior_knowledge"):
                 about["told"].setdefault(told, []).append(board["scenario"])
     return list(found.values())
-
-
-def _picture(finding: Finding) -> str:
-    """Return the figure of a finding as a `data:` address; "" where there is none."""
-    import matplotlib as mpl
-
-    with mpl.rc_context(STYLE):
-        return "" if finding.figure is None else to_png(finding.figure)
 
 
 def _critical_difference(report: ReportData) -> str:

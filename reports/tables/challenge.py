@@ -9,7 +9,7 @@ SCENARIO = "ktc2023-level{}"
 LEVELS = tuple(range(1, 8))
 TARGETS = 3
 """Of a level."""
-NOTE = (
+LEGEND = (
     "KTC2023, scores summed over 3 targets a level, 21 in all. Open test: all truths are public. "
     "Published, not run here: official results, Denker et al., arXiv 2407.01559, Table 2; the "
     "organisers' baseline: results of their codes in LJK666666666/EIT_KTC2023_4."

@@ -15,7 +15,7 @@ from eitbench.reports.tables.boards import (
     prior_knowledge,
     tracks_table,
 )
-from eitbench.reports.tables.challenge import NOTE, challenge_rows, challenge_table
+from eitbench.reports.tables.challenge import LEGEND, challenge_rows, challenge_table
 from eitbench.reports.tables.columns import Column, layout, legend
 from eitbench.reports.tables.references import KEYS, SELF
 
@@ -64,7 +64,7 @@ def to_markdown(rows: Sequence[Row], columns: Sequence[str] = ()) -> str:
         texts = challenge_table(challenge)
         heads, *body = ([escape_markdown(text) for text in row] for row in texts)
         table = markdown_table(heads, body, [False, False, *[True] * (len(heads) - 2)])
-        parts.append("\n".join([escape_markdown(NOTE), "", *table]) + "\n")
+        parts.append("\n".join([escape_markdown(LEGEND), "", *table]) + "\n")
     return "\n".join(parts)
 
 
@@ -129,6 +129,13 @@ def to_latex(rows: Sequence[Row], columns: Sequence[str] = ()) -> str:
             lines += ["", f"\\smallskip{{\\footnotesize {escape_latex(text)}}}"]
         lines.append("\\end{table*}")
         parts.append("\n".join(lines) + "\n")
+    if challenge := challenge_rows(rows):
+        texts = challenge_table(challenge)
+        heads, *body = ([escape_latex(text) for text in row] for row in texts)
+        lines = ["\\begin{table*}", "\\centering", "\\footnotesize"]
+        lines += [f"\\caption{{{escape_latex(LEGEND)}}}", "\\label{tab:ktc2023}"]
+        lines += _latex_tabular("ll" + "r" * (len(heads) - 2), heads, body)
+        parts.append("\n".join([*lines, "\\end{table*}"]) + "\n")
     return "\n".join(parts)
 
 
@@ -188,6 +195,9 @@ def to_html(rows: Sequence[Row], columns: Sequence[str] = ()) -> str:
         if known := prior_knowledge(board.rows):
             items = "".join(f"<li>{html.escape(sentence)}</li>" for sentence in known)
             lines += ["<p>Prior knowledge:</p>", f"<ul>{items}</ul>"]
+    if challenge := challenge_rows(rows):
+        heads, *body = ([html.escape(text) for text in row] for row in challenge_table(challenge))
+        lines += [*_html_table("KTC2023", heads, body), f"<p>{html.escape(LEGEND)}</p>"]
     return "\n".join(lines) + "\n" if lines else ""
 
 

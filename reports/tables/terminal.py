@@ -14,7 +14,7 @@ from eitbench.reports.tables.boards import (
     prior_knowledge,
     tracks_table,
 )
-from eitbench.reports.tables.challenge import NOTE, challenge_rows, challenge_table
+from eitbench.reports.tables.challenge import LEGEND, challenge_rows, challenge_table
 from eitbench.reports.tables.columns import Column, layout, legend
 
 if TYPE_CHECKING:
@@ -80,7 +80,7 @@ def table(rows: Sequence[Row], width: int, columns: Sequence[str] = ()) -> "Grou
             sums.add_column(Text(head.removeprefix("Level ")), justify="right" if k > 1 else "left")
         for cells in body:
             sums.add_row(*map(Text, cells))
-        parts += [sums, Text(f" {NOTE}")]
+        parts += [sums, Text(f" {LEGEND}")]
     return Group(*parts)
 
 

@@ -43,6 +43,7 @@ def own_registry(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(METHOD_REGISTRY, "_registered", METHOD_REGISTRY.known())
 
 
+@pytest.mark.slow
 def test_a_class_and_a_name_become_a_leaderboard(tmp_path: Path) -> None:
     """The class is of a notebook: it and what it uses are nowhere to be imported from."""
     for thing in (level, HalfLevel):
@@ -57,6 +58,7 @@ def test_a_class_and_a_name_become_a_leaderboard(tmp_path: Path) -> None:
     assert set(np.unique(images)) <= {np.float32(0.5), np.float32(1)}
 
 
+@pytest.mark.slow
 def test_what_it_raises_is_told_with_its_frames() -> None:
     with pytest.warns(UserWarning, match=re.escape("return voltages / self.no_such_thing")):
         board = evaluate(Broken, TINY, limit=1)

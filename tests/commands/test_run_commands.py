@@ -37,6 +37,7 @@ def stored(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return runner.start_run(runner.make_plan(load_suite(suite)), folder / "run").path
 
 
+@pytest.mark.slow
 def test_a_run_prints_its_leaderboard_and_where_everything_is(
     tmp_path: Path, eitbench: Run
 ) -> None:
@@ -67,6 +68,7 @@ def test_a_run_prints_its_leaderboard_and_where_everything_is(
     assert "manifest.json" in err
 
 
+@pytest.mark.slow
 def test_operators_are_run_and_printed_like_methods(tmp_path: Path, eitbench: Run) -> None:
     folder = tmp_path / "operators"
     choice = ("--scenarios", "tiny-finer", "--limit", "2")
@@ -81,6 +83,7 @@ def test_operators_are_run_and_printed_like_methods(tmp_path: Path, eitbench: Ru
     assert eitbench("leaderboard", folder, "--format", "md")[1] == markdown
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("refused", "code"), [([], 0), (["Scenario 'b' is damaged."], 1)])
 def test_skipped_and_refused_scenarios_are_told_to_people_and_programs(
     refused: list[str], code: int, stored: Path, eitbench: Run, monkeypatch: pytest.MonkeyPatch
@@ -111,6 +114,7 @@ def test_a_run_without_rows_is_told(
     assert str(tmp_path) in err
 
 
+@pytest.mark.slow
 def test_ctrl_c_keeps_finished_rows_and_resume_continues(
     tmp_path: Path,
     eitbench: Run,
@@ -175,6 +179,7 @@ def test_a_time_limit_ends_a_run_that_can_be_resumed(tmp_path: Path, eitbench: R
     assert "A time limit is a number of seconds, got inf." in err
 
 
+@pytest.mark.slow
 def test_runs_are_compared_gated_and_scored_again(
     stored: Path, tmp_path: Path, eitbench: Run
 ) -> None:
@@ -208,6 +213,7 @@ def test_runs_are_compared_gated_and_scored_again(
     assert "manifest.json" in err
 
 
+@pytest.mark.slow
 def test_the_claims_are_evaluated_on_runs_that_are_given(
     stored: Path, tmp_path: Path, eitbench: Run
 ) -> None:
@@ -228,6 +234,7 @@ def test_the_claims_are_evaluated_on_runs_that_are_given(
     ]  # fmt: skip
 
 
+@pytest.mark.slow
 def test_what_the_claims_need_is_run(
     tmp_path: Path, eitbench: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -263,6 +270,7 @@ class ReadsASecret(methods()["noser"]):
 """
 
 
+@pytest.mark.slow
 def test_an_isolated_plugin_has_no_network_and_reads_no_files_of_others(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, eitbench: Run
 ) -> None:

@@ -44,6 +44,7 @@ def test_a_formula_declares_what_tuning_may_choose(
     assert names["MyMethod"]().weight in search["weight"]
 
 
+@pytest.mark.slow
 def test_a_network_is_trained_stored_and_loaded_with_its_card(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -75,7 +76,7 @@ def test_a_network_is_trained_stored_and_loaded_with_its_card(
     assert (images[1] != problem.background).any()
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_network_keeps_the_contract_once_it_is_trained(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -38,7 +38,7 @@ def test_addresses_are_well_formed() -> None:
         assert re.fullmatch(r"[\w-]+(\.[\w-]+)+", parts.netloc), f"{page}: {address}"
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_addresses_can_be_reached() -> None:
     lost = []
     for address, page in ADDRESSES.items():

@@ -89,8 +89,8 @@ def fences(page: str) -> list[Fence]:
     ]
 
 
-def is_slow(page: str) -> bool:
-    return any(exception.get("slow") for exception in EXCEPTIONS.get(page, {}).values())
+def is_long(page: str) -> bool:
+    return any(exception.get("nightly") for exception in EXCEPTIONS.get(page, {}).values())
 
 
 @pytest.mark.parametrize("page", PAGES)
@@ -169,16 +169,23 @@ def reader(
     return Reader(eitbench, monkeypatch, absent=() if shared.is_dir() else tuple(RECORDED_SETS))
 
 
-@pytest.mark.parametrize("page", [page for page in PAGES if fences(page)])
+@pytest.mark.parametrize(
+    "page",
+    [
+        pytest.param(page, marks=pytest.mark.slow) if any(f.commands for f in found) else page
+        for page in PAGES
+        if (found := fences(page))
+    ],
+)
 def test_page(page: str, reader: "Reader") -> None:
-    reader.follow(page, slow=False)
+    reader.follow(page, nightly=False)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.timeout(7200)
-@pytest.mark.parametrize("page", [page for page in PAGES if is_slow(page)])
-def test_page_with_all_that_is_slow(page: str, reader: "Reader") -> None:
-    reader.follow(page, slow=True)
+@pytest.mark.parametrize("page", [page for page in PAGES if is_long(page)])
+def test_page_with_all_that_is_long(page: str, reader: "Reader") -> None:
+    reader.follow(page, nightly=True)
 
 
 @dataclass
@@ -189,8 +196,8 @@ class Reader:
     patch: pytest.MonkeyPatch
     absent: tuple[str, ...]
 
-    def follow(self, page: str, *, slow: bool) -> None:
-        """Run all code of a page, slow commands only if asked for."""
+    def follow(self, page: str, *, nightly: bool) -> None:
+        """Run all code of a page, those of the night only if asked for."""
         exceptions, names = EXCEPTIONS.get(page, {}), {"__name__": "__docs__"}
         for fence in reversed(fences(page)):  # a command may use a file that is listed below it
             write(fence)
@@ -204,19 +211,19 @@ class Reader:
                 elif fence.language == "json":
                     json.loads(fence.code)
                 for command in fence.commands:
-                    self._obey(command, exceptions.get(command, {}), slow=slow)
+                    self._obey(command, exceptions.get(command, {}), nightly=nightly)
             except BaseException as error:
                 error.add_note(f"{page}:{fence.line}")
                 raise
 
-    def _obey(self, command: str, exception: dict[str, Any], *, slow: bool) -> None:
+    def _obey(self, command: str, exception: dict[str, Any], *, nightly: bool) -> None:
         words = shlex.split(f"{command} {exception.get('add', '')}")
         if words[0] == "make":
             dry = ["make", "-n", f"PYTHON={sys.executable}", *words[1:]]
             subprocess.run(dry, cwd=ROOT, check=True, stdout=subprocess.DEVNULL)
         elif words[0].endswith("eitbench"):
             parse(words)
-            left = "parse" in exception or (exception.get("slow") and not slow)
+            left = "parse" in exception or (exception.get("nightly") and not nightly)
             if not left and not set(self.absent) & set(words):
                 for before in (*exception.get("first", ()), shlex.join(words)):
                     self._run(before)

@@ -11,6 +11,8 @@ from tests.support.browser import WatchedPage
 
 from eitbench.benchmark.metrics.specs import METRICS
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).resolve().parents[2]
 LOADED = re.compile(
     r"""<(?:(?:script|img|iframe|source)\b[^>]*?\ssrc|link\b[^>]*?\shref)=["']?([^"'\s>]+)"""

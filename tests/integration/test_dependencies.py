@@ -7,6 +7,8 @@ from functools import cache
 from importlib.metadata import packages_distributions
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).resolve().parents[2]
 FOLDERS = ("scenarios", "methods", "benchmark", "hardware", "reports", "src/eitbench")
 OURS = {"eitbench", "tests"}
@@ -45,12 +47,14 @@ def imported(*folders: str) -> set[str]:
     return {normal(known[module][0]) for module in modules & set(known) - OURS}
 
 
+@pytest.mark.slow
 def test_the_package_declares_what_it_imports_and_nothing_else() -> None:
     needed = imported(*FOLDERS)
     assert needed <= declared("", "cluster", "jax", "peers")
     assert declared("") - needed <= USED_BY_OTHERS
 
 
+@pytest.mark.slow
 def test_the_tests_declare_what_they_import_and_nothing_else() -> None:
     needed = imported("tests")
     assert needed <= declared("", "test", "docs", "mutation")

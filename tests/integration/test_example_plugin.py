@@ -50,7 +50,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
     return call
 
 
-@pytest.mark.slow  # continuous integration does it after every change, with nothing borrowed
+@pytest.mark.nightly  # continuous integration does it after every change, with nothing borrowed
 def test_the_example_is_listed_checked_and_ranked(run: Run, tmp_path: Path) -> None:
     code = "import eitbench.methods as m, eitbench_landweber as n; print(m.__file__, n.__file__)"
     assert str(ROOT) not in run("python", "-c", code)

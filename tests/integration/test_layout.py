@@ -32,6 +32,7 @@ def test_links_lead_to_the_folders() -> None:
         assert target == f"../../{name}"
 
 
+@pytest.mark.slow
 def test_a_wheel_holds_every_module_once(tmp_path: Path) -> None:
     (wheel,) = WheelBuilder(str(ROOT)).build(directory=str(tmp_path), versions=["standard"])
     packed = [name for name in zipfile.ZipFile(wheel).namelist() if name.endswith(".py")]

@@ -93,6 +93,7 @@ def test_a_recording_is_a_recorded_set(folder: Path) -> None:
     assert np.array_equal(recording.voltages[1], values[5:7].mean(axis=0))
 
 
+@pytest.mark.slow
 def test_methods_are_ranked_on_it(folder: Path, tmp_path: Path) -> None:
     suite = load_suite(folder / "mine.toml")
     run = start_run(make_plan(suite), tmp_path / "run").path
@@ -117,6 +118,7 @@ def test_its_hash_is_of_what_it_holds(folder: Path, tmp_path: Path) -> None:
     assert hashed(elsewhere) != before
 
 
+@pytest.mark.slow
 def test_three_presses_register_and_fewer_are_told(folder: Path, tmp_path: Path) -> None:
     for n in (10, 11):
         (tmp_path / str(n)).mkdir()
@@ -171,6 +173,7 @@ def test_a_changed_file_is_read_again(tmp_path: Path) -> None:
     assert "touches: 7" in recorded_set(str(path)).title
 
 
+@pytest.mark.slow
 def test_forces_and_several_contacts_are_judged_in_a_run(tmp_path: Path) -> None:
     released, pressed, places = pressed_skin(20)
     # As if each press were half as strong again as the one before, up to 5 N.

@@ -49,6 +49,7 @@ def test_an_emulated_board_says_that_it_needs_a_pseudo_terminal(
         BoardServer(Teensy, foam16(), lambda time_s: np.zeros(208), 10.0)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="needs links to stand for copies")
 def test_a_clone_without_links_works(tmp_path: Path) -> None:
     """As of `git -c core.symlinks=false`: a link is a file that holds its target."""

@@ -13,6 +13,7 @@ import contextlib
 import os
 import random
 import re
+import shlex
 import subprocess
 import sys
 import tempfile
@@ -112,10 +113,11 @@ def checkout() -> Iterator[None]:
 
 def run(module: str, tests: Sequence[str], count: int, seed: int) -> list[Mutant]:
     """Run the tests on mutants of a module."""
-    command = f"{sys.executable} -m pytest -x -q -p no:xdist -p no:cacheprovider {' '.join(tests)}"
+    flags = "-x -q -p no:xdist -p no:cacheprovider -m 'not nightly'"
+    command = f"{sys.executable} -m pytest {flags} {' '.join(tests)}"
     found = []
     with checkout():
-        done = subprocess.run(command.split(), capture_output=True, text=True, check=False)
+        done = subprocess.run(shlex.split(command), capture_output=True, text=True, check=False)
         if done.returncode:
             sys.exit(f"{module}: its tests fail without a mutant.\n{done.stdout[-2000:]}")
         for mutation in mutants(module, count, seed):

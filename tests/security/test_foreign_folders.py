@@ -185,6 +185,7 @@ def test_a_manifest_cannot_ask_for_memory_without_end(run: Path) -> None:
         read_run(run).estimates("conductivity-set", "some", range(100_000))
 
 
+@pytest.mark.slow
 def test_tables_have_no_more_rows_and_text_than_the_run(run: Path) -> None:
     samples = pd.read_parquet(run / SAMPLES)
     write_parquet(pd.concat([samples] * 2), run / SAMPLES)

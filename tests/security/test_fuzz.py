@@ -24,6 +24,7 @@ def fuzz(monkeypatch: pytest.MonkeyPatch) -> Any:
     return importlib.import_module("tests.security.fuzz")
 
 
+@pytest.mark.slow
 def test_spoilt_files_of_all_formats_are_taken_or_refused(
     fuzz: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
@@ -37,7 +38,7 @@ def test_spoilt_files_of_all_formats_are_taken_or_refused(
     assert sum(tally["taken"] for tally in tallies) > 10  # some spoilt files are still good
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_hundred_thousand_spoilt_files(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "tests.security.fuzz", "--out", str(tmp_path)]
     jobs = ["--files", "100000", "--jobs", str(os.cpu_count())]
@@ -54,6 +55,7 @@ def fail(path: Path) -> None:
     raise KeyError("x")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("read", "limit_s", "problem"),
     [

@@ -61,6 +61,7 @@ def resumed(store: RunStore) -> RunStore:
     return RunStore(store.path, store.kind)
 
 
+@pytest.mark.slow
 def test_a_zip_bomb_is_not_unpacked(store: RunStore) -> None:
     path = part_of(store)
     zeros = io.BytesIO()

@@ -118,6 +118,7 @@ def test_what_is_allowed_is_not(source: str) -> None:
     assert not offences(source)
 
 
+@pytest.mark.slow
 def test_no_file_of_ours_does_what_is_forbidden() -> None:
     found = {
         str(path.relative_to(ROOT)): problems
@@ -127,6 +128,7 @@ def test_no_file_of_ours_does_what_is_forbidden() -> None:
     assert not found
 
 
+@pytest.mark.slow
 def test_only_known_modules_pickle_between_our_processes() -> None:
     users = {
         str(path.relative_to(ROOT))

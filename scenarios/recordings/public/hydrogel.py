@@ -40,7 +40,8 @@ same presses as measured, with the first released frames as the only reference.
 `superpose500` is the skin of the multi-touch sets, two weeks earlier: by then its released frame
 had moved by 40 %. The files `Extracted/MultiTouch/multitouch*.mat` state no places. Upstream's
 `MembraneProbing.py` and `ExtractResponses.m` tell how they were made: a probe with two tips, turned
-by 0, 45, 90 and 180 degrees, pressed by 10 and 15 mm. Rows 4 to 7 of A and B repeat rows 0 to 3.
+by 0, 45, 90 and 180 degrees, pressed by 10 and 15 mm. Rows 4 to 7 of A and B repeat rows 0 to 3
+to the last bit, and are left out.
 Where the tips were stands in upstream's figure (`Figures/FinalFigc.pdf`, crosses on six of the
 touches): A and B on both sides of the centre, C 46 and 66 mm from it (but for the two touches at
 the centre), turned clockwise. The crosses differ from this rule by up to 6 mm, so that these places
@@ -231,9 +232,10 @@ def _read_multitouch(folder: Path, sensor: Sensor) -> RecordedFrames:
     for part, distance in DISTANCES_MM.items():
         path = folder / f"Extracted/MultiTouch/multitouch{part}.mat"
         mat = read_arrays(path, "responsedowns", "responseups")
-        pressed.append(mat["responsedowns"])
-        released.append(mat["responseups"])
-        distances += [distance] * len(pressed[-1])
+        n = len(_TURNS[part])  # further rows repeat these
+        pressed.append(mat["responsedowns"][:n])
+        released.append(mat["responseups"][:n])
+        distances += [distance] * n
     samples = pd.DataFrame(
         {
             "split": validation_every_fifth(len(distances)),

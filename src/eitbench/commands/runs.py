@@ -233,18 +233,15 @@ def _show_run(result: "RunResult", as_json: bool, limit: int | None) -> None:
 def _complete(run: Path) -> tuple[list[dict[str, Any]], list[Path]]:
     """Write notes, leaderboard and figures into a run directory; its rows and the pictures."""
     from eitbench.benchmark.analysis.recording_notes import write_notes
+    from eitbench.reports.figures.findings import write_findings
     from eitbench.reports.figures.image_grid import write_figures
-    from eitbench.reports.figures.ladder import write_ladder
-    from eitbench.reports.figures.touches import write_findings
-    from eitbench.reports.figures.transfer import write_transfer
     from eitbench.reports.figures.voltages import write_voltages
     from eitbench.reports.tables.leaderboard import ranked_rows, write_leaderboard
 
     write_notes(run)
     rows = ranked_rows([run])
     write_leaderboard(rows, run)
-    writers = (write_ladder, write_transfer, write_findings, write_figures, write_voltages)
-    drawn = [write(run) for write in writers]
+    drawn = [write(run) for write in (write_findings, write_figures, write_voltages)]
     return rows, [path for written in drawn for path in written]
 
 

@@ -127,6 +127,7 @@ def test_what_rounding_changes_is_negligible_however_sure() -> None:
     assert compare(old, new).changes[0].verdict == "negligible"
 
 
+@pytest.mark.slow
 def test_a_gate_is_seldom_shut_by_chance() -> None:
     rng = np.random.default_rng(1)
     shut = 0

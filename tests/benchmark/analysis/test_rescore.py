@@ -33,6 +33,7 @@ def spoil(run: Path, **columns: float) -> pd.DataFrame:
     return table
 
 
+@pytest.mark.slow
 def test_nothing_changes_where_nothing_was_changed(toy_run: Path) -> None:
     table = pd.read_parquet(toy_run / "samples.parquet")
     cells = rescore(toy_run)
@@ -43,6 +44,7 @@ def test_nothing_changes_where_nothing_was_changed(toy_run: Path) -> None:
     pd.testing.assert_frame_equal(again, table, check_exact=True)
 
 
+@pytest.mark.slow
 def test_edited_figures_are_put_right(toy_run: Path) -> None:
     right = spoil(toy_run, psnr=99.0, cc_undefined=False)
     assert right["cc_undefined"].sum() == 5  # the toy returns constant images, or none
@@ -55,6 +57,7 @@ def test_edited_figures_are_put_right(toy_run: Path) -> None:
     assert set(noted[-1]) == {"time", "versions", "machine", "git_commit"}
 
 
+@pytest.mark.slow
 def test_recorded_sets_are_scored_with_the_registration_of_the_run(
     tmp_path: Path, recorded_data: Path
 ) -> None:

@@ -11,6 +11,7 @@ from eitbench.benchmark.run.runner import make_plan, start_run
 from eitbench.scenarios.suites.suite import Suite
 
 
+@pytest.mark.slow
 def test_every_choice_is_computed_as_it_says(tmp_path: Path, tiny: Suite) -> None:
     plan = make_plan(tiny, methods=["noser", "back-projection"])
     run = read_run(start_run(plan, tmp_path / "run").path)

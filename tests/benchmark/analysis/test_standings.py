@@ -138,6 +138,7 @@ def test_frames_of_the_same_cluster_do_not_count_as_many() -> None:
     assert together.clusters == 15
 
 
+@pytest.mark.slow
 def test_false_findings_are_as_rare_as_promised_where_sessions_share_their_noise() -> None:
     """Five methods without a true difference, which see the noise of a reference differently.
 

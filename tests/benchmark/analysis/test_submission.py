@@ -325,6 +325,7 @@ def test_methods_are_run_again_plugins_from_the_directory(with_plugin: Path) -> 
     assert digest(with_plugin) not in verified(with_plugin.parent)
 
 
+@pytest.mark.slow
 def test_all_samples_can_be_run_again_and_those_of_a_part_are_drawn(
     with_plugin: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -11,6 +11,9 @@ LONG = {"dip"}
 # Peers that share their code with one that is always checked.
 ALIKE = {"pyeit-bp", "pyeit-greit"}
 
+# A classical method and a trained one.
+QUICK = {"noser", "linear-learned"}
+
 BUILT_IN = [name for name, cls in methods().items() if cls.__module__.startswith("eitbench.")]
 
 
@@ -19,12 +22,13 @@ def test_every_built_in_method_is_listed() -> None:
     assert set(BUILT_IN) >= LONG
 
 
-SLOW = [pytest.mark.slow, pytest.mark.timeout(1800)]
+def marks(name: str) -> list[pytest.MarkDecorator]:
+    if name in LONG | ALIKE:
+        return [pytest.mark.nightly, pytest.mark.timeout(1800)]
+    return [] if name in QUICK else [pytest.mark.slow]
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param(n, marks=SLOW) if n in LONG | ALIKE else n for n in BUILT_IN]
-)
+@pytest.mark.parametrize("name", [pytest.param(name, marks=marks(name)) for name in BUILT_IN])
 def test_a_built_in_method_keeps_the_contract(name: str) -> None:
     if why := methods()[name].unusable(OWN_GRID.nominal_sensor):
         pytest.skip(why)

@@ -47,7 +47,7 @@ MISBEHAVING = {"toy-good": set(), "toy-prints": {"quiet"}}
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(n, marks=pytest.mark.slow) if n in MORE else n for n in BROKEN]
+    "name", [pytest.param(n, marks=pytest.mark.nightly) if n in MORE else n for n in BROKEN]
 )
 def test_a_broken_promise_is_found_alone(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -61,7 +61,7 @@ def test_a_broken_promise_is_found_alone(
 
 @pytest.mark.parametrize("name", MISBEHAVING)
 def test_a_misbehaving_method_fails_and_the_check_goes_on(name: str, toys: Path) -> None:
-    report = check_method(name, plugin=toys, limit_s=0.5 if name == "toy-hangs" else 60)
+    report = check_method(name, plugin=toys)
     assert {result.check for result in report.failed} == MISBEHAVING[name]
     failed = len(MISBEHAVING[name])
     assert f"{len(EVERYTHING)} checks ran, {len(EVERYTHING) - failed} passed, {failed} failed" in (
@@ -78,7 +78,7 @@ def test_a_misbehaving_method_fails_and_the_check_goes_on(name: str, toys: Path)
             "set-up failed with ValueError: no licence for this sensor.",
             'in fit\n    raise ValueError("no licence',
         ),
-        ("toy-hangs", "shape", "reconstruct took longer than 0.5 s.", ""),
+        ("toy-hangs", "shape", "reconstruct took longer than 10 s.", ""),
         ("toy-raises", "shape", "RuntimeError: the sky is falling.", "in fail"),
         ("toy-shape", "shape", "reconstruct returned an array of shape", ""),
         ("toy-mutates", "unchanged_input", "reconstruct changed its input in place.", ""),
@@ -87,7 +87,7 @@ def test_a_misbehaving_method_fails_and_the_check_goes_on(name: str, toys: Path)
 def test_a_method_that_does_not_work_at_all_is_told_so_once(
     name: str, check: str, says: str, line: str, toys: Path
 ) -> None:
-    report = check_method(name, plugin=toys, limit_s=0.5 if name == "toy-hangs" else 60)
+    report = check_method(name, plugin=toys, limit_s=10 if name == "toy-hangs" else 60)
     (failed,) = report.failed
     assert failed.check == check
     assert failed.message.startswith(says)
@@ -106,6 +106,7 @@ def test_a_hole_is_found() -> None:
     assert found.message == "3 of 4800 pixels are NaN or infinite."
 
 
+@pytest.mark.slow
 def test_a_method_that_will_not_stop_is_stopped_at_the_limit() -> None:
     subject_model = SCENARIO.nominal_sensor
     forward_model(subject_model).jacobian(np.ones(subject_model.image_shape))  # compiles it
@@ -156,6 +157,7 @@ def test_a_sensor_that_no_motion_brings_onto_itself_has_none_to_check(tmp_path: 
             check(subject)
 
 
+@pytest.mark.slow
 def test_a_method_of_one_image_grid_is_checked_there() -> None:
     report = check_method("contract-own-grid", plugin=PLUGIN)
     assert report.where == "foam16, 80 x 80"

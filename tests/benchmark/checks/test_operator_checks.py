@@ -120,6 +120,7 @@ def test_without_jax_its_checks_are_skipped_with_a_reason(
         assert "pip install" in result.message
 
 
+@pytest.mark.slow
 def test_a_report_counts_what_ran_and_what_was_skipped() -> None:
     """In a worker, for an operator that exists for one image grid only."""
     report = check_operator("operator-large-only", plugin=PLUGIN)

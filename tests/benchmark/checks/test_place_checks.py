@@ -52,7 +52,7 @@ def test_broken_methods_fail_the_right_checks(plugin: Path) -> None:
     assert {"wrong_length", "nan_differences"} <= failed.keys()
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     "name",
     ["one-place", "ridge", "kernel-ridge-skins", "network", "network-simulated", "network-skins"],

@@ -228,6 +228,20 @@ def test_touches_of_two_contacts_alone_are_registered() -> None:
     assert (rows["contact_count_error"] == 0).all()
 
 
+def test_touches_on_both_sides_of_one_point_are_registered() -> None:
+    """Their middles say nothing; contacts that are found where they are register the images."""
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        one = 0.04 * np.exp(2j * np.pi * rng.random(30))
+        image = np.stack([one.real, one.imag], axis=1)
+        (x, y), (x2, y2) = robot(image).T, robot(-image).T
+        data = dataset("position", 30, x_m=x, y_m=y, x2_m=x2, y2_m=y2, contacts=np.full(30, 2))
+        strong = image * rng.choice([-1, 1], (30, 1))
+        images = np.minimum(presses(strong), presses(-strong, -0.06))
+        rows = evaluate(data, images, fit_registration(data, images))
+        assert rows["farthest_contact_mm"].median() < 2
+
+
 def test_a_measured_force_is_judged_after_a_line_through_the_validation_presses() -> None:
     draws = np.random.default_rng(0)
     level = draws.uniform(0.05, 0.2, 30)

@@ -51,6 +51,7 @@ def test_correlation_is_pearsons_over_all_responses() -> None:
     assert np.isnan([one.low, one.high]).all()
 
 
+@pytest.mark.slow
 def test_the_interval_of_a_correlation_draws_whole_clusters() -> None:
     """A few strong touches rule R, so that samples within them are no evidence of their own."""
     rng = np.random.default_rng(4)

@@ -169,6 +169,7 @@ def _presses(better: float, rng: np.random.Generator) -> tuple[Array, Array]:
     return one, better * other
 
 
+@pytest.mark.slow
 def test_signed_ranks_find_as_few_differences_by_chance_as_promised() -> None:
     rng = np.random.default_rng(8)
     trials = 1000

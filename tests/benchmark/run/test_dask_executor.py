@@ -28,6 +28,8 @@ from eitbench.benchmark.rundir import manifest
 from eitbench.scenarios.errors import EitbenchError, InputError
 from eitbench.scenarios.suites.suite import Suite, load_suite
 
+pytestmark = pytest.mark.slow
+
 SameResults = Callable[[Path, Path], None]
 START_SECONDS = 120
 
@@ -120,7 +122,7 @@ def test_a_cluster_gives_the_same_bits_batch_by_batch(
     assert (there / "logs" / "tiny--toy-nan.log").is_file()
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_cluster_has_what_operators_are_compared_with(
     machines: Machines, same_results: SameResults, tmp_path: Path
 ) -> None:

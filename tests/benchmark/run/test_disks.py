@@ -27,7 +27,7 @@ cp -r "$DISK/run" "$KEPT"
 """
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_full_disk_is_one_sentence_and_breaks_nothing(
     same_results: SameResults, tmp_path: Path
 ) -> None:
@@ -50,7 +50,7 @@ def test_a_full_disk_is_one_sentence_and_breaks_nothing(
     same_results(tmp_path / "whole", kept)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_two_runs_share_a_cache(
     same_results: SameResults, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -30,6 +30,7 @@ def run(tiny: Suite, tmp_path_factory: pytest.TempPathFactory) -> Path:
         return start_run(plan, folder / "run", jobs=2).path
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("method", "status", "message"),
     [
@@ -52,12 +53,14 @@ def test_it_costs_its_rows_only(method: str, status: str, message: str, run: Pat
     assert np.isfinite(rows["score"]).all()
 
 
+@pytest.mark.slow
 def test_what_it_prints_does_not_fill_the_disk(run: Path) -> None:
     (log,) = (run / "logs").glob("*prints-a-lot.log")
     assert log.stat().st_size <= LOG_LIMIT
     assert log.read_bytes()[:4] == b"xxxx"
 
 
+@pytest.mark.slow
 def test_what_it_leaves_behind_is_ended(run: Path) -> None:
     (log,) = (run / "logs").glob("*leaves-a-daemon.log")
     daemon = int(log.read_text().splitlines()[0])

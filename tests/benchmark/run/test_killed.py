@@ -59,7 +59,7 @@ def assert_kept(before: Rows, after: Rows) -> None:
     assert not lost, lost[:3]
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.timeout(7200)
 def test_killed_at_any_moment(
     toys: Path,

@@ -38,6 +38,7 @@ def cells(run: Path) -> pd.DataFrame:
     return pd.read_parquet(run / "methods.parquet").set_index("method")
 
 
+@pytest.mark.slow
 def test_all_others_keep_their_rows(run: Path) -> None:
     """And what they hold can be shown."""
     samples = pd.read_parquet(run / "samples.parquet").set_index("method")
@@ -47,10 +48,12 @@ def test_all_others_keep_their_rows(run: Path) -> None:
     json.dumps(board, ensure_ascii=False).encode()
 
 
+@pytest.mark.slow
 def test_no_code_was_run_in_the_judge(run: Path) -> None:
     assert not (run.parent / "code-was-run").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", NO_ANSWER)
 def test_what_is_no_answer_costs_the_worker(method: str, run: Path) -> None:
     rows = pd.read_parquet(run / "samples.parquet").set_index("method").loc[[method]]
@@ -59,6 +62,7 @@ def test_what_is_no_answer_costs_the_worker(method: str, run: Path) -> None:
     assert rows["message"].tolist() == [said]
 
 
+@pytest.mark.slow
 def test_texts_are_short_and_can_be_written(cells: pd.DataFrame) -> None:
     assert cells.loc["surrogates", "differs"] == "\\ud800"
     assert len(str(cells.loc["long-text", "differs"])) == 500
@@ -67,12 +71,14 @@ def test_texts_are_short_and_can_be_written(cells: pd.DataFrame) -> None:
     assert len(parameters["long"]) == 500
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["endless-training", "training-runs-code"])
 def test_training_that_cannot_be_is_not_known(method: str, cells: pd.DataFrame) -> None:
     assert cells["overlap"].isna()[method]
     assert cells.loc[method, "prior_knowledge"]
 
 
+@pytest.mark.slow
 def test_columns_that_are_not_a_methods_to_tell_are_not_taken(cells: pd.DataFrame) -> None:
     row = cells.loc["forges-columns"]
     assert row["scenario"] == "tiny"
@@ -81,6 +87,7 @@ def test_columns_that_are_not_a_methods_to_tell_are_not_taken(cells: pd.DataFram
     assert len(cells.loc[["noser"]]) == 1
 
 
+@pytest.mark.slow
 def test_its_images_are_its_own(run: Path) -> None:
     with h5py.File(run / "reconstructions.h5") as file:
         image = file["tiny/noser/conductivity"][0]

@@ -123,6 +123,7 @@ def test_the_exact_operator_is_exact_on_its_own_mesh_and_discretised_on_a_finer_
         assert row["memory_mb"] > 50
 
 
+@pytest.mark.slow
 def test_a_limit_does_not_change_the_scale(suite: Suite, run: Path, tmp_path: Path) -> None:
     plan = make_plan(suite, scenarios=["tiny-finer"], limit=3)
     part = pd.read_parquet(start_run(plan, tmp_path / "part").path / "samples.parquet")
@@ -168,6 +169,7 @@ def toys(suite: Suite, tmp_path_factory: pytest.TempPathFactory) -> pd.DataFrame
     return samples.join(rows[["rank", "r", "train_s", "trained_on"]], on="operator")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "statuses", "message"),
     [
@@ -193,6 +195,7 @@ def test_an_operator_costs_its_own_rows_only(
         assert bad["sample"].tolist() == [3]
 
 
+@pytest.mark.slow
 def test_a_gradient_of_zero_has_no_direction(toys: pd.DataFrame) -> None:
     rows = toys[toys["operator"] == "toy-flat"]
     assert rows["grad_undefined"].all()
@@ -202,6 +205,7 @@ def test_a_gradient_of_zero_has_no_direction(toys: pd.DataFrame) -> None:
     assert set(rows["trained_on"]) == {"a big machine"}
 
 
+@pytest.mark.slow
 def test_a_terminated_run_resumes_to_the_same_figures(
     suite: Suite,
     run: Path,
@@ -245,6 +249,7 @@ def test_a_terminated_run_resumes_to_the_same_figures(
         np.testing.assert_array_equal(one[name][:], other[name][:])
 
 
+@pytest.mark.slow
 def test_a_model_that_fails_is_said_and_tried_again(
     suite: Suite, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

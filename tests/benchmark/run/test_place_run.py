@@ -18,7 +18,7 @@ from eitbench.benchmark.rundir.cells import Cell
 from eitbench.benchmark.rundir.kinds import PLACE_RUNS
 from eitbench.benchmark.rundir.store import RunStore
 from eitbench.benchmark.workers.place_service import PlaceService
-from eitbench.reports.figures.transfer import write_transfer
+from eitbench.reports.figures.findings import write_findings
 from eitbench.scenarios.suites.suite import Suite, load_suite
 
 PLUGIN = '''
@@ -76,7 +76,9 @@ def test_a_run_locates_presses_and_is_resumed(tmp_path: Path) -> None:
     with h5py.File(run / "places.h5") as file:
         assert file["skin/kernel-ridge/place"].shape == (10, 2)
     assert resume_run(run).path == run
-    assert {path.name for path in write_transfer(run)} >= {"transfer.md", "transfer.png"}
+    written = {path.name: path for path in write_findings(run)}
+    assert written["transfer.png"].stat().st_size > 500
+    assert written["transfer.csv"].read_text().count(".h5,25,") == len(errors)
 
 
 def test_places_are_registered_outside_the_method(tmp_path: Path) -> None:

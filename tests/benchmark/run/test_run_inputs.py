@@ -171,6 +171,7 @@ class HangsOnOne(methods()["noser"]):
 """
 
 
+@pytest.mark.slow
 def test_a_hanging_frame_is_lost_alone(
     tiny: Suite, tmp_path: Path, data: Dataset, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -187,9 +188,10 @@ def _text(file: Path) -> str:
     return file.read_text() if file.is_file() else ""
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="needs signals: run on Linux or macOS")
 @pytest.mark.parametrize(
-    "number", [pytest.param(signal.SIGTERM, marks=pytest.mark.slow), signal.SIGKILL]
+    "number", [pytest.param(signal.SIGTERM, marks=pytest.mark.nightly), signal.SIGKILL]
 )
 def test_a_run_that_is_ended_leaves_no_process(
     number: signal.Signals, toys: Path, tmp_path: Path

@@ -213,6 +213,7 @@ def fill_disk_after(count: int, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(np, "savez", savez)
 
 
+@pytest.mark.slow
 def test_a_full_disk_keeps_what_was_finished_and_resumes(
     same_results: SameResults,
     tiny: Suite,
@@ -239,6 +240,7 @@ def test_a_full_disk_keeps_what_was_finished_and_resumes(
     assert resume_run(cut, suite=tiny).path == cut  # nothing left to do
 
 
+@pytest.mark.slow
 def test_several_cells_at_a_time_change_nothing(
     same_results: SameResults, tiny: Suite, toys: Path, tmp_path: Path
 ) -> None:
@@ -319,6 +321,7 @@ def test_a_lock_holds_as_long_as_its_process(cut_run: Path, apart: bool) -> None
     assert not list(cut_run.glob(".lock*"))
 
 
+@pytest.mark.slow
 def test_a_run_is_finished_only_with_every_cell(
     tiny: Suite, toys: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

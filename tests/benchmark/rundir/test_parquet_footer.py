@@ -65,6 +65,7 @@ for place in range(len(good) - 8 - footer, len(good) - 8):
 """
 
 
+@pytest.mark.slow
 def test_no_damaged_footer_ends_the_process(table: pa.Table, tmp_path: Path) -> None:
     path = tmp_path / "a.parquet"
     pq.write_table(table, path)

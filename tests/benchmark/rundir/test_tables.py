@@ -4,10 +4,12 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import pytest
 
 from eitbench.benchmark.rundir.tables import read_parquet, write_parquet
 
 
+@pytest.mark.slow
 def test_a_flipped_bit_is_refused_or_changes_no_value(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     names = rng.choice(["noser", "tv", "greit"], 200)

@@ -42,6 +42,7 @@ def test_each_prior_takes_away_what_it_says_and_nothing_else() -> None:
         assert one == replace(other, contact_impedance=10 * other.contact_impedance)
 
 
+@pytest.mark.slow
 def test_the_worth_is_the_paired_difference_of_scores(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(priors, "CLASSICAL", ("noser", "tikhonov"))
     monkeypatch.setattr(priors, "NETWORKS", ("linear-map",))

@@ -53,6 +53,7 @@ def test_the_factor_gives_the_rie_that_was_asked_for() -> None:
     assert scaled_to(1.3, truth - 1, np.zeros_like(change), truth) is None
 
 
+@pytest.mark.slow
 def test_the_plain_reading_is_the_benchmark_s_own_and_axes_leave_its_rie_near() -> None:
     table = published_readings(PUBLISHED, samples=3)
     scenario = load_suite("paper").scenarios[0]

@@ -62,6 +62,7 @@ def smaller(monkeypatch: pytest.MonkeyPatch, name: str, **grid: tuple[object, ..
     monkeypatch.setitem(STUDIES, name, replace(STUDIES[name], grid=grid))
 
 
+@pytest.mark.slow
 def test_a_study_goes_on_where_it_stopped_and_to_the_same_figures(
     budget: StudyBudget, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -94,7 +95,8 @@ def test_a_study_goes_on_where_it_stopped_and_to_the_same_figures(
 
 
 # Processes of its own load PyTorch anew.
-@pytest.mark.parametrize("jobs", [1, pytest.param(2, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("jobs", [1, pytest.param(2, marks=pytest.mark.nightly)])
 def test_losses_are_compared_on_the_same_samples_for_every_seed(
     jobs: int, budget: StudyBudget, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -142,6 +144,7 @@ def test_what_is_no_study_is_refused(budget: StudyBudget, tmp_path: Path) -> Non
         run_study("beta", budget, tmp_path / "full")
 
 
+@pytest.mark.slow
 def test_a_study_that_is_terminated_leaves_no_process(budget: StudyBudget, tmp_path: Path) -> None:
     out = tmp_path / "out"
     words = [

@@ -40,6 +40,7 @@ def suite(*scenarios: Scenario, fit_limit_s: float = 60.0) -> Suite:
     )
 
 
+@pytest.mark.slow
 def test_a_trial_that_hangs_dies_or_reaches_for_the_test_split_costs_itself_only(
     tmp_path: Path,
 ) -> None:
@@ -185,6 +186,7 @@ def test_a_study_that_was_stopped_goes_on_where_it_stood(
     assert len(asked) == 16
 
 
+@pytest.mark.slow
 def test_one_choice_for_several_scenarios(tmp_path: Path) -> None:
     other = SMALL.model_copy(update={"name": "other", "image_shape": (18, 18)})
     plan = make_plan(suite(SMALL, other), methods=["constant"], plugins=[PLUGIN])
@@ -290,6 +292,7 @@ def test_the_test_split_is_closed_in_this_process_while_methods_are_tuned(
     assert not is_closed()
 
 
+@pytest.mark.slow
 def test_a_whole_tuning_opens_no_file_of_the_test_split(tmp_path: Path) -> None:
     """The cache starts empty, so that test samples would have to be simulated and stored."""
     (tmp_path / "site").mkdir()

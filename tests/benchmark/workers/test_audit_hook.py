@@ -10,6 +10,8 @@ import pytest
 
 from eitbench.benchmark.workers.audit_hook import Watch
 
+pytestmark = pytest.mark.slow
+
 # Each program runs in a process of its own, in a folder with `file`, `folder/` and `open`, a
 # descriptor of `folder`.
 WRITES = {

@@ -67,6 +67,7 @@ def test_a_damaged_message_is_a_reply_or_refused(piece: bytes, start: int, stop:
     read(OK[:start] + piece + OK[stop:])
 
 
+@pytest.mark.slow
 @given(st.recursive(st.none() | st.booleans() | st.floats() | st.text(), st.lists), st.binary())
 @LIMITED
 def test_any_header_is_a_reply_or_refused(part: Any, content: bytes) -> None:
@@ -92,6 +93,7 @@ def same(one: Any, other: Any) -> None:
         assert type(one) is type(other)
 
 
+@pytest.mark.slow
 @given(values)
 @LIMITED
 def test_values_come_back(value: Any) -> None:

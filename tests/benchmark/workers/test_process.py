@@ -77,6 +77,7 @@ def noted(plugin: Path, name: str) -> str:
     return str(wait_for(lambda: path.exists() and path.read_text()))
 
 
+@pytest.mark.slow
 @LINUX
 def test_no_worker_outlives_a_run_that_is_killed(
     tmp_path: Path, tmp_path_factory: pytest.TempPathFactory
@@ -154,6 +155,7 @@ def undisturbed(tiny: Suite, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return start_run(plan, tmp_path_factory.mktemp("undisturbed") / "run").path
 
 
+@pytest.mark.slow
 @LINUX
 def test_a_server_that_is_killed_costs_no_row(
     tiny: Suite,
@@ -182,6 +184,7 @@ def test_a_server_that_is_killed_costs_no_row(
         assert server() not in killed
 
 
+@pytest.mark.slow
 @LINUX
 def test_a_worker_starts_though_the_socket_of_the_server_is_gone() -> None:
     """As where somebody tidies up temporary files."""
@@ -222,6 +225,7 @@ def test_a_worker_that_ends_before_it_is_ready_is_no_death_of_scored_code(
         Worker(operator.methodcaller("recv"), log=tmp_path / "no-folder" / "log")
 
 
+@pytest.mark.slow
 @LINUX
 def test_where_memory_ends_a_worker_is_ended_before_the_run() -> None:
     own = int(Path("/proc/self/oom_score_adj").read_text())

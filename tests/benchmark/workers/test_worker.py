@@ -268,6 +268,7 @@ def test_a_long_trace_keeps_its_ends_and_our_own_refusals_have_none() -> None:
     assert describe_exception(refused.value).trace == ""
 
 
+@pytest.mark.slow
 def test_a_script_is_told_about_the_guard_before_anything_is_run(tmp_path: Path) -> None:
     script = tmp_path / "mine.py"
     script.write_text(
@@ -293,6 +294,7 @@ def test_ctrl_c_does_not_reach_what_a_run_starts(toys: Path) -> None:
     assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, ())
 
 
+@pytest.mark.slow
 def test_a_program_from_standard_input_is_told_to_be_a_file() -> None:
     program = "from eitbench.benchmark.workers.worker import plugin_names\nplugin_names('any.py')\n"
     done = subprocess.run([sys.executable, "-"], input=program, capture_output=True, text=True)

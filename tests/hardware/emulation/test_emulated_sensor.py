@@ -38,6 +38,7 @@ def test_a_touch_appears_where_it_is_made(emulated: EmulatedSensor) -> None:
     assert np.hypot(x - PRESS.x_m, y - PRESS.y_m) < 0.005
 
 
+@pytest.mark.slow
 def test_the_material_creeps_and_recovers() -> None:
     """Beyond noise: of the same touch more is seen later, and after it some is left for seconds."""
     soft = EmulatedSensor(FOAM, unit=1)

@@ -138,7 +138,7 @@ def test_random_and_mutated_strings(name: str, stream: MakeStream) -> None:
     fuzz(stream(name, 4), 3000)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_million_random_and_mutated_strings(name: str, stream: MakeStream) -> None:
     assert fuzz(stream(name, 4), 1_000_000) < 64 << 20
 

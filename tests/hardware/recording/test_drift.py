@@ -87,7 +87,7 @@ def _no_training(split: str, limit: int | None) -> Dataset:
     raise AssertionError("NOSER learns nothing")
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_reference_for_each_touch_follows_the_drift(tmp_path: Path) -> None:
     """Of 10 % in a quarter of an hour; by one of 1 % neither is much better than the other."""
     session(tmp_path / "own.h5", drift=0.1)

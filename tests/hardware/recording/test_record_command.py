@@ -161,8 +161,9 @@ def recorded(path: Path) -> int:
         return 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
-    "end", [signal.SIGTERM, pytest.param(signal.SIGINT, marks=pytest.mark.slow)]
+    "end", [signal.SIGTERM, pytest.param(signal.SIGINT, marks=pytest.mark.nightly)]
 )
 def test_an_emulated_board_is_recorded_until_a_signal(tmp_path: Path, end: signal.Signals) -> None:
     """The whole way: a serial device file, the live status line of a terminal, the signal."""
@@ -230,7 +231,7 @@ def test_a_terminal_that_is_closed_leaves_a_whole_recording(
     assert made.calls[-2:] == ["stop", "close"]
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_terminal_that_is_closed_ends_a_guided_recording_cleanly(tmp_path: Path) -> None:
     (tmp_path / "bench.toml").write_text(SENSOR)
     out = tmp_path / "a.h5"
@@ -305,7 +306,7 @@ def test_nothing_is_left_of_a_recording_without_frames(
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_guided_session_with_an_emulated_board_is_ready_for_a_suite(tmp_path: Path) -> None:
     out = tmp_path / "touch.h5"
     answers = "\n4\n\n" + "30 30\n70 30\n50 60\n" + "\n"

@@ -167,12 +167,13 @@ def kill_a_recorder(path: Path, after: int) -> tuple[int, list[tuple[int, int, f
     return len(content), said, killed
 
 
+@pytest.mark.slow
 def test_a_kill_loses_nothing_that_was_written(tmp_path: Path) -> None:
     frames, said, _ = kill_a_recorder(tmp_path / "a.h5", 50)
     assert frames >= said[-1][1] > 0
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("seed", range(100))
 def test_no_kill_of_many_loses_more_than_the_last_second(tmp_path: Path, seed: int) -> None:
     after = random.Random(seed).randrange(1, 600)

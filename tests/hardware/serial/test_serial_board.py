@@ -244,6 +244,6 @@ def test_ten_times_the_rate(serve: Serve) -> None:
     fast(serve, 0.5)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_ten_times_the_rate_for_a_minute(serve: Serve) -> None:
     fast(serve, 60.0)

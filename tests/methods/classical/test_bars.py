@@ -44,11 +44,12 @@ BARS = [
     ("tv", "paper-50db", {"ssim": 0.80}),
     # On all 6,000 they are 0.949, 0.962, 0.0366 and 30.2 dB.
     ("dnn", "paper", {"ssim": 0.945, "cc": 0.955, "rie": 0.042, "psnr": 29.5}),
-    pytest.param("gauss-newton-tv", "paper", {"ssim": 0.86, "psnr": 26}, marks=pytest.mark.slow),
-    pytest.param("gauss-newton-tv", "paper-50db", {"psnr": 23}, marks=pytest.mark.slow),
+    pytest.param("gauss-newton-tv", "paper", {"ssim": 0.86, "psnr": 26}, marks=pytest.mark.nightly),
+    pytest.param("gauss-newton-tv", "paper-50db", {"psnr": 23}, marks=pytest.mark.nightly),
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "scenario", "bars"), BARS)
 def test_methods_reach_their_bars(name: str, scenario: str, bars: dict[str, float]) -> None:
     found = figures(scenario, name)
@@ -56,9 +57,10 @@ def test_methods_reach_their_bars(name: str, scenario: str, bars: dict[str, floa
         assert found[metric] <= bar if metric == "rie" else found[metric] >= bar, metric
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "scenario",
-    [pytest.param(name, marks=() if name in ENDS else pytest.mark.slow) for name in LEVELS],
+    [pytest.param(name, marks=() if name in ENDS else pytest.mark.nightly) for name in LEVELS],
 )
 def test_total_variation_beats_noser_until_noise_hides_edges(scenario: str) -> None:
     """At 30 dB, with the noise of two frames in a difference, NOSER has the higher PSNR."""
@@ -74,6 +76,7 @@ def test_the_packaged_network_beats_total_variation(scenario: str) -> None:
     assert dnn["rie"] < tv["rie"]
 
 
+@pytest.mark.slow
 def test_gauss_newton_steps_improve_the_network_they_continue() -> None:
     """On all 6,000 they are 0.955, 0.970, 0.0318 and 31.3 dB."""
     network, refined = figures("paper", "dnn"), figures("paper", "learned-gn")
@@ -103,7 +106,7 @@ def test_noser_finds_presses_on_a_real_skin() -> None:
     assert median_error("noser") <= 13
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.usefixtures("recorded_data")
 def test_what_simulated_presses_teach_beats_greit_on_a_real_skin() -> None:
     """Medians: 8.3 mm against 9.4 mm of the best classical method."""

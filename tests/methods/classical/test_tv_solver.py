@@ -1,6 +1,7 @@
 """The ADMM solver against an independent primal-dual iteration on a small dense problem."""
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 
 from eitbench.methods.classical.tv_solver import TVSolver
@@ -42,6 +43,7 @@ def chambolle_pock(rows: Array, data: Array, weight: float, bounds: tuple[float,
     return x
 
 
+@pytest.mark.slow
 def test_minimiser_is_the_one_of_an_independent_solver() -> None:
     rng = np.random.default_rng(0)
     rows = rng.standard_normal((12, H * W))

@@ -86,6 +86,7 @@ def install(result: TrainingResult) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_a_network_learns_what_no_linear_map_can(trained: TrainingResult) -> None:
     linear, network = tiny_mse(create("linear-learned")), tiny_mse(Dnn(str(trained.weights)))
     assert network < 0.8 * linear
@@ -103,6 +104,7 @@ def test_a_network_learns_what_no_linear_map_can(trained: TrainingResult) -> Non
     assert {"train", "train_physical", "rate", "seconds"} < set(table[0])
 
 
+@pytest.mark.slow
 def test_the_reference_frame_gives_the_background(trained: TrainingResult) -> None:
     install(trained)
     p = tiny_problem()
@@ -112,6 +114,7 @@ def test_the_reference_frame_gives_the_background(trained: TrainingResult) -> No
         assert np.abs(method.reconstruct(p.reference[None]) - 1).max() <= allowed
 
 
+@pytest.mark.slow
 def test_the_users_own_weights_are_used_unless_a_file_is_named(trained: TrainingResult) -> None:
     path = install(trained)
     content = read_arrays(path)
@@ -131,6 +134,7 @@ def test_the_users_own_weights_are_used_unless_a_file_is_named(trained: Training
         Dnn("nowhere").fit(tiny_problem())
 
 
+@pytest.mark.slow
 def test_weights_that_do_not_belong_are_refused(
     trained: TrainingResult, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -153,6 +157,7 @@ def test_weights_that_do_not_belong_are_refused(
         create("dnn").fit(tiny_problem())
 
 
+@pytest.mark.slow
 def test_an_interrupted_training_continues_as_if_it_had_not_been(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -194,7 +199,7 @@ def test_an_interrupted_training_continues_as_if_it_had_not_been(
     assert method.reconstruct(data.voltages).shape == (1, 12, 12)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_physical_loss_is_minimised_after_a_third_of_the_epochs_and_not_before(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -218,6 +223,7 @@ def test_the_physical_loss_is_minimised_after_a_third_of_the_epochs_and_not_befo
     assert strong[-1]["train_physical"] < 0.8 * dnn[-1]["train_physical"]
 
 
+@pytest.mark.slow
 def test_the_gradient_is_that_of_both_losses(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -250,6 +256,7 @@ def test_the_gradient_is_that_of_both_losses(
         assert physical > 0
 
 
+@pytest.mark.slow
 def test_without_a_data_loss_no_true_image_has_a_part(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -278,6 +285,7 @@ def test_without_a_data_loss_no_true_image_has_a_part(
         assert torch.equal(tensor, weights[1][name])
 
 
+@pytest.mark.slow
 def test_a_training_that_diverges_says_so_and_keeps_what_was_good(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
@@ -305,6 +313,7 @@ def test_a_training_that_diverges_says_so_and_keeps_what_was_good(
     assert len(rows(out)) == kept
 
 
+@pytest.mark.slow
 def test_it_ends_early_when_nothing_improves(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -80,6 +80,7 @@ def test_an_update_explains_more_of_the_frame(make: Callable[[], Sensor]) -> Non
     assert np.abs(update(frame[None], right[None])).max() < 1e-3
 
 
+@pytest.mark.slow
 def test_a_refiner_begins_as_the_identity_and_sees_all_its_images() -> None:
     mask = torch.ones(13, 11, dtype=torch.bool)
     mask[:2] = False
@@ -107,7 +108,7 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_step_through_the_model_improves_the_image_of_a_network(
     cache: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -147,7 +148,7 @@ def test_a_step_through_the_model_improves_the_image_of_a_network(
         train(request)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_network_improves_a_coarse_image(cache: Path) -> None:
     result = train(TrainingRequest("coarse-to-fine", suite_of(cache, TINY), epochs=16))
     assert result.in_use

@@ -182,7 +182,7 @@ def test_float32_costs_rounding_only(name: str) -> None:
     assert np.linalg.norm(single - gradient) < 1e-5 * np.linalg.norm(gradient)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.skipif(
     sys.platform != "linux", reason="asks Linux for the peak of memory: run on Linux"
 )

@@ -82,6 +82,7 @@ def assert_in_place(
 # ---- scale -------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "alike"), [("foam16", [4, 4, 4, 8, 8, 8]), ("ohmc16", [1] * 32), ("ktc2023", [1] * 32)]
 )
@@ -114,6 +115,7 @@ def test_the_protocol_holds_the_pattern_row_by_row(pattern: DrivePattern) -> Non
         assert plan.meas_mat.shape == (16, 13, 2)
 
 
+@pytest.mark.slow
 @needs_pyeit
 @pytest.mark.parametrize(
     "name", ["foam16", "ohmc16", "hydrogel-rectangle", "jku-tank-opposite", "ktc2023"]
@@ -134,6 +136,7 @@ def test_meshes_fill_the_outline_and_put_electrodes_in_their_places(name: str) -
     assert set(mesh.element.ravel()) == set(range(mesh.n_nodes))
 
 
+@pytest.mark.slow
 @needs_pyeit
 @pytest.mark.parametrize("name", ["foam16", "ohmc16", "hydrogel-rectangle", "sciospec-tank"])
 def test_pyeit_measures_what_our_model_measures(name: str) -> None:
@@ -156,6 +159,7 @@ def test_pyeit_measures_what_our_model_measures(name: str) -> None:
     assert (np.sign(ours) == np.sign(theirs))[large].all()
 
 
+@pytest.mark.slow
 @needs_pyeit
 def test_meshes_do_not_depend_on_random_numbers() -> None:
     of = coarse("foam16")
@@ -168,6 +172,7 @@ def test_meshes_do_not_depend_on_random_numbers() -> None:
     np.testing.assert_array_equal(meshes[0].element, meshes[1].element)
 
 
+@pytest.mark.slow
 @needs_pyeit
 def test_jac_is_what_pyeit_makes_of_its_own_protocol() -> None:
     """pyEIT's own adjacent protocol measures with the other sign, which no image may show."""
@@ -190,6 +195,7 @@ def test_jac_is_what_pyeit_makes_of_its_own_protocol() -> None:
     np.testing.assert_allclose(found, expected, atol=1e-9 * np.abs(expected).max())
 
 
+@pytest.mark.slow
 @needs_pyeit
 @pytest.mark.parametrize("name", PYEIT)
 @pytest.mark.parametrize("of", ["foam16", "ohmc16", "hydrogel-rectangle16"])
@@ -205,6 +211,7 @@ def test_pyeit_s_images_stand_in_their_places(name: str, of: str) -> None:
     assert f"{pyeit_mesh(problem.sensor).n_elems} triangles" in method.differs
 
 
+@pytest.mark.slow
 @needs_pyeit
 def test_the_scale_does_not_depend_on_gain_or_background() -> None:
     of = coarse("foam16")
@@ -254,6 +261,7 @@ def test_listings_say_what_differs() -> None:
     assert "EIDORS" in str(rows["eidors-greit"]["differs"])
 
 
+@pytest.mark.slow
 @needs_pyeit
 def test_a_run_keeps_and_shows_what_differs(
     eitbench: Callable[..., tuple[int, str, str]], tmp_path: Path
@@ -294,6 +302,7 @@ def stub(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
     return tmp_path / "asked.npz"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("of", ["foam16", "ohmc16"])
 def test_a_reader_of_the_request_measures_what_our_model_measures(stub: Path, of: str) -> None:
     """Its own finite elements agree with ours, in our order and with our signs."""
@@ -310,6 +319,7 @@ def test_a_reader_of_the_request_measures_what_our_model_measures(stub: Path, of
     np.testing.assert_allclose(reference, ours, rtol=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", EIDORS)
 def test_what_octave_answers_stands_in_its_place(stub: Path, name: str) -> None:
     problem, frame, sigma = touched(coarse("foam16"))
@@ -403,7 +413,7 @@ def test_what_is_missing_and_how_to_get_it(
     assert "'eidors-noser' cannot be checked here: EIDORS is run in GNU Octave" in err
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.skipif(bool(missing()), reason=missing())
 @pytest.mark.parametrize("name", EIDORS)
 def test_eidors_itself(name: str) -> None:

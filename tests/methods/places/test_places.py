@@ -85,6 +85,7 @@ def disc_frames(n: int) -> tuple[Array, Array]:
     return RNG.uniform(0.1, 2, (n, 1)) * np.exp(-((distance / 0.04) ** 2)), places
 
 
+@pytest.mark.slow
 def test_a_network_learns_places_and_further_training_leaves_it_as_it_was() -> None:
     frames, places = disc_frames(600)
     phase = replace(SIMULATED, steps=400, gain=0.1, noise=0.05)
@@ -100,6 +101,7 @@ def test_a_network_learns_places_and_further_training_leaves_it_as_it_was() -> N
         fresh.trained(frames, places[:3], phase)
 
 
+@pytest.mark.slow
 @given(st.floats(1e-6, 1e6))
 def test_places_do_not_depend_on_the_strength_of_a_frame(factor: float) -> None:
     frames, _ = disc_frames(3)
@@ -114,6 +116,7 @@ def few_presses(split: str, limit: int | None) -> Dataset:
     return load(presses, split, min(limit or 300, 300))
 
 
+@pytest.mark.slow
 def test_a_linear_map_learned_from_presses_finds_others_whatever_the_gain() -> None:
     test = few_presses("test", 40)
 
@@ -171,7 +174,7 @@ def test_an_imaging_method_says_the_place_of_its_contact() -> None:
     assert located("noser", 10) < 10
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_networks_learn_from_simulation_and_skins_first(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("SIMULATED", "SKINS"):
         phase = replace(SIMULATED, steps=400, gain=0.1, noise=0.1)

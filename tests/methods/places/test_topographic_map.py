@@ -93,7 +93,7 @@ def test_a_skin_without_labelled_presses_is_mapped_from_other_skins() -> None:
     assert errors["topographic-map-skins"] < 0.6 * errors["kernel-ridge-skins"]
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.usefixtures("recorded_data")
 def test_unlabelled_presses_of_a_real_skin_halve_the_error() -> None:
     data = load_transfer(TransferScenario(name="new", recording="cam09-16", labelled=25))

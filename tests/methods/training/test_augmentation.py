@@ -48,7 +48,7 @@ def test_augmented_differences_are_as_noisy_as_measured_ones(
         assert levels[0].mean() == pytest.approx(levels[1].mean(), rel=0.015)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.timeout(1800)
 def test_networks_that_learn_with_a_noisy_reference_are_better(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -109,6 +109,7 @@ def interrupt() -> None:
     time.sleep(0.01)  # Python delivers it between two instructions
 
 
+@pytest.mark.slow
 def test_the_surrogate_learns_what_a_linear_branch_cannot(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -139,7 +140,7 @@ def test_the_surrogate_learns_what_a_linear_branch_cannot(
     assert result.validation_mse < 0.7 * alone.validation_mse
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_killed_training_continues_as_if_it_had_never_stopped(tmp_path: Path) -> None:
     tiny_suite, killed, whole = suite_of(tmp_path, tiny()), tmp_path / "killed", tmp_path / "whole"
     command = [sys.executable, "-m", "eitbench.cli", "train", "surrogate", "--suite", tiny_suite]

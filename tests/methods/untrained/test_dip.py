@@ -36,6 +36,7 @@ def error(found: Array, truth: Array) -> float:
     return float(np.sqrt(np.mean((found - truth) ** 2)))
 
 
+@pytest.mark.slow
 def test_an_inclusion_is_recovered_better_than_in_one_linear_step() -> None:
     s = foam((16, 16))
     truth = touch(s)

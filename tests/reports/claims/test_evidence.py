@@ -33,6 +33,7 @@ def test_a_limited_run_says_so(add: Callable[..., None], build: Any) -> None:
     assert findings(build.write())["table2-phydnn"].conditions.startswith(f"the first {N} test")
 
 
+@pytest.mark.slow
 def test_pairs_are_of_the_same_frames_whatever_the_order_and_the_run(
     add: Callable[..., None], build: Any
 ) -> None:

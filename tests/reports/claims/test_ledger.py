@@ -92,6 +92,7 @@ def page_of(
     return Page(text.removeprefix("<!doctype html>"))
 
 
+@pytest.mark.slow
 def test_figures_of_studies_and_training_stand_beside_the_ledger(
     runs: list[Path], tmp_path: Path
 ) -> None:
@@ -140,6 +141,7 @@ def test_plain_values_of_every_claim(found: Ledger) -> None:
     assert found["runs"][0]["weights"] == {"phydnn": "b10b"}
 
 
+@pytest.mark.slow
 def test_readings_are_shown_where_they_were_made(runs: list[Path], tmp_path: Path) -> None:
     plain = {
         "method": "noser", "frames": "as they are", "axes": "as they are", "background": True,
@@ -155,6 +157,7 @@ def test_readings_are_shown_where_they_were_made(runs: list[Path], tmp_path: Pat
     assert "axes exchanged" in page_of(found, runs, tmp_path / "out").text
 
 
+@pytest.mark.slow
 def test_the_files(found: Ledger, runs: list[Path], tmp_path: Path) -> None:
     written = write_ledger(found, runs, tmp_path / "new" / "folder")
     assert {path.name for path in written} == set(FILES.values())

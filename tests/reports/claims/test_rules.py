@@ -118,6 +118,7 @@ def test_phydnn_against_dnn(
     assert "One training of each" in found.why
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("ahead", "verdict"), [(N, "holds"), (N // 2, "does not hold")])
 def test_the_best_in_every_case(
     ahead: int, verdict: str, add: Callable[..., None], build: Any, many: Dataset

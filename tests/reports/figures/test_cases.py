@@ -54,6 +54,7 @@ def test_cases_are_the_first_samples_of_their_families(build: Any, paper: Datase
     assert_no_text_overlaps_or_is_cut(draw(grid))
 
 
+@pytest.mark.slow
 def test_runs_without_a_method_or_a_family_have_no_cases(
     build: Any, paper: Dataset, build_operators: Callable[..., Path]
 ) -> None:

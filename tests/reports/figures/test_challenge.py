@@ -11,7 +11,11 @@ from matplotlib.figure import Figure
 from eitbench.benchmark.analysis.results import read_run
 from eitbench.reports.figures import image_grid
 from eitbench.reports.figures.challenge import draw_challenge
+from eitbench.reports.figures.findings import findings
 from eitbench.reports.figures.image_grid import comparison, write_figures
+from eitbench.reports.page.report import to_page
+from eitbench.reports.page.report_data import report_data
+from eitbench.reports.tables.leaderboard import FORMATS, ranked_rows
 from eitbench.scenarios.arrays import nearest_pixels
 
 
@@ -47,3 +51,20 @@ def test_all_targets_are_drawn_as_classes_below_their_truth(run: Path) -> None:
 def test_a_run_of_all_levels_gets_the_figure(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(image_grid, "draw", lambda grid: Figure(figsize=(1, 1)))
     assert run / "figures" / "challenge.png" in write_figures(run)
+
+
+def test_the_sum_is_in_the_report_and_in_every_printed_form(run: Path) -> None:
+    """Where all levels are: 21 true targets, seen through pixels, get more than 20 of 21 points."""
+    (found,) = findings([read_run(run)])
+    best = found.grid[1]
+    assert best[:2] == ["good", "default"]
+    assert 20 < float(best[-1]) < 21
+    assert float(best[-1]) == pytest.approx(sum(map(float, best[2:-1])), abs=0.05)
+    page = to_page(report_data([run]), found=[found])
+    assert f"<td>{best[-1]}</td>" in page
+    assert "<td>15.24</td>" in page
+    rows = ranked_rows([run])
+    assert f"<td>{best[-1]}</td>" in FORMATS["html"](rows)
+    assert f" & {best[-1]} \\\\" in FORMATS["latex"](rows)
+    six = [row for row in rows if row["scenario"] != "ktc2023-level7"]
+    assert all("15.24" not in form(six) for form in FORMATS.values())

@@ -63,6 +63,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "run"
 
 
+@pytest.mark.slow
 def test_a_run_with_a_ladder_gets_its_table_and_figure(run: Path) -> None:
     for name in ("ladder.md", "ladder.csv", "figures/ladder.png", "figures/ladder.pdf"):
         assert (run / name).stat().st_size > 500, name
@@ -74,6 +75,7 @@ def test_a_run_with_a_ladder_gets_its_table_and_figure(run: Path) -> None:
     ]  # fmt: skip
 
 
+@pytest.mark.slow
 def test_figures_fall_along_the_ladder_and_calibration_wins_where_electrodes_moved(
     run: Path,
 ) -> None:
@@ -88,6 +90,7 @@ def test_figures_fall_along_the_ladder_and_calibration_wins_where_electrodes_mov
     )
 
 
+@pytest.mark.slow
 def test_calibrated_rows_say_so(run: Path) -> None:
     cells = pd.read_parquet(run / "methods.parquet").set_index("scenario")
     assert cells["track"]["tiny-shift-calibrated"] == "calibrated"

@@ -21,6 +21,7 @@ def curve(epochs: int, factor: float) -> pd.DataFrame:
     return pd.DataFrame({"epoch": epoch} | {name: [factor / k for k in epoch] for name in LOSSES})
 
 
+@pytest.mark.slow
 def test_losses_are_compared_epoch_by_epoch(tmp_path: Path) -> None:
     curves = {"dnn": curve(6, 2.0), "phydnn": curve(4, 1.9)}  # one stopped early
     found = difference_percent(curves, "validation")

@@ -10,7 +10,8 @@ import pytest
 from tests.support.made_runs import edited_manifest
 
 from eitbench.benchmark.analysis.results import read_run
-from eitbench.reports.figures.touches import alarm_grid, findings, write_findings
+from eitbench.reports.figures.findings import findings, write_findings
+from eitbench.reports.figures.touches import alarm_grid
 from eitbench.reports.page.report import to_page
 from eitbench.reports.page.report_data import report_data
 
@@ -45,7 +46,7 @@ def test_tables_and_figures_of_a_run(presses: Path) -> None:
     stems = ("over-time", "two-touch")
     assert names == {
         *(f"{stem}.{form}" for stem in stems for form in ("md", "csv")),
-        *(f"figures/{stem}.{form}" for stem in stems for form in ("png", "pdf")),
+        *(f"figures/{stem}.{form}" for stem in stems for form in ("png", "pdf", "svg")),
     }
     with (presses / "over-time.csv").open() as file:
         rows = [row for row in csv.DictReader(file) if row["method"] == "poor"]
@@ -57,10 +58,10 @@ def test_tables_and_figures_of_a_run(presses: Path) -> None:
 
 
 def test_the_report_shows_them(presses: Path) -> None:
-    page = to_page(report_data([presses]), found=findings(read_run(presses)))
+    page = to_page(report_data([presses]), found=findings([read_run(presses)]))
     assert "Error over time</h2>" in page
     assert "Two touches at once</h2>" in page
-    assert page.count("a line for each method; the table below has the figures") == 2
+    assert page.count("A line for each method; the table below has the figures") == 2
 
 
 def test_a_run_without_presses_has_none(full_run: Path) -> None:

@@ -79,6 +79,7 @@ def test_one_run_does_not_take_a_site_down(
     assert "archive/0.1.0/s.html" in index
 
 
+@pytest.mark.slow
 def test_the_latest_version_is_a_released_one(hostile: Callable[..., Path], tmp_path: Path) -> None:
     run, runs = hostile("s", "s", "m", "0.1.0"), tmp_path / "runs"
     for version in ("999.0.0", "0.1.0", "0.0.9", "0.1.1.dev3", "nonsense"):
@@ -91,6 +92,7 @@ def test_the_latest_version_is_a_released_one(hostile: Callable[..., Path], tmp_
     assert "999" not in suites
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["../../up", MATHS])
 def test_a_report_stays_in_its_folder(
     hostile: Callable[..., Path], tmp_path: Path, name: str

@@ -47,6 +47,7 @@ def many(made_once: Path, tmp_path: Path) -> Path:
     return shutil.copytree(made_once, tmp_path / "run")
 
 
+@pytest.mark.slow
 def test_the_data_are_those_of_the_leaderboard(many: Path, full_run: Path) -> None:
     found = report_data([many])
     (board,) = found["boards"]
@@ -64,6 +65,20 @@ def test_the_data_are_those_of_the_leaderboard(many: Path, full_run: Path) -> No
     assert found["missing"] == []
     json.dumps(found, allow_nan=False)
     assert len(report_data([full_run])["boards"]) == 4
+
+
+def test_a_scenario_that_nothing_ranks_is_reported(
+    build: Any, dataset_of: Any, tmp_path: Path
+) -> None:
+    """Frames whose truth is not known, and none of which is repeated."""
+    data = dataset_of("none", 4)
+    data.samples["touched"] = True
+    build.add_scaled(data, {"good": 0.9})
+    run = build.write()
+    names = {path.name for path in write_report([run], tmp_path / "report")}
+    assert "index.html" in names
+    assert not any(name.startswith("frontier") for name in names)
+    assert "no method has a figure to rank by" in (tmp_path / "report/index.html").read_text()
 
 
 def test_the_answer_names_ties_and_the_fastest(many: Path) -> None:
@@ -115,6 +130,7 @@ def several_once(
     return folder
 
 
+@pytest.mark.slow
 def test_the_answer_says_what_ranks_what_was_trained_and_where_the_best_loses(
     several_once: Path,
 ) -> None:
@@ -134,6 +150,7 @@ def test_the_answer_says_what_ranks_what_was_trained_and_where_the_best_loses(
     assert "Elsewhere" not in answer(boards[2], boards[2:])
 
 
+@pytest.mark.slow
 def test_scenarios_are_summed_up_under_each_filter(several_once: Path) -> None:
     views = report_data([several_once])["overall"]
 
@@ -170,6 +187,7 @@ def two_sizes(run_builder: Any, dataset_of: Any, tmp_path: Path) -> list[Path]:
     return runs
 
 
+@pytest.mark.slow
 def test_boards_of_other_data_have_other_names_and_figures(two_sizes: list[Path]) -> None:
     found = report_data(two_sizes)
     names = [board["name"] for board in found["boards"]]
@@ -182,6 +200,7 @@ def test_boards_of_other_data_have_other_names_and_figures(two_sizes: list[Path]
     assert report_data(two_sizes[:1])["boards"][0]["name"] == "bench / s0"
 
 
+@pytest.mark.slow
 def test_the_data_that_count_over_all_scenarios_are_named(
     two_sizes: list[Path], several_once: Path, tmp_path: Path
 ) -> None:
@@ -209,6 +228,7 @@ def test_a_loss_is_significant_and_a_single_method_is_not_first(
     assert alone.startswith("On bench / s2 (12 samples), only good was run: S ")
 
 
+@pytest.mark.slow
 def test_methods_are_shown_with_what_they_were_told_source_and_code(
     several_once: Path, tmp_path: Path
 ) -> None:
@@ -256,6 +276,7 @@ def test_the_page_needs_nothing_else(many: Path) -> None:
     assert len(page) < 5e6
 
 
+@pytest.mark.slow
 def test_files_for_a_paper(many: Path, tmp_path: Path) -> None:
     written = {str(path.relative_to(tmp_path)) for path in write_report([many], tmp_path)}
     frontier, grid = (
@@ -283,6 +304,7 @@ def test_files_for_a_paper(many: Path, tmp_path: Path) -> None:
         assert (again / name).read_bytes() == (tmp_path / name).read_bytes()
 
 
+@pytest.mark.slow
 def test_no_text_of_a_figure_is_cut(many: Path) -> None:
     (board,) = report_data([many])["boards"]
     rows = board["views"][0]["rows"]
@@ -300,6 +322,7 @@ def test_no_text_of_a_figure_is_cut(many: Path) -> None:
             assert box.x1 <= figure.bbox.x1, text.get_text()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scenario", ["conductivity-set", "position-set"])
 def test_a_comparison_holds_all_methods_and_is_legible_in_a_column(
     full_run: Path, scenario: str
@@ -348,6 +371,7 @@ def test_the_frontier_joins_what_no_other_method_beats(many: Path) -> None:
     ]
 
 
+@pytest.mark.slow
 def test_boards_of_one_noise_level_have_no_figure_against_noise(many: Path) -> None:
     (board,) = report_data([many])["boards"]
     at = {level: board | {"snr_db": level} for level in (50.0, 30.0)}
@@ -371,6 +395,7 @@ DOCUMENT = r"""\documentclass[twocolumn]{article}
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(
     shutil.which("pdflatex") is None, reason="needs LaTeX: install the program `pdflatex`"
 )
@@ -483,6 +508,7 @@ def test_a_damaged_table_is_refused_with_one_sentence(many: Path, tmp_path: Path
         report_data([tmp_path])
 
 
+@pytest.mark.slow
 def test_operators_get_a_board_and_tables_beside_methods(
     many: Path, build_operators: Any, tmp_path: Path
 ) -> None:

@@ -12,6 +12,8 @@ from tests.support.made_runs import edited_manifest
 
 from eitbench.reports.page.report import write_report
 
+pytestmark = pytest.mark.slow
+
 NASTY = "<img src=x onerror=alert(1)>"
 
 

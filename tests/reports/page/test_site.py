@@ -16,6 +16,8 @@ from eitbench.reports.page.site import write_site
 from eitbench.reports.tables.leaderboard import FORMATS, ranked_rows
 from eitbench.scenarios.errors import InputError
 
+pytestmark = pytest.mark.slow
+
 NASTY = "<img src=x>/..%2F"
 
 

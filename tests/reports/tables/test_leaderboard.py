@@ -309,6 +309,7 @@ def test_latex_has_a_label_arrows_and_keys_of_the_bibliography(
     assert cited - {"suite-bench"} <= set(entries())
 
 
+@pytest.mark.slow
 def test_a_caption_cites_suite_and_recording_as_the_bibliography_does(
     full_run: Path, tmp_path: Path
 ) -> None:

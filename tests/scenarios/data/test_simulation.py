@@ -72,6 +72,7 @@ def test_voltages_are_those_of_the_phantoms_on_the_finer_mesh() -> None:
         assert np.array_equal(made[k], model.voltages(sigma))
 
 
+@pytest.mark.slow
 def test_sample_is_the_same_whatever_the_count_the_order_and_the_number_of_processes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -168,6 +169,7 @@ def generating(scenario: SimulatedScenario, count: int) -> subprocess.Popen[byte
     return subprocess.Popen(command, stdout=subprocess.PIPE)
 
 
+@pytest.mark.slow
 def test_killed_generation_leaves_whole_files_that_are_used(
     cache: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -186,6 +188,7 @@ def test_killed_generation_leaves_whole_files_that_are_used(
     assert np.array_equal(made[:2], clean_frames(slow, "test", 2).voltages)
 
 
+@pytest.mark.slow
 def test_processes_that_generate_the_same_at_once_leave_one_good_copy(cache: Path) -> None:
     processes = [generating(SCENARIO, 70) for _ in range(2)]
     assert [process.wait(timeout=120) for process in processes] == [0, 0]

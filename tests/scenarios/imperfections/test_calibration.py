@@ -96,6 +96,7 @@ def _changes(board: Imperfections, *, calibrated: bool) -> np.ndarray:
     return np.asarray(data.voltages - data.references)
 
 
+@pytest.mark.slow
 def test_every_session_is_corrected_by_its_own_frame_in_any_number_of_processes() -> None:
     measured = load(_scenario(BOARD, calibrated=False))
     alone, together = (load(_scenario(BOARD, calibrated=True), jobs=jobs) for jobs in (1, 2))

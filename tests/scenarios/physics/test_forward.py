@@ -217,7 +217,7 @@ def test_no_images_give_no_frames() -> None:
     assert ForwardModel(small("square")).voltages(np.ones((0, 20, 20))).shape == (0, 208)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_machine_code_need_not_be_kept() -> None:
     """Installed where nothing is writable: compiled anew by every process."""
     program = """

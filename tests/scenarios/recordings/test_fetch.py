@@ -289,6 +289,7 @@ assert shared.altered(recorded, shared.fetch_recording(recorded)) == []
 """
 
 
+@pytest.mark.slow
 def test_several_processes_at_once_leave_no_broken_file(
     skin: RecordedSet, served: Path, tmp_path: Path
 ) -> None:

@@ -212,6 +212,7 @@ def killed(sound: Path, folder: Path) -> Path:
     return folder / "killed.h5"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("closed", [True, False])
 def test_mutated_files_are_read_or_refused(sound: Path, tmp_path: Path, closed: bool) -> None:
     """Whatever is changed: no crash or hang, and never a value that was not recorded."""

@@ -70,6 +70,7 @@ def test_every_set_is_read_and_split(name: str) -> None:
         assert {"x_m", "y_m"} <= set(recording.samples)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "least"),
     [
@@ -122,6 +123,7 @@ def test_disc_skins_answer_where_the_robot_presses(name: str, least: float) -> N
     assert opposite < nominal_frame / 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["ohmc16", "ohmc8", "superpose500"])
 def test_common_mode_explains_the_uneven_channels(name: str) -> None:
     """The one factor of the module's docstring holds for both boards."""
@@ -259,9 +261,12 @@ def test_the_places_of_the_two_probes_agree_with_single_presses() -> None:
     assert (explained(tips) > explained(elsewhere))[off_centre].all()
 
 
-def test_multitouch_keeps_the_probe_distances() -> None:
-    counts = read("hydrogel-multitouch").samples["probe_distance_mm"].value_counts()
-    assert counts.to_dict() == {108.0: 8, 75.0: 8, 20.0: 10}
+def test_multitouch_keeps_the_probe_distances_and_every_touch_once() -> None:
+    """The files hold 26 touches, the last four of A and of B for the second time."""
+    recording = read("hydrogel-multitouch")
+    counts = recording.samples["probe_distance_mm"].value_counts()
+    assert counts.to_dict() == {108.0: 4, 75.0: 4, 20.0: 10}
+    assert len(np.unique(recording.voltages, axis=0)) == 18
 
 
 def test_noise_of_the_fixed_press() -> None:
@@ -310,6 +315,7 @@ def test_levels_are_validated_with_the_training_targets() -> None:
     assert (level.classes[:4, x[:, None], x] == whole.classes).all()
 
 
+@pytest.mark.slow
 def test_kuopio_truth_has_our_orientation() -> None:
     """One-step images agree with every truth image, and with no mirrored or turned one as well."""
     recording = read("ktc2023")

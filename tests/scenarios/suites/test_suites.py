@@ -179,6 +179,7 @@ def test_noise_suites_share_phantoms_over_their_levels(suite: str, crime: bool) 
     assert len({str(s.clean_parameters("test")) for s in levels}) == 1
 
 
+@pytest.mark.slow
 def test_objects_are_the_published_ones_on_an_imperfect_sensor() -> None:
     (objects,) = simulated("objects")
     assert objects.families == OBJECT_FAMILIES

@@ -144,6 +144,7 @@ def test_what_is_missing_is_said(tmp_path: Path, imported: Import, skin: Sensor)
         import_recording([str(tmp_path / "many.npz")], tmp_path / "x.h5")
 
 
+@pytest.mark.slow
 def test_a_folder_of_presses_with_a_sheet(tmp_path: Path, imported: Import) -> None:
     folder = tmp_path / "presses"
     folder.mkdir()
@@ -184,6 +185,7 @@ def test_a_folder_of_presses_with_a_sheet(tmp_path: Path, imported: Import) -> N
     assert again.labels["first"].tolist() == [20, 2, 0]
 
 
+@pytest.mark.slow
 def test_rows_of_a_sheet_find_their_frames(tmp_path: Path, imported: Import) -> None:
     np.savetxt(tmp_path / "a.csv", VALUES, delimiter=",")
     np.savetxt(tmp_path / "b.csv", VALUES[:2], delimiter=",")
@@ -656,6 +658,7 @@ def test_a_touch_without_a_row_of_labels_is_left_out_and_told(tmp_path: Path) ->
         np.testing.assert_allclose(touched, kept - without, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_touches_come_with_released_frames_or_as_differences(tmp_path: Path) -> None:
     """Released and pressed arrays, alternating frames and differences tell the same touches."""
     released, pressed, places = pressed_skin(12, drift=0.5)

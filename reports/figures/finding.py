@@ -1,0 +1,66 @@
+"""A finding of runs: a table with its figure, written into a folder or shown on a page."""
+
+from __future__ import annotations
+
+import base64
+import io
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from eitbench.benchmark import atomic_write
+from eitbench.reports.figures.style import STYLE, save
+from eitbench.reports.tables.formats import csv_text, escape_markdown, markdown_table
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    import pandas as pd
+    from matplotlib.figure import Figure
+
+
+@dataclass(frozen=True, eq=False)
+class Finding:
+    """A table of runs, with its figure.
+
+    Attributes:
+        stem: of its files.
+        title: heading on a page.
+        table: all figures.
+        grid: the printed table, its heads first.
+        legend: explains the table and the figure.
+        figure: made in the style `STYLE`; None where there is none.
+        shows: sentence for those who cannot see the figure.
+    """
+
+    stem: str
+    title: str
+    table: pd.DataFrame
+    grid: list[list[str]]
+    legend: str
+    figure: Figure | None = None
+    shows: str = "A line for each method; the table below has the figures"
+
+    def write(self, tables: Path, figures: Path) -> list[Path]:
+        """Write `tables/STEM.{md,csv}` and `figures/STEM.{png,pdf,svg}`."""
+        import matplotlib as mpl
+
+        written = [tables / f"{self.stem}.{form}" for form in ("md", "csv")]
+        heads, *rows = ([escape_markdown(text) for text in row] for row in self.grid)
+        text = "\n".join([*markdown_table(heads, rows), "", self.legend, ""])
+        atomic_write(written[0], text.encode())
+        atomic_write(written[1], csv_text(self.table, "%.6g").encode())
+        if self.figure is None:
+            return written
+        with mpl.rc_context(STYLE):
+            return written + save(self.figure, figures / self.stem, ("png", "pdf", "svg"), dpi=200)
+
+    def picture(self) -> str:
+        """Return the figure as a `data:` address, for a page; "" where there is none."""
+        import matplotlib as mpl
+
+        if self.figure is None:
+            return ""
+        content = io.BytesIO()
+        with mpl.rc_context(STYLE):
+            self.figure.savefig(content, format="png", dpi=170)
+        return f"data:image/png;base64,{base64.b64encode(content.getvalue()).decode()}"
