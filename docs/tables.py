@@ -310,6 +310,63 @@ def _peers() -> str:
     return _table(heads, rows)
 
 
+def _gains() -> str:
+    """Return the error of presses without and with gains of measurements, by method."""
+    stored = pd.read_csv(STUDIES / "gains" / "presses.csv")
+    errors = stored.pivot_table(index="method", columns="gains", values="localisation_mm")
+    errors = errors.sort_values("with")
+    rows = [
+        [f"`{name}`", f"{row['without']:.1f}", f"{row['with']:.1f}"]
+        for name, row in errors.iterrows()
+    ]
+    return _table(["median error [mm]", "without", "with gains"], rows)
+
+
+def _skin_model() -> str:
+    """Return misfit and error of presses of models of a skin, by order of the map."""
+    stored = pd.read_csv(STUDIES / "skin-model" / "errors.csv")
+    rows = []
+    for (name, order), part in stored.groupby(["skin", "order"], sort=False):
+        error = part.set_index("gain_power")["error_mm"]
+        shown = [f"{error[p]:.1f}" if p in error else "" for p in (0.0, 1.0)]
+        least = part["least_misfit"].iloc[0]
+        rows.append(
+            [
+                name,
+                "homogeneous" if order == 0 else f"contacts and a map of order {order}",
+                f"{part['misfit'].iloc[0]:.3f}",
+                "" if pd.isna(least) else f"{least:.3f}",
+                *shown,
+            ]
+        )
+    heads = ["skin", "model", "misfit", "least of any skin", "NOSER [mm]", "NOSER, with gains [mm]"]
+    return _table(heads, rows, [False, False, True, True, True, True])
+
+
+def _faults() -> str:
+    """Return B with dead electrodes, as zeros and filled in."""
+    stored = pd.read_csv(STUDIES / "faults" / "dead.csv")
+    shown = stored.set_index(["method", "rung"])
+    rows = [
+        [
+            f"`{name}`",
+            *(
+                f"{shown.loc[(name, rung), column]:.3f}"
+                for rung, column in (
+                    ("sim2real-emulated", "filled_in"),
+                    ("sim2real-dead-electrode", "as_zeros"),
+                    ("sim2real-dead-electrode", "filled_in"),
+                    ("sim2real-two-dead-electrodes", "as_zeros"),
+                    ("sim2real-two-dead-electrodes", "filled_in"),
+                )
+            ),
+        ]
+        for name in stored["method"].unique()
+    ]
+    heads = ["B", "none dead", "one, as zeros", "filled in", "two, as zeros", "filled in"]
+    return _table(heads, rows)
+
+
 _PLACE_COLUMNS = {
     "localisation_mm": ("median [mm]", ".1f"),
     "localisation_p90_mm": ("90 % [mm]", ".1f"),
@@ -571,6 +628,9 @@ TABLES: dict[str, Callable[[], str]] = {
     "rungs": _rungs,
     "ladder": _ladder,
     "operators": _operators,
+    "gains": _gains,
+    "skin model": _skin_model,
+    "faults": _faults,
     "peers": _peers,
     "skins": _skins,
     "each skin": _each_skin,

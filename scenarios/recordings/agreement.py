@@ -138,10 +138,9 @@ def fault_problems(frame: Array, sensor: Sensor) -> list[str]:
     problems = []
     dead = np.flatnonzero(dead_electrodes(frame, modelled, pattern))
     if dead.size:
-        named = ", ".join(map(str, dead))
         problems.append(
-            f"What electrode{'s' if dead.size > 1 else ''} {named} drive{'s' * (dead.size == 1)} "
-            "and sense is about 0: see to the contact. Methods leave these values out."
+            f"What is driven or sensed with electrode {', '.join(map(str, dead))} is about 0: see "
+            "to the contact. Methods leave these values out."
         )
     if saturated := int(saturated_values(frame, modelled, pattern).sum()):
         problems.append(

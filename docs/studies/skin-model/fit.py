@@ -2,12 +2,12 @@
 
     python docs/studies/skin-model/fit.py docs/studies/skin-model/errors.csv
 
-The reference frame of each skin is fitted with a conductivity exp(sum c_k b_k), b_k cosines over the
-skin up to an order, and a contact impedance for each electrode, by Gauss-Newton steps with a prior.
-Then NOSER finds the validation presses with the Jacobian of the homogeneous or of the fitted skin,
-each without and with the gains that the reference frame leaves over that model. Places are
-registered by a similarity, in five parts: each is judged with the similarity of the other four.
-The weight of NOSER is the best of three for each row.
+The reference frame of each skin is fitted with a conductivity exp(sum c_k b_k), b_k cosines over
+the skin up to an order, and a contact impedance for each electrode, by Gauss-Newton steps with a
+prior. Then NOSER finds the validation presses with the Jacobian of the homogeneous or of the fitted
+skin, each without and with the gains that the reference frame leaves over that model. Places are
+registered by a similarity, in five parts: each is judged with the similarity of the other four. The
+weight of NOSER is the best of three for each row. A simulated skin shows that the fit works.
 """
 
 import sys
@@ -73,13 +73,16 @@ class Fit:
         return fitted, fitted.background * map_
 
     def frame(self, p: Array) -> Array:
+        """The model's frame (M,) [V/A]."""
         model, conductivity = self.model(p)
         return np.asarray(model.voltages(conductivity))
 
     def factor(self, frame: Array) -> float:
+        """The least-squares factor from a model's frame (M,) to the reference frame."""
         return float(frame @ self.reference / (frame @ frame))
 
     def residual(self, p: Array) -> Array:
+        """What the best factor leaves of the reference frame (M,), over the noise."""
         frame = self.frame(p)
         rms = np.sqrt(np.mean(self.reference**2))
         return np.asarray((self.reference - self.factor(frame) * frame) / (NOISE * rms))
@@ -100,7 +103,12 @@ class Fit:
         of_factor = (self.reference @ change - 2 * c * (frame @ change)) / (frame @ frame)
         return np.asarray(-(c * change + np.outer(frame, of_factor)) / (NOISE * rms))
 
+    def misfit(self, p: Array) -> float:
+        """Norm of what the best factor leaves, relative to the reference frame."""
+        return float(np.linalg.norm(self.residual(p)) * NOISE / np.sqrt(len(self.reference)))
+
     def solve(self) -> Array:
+        """The most probable p (P,)."""
         p = np.zeros(self.size)
         for _ in range(STEPS if self.size else 0):
             residual, slopes = self.residual(p), self.slopes(p)
@@ -136,16 +144,15 @@ def simulated(name: str) -> list[dict[str, object]]:
     rng = np.random.default_rng(0)
     frame = drawn.frame(rng.standard_normal(drawn.size) * 0.7)
     frame *= 1 + 0.01 * rng.standard_normal(len(frame))
+    fits = [Fit(skin, frame, order) for order in ORDERS]
     return [
-        {"skin": f"{name}, simulated", "order": order, "misfit": round(misfit_of(fit), 4)}
-        for order in ORDERS
-        if (fit := Fit(skin, frame, order))
+        {
+            "skin": f"{name}, simulated",
+            "order": order,
+            "misfit": round(fit.misfit(fit.solve()), 4),
+        }
+        for order, fit in zip(ORDERS, fits, strict=True)
     ]
-
-
-def misfit_of(fit: Fit) -> float:
-    """Of the fitted frame, relative to the reference frame."""
-    return float(np.linalg.norm(fit.residual(fit.solve())) * NOISE / np.sqrt(len(fit.reference)))
 
 
 def press_error(rows: Array, changes: Array, places: Array, skin: Sensor, weight: float) -> float:
@@ -175,7 +182,6 @@ def errors(name: str) -> list[dict[str, object]]:
         model, conductivity = fit.model(p)
         frame, rows = model.linearise(conductivity)
         rows = rows[:, skin.mask] * conductivity[skin.mask]
-        misfit = np.linalg.norm(fit.residual(p)) * NOISE / np.sqrt(len(frame))
         kept = np.ones(len(frame), dtype=bool)
         gains = gains_of_reference(recording.reference, frame, kept)
         change = changes / fit.factor(frame) if fit.factor(frame) > 0 else changes
@@ -186,7 +192,7 @@ def errors(name: str) -> list[dict[str, object]]:
                 (press_error(scaled, change, places, skin, weight), weight) for weight in WEIGHTS
             )
             row = {
-                "skin": name, "order": order, "misfit": round(float(misfit), 4),
+                "skin": name, "order": order, "misfit": round(fit.misfit(p), 4),
                 "least_misfit": round(least_misfit(skin, recording.reference), 4),
                 "conductivity_ratio": round(float(spread), 2), "gain_power": power,
                 "error_mm": round(best[0], 2), "weight": best[1],

@@ -27,10 +27,10 @@ electrodes conduct badly: a third of the values are saturated, drives (0, 4) and
 `hydrogel-rectangle` is on no board, since its electrodes are not known. Its frames tell the place
 of a press: a ridge regression of all 10,000, cross-validated in five blocks of time, is 16.0 mm off
 in the median, where a guess of one place is 36.6 mm off; with labels one press earlier or later it
-is 36.5 mm off, so that they are right. But linear images from the model are 30 mm off and more, with
-any gains and without the eight saturated values. Of all 40,320 numberings of eight electrodes in
-this layout the best agrees no better (mean |correlation| 0.217 over the 12 values that follow the
-place) than the best after these values were shuffled (0.197 to 0.215 in three trials).
+is 36.5 mm off, so that they are right. But linear images from the model are 30 mm off and more,
+with any gains and without the eight saturated values. Of all 40,320 numberings of eight electrodes
+in this layout the best agrees no better (mean |correlation| 0.217 over the 12 values that follow
+the place) than the best after these values were shuffled (0.197 to 0.215 in three trials).
 
 Drift. Between the first and the last of 500 presses the released frame moves by 20 % of its norm
 (`ohmc16`) and 14 % (`superpose500`), ten times as far as a press moves it. `ohmc16` and the others
