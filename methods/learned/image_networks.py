@@ -115,7 +115,7 @@ class ImageNetworkMethod(TrainedMethod):
 
     source: ClassVar[str] = "Physics-Driven Learning Framework for Tomographic Tactile Sensing"
     recipe: ClassVar = Recipe(epochs=100, patience=25)
-    options: ClassVar = (
+    options: ClassVar[tuple[str, ...]] = (
         "limit", "unlimited", "start", "loss", "operator", "alpha", "beta", "backbone"
     )  # fmt: skip
     beta: ClassVar[float] = 0.0

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from eitbench.scenarios.suites.scenario import Split
 
 
-CONTINUED_RATE = 0.3
+CONTINUED_RATE = 0.1
 """Highest learning rate of a training that continues weights, relative to that of a new one."""
 
 

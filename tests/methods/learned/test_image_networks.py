@@ -403,7 +403,7 @@ def test_what_is_worse_on_validation_data_is_not_put_in_use(
     short = replace(spoiled, backbone="mlp", out=tmp_path / "short")
     result = train(short)
     assert result.loss_before == pytest.approx(trained.validation_loss, rel=1e-5)
-    assert result.loss_before < result.validation_loss
+    assert trained.validation_loss < result.validation_loss
     assert result.better == "the weights in use"
     assert not result.in_use
     assert used.read_bytes() == before
@@ -432,7 +432,7 @@ def test_a_training_continues_weights_and_counts_their_time(
     assert about["train_samples"] == "240"  # of the weights, which have seen more
     assert about["begun_weights"] == hashlib.sha256(used.read_bytes()).hexdigest()
     assert " --limit 128 --start weights --loss log-mse" in about["command"]
-    assert max(row["rate"] for row in rows(out)) <= 0.3e-3
+    assert max(row["rate"] for row in rows(out)) <= 0.1e-3
     with pytest.raises(InputError, match="holds the weights of another network"):
         train(replace(request, backbone="mlp", out=tmp_path / "other"))
     other = suite_of(tmp_path, SimulatedScenario(**TINY.model_dump() | {"train": 239}))
@@ -458,6 +458,7 @@ def test_training_data_without_end_are_new_phantoms_and_counted(
     assert about["command"].endswith(" --seed 0 --limit 100 --unlimited")
     # The next samples of the same stream: the first of them are declared, too.
     declared = load(TINY, "train")
+    assert declared.conductivity is not None
     sigma, voltages = seen[0]
     np.testing.assert_allclose(sigma, declared.conductivity[100:200], rtol=1e-6)
     clean = clean_frames(TINY, "train", 200).voltages[100:]
