@@ -61,12 +61,16 @@ def skin_errors(runs: Sequence[Run]) -> list[SkinError]:
             scenario = declared.get(name)
             if isinstance(scenario, TransferScenario):
                 error = numbers(rows, "localisation_mm")
-                middle, most = np.median(error), np.quantile(error, 0.9)
                 places = rows[["expected_x_m", "expected_y_m"]].to_numpy(np.float64)
                 guess = 1e3 * np.median(np.hypot(*(places - np.median(places, axis=0)).T))
-                figures = float(middle), float(most), len(error), float(guess)
                 key = scenario.recording, scenario.labelled, method
-                found[key] = SkinError(*key, *figures)
+                found[key] = SkinError(
+                    *key,
+                    median_mm=float(np.median(error)),
+                    p90_mm=float(np.quantile(error, 0.9)),
+                    n=len(error),
+                    guess_mm=float(guess),
+                )
     return list(found.values())
 
 

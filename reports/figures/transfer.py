@@ -50,24 +50,25 @@ def findings(runs: Sequence[Run]) -> list[Finding]:
 
 def grid(curves: pd.DataFrame) -> list[list[str]]:
     """The table as texts, its heads first; the best method of each number first."""
-    counts = sorted(curves["labelled"].unique())
+    counts, most = sorted(curves["labelled"].unique()), curves["skins"].max()
     known = {(row["method"], row["labelled"]): row for row in curves.to_dict("records")}
     methods = list(dict.fromkeys(curves["method"]))
     heads = [f"{count} labelled [mm]" for count in counts]
     return [
         ["method", *heads],
         *(
-            [printable(method), *(_cell(known.get((method, count))) for count in counts)]
+            [printable(method), *(_cell(known.get((method, count)), most) for count in counts)]
             for method in methods
         ),
     ]
 
 
-def _cell(row: Mapping[Hashable, Any] | None) -> str:
+def _cell(row: Mapping[Hashable, Any] | None, most: int) -> str:
     if row is None:
         return "–"
     ends = "" if pd.isna(row["low_mm"]) else f" ({row['low_mm']:.1f} to {row['high_mm']:.1f})"
-    return f"{row['median_mm']:.1f}{ends} {row['ties']}".rstrip()
+    fewer = f", {row['skins']} of {most} skins" if row["skins"] < most else ""
+    return f"{row['median_mm']:.1f}{ends} {row['ties']}".rstrip() + fewer
 
 
 def draw(curves: pd.DataFrame, width: float = PAGE) -> Figure:
