@@ -535,19 +535,6 @@ def _agreement() -> str:
     return _table(heads, rows, [False] * 2 + [True])
 
 
-def _presses() -> str:
-    """The place error of imaging methods on the set `ohmc16`."""
-    stored = pd.read_csv(STUDIES / "skins" / "skins.csv")
-    found = stored[stored["scenario"] == "ohmc16"].sort_values("localisation_mm")
-    rows = [
-        [f"`{row['method']}`", f"{row['localisation_mm']:.1f}", f"{row['localisation_p90_mm']:.1f}"]
-        for row in found.to_dict("records")
-    ]
-    guess = found.iloc[0]
-    rows.append(["one place", f"{guess['guess_mm']:.1f}", f"{guess['guess_localisation_p90_mm']:.1f}"])
-    return _table(["", "median error [mm]", "90 % [mm]"], rows)
-
-
 def _few_presses() -> str:
     names = {
         "one-place": "one place, whatever the frame",
@@ -644,7 +631,6 @@ TABLES: dict[str, Callable[[], str]] = {
     "by skin": _by_skin,
     "agreement over skins": _agreement,
     "few presses": _few_presses,
-    "presses": _presses,
 }  # fmt: skip
 
 
