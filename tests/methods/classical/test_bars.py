@@ -42,8 +42,8 @@ BARS = [
     ("noser", "paper-50db", {"cc": 0.72}),
     ("tv", "paper", {"ssim": 0.82, "psnr": 20.5}),
     ("tv", "paper-50db", {"ssim": 0.80}),
-    # On all 6,000 they are 0.949, 0.962, 0.0366 and 30.2 dB.
-    ("dnn", "paper", {"ssim": 0.945, "cc": 0.955, "rie": 0.042, "psnr": 29.5}),
+    # On these samples they are 0.9576, 0.9628, 0.0323 and 31.42 dB.
+    ("dnn", "paper", {"ssim": 0.955, "cc": 0.96, "rie": 0.034, "psnr": 31.2}),
     pytest.param("gauss-newton-tv", "paper", {"ssim": 0.86, "psnr": 26}, marks=pytest.mark.nightly),
     pytest.param("gauss-newton-tv", "paper-50db", {"psnr": 23}, marks=pytest.mark.nightly),
 ]
@@ -78,11 +78,11 @@ def test_the_packaged_network_beats_total_variation(scenario: str) -> None:
 
 @pytest.mark.slow
 def test_gauss_newton_steps_improve_the_network_they_continue() -> None:
-    """On all 6,000 they are 0.955, 0.970, 0.0318 and 31.3 dB."""
+    """On these samples they are 0.9649, 0.9696, 0.0280 and 32.43 dB."""
     network, refined = figures("paper", "dnn"), figures("paper", "learned-gn")
     assert all(refined[name] > network[name] for name in ("ssim", "cc", "psnr"))
     assert refined["rie"] < network["rie"]
-    assert refined["psnr"] >= 31
+    assert refined["psnr"] >= 32.2
 
 
 def median_error(name: str) -> float:
