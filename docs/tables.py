@@ -25,7 +25,7 @@ from eitbench.reports.tables.published import TABLE_I, TABLE_II
 
 DOCS = Path(__file__).resolve().parent
 STUDIES = DOCS / "studies"
-_PLACE = re.compile(r"(<!-- table: (.+?) -->\n).*?(\n<!-- end of table -->)", flags=re.DOTALL)
+_PLACE = re.compile(r"(<!-- table: (.+?) -->\n).*?(<!-- end of table -->)", flags=re.DOTALL)
 
 
 def pages() -> list[Path]:
@@ -35,7 +35,9 @@ def pages() -> list[Path]:
 
 def filled(text: str) -> str:
     """Return a page with its tables made anew."""
-    return _PLACE.sub(lambda place: place[1] + TABLES[place[2]]().strip("\n") + place[3], text)
+    return _PLACE.sub(
+        lambda place: place[1] + TABLES[place[2]]().strip("\n") + "\n" + place[3], text
+    )
 
 
 def _table(
