@@ -346,6 +346,21 @@ def _each_skin() -> str:
     return _table(heads, rows)
 
 
+def _part_of_skins() -> str:
+    """Return the median error of every method on the same presses of every skin."""
+    stored = pd.read_csv(STUDIES / "skins" / "part.csv")
+    error = stored.pivot(index="scenario", columns="method", values="median")
+    error = error[error.median().sort_values().index]
+    rows = [
+        [name, *(f"{value:.1f}" for value in row)]
+        for name, row in [
+            *((f"`{skin}`", row) for skin, row in error.iterrows()),
+            ("median", error.median()),
+        ]
+    ]
+    return _table(["median error [mm]", *(f"`{method}`" for method in error.columns)], rows)
+
+
 def _course() -> str:
     """Return the error in the first, middle and last fifth of the presses."""
     heads, *rows = time_grid(pd.read_csv(STUDIES / "drift" / "over-time.csv"))
@@ -585,6 +600,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "peers": _peers,
     "skins": _skins,
     "each skin": _each_skin,
+    "part of each skin": _part_of_skins,
     "error over time": _course,
     "alarms": _alarms,
     "told apart": _told_apart,
