@@ -10,6 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 
 from eitbench.benchmark.analysis.results import GUESS
@@ -22,6 +23,7 @@ from eitbench.reports.studies.superposition import explained_table
 from eitbench.reports.tables.challenge import challenge_rows, challenge_table
 from eitbench.reports.tables.formats import markdown_table
 from eitbench.reports.tables.published import TABLE_I, TABLE_II
+from eitbench.scenarios.recordings.public.hydrogel import CUTS
 
 DOCS = Path(__file__).resolve().parent
 STUDIES = DOCS / "studies"
@@ -418,6 +420,21 @@ def _each_skin() -> str:
     return _table(heads, rows)
 
 
+def _part_of_skins() -> str:
+    """Return the median error of every method on the same presses of every skin."""
+    stored = pd.read_csv(STUDIES / "skins" / "part.csv")
+    error = stored.pivot(index="scenario", columns="method", values="median")
+    error = error[error.median().sort_values().index]
+    rows = [
+        [name, *(f"{value:.1f}" for value in row)]
+        for name, row in [
+            *((f"`{skin}`", row) for skin, row in error.iterrows()),
+            ("median", error.median()),
+        ]
+    ]
+    return _table(["median error [mm]", *(f"`{method}`" for method in error.columns)], rows)
+
+
 def _course() -> str:
     """Return the error in the first, middle and last fifth of the presses."""
     heads, *rows = time_grid(pd.read_csv(STUDIES / "drift" / "over-time.csv"))
@@ -426,7 +443,9 @@ def _course() -> str:
 
 def _alarms() -> str:
     heads, *rows = alarm_grid(pd.read_csv(STUDIES / "drift" / "alarms.csv"))
-    return _table(heads, rows)
+    away = (f"{1e3 * np.hypot(*cut.place):.0f}" for cut in CUTS)
+    middle = [cell for text in away for cell in ("–", "–", f"{text}, {text}")]
+    return _table(heads, [*rows, ["the middle", "–", "–", *middle]])
 
 
 def _told_apart() -> str:
@@ -589,8 +608,44 @@ def _hard_skins() -> str:
     return _table(heads, rows)
 
 
+def _models_of_skins() -> str:
+    """What conductivity models explain of each skin, means of both halves of its presses."""
+    stored = pd.read_csv(STUDIES / "hard-skins" / "physics.csv")
+    figures = ["explained", "with_gains", "error_mm", "error_gains_mm"]
+    mean = stored.groupby(["skin", "model"])[figures].mean().unstack("model")
+    maps = pd.read_csv(STUDIES / "hard-skins" / "maps.csv")
+    maps = maps.set_index(["row", "column", "skin"])["of_place"].map(np.log).unstack("skin")
+    alike = maps.corrwith(maps["disc"]).rename("alike")
+    fitted = stored[stored["model"] == "tensor"].groupby("skin", sort=False)
+    ratios, angles = fitted["first"].agg(list), fitted["angle"].agg(list)
+    shown = [
+        *(("explained", model, ".0%") for model in ("disc", "tensor", "polar", "radial")),
+        *(("with_gains", model, ".0%") for model in ("disc", "tensor", "polar", "place")),
+        *((of, model, ".1f") for of in figures[2:] for model in ("disc", "tensor")),
+    ]
+    rows = [
+        [
+            name,
+            *(format(row[figure, model], form) for figure, model, form in shown),
+            "" if name == "median" else ", ".join(
+                "none" if ratio == 1 else f"{ratio:g} at {angle:.0f}°"
+                for ratio, angle in zip(ratios[name], angles[name], strict=True)
+            ),
+            f"{alike.drop('disc').median() if name == 'median' else alike[name]:.2f}",
+        ]
+        for name, row in [*mean.iterrows(), ("median", mean.median())]
+    ]  # fmt: skip
+    heads = [
+        "skin", "disc", "tensor", "polar", "radial", "disc, gains", "tensor, gains",
+        "polar, gains", "place", "error, disc [mm]", "tensor [mm]", "disc, gains [mm]",
+        "tensor, gains [mm]", "ratio of the tensor", "map like the disc",
+    ]  # fmt: skip
+    return _table(heads, rows)
+
+
 TABLES: dict[str, Callable[[], str]] = {
     "hard skins": _hard_skins,
+    "models of skins": _models_of_skins,
     "generators": partial(_generators, 1, 2, form=".2f"),
     "noise and unseen shapes": partial(_generators, 2, form=".1f"),
     "families of shapes": _families,
@@ -623,6 +678,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "peers": _peers,
     "skins": _skins,
     "each skin": _each_skin,
+    "part of each skin": _part_of_skins,
     "error over time": _course,
     "alarms": _alarms,
     "told apart": _told_apart,

@@ -1,8 +1,12 @@
-"""Draws docs/hard-skins.png from the record: python docs/studies/hard-skins/draw.py."""
+"""Draws docs/hard-skins.png and docs/hard-skins-maps.png from the record.
+
+Run: python docs/studies/hard-skins/draw.py
+"""
 
 from pathlib import Path
 
 import matplotlib.pyplot as plt
+import numpy as np
 import pandas as pd
 
 HERE = Path(__file__).parent
@@ -35,3 +39,24 @@ axes.grid(axis="y", alpha=0.3)
 axes.spines[["top", "right"]].set_visible(False)
 axes.legend(frameon=False, fontsize=9)
 figure.savefig(HERE.parents[1] / "hard-skins.png", dpi=130)
+
+maps = pd.read_csv(HERE / "maps.csv")
+names = list(maps["skin"].unique())
+figure, places = plt.subplots(4, 7, figsize=(8, 5.4), layout="constrained")
+for k, name in enumerate(names):
+    of = maps[maps["skin"] == name]
+    for row, what in enumerate(("size", "of_place")):
+        axes = places[2 * (k // 7) + row, k % 7]
+        grid = of.pivot(index="row", columns="column", values=what)
+        shown = axes.pcolormesh(grid.columns, grid.index, np.log2(grid), vmin=-2, vmax=2)
+        axes.set_aspect("equal")
+        axes.set_axis_off()
+        if row == 0:
+            axes.set_title("model" if name == "disc" else name[-2:], fontsize=10)
+for axes, label in zip(places[:, 0], ("all", "of the place") * 2, strict=True):
+    x, y = axes.get_xlim()[0], sum(axes.get_ylim()) / 2
+    axes.text(x, y, label, rotation=90, ha="right", va="center", fontsize=9)
+scale = figure.colorbar(shown, ax=places, location="bottom", shrink=0.4, aspect=40)
+scale.set_ticks([-2, -1, 0, 1, 2], labels=["1/4", "1/2", "1", "2", "4"])
+scale.set_label("size of what a press changes, over the skin's median square", fontsize=9)
+figure.savefig(HERE.parents[1] / "hard-skins-maps.png", dpi=130)
