@@ -53,4 +53,4 @@ def _of_dead(reference: Array, modelled: Array, pattern: DrivePattern) -> NDArra
 def _taking_part(pattern: DrivePattern) -> Array:
     """(E, M): 1 where an electrode drives or senses."""
     electrodes = np.arange(pattern.table.max() + 1)
-    return (pattern.table == electrodes[:, None, None]).any(axis=2).astype(np.float64)
+    return np.asarray((pattern.table == electrodes[:, None, None]).any(axis=2), dtype=np.float64)

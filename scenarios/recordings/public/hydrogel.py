@@ -374,7 +374,7 @@ HYDROGEL = (
     ),
     _recorded_set(
         "hydrogel-rectangle",
-        "rectangular hydrogel skin, 8 electrodes, 10,000 robot presses",
+        "rectangular hydrogel skin, 8 electrodes at unknown places, 10,000 robot presses",
         _RECTANGLE8,
         _read_rectangle_presses,
         _RANDOM,
