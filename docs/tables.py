@@ -176,6 +176,17 @@ def _symmetries() -> str:
     return _table(heads, rows)
 
 
+def _losses() -> str:
+    """Return the PSNR of trainings with either loss, by seed."""
+    stored = pd.read_csv(STUDIES / "loss" / "loss.csv")
+    psnr = stored.pivot_table(index="loss", columns="seed", values="psnr")
+    rows = [
+        [f"`{loss}`", *(f"{value:.2f}" for value in psnr.loc[loss]), f"{psnr.loc[loss].mean():.2f}"]
+        for loss in ("mse", "log-mse")
+    ]
+    return _table(["PSNR [dB]", *(f"seed {seed}" for seed in psnr), "mean"], rows)
+
+
 def _physical_loss() -> str:
     """Return PhyDNN minus DNN in PSNR, with intervals, wherever the ledger has it."""
     claims = json.loads((STUDIES / "claims" / "claims.json").read_text())["claims"]
@@ -553,6 +564,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "claims": _claims,
     "clean data": _clean,
     "symmetries": _symmetries,
+    "losses": _losses,
     "physical loss": _physical_loss,
     "supervision": _supervision,
     "rungs": _rungs,
