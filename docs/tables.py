@@ -151,10 +151,10 @@ def _claims() -> str:
 
 def _clean() -> str:
     stored = pd.read_csv(STUDIES / "paper" / "paper.csv").to_dict("records")
-    rows = [[f"`{row['method']}`", *_clean_figures(row)] for row in stored]
+    rows = [[f"`{row['method']}`", f"{row['n']:,}", *_clean_figures(row)] for row in stored]
     for name in ("phydnn", "dnn"):
-        rows.append([f"published {LABELS[name]}", *_clean_figures(TABLE_II[name])])
-    return _table(["", "SSIM", "CC", "RIE", "PSNR [dB]"], rows)
+        rows.append([f"published {LABELS[name]}", "", *_clean_figures(TABLE_II[name])])
+    return _table(["", "samples", "SSIM", "CC", "RIE", "PSNR [dB]"], rows)
 
 
 def _clean_figures(row: Mapping[str, float]) -> list[str]:
