@@ -155,10 +155,10 @@ def _claims() -> str:
 
 def _clean() -> str:
     stored = pd.read_csv(STUDIES / "paper" / "paper.csv").to_dict("records")
-    rows = [[f"`{row['method']}`", *_clean_figures(row)] for row in stored]
+    rows = [[f"`{row['method']}`", f"{row['n']:,}", *_clean_figures(row)] for row in stored]
     for name in ("phydnn", "dnn"):
-        rows.append([f"published {LABELS[name]}", *_clean_figures(TABLE_II[name])])
-    return _table(["", "SSIM", "CC", "RIE", "PSNR [dB]"], rows)
+        rows.append([f"published {LABELS[name]}", "", *_clean_figures(TABLE_II[name])])
+    return _table(["", "samples", "SSIM", "CC", "RIE", "PSNR [dB]"], rows)
 
 
 def _clean_figures(row: Mapping[str, float]) -> list[str]:
@@ -178,6 +178,17 @@ def _symmetries() -> str:
     ]  # fmt: skip
     heads = ["PSNR [dB]", "one image", "mean of eight", "gain (95 %)", "ms a frame", "with eight"]
     return _table(heads, rows)
+
+
+def _losses() -> str:
+    """Return the PSNR of trainings with either loss, by seed."""
+    stored = pd.read_csv(STUDIES / "loss" / "loss.csv")
+    psnr = stored.pivot_table(index="loss", columns="seed", values="psnr")
+    rows = [
+        [f"`{loss}`", *(f"{value:.2f}" for value in psnr.loc[loss]), f"{psnr.loc[loss].mean():.2f}"]
+        for loss in ("mse", "log-mse")
+    ]
+    return _table(["PSNR [dB]", *(f"seed {seed}" for seed in psnr), "mean"], rows)
 
 
 def _physical_loss() -> str:
@@ -667,6 +678,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "claims": _claims,
     "clean data": _clean,
     "symmetries": _symmetries,
+    "losses": _losses,
     "physical loss": _physical_loss,
     "supervision": _supervision,
     "rungs": _rungs,

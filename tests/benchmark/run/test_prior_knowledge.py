@@ -208,6 +208,12 @@ def test_weights_are_held_against_the_data_they_come_from(
         "weights trained once with seed 3 on 6 samples; "
         "trained on the families of the test phantoms"
     )
+    endless = columns(
+        problem.access_record(), replace(notes, unlimited=True), SMALL, test, spent={}
+    )
+    assert "on 6 samples of unlimited simulation;" in describe_prior_knowledge(
+        endless["prior_knowledge"]
+    )
     unseen = SMALL.model_copy(update={"families": ("ring",), "training_families": SMALL.families})
     theirs = replace(notes, train_data=unseen.data_hash("train"))
     other = columns(problem.access_record(), theirs, unseen, test, spent={})["prior_knowledge"]
