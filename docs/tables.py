@@ -487,7 +487,9 @@ def _presses() -> str:
         for row in found.to_dict("records")
     ]
     guess = found.iloc[0]
-    rows.append(["one place", f"{guess['guess_mm']:.1f}", f"{guess['guess_localisation_p90_mm']:.1f}"])
+    rows.append(
+        ["one place", f"{guess['guess_mm']:.1f}", f"{guess['guess_localisation_p90_mm']:.1f}"]
+    )
     return _table(["", "median error [mm]", "90 % [mm]"], rows)
 
 
