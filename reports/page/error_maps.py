@@ -13,6 +13,7 @@ from eitbench.benchmark.analysis.results import Run
 from eitbench.benchmark.metrics.aggregation import numbers
 from eitbench.benchmark.metrics.place_errors import LEAST_PRESSES
 from eitbench.benchmark.rundir import manifest as manifests
+from eitbench.benchmark.rundir.kinds import METHOD_RUNS
 
 METHODS = 3
 """The best ones, whose errors are mapped."""
@@ -47,11 +48,12 @@ def error_maps(
     if not shown or min(map(len, shown.values())) < LEAST_PRESSES:
         return None
     run, name = methods[next(iter(shown))]
-    of = (run.cells["scenario"] == scenario) & (run.cells["method"] == name)
-    register = Similarity.from_json(run.cells.loc[of, "registration"].iloc[0])
     first = next(iter(shown.values()))
-    expected = np.stack([numbers(first, f"expected_{axis}_m") for axis in "xy"], axis=1)
-    places = 1e3 * register(expected)
+    places = 1e3 * np.stack([numbers(first, f"expected_{axis}_m") for axis in "xy"], axis=1)
+    if run.kind == METHOD_RUNS:  # places in the image; methods of places have the robot's
+        of = (run.cells["scenario"] == scenario) & (run.cells["method"] == name)
+        register = Similarity.from_json(run.cells.loc[of, "registration"].iloc[0])
+        places = 1e3 * register(places / 1e3)
     corner, size = places.min(axis=0), np.ptp(places, axis=0)
     side = float(np.sqrt(_PRESSES_A_SQUARE * size.prod() / len(places)))
     squares = np.ceil(size / side).astype(int)

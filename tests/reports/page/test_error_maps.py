@@ -1,5 +1,6 @@
 """Maps of the error of the place over a sensor."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +9,7 @@ import pytest
 
 from eitbench.benchmark.analysis.results import Run
 from eitbench.benchmark.metrics.place_errors import LEAST_PRESSES
-from eitbench.benchmark.rundir.kinds import METHOD_RUNS
+from eitbench.benchmark.rundir.kinds import METHOD_RUNS, PLACE_RUNS
 from eitbench.reports.figures.error_maps import error_maps_figure
 from eitbench.reports.page.error_maps import error_maps
 from eitbench.scenarios.recordings import recorded_set
@@ -33,6 +34,18 @@ def run_of(*names: str) -> Run:
         {"scenario": "cam09-05", "method": name, "registration": TURNED.to_json()} for name in names
     ]
     return Run(Path("run"), METHOD_RUNS, manifest, pd.DataFrame(), pd.DataFrame(cells), {})
+
+
+def test_methods_of_places_have_the_coordinates_of_the_robot() -> None:
+    """With labelled presses nothing is registered; without, what is found is, the truth is not."""
+    errors = np.where(PLACES[:, 0] > 0, 20.0, 2.0)
+    table = cell(errors).sort_values("sample")
+    table[["expected_x_m", "expected_y_m"]] = PLACES
+    image = error_maps({"m": (run_of("m"), "m")}, {"m": cell(errors)}, "cam09-05")
+    for registration in ("", TURNED.to_json()):
+        run = replace(run_of("m"), kind=PLACE_RUNS)
+        run.cells["registration"] = registration
+        assert error_maps({"m": (run, "m")}, {"m": table}, "cam09-05") == image
 
 
 def test_errors_stand_where_the_robot_pressed() -> None:
