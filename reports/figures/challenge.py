@@ -33,7 +33,9 @@ def findings(run: Run) -> list[Finding]:
     rows = challenge_rows(leaderboard_rows([run])) if run.kind == METHOD_RUNS else []
     if not rows:
         return []
-    grid = [[printable(text) for text in row] for row in challenge_table(rows)]
+    heads, *body = challenge_table(rows)
+    grid = [[head.removeprefix("Level ") for head in heads]]
+    grid += [[printable(text) for text in row] for row in body]
     table = pd.DataFrame(grid[1:], columns=grid[0])
     return [Finding("challenge", "KTC2023", table, grid, LEGEND)]
 
