@@ -26,8 +26,8 @@ def scenario(name: str) -> RecordedScenario:
 def test_guessing_one_place_is_the_baseline_of_positions() -> None:
     found = notes_of(scenario("hydrogel-rectangle"), 50)
     assert set(found) == set(NOTES)
-    places = load("hydrogel-rectangle", "validation").samples
-    presses = load("hydrogel-rectangle", limit=50).samples
+    places = load(scenario("hydrogel-rectangle"), "validation").samples
+    presses = load(scenario("hydrogel-rectangle"), limit=50).samples
     x, y = ((presses[axis] - places[axis].mean()).to_numpy() for axis in ("x_m", "y_m"))
     assert found["guess_mm"] == pytest.approx(1e3 * np.median(np.hypot(x, y)))
     assert found["reciprocity_error"] is None
