@@ -38,7 +38,7 @@ class Linearisation:
         problem: Problem,
         variable: Variable,
         row_exponent: float,
-        gain_power: float,
+        gain_power: float = 0.0,
         gains: Array | None = None,
     ) -> None:
         if variable not in VARIABLES:

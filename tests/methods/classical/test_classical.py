@@ -144,7 +144,7 @@ def test_an_offset_of_four_is_reconstructed_too() -> None:
 def test_the_slope_is_the_derivative_of_conductivity(variable: Variable, background: float) -> None:
     """Against central differences of the images, far from the background on both sides."""
     p = clean_problem(replace(foam(12), background=background))
-    of = Linearisation(p, variable, 0.0, 0.0)
+    of = Linearisation(p, variable, 0.0)
     n = int(p.mask.sum())
     x = np.linspace(of.bounds[0] * 0.9, of.bounds[1] * 0.9, n)
     step = 1e-5
