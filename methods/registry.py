@@ -149,7 +149,6 @@ METHOD_REGISTRY = Registry(
         "classical.back_projection",
         "classical.tikhonov",
         "classical.noser",
-        "classical.normalised_noser",
         "classical.laplacian",
         "classical.greit",
         "classical.total_variation",

@@ -26,7 +26,6 @@ class Linearisation:
 
     Args:
         gain_power: of the gains of measurements that are taken out of data, see `Problem`.
-        gains: (M,) what the board makes of each measurement, over what it makes of the whole frame.
 
     Attributes:
         jacobian: (M, P) weighted rows dv/dx at x = 0 on the P pixels inside the sensor.
@@ -39,7 +38,6 @@ class Linearisation:
         variable: Variable,
         row_exponent: float,
         gain_power: float = 0.0,
-        gains: Array | None = None,
     ) -> None:
         if variable not in VARIABLES:
             raise InputError(f"A variable is one of {', '.join(VARIABLES)}, got {variable!r}.")
@@ -47,8 +45,6 @@ class Linearisation:
         self._gain_power = gain_power
         self._variable = variable
         rows = problem.jacobian[:, problem.mask] * self.slope(np.zeros(1))
-        if gains is not None:
-            rows = gains[:, None] * rows
         norms = np.linalg.norm(rows, axis=1)
         floor = 1e-6 * norms.max()  # a row that sees nothing must not be blown up
         self._weights = (np.maximum(norms, floor) / norms.max()) ** -row_exponent

@@ -15,11 +15,11 @@ from eitbench.scenarios.arrays import Array
 EXPONENT = 0.5
 
 
-def noser_covariance(jacobian: Array, exponent: float = EXPONENT) -> Array:
-    """Prior variances (P,) = diag(J^T J)^-exponent; a pixel that nothing sees gets the largest."""
+def noser_covariance(jacobian: Array) -> Array:
+    """Prior variances (P,) = diag(J^T J)^-0.5; a pixel that nothing sees gets the largest."""
     sensitivity = np.sum(jacobian**2, axis=0)
     floor = 1e-12 * sensitivity.max()
-    return np.asarray(np.maximum(sensitivity, floor) ** -exponent)
+    return np.asarray(np.maximum(sensitivity, floor) ** -EXPONENT)
 
 
 @register("noser")

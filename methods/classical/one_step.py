@@ -29,16 +29,11 @@ class OneStep(Method):
     def fit(self, problem: Problem) -> None:
         """Compute the reconstruction matrix."""
         self._problem = problem
-        gains = self.gains(problem)
         self._linearisation = Linearisation(
-            problem, self.variable, self.row_exponent, self.gain_power, gains
+            problem, self.variable, self.row_exponent, self.gain_power
         )
         matrix = self.matrix(self._linearisation.jacobian, problem)
         self._matrix = self._linearisation.weighted(np.ascontiguousarray(matrix.T))
-
-    def gains(self, problem: Problem) -> Array | None:
-        """Gains (M,) of the measurements over that of the whole frame; None: they are alike."""
-        return None
 
     @abstractmethod
     def matrix(self, jacobian: Array, problem: Problem) -> Array:

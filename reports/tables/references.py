@@ -21,7 +21,6 @@ KEYS = {
     "linear-learned": "hoerl1970",
     "linear-touch": "hoerl1970",
     "noser": "cheney1990",
-    "normalised-noser": "barber1987",
     "phydnn": "phydnn",
     "pyeit-bp": "liu2018",
     "pyeit-greit": "liu2018",
