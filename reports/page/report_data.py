@@ -317,7 +317,7 @@ def _board(standing: Standing, apart: str, runs: Sequence[Run], missing: list[st
         recorded=recorded,
         clusters=standing.clusters,
         why_not=standing.why_not,
-        ranked_by=first.get("ranked_by") or "",
+        ranked_by=first.get("ranked_by") or "mse",
         columns=[vars(column) for column in shown_columns(standing.rows)],
         notes=notes(standing.rows),
         prior_knowledge=prior_knowledge(standing.rows),
