@@ -49,7 +49,7 @@ CONTRAST = 0.5
 
 # How often one frame is asked for, at most, to see memory grow: for so long [s] of processor time,
 # which does not depend on what else the computer does, and so much of the clock for what sleeps.
-REPEATS, LEAST_REPEATS, REPEAT_S, WAIT_S = 600, 4, 0.4, 4.0
+REPEATS, LEAST_REPEATS, REPEAT_S, WAIT_S = 600, 4, 1.5, 6.0
 
 Reason = Annotated[str, StringConstraints(strip_whitespace=True, min_length=1)]
 REASONS = TypeAdapter(dict[str, Reason])

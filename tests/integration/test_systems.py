@@ -33,6 +33,7 @@ def imported_at_once(tree: ast.Module) -> Iterator[str]:
             waiting += ast.iter_child_nodes(node)
 
 
+@pytest.mark.slow
 def test_every_module_is_imported_without_posix() -> None:
     files = [p for name in (*FOLDERS, "src/eitbench") for p in (ROOT / name).rglob("*.py")]
     assert len(files) > 200

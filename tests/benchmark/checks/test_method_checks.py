@@ -46,6 +46,7 @@ MORE = {"contract-squared", "contract-diverging", "contract-overconfident"}
 MISBEHAVING = {"toy-good": set(), "toy-prints": {"quiet"}}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name", [pytest.param(n, marks=pytest.mark.nightly) if n in MORE else n for n in BROKEN]
 )

@@ -134,6 +134,7 @@ def test_a_report_counts_what_ran_and_what_was_skipped() -> None:
     assert (described["ran"], described["skipped"]) == (19, 1)
 
 
+@pytest.mark.slow
 def test_an_operator_that_cannot_be_made_is_told_so_once() -> None:
     report = check_operator("toy-set-up", plugin=PLUGIN.with_name("toy_operators.py"))
     (found,) = report.results

@@ -44,6 +44,7 @@ def test_a_regression_passes() -> None:
     assert len(report.results) == 20
 
 
+@pytest.mark.slow
 def test_broken_methods_fail_the_right_checks(plugin: Path) -> None:
     guesses = check_place_method("guesses", plugin=plugin)
     assert {result.check for result in guesses.failed} == {"learns", "without_labelled"}

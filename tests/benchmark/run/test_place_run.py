@@ -126,6 +126,7 @@ def test_a_run_locates_presses_and_is_resumed(tmp_path: Path) -> None:
     assert written["transfer.csv"].read_text().count(".h5,25,") == len(errors)
 
 
+@pytest.mark.slow
 def test_skins_of_ones_own_are_left_out_one_after_the_other(tmp_path: Path) -> None:
     """Electrodes of the second are numbered from another corner: places are put onto each other."""
     turned = renumbered(SKIN, (np.arange(16) + 8) % 16)
@@ -160,6 +161,7 @@ def test_places_are_registered_outside_the_method(tmp_path: Path) -> None:
     np.testing.assert_allclose(lost["localisation_mm"], 1e3 * np.hypot(0.1, 0.08), rtol=0.01)
 
 
+@pytest.mark.slow
 def test_a_method_that_reads_recordings_itself_is_marked(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

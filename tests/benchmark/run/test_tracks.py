@@ -120,6 +120,7 @@ def test_parameters_are_of_methods_that_are_run_and_take_them() -> None:
         make_plan(SUITE, parameters={"noser": {"wait": 1}})
 
 
+@pytest.mark.slow
 def test_the_ranked_track_is_as_without_the_others(run: Path) -> None:
     found = read_run(run)
     assert set(found.samples["track"]) == {"tuned"}

@@ -20,6 +20,7 @@ from eitbench.scenarios import forward_model, load, load_suite, sensor
 PUBLISHED = {"noser": {"rie": 1.2130}}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("taken_for", "axes"),
     [

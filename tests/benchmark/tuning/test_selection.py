@@ -81,6 +81,7 @@ def test_a_record_says_what_was_spent_and_why_a_trial_failed(tmp_path: Path) -> 
     assert kept["trials"][1]["message"] == "it said no"
 
 
+@pytest.mark.slow
 def test_every_packaged_simulated_scenario_has_choices_from_the_search_space() -> None:
     chosen = 0
     known = methods()

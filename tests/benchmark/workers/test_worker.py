@@ -60,6 +60,7 @@ def fitted(
     return worker
 
 
+@pytest.mark.slow
 def test_a_stopped_run_does_not_wait_for_a_method(tiny: Suite, data: Dataset, toys: Path) -> None:
     stop = threading.Event()
     frame = data.voltages[:1], data.references[:1]

@@ -172,6 +172,7 @@ def test_damaged_headers_are_told(
         import_recording([str(tmp_path / "bad.csv")], tmp_path / "b.h5")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", RECORDED_SETS)
 def test_public_sets_become_recordings(recorded_data: Path, tmp_path: Path, name: str) -> None:
     path = tmp_path / "own.h5"

@@ -69,6 +69,7 @@ def test_total_variation_beats_noser_until_noise_hides_edges(scenario: str) -> N
     assert (tv["psnr"] > noser["psnr"]) == (scenario != "paper-30db")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scenario", ["paper", "paper-50db", "paper-30db"])
 def test_the_packaged_network_beats_total_variation(scenario: str) -> None:
     dnn, tv = figures(scenario, "dnn"), figures(scenario, "tv")

@@ -380,6 +380,7 @@ def test_a_device_that_is_not_there_is_refused(monkeypatch: pytest.MonkeyPatch) 
     assert [training_device(name).type for name in ("auto", "cpu")] == ["cuda", "cpu"]
 
 
+@pytest.mark.slow
 def test_what_is_worse_on_validation_data_is_not_put_in_use(
     trained: TrainingResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -412,6 +413,7 @@ def test_what_is_worse_on_validation_data_is_not_put_in_use(
     assert train(short).in_use  # it is no worse than itself
 
 
+@pytest.mark.slow
 def test_a_training_continues_weights_and_counts_their_time(
     trained: TrainingResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -440,6 +442,7 @@ def test_a_training_continues_weights_and_counts_their_time(
         train(replace(request, suite=other, out=tmp_path / "other"))
 
 
+@pytest.mark.slow
 def test_training_data_without_end_are_new_phantoms_and_counted(
     trained: TrainingResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -105,6 +105,7 @@ def test_true_classes_on_the_coarse_grid_lose_little() -> None:
     assert ktc_score(data.classes, coarse).min() > 0.97
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("recorded_data")
 def test_it_finds_the_training_targets() -> None:
     """At level 7, whose set-up is the shortest; an image without objects gets at most 0.5."""

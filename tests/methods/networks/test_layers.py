@@ -1,5 +1,6 @@
 """Layers as they are read off a network."""
 
+import pytest
 import torch
 from torch import Tensor, nn
 
@@ -24,6 +25,7 @@ class Skips(nn.Module):
         return found
 
 
+@pytest.mark.slow
 def test_layers_of_a_network_with_a_skip_as_written() -> None:
     assert layers(Skips(), torch.zeros(3, 6, 8)) == [
         Layer("input", "input", (6, 8), 0, ()),

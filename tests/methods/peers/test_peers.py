@@ -335,6 +335,7 @@ def test_what_octave_answers_stands_in_its_place(stub: Path, name: str) -> None:
         assert f"eidors-{asked['algorithm']}" == name
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("fault", "sentence"),
     [
@@ -358,6 +359,7 @@ def test_octave_has_a_time_limit(stub: Path, monkeypatch: pytest.MonkeyPatch) ->
         Octave().ask({"frames": np.zeros((3, 1))}, limit_s=2)
 
 
+@pytest.mark.slow
 def test_octave_starts_again_only_after_a_failure_and_ends_with_its_owner(
     stub: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

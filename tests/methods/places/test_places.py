@@ -103,6 +103,7 @@ def test_a_network_learns_places_and_further_training_leaves_it_as_it_was() -> N
         fresh.trained(frames, places[:3], phase)
 
 
+@pytest.mark.slow
 def test_the_same_training_is_made_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:

@@ -196,6 +196,7 @@ def test_ctrl_c_keeps_finished_epochs_and_the_same_call_continues(tmp_path: Path
     assert losses[0] == losses[1]
 
 
+@pytest.mark.slow
 def test_the_command_ends_with_130_on_ctrl_c(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:

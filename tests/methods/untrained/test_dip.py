@@ -71,6 +71,7 @@ def test_a_frame_is_fitted_alike_alone_and_among_others() -> None:
     assert np.abs(other.reconstruct(frames) - together).max() > 1e-3
 
 
+@pytest.mark.slow
 def test_more_variation_costs_more() -> None:
     s = foam((12, 12))
     frame = add_noise(forward_model(s).voltages(touch(s)), 40, np.random.default_rng(0))

@@ -33,6 +33,7 @@ def run_of(build: Any, data: Dataset, methods: tuple[str, ...]) -> Run:
     return read_run(build.write())
 
 
+@pytest.mark.slow
 def test_cases_are_the_first_samples_of_their_families(build: Any, paper: Dataset) -> None:
     ((scenario, grid),) = published_cases(run_of(build, paper, METHODS[::-1]))
     assert scenario == "paper"

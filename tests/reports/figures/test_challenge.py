@@ -29,6 +29,7 @@ def run(build: Any, dataset_of: Any) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_all_targets_are_drawn_as_classes_below_their_truth(run: Path) -> None:
     figure = draw_challenge(read_run(run), ["good"])
     shown = [np.asarray(axes.images[0].get_array()) for axes in figure.axes if axes.images]
@@ -48,11 +49,13 @@ def test_all_targets_are_drawn_as_classes_below_their_truth(run: Path) -> None:
     assert np.isfinite(truth.image[128, 128])
 
 
+@pytest.mark.slow
 def test_a_run_of_all_levels_gets_the_figure(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(image_grid, "draw", lambda grid: Figure(figsize=(1, 1)))
     assert run / "figures" / "challenge.png" in write_figures(run)
 
 
+@pytest.mark.slow
 def test_the_sum_is_in_the_report_and_in_every_printed_form(run: Path) -> None:
     """Where all levels are: 21 true targets, seen through pixels, get more than 20 of 21 points."""
     (found,) = findings([read_run(run)])

@@ -13,6 +13,7 @@ from eitbench.scenarios.errors import EitbenchError
 from eitbench.scenarios.similarity import Similarity
 
 
+@pytest.mark.slow
 def test_every_scenario_is_drawn_as_png_and_pdf(
     full_run: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -25,6 +26,7 @@ def test_every_scenario_is_drawn_as_png_and_pdf(
         assert start == (b"\x89PNG" if path.suffix == ".png" else b"%PDF")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "scenario", ["conductivity-set", "position-set", "classes-set", "none-set"]
 )
@@ -32,6 +34,7 @@ def test_no_text_overlaps_with_few_methods(full_run: Path, scenario: str) -> Non
     assert_no_text_overlaps_or_is_cut(draw(comparison(read_run(full_run), scenario)))
 
 
+@pytest.mark.slow
 def test_no_text_overlaps_with_many_methods_and_long_names(build: Any, dataset_of: Any) -> None:
     names = [f"a-method-with-quite-a-long-name-number-{k}-and-more-of-it" for k in range(9)]
     shares = {name: 0.9 - k / 50 for k, name in enumerate(names)}

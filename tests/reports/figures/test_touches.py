@@ -57,6 +57,7 @@ def test_tables_and_figures_of_a_run(presses: Path) -> None:
     assert "| skin | good | 1.0 (1.0 to 1.0) | 3.0 (3.0 to 3.0) | 5.0 (5.0 to 5.0) |" in text
 
 
+@pytest.mark.slow
 def test_the_report_shows_them(presses: Path) -> None:
     page = to_page(report_data([presses]), found=findings([read_run(presses)]))
     assert "Error over time</h2>" in page

@@ -36,6 +36,7 @@ def hostile(build: Any, dataset_of: Callable[..., Dataset]) -> Callable[..., Pat
     return made
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("suite", "name", "version"),
     [
@@ -58,6 +59,7 @@ def test_a_site_stays_in_its_folder(
     assert {path.name for path in out.parent.iterdir()} <= {"site"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "version", "why"),
     [("x" * 260, "1", "a name of more than 80 bytes"), ("s", "1" * 5000, "versions.eitbench"),

@@ -215,6 +215,7 @@ def test_the_data_that_count_over_all_scenarios_are_named(
     assert counted_data(report_data([several_once])["boards"]) == ""
 
 
+@pytest.mark.slow
 def test_a_loss_is_significant_and_a_single_method_is_not_first(
     build: Any, dataset_of: Any
 ) -> None:
@@ -422,6 +423,7 @@ def test_published_claims_stand_in_the_report_of_the_paper_s_suite(build: Any, p
 # ---- bad input ---------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_without_images_the_rest_is_shown(many: Path, tmp_path: Path) -> None:
     (many / "reconstructions.h5").unlink()
     found = report_data([many])
@@ -448,6 +450,7 @@ def test_an_unfinished_run_says_so(many: Path) -> None:
     to_page(found)
 
 
+@pytest.mark.slow
 def test_several_runs_are_shown_alike(many: Path, tmp_path: Path) -> None:
     """The same methods in two runs, on unlike machines: each with its images, figures and name."""
     other = shutil.copytree(many, tmp_path / "other")
@@ -479,6 +482,7 @@ def test_the_first_is_tied_with_all_that_differ_by_chance(many: Path) -> None:
     assert f"cannot be told apart from {names[2]};" in answer(board)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "column",
     ["psnr", "score", "localisation_mm", "found_x_m", "cluster", "frame_ms", "family", "status"],

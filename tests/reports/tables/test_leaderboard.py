@@ -55,6 +55,7 @@ def test_rows_hold_the_contract_and_full_precision(full_run: Path) -> None:
             assert (line[name] == "") if row[name] is None else (float(line[name]) == row[name])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("start", ["=", "+", "-", "@", "\t", "\r"])
 def test_a_name_is_no_formula_of_a_spreadsheet(full_run: Path, start: str) -> None:
     """An apostrophe before it, as OWASP advises; numbers stay numbers."""

@@ -108,6 +108,7 @@ def test_every_session_is_corrected_by_its_own_frame_in_any_number_of_processes(
         np.testing.assert_allclose(alone.references[rows], [found.nominal] * 3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "value", "left"),
     [("electrode_shift_m", 5e-4, 0.6), ("gain", 0.01, 0.3), ("contact_impedance", 0.5, 0.85)],
@@ -130,6 +131,7 @@ def test_a_nominal_sensor_is_left_as_it_is() -> None:
     assert np.array_equal(found.corrected(2 * frames), 2 * frames)
 
 
+@pytest.mark.slow
 def test_faults_do_not_spoil_the_rest() -> None:
     for fault in ({"dead": (5,)}, {"saturated": 3}):
         faulty = calibrate(FOAM, reference(BOARD.model_copy(update=fault)))

@@ -117,6 +117,7 @@ def test_conductivity_outside_the_disc_is_ignored() -> None:
     assert (model.jacobian(sigma)[:, ~sensor.mask] == 0).all()
 
 
+@pytest.mark.slow
 def test_the_mesh_does_not_depend_on_the_last_bits_of_sines(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -269,6 +269,7 @@ def test_another_sensor_is_compared(sound: Content, tmp_path: Path) -> None:
         check(path, sensor("ohmc16"))
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("recorded_data")
 @pytest.mark.parametrize("name", ["ohmc16", "ohmc8", "jku-tank-diagonal"])
 def test_sound_public_sets_give_no_alarm(name: str, tmp_path: Path) -> None:

@@ -468,6 +468,7 @@ def test_full_tables_follow_the_pattern() -> None:
     assert full_table(ring_pattern(16, 1, -1, rotating=True)) is None
 
 
+@pytest.mark.slow
 def test_bad_files_are_one_sentence(tmp_path: Path, imported: Import) -> None:
     (tmp_path / "short.csv").write_text("1,2\n3,4\n")
     (tmp_path / "ragged.csv").write_text("# by hand\n1,2\n\n3\n")
