@@ -122,7 +122,11 @@ class Problem:
 
     @reference.setter
     def reference(self, frame: ArrayLike) -> None:
-        self._latest: Array = self._frames(self._nominal, np.asarray(frame)[None])[0]
+        latest = self._frames(self._nominal, np.asarray(frame)[None])[0]
+        if hasattr(self, "_latest") and np.array_equal(latest, self._latest):
+            return  # as after most frames: what follows from it still holds
+        self._latest: Array = latest
+        self._gain: float | None = None
         self._estimates: dict[float, Array | None] = {}
 
     @property
@@ -161,7 +165,9 @@ class Problem:
     def gain(self) -> float:
         """Board units per V/A: the least-squares factor from the model's frame to v_ref."""
         self._read.add("gain")
-        return float(self._gains(self.reference))
+        if self._gain is None:
+            self._gain = float(self._gains(self.reference))
+        return self._gain
 
     def _gains(self, references: Array) -> Array:
         """Gains (...) of reference frames (..., M), from values that no fault spoils."""
