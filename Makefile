@@ -39,7 +39,7 @@ docs: $(STAMPS)/docs  ## the documentation as a site, in build/site; warnings ar
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
 tables: $(STAMPS)/test  ## write the tables of the documentation anew, from stored runs and studies
-	$(BIN)/python docs/tables.py
+	$(BIN)/python -m docs.tables
 
 lint: $(STAMPS)/lint  ## ruff
 	$(BIN)/ruff check .

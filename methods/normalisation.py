@@ -18,8 +18,7 @@ differences; the estimate is the posterior mean of Gaussian noise and prior.
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import linalg, sparse
-from scipy.sparse.linalg import splu
+from scipy import linalg
 
 from eitbench.scenarios.arrays import Array
 
@@ -31,32 +30,6 @@ and `superpose500`."""
 FAULT_WEIGHT = 1e-3
 """The same where only faults are filled in, from values that are as good as the model. Of 1e-4 to
 0.1, it suits simulated units with other dead electrodes than those of the suite `sim2real`."""
-
-# The Laplacian of a sensor has the constants as its kernel; this share of the identity, about
-# (pixels across)^-2, bounds them without changing the smoothness on shorter lengths.
-IDENTITY_SHARE = 1e-3
-
-
-def graph_laplacian(mask: NDArray[np.bool_]) -> sparse.csc_array:
-    """(P, P) Laplacian of the neighbourhood of the masked pixels (zero flux across the rim)."""
-    number = np.full(mask.shape, -1)
-    number[mask] = np.arange(mask.sum())
-    pairs = []
-    for first, second in ((number[:, :-1], number[:, 1:]), (number[:-1], number[1:])):
-        both = (first >= 0) & (second >= 0)
-        pairs.append(np.stack([first[both], second[both]]))
-    i, j = np.concatenate(pairs, axis=1)
-    size = int(mask.sum())
-    links = sparse.coo_array((np.ones(len(i)), (i, j)), shape=(size, size)).tocsr()
-    links = links + links.T
-    return sparse.csc_array(sparse.diags_array(links.sum(axis=1)) - links)
-
-
-def smoothed(jacobian: Array, mask: NDArray[np.bool_]) -> Array:
-    """C J^T (P, M) of rows (M, P), with C^-1 the Laplacian plus a little identity."""
-    precision = graph_laplacian(mask)
-    precision = precision + IDENTITY_SHARE * sparse.eye_array(precision.shape[0])
-    return np.asarray(splu(sparse.csc_matrix(precision)).solve(np.ascontiguousarray(jacobian.T)))
 
 
 def gains_of_reference(reference: Array, modelled: Array, kept: NDArray[np.bool_]) -> Array:

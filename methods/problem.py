@@ -13,8 +13,8 @@ from eitbench.methods.normalisation import (
     WEIGHT,
     estimate_of_nominal,
     gains_of_reference,
-    smoothed,
 )
+from eitbench.methods.smoothness import smoothed
 from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.data.datasets import Dataset
 from eitbench.scenarios.errors import InputError
@@ -108,6 +108,7 @@ class Problem:
         self._samples: dict[str, tuple[int, Callable[[], SamplesRead]]] = {}
         self._nominal = sensor
         self.sensor = tracked(sensor, self._read)
+        self._latest: Array = np.empty(0)
         self.reference = np.asarray(reference)
         self._splits = splits
 
@@ -123,9 +124,9 @@ class Problem:
     @reference.setter
     def reference(self, frame: ArrayLike) -> None:
         latest = self._frames(self._nominal, np.asarray(frame)[None])[0]
-        if hasattr(self, "_latest") and np.array_equal(latest, self._latest):
+        if np.array_equal(latest, self._latest):
             return  # as after most frames: what follows from it still holds
-        self._latest: Array = latest
+        self._latest = latest
         self._gain: float | None = None
         self._estimates: dict[float, Array | None] = {}
 

@@ -16,7 +16,7 @@ import numpy as np
 import pandas as pd
 from scipy.optimize import nnls
 
-from eitbench.benchmark.analysis.two_touch import told_apart
+from eitbench.benchmark.findings.two_touch import told_apart
 from eitbench.benchmark.metrics.evaluation import REGISTRATION_FRAMES
 from eitbench.benchmark.metrics.tactile import distances
 from eitbench.benchmark.rundir.manifest import git_commit, now, versions
@@ -167,7 +167,7 @@ def fitted_touches() -> pd.DataFrame:
     Returns:
         Columns `scenario`, `method`, `sample`, `probe_distance_mm`, `contacts`,
         `contact_count_error` (NaN), `localisation_mm`, `farthest_contact_mm`, as `told_apart` of
-        `eitbench.benchmark.analysis.two_touch` takes them.
+        `eitbench.benchmark.findings.two_touch` takes them.
     """
     tables = []
     for scenario, name in TOUCHES.items():

@@ -5,9 +5,9 @@ from typing import ClassVar
 
 from eitbench.methods.classical.linearisation import ONE_STEP
 from eitbench.methods.classical.one_step import OneStep, regularised_inverse
-from eitbench.methods.normalisation import smoothed
 from eitbench.methods.problem import Problem
 from eitbench.methods.registry import register
+from eitbench.methods.smoothness import smoothed
 from eitbench.scenarios.arrays import Array
 
 

@@ -6,14 +6,12 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
-from scipy import sparse
-from scipy.sparse.linalg import splu
 
 from eitbench.methods.classical.linearisation import damping
 from eitbench.methods.classical.noser import noser_covariance
 from eitbench.methods.learned.image_networks import TrainedMethod
-from eitbench.methods.normalisation import IDENTITY_SHARE, graph_laplacian
 from eitbench.methods.registry import register
+from eitbench.methods.smoothness import smoothed
 from eitbench.methods.training import Recipe
 from eitbench.methods.weights.weight_files import WeightFiles, Weights, sensor_key
 from eitbench.scenarios.arrays import Array, Images, Mask
@@ -62,8 +60,7 @@ class LinearImages:
         basis = np.linalg.qr(rows @ random)[0]
         rows = basis.T @ rows
         noser = noser_covariance(rows)[:, None] * rows.T
-        precision = graph_laplacian(mask) + IDENTITY_SHARE * sparse.eye_array(rows.shape[1])
-        smooth = splu(sparse.csc_matrix(precision)).solve(np.ascontiguousarray(rows.T))
+        smooth = smoothed(rows, mask)
         found = [_inverse(rows, noser, weight) for weight in NOSER]
         self.seen = np.einsum("pk,kp->p", found[1], rows)
         found += [_inverse(rows, smooth, weight) for weight in LAPLACIAN]

@@ -1,24 +1,12 @@
-"""The Kuopio Tomography Challenge 2023: its board, and its 21 targets as methods see them."""
+"""The 21 targets of the Kuopio Tomography Challenge 2023 as methods see them."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-import pandas as pd
-
-from eitbench.benchmark.analysis.leaderboard import leaderboard_rows
 from eitbench.benchmark.analysis.results import Run
 from eitbench.benchmark.metrics.ktc import enlarged, segmented
-from eitbench.benchmark.rundir.kinds import METHOD_RUNS
-from eitbench.reports.figures.finding import Finding
 from eitbench.reports.figures.style import CONTRAST_MAP, NOTE, TITLE
-from eitbench.reports.tables.challenge import (
-    LEGEND,
-    LEVELS,
-    SCENARIO,
-    TARGETS,
-    challenge_rows,
-    challenge_table,
-)
+from eitbench.reports.tables.challenge import LEVELS, SCENARIO, TARGETS
 from eitbench.reports.tables.columns import printable
 
 if TYPE_CHECKING:
@@ -26,18 +14,6 @@ if TYPE_CHECKING:
 
 _CELL, _LABEL, _FOOT = 0.52, 1.2, 0.3
 _REACH = 1.4  # ends of the colour map, where it is too dark to tell its colours apart
-
-
-def findings(run: Run) -> list[Finding]:
-    """The scores summed over all targets beside published ones; none of other runs."""
-    rows = challenge_rows(leaderboard_rows([run])) if run.kind == METHOD_RUNS else []
-    if not rows:
-        return []
-    heads, *body = challenge_table(rows)
-    grid = [[head.removeprefix("Level ") for head in heads]]
-    grid += [[printable(text) for text in row] for row in body]
-    table = pd.DataFrame(grid[1:], columns=grid[0])
-    return [Finding("challenge", "KTC2023", table, grid, LEGEND)]
 
 
 def draw_challenge(run: Run, methods: Sequence[str]) -> "Figure":

@@ -21,9 +21,9 @@ from eitbench.benchmark import EitbenchError, atomic_write
 from eitbench.benchmark.analysis.results import plugin_file, read_run
 from eitbench.benchmark.metrics.specs import ANCHORS
 from eitbench.reports.figures.critical_difference import to_png
-from eitbench.reports.figures.finding import Finding
-from eitbench.reports.figures.findings import findings
 from eitbench.reports.figures.style import COLOURS, CONDUCTIVITY_MAP, CONTRAST_MAP, STYLE
+from eitbench.reports.findings.collect import findings
+from eitbench.reports.findings.finding import Finding
 from eitbench.reports.page.answer import answer
 from eitbench.reports.page.images import pack
 from eitbench.reports.page.paper import board_maps, overall_figure, write_paper

@@ -1,41 +1,29 @@
 """Tables on pages are those of the stored runs."""
 
-import importlib.util
 import re
 from pathlib import Path
-from types import ModuleType
 
 import pandas as pd
-import pytest
+from docs.tables import TABLES, filled, pages
 
 DOCS = Path(__file__).parents[2] / "docs"
 
 
-@pytest.fixture(scope="module")
-def tables() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("docs_tables", DOCS / "tables.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-def test_every_table_is_that_of_its_record(tables: ModuleType) -> None:
+def test_every_table_is_that_of_its_record() -> None:
     used = []
-    for page in tables.pages():
+    for page in pages():
         text = page.read_text()
-        assert tables.filled(text) == text, f"{page} differs from its records: run `make tables`"
+        assert filled(text) == text, f"{page} differs from its records: run `make tables`"
         used += re.findall(r"<!-- table: (.+?) -->", text)
         assert text.count("<!-- table: ") == text.count("<!-- end of table -->")
-    assert sorted(used) == sorted(tables.TABLES)
+    assert sorted(used) == sorted(TABLES)
 
 
-def test_a_figure_that_was_typed_is_put_right(tables: ModuleType) -> None:
+def test_a_figure_that_was_typed_is_put_right() -> None:
     text = (DOCS / "results" / "data.md").read_text()
     typed = text.replace("30.42", "32.42")
     assert typed != text
-    assert tables.filled(typed) == text
+    assert filled(typed) == text
 
 
 def test_runs_behind_the_tables_are_as_large_as_pages_say() -> None:

@@ -16,9 +16,9 @@ from tests.security import mutations
 from tests.security.mutations import Mutation
 
 from eitbench.benchmark.analysis import comparison, submission
-from eitbench.benchmark.analysis.ladder import read_ladder
 from eitbench.benchmark.analysis.rescore import rescored
 from eitbench.benchmark.analysis.results import NOTES_FILE, read_run
+from eitbench.benchmark.findings.ladder import read_ladder
 from eitbench.benchmark.run.runner import start_run
 from eitbench.benchmark.rundir import manifest
 from eitbench.benchmark.rundir.cells import Batch, Cell

@@ -233,9 +233,9 @@ def _show_run(result: "RunResult", as_json: bool, limit: int | None) -> None:
 def _complete(run: Path) -> tuple[list[dict[str, Any]], list[Path]]:
     """Write notes, leaderboard and figures into a run directory; its rows and the pictures."""
     from eitbench.benchmark.analysis.recording_notes import write_notes
-    from eitbench.reports.figures.findings import write_findings
     from eitbench.reports.figures.image_grid import write_figures
     from eitbench.reports.figures.voltages import write_voltages
+    from eitbench.reports.findings.collect import write_findings
     from eitbench.reports.tables.leaderboard import ranked_rows, write_leaderboard
 
     write_notes(run)

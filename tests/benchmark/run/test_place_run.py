@@ -11,7 +11,7 @@ from tests.support.pressed_skin import SKIN, recording, renumbered, rows
 from eitbench.benchmark import InputError
 from eitbench.benchmark.analysis.leaderboard import leaderboard_rows
 from eitbench.benchmark.analysis.results import read_run
-from eitbench.benchmark.analysis.transfer import skin_errors
+from eitbench.benchmark.findings.transfer import skin_errors
 from eitbench.benchmark.run.cell_task import CellPlan
 from eitbench.benchmark.run.place_cell import PlaceData, register
 from eitbench.benchmark.run.runner import make_plan, resume_run, start_run
@@ -19,7 +19,7 @@ from eitbench.benchmark.rundir.cells import Cell
 from eitbench.benchmark.rundir.kinds import PLACE_RUNS
 from eitbench.benchmark.rundir.store import RunStore
 from eitbench.benchmark.workers.place_service import PlaceService
-from eitbench.reports.figures.findings import write_findings
+from eitbench.reports.findings.collect import write_findings
 from eitbench.scenarios.suites.suite import Suite, load_suite
 
 PLUGIN = '''

@@ -1,7 +1,7 @@
 """The record of the suites `new-skin` and `few-presses`, from stored runs.
 
-`python docs/new_skin.py new-skin RUN...` writes the errors of all runs on each skin into
-`docs/studies/new-skin`, of which `make tables` makes the tables of docs/results/new-skin.md, and
+`python docs/studies/new-skin/record.py new-skin RUN...` writes the errors of all runs on each skin
+into this folder, of which `make tables` makes the tables of docs/results/new-skin.md, and
 the figure of that page; `few-presses` those of docs/results/skin.md. Of a cell that several runs
 hold, the last one counts.
 """
@@ -16,12 +16,12 @@ import matplotlib as mpl
 import pandas as pd
 
 from eitbench.benchmark.analysis.results import read_run
-from eitbench.benchmark.analysis.transfer import over_skins, skin_errors
+from eitbench.benchmark.findings.transfer import over_skins, skin_errors
 from eitbench.reports.figures.style import STYLE, save
-from eitbench.reports.figures.transfer import draw
+from eitbench.reports.findings.transfer import draw
 
-DOCS = Path(__file__).resolve().parent
-OUT = DOCS / "studies" / "new-skin"
+OUT = Path(__file__).resolve().parent
+DOCS = OUT.parents[1]
 
 
 def write(suite: str, paths: list[Path]) -> None:

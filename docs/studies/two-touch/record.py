@@ -1,8 +1,8 @@
 """The records and figures of the suites `drift` and `two-touch`, from stored runs.
 
-`python docs/touches.py DRIFT TWO_TOUCH SUPERPOSITION` takes two run directories and the folder of
-the study of superposition, and writes `docs/studies/drift`, `docs/studies/two-touch` and the
-figures of docs/results/skin-drift.md and docs/results/two-touch.md.
+`python docs/studies/two-touch/record.py DRIFT TWO_TOUCH SUPERPOSITION` takes two run directories
+and the folder of the study of superposition, and writes `docs/studies/drift`,
+`docs/studies/two-touch` and the figures of docs/results/skin-drift.md and two-touch.md.
 """
 
 import json
@@ -16,9 +16,10 @@ from matplotlib.figure import Figure
 
 from eitbench.benchmark.analysis.results import read_run
 from eitbench.reports.figures.style import COLOURS, COLUMN, NOTE, STYLE, new_figure, save
-from eitbench.reports.figures.touches import panels
+from eitbench.reports.findings.touches import panels
 
-DOCS = Path(__file__).resolve().parent
+OUT = Path(__file__).resolve().parent
+DOCS = OUT.parents[1]
 FIT = "fit of two presses"
 _RUN = ("started", "git_commit", "versions", "threads", "data")
 
@@ -27,15 +28,15 @@ def write(drift: Path, two_touch: Path, superposition: Path) -> None:
     """Write both records and figures."""
     for run, names in ((drift, ("over-time.csv", "alarms.csv")), (two_touch, ("two-touch.csv",))):
         suite = read_run(run).manifest
-        out = DOCS / "studies" / suite["plan"]["suite"]["name"]
+        out = OUT.parent / suite["plan"]["suite"]["name"]
         out.mkdir(parents=True, exist_ok=True)
         about = {"command": f"eitbench run {out.name}", **{name: suite.get(name) for name in _RUN}}
         (out / "run.json").write_text(json.dumps(about, indent=1) + "\n")
         for name in names:
             shutil.copy(run / name, out / name)
-    shutil.copy(superposition / "superposition.json", DOCS / "studies" / "two-touch")
+    shutil.copy(superposition / "superposition.json", OUT)
     with mpl.rc_context(STYLE):
-        course = pd.read_csv(DOCS / "studies" / "drift" / "over-time.csv")
+        course = pd.read_csv(OUT.parent / "drift" / "over-time.csv")
         x_label = "fifth of the presses, in order of time"
         figure = panels(course, "part", "error_mm", x_label, "error [mm]")
         save(figure, DOCS / "skin-drift", ("png",))
@@ -92,9 +93,8 @@ def told_apart_figure(apart: pd.DataFrame) -> Figure:
 
 def apart_by_all() -> pd.DataFrame:
     """Shares told apart by the methods of the suite, and by the fit of two presses."""
-    folder = DOCS / "studies" / "two-touch"
-    fitted = json.loads((folder / "superposition.json").read_text())["told_apart"]
-    return pd.concat([pd.read_csv(folder / "two-touch.csv"), pd.DataFrame(fitted)])
+    fitted = json.loads((OUT / "superposition.json").read_text())["told_apart"]
+    return pd.concat([pd.read_csv(OUT / "two-touch.csv"), pd.DataFrame(fitted)])
 
 
 if __name__ == "__main__":

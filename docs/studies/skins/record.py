@@ -1,7 +1,7 @@
 """The record of the suite `skins`: figures, the board over skins and the maps, from stored runs.
 
-`python docs/skins.py RUN...` writes `docs/studies/skins` anew, of which `make tables` makes the
-tables of docs/results/skins.md. Runs with `--limit` make a record of their own, `part.csv`: all
+`python docs/studies/skins/record.py RUN...` writes this folder anew, of which `make tables` makes
+the tables of docs/results/skins.md. Runs with `--limit` make a record of their own, `part.csv`: all
 methods on the presses of those runs.
 """
 
@@ -20,7 +20,7 @@ from eitbench.reports.figures.error_maps import error_maps_figure
 from eitbench.reports.figures.style import PAGE, STYLE, save
 from eitbench.reports.page.error_maps import error_maps
 
-OUT = Path(__file__).resolve().parent / "studies" / "skins"
+OUT = Path(__file__).resolve().parent
 _COLUMNS = ("scenario", "method", "track", "n", "coverage", "data_hash", *GUESS.values(), *GUESS)
 _RUN = ("started", "git_commit", "versions", "machine", "threads")
 

@@ -7,8 +7,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from eitbench.benchmark.analysis.ladder import Ladder, read_ladder
 from eitbench.benchmark.analysis.results import Run
+from eitbench.benchmark.findings.ladder import Ladder, read_ladder
 from eitbench.benchmark.metrics.statistics import MIN_CLUSTERS
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
 from eitbench.scenarios.imperfections.imperfections import Imperfections

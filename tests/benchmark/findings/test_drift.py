@@ -10,8 +10,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from eitbench.benchmark.analysis.drift import _AROUND, DAMAGE, PARTS, RAW, alarms, over_time
 from eitbench.benchmark.analysis.results import Run
+from eitbench.benchmark.findings.drift import _AROUND, DAMAGE, PARTS, RAW, alarms, over_time
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
 from eitbench.scenarios.data.datasets import load
 from eitbench.scenarios.recordings.public.hydrogel import CUTS

@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
-from eitbench.benchmark.analysis.drift import LAG_S, PARTS, alarms, over_time
-from eitbench.benchmark.analysis.two_touch import WITHIN_MM, least_distance, told_apart
+from eitbench.benchmark.findings.drift import LAG_S, PARTS, alarms, over_time
+from eitbench.benchmark.findings.two_touch import WITHIN_MM, least_distance, told_apart
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
-from eitbench.reports.figures.finding import Finding
 from eitbench.reports.figures.style import PAGE, line_style, new_figure, plain_label
+from eitbench.reports.findings.finding import Finding
 from eitbench.reports.tables.columns import printable
 
 if TYPE_CHECKING:

@@ -1,7 +1,7 @@
 """The record of the suite `ktc2023`, from stored runs.
 
-`python docs/ktc2023.py RUN...` writes `docs/studies/ktc2023/ktc2023.json`, of which `make tables`
-makes the table of docs/results/ktc2023.md. Further methods join with a run of their own.
+`python docs/studies/ktc2023/record.py RUN...` writes `ktc2023.json`, of which `make tables` makes
+the table of docs/results/ktc2023.md. Further methods join with a run of their own.
 """
 
 import json
@@ -12,7 +12,7 @@ from pathlib import Path
 from eitbench.benchmark.analysis.leaderboard import leaderboard_rows
 from eitbench.benchmark.analysis.results import read_run
 
-OUT = Path(__file__).resolve().parent / "studies" / "ktc2023" / "ktc2023.json"
+OUT = Path(__file__).resolve().parent / "ktc2023.json"
 _COLUMNS = (
     "suite", "scenario", "method", "track", "run", "n", "coverage", "ktc_score", "cc", "iou",
     "localisation_mm", "setup_s", "data_hash",

@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
-from eitbench.benchmark.analysis.transfer import over_skins, skin_errors
-from eitbench.reports.figures.finding import Finding
+from eitbench.benchmark.findings.transfer import over_skins, skin_errors
 from eitbench.reports.figures.style import (
     COLOURS,
     COLUMN,
@@ -17,6 +16,7 @@ from eitbench.reports.figures.style import (
     new_figure,
     plain_label,
 )
+from eitbench.reports.findings.finding import Finding
 from eitbench.reports.tables.columns import printable
 
 if TYPE_CHECKING:

@@ -6,9 +6,9 @@ import pandas as pd
 import pytest
 
 from eitbench import cli
-from eitbench.benchmark.analysis.ladder import Ladder, Real, Step
+from eitbench.benchmark.findings.ladder import Ladder, Real, Step
 from eitbench.benchmark.metrics.statistics import Interval
-from eitbench.reports.figures.ladder import draw, grid
+from eitbench.reports.findings.ladder import draw, grid
 
 SUITE = """
 name = "tiny-ladder"

@@ -7,15 +7,15 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from eitbench.benchmark.analysis.results import read_run
-from eitbench.reports.figures import challenge, ladder, touches, transfer
 from eitbench.reports.figures.style import STYLE
+from eitbench.reports.findings import challenge, ladder, touches, transfer
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
     from eitbench.benchmark.analysis.results import Run
-    from eitbench.reports.figures.finding import Finding
+    from eitbench.reports.findings.finding import Finding
 
 
 def findings(runs: Sequence[Run]) -> list[Finding]:

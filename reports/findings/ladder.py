@@ -8,18 +8,18 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
-from eitbench.benchmark.analysis.ladder import Ladder, read_ladder
+from eitbench.benchmark.findings.ladder import Ladder, read_ladder
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
-from eitbench.reports.figures.finding import Finding
 from eitbench.reports.figures.style import COLOURS, PAGE, line_style, new_figure
+from eitbench.reports.findings.finding import Finding
 from eitbench.reports.tables.columns import printable
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from eitbench.benchmark.analysis.ladder import Real, Step
     from eitbench.benchmark.analysis.results import Run
+    from eitbench.benchmark.findings.ladder import Real, Step
     from eitbench.benchmark.metrics.statistics import Interval
 
 _NOT_RUN = "–"

@@ -10,8 +10,8 @@ import pytest
 from tests.support.made_runs import edited_manifest
 
 from eitbench.benchmark.analysis.results import read_run
-from eitbench.reports.figures.findings import findings, write_findings
-from eitbench.reports.figures.touches import alarm_grid
+from eitbench.reports.findings.collect import findings, write_findings
+from eitbench.reports.findings.touches import alarm_grid
 from eitbench.reports.page.report import to_page
 from eitbench.reports.page.report_data import report_data
 

@@ -11,8 +11,8 @@ from matplotlib.figure import Figure
 from eitbench.benchmark.analysis.results import read_run
 from eitbench.reports.figures import image_grid
 from eitbench.reports.figures.challenge import draw_challenge
-from eitbench.reports.figures.findings import findings
 from eitbench.reports.figures.image_grid import comparison, write_figures
+from eitbench.reports.findings.collect import findings
 from eitbench.reports.page.report import to_page
 from eitbench.reports.page.report_data import report_data
 from eitbench.reports.tables.leaderboard import FORMATS, ranked_rows

@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from eitbench.benchmark.analysis.two_touch import WITHIN_MM, least_distance, told_apart
+from eitbench.benchmark.findings.two_touch import WITHIN_MM, least_distance, told_apart
 
 
 def touches(distance: float, farthest: list[float], count_error: list[float]) -> pd.DataFrame:

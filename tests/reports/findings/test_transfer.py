@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from eitbench.benchmark.analysis.transfer import SkinError, over_skins
-from eitbench.reports.figures.transfer import draw, grid
+from eitbench.benchmark.findings.transfer import SkinError, over_skins
+from eitbench.reports.findings.transfer import draw, grid
 
 
 def errors(method: str, labelled: int, medians: list[float]) -> list[SkinError]:

@@ -1,0 +1,1 @@
+"""What runs show besides their boards: the ladder to reality, time, two touches, new skins."""

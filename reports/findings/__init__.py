@@ -1,0 +1,1 @@
+"""What runs show besides leaderboards, as a table and a figure each."""
