@@ -18,6 +18,9 @@ demo: $(STAMPS)/demo  ## install, run the suite `quick`, print its leaderboards 
 	@echo "  $(BIN)/eitbench new-method my-method    # your own method, to be ranked beside these"
 	@echo "  $(BIN)/eitbench recordings import --help    # your own data; docs/tutorials/lab.md shows the way"
 
+# Compiled modules are kept: the tests start some hundred processes that import them.
+test slow: export PYTHONDONTWRITEBYTECODE =
+
 test: $(STAMPS)/test  ## install what tests need and run them
 	$(BIN)/pytest -n auto --dist loadfile --no-loadscope-reorder
 

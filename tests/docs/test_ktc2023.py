@@ -37,6 +37,7 @@ def measured() -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("recorded_data")
 def test_the_record_is_what_the_data_give() -> None:
     pd.testing.assert_frame_equal(pd.read_csv(RECORD), measured(), rtol=1e-4)

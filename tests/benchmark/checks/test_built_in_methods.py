@@ -11,8 +11,6 @@ LONG = {"dip"}
 # Peers that share their code with one that is always checked.
 ALIKE = {"pyeit-bp", "pyeit-greit"}
 
-QUICK = {"noser"}
-
 BUILT_IN = [name for name, cls in methods().items() if cls.__module__.startswith("eitbench.")]
 
 
@@ -24,7 +22,7 @@ def test_every_built_in_method_is_listed() -> None:
 def marks(name: str) -> list[pytest.MarkDecorator]:
     if name in LONG | ALIKE:
         return [pytest.mark.nightly, pytest.mark.timeout(1800)]
-    return [] if name in QUICK else [pytest.mark.slow]
+    return [pytest.mark.slow]
 
 
 @pytest.mark.parametrize("name", [pytest.param(name, marks=marks(name)) for name in BUILT_IN])

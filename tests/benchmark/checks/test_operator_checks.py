@@ -144,6 +144,7 @@ def test_an_operator_that_cannot_be_made_is_told_so_once() -> None:
     assert report.untried == len(OPERATOR_CHECKS) - 1
 
 
+@pytest.mark.slow
 def test_a_file_may_hold_methods_and_operators(monkeypatch: pytest.MonkeyPatch) -> None:
     def named(kind: str, name: str, plugin: Path) -> CheckReport:
         assert plugin == file

@@ -103,6 +103,7 @@ def suite_of(folder: Path, labelled: str) -> Suite:
     return load_suite(path)
 
 
+@pytest.mark.slow
 def test_a_run_locates_presses_and_is_resumed(tmp_path: Path) -> None:
     run = start_run(make_plan(suite_of(tmp_path, "25")), tmp_path / "run").path
     errors = {error.method: error for error in skin_errors([read_run(run)])}

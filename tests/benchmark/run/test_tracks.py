@@ -129,6 +129,7 @@ def test_the_ranked_track_is_as_without_the_others(run: Path) -> None:
     assert found.samples["score"].mean() == pytest.approx(score(0.9))
 
 
+@pytest.mark.slow
 def test_the_oracle_is_the_best_on_test_of_what_was_tried(run: Path) -> None:
     """Pruned trials are tried again; those that failed are not."""
     tracks = read_run(run).tracks

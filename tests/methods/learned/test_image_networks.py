@@ -481,6 +481,7 @@ def test_a_loss_of_logarithms_is_the_mean_psnr() -> None:
     assert float(image_loss("mse")(error)) == pytest.approx(float(error.square().mean()))
 
 
+@pytest.mark.slow
 def test_another_choice_needs_another_folder(tmp_path: Path) -> None:
     noisy = suite_of(tmp_path, NOISY)
     one = TrainingRequest("dnn", noisy, epochs=1, out=tmp_path / "o", **QUICK)

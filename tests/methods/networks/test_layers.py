@@ -35,6 +35,7 @@ def test_layers_of_a_network_with_a_skip_as_written() -> None:
     ]
 
 
+@pytest.mark.slow
 def test_the_published_networks_are_read_whole() -> None:
     of = sensor("foam16")
     for network, example in (

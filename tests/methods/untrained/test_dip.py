@@ -48,6 +48,7 @@ def test_an_inclusion_is_recovered_better_than_in_one_linear_step() -> None:
     assert error(image(Dip(steps=200), problem(s), frame), truth) < 0.7 * linear
 
 
+@pytest.mark.slow
 def test_the_image_explains_the_frame() -> None:
     s = foam((16, 16))
     model = forward_model(s)

@@ -138,6 +138,7 @@ def test_the_best_in_every_case(
     ]  # fmt: skip
 
 
+@pytest.mark.slow
 def test_blurred_images_have_softer_edges_and_more_artefacts(build: Any, many: Dataset) -> None:
     build.suite = "paper"
     truth = np.array(many.conductivity)

@@ -41,6 +41,7 @@ def presses(build: Any, dataset_of: Any) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_tables_and_figures_of_a_run(presses: Path) -> None:
     names = {path.relative_to(presses).as_posix() for path in write_findings(presses)}
     stems = ("over-time", "two-touch")

@@ -92,7 +92,7 @@ def test_voltages_converge_quadratically_to_the_series() -> None:
     assert 1.8 < rate < 2.2
 
 
-@pytest.mark.parametrize("conductivity", [0.05, 5.0])
+@pytest.mark.parametrize("conductivity", [0.05, pytest.param(5.0, marks=pytest.mark.slow)])
 def test_concentric_inclusion(conductivity: float) -> None:
     """A circle drawn in pixels is right to first order in their size."""
     exact = series_voltages(disc_sensor(16), (0.5, conductivity)) - series_voltages(disc_sensor(16))

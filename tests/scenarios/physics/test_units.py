@@ -51,6 +51,7 @@ def test_an_electrode_beyond_its_part_of_the_rim_is_refused() -> None:
         ForwardModel(moved, triangle_mesh(FOAM))
 
 
+@pytest.mark.slow
 def test_unstructured_data_are_nearer_to_the_truth_than_the_model_of_methods_is() -> None:
     """Pixels, triangles three times finer, and the truth: triangles four times finer."""
     own = ForwardModel(FOAM).mesh

@@ -57,7 +57,13 @@ def one_step(name: str, change: Array) -> Array:
     return images
 
 
-@pytest.mark.parametrize("name", RECORDED_SETS)
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=pytest.mark.slow) if name.startswith("superposed") else name
+        for name in RECORDED_SETS
+    ],
+)
 def test_every_set_is_read_and_split(name: str) -> None:
     recording = read(name)
     n, m = len(recording.samples), nominal(name).n_measurements
