@@ -205,7 +205,10 @@ def test_what_cannot_start_is_said_at_once(watched: Any, board: Any) -> None:
         watched.session.start("noser")
 
 
-def test_rate_and_noise_are_measured(running: Any, wait_for: Any) -> None:
+def test_rate_and_noise_are_measured(
+    running: Any, wait_for: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(session, "STATUS_S", 0.0)  # a figure of all frames so far
     wait_for(lambda: len(running.images) > 60)
     state: Any = running.session.state()
     assert state["snr_db"] == pytest.approx(60, abs=1)
