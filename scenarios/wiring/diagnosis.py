@@ -28,6 +28,7 @@ from eitbench.scenarios.wiring.hypotheses import (
     Wiring,
     meaning,
     numberings,
+    numbers_of,
     orders,
     with_swaps,
 )
@@ -39,11 +40,13 @@ EXPLAINED = 0.5
 SWAP_GAIN = 1.25
 """Misfit without over that with two electrodes interchanged, below which none are."""
 _SILENT = 0.02
-"""Size of a value over the upper quartile's, below which it says nothing of the order: an electrode without
-contact has it."""
+"""Size of a value over the upper quartile's, below which it says nothing of the order: an electrode
+without contact has it."""
 _RIVALS = 100
 """Other answers that are looked at for the best one that is not the same with other numbers."""
-_DISTINCT = 500
+_TURNED = 40
+"""Answers with interchanged electrodes, the best ones, that are tried from every electrode."""
+_DISTINCT = 150
 """Answers, the best ones, of which those that mean the same are found."""
 _WORK = 400_000
 """Values that are predicted for hypotheses with interchanged electrodes."""
@@ -136,9 +139,7 @@ def diagnose(frames: Array, sensor: Sensor, expected: Array | None = None) -> Di
     certainty, reason = _verdict(best, close, others, sensor)
     if certainty == "sure but for start and direction":
         # What changes least.
-        best = min(
-            (best, *close), key=lambda of: (of.wiring.step < 0, of.wiring.start, of.misfit)
-        )
+        best = min((best, *close), key=lambda of: (of.wiring.step < 0, of.wiring.start, of.misfit))
     turned = certainty == "sure but for start and direction"
     far = [of for of in found if of is not best and of not in close]
     rest = search.not_turned(best, far[:_RIVALS]) if turned else found[1:2]
@@ -153,9 +154,7 @@ def diagnose(frames: Array, sensor: Sensor, expected: Array | None = None) -> Di
     noise = typical_noise(values)
     third = max(len(values) // 3, 1)
     drift = np.linalg.norm(values[-third:].mean(axis=0) - values[:third].mean(axis=0))
-    declared = (
-        search.misfit_of(sensor.pattern.table) if sensor.n_measurements == length else np.nan
-    )
+    declared = search.misfit_of(sensor.pattern.table) if sensor.n_measurements == length else np.nan
     noisy = float(np.sqrt(np.mean(noise**2)))
     rms = float(np.sqrt(np.mean(frame**2)))
     return Diagnosis(
@@ -180,6 +179,21 @@ def diagnose(frames: Array, sensor: Sensor, expected: Array | None = None) -> Di
         repeatability=float(np.median(noise / np.maximum(np.abs(frame), 1e-9 * size))),
         open_answers=len(close) + 1,
     )
+
+
+def declared_frame(found: Diagnosis, sensor: Sensor, expected: Array | None) -> Array | None:
+    """(M,) what `sensor` as declared predicts for frames of `found`, with the gain that fits best.
+
+    None where it has another number of values.
+    """
+    if sensor.n_measurements != len(found.measured):
+        return None
+    if expected is None:
+        expected = all_values(modelled_resistances(sensor))
+    frame = expected[tuple(sensor.pattern.table.T)]
+    frame = np.abs(frame) if found.pattern.magnitudes else frame
+    size = np.linalg.norm(found.measured) / np.linalg.norm(frame)
+    return np.asarray(size * frame)
 
 
 def _checked(frames: Array) -> Array:
@@ -222,6 +236,7 @@ class _Search:
         self._orders, self._expected, self._magnitudes = candidates, expected, magnitudes
         self._e = len(expected)
         self._kept = np.abs(frame) >= _SILENT * _size(frame)
+        self._kept_tables = np.stack([order.table[self._kept] for order in candidates])
         self._shown = _unit(frame[self._kept], magnitudes)
 
     def table(self, wiring: Wiring) -> Table:
@@ -234,15 +249,20 @@ class _Search:
         return float(np.sqrt(max(1 - max(cosine, 0.0) ** 2, 0.0)))
 
     def _cosines(self, tables: Table) -> Array:
-        predicted = self._expected[tuple(np.moveaxis(tables[:, self._kept], -1, 0))]
+        return self._of_kept(tables[:, self._kept])
+
+    def _of_kept(self, tables: Table) -> Array:
+        predicted = self._expected[tuple(np.moveaxis(tables, -1, 0))]
         return np.asarray(_unit(predicted, self._magnitudes) @ self._shown)
 
     def _scored(self, wirings: list[Wiring]) -> list[_Found]:
-        found = []
+        found: list[_Found] = []
         step = max(1, 2_000_000 // len(self._kept))
         for first in range(0, len(wirings), step):
             part = wirings[first : first + step]
-            cosine = self._cosines(np.stack([self.table(wiring) for wiring in part]))
+            numbers = numbers_of(part, self._e)
+            tables = self._kept_tables[[wiring.order for wiring in part]]
+            cosine = self._of_kept(numbers[np.arange(len(part))[:, None, None], tables])
             # Of magnitudes that fall where the prediction rises, no sign makes an answer.
             size = np.maximum(cosine, 0) if self._magnitudes else np.abs(cosine)
             misfit = np.sqrt(np.maximum(1 - size**2, 0))
@@ -259,6 +279,15 @@ class _Search:
         for of in plain[:looked_at]:
             swapped += self._scored(list(with_swaps(of.wiring, self._e)))
         swapped.sort(key=lambda of: of.misfit)
+        # The few that were looked at need not begin at the right electrode.
+        kinds = dict.fromkeys((of.wiring.order, of.wiring.swapped) for of in swapped[:_TURNED])
+        swapped = self._scored([
+            Wiring(order, start, step, pair)
+            for order, pair in kinds
+            for step in (1, -1)
+            for start in range(self._e)
+        ])  # fmt: skip
+        swapped.sort(key=lambda of: of.misfit)
         if not swapped or plain[0].misfit < SWAP_GAIN * swapped[0].misfit:
             return plain
         return self._distinct(sorted([*plain, *swapped[:_DISTINCT]], key=lambda of: of.misfit))
@@ -268,23 +297,23 @@ class _Search:
         around = [
             Wiring(0, start, step).numbers(self._e) for step in (1, -1) for start in range(self._e)
         ]
-        turned = {
-            meaning(turn[self.table(best.wiring)], self._e, magnitudes=self._magnitudes).tobytes()
-            for turn in around
-        }
-        return [
-            of
-            for of in others
-            if meaning(self.table(of.wiring), self._e, magnitudes=self._magnitudes).tobytes()
-            not in turned
-        ]
+        turned = set(self._meant(np.stack([turn[self.table(best.wiring)] for turn in around])))
+        if not others:
+            return []
+        meant = self._meant(np.stack([self.table(of.wiring) for of in others]))
+        return [of for of, code in zip(others, meant, strict=True) if code not in turned]
+
+    def _meant(self, tables: Table) -> list[bytes]:
+        """What tables (n, M, 4) mean: equal for those that no linear sensor tells apart."""
+        codes = meaning(tables, self._e, magnitudes=self._magnitudes)
+        return [code.tobytes() for code in codes]
 
     def _distinct(self, found: list[_Found]) -> list[_Found]:
         found = sorted(found, key=lambda of: of.misfit)[:_DISTINCT]
         seen: dict[bytes, _Found] = {}
-        for of in found:
-            code = meaning(self.table(of.wiring), self._e, magnitudes=self._magnitudes)
-            seen.setdefault(code.tobytes(), of)
+        tables = np.stack([self.table(of.wiring) for of in found])
+        for of, code in zip(found, self._meant(tables), strict=True):
+            seen.setdefault(code, of)
         return list(seen.values())
 
 
@@ -314,8 +343,9 @@ def _verdict(
     if close:
         return "sure but for start and direction", (
             f"{len(close) + 1} first electrodes and directions fit alike, as the untouched sensor "
-            "looks the same from each: press it beside a known electrode, or give frames from when "
-            "its wiring was right (--known)."
+            "looks the same from each; all else is sure. Disconnect two electrodes that you know "
+            "in turn and see which number is dead, or give frames from when its wiring was right "
+            "(--known)."
         )
     return "sure", ""
 

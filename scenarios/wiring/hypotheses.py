@@ -6,7 +6,7 @@ electrode and a direction (a rotation or reflection p of the numbers), and at mo
 electrodes that are interchanged.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -49,10 +49,18 @@ class Wiring:
 
     def numbers(self, n_electrodes: int) -> Table:
         """(E,): the electrode of the sensor that is the board's electrode k."""
-        board = np.arange(n_electrodes)
-        if self.swapped:
-            board[list(self.swapped)] = board[list(self.swapped[::-1])]
-        return (self.start + self.step * board) % n_electrodes
+        return np.asarray(numbers_of([self], n_electrodes)[0])
+
+
+def numbers_of(wirings: Sequence[Wiring], n_electrodes: int) -> Table:
+    """(n, E): of each wiring the electrodes of the sensor that are the board's 0 to E - 1."""
+    board = np.tile(np.arange(n_electrodes), (len(wirings), 1))
+    pairs = [(k, *of.swapped) for k, of in enumerate(wirings) if of.swapped]
+    if pairs:
+        row, first, second = np.transpose(pairs)
+        board[row, first], board[row, second] = second, first
+    start, step = np.transpose([(of.start, of.step) for of in wirings])
+    return np.asarray((start[:, None] + step[:, None] * board) % n_electrodes)
 
 
 @lru_cache(maxsize=16)
@@ -95,9 +103,7 @@ def orders(pattern: DrivePattern) -> list[Order]:
     return list(found.values())
 
 
-def _along(
-    senses: list[tuple[int, int]], first: int, e: int, along: str
-) -> list[tuple[int, int]]:
+def _along(senses: list[tuple[int, int]], first: int, e: int, along: str) -> list[tuple[int, int]]:
     if along == "from the drive":
         return sorted(senses, key=lambda pair: ((pair[0] - first) % e, pair[1]))
     return senses[::-1] if along == "descending" else senses

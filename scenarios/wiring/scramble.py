@@ -97,4 +97,4 @@ def put_right(found: Diagnosis, truth: Scrambled, resistances: Array) -> bool:
 
 def _first_sign(table: Table) -> bool:
     src, sink, a, b = table[0].tolist()
-    return (src > sink) ^ (a > b)
+    return bool((src > sink) ^ (a > b))

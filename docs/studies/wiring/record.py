@@ -24,10 +24,10 @@ from eitbench.scenarios.wiring.scramble import put_right, scramble
 
 OUT = Path(__file__).resolve().parent / "wiring.csv"
 SETS = (
-    "ohmc16", "ohmc8", "superpose500", "hydrogel-two-probes", "hydrogel-damage",
-    "hydrogel-multitouch", "hydrogel-rectangle", "hydrogel-fixed", "hydrogel-repeats", "ktc2023",
     "sciospec-tank", "jku-tank-adjacent", "jku-tank-diagonal", "jku-tank-hybrid",
-    "jku-tank-opposite", "pyeidors-tank",
+    "jku-tank-opposite", "pyeidors-tank", "ohmc16-start", "superpose500-start", "ohmc16",
+    "superpose500", "ohmc8", "hydrogel-two-probes", "hydrogel-damage", "hydrogel-multitouch",
+    "hydrogel-rectangle", "hydrogel-fixed", "hydrogel-repeats", "ktc2023",
 )  # fmt: skip
 FRAMES = 10
 
@@ -43,7 +43,9 @@ def scored(name: str, count: int) -> list[dict[str, object]]:
     cells: dict[tuple[str, str], Counter[str]] = {}
     start = time.process_time()
     for evidence, expected in by.items():
-        for k in range(count):
+        # No model describes these skins: the answer is a refusal, of which fewer say as much.
+        skin = evidence == "model" and sensor.pattern.magnitudes
+        for k in range(count // 10 if skin else count):
             rng = np.random.default_rng([0, k])
             n = len(recording.voltages)
             rows = np.sort(rng.choice(n, min(FRAMES, n), replace=False))
@@ -67,7 +69,7 @@ def scored(name: str, count: int) -> list[dict[str, object]]:
                     f"{found.runner_up:.3f}", found.dead, truth.dead, found.wiring, truth.wiring,
                     found.order.title, "|", truth.order.title, truth.magnitudes, file=sys.stderr,
                 )  # fmt: skip
-    spent = (time.process_time() - start) / (2 * count)
+    spent = (time.process_time() - start) / sum(cell["n"] for cell in cells.values())
     columns = ("n", "right", "whole", "wrong", "refused", "best_right")
     return [
         {"set": name, "evidence": evidence, "fault": fault, "seconds": round(spent, 3)}
