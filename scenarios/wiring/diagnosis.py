@@ -42,6 +42,10 @@ SWAP_GAIN = 1.25
 _SILENT = 0.02
 """Size of a value over the upper quartile's, below which it says nothing of the order: an electrode
 without contact has it."""
+_FAR = 10.0
+"""Size of a value over that of the largest tenth, above which an amplifier saturates."""
+_EXACT = 0.02
+"""Misfit of a model that no real sensor reaches: what differs by less is the mesh."""
 _RIVALS = 100
 """Other answers that are looked at for the best one that is not the same with other numbers."""
 _TURNED = 40
@@ -126,6 +130,7 @@ def diagnose(frames: Array, sensor: Sensor, expected: Array | None = None) -> Di
             f"The frames have {length} values, and orders of sensor {sensor.name!r} have "
             f"{', '.join(map(str, lengths))}: name the sensor whose pattern the board measures."
         )
+    known_frame = expected is not None
     if expected is None:
         expected = all_values(modelled_resistances(sensor))
     frame = np.median(values, axis=0) if len(values) > 2 else values.mean(axis=0)
@@ -134,7 +139,8 @@ def diagnose(frames: Array, sensor: Sensor, expected: Array | None = None) -> Di
     search = _Search(frame, fitting, expected, magnitudes)
     found = search.ranked()
     best = found[0]
-    close = [of for of in found[1:] if of.misfit < MARGIN * best.misfit]
+    limit = MARGIN * max(best.misfit, 0.0 if known_frame else _EXACT)
+    close = [of for of in found[1:] if of.misfit < limit]
     others = search.not_turned(best, close)
     certainty, reason = _verdict(best, close, others, sensor)
     if certainty == "sure but for start and direction":
@@ -145,8 +151,13 @@ def diagnose(frames: Array, sensor: Sensor, expected: Array | None = None) -> Di
     rest = search.not_turned(best, far[:_RIVALS]) if turned else found[1:2]
     table = search.table(best.wiring)
     signed = expected[tuple(table.T)]
-    predicted = np.abs(signed) if magnitudes else signed * best.sign
-    pattern = DrivePattern(_with_sign(table, best.sign, magnitudes), magnitudes)
+    sign = best.sign
+    clear = np.abs(signed) >= _SILENT * _size(signed)
+    if magnitudes and not sensor.pattern.magnitudes and np.ptp(np.sign(signed[clear])) == 0:
+        # All have one sign, so that signed values explain the frame as well.
+        magnitudes, sign = False, int(np.sign(signed[clear][0]))
+    predicted = np.abs(signed) if magnitudes else signed * sign
+    pattern = DrivePattern(_with_sign(table, sign, magnitudes), magnitudes)
     dead = dead_electrodes(frame, predicted, pattern)
     spoiled = np.asarray(saturated_values(frame, predicted, pattern))
     kept = ~spoiled & ~dead[pattern.table].any(axis=1)
@@ -163,7 +174,7 @@ def diagnose(frames: Array, sensor: Sensor, expected: Array | None = None) -> Di
         wiring=best.wiring,
         order=fitting[best.wiring.order],
         pattern=pattern,
-        reversed_sign=best.sign < 0,
+        reversed_sign=sign < 0,
         misfit=best.misfit,
         runner_up=rest[0].misfit if rest else 1.0,
         declared_misfit=declared,
@@ -235,7 +246,8 @@ class _Search:
     ) -> None:
         self._orders, self._expected, self._magnitudes = candidates, expected, magnitudes
         self._e = len(expected)
-        self._kept = np.abs(frame) >= _SILENT * _size(frame)
+        size = np.abs(frame)
+        self._kept = (size >= _SILENT * _size(frame)) & (size <= _FAR * np.quantile(size, 0.9))
         self._kept_tables = np.stack([order.table[self._kept] for order in candidates])
         self._shown = _unit(frame[self._kept], magnitudes)
 
