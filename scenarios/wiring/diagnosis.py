@@ -158,8 +158,11 @@ def diagnose(frames: Array, sensor: Sensor, expected: Array | None = None) -> Di
         magnitudes, sign = False, int(np.sign(signed[clear][0]))
     predicted = np.abs(signed) if magnitudes else signed * sign
     pattern = DrivePattern(_with_sign(table, sign, magnitudes), magnitudes)
-    dead = dead_electrodes(frame, predicted, pattern)
-    spoiled = np.asarray(saturated_values(frame, predicted, pattern))
+    # A saturated value would make all electrodes but its own look dead.
+    far = np.abs(frame) > _FAR * np.quantile(np.abs(frame), 0.9)
+    tame = np.where(far, _size(frame) / _size(predicted) * predicted, frame)
+    dead = dead_electrodes(tame, predicted, pattern)
+    spoiled = np.asarray(saturated_values(tame, predicted, pattern) | far)
     kept = ~spoiled & ~dead[pattern.table].any(axis=1)
     gain, leak = _gain_and_leak(frame, predicted, pattern, modelled_resistances(sensor), kept)
     noise = typical_noise(values)

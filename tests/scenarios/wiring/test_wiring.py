@@ -67,7 +67,7 @@ def test_a_frame_tells_values_that_its_pattern_determines() -> None:
     )
 
 
-@settings(max_examples=12, deadline=None, derandomize=True)
+@settings(max_examples=8, deadline=None, derandomize=True)
 @given(st.integers(0, 10_000))
 def test_a_wrong_wiring_is_put_right(seed: int) -> None:
     resistances = modelled_resistances(UNEVEN)
@@ -97,7 +97,7 @@ def test_a_dead_electrode_and_a_saturated_value_are_named() -> None:
     frames = _frames(UNEVEN)
     frames[:, (UNEVEN.pattern.table == 6).any(axis=1)] *= 1e-4
     alive = np.flatnonzero(~(UNEVEN.pattern.table == 6).any(axis=1))[3]
-    frames[:, alive] *= 60
+    frames[:, alive] = 50 * np.abs(frames).max()  # the rail of an amplifier
     found = diagnose(frames, UNEVEN)
     assert (found.dead, found.saturated) == ((6,), (alive,))
 
