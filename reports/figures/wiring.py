@@ -23,7 +23,6 @@ class WiringFrames:
         measured: (M,) the frame, in the board's units.
         before: (M,) what the sensor as declared predicts; None where it has another length.
         after: (M,) what the answer predicts.
-        noise: (M,) standard deviation of the measured values; NaN where unknown.
         before_misfit, after_misfit: of both.
         sensor: name of the declared sensor.
         refused: there is no answer; `after` is the best one.
@@ -32,7 +31,6 @@ class WiringFrames:
     measured: Array
     before: Array | None
     after: Array
-    noise: Array
     before_misfit: float
     after_misfit: float
     sensor: str
@@ -50,16 +48,17 @@ def wiring_figure(frames: WiringFrames) -> Figure:
     )
     index = np.arange(len(frames.measured))
     for (line, scatter), (title, modelled, misfit) in zip(axes, rows, strict=True):
-        line.set(title=title, xlabel="value of the frame", ylabel="voltage [board's unit]")
+        line.set_title(title, loc="left")
+        line.set(xlabel="value of the frame", ylabel="voltage [board's unit]")
         line.plot(index, frames.measured, color=COLOURS[0], lw=0.8, label="measured")
         line.margins(x=0.01)
         scatter.set(xlabel="modelled", ylabel="measured")
         if modelled is None:
-            line.set_title(f"{title}: another number of values")
+            line.set_title(f"{title}: another number of values", loc="left")
             scatter.set_axis_off()
             continue
         line.plot(index, modelled, color=COLOURS[1], lw=0.8, ls="--", label="modelled")
-        line.legend(loc="upper right", frameon=False, ncols=2)
+        line.legend(loc="lower right", bbox_to_anchor=(1, 0.97), frameon=False, ncols=2)
         scatter.set_title(f"misfit {misfit:.1%}")
         scatter.plot(modelled, frames.measured, ".", ms=3, color=COLOURS[0])
         ends = [float(modelled.min()), float(modelled.max())]
