@@ -241,7 +241,7 @@ def _agreement(
     if len(untouched):
         frame = content.values[untouched].mean(axis=0)
         if problem := reference_problem(frame, sensor):
-            problems.append(problem)
+            problems.append(f"{problem} `eitbench recordings doctor` looks at more wirings.")
         elif frame.any():
             faults = fault_problems(frame, sensor)
         for nominal in (sensor, other):

@@ -1,6 +1,7 @@
 """Sensors in files: declared in TOML by people, and stored as JSON in SI units by recordings."""
 
 import json
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -83,6 +84,47 @@ def sensor_from_json(text: str) -> Sensor:
         tuple(Electrode(*values) for values in found.electrodes),
         DrivePattern(np.array(pattern.table), pattern.magnitudes),
     )
+
+
+def sensor_to_toml(sensor: Sensor, remarks: Sequence[str] = ()) -> str:
+    """The sensor file of `sensor`, with every row of its pattern, below lines of `remarks`.
+
+    `read_sensor` reads it; lengths agree to the last digits, as they are in mm there.
+    """
+
+    def listed(values: Iterable[float]) -> str:
+        return "[" + ", ".join(f"{value:.15g}" for value in values) + "]"
+
+    rim = sensor.outline
+    if isinstance(rim, Disc):
+        outline = f"disc_radius_mm = {rim.radius / _MM:.15g}"
+    else:
+        outline = "polygon_mm = [\n"
+        outline += "".join(f"    {listed((x / _MM, y / _MM))},\n" for x, y in rim.vertices) + "]"
+    of = sensor.electrodes
+    lines = [
+        *(f"# {' '.join(remark.split())}" for remark in remarks),
+        f"name = {json.dumps(sensor.name)}",
+        f"background = {sensor.background:.15g}",
+        f"image_shape = {list(sensor.image_shape)}",
+        f"data_range = {sensor.data_range:.15g}",
+        f"conductivity_range = {listed(sensor.conductivity_range)}",
+        "",
+        "[outline]",
+        outline,
+        "",
+        "[electrodes]",
+        f"centres_mm = {listed(electrode.centre / _MM for electrode in of)}",
+        f"width_mm = {listed(electrode.width / _MM for electrode in of)}",
+        f"contact_impedance = {listed(electrode.contact_impedance for electrode in of)}",
+        "",
+        "[pattern]  # src, sink, a, b of each value",
+        f"magnitudes = {str(sensor.pattern.magnitudes).lower()}",
+        "table = [",
+        *(f"    {row}," for row in sensor.pattern.table.tolist()),
+        "]",
+    ]
+    return "\n".join(lines) + "\n"
 
 
 def _several(value: object) -> object:

@@ -50,6 +50,37 @@ def check(
     typer.echo(f"{file} is sound.")
 
 
+@app.command(epilog="Example: eitbench recordings doctor untouched.csv --sensor bench.toml")
+def doctor(
+    source: Annotated[
+        str,
+        typer.Argument(
+            metavar="FILE|SET",
+            help="Frames of the untouched sensor: a file (.csv, .npy, .mat, .h5, ...) with a row "
+            "for each, or a public recorded set.",
+        ),
+    ],
+    sensor: Annotated[
+        str | None, typer.Option(help="The sensor, or a sensor file; of a set: its own.")
+    ] = None,
+    known: Annotated[
+        Path | None,
+        typer.Option(help="Frames of this sensor from when its wiring was right, as declared."),
+    ] = None,
+    out: Annotated[
+        Path, typer.Option(metavar="DIR", help="Where the page and the sensor file go.")
+    ] = Path("wiring"),
+) -> None:
+    """Find how a board is wired from frames of the untouched sensor; exits 1 if it cannot tell."""
+    from eitbench.commands.wiring import examine
+
+    said, answered = examine(source, sensor, known, out)
+    for sentence in said:
+        typer.echo(sentence)
+    if not answered:
+        fail(f"No sensor file was written; {out / 'doctor.html'} shows the best answer.", 1)
+
+
 @app.command(epilog="Example: eitbench recordings export touch.h5 --to touch.csv")
 def export(
     file: Annotated[Path, typer.Argument(metavar="FILE.h5", help="A recording of your own.")],

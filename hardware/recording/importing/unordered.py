@@ -1,0 +1,48 @@
+"""Frames of a file whose order is not known: any array with as many columns as an order has."""
+
+from collections.abc import Collection
+from pathlib import Path
+
+import numpy as np
+
+from eitbench.hardware.recording.importing.sources import is_own, read_arrays
+from eitbench.scenarios.arrays import Array
+from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.recordings.files.recording_file import read_file
+
+
+def unordered_frames(path: Path, lengths: Collection[int]) -> Array:
+    """Frames (n, M) of the file at `path`, where M is one of `lengths`; of complex ones Re.
+
+    Of a recording its frames of the untouched sensor, or all where none are marked.
+
+    Raises:
+        InputError: no array of such a length, or several.
+        UnreadableError, DataCorruptError: as `read_arrays`.
+    """
+    if path.suffix.lower() == ".h5" and is_own(path):
+        content, _ = read_file(path)
+        return content.values[content.reference] if len(content.reference) else content.values
+    found: dict[bytes, Array] = {}
+    for array in read_arrays(path).values():
+        numbers = np.asarray(array)
+        if numbers.dtype.kind not in "iufc" or numbers.ndim not in (1, 2):
+            continue
+        values = np.real(np.atleast_2d(numbers)).astype(np.float64)
+        if values.shape[1] not in lengths and values.shape[0] in lengths:
+            values = values.T
+        if values.shape[1] in lengths:
+            found.setdefault(values.tobytes(), values)
+    wanted = ", ".join(map(str, sorted(lengths)))
+    if not found:
+        raise InputError(
+            f"{path} holds no table of {wanted} values a frame, which the orders of this sensor "
+            "have: name the sensor whose pattern the board measures."
+        )
+    if len(found) > 1:
+        raise InputError(
+            f"{path} holds {len(found)} tables of {wanted} values a frame: keep the frames of the "
+            "untouched sensor alone in a file."
+        )
+    (values,) = found.values()
+    return values
