@@ -6,9 +6,10 @@ correlation, as all are positive). Of hypotheses that every linear sensor answer
 (`hypotheses.meaning`) one is kept. An answer is sure if every other one has `MARGIN` times its
 misfit; where those that do not differ from it only in first electrode and direction, the untouched
 sensor cannot tell these (a round one looks the same from each electrode), and the rest is sure.
+What it cannot tell, touches at known places may (`touches`).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -32,6 +33,7 @@ from eitbench.scenarios.wiring.hypotheses import (
     orders,
     with_swaps,
 )
+from eitbench.scenarios.wiring.touches import Touches, by_touches
 
 MARGIN = 1.25
 """Misfit of every other answer over that of the best one, from which it is sure."""
@@ -84,6 +86,7 @@ class Diagnosis:
         drift: change from the first to the last third of the frames, over the frame's norm.
         repeatability: median of noise over size of the values.
         open_answers: how many answers fit alike.
+        similarity: mean cosine of touches and what the model predicts; NaN where none were needed.
     """
 
     certainty: Certainty
@@ -106,9 +109,12 @@ class Diagnosis:
     drift: float
     repeatability: float
     open_answers: int
+    similarity: float
 
 
-def diagnose(frames: Array, sensor: Sensor, expected: Array | None = None) -> Diagnosis:
+def diagnose(
+    frames: Array, sensor: Sensor, expected: Array | None = None, touches: Touches | None = None
+) -> Diagnosis:
     """Find how `frames` (n, M') of the untouched `sensor` were wired.
 
     Args:
@@ -116,6 +122,7 @@ def diagnose(frames: Array, sensor: Sensor, expected: Array | None = None) -> Di
         sensor: the nominal one.
         expected: (E, E, E, E) the value of every row src, sink, a, b on this sensor, such as
             `Completion.all_values` of a frame of the right wiring; by default the model's.
+        touches: in the order of `frames`, which decide where the untouched sensor cannot tell.
 
     Raises:
         InputError: frames of a length that no order has, that are no numbers, or all about 0.
@@ -143,6 +150,18 @@ def diagnose(frames: Array, sensor: Sensor, expected: Array | None = None) -> Di
     close = [of for of in found[1:] if of.misfit < limit]
     others = search.not_turned(best, close)
     certainty, reason = _verdict(best, close, others, sensor)
+    similarity = float("nan")
+    if touches is not None and certainty != "sure":
+        among = fitting if certainty == "refused" else [fitting[best.wiring.order]]
+        told = by_touches(
+            sensor, touches, among, magnitudes=magnitudes,
+            swapped=() if certainty == "refused" else best.wiring.swapped,
+        )  # fmt: skip
+        similarity = told.similarity
+        if told.sure:
+            order = told.wiring.order if certainty == "refused" else best.wiring.order
+            (best,) = search.scored([replace(told.wiring, order=order)])
+            certainty, reason, close = "sure", "", []
     if certainty == "sure but for start and direction":
         # What changes least.
         best = min((best, *close), key=lambda of: (of.wiring.step < 0, of.wiring.start, of.misfit))
@@ -192,6 +211,7 @@ def diagnose(frames: Array, sensor: Sensor, expected: Array | None = None) -> Di
         drift=float(drift / np.linalg.norm(frame)),
         repeatability=float(np.median(noise / np.maximum(np.abs(frame), 1e-9 * size))),
         open_answers=len(close) + 1,
+        similarity=similarity,
     )
 
 
@@ -270,7 +290,8 @@ class _Search:
         predicted = self._expected[tuple(np.moveaxis(tables, -1, 0))]
         return np.asarray(_unit(predicted, self._magnitudes) @ self._shown)
 
-    def _scored(self, wirings: list[Wiring]) -> list[_Found]:
+    def scored(self, wirings: list[Wiring]) -> list[_Found]:
+        """The misfits of `wirings`, with the sign that fits."""
         found: list[_Found] = []
         step = max(1, 2_000_000 // len(self._kept))
         for first in range(0, len(wirings), step):
@@ -287,16 +308,16 @@ class _Search:
 
     def ranked(self) -> list[_Found]:
         """The answers that differ, the best first; without interchanged electrodes if that fits."""
-        plain = self._distinct(self._scored(list(numberings(self._orders, self._e))))
+        plain = self._distinct(self.scored(list(numberings(self._orders, self._e))))
         pairs = self._e * (self._e - 1) // 2
         looked_at = max(3, _WORK // (pairs * len(self._kept)))
         swapped: list[_Found] = []
         for of in plain[:looked_at]:
-            swapped += self._scored(list(with_swaps(of.wiring, self._e)))
+            swapped += self.scored(list(with_swaps(of.wiring, self._e)))
         swapped.sort(key=lambda of: of.misfit)
         # The few that were looked at need not begin at the right electrode.
         kinds = dict.fromkeys((of.wiring.order, of.wiring.swapped) for of in swapped[:_TURNED])
-        swapped = self._scored([
+        swapped = self.scored([
             Wiring(order, start, step, pair)
             for order, pair in kinds
             for step in (1, -1)

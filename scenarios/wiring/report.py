@@ -13,6 +13,11 @@ def findings(found: Diagnosis, sensor: Sensor) -> list[str]:
     if found.certainty == "refused":
         return [f"Refused. {found.reason}", *_frames(found)]
     wiring = found.wiring
+    touched = ""
+    if np.isfinite(found.similarity):
+        touched = (
+            f" Touches decide: they resemble the model's with a cosine of {found.similarity:.2f}."
+        )
     direction = "as declared" if wiring.step > 0 else "the other way round"
     said = [
         f"{found.certainty.capitalize()}: misfit {found.misfit:.1%}, of the best other answer "
@@ -22,6 +27,7 @@ def findings(found: Diagnosis, sensor: Sensor) -> list[str]:
             if np.isfinite(found.declared_misfit)
             else "."
         )
+        + touched
     ]
     if found.reason:
         said.append(found.reason)

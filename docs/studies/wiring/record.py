@@ -1,10 +1,11 @@
 """The record of the doctor of wiring: recorded sets wired wrongly at random, and what it says.
 
 `python docs/studies/wiring/record.py [--count N] [SET...]` wires up to 10 frames of each set in N
-ways (200 by default), drawn with seed 0, shows them to the doctor, once beside the model alone and
-once beside the reference frame of the set as a frame known to be right, and writes `wiring.csv`,
-one row for each set, evidence and kind of fault, of which `make tables` makes the tables of
-docs/wiring.md. Sets of which only differences were measured have no whole frames and are left out.
+ways (200 by default), drawn with seed 0, and shows them to the doctor: beside the model alone,
+beside the reference frame of the set as a frame known to be right, and, where places are known, the
+reference frame and ten presses beside the model. It writes `wiring.csv`, one row for each set,
+evidence and kind of fault, of which `make tables` makes the tables of docs/wiring.md. Sets of which only differences
+were measured have no whole frames and are left out.
 """
 
 import argparse
@@ -21,6 +22,7 @@ from eitbench.scenarios.recordings.registry import RECORDED_SETS
 from eitbench.scenarios.wiring.diagnosis import diagnose
 from eitbench.scenarios.wiring.evidence import Completion, all_values, modelled_resistances
 from eitbench.scenarios.wiring.scramble import put_right, scramble
+from eitbench.scenarios.wiring.touches import Touches
 
 OUT = Path(__file__).resolve().parent / "wiring.csv"
 SETS = (
@@ -42,6 +44,14 @@ def scored(name: str, count: int) -> list[dict[str, object]]:
     by = {"model": all_values(modelled), "known frame": completion.all_values(recording.reference)}
     cells: dict[tuple[str, str], Counter[str]] = {}
     start = time.process_time()
+    samples = recording.samples
+    placed = np.zeros(len(samples), dtype=bool)
+    if "x_m" in samples:
+        placed = np.isfinite(samples["x_m"].to_numpy(dtype=float))
+    if "contacts" in samples:
+        placed &= samples["contacts"].to_numpy() == 1
+    if placed.sum() >= FRAMES:
+        by["model, ten presses"] = by["model"]
     for evidence, expected in by.items():
         # No model describes these skins: the answer is a refusal, of which fewer say as much.
         skin = evidence == "model" and sensor.pattern.magnitudes
@@ -54,8 +64,17 @@ def scored(name: str, count: int) -> list[dict[str, object]]:
                 empty = recording.voltages[~recording.samples["touched"].to_numpy(dtype=bool)]
                 if len(empty):
                     frames = empty[np.sort(rng.choice(len(empty), min(FRAMES, len(empty)), False))]
+            pressed = np.empty(0, dtype=int)
+            if evidence == "model, ten presses":
+                pressed = rng.choice(np.flatnonzero(placed), FRAMES, replace=False)
+                frames = np.stack([recording.reference, *recording.voltages[pressed]])
             truth = scramble(frames, completion, rng)
-            found = diagnose(truth.frames, sensor, expected)
+            touches, shown = None, truth.frames
+            if len(pressed):
+                shown = truth.frames[:1]
+                places = samples[["x_m", "y_m"]].to_numpy(dtype=float)[pressed]
+                touches = Touches(truth.frames[1:] - truth.frames[0], places)
+            found = diagnose(shown, sensor, expected, touches)
             right = put_right(found, truth, modelled)
             fault = "swapped" if truth.wiring.swapped else "dead" if truth.dead >= 0 else "none"
             answer = "refused" if found.certainty == "refused" else "right" if right else "wrong"

@@ -12,7 +12,7 @@ def examine(source: str, name: str | None, known: Path | None, out: Path) -> tup
     Raises:
         EitbenchError: frames or a sensor that cannot be read, or do not belong together.
     """
-    from eitbench.hardware.recording.importing.unordered import unordered_frames
+    from eitbench.hardware.recording.importing.unordered import labelled_touches, unordered_frames
     from eitbench.reports.figures.wiring import WiringFrames
     from eitbench.reports.page.wiring import write_wiring_page
     from eitbench.scenarios.catalogue import sensor as sensor_by_name
@@ -25,6 +25,7 @@ def examine(source: str, name: str | None, known: Path | None, out: Path) -> tup
     from eitbench.scenarios.wiring.evidence import known_values
     from eitbench.scenarios.wiring.hypotheses import orders
     from eitbench.scenarios.wiring.report import corrected, findings
+    from eitbench.scenarios.wiring.touches import touches_of
 
     if name is None and source not in RECORDED_SETS:
         raise InputError("--sensor is missing: name the sensor that the frames belong to.")
@@ -37,13 +38,15 @@ def examine(source: str, name: str | None, known: Path | None, out: Path) -> tup
                 f"Of {source!r} only differences were measured: the doctor needs whole frames."
             )
         frames = recording.reference[None]
+        touches = touches_of(recording)
     else:
         frames = unordered_frames(Path(source), lengths)
+        touches = labelled_touches(Path(source))
     expected = None
     if known is not None:
         right = unordered_frames(known, {nominal.n_measurements})
         expected = known_values(right, nominal)
-    found = diagnose(frames, nominal, expected)
+    found = diagnose(frames, nominal, expected, touches)
     said = findings(found, nominal)
     answered = found.certainty != "refused"
     page = out / "doctor.html"
