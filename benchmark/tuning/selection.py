@@ -127,9 +127,10 @@ def validation_scenario(scenario: Scenario) -> Scenario:
     """Return the scenario whose validation split has the noise of the test split.
 
     A rung of the ladder from simulation to reality is tuned on what its user can simulate: the
-    nominal sensor with the noise that is declared for the validation split.
+    nominal sensor with the noise that is declared for the validation split. So is acuity, which has
+    several levels of noise.
     """
-    if isinstance(scenario, SimulatedScenario) and not scenario.ladder:
+    if isinstance(scenario, SimulatedScenario) and not scenario.ladder and scenario.acuity is None:
         noise = scenario.noise.model_copy(update={"validation": scenario.noise.test})
         return scenario.model_copy(update={"noise": noise})
     return scenario

@@ -217,6 +217,11 @@ def _ladder() -> str:
     return "\n".join(line for line in lines if line.startswith("|"))
 
 
+def _acuity() -> str:
+    lines = (STUDIES / "acuity" / "acuity.md").read_text().splitlines()
+    return "\n".join(line for line in lines if line.startswith("|"))
+
+
 def _operators() -> str:
     stored = pd.read_csv(STUDIES / "operators" / "operators.csv")
     names = {"paper": "same mesh", "paper-finer": "finer mesh"}
@@ -372,6 +377,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "supervision": _supervision,
     "rungs": _rungs,
     "ladder": _ladder,
+    "acuity": _acuity,
     "operators": _operators,
     "gains": _gains,
     "skin model": _skin_model,

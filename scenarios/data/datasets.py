@@ -253,13 +253,14 @@ class _Measured(NamedTuple):
 
 
 def _measured(scenario: SimulatedScenario, split: Split, clean: CleanFrames) -> _Measured:
-    pattern, noise = scenario.nominal_sensor.pattern, scenario.split_noise(split)
+    pattern = scenario.nominal_sensor.pattern
     frames, references = np.empty_like(clean.voltages), np.empty_like(clean.voltages)
     snr_db, touch_snr_db, distance_db = (np.full(len(frames), np.nan) for _ in range(3))
     modelled = nominal_frames(scenario, split, len(frames)) if split == "test" else None
     for first in range(0, len(frames), TOUCHES):
         session = first // TOUCHES
         board = scenario.split_imperfections(split, session)
+        noise = scenario.session_noise(split, session)
         level = session_snr_db(noise, scenario=scenario.name, split=split, session=session)
         rows = slice(first, first + TOUCHES)
         touched, untouched = clean.voltages[rows], clean.untouched[first]

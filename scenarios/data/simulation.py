@@ -40,8 +40,14 @@ _Step = TypeVar("_Step")
 
 
 def phantom(scenario: SimulatedScenario, split: Split, sample: int) -> Phantom:
-    """Phantom number `sample` of `split`; families take turns, so any first n are balanced."""
+    """Phantom number `sample` of `split`, designed or drawn.
+
+    Families that are drawn take turns, so that any first n are balanced.
+    """
     check_open(split)
+    designed = scenario.designed(split, sample)
+    if designed is not None:
+        return designed
     families = scenario.split_families(split)
     rng = generator("phantom", scenario.phantom_stream, split, sample)
     return draw(families[sample % len(families)], scenario.nominal_sensor, rng)

@@ -48,7 +48,8 @@ def distance_of_touch(modelled: ArrayLike, seen: ArrayLike) -> Array:
         seen: (n, M) the change without noise.
     """
     error = np.mean(np.square(np.subtract(seen, modelled)), axis=1)
-    with np.errstate(divide="ignore"):  # data of the model itself
+    # Data of the model itself, and frames without a touch.
+    with np.errstate(divide="ignore", invalid="ignore"):
         return np.asarray(10 * np.log10(np.mean(np.square(seen), axis=1) / error))
 
 

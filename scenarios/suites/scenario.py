@@ -20,7 +20,9 @@ from eitbench.scenarios.declaration import Declaration, Name, beside
 from eitbench.scenarios.errors import EitbenchError
 from eitbench.scenarios.imperfections.imperfections import Imperfections, MeshKind, channels
 from eitbench.scenarios.imperfections.noise import Noise
+from eitbench.scenarios.phantoms.acuity import Acuity
 from eitbench.scenarios.phantoms.families import DeclaredFamily, Family, family
+from eitbench.scenarios.phantoms.phantom import Phantom
 from eitbench.scenarios.phantoms.press import FOAM
 from eitbench.scenarios.physics.forward import ForwardModel
 from eitbench.scenarios.physics.mesh import Mesh, build_mesh, mesh_recipe, triangle_mesh
@@ -82,7 +84,7 @@ class SimulatedScenario(Declaration):
             own.
         training_families: those of the other two splits; `families` by default.
         noise: of every split, its reference frames included.
-        train, validation, test: number of samples.
+        train, validation, test: number of samples; a design counts those of the test split itself.
         phantoms: name that phantoms are drawn from; scenarios that share it share their phantoms.
         imperfections: how sensors and boards of the test and validation splits differ from the
             nominal ones, which methods know. Every `TOUCHES` samples are a session: on a unit of
@@ -91,6 +93,8 @@ class SimulatedScenario(Declaration):
         ladder: a rung of the ladder from simulation to reality. Its validation data are of the
             nominal sensor too, and methods are tuned with their noise: all rungs share them.
         calibrated: methods get frames corrected by `calibration`, from reference frames alone.
+        acuity: the test split is this design instead of drawn phantoms, in its own number and
+            noise.
     """
 
     kind: Literal["simulated"] = "simulated"
@@ -103,11 +107,12 @@ class SimulatedScenario(Declaration):
     noise: SplitNoise = SplitNoise()
     train: int = Field(ge=0)
     validation: int = Field(ge=0)
-    test: int = Field(ge=0)
+    test: int = Field(default=0, ge=0)
     phantoms: str = ""
     imperfections: Imperfections = Imperfections()
     ladder: bool = False
     calibrated: bool = False
+    acuity: Acuity | None = None
 
     @field_validator("sensor")
     @classmethod
@@ -137,9 +142,18 @@ class SimulatedScenario(Declaration):
             raise ValueError(f"sensor {self.sensor!r} has channels 0 to {count - 1}")
         return self
 
+    @model_validator(mode="after")
+    def _sized(self) -> Self:
+        if self.acuity is not None:
+            object.__setattr__(self, "test", len(_design(self.acuity, self.nominal_sensor)))
+        return self
+
     @property
     def title(self) -> str:
         """One line for listings."""
+        if self.acuity is not None:
+            levels = ", ".join(f"{level:g}" for level in self.acuity.levels)
+            return f"{self.sensor}, {levels} dB, {self.imperfections.mesh} mesh: lattice of touches"
         noise = f"{self.noise.test:g} dB" if isinstance(self.noise.test, float) else self.noise.test
         names = [family.name for family in self.split_families("test")]
         return f"{self.sensor}, {noise}, {self.imperfections.mesh} mesh: {', '.join(names)}"
@@ -167,6 +181,8 @@ class SimulatedScenario(Declaration):
 
     def sessions_differ(self, split: Split) -> bool:
         """True if touches of one session have more in common than those of two."""
+        if split == "test" and self.acuity is not None:
+            return True
         return self.split_noise(split) != "clean" or self.split_imperfections(split).drawn
 
     @property
@@ -189,10 +205,23 @@ class SimulatedScenario(Declaration):
         noise: Noise = getattr(self.noise, split)
         return noise
 
+    def session_noise(self, split: Split, session: int) -> Noise:
+        """The noise of a session of `split`."""
+        if split == "test" and self.acuity is not None:
+            return _design(self.acuity, self.nominal_sensor)[TOUCHES * session][0]
+        return self.split_noise(split)
+
+    def designed(self, split: Split, sample: int) -> Phantom | None:
+        """The phantom of a sample that is designed; None of those that are drawn."""
+        if split == "test" and self.acuity is not None:
+            return _design(self.acuity, self.nominal_sensor)[sample][1]
+        return None
+
     def clean_parameters(self, split: Split) -> dict[str, object]:
         """Parameters that decide the voltages of `split` before noise: the key of the cache."""
         imperfections = self.split_imperfections(split)
         nominal = _nominal_sensor(self.sensor, self.image_shape)
+        designed = split == "test"
         return {
             "generator": GENERATOR_VERSION,
             "sensor": nominal.describe(),
@@ -206,6 +235,7 @@ class SimulatedScenario(Declaration):
             "foam": asdict(FOAM),
             "phantoms": self.phantom_stream,
             "split": split,
+            **({"acuity": self.acuity.model_dump(mode="json")} if designed and self.acuity else {}),
         }
 
     def data_hash(self, split: Split) -> str:
@@ -373,7 +403,7 @@ def _pressed(value: str) -> str:
 def _declared(scenario: SimulatedScenario | RecordedScenario, apart: set[str]) -> dict[str, Any]:
     """Declared fields of a scenario but `apart`, and but optional ones at their default."""
     declared = scenario.model_dump(mode="json", exclude=apart)
-    optional = {"ladder": False, "calibrated": False}
+    optional = {"ladder": False, "calibrated": False, "acuity": None}
     return {k: v for k, v in declared.items() if k not in optional or v != optional[k]}
 
 
@@ -406,6 +436,12 @@ def _adapted(
         image_shape=image_shape or sensor.image_shape,
         conductivity_range=conductivity_range or sensor.conductivity_range,
     )
+
+
+@lru_cache(maxsize=8)
+def _design(acuity: Acuity, sensor: Sensor) -> list[tuple[float, Phantom]]:
+    """SNR [dB] and phantom of every sample; those of a session share their SNR."""
+    return acuity.design(sensor, TOUCHES)
 
 
 _REFINEMENT: dict[MeshKind, int] = {"image": 1, "fine": 2, "unstructured": 3}

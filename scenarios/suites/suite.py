@@ -8,12 +8,13 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from pydantic import Field, ValidationInfo, field_validator
+from pydantic import Field, ValidationError, ValidationInfo, field_validator
 from scipy.ndimage import binary_erosion
 
+from eitbench.scenarios.catalogue import is_file, sensor, sensors
 from eitbench.scenarios.declaration import Declaration, Name, field_error, read_declaration
 from eitbench.scenarios.errors import InputError, unknown_name
-from eitbench.scenarios.recordings import is_recording
+from eitbench.scenarios.recordings import RECORDED_SETS, is_recording, recorded_set
 from eitbench.scenarios.suites.scenario import (
     RecordedScenario,
     Scenario,
@@ -115,6 +116,41 @@ def load_suite(name: str | Path) -> Suite:
     if Path(name).parent != Path():
         raise InputError(f"A suite file ends in .toml, got {str(name)!r}.")
     raise unknown_name("suite", str(name), known)
+
+
+def on_sensor(suite: Suite, name: str) -> Suite:
+    """Return the suite with its simulated scenarios on another sensor, and no recorded ones.
+
+    Args:
+        suite: any that has simulated scenarios.
+        name: of a sensor or of a recorded set, whose sensor it is; or the path of a sensor file
+            (.toml) or of a recording (.h5).
+
+    Raises:
+        InputError: unknown name, no simulated scenario, or a sensor that one of them cannot use.
+    """
+    if name not in sensors() and not is_file(name) and name in RECORDED_SETS:
+        name = recorded_set(name).sensor_name
+    sensor(name)
+    found = []
+    for scenario in suite.scenarios:
+        if not isinstance(scenario, SimulatedScenario):
+            continue
+        declared = scenario.model_dump(mode="json") | {"sensor": name, "image_shape": None}
+        try:
+            moved = SimulatedScenario.model_validate(declared)
+        except ValidationError as error:
+            reason = str(error.errors()[0]["msg"]).removeprefix("Value error, ")
+            raise InputError(f"Suite {suite.name!r} cannot use sensor {name!r}: {reason}") from None
+        if wrong := _unusable(moved, suite.ranks):
+            raise InputError(f"Suite {suite.name!r} cannot use sensor {name!r}: {wrong[1]}.")
+        found.append(moved)
+    if not found:
+        raise InputError(
+            f"Suite {suite.name!r} has no simulated scenario, so it has the sensors of its "
+            "recordings: leave --sensor out."
+        )
+    return suite.model_copy(update={"scenarios": tuple(found)})
 
 
 @cache

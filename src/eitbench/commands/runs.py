@@ -56,6 +56,13 @@ def run(
         str | None, typer.Option(metavar="X,Y", help="Run these scenarios only.")
     ] = None,
     limit: Limit = None,
+    sensor: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME|FILE",
+            help="Simulate this sensor, a file of one (.toml), or that of a recorded set instead.",
+        ),
+    ] = None,
     plugin: Annotated[
         list[Path] | None,
         typer.Option(metavar="FILE.py", help="A file with more methods or operators."),
@@ -99,7 +106,17 @@ def run(
     from eitbench.benchmark.workers.confinement import check_isolation
     from eitbench.scenarios.suites.suite import load_suite
 
-    choices = (methods, operators, scenarios, limit, plugin or None, tracks, parameters, out)
+    choices = (
+        methods,
+        operators,
+        scenarios,
+        limit,
+        sensor,
+        plugin or None,
+        tracks,
+        parameters,
+        out,
+    )
     if resume is not None and any(choice is not None for choice in choices):
         raise typer.BadParameter(
             "a resumed run keeps its choices: only --jobs, --scheduler, --isolate and --time-limit "
@@ -132,6 +149,7 @@ def run(
             tracks,
             parameters,
             isolate=isolate,
+            sensor=sensor,
         )
         folder = out or _new_folder(plan.suite.name)
         result = start_run(
@@ -163,15 +181,18 @@ def plan_of(
     parameters: str | None = None,
     *,
     isolate: bool = False,
+    sensor: str | None = None,
 ) -> "Plan":
     """Make the plan of a command; names are lists with commas."""
     from eitbench.benchmark.run.runner import make_plan
     from eitbench.benchmark.rundir.plan import read_parameters
     from eitbench.scenarios.declaration import field_error
     from eitbench.scenarios.errors import InputError
-    from eitbench.scenarios.suites.suite import load_suite, suites
+    from eitbench.scenarios.suites.suite import load_suite, on_sensor, suites
 
     chosen = load_suite(suite)
+    if sensor is not None:
+        chosen = on_sensor(chosen, sensor)
     try:
         return make_plan(
             chosen,

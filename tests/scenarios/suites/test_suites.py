@@ -26,6 +26,7 @@ from eitbench.scenarios.suites.suite import (
     WINDOW,
     Suite,
     load_suite,
+    on_sensor,
     read_suite,
     scenario_by_name,
     scenarios,
@@ -80,7 +81,7 @@ def simulated(suite: str) -> list[SimulatedScenario]:
 
 def test_packaged_suites_are_these() -> None:
     methods = {"quick", "paper", "paper-noise", "noise", "shapes", "presses", "recorded"}
-    methods |= {"sim2real", "objects", "tank", "ktc2023", "skins", "drift", "two-touch"}
+    methods |= {"sim2real", "objects", "tank", "ktc2023", "skins", "drift", "two-touch", "acuity"}
     places = {"new-skin", "few-presses"}
     assert set(suites()) == methods | places | {"operators"}
     for name in suites():
@@ -380,3 +381,15 @@ def test_unknown_names_suggest_the_nearest() -> None:
         load_suite("papr")
     with pytest.raises(InputError, match="Unknown scenario 'noise-50': did you mean 'noise-50db'"):
         scenario_by_name("noise-50")
+
+
+def test_a_suite_moves_to_another_sensor_and_says_why_it_cannot() -> None:
+    moved = on_sensor(load_suite("acuity"), "ohmc16")
+    (scenario,) = moved.scenarios
+    assert isinstance(scenario, SimulatedScenario)
+    assert scenario.nominal_sensor.name == "ohmc16"
+    assert scenario.test % 3 == 0
+    with pytest.raises(InputError, match="has no simulated scenario"):
+        on_sensor(load_suite("two-touch"), "ohmc16")
+    with pytest.raises(InputError, match="foam15"):
+        on_sensor(load_suite("acuity"), "foam15")

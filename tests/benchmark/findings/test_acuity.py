@@ -1,0 +1,104 @@
+"""Figures of acuity, against images and laws whose answers are known."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from eitbench.benchmark.findings.acuity import (
+    least_apart,
+    pull_to_centre,
+    result_of,
+    roc,
+    seen,
+    smallest_detected,
+    threshold,
+)
+from eitbench.scenarios.catalogue import sensor
+from eitbench.scenarios.phantoms.acuity import Acuity
+from eitbench.scenarios.phantoms.phantom import rasterise
+
+
+def test_the_threshold_lets_one_in_a_hundred_pass() -> None:
+    rng = np.random.default_rng(3)
+    for n in (102, 250):
+        limits = np.array([threshold(rng.uniform(size=n)) for _ in range(4000)])
+        rate = (1 - limits).mean()  # of uniform strengths, the share above a limit is 1 - limit
+        assert 0.5 / n < rate < 0.0105
+
+
+def test_area_under_the_roc_is_the_probability_of_the_right_order() -> None:
+    rng = np.random.default_rng(1)
+    none, touch = rng.integers(0, 8, 60).astype(float), rng.integers(3, 12, 80).astype(float)
+    curve = roc(none, touch)
+    order = (touch[:, None] > none).mean() + 0.5 * (touch[:, None] == none).mean()  # Mann-Whitney
+    assert np.trapezoid(curve[1], curve[0]) == pytest.approx(order)
+    assert curve[:, 0].tolist() == [0, 0]
+    assert curve[:, -1].tolist() == [1, 1]
+
+
+@pytest.mark.parametrize(
+    ("share", "expected"),
+    [
+        ([0.0, 0.0, 1.0], 10 * np.sqrt(10)),  # halfway between 10 and 100 on a logarithmic axis
+        ([1.0, 1.0, 1.0], 1.0),  # an upper bound
+        ([1.0, 0.0, 1.0], 10 * np.sqrt(10)),  # luck below does not count
+        ([0.0, 0.5, 1.0], 10.0),
+        ([1.0, 1.0, 0.0], np.nan),
+    ],
+)
+def test_the_smallest_touch_is_where_half_are_detected(share: list[float], expected: float) -> None:
+    found = smallest_detected(np.array([1.0, 10.0, 100.0]), np.array(share))
+    assert found == pytest.approx(expected, nan_ok=True)
+
+
+def test_two_points_need_all_greater_distances_too() -> None:
+    pairs = pd.DataFrame(
+        {
+            "probe_distance_mm": [10.0] * 10 + [20.0] * 10 + [30.0] * 10,
+            "apart": [True] * 10 + [True] * 8 + [False] * 2 + [True] * 9 + [False],
+        }
+    )
+    assert least_apart(pairs, 0.9) == 30.0
+    assert least_apart(pairs, 0.8) == 10.0
+    assert np.isnan(least_apart(pairs, 1.0))
+
+
+def test_images_pulled_by_a_known_share_show_that_pull() -> None:
+    x, y = map(np.ravel, np.meshgrid([0.01, 0.05, 0.09], [0.01, 0.05, 0.09]))
+    touch = pd.DataFrame({"place": np.arange(9.0), "x_m": x, "y_m": y, "detected": True})
+    for pull in (0.25, 0.0, -0.1):
+        touch["found_x_mm"], touch["found_y_mm"] = (
+            1e3 * (0.05 + (1 - pull) * (axis - 0.05)) for axis in (x, y)
+        )
+        assert pull_to_centre(touch) == pytest.approx((pull, pull, pull), abs=1e-9)
+
+
+def test_true_images_feel_all_at_their_places_and_blurred_ones_do_not_tell_two_apart() -> None:
+    nominal, acuity = sensor("foam16"), Acuity(levels=(50,))
+    phantoms = [phantom for _, phantom in acuity.design(nominal, 3)]
+    truth = np.array([rasterise(phantom, nominal) for phantom in phantoms])
+    columns = ("place", "pressure_pa", "x_m", "y_m", "x2_m", "y2_m", "probe_distance_mm")
+    samples = pd.DataFrame(
+        [
+            {"family": p.family, "snr_db": 50.0}
+            | {name: p.parameters.get(name, np.nan) for name in columns}
+            for p in phantoms
+        ]
+    )
+    exact = result_of("acuity", "exact", 50.0, seen(truth.copy(), truth, samples, nominal))
+    assert exact.figures["auc"] == 1
+    assert exact.figures["smallest_pa"] == acuity.pressures[0]
+    assert exact.figures["error_mm"] < 1
+    # Beside an indenter the foam gives way, too: nearer pairs are one contact even in the truth.
+    assert exact.figures["least_mm"] == exact.figures["truth_least_mm"] == 30
+    assert exact.figures["false_pairs"] == 0
+    assert exact.figures["linearity"] > 0.99
+    assert abs(exact.figures["pull"]) < 0.01
+    assert exact.place == pytest.approx(np.array(acuity.places(nominal)))
+    # Without an image nothing is felt, whatever was pressed.
+    nothing = np.full_like(truth, np.nan)
+    blind = result_of("acuity", "nothing", 50.0, seen(nothing, truth, samples, nominal))
+    assert blind.figures["detected"] == 0
+    assert blind.figures["auc"] == 0.5
+    assert np.isnan(blind.smallest_pa).all()
+    assert np.isnan(blind.figures["least_mm"])
