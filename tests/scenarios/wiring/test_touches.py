@@ -5,6 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.physics.forward import forward_model
@@ -28,7 +29,7 @@ def disc() -> Sensor:
     )  # fmt: skip
 
 
-def measured(numbers: Array) -> tuple[Array, Array]:
+def measured(numbers: NDArray[np.int64]) -> tuple[Array, Array]:
     """Untouched frame and changes with 60 dB, of a model with twice as many pixels."""
     table = numbers[disc().pattern.table]
     sensor = replace(disc(), pattern=DrivePattern(table), image_shape=(64, 64))
