@@ -12,6 +12,7 @@ from typing import Annotated, Any, NoReturn
 
 import typer
 
+from eitbench.commands import design as design_commands
 from eitbench.commands import hardware as hardware_commands
 from eitbench.commands import methods as method_commands
 from eitbench.commands import recordings as recording_commands
@@ -83,7 +84,13 @@ def list_command(
         print_renderable(names_table(rows))
 
 
-for commands in (run_commands, result_commands, method_commands, hardware_commands):
+for commands in (
+    run_commands,
+    result_commands,
+    design_commands,
+    method_commands,
+    hardware_commands,
+):
     app.add_typer(commands.app)
 app.add_typer(recording_commands.app, name="recordings")
 

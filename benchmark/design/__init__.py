@@ -1,0 +1,1 @@
+"""Design of a sensor: bounds of what it can feel, from its model, before it is built."""
