@@ -6,7 +6,8 @@ Where it is felt: error and bias of the place. How far apart: two touches are to
 of `two_touch`. How strong: shown strength over true strength.
 
 The strength of an image is that of all its contacts (`scenarios.phantoms.contacts`): |contrast|
-integrated over them [S/m m^2].
+integrated over them [S/m m^2]. GREIT's figures of merit (`benchmark.metrics.greit`) are those of
+the firmest touches.
 """
 
 from collections.abc import Iterator
@@ -21,9 +22,11 @@ from eitbench.benchmark.analysis.results import Run, cells_of
 from eitbench.benchmark.findings.two_touch import WITHIN_MM
 from eitbench.benchmark.metrics import tactile
 from eitbench.benchmark.metrics.aggregation import numbers
+from eitbench.benchmark.metrics.greit import greit_figures, mean_magnitude, noise_figure, spread
 from eitbench.benchmark.rundir.manifest import suite_of
 from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.phantoms.contacts import Contacts, contacts, locate
+from eitbench.scenarios.physics.forward import forward_model
 from eitbench.scenarios.recordings.descriptors import contact_places
 from eitbench.scenarios.sensors.sensor import Sensor
 from eitbench.scenarios.suites.scenario import SimulatedScenario
@@ -35,6 +38,8 @@ _BLOCK = 256
 _DRAWS = 1000
 _NEEDED = ("family", "place", "pressure_pa", "snr_db", "x_m", "y_m", "x2_m", "y2_m",
            "probe_distance_mm")  # fmt: skip
+GREIT = ("amplitude", "position_error_mm", "resolution", "shape_deformation", "ringing")
+_RIM_POINTS = 720
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,28 +49,28 @@ class AcuityResult:
     Attributes:
         scenario, method: names.
         snr_db: of the frames [dB].
-        place: (k, 2) x and y [m] of the lattice.
-        smallest_pa: (k,) smallest pressure detected [Pa]; NaN where the firmest is not.
-        smallest_s_mm2: (k,) the same as true contrast times area [S/m mm^2].
-        error_mm: (k,) median error of the place of detected touches [mm]; NaN without one.
-        bias_mm: (k, 2) their mean displacement [mm].
-        least_mm: (k,) least distance from which on all pairs around a place are told apart [mm];
-            NaN where the farthest are not, or no pair has room.
-        gain: (k,) slope of shown over true strength.
+        outline: (m, 2) points of the sensor's rim [m].
+        places: a row for each place, its columns:
+            `x_mm`, `y_mm`, and `depth_mm` from the rim;
+            `smallest_pa`, `smallest_s_mm2`, the smallest pressure detected, and the same as true
+            contrast times area [S/m mm^2]; NaN where the firmest is not;
+            `error_mm`, median error of the place of detected touches, and `bias_x_mm`,
+            `bias_y_mm`, their mean displacement; NaN without one;
+            `room_mm`, distance of the farthest pairs around the place, NaN where none has room, and
+            `least_mm`, least distance from which on all pairs are told apart, NaN where the
+            farthest are not;
+            `gain`, slope of shown over true strength;
+            GREIT's figures, means over the firmest touches.
         roc: (2, m) false alarms and detections at falling thresholds, all pressures together.
-        figures: one number each, for tables; see `figures_of`.
+        figures: one number each, by the names of `ACUITY_SPECS`, and the ends of the interval of
+            the pull, `pull_low` and `pull_high`.
     """
 
     scenario: str
     method: str
     snr_db: float
-    place: Array
-    smallest_pa: Array
-    smallest_s_mm2: Array
-    error_mm: Array
-    bias_mm: Array
-    least_mm: Array
-    gain: Array
+    outline: Array
+    places: pd.DataFrame
     roc: Array
     figures: dict[str, float]
 
@@ -113,18 +118,49 @@ def _of_cell(
         rows = cell.iloc[first : first + _BLOCK]
         shown.append(seen(images.astype(np.float64), truth, rows, sensor))
     table = pd.concat(shown, ignore_index=True)
+    middle = _middle(table, sensor)
+    truth = run.scene(scenario, [samples[middle]]).truth if middle is not None else None
+    change = None if truth is None else _change(truth, sensor)
     for level, of in table.groupby("snr_db", sort=True):
         whole = [(of["family"] == part).any() for part in ("no-touch", "touch", "pair")]
         if all(whole):
-            yield result_of(scenario, method, float(np.float64(str(level))), of)
+            yield result_of(scenario, method, float(np.float64(str(level))), of, sensor, change)
+
+
+def _firmest(table: pd.DataFrame) -> pd.DataFrame:
+    touch = table[table["family"] == "touch"]
+    return touch[touch["pressure_pa"] == touch["pressure_pa"].max()]
+
+
+def _middle(table: pd.DataFrame, sensor: Sensor) -> int | None:
+    """Row of a firmest touch nearest to the sensor's centre; None where there is no touch."""
+    firmest = _firmest(table)
+    if firmest.empty:
+        return None
+    away = firmest[["x_m", "y_m"]].to_numpy(np.float64) - _centre(sensor)
+    return int(firmest.index[np.hypot(*away.T).argmin()])
+
+
+def _centre(sensor: Sensor) -> Array:
+    """Middle (2,) of the sensor's bounding box [m]."""
+    x0, y0, x1, y1 = sensor.outline.bounds
+    return np.array([(x0 + x1) / 2, (y0 + y1) / 2])
+
+
+def _change(truth: Array, sensor: Sensor) -> tuple[Array, float]:
+    """Change (M,) of the voltages by a true image (1, H, W), nominal model, and rms [V/A]."""
+    model = forward_model(sensor)
+    touched, untouched = model.voltages(truth)[0], model.voltages(model.background)
+    return touched - untouched, float(np.sqrt(np.mean(touched**2)))
 
 
 def seen(images: Array, truth: Array, samples: pd.DataFrame, sensor: Sensor) -> pd.DataFrame:
     """Return what images (n, H, W) [S/m] show: columns of `samples`, and what follows.
 
     Added are `shown` and `true`, strengths [S/m mm^2]; `found_x_mm`, `found_y_mm`, the place of a
-    single touch; `count` of the contacts shown; and whether two touches are told apart, `apart`,
-    also in the true image, `truth_apart`.
+    single touch; `count` of the contacts shown; whether two touches are told apart, `apart`, also
+    in the true image, `truth_apart`; GREIT's figures of single touches; and, for the noise figure,
+    `magnitude` and `spread` of the pixels [S/m].
     An image that is not finite shows nothing.
     """
     table = samples.loc[:, list(_NEEDED)].reset_index(drop=True)
@@ -141,7 +177,26 @@ def seen(images: Array, truth: Array, samples: pd.DataFrame, sensor: Sensor) -> 
     table["count"] = found.count
     table["apart"] = _told_apart(found, table)
     table["truth_apart"] = _told_apart(contacts(truth - sensor.background, sensor), table)
-    return table
+    pixels = contrast[:, sensor.mask]
+    table["magnitude"], table["spread"] = mean_magnitude(pixels), spread(pixels)
+    return table.join(_greit(contrast, truth - sensor.background, table, sensor))
+
+
+def _greit(contrast: Array, truth: Array, table: pd.DataFrame, sensor: Sensor) -> pd.DataFrame:
+    """GREIT's figures of single touches; NaN of other rows."""
+    rows = np.flatnonzero(table["family"] == "touch")
+    of_truth = truth[rows][:, sensor.mask].sum(axis=1)
+    sign = np.sign(of_truth)[:, None, None]
+    x, y = (axis - c for axis, c in zip(sensor.pixel_centres, _centre(sensor), strict=True))
+    target = table[["x_m", "y_m"]].to_numpy(np.float64)[rows] - _centre(sensor)
+    area = sensor.pixel_size[0] * sensor.pixel_size[1]
+    found = greit_figures(sign * contrast[rows], target, x, y, sensor.mask, area)
+    values = np.full((len(table), len(GREIT)), np.nan)
+    values[rows] = np.stack(
+        [found.amplitude / np.abs(of_truth), 1e3 * found.position_error, found.resolution,
+         found.shape_deformation, found.ringing], axis=1,
+    )  # fmt: skip
+    return pd.DataFrame(values, columns=list(GREIT))
 
 
 def _told_apart(found: Contacts, table: pd.DataFrame) -> NDArray[np.bool_]:
@@ -156,25 +211,71 @@ def _told_apart(found: Contacts, table: pd.DataFrame) -> NDArray[np.bool_]:
     return apart
 
 
-def result_of(scenario: str, method: str, level: float, table: pd.DataFrame) -> AcuityResult:
-    """Return the acuity at one level of noise from the rows of `seen`."""
+def result_of(
+    scenario: str,
+    method: str,
+    level: float,
+    table: pd.DataFrame,
+    sensor: Sensor,
+    change: tuple[Array, float] | None = None,
+) -> AcuityResult:
+    """Return the acuity at one level of noise from the rows of `seen`.
+
+    Args:
+        change: by the firmest touch nearest to the middle, of the voltages (M,), and their rms
+            [V/A]; without, there is no noise figure.
+    """
     none, touch, pair = (table[table["family"] == part] for part in ("no-touch", "touch", "pair"))
     limit = threshold(numbers(none, "shown"))
     touch = touch.assign(detected=touch["shown"] > limit)
-    known = touch.groupby("place", sort=True)
-    keys = list(known.groups)
-    place = known[["x_m", "y_m"]].first().to_numpy(np.float64)
-    smallest = np.array([_smallest(of) for _, of in known])
-    error, bias = _places(touch, keys)
-    pairs: dict[Any, pd.DataFrame] = dict(iter(pair.groupby("place")))
-    least = np.array([least_apart(pairs[k], 1.0) if k in pairs else np.nan for k in keys])
-    gain = np.array([_line(numbers(of, "true"), numbers(of, "shown"))[0] for _, of in known])
+    outline = sensor.outline.point(
+        np.linspace(0.0, sensor.outline.perimeter, _RIM_POINTS, endpoint=False)
+    )
+    places = _places(touch, pair, outline)
     curve = roc(numbers(none, "shown"), numbers(touch, "shown"))
-    figures = figures_of(touch, pair, smallest, gain, curve)
-    return AcuityResult(
-        scenario, method, level, place, smallest[:, 0], smallest[:, 1], error, bias, least, gain,
-        curve, figures,
-    )  # fmt: skip
+    figures = figures_of(touch, pair, places, curve)
+    if change is not None:
+        firmest = _firmest(touch)
+        away = firmest[["x_m", "y_m"]].to_numpy(np.float64) - _centre(sensor)
+        nearest = np.hypot(*away.T) <= np.hypot(*away.T).min() + 1e-9
+        # The noise of the frame and of its reference frame.
+        noise = np.sqrt(2) * change[1] * 10 ** (-level / 20)
+        figures["noise_figure"] = noise_figure(
+            mean_magnitude(change[0][None]), np.array([noise]),
+            numbers(firmest, "magnitude")[nearest], numbers(none, "spread"),
+        )  # fmt: skip
+    return AcuityResult(scenario, method, level, outline, places, curve, figures)
+
+
+def _places(touch: pd.DataFrame, pair: pd.DataFrame, outline: Array) -> pd.DataFrame:
+    """The maps of `AcuityResult`."""
+    pairs: dict[Any, pd.DataFrame] = dict(iter(pair.groupby("place")))
+    firmest: dict[Any, pd.DataFrame] = dict(iter(_firmest(touch).groupby("place")))
+    rows = []
+    for key, of in touch.groupby("place", sort=True):
+        place = of[["x_m", "y_m"]].iloc[0].to_numpy(np.float64)
+        pascal, strength = _smallest(of)
+        found = of[of["detected"]]
+        offset = _offset(found)
+        bias = offset.mean(axis=0) if len(found) else (np.nan, np.nan)
+        around = pairs.get(key)
+        rows.append(
+            {
+                "x_mm": 1e3 * place[0],
+                "y_mm": 1e3 * place[1],
+                "depth_mm": 1e3 * float(np.hypot(*(outline - place).T).min()),
+                "smallest_pa": pascal,
+                "smallest_s_mm2": strength,
+                "error_mm": float(np.median(np.hypot(*offset.T))) if len(found) else np.nan,
+                "bias_x_mm": bias[0],
+                "bias_y_mm": bias[1],
+                "room_mm": np.nan if around is None else around["probe_distance_mm"].max(),
+                "least_mm": np.nan if around is None else least_apart(around, 1.0),
+                "gain": _line(numbers(of, "true"), numbers(of, "shown"))[0],
+                **{name: firmest[key][name].mean() for name in GREIT},
+            }
+        )
+    return pd.DataFrame(rows)
 
 
 def threshold(shown: Array) -> float:
@@ -217,16 +318,6 @@ def smallest_detected(sizes: Array, share: Array) -> float:
     return float(np.exp(low + part * (high - low)))
 
 
-def _places(touches: pd.DataFrame, keys: list[Any]) -> tuple[Array, Array]:
-    """Median error (k,) and mean displacement (k, 2) [mm] of the detected touches of each place."""
-    found = touches[touches["detected"]]
-    offset = _offset(found)
-    by = [(found["place"] == key).to_numpy() for key in keys]
-    error = [np.median(np.hypot(*offset[of].T)) if of.any() else np.nan for of in by]
-    bias = [offset[of].mean(axis=0) if of.any() else np.full(2, np.nan) for of in by]
-    return np.array(error), np.array(bias)
-
-
 def _offset(touches: pd.DataFrame) -> Array:
     """Displacement (n, 2) [mm] of the found places from the true ones."""
     found = touches[["found_x_mm", "found_y_mm"]].to_numpy(np.float64)
@@ -259,34 +350,23 @@ def _line(x: Array, y: Array) -> tuple[float, float]:
 
 
 def figures_of(
-    touch: pd.DataFrame, pair: pd.DataFrame, smallest: Array, gain: Array, curve: Array
+    touch: pd.DataFrame, pair: pd.DataFrame, places: pd.DataFrame, curve: Array
 ) -> dict[str, float]:
-    """Return the figures of a level.
-
-    - `detected`: share of all touches; `auc`: area under the ROC.
-    - `smallest_pa`, `smallest_s_mm2`: medians over the places; one that feels nothing counts as
-      infinite.
-    - `error_mm`: median error of detected touches; `pull`, `pull_low`, `pull_high`: see
-      `pull_to_centre`.
-    - `least_mm`: least distance from which on 90 % of the pairs are told apart;
-      `truth_least_mm`: the same of the true images.
-    - `false_pairs`: share of detected single touches that are shown as several.
-    - `linearity`: median over places of R^2 of shown over true strength; `unevenness`: coefficient
-      of variation of its slope over the places.
-    """
+    """Return the figures of a level, but for the noise figure: see `ACUITY_SPECS`."""
     found = touch[touch["detected"]]
     error = np.hypot(*_offset(found).T)
     pull, low, high = pull_to_centre(touch)
     linear = [
         _line(numbers(of, "true"), numbers(of, "shown"))[1] for _, of in touch.groupby("place")
     ]
-    typical = np.median(np.where(np.isnan(smallest), np.inf, smallest), axis=0)
-    typical[np.isinf(typical)] = np.nan
+    # A place that feels nothing counts as infinite.
+    typical = places[["smallest_pa", "smallest_s_mm2"]].fillna(np.inf).median()
+    pascal, strength = typical.replace(np.inf, np.nan)
+    gain, amplitude = numbers(places, "gain"), numbers(places, "amplitude")
     return {
-        "detected": float(touch["detected"].mean()),
         "auc": float(np.trapezoid(curve[1], curve[0])),
-        "smallest_pa": float(typical[0]),
-        "smallest_s_mm2": float(typical[1]),
+        "smallest_pa": float(pascal),
+        "smallest_s_mm2": float(strength),
         "error_mm": float(np.median(error)) if len(error) else float("nan"),
         "pull": pull,
         "pull_low": low,
@@ -295,8 +375,18 @@ def figures_of(
         "truth_least_mm": least_apart(pair, APART, "truth_apart"),
         "false_pairs": float((found["count"] > 1).mean()) if len(found) else float("nan"),
         "linearity": float(np.nanmedian(linear)) if np.isfinite(linear).any() else float("nan"),
-        "unevenness": float(np.std(gain) / np.mean(gain)) if np.mean(gain) else float("nan"),
+        "unevenness": _variation(gain),
+        "noise_figure": float("nan"),
+        "amplitude": float(places["amplitude"].median()),
+        "amplitude_cv": _variation(amplitude),
+        **{name: float(places[name].median()) for name in GREIT[1:]},
     }
+
+
+def _variation(values: Array) -> float:
+    """Coefficient of variation of what is known of `values` (n,); NaN where their mean is 0."""
+    known = values[np.isfinite(values)]
+    return float(np.std(known) / np.mean(known)) if known.size and known.mean() else float("nan")
 
 
 def pull_to_centre(touch: pd.DataFrame) -> tuple[float, float, float]:

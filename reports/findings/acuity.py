@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from eitbench.benchmark.findings.acuity import acuity_of
+from eitbench.benchmark.findings.acuity import GREIT, acuity_of
+from eitbench.benchmark.findings.acuity_specs import ACUITY_SPECS
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
 from eitbench.reports.figures.style import COLOURS, NOTE, PAGE, new_figure
 from eitbench.reports.findings.finding import Finding
@@ -17,34 +18,46 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from matplotlib.axes import Axes
+    from matplotlib.collections import PatchCollection
+    from matplotlib.colors import Normalize
     from matplotlib.figure import Figure
     from numpy.typing import NDArray
 
     from eitbench.benchmark.analysis.results import Run
     from eitbench.benchmark.findings.acuity import AcuityResult
+    from eitbench.benchmark.findings.acuity_specs import Table
 
-_NONE = "–"
 LEGEND = (
     "A touch is detected if its image is stronger than a threshold for 1 % of false alarms, from "
-    "frames without a touch of the same method and noise. "
-    "AUC: area under detections over false alarms, touches of all "
-    "pressures together. Smallest touch: detected in half of the trials, median over the places; "
-    "as pressure, and as contrast times area; – where half of the places never feel one. Error: "
-    "median of the place of detected touches. Pull: share of its distance from the centre that a "
-    "touch loses in the image, with its 95 % interval over places; negative where it is pushed "
-    "out. Two points: least distance from which on 90 % of the pairs are told apart, by the rule "
-    "of two touches at once; in the truth: the same of the true images, which no method can be "
-    "held to beat. False pairs: detected single touches that are shown as several. "
-    "Linearity: R² of shown over true strength at a place, median. Unevenness: standard deviation "
-    "of the slope of shown over true strength over the places, divided by its mean."
+    "frames without a touch of the same method and noise."
+)
+GREIT_LEGEND = (
+    "Figures of merit of GREIT (Adler et al. 2009), as EIDORS computes them, of the firmest "
+    "touches. The figure shows medians by the distance of the place from the rim, a row for each "
+    "noise level; dotted: the value of a right image, where there is one."
 )
 MAP_LEGEND = (
     "Maps over the sensor, one row for each noise level; grey crosses: nothing detected, or pairs "
-    "not told apart; in the third column also places around which no pair has room. Arrows: mean "
-    "displacement of the place of detected touches, to the scale of the axes. Two points: least "
-    "distance from which on all pairs around the place, in two directions, are told apart. Slope: "
-    "shown over true strength."
+    "not told apart; empty: no pair has room. Colours of the error end at its 95th percentile. "
+    "Arrows: mean displacement of the place of detected touches, to the scale of the axes. Two "
+    "points: least distance from which on all pairs around the place, in four directions as far as "
+    "there is room, are told apart. Slope: shown over true strength. Below: GREIT's figures of "
+    "merit of the firmest touches."
 )
+_MAPS = {
+    "smallest_pa": "smallest touch [kPa]",
+    "error_mm": "error of the place [mm]",
+    "least_mm": "two points [mm]",
+    "gain": "slope of the strength",
+    "amplitude": "amplitude response",
+    "position_error_mm": "position error [mm]",
+    "resolution": "resolution",
+    "shape_deformation": "shape deformation",
+    "ringing": "ringing",
+}
+"""Maps over the sensor, by their columns."""
+_COLUMNS = 5
+_RIGHT = {"amplitude": 1.0, "position_error_mm": 0.0, "ringing": 0.0}
 
 
 def findings(run: Run) -> list[Finding]:
@@ -52,18 +65,33 @@ def findings(run: Run) -> list[Finding]:
     results = acuity_of(run) if run.kind == METHOD_RUNS else []
     if not results:
         return []
-    found = [Finding("acuity", "Tactile acuity", to_table(results), grid(results), LEGEND)]
+    found = [
+        Finding("acuity", "Tactile acuity", to_table(results), grid(results, "acuity"),
+                f"{LEGEND} {_cards('acuity')}"),
+        Finding("acuity-greit", "GREIT's figures of merit", places_table(results),
+                grid(results, "greit"), f"{GREIT_LEGEND} {_cards('greit')}",
+                draw_depths(results), "Figures of merit over the distance from the rim"),
+    ]  # fmt: skip
     cells = list(dict.fromkeys((one.scenario, one.method) for one in results))
     several = len({scenario for scenario, _ in cells}) > 1
     for scenario, method in cells:
         of = [one for one in results if (one.scenario, one.method) == (scenario, method)]
         name = f"{scenario}-{method}" if several else method
         title = f"Tactile acuity: {printable(name)}"
-        shows = "Maps of the smallest touch, the place, two points and the slope; ROC curves"
+        shows = "Maps of the smallest touch, the place, two points, the slope and GREIT's figures"
         maps = places_table(of)
         stem = f"acuity-{name}"
         found.append(Finding(stem, title, maps, place_grid(maps), MAP_LEGEND, draw(of), shows))
     return found
+
+
+def _cards(table: Table) -> str:
+    """Formulas and traps of a table, one after the other."""
+    return " ".join(
+        f"{spec.title[0].upper()}{spec.title[1:]}: {spec.formula}. {spec.traps}"
+        for spec in ACUITY_SPECS.values()
+        if spec.table == table
+    )
 
 
 def to_table(results: Sequence[AcuityResult]) -> pd.DataFrame:
@@ -77,106 +105,93 @@ def to_table(results: Sequence[AcuityResult]) -> pd.DataFrame:
 
 
 def places_table(results: Sequence[AcuityResult]) -> pd.DataFrame:
-    """The maps as a table: a row for each noise level and place."""
+    """The maps as a table: a row for each scenario, method, noise level and place."""
     return pd.concat(
         [
-            pd.DataFrame(
-                {
-                    "snr_db": one.snr_db,
-                    "x_mm": 1e3 * one.place[:, 0],
-                    "y_mm": 1e3 * one.place[:, 1],
-                    "smallest_pa": one.smallest_pa,
-                    "smallest_s_mm2": one.smallest_s_mm2,
-                    "error_mm": one.error_mm,
-                    "bias_x_mm": one.bias_mm[:, 0],
-                    "bias_y_mm": one.bias_mm[:, 1],
-                    "least_mm": one.least_mm,
-                    "gain": one.gain,
-                }
-            )
+            one.places.assign(scenario=one.scenario, method=one.method, snr_db=one.snr_db)
             for one in results
         ],
         ignore_index=True,
     )
 
 
-def grid(results: Sequence[AcuityResult]) -> list[list[str]]:
-    """Return the table as texts, its heads first; the least noise first."""
-    rows = [
-        [
-            "SNR [dB]", "method", "AUC", "smallest touch [kPa]", "[S/m mm²]", "error [mm]",
-            "pull to the centre (95 %)", "two points [mm]", "in the truth", "false pairs",
-            "linearity", "unevenness",
-        ]
-    ]  # fmt: skip
+def grid(results: Sequence[AcuityResult], table: Table) -> list[list[str]]:
+    """Return a table as texts, its heads first; the least noise first."""
+    specs = [spec for spec in ACUITY_SPECS.values() if spec.table == table]
+    rows = [["SNR [dB]", "method", *(spec.heading for spec in specs)]]
     for one in sorted(results, key=lambda one: -one.snr_db):
-        of = one.figures
-        pull = f"{of['pull']:z.0%} ({of['pull_low']:z.0%} to {of['pull_high']:z.0%})"
-        rows.append(
-            [
-                f"{one.snr_db:g}",
-                printable(one.method),
-                _number(of["auc"], ".3f"),
-                _number(of["smallest_pa"] / 1e3, ".2g"),
-                _number(of["smallest_s_mm2"], ".3g"),
-                _number(of["error_mm"], ".1f"),
-                _NONE if np.isnan(of["pull"]) else pull,
-                _number(of["least_mm"], ".0f"),
-                _number(of["truth_least_mm"], ".0f"),
-                _number(of["false_pairs"], ".0%"),
-                _number(of["linearity"], ".3f"),
-                _number(of["unevenness"], ".2f"),
-            ]
-        )
+        texts = {spec.name: spec.text(one.figures[spec.name]) for spec in specs}
+        if "pull" in texts and not np.isnan(one.figures["pull"]):
+            low, high = one.figures["pull_low"], one.figures["pull_high"]
+            texts["pull"] += f" ({low:z.0%} to {high:z.0%})"
+        rows.append([f"{one.snr_db:g}", printable(one.method), *texts.values()])
     return rows
 
 
 def place_grid(table: pd.DataFrame) -> list[list[str]]:
     """Return medians and ends of the maps over the places as texts, its heads first."""
     rows = [["SNR [dB]", "map", "least", "median", "greatest", "places without"]]
-    kinds = (
-        ("smallest_pa", "smallest touch [Pa]", ".0f"),
-        ("error_mm", "error of the place [mm]", ".1f"),
-        ("least_mm", "two points [mm]", ".0f"),
-        ("gain", "slope of the strength", ".2g"),
-    )
     for level, of in sorted(table.groupby("snr_db"), key=lambda item: -float(str(item[0]))):
-        for column, title, form in kinds:
-            ends = (of[column].min(), of[column].median(), of[column].max())
-            texts = [_number(float(value), form) for value in ends]
+        for column, title in _MAPS.items():
+            known = of[column].to_numpy(np.float64) / _scale(column)
+            ends = (np.nanmin(known), np.nanmedian(known), np.nanmax(known)) if (
+                np.isfinite(known).any()
+            ) else ()  # fmt: skip
+            texts = [f"{value:z.3g}" for value in ends] or ["–"] * 3
             rows.append([f"{level:g}", title, *texts, str(int(of[column].isna().sum()))])
     return rows
 
 
-def _number(value: float, form: str) -> str:
-    return _NONE if np.isnan(value) else format(value, form)
+def _scale(column: str) -> float:
+    """Of the stored value, one unit of the map."""
+    return 1e3 if column == "smallest_pa" else 1.0
+
+
+def draw_depths(results: Sequence[AcuityResult]) -> Figure:
+    """GREIT's figures over the distance from the rim: a row for each level, a line for each method.
+
+    The titles of scenarios are left out: all methods of a run have the same ones.
+    """
+    levels = sorted({one.snr_db for one in results}, reverse=True)
+    figure = new_figure(PAGE, 0.9 + 1.45 * len(levels))
+    panels = figure.subplots(len(levels), len(GREIT), squeeze=False, sharex=True, sharey="col")
+    methods = list(dict.fromkeys(one.method for one in results))
+    for one in results:
+        at = one.places.groupby(one.places["depth_mm"].round(0))
+        k = methods.index(one.method)
+        for axes, name in zip(panels[levels.index(one.snr_db)], GREIT, strict=True):
+            by = at[name].median()
+            axes.plot(
+                by.index, by, marker="o", ms=2.5, lw=1, color=COLOURS[k % len(COLOURS)],
+                ls="-" if k < len(COLOURS) else "--", label=printable(one.method),
+            )  # fmt: skip
+    for row, level in zip(panels, levels, strict=True):
+        row[0].set_ylabel(f"{level:g} dB", fontsize=NOTE + 1)
+        for axes, name in zip(row, GREIT, strict=True):
+            axes.tick_params(labelsize=NOTE - 1)
+            if name in _RIGHT:
+                axes.axhline(_RIGHT[name], color="0.5", lw=0.7, ls=":", zorder=0)
+    for axes, name in zip(panels[0], GREIT, strict=True):
+        axes.set_title(_MAPS[name], fontsize=NOTE)
+    panels[-1][len(GREIT) // 2].set_xlabel("distance from the rim [mm]", fontsize=NOTE)
+    lines = dict(zip(*reversed(panels[0][0].get_legend_handles_labels()), strict=True))
+    figure.legend(
+        lines.values(), lines.keys(), loc="outside lower center", ncols=min(len(methods), 5),
+        fontsize=NOTE,
+    )  # fmt: skip
+    return figure
 
 
 def draw(results: Sequence[AcuityResult]) -> Figure:
-    """Four maps and the ROC of a method, a row for each noise level; a map's rows share a scale."""
+    """The maps and the ROC of a method, a row for each noise level; rows of a map share a scale."""
     rows = sorted(results, key=lambda one: -one.snr_db)
-    figure = new_figure(PAGE, 0.6 + 1.55 * len(rows))
-    panels = figure.subplots(len(rows), 5, squeeze=False)
-    maps: list[tuple[str, list[NDArray[np.float64]], str]] = [
-        ("smallest touch [kPa]", [one.smallest_pa / 1e3 for one in rows], "viridis_r"),
-        ("error of the place [mm]", [one.error_mm for one in rows], "viridis_r"),
-        ("two points [mm]", [one.least_mm for one in rows], "viridis_r"),
-        ("slope of the strength", [one.gain for one in rows], "viridis"),
-    ]
-    for k, (title, values, colours) in enumerate(maps):
-        known = np.concatenate(values)
-        known = known[np.isfinite(known)]
-        ends = (float(known.min()), float(known.max())) if len(known) else (0.0, 1.0)
-        for row, (one, value) in enumerate(zip(rows, values, strict=True)):
-            axes = panels[row, k]
-            shown = _map(axes, one, value, ends, colours)
-            if k == 1:
-                _arrows(axes, one)
-        panels[0, k].set_title(title, fontsize=NOTE)
-        figure.colorbar(shown, ax=list(panels[:, k]), location="bottom", shrink=0.9, aspect=18)
-    for row, one in enumerate(rows):
-        panels[row, 0].set_ylabel(f"{one.snr_db:g} dB", fontsize=NOTE + 1)
-        axes = panels[row, 4]
+    columns = [name for name in _MAPS if name not in GREIT]
+    figure = new_figure(PAGE, 2 * (0.55 + 1.4 * len(rows)))
+    tactile, greit = figure.subfigures(2, 1)
+    panels = tactile.subplots(len(rows), _COLUMNS, squeeze=False)
+    _draw_maps(tactile, panels[:, : len(columns)], rows, columns)
+    _draw_maps(greit, greit.subplots(len(rows), _COLUMNS, squeeze=False), rows, GREIT)
+    for axes, one in zip(panels[:, -1], rows, strict=True):
         axes.plot(*one.roc, color=COLOURS[0], lw=1.2)
         axes.plot([0, 1], [0, 1], color="0.7", lw=0.6, ls="--")
         axes.set_aspect("equal")
@@ -184,42 +199,93 @@ def draw(results: Sequence[AcuityResult]) -> Figure:
         axes.set_yticks([0, 1])
         axes.tick_params(labelsize=NOTE - 1)
         axes.text(0.96, 0.08, f"AUC {one.figures['auc']:.3f}", ha="right", fontsize=NOTE - 1)
-    panels[0, 4].set_title("ROC", fontsize=NOTE)
+    panels[0, -1].set_title("ROC", fontsize=NOTE)
+    panels[-1, -1].set_xlabel("false alarms", fontsize=NOTE - 1)
     return figure
+
+
+def _draw_maps(
+    figure: Any, panels: Any, rows: Sequence[AcuityResult], columns: Sequence[str]
+) -> None:
+    """Draw a map of each of the columns, and the scale below them."""
+    for k, name in enumerate(columns):
+        values = [one.places[name].to_numpy(np.float64) / _scale(name) for one in rows]
+        norm, extend = _norm(name, np.concatenate(values))
+        for axes, one, value in zip(panels[:, k], rows, values, strict=True):
+            tried = one.places["room_mm" if name == "least_mm" else "x_mm"].notna().to_numpy()
+            shown = _map(axes, one, value, tried, norm, _COLOURS_OF.get(name, "viridis_r"))
+        scale = figure.colorbar(
+            shown, ax=list(panels[:, k]), location="bottom", shrink=0.9, aspect=18, extend=extend
+        )
+        scale.ax.tick_params(labelsize=NOTE - 1)
+        panels[0, k].set_title(_MAPS[name], fontsize=NOTE)
+    for axes, one in zip(panels[:, 0], rows, strict=True):
+        axes.set_ylabel(f"{one.snr_db:g} dB", fontsize=NOTE + 1)
+    if "error_mm" in columns:
+        for axes, one in zip(panels[:, list(columns).index("error_mm")], rows, strict=True):
+            axes.quiver(
+                one.places["x_mm"], one.places["y_mm"], one.places["bias_x_mm"],
+                one.places["bias_y_mm"], angles="xy", scale_units="xy", scale=1,
+                color=COLOURS[1], width=0.012, zorder=3,
+            )  # fmt: skip
+
+
+_COLOURS_OF = {"gain": "viridis", "amplitude": "viridis", "position_error_mm": "RdBu_r"}
+
+
+def _norm(name: str, values: NDArray[np.float64]) -> tuple[Normalize, str]:
+    """Return the scale of the colours of a map, and which of its ends values may pass."""
+    from matplotlib.colors import LogNorm, Normalize
+
+    known = values[np.isfinite(values)]
+    if not len(known):
+        return Normalize(0, 1), "neither"
+    low, high = float(known.min()), float(known.max())
+    if name == "smallest_pa" and 0 < low < high:
+        return LogNorm(low, high), "neither"
+    if name == "position_error_mm":
+        most = float(np.quantile(np.abs(known), _MOST)) or 1.0
+        return Normalize(-most, most), "both"
+    if name in ("error_mm", "ringing"):
+        return Normalize(low, float(np.quantile(known, _MOST))), "max"
+    return Normalize(low, high), "neither"
+
+
+_MOST = 0.95
+"""Share of the values within the scale of colours, where single ones may be far off."""
 
 
 def _map(
     axes: Axes,
     one: AcuityResult,
     value: NDArray[np.float64],
-    ends: tuple[float, float],
+    tried: NDArray[np.bool_],
+    norm: Normalize,
     colours: str,
-) -> Any:
-    """Draw the values (k,) at the lattice's places as squares as large as its step [mm]."""
-    from matplotlib.collections import PatchCollection
-    from matplotlib.patches import Rectangle
+) -> PatchCollection:
+    """Draw the values (k,) at the lattice's places as squares as large as its step [mm].
 
-    place = 1e3 * one.place
+    Where one is missing that was `tried`, there is a cross.
+    """
+    from matplotlib.collections import PatchCollection
+    from matplotlib.patches import Polygon, Rectangle
+
+    place = one.places[["x_mm", "y_mm"]].to_numpy(np.float64)
     apart = np.abs(place[:, None] - place[None]).max(axis=2)
     step = float(apart[apart > 0].min())
     known = np.isfinite(value)
     squares = [Rectangle((x - step / 2, y - step / 2), step, step) for x, y in place[known]]
-    shown = PatchCollection(squares, cmap=colours, linewidths=0)
+    shown = PatchCollection(squares, cmap=colours, norm=norm, linewidths=0)
     shown.set_array(value[known])
-    shown.set_clim(*ends)
     axes.add_collection(shown)
-    axes.plot(*place[~known].T, "x", color="0.6", ms=3, mew=0.7)
-    low, high = place.min(axis=0) - step, place.max(axis=0) + step
-    axes.set_xlim(low[0], high[0])
-    axes.set_ylim(low[1], high[1])
+    axes.plot(*place[~known & tried].T, "x", color="0.6", ms=3, mew=0.7)
+    rim = 1e3 * one.outline
+    axes.add_patch(Polygon(rim, fill=False, ec="0.6", lw=0.6))
+    axes.set_xlim(rim[:, 0].min() - 1, rim[:, 0].max() + 1)
+    axes.set_ylim(rim[:, 1].min() - 1, rim[:, 1].max() + 1)
     axes.set_aspect("equal")
     axes.set_xticks([])
     axes.set_yticks([])
+    for spine in axes.spines.values():
+        spine.set_visible(False)
     return shown
-
-
-def _arrows(axes: Axes, one: AcuityResult) -> None:
-    axes.quiver(
-        *(1e3 * one.place.T), *one.bias_mm.T, angles="xy", scale_units="xy", scale=1,
-        color=COLOURS[1], width=0.012, zorder=3,
-    )  # fmt: skip

@@ -55,7 +55,7 @@ class Acuity(Declaration):
     radius: Fraction = 0.06
     room: Fraction = 0.02
     step: Fraction = 0.17
-    distances: tuple[Fraction, ...] = (0.15, 0.2, 0.3, 0.4, 0.5)
+    distances: tuple[Fraction, ...] = (0.2, 0.25, 0.3, 0.35, 0.4, 0.5)
     pair_pressure: Positive = 20000.0
 
     @field_validator("levels")
@@ -139,8 +139,7 @@ class Acuity(Declaration):
 
     def _pairs(self, places: list[tuple[float, float]], sensor: Sensor) -> Iterator[Phantom]:
         for (k, (x, y)), distance in itertools.product(enumerate(places), self.distances):
-            # Neighbours on the lattice have other directions: along its axes, or its diagonals.
-            for angle in (np.pi / 4 * (k % 2), np.pi / 4 * (k % 2 + 2)):
+            for angle in np.pi / 4 * np.arange(4):  # along the axes and the diagonals
                 half = distance * _side(sensor) / 2 * np.array([np.cos(angle), np.sin(angle)])
                 both = [(float(x + s * half[0]), float(y + s * half[1])) for s in (-1, 1)]
                 if all(self._fits(*one, sensor) for one in both):

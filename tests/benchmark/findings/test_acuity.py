@@ -16,6 +16,7 @@ from eitbench.benchmark.findings.acuity import (
 from eitbench.scenarios.catalogue import sensor
 from eitbench.scenarios.phantoms.acuity import Acuity
 from eitbench.scenarios.phantoms.phantom import rasterise
+from eitbench.scenarios.physics.forward import forward_model
 
 
 def test_the_threshold_lets_one_in_a_hundred_pass() -> None:
@@ -85,7 +86,7 @@ def test_true_images_feel_all_at_their_places_and_blurred_ones_do_not_tell_two_a
             for p in phantoms
         ]
     )
-    exact = result_of("acuity", "exact", 50.0, seen(truth.copy(), truth, samples, nominal))
+    exact = result_of("acuity", "exact", 50.0, seen(truth.copy(), truth, samples, nominal), nominal)
     assert exact.figures["auc"] == 1
     assert exact.figures["smallest_pa"] == acuity.pressures[0]
     assert exact.figures["error_mm"] < 1
@@ -94,11 +95,58 @@ def test_true_images_feel_all_at_their_places_and_blurred_ones_do_not_tell_two_a
     assert exact.figures["false_pairs"] == 0
     assert exact.figures["linearity"] > 0.99
     assert abs(exact.figures["pull"]) < 0.01
-    assert exact.place == pytest.approx(np.array(acuity.places(nominal)))
+    places = exact.places
+    assert places[["x_mm", "y_mm"]].to_numpy() == pytest.approx(
+        1e3 * np.array(acuity.places(nominal))
+    )
+    rim = 50 - (places[["x_mm", "y_mm"]] - 50).abs().max(axis=1)  # of a square of 100 mm
+    assert places["depth_mm"].to_numpy() == pytest.approx(rim.to_numpy(), abs=0.01)
+    assert (places["least_mm"] == 30).sum() > 10
+    assert (places["room_mm"] >= places["least_mm"].fillna(0)).all()
+    assert places["amplitude"].to_numpy() == pytest.approx(1)  # of a right image
+    assert places["ringing"].to_numpy() == pytest.approx(0)
+    assert exact.figures["shape_deformation"] < 0.05
+    assert abs(exact.figures["position_error_mm"]) < 0.3
     # Without an image nothing is felt, whatever was pressed.
     nothing = np.full_like(truth, np.nan)
-    blind = result_of("acuity", "nothing", 50.0, seen(nothing, truth, samples, nominal))
-    assert blind.figures["detected"] == 0
+    blind = result_of("acuity", "nothing", 50.0, seen(nothing, truth, samples, nominal), nominal)
+    assert np.isnan(blind.figures["error_mm"])
     assert blind.figures["auc"] == 0.5
-    assert np.isnan(blind.smallest_pa).all()
+    assert blind.places[["smallest_pa", "amplitude", "resolution"]].isna().all(axis=None)
     assert np.isnan(blind.figures["least_mm"])
+
+
+def test_the_noise_figure_of_a_matrix_is_what_its_frames_say() -> None:
+    """The images of a linear method, against frames that are simulated here."""
+    nominal, level = sensor("foam16"), 40.0
+    model, rng = forward_model(nominal), np.random.default_rng(0)
+    (phantom,) = (
+        p for _, p in Acuity(levels=(level,), draws=1).design(nominal, 3)
+        if p.family == "touch" and p.parameters["pressure_pa"] == 40000.0
+        and abs(p.parameters["x_m"] - 0.05) + abs(p.parameters["y_m"] - 0.05) < 1e-6
+    )  # fmt: skip
+    truth = rasterise(phantom, nominal)[None]
+    touched, untouched = model.voltages(truth)[0], model.voltages(model.background)
+    change, rms = touched - untouched, np.sqrt(np.mean(touched**2))
+    matrix = rng.normal(size=(nominal.mask.sum(), len(change)))
+    std = 10 ** (-level / 20) * rms
+    noise = rng.normal(scale=std, size=(2, 200, len(change)))
+    images = np.full((201, *nominal.image_shape), nominal.background)
+    images[:200, nominal.mask] += (noise[0] - noise[1]) @ matrix.T
+    images[200:, nominal.mask] += change @ matrix.T
+    columns = ("place", "pressure_pa", "x_m", "y_m", "x2_m", "y2_m", "probe_distance_mm")
+    of = {name: phantom.parameters.get(name, np.nan) for name in columns}
+    none = {"family": "no-touch", "snr_db": level} | dict.fromkeys(columns, np.nan)
+    samples = pd.DataFrame([none] * 200 + [{"family": "touch", "snr_db": level} | of])
+    truths = np.full_like(images, nominal.background)
+    truths[200:] = truth
+    table = seen(images, truths, samples, nominal)
+    pair = table.iloc[200:].assign(family="pair", probe_distance_mm=30.0, apart=False)
+    found = result_of(
+        "acuity", "matrix", level, pd.concat([table, pair]), nominal, (change, float(rms))
+    )
+    pixels = images[:, nominal.mask] - nominal.background
+    by_frames = (np.abs(change).mean() / np.std(noise[0] - noise[1], axis=1, ddof=1).mean()) / (
+        np.abs(pixels[200]).mean() / np.std(pixels[:200], axis=1, ddof=1).mean()
+    )
+    assert found.figures["noise_figure"] == pytest.approx(by_frames, rel=0.01)
