@@ -55,7 +55,7 @@ audit: $(STAMPS)/audit  ## known vulnerabilities of what is installed
 	$(BIN)/python tests/security/audit.py
 
 tune: $(STAMPS)/test  ## choose the packaged hyper-parameters again (about an hour)
-	for suite in quick paper paper-noise noise shapes presses recorded; do \
+	for suite in quick paper paper-noise noise shapes presses acuity recorded; do \
 		$(BIN)/eitbench tune $$suite --jobs 2 --out benchmark/tuning/selected && \
 		$(BIN)/eitbench tune $$suite --methods pyeit-jac,pyeit-greit,pyeit-bp --out benchmark/tuning/selected || exit 1; done
 

@@ -204,6 +204,8 @@ def _row(run: Run, keys: Row, cell: pd.DataFrame) -> Row:
         noted = run.notes.get(keys["scenario"], {})
         row |= {name: _plain(noted.get(name)) for name in NOTES}
         row |= {n: _plain(cell[n].median() if n in cell else None) for n in SNR_COLUMNS}
+        for end in ("min", "max"):
+            row[f"snr_db_{end}"] = _plain(cell["snr_db"].agg(end) if "snr_db" in cell else None)
         row["prior_knowledge"] = describe_prior_knowledge(known.get("prior_knowledge"))
         row["overlap"] = _plain(known.get("overlap"))
         row["actions"] = describe_actions(known.get("actions"))

@@ -83,7 +83,7 @@ def acuity_of(run: Run) -> list[AcuityResult]:
     Raises:
         DataCorruptError: the images of the run are damaged.
     """
-    if not any(one.get("acuity") for one in _declared(run)):
+    if not has_acuity(run):
         return []
     suite = suite_of(run.manifest)
     designed = {
@@ -99,9 +99,10 @@ def acuity_of(run: Run) -> list[AcuityResult]:
     ]
 
 
-def _declared(run: Run) -> list[dict[str, Any]]:
-    found: list[dict[str, Any]] = run.manifest.get("plan", {}).get("suite", {}).get("scenarios", [])
-    return found
+def has_acuity(run: Run) -> bool:
+    """True for runs of a suite with the design of acuity."""
+    scenarios = run.manifest.get("plan", {}).get("suite", {}).get("scenarios", [])
+    return any(one.get("acuity") for one in scenarios)
 
 
 def _of_cell(
@@ -375,7 +376,7 @@ def figures_of(
         "truth_least_mm": least_apart(pair, APART, "truth_apart"),
         "false_pairs": float((found["count"] > 1).mean()) if len(found) else float("nan"),
         "linearity": float(np.nanmedian(linear)) if np.isfinite(linear).any() else float("nan"),
-        "unevenness": _variation(gain),
+        "slope_cv": _variation(gain),
         "noise_figure": float("nan"),
         "amplitude": float(places["amplitude"].median()),
         "amplitude_cv": _variation(amplitude),

@@ -19,6 +19,7 @@ class AcuitySpec(MetricSpec):
     """
 
     table: Table = "acuity"
+    aggregate: None = None
 
     def text(self, value: float) -> str:
         """Return the value as printed; a dash where there is none."""
@@ -130,7 +131,7 @@ _SPECS = (
         traps="A method that shows a tenth of the strength can be linear.",
     ),
     AcuitySpec(
-        "unevenness",
+        "slope_cv",
         "unevenness",
         formula="standard deviation over mean, over the places, of the slope of that line",
         domain=_EACH,
@@ -214,7 +215,8 @@ _SPECS = (
         domain=_FIRMEST,
         best="min",
         form=".2f",
-        traps="As EIDORS computes it; in the paper the sum inside is that of the circle.",
+        traps="As EIDORS computes it; in the paper the sum inside is that of the circle. 0 also "
+        "where a method keeps its image within a range that ends at the background.",
     ),
 )
 ACUITY_SPECS = {spec.name: spec for spec in _SPECS}

@@ -29,12 +29,14 @@ if TYPE_CHECKING:
 
 LEGEND = (
     "A touch is detected if its image is stronger than a threshold for 1 % of false alarms, from "
-    "frames without a touch of the same method and noise."
+    "frames without a touch of the same method and noise. The cards of the metrics have formulas "
+    "and traps."
 )
 GREIT_LEGEND = (
     "Figures of merit of GREIT (Adler et al. 2009), as EIDORS computes them, of the firmest "
     "touches. The figure shows medians by the distance of the place from the rim, a row for each "
-    "noise level; dotted: the value of a right image, where there is one."
+    "noise level; dotted: the value of a right image, where there is one. The cards of the metrics "
+    "have formulas and traps."
 )
 MAP_LEGEND = (
     "Maps over the sensor, one row for each noise level; grey crosses: nothing detected, or pairs "
@@ -67,9 +69,9 @@ def findings(run: Run) -> list[Finding]:
         return []
     found = [
         Finding("acuity", "Tactile acuity", to_table(results), grid(results, "acuity"),
-                f"{LEGEND} {_cards('acuity')}"),
-        Finding("acuity-greit", "GREIT's figures of merit", places_table(results),
-                grid(results, "greit"), f"{GREIT_LEGEND} {_cards('greit')}",
+                LEGEND),
+        Finding("acuity-merit", "GREIT's figures of merit", places_table(results),
+                grid(results, "greit"), GREIT_LEGEND,
                 draw_depths(results), "Figures of merit over the distance from the rim"),
     ]  # fmt: skip
     cells = list(dict.fromkeys((one.scenario, one.method) for one in results))
@@ -83,15 +85,6 @@ def findings(run: Run) -> list[Finding]:
         stem = f"acuity-{name}"
         found.append(Finding(stem, title, maps, place_grid(maps), MAP_LEGEND, draw(of), shows))
     return found
-
-
-def _cards(table: Table) -> str:
-    """Formulas and traps of a table, one after the other."""
-    return " ".join(
-        f"{spec.title[0].upper()}{spec.title[1:]}: {spec.formula}. {spec.traps}"
-        for spec in ACUITY_SPECS.values()
-        if spec.table == table
-    )
 
 
 def to_table(results: Sequence[AcuityResult]) -> pd.DataFrame:
@@ -195,12 +188,11 @@ def draw(results: Sequence[AcuityResult]) -> Figure:
         axes.plot(*one.roc, color=COLOURS[0], lw=1.2)
         axes.plot([0, 1], [0, 1], color="0.7", lw=0.6, ls="--")
         axes.set_aspect("equal")
-        axes.set_xticks([0, 1])
-        axes.set_yticks([0, 1])
-        axes.tick_params(labelsize=NOTE - 1)
+        axes.set_xticks([])
+        axes.set_yticks([])
         axes.text(0.96, 0.08, f"AUC {one.figures['auc']:.3f}", ha="right", fontsize=NOTE - 1)
     panels[0, -1].set_title("ROC", fontsize=NOTE)
-    panels[-1, -1].set_xlabel("false alarms", fontsize=NOTE - 1)
+    panels[-1, -1].set_xlabel("false alarms, 0 to 1", fontsize=NOTE - 1)
     return figure
 
 
@@ -218,6 +210,10 @@ def _draw_maps(
             shown, ax=list(panels[:, k]), location="bottom", shrink=0.9, aspect=18, extend=extend
         )
         scale.ax.tick_params(labelsize=NOTE - 1)
+        if name == "smallest_pa":  # few labels have room on a logarithmic scale
+            ends = sorted({norm.vmin, float(np.sqrt(norm.vmin * norm.vmax)), norm.vmax})
+            scale.set_ticks(ends, labels=[f"{end:.2g}" for end in ends], minor=False)
+            scale.minorticks_off()
         panels[0, k].set_title(_MAPS[name], fontsize=NOTE)
     for axes, one in zip(panels[:, 0], rows, strict=True):
         axes.set_ylabel(f"{one.snr_db:g} dB", fontsize=NOTE + 1)
@@ -243,6 +239,8 @@ def _norm(name: str, values: NDArray[np.float64]) -> tuple[Normalize, str]:
     low, high = float(known.min()), float(known.max())
     if name == "smallest_pa" and 0 < low < high:
         return LogNorm(low, high), "neither"
+    if low == high:
+        return Normalize(low, low + 1), "neither"
     if name == "position_error_mm":
         most = float(np.quantile(np.abs(known), _MOST)) or 1.0
         return Normalize(-most, most), "both"

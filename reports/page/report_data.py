@@ -29,6 +29,8 @@ from eitbench.benchmark.analysis.results import (
 )
 from eitbench.benchmark.analysis.sensitivity import SAMPLES, sensitivity
 from eitbench.benchmark.analysis.standings import Standing, score_weights, standings
+from eitbench.benchmark.findings.acuity import has_acuity
+from eitbench.benchmark.findings.acuity_specs import ACUITY_SPECS
 from eitbench.benchmark.metrics.aggregation import numbers
 from eitbench.benchmark.metrics.specs import ANCHORS, METRIC_COLUMNS, METRICS, anchored
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
@@ -109,7 +111,7 @@ _PROVENANCE = (
 class ReportData(TypedDict):
     """Everything that a report shows.
 
-    `cards` holds `MetricSpec.card` of each metric that a board has; `claims` the published claims
+    `cards` holds `MetricSpec.card` of each metric that a board has, and of acuity; `claims` the published claims
     that the runs can test, with their verdicts; `missing` sentences on what the runs lack; `runs`
     the origin of each as in its manifest, None where that lacks it, and the sources of methods.
     `overall` has the views of `overall_views`.
@@ -155,7 +157,8 @@ def report_data(paths: Sequence[Path]) -> ReportData:
             spec.card()
             for spec in METRICS.values()
             if any(row.get(spec.name) is not None for row in rows_of(boards))
-        ],
+        ]
+        + [spec.card() for spec in ACUITY_SPECS.values() if any(map(has_acuity, runs))],
         score_weights=score_weights(),
         claims=_claims(runs, missing),
         missing=list(dict.fromkeys(missing)),

@@ -112,7 +112,8 @@ def _about(row: Row) -> str:
     """Return what is known of the data of a board: sensor, noise, number of samples, mesh."""
     parts = [] if row.get("sensor") is None else [f"sensor {row['sensor']}"]
     if row.get("snr_db") is not None:
-        parts.append(f"SNR {row['snr_db']:.0f} dB")
+        ends = dict.fromkeys(f"{row[name]:.0f}" for name in ("snr_db_min", "snr_db_max"))
+        parts.append(f"SNR {' to '.join(ends)} dB")
     n = row["n"] if row["data_n"] is None else row["data_n"]
     parts.append(f"{n:,} test sample{'' if n == 1 else 's'}")
     if row["inverse_crime"] is not None:
