@@ -20,7 +20,7 @@ _ROOT = Path(__file__).resolve().parents[1]
 _FORMULA = re.compile(r'<(span|div) class="arithmatex">\\[(\[](.*?)\\[)\]]</\1>', flags=re.DOTALL)
 _BAR = re.compile(r"<mo>(&#x02016;|&#x0007C;)</mo>")  # would grow as tall as all that follows
 _PLACE = re.compile(r"^<!-- generated: (.*?) -->$", flags=re.MULTILINE)
-_BEST = {"max": "more is better", "min": "less is better"}
+_BEST = {"max": "more is better", "min": "less is better", None: "neither more nor less is better"}
 
 
 def on_page_markdown(markdown: str, **_: Any) -> str:
@@ -45,7 +45,7 @@ def _mathml(formula: re.Match[str]) -> str:
 def _cards(specs: Iterable[MetricSpec]) -> str:
     return "\n\n".join(
         f"### {spec.title} {{ #{spec.name} }}\n\n"
-        f"`{spec.name}`, {'no unit' if spec.unit == '1' else spec.unit}, {_BEST[spec.best]}.\n\n"
+        f"`{spec.name}`, {'no unit' if spec.unit == '1' else spec.unit}, {_BEST[spec.card()['best']]}.\n\n"
         f'<p class="definition">{html.escape(spec.formula)}</p>\n\n'
         f"- Computed for: {spec.domain}\n"
         f"- Counts: {spec.mask}\n"

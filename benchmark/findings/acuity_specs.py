@@ -1,7 +1,7 @@
 """The figures of tactile acuity, each declared once: formula, unit, traps."""
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -16,10 +16,16 @@ class AcuitySpec(MetricSpec):
 
     Attributes:
         table: the printed table that it stands in.
+        right: its value of a right image, where neither more nor less is better.
     """
 
     table: Table = "acuity"
+    right: float | None = None
     aggregate: None = None
+
+    def card(self) -> dict[str, Any]:
+        """See `MetricSpec.card`."""
+        return super().card() | ({} if self.right is None else {"best": None})
 
     def text(self, value: float) -> str:
         """Return the value as printed; a dash where there is none."""
@@ -85,6 +91,7 @@ _SPECS = (
         "lattice, by least squares; 95 % interval of a bootstrap over places",
         domain=_TOUCHES,
         best="min",
+        right=0.0,
         form="z.0%",
         traps="Negative where touches are pushed out. 0 does not mean that there is no bias: "
         "places may be moved around the centre. The map of arrows shows that.",
@@ -160,6 +167,7 @@ _SPECS = (
         formula="sum of the image over that of the truth; median over the places",
         domain=_FIRMEST,
         best="max",
+        right=1.0,
         form=".2f",
         traps="1 is right, and more is too much. Ringing takes away from it.",
     ),
@@ -182,6 +190,7 @@ _SPECS = (
         domain=_FIRMEST,
         unit="mm",
         best="min",
+        right=0.0,
         form=".1f",
         traps="It has a sign: positive towards the centre. 0 also where the image lies beside the "
         "touch at the same distance from the centre; the error above sees that.",

@@ -59,7 +59,6 @@ _MAPS = {
 }
 """Maps over the sensor, by their columns."""
 _COLUMNS = 5
-_RIGHT = {"amplitude": 1.0, "position_error_mm": 0.0, "ringing": 0.0}
 
 
 def findings(run: Run) -> list[Finding]:
@@ -162,8 +161,8 @@ def draw_depths(results: Sequence[AcuityResult]) -> Figure:
         row[0].set_ylabel(f"{level:g} dB", fontsize=NOTE + 1)
         for axes, name in zip(row, GREIT, strict=True):
             axes.tick_params(labelsize=NOTE - 1)
-            if name in _RIGHT:
-                axes.axhline(_RIGHT[name], color="0.5", lw=0.7, ls=":", zorder=0)
+            if (right := ACUITY_SPECS[name].right) is not None:
+                axes.axhline(right, color="0.5", lw=0.7, ls=":", zorder=0)
     for axes, name in zip(panels[0], GREIT, strict=True):
         axes.set_title(_MAPS[name], fontsize=NOTE)
     panels[-1][len(GREIT) // 2].set_xlabel("distance from the rim [mm]", fontsize=NOTE)

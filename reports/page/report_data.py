@@ -111,10 +111,10 @@ _PROVENANCE = (
 class ReportData(TypedDict):
     """Everything that a report shows.
 
-    `cards` holds `MetricSpec.card` of each metric that a board has, and of acuity; `claims` the published claims
-    that the runs can test, with their verdicts; `missing` sentences on what the runs lack; `runs`
-    the origin of each as in its manifest, None where that lacks it, and the sources of methods.
-    `overall` has the views of `overall_views`.
+    `cards` holds `MetricSpec.card` of each metric that a board has, and of acuity; `claims` the
+    published claims that the runs can test, with their verdicts; `missing` sentences on what the
+    runs lack; `runs` the origin of each as in its manifest, None where that lacks it, and the
+    sources of methods. `overall` has the views of `overall_views`.
     """
 
     boards: list[BoardData]
