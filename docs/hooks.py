@@ -45,7 +45,8 @@ def _mathml(formula: re.Match[str]) -> str:
 def _cards(specs: Iterable[MetricSpec]) -> str:
     return "\n\n".join(
         f"### {spec.title} {{ #{spec.name} }}\n\n"
-        f"`{spec.name}`, {'no unit' if spec.unit == '1' else spec.unit}, {_BEST[spec.card()['best']]}.\n\n"
+        f"`{spec.name}`, {'no unit' if spec.unit == '1' else spec.unit}, "
+        f"{_BEST[spec.card()['best']]}.\n\n"
         f'<p class="definition">{html.escape(spec.formula)}</p>\n\n'
         f"- Computed for: {spec.domain}\n"
         f"- Counts: {spec.mask}\n"
