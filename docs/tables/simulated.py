@@ -217,8 +217,8 @@ def _ladder() -> str:
     return "\n".join(line for line in lines if line.startswith("|"))
 
 
-def _acuity() -> str:
-    lines = (STUDIES / "acuity" / "acuity.md").read_text().splitlines()
+def _acuity(name: str = "acuity") -> str:
+    lines = (STUDIES / "acuity" / f"{name}.md").read_text().splitlines()
     return "\n".join(line for line in lines if line.startswith("|"))
 
 
@@ -378,6 +378,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "rungs": _rungs,
     "ladder": _ladder,
     "acuity": _acuity,
+    "acuity merit": lambda: _acuity("acuity-merit"),
     "operators": _operators,
     "gains": _gains,
     "skin model": _skin_model,

@@ -1,7 +1,7 @@
-"""The record and the figure of the suite `acuity`, from a stored run.
+"""The record and the figures of the suite `acuity`, from a stored run.
 
-`python docs/studies/acuity/record.py RUN` takes a run directory, and writes its table and command
-to `docs/studies/acuity` and the maps of one method to `docs/acuity.png`.
+`python docs/studies/acuity/record.py RUN` takes a run directory, and writes its tables and command
+to `docs/studies/acuity`, and to `docs` the maps of one method and GREIT's figures of merit.
 """
 
 import json
@@ -23,9 +23,10 @@ def write(run: Path) -> None:
     about = {"command": f"eitbench run acuity --methods {methods}"}
     about |= {name: suite.manifest.get(name) for name in _RUN}
     (OUT / "run.json").write_text(json.dumps(about, indent=1) + "\n")
-    for name in ("acuity.csv", "acuity.md"):
+    for name in ("acuity.csv", "acuity.md", "acuity-merit.csv", "acuity-merit.md"):
         shutil.copy(run / name, OUT / name)
-    shutil.copy(run / "figures" / f"acuity-{METHOD}.png", OUT.parents[1] / "acuity.png")
+    for name, to in ((f"acuity-{METHOD}", "acuity"), ("acuity-merit", "acuity-merit")):
+        shutil.copy(run / "figures" / f"{name}.png", OUT.parents[1] / f"{to}.png")
 
 
 if __name__ == "__main__":
