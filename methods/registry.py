@@ -156,6 +156,7 @@ METHOD_REGISTRY = Registry(
         "learned.linear_maps",
         "learned.image_networks",
         "untrained.dip",
+        "untrained.inr",
         "learned.refined",
         "learned.tank_unet",
         "peers.pyeit_methods",

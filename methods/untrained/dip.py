@@ -1,170 +1,32 @@
-"""Deep image prior: an untrained network, fitted to the voltages of a single frame."""
+"""Deep image prior: an untrained convolutional network, fitted to a single frame."""
 
 from __future__ import annotations
 
-import math
-from collections import deque
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
-import numpy as np
-
-from eitbench.methods.method import Method
-from eitbench.methods.registry import OPERATOR_REGISTRY, register
-from eitbench.scenarios.arrays import Array
-from eitbench.scenarios.errors import InputError
+from eitbench.methods.registry import register
+from eitbench.methods.untrained.network_per_frame import NetworkPerFrame
 from eitbench.scenarios.sensors.symmetry import asymmetry
 
 if TYPE_CHECKING:
-    from torch import Tensor
-
-    from eitbench.methods.networks.decoder import Decoder
-    from eitbench.methods.problem import Problem
-
-
-LEARNING_RATE = 0.01
-
-WINDOW, PATIENCE = 100, 100
-"""Of the early stopping, in steps."""
-
-NEAREST = 0.05
-"""Least distance of the first conductivity from the ends of its range, as a fraction of it."""
-
-SMOOTHING = 0.01
-"""The total variation is rounded where the relative conductivity changes by less than this."""
+    from torch import nn
 
 
 @register("dip")
 @dataclass
-class Dip(Method):
+class Dip(NetworkPerFrame):
     """An untrained network per frame, fitted to its voltages (deep image prior, DeepEIT).
 
-    Attributes:
-        operator: the forward operator that the network is fitted through.
-        steps: of the optimiser, at most.
-        tv: weight of the total variation of conductivity / background; 0 for none.
-        seed: of the network and its input.
+    For the attributes see `NetworkPerFrame`.
     """
 
     source: ClassVar[str] = "Liu et al., IEEE Trans. Pattern Anal. Mach. Intell. 45(8), 2023"
     expected_failures: ClassVar = asymmetry("its random network has no symmetry", 0.048, 0.053)
+    learning_rate: ClassVar[float] = 0.01
 
-    operator: str = "fem"
-    steps: int = 400
-    tv: float = 0.1
-    seed: int = 0
-
-    def fit(self, problem: Problem) -> None:
-        """Prepare the operator and its misfit.
-
-        Raises:
-            InputError: an unknown operator or one that does not serve the sensor; no step, or a
-                negative weight.
-        """
-        from eitbench.methods.untrained.misfit import Misfit
-
-        if not (self.steps >= 1 and 0 <= self.tv < math.inf):
-            raise InputError(
-                f"'dip' needs at least 1 step and a weight of at least 0, got steps={self.steps} "
-                f"and tv={self.tv}."
-            )
-        self._problem = problem
-        self._misfit = Misfit(problem, OPERATOR_REGISTRY.create(self.operator, problem.sensor))
-
-    def reconstruct(self, voltages: Array) -> Array:
-        """Absolute conductivity (n, H, W) [S/m] from frames (n, M), within the sensor's range."""
-        relative = [self._fitted(frame) for frame in self._problem.difference(voltages)]
-        shape = (-1, *self._problem.mask.shape)
-        return np.asarray(relative).reshape(shape) * self._problem.background
-
-    def _fitted(self, difference: Array) -> Array:
-        """Conductivity over background (H, W) for one frame's `difference` (M,) [V/A]."""
-        import torch
-
+    def network(self) -> nn.Module:
+        """Return a decoder with a fixed random input."""
         from eitbench.methods.networks.decoder import Decoder
 
-        misfit, background = self._misfit.of(difference), self._problem.background
-        # Every frame has the same network, so that it does not matter which others come with it.
-        with torch.random.fork_rng(devices=[]):
-            torch.manual_seed(self.seed)
-            network = Decoder(self._problem.mask.shape)
-        optimiser = torch.optim.Adam(network.parameters(), LEARNING_RATE, fused=True)
-        stopping = MovingVariance(WINDOW, PATIENCE)
-        for _ in range(self.steps):
-            with torch.enable_grad():
-                relative = self._relative(network)
-                loss = misfit(relative * background)
-                if self.tv > 0:
-                    loss = loss + self.tv * self._variation(relative)
-                optimiser.zero_grad()
-                torch.autograd.backward(loss)
-            if stopping.stops(relative.detach().double().numpy()):
-                break
-            optimiser.step()
-        return stopping.image
-
-    def _relative(self, network: Decoder) -> Tensor:
-        """Return the network's conductivity over background (H, W); 1 outside the sensor."""
-        import torch
-
-        low, high = self._problem.sensor.conductivity_range
-        share = min(max((1 - low) / (high - low), NEAREST), 1 - NEAREST)
-        inside = torch.sigmoid(network() + math.log(share / (1 - share)))
-        mask = torch.from_numpy(self._problem.mask)
-        return torch.where(mask, low + (high - low) * inside, 1.0)
-
-    def _variation(self, relative: Tensor) -> Tensor:
-        """Total variation () inside the sensor, in sides of it: 1 for a step of 1 across it."""
-        import torch
-
-        mask = torch.from_numpy(self._problem.mask)
-        across = torch.diff(relative, dim=1)[:-1] * (mask[:-1, 1:] & mask[:-1, :-1])
-        along = torch.diff(relative, dim=0)[:, :-1] * (mask[1:, :-1] & mask[:-1, :-1])
-        slope = (across.square() + along.square() + SMOOTHING**2).sqrt() - SMOOTHING
-        return slope.sum() / math.sqrt(self._problem.mask.sum())
-
-
-class MovingVariance:
-    """Keeps the mean of the window of successive images that vary least.
-
-    A network fits the image first and the noise later; in between, its images stand still. So the
-    window with the least variance is the place to stop, and it is known when a later window has
-    not come below it for `patience` images. Nothing but the images is looked at.
-
-    Source: Wang et al., "Early Stopping for Deep Image Prior", TMLR 2023, algorithm 1. They return
-    the window's first image; the mean is as good or better here, and free.
-
-    Attributes:
-        image: (H, W) the mean over the best window so far, over all images while there is no full
-            window yet.
-        position: number of images seen when that window was complete.
-    """
-
-    image: Array
-
-    def __init__(self, window: int, patience: int) -> None:
-        self.position = 0
-        self._window, self._patience = window, patience
-        self._images: deque[Array] = deque()
-        self._least = np.inf
-        self._seen = 0
-
-    def stops(self, image: Array) -> bool:
-        """Take in the next image (H, W); return True if it is time to stop."""
-        if not self._images:
-            self._total, self._squares = np.zeros_like(image), 0.0
-        self._images.append(image)
-        self._total += image
-        self._squares += float(np.vdot(image, image))
-        self._seen += 1
-        if len(self._images) > self._window:
-            oldest = self._images.popleft()
-            self._total -= oldest
-            self._squares -= float(np.vdot(oldest, oldest))
-        mean = self._total / len(self._images)
-        full = len(self._images) == self._window
-        variance = self._squares / len(self._images) - float(np.vdot(mean, mean))
-        if not full or variance < self._least:
-            self.image, self.position = mean, self._seen
-            self._least = variance if full else np.inf
-        return self._seen - self.position >= self._patience
+        return Decoder(self._problem.mask.shape)

@@ -16,6 +16,7 @@ KEYS = {
     "gauss-newton-noser": "yorkey1987",
     "gauss-newton-tv": "borsic2010",
     "greit": "adler2009",
+    "inr": "tancik2020",
     "laplacian": "polydorides2002",
     "learned-gn": "adler2017",
     "linear-learned": "hoerl1970",

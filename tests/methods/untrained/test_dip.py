@@ -6,7 +6,8 @@ from numpy.typing import NDArray
 from tests.support.small_sensors import PAIRS, foam, no_split, round_board, touch
 
 from eitbench.methods import Problem, create
-from eitbench.methods.untrained.dip import Dip, MovingVariance
+from eitbench.methods.untrained.dip import Dip
+from eitbench.methods.untrained.network_per_frame import MovingVariance
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.imperfections.noise import add_noise
 from eitbench.scenarios.physics.forward import forward_model
