@@ -10,7 +10,6 @@ integrated over them [S/m m^2]. GREIT's figures of merit (`benchmark.metrics.gre
 the firmest touches.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -91,12 +90,12 @@ def acuity_of(run: Run) -> list[AcuityResult]:
         for one in suite.scenarios
         if isinstance(one, SimulatedScenario) and one.acuity is not None
     }
-    return [
-        result
+    found = [
+        _of_cell(run, scenario, method, cell, designed[scenario])
         for (scenario, method), cell in cells_of(run.samples).items()
         if scenario in designed and set(_NEEDED) <= set(cell)
-        for result in _of_cell(run, scenario, method, cell, designed[scenario])
     ]
+    return [result for result in found if result is not None]
 
 
 def has_acuity(run: Run) -> bool:
@@ -107,7 +106,8 @@ def has_acuity(run: Run) -> bool:
 
 def _of_cell(
     run: Run, scenario: str, method: str, cell: pd.DataFrame, sensor: Sensor
-) -> Iterator[AcuityResult]:
+) -> AcuityResult | None:
+    """The acuity of a cell; None where it lacks images, or one of the three parts."""
     samples = cell["sample"].tolist()
     shown = []
     for first in range(0, len(samples), _BLOCK):
@@ -115,17 +115,17 @@ def _of_cell(
         images = run.estimates(scenario, method, block)
         truth = run.scene(scenario, block).truth
         if images is None or truth is None:
-            return
+            return None
         rows = cell.iloc[first : first + _BLOCK]
         shown.append(seen(images.astype(np.float64), truth, rows, sensor))
     table = pd.concat(shown, ignore_index=True)
     middle = _middle(table, sensor)
     truth = run.scene(scenario, [samples[middle]]).truth if middle is not None else None
     change = None if truth is None else _change(truth, sensor)
-    for level, of in table.groupby("snr_db", sort=True):
-        whole = [(of["family"] == part).any() for part in ("no-touch", "touch", "pair")]
-        if all(whole):
-            yield result_of(scenario, method, float(np.float64(str(level))), of, sensor, change)
+    if not {"no-touch", "touch", "pair"} <= set(table["family"]):
+        return None
+    level = float(table["snr_db"].iloc[0])
+    return result_of(scenario, method, level, table, sensor, change)
 
 
 def _firmest(table: pd.DataFrame) -> pd.DataFrame:

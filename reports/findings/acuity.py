@@ -73,11 +73,8 @@ def findings(run: Run) -> list[Finding]:
                 grid(results, "greit"), GREIT_LEGEND,
                 draw_depths(results), "Figures of merit over the distance from the rim"),
     ]  # fmt: skip
-    cells = list(dict.fromkeys((one.scenario, one.method) for one in results))
-    several = len({scenario for scenario, _ in cells}) > 1
-    for scenario, method in cells:
-        of = [one for one in results if (one.scenario, one.method) == (scenario, method)]
-        name = f"{scenario}-{method}" if several else method
+    for name in dict.fromkeys(one.method for one in results):
+        of = [one for one in results if one.method == name]
         title = f"Tactile acuity: {printable(name)}"
         shows = "Maps of the smallest touch, the place, two points, the slope and GREIT's figures"
         maps = places_table(of)

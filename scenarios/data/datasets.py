@@ -260,7 +260,7 @@ def _measured(scenario: SimulatedScenario, split: Split, clean: CleanFrames) -> 
     for first in range(0, len(frames), TOUCHES):
         session = first // TOUCHES
         board = scenario.split_imperfections(split, session)
-        noise = scenario.session_noise(split, session)
+        noise = scenario.split_noise(split)
         level = session_snr_db(noise, scenario=scenario.name, split=split, session=session)
         rows = slice(first, first + TOUCHES)
         touched, untouched = clean.voltages[rows], clean.untouched[first]

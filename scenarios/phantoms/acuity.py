@@ -1,7 +1,8 @@
 """The design of tactile acuity: touches on a lattice of places, pairs of them, and none.
 
-Nothing in it is drawn at random, and every noise level has the same frames, so that maps over the
-sensor compare. Touches are soft presses of one round indenter (`scenarios.phantoms.press`).
+Nothing in it is drawn at random, so that scenarios of other noise have the same touches, and maps
+over the sensor compare. Touches are soft presses of one round indenter
+(`scenarios.phantoms.press`).
 """
 
 import itertools
@@ -35,10 +36,9 @@ class Acuity(Declaration):
     """Parameters of the design; lengths are fractions of the sensor's shorter side.
 
     Attributes:
-        levels: SNR of frames and reference frames [dB]; each has a copy of the design.
         pressures: of single touches [Pa], rising.
         draws: of the noise, for each place and pressure.
-        untouched: frames without a touch at each level, which the threshold is taken from.
+        untouched: frames without a touch, which the threshold is taken from.
         radius: of the indenter.
         room: least distance from the indenter to the rim.
         step: of the lattice, as a fraction of the geometric mean of the sensor's two sides.
@@ -46,9 +46,6 @@ class Acuity(Declaration):
         pair_pressure: of both touches of a pair [Pa].
     """
 
-    levels: tuple[Annotated[float, Field(ge=0, le=200)], ...] = Field(
-        default=(), validate_default=True
-    )
     pressures: tuple[Positive, ...] = (500.0, 2000.0, 5000.0, 15000.0, 40000.0)
     draws: int = Field(default=2, ge=1)
     untouched: int = Field(default=102, ge=FEWEST_UNTOUCHED)
@@ -57,17 +54,6 @@ class Acuity(Declaration):
     step: Fraction = 0.17
     distances: tuple[Fraction, ...] = (0.2, 0.25, 0.3, 0.35, 0.4, 0.5)
     pair_pressure: Positive = 20000.0
-
-    @field_validator("levels")
-    @classmethod
-    def _given(cls, value: tuple[float, ...]) -> tuple[float, ...]:
-        if not value:
-            raise ValueError(
-                "acuity depends on the noise: give the SNR of your frames in dB, such as [50]"
-            )
-        if len(set(value)) < len(value):
-            raise ValueError("a level of noise stands there twice")
-        return value
 
     @field_validator("pressures", "distances")
     @classmethod
@@ -112,24 +98,19 @@ class Acuity(Declaration):
             sensor.outline.contains(*around.rim().T).all() and not around.contains(*corners).any()
         )
 
-    def design(self, sensor: Sensor, session: int) -> list[tuple[float, Phantom]]:
-        """Return SNR [dB] and phantom of every sample.
-
-        Each level is filled up with untouched frames to whole sessions of `session` samples: the
-        frames of a session share a reference frame, and with it their level.
+    def design(self, sensor: Sensor) -> list[Phantom]:
+        """Return the phantom of every sample.
 
         Raises:
             InputError: the sensor has no room for the lattice.
         """
         places = self.places(sensor)
         frames = [*self._touches(places, sensor), *self._pairs(places, sensor)]
-        untouched = self.untouched + -(self.untouched + len(frames)) % session
         blank = Phantom("no-touch", "no-touch", sensor.background, (), {})
         # Untouched frames lie evenly among the others, so that any first part holds some.
-        at = [(np.arange(count) + 0.5) / count for count in (untouched, len(frames))]
-        together = [*[blank] * untouched, *frames]
-        order = np.argsort(np.concatenate(at), kind="stable").tolist()
-        return [(level, together[k]) for level in self.levels for k in order]
+        at = [(np.arange(count) + 0.5) / count for count in (self.untouched, len(frames))]
+        together = [*[blank] * self.untouched, *frames]
+        return [together[k] for k in np.argsort(np.concatenate(at), kind="stable").tolist()]
 
     def _touches(self, places: list[tuple[float, float]], sensor: Sensor) -> Iterator[Phantom]:
         # The draws are outermost, so that those of one touch have different reference frames.

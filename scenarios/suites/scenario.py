@@ -93,8 +93,7 @@ class SimulatedScenario(Declaration):
         ladder: a rung of the ladder from simulation to reality. Its validation data are of the
             nominal sensor too, and methods are tuned with their noise: all rungs share them.
         calibrated: methods get frames corrected by `calibration`, from reference frames alone.
-        acuity: the test split is this design instead of drawn phantoms, in its own number and
-            noise.
+        acuity: the test split is this design instead of drawn phantoms, in its own number.
     """
 
     kind: Literal["simulated"] = "simulated"
@@ -145,18 +144,21 @@ class SimulatedScenario(Declaration):
     @model_validator(mode="after")
     def _sized(self) -> Self:
         if self.acuity is not None:
+            if not isinstance(self.noise.test, float):
+                raise ValueError(
+                    "acuity depends on the noise: give the SNR of your frames in dB, such as noise "
+                    "= { test = 50 }"
+                )
             object.__setattr__(self, "test", len(_design(self.acuity, self.nominal_sensor)))
         return self
 
     @property
     def title(self) -> str:
         """One line for listings."""
-        if self.acuity is not None:
-            levels = ", ".join(f"{level:g}" for level in self.acuity.levels)
-            return f"{self.sensor}, {levels} dB, {self.imperfections.mesh} mesh: lattice of touches"
         noise = f"{self.noise.test:g} dB" if isinstance(self.noise.test, float) else self.noise.test
         names = [family.name for family in self.split_families("test")]
-        return f"{self.sensor}, {noise}, {self.imperfections.mesh} mesh: {', '.join(names)}"
+        touches = "lattice of touches" if self.acuity is not None else ", ".join(names)
+        return f"{self.sensor}, {noise}, {self.imperfections.mesh} mesh: {touches}"
 
     @property
     def nominal_sensor(self) -> Sensor:
@@ -181,8 +183,6 @@ class SimulatedScenario(Declaration):
 
     def sessions_differ(self, split: Split) -> bool:
         """True if touches of one session have more in common than those of two."""
-        if split == "test" and self.acuity is not None:
-            return True
         return self.split_noise(split) != "clean" or self.split_imperfections(split).drawn
 
     @property
@@ -205,16 +205,10 @@ class SimulatedScenario(Declaration):
         noise: Noise = getattr(self.noise, split)
         return noise
 
-    def session_noise(self, split: Split, session: int) -> Noise:
-        """The noise of a session of `split`."""
-        if split == "test" and self.acuity is not None:
-            return _design(self.acuity, self.nominal_sensor)[TOUCHES * session][0]
-        return self.split_noise(split)
-
     def designed(self, split: Split, sample: int) -> Phantom | None:
         """The phantom of a sample that is designed; None of those that are drawn."""
         if split == "test" and self.acuity is not None:
-            return _design(self.acuity, self.nominal_sensor)[sample][1]
+            return _design(self.acuity, self.nominal_sensor)[sample]
         return None
 
     def clean_parameters(self, split: Split) -> dict[str, object]:
@@ -439,9 +433,9 @@ def _adapted(
 
 
 @lru_cache(maxsize=8)
-def _design(acuity: Acuity, sensor: Sensor) -> list[tuple[float, Phantom]]:
-    """SNR [dB] and phantom of every sample; those of a session share their SNR."""
-    return acuity.design(sensor, TOUCHES)
+def _design(acuity: Acuity, sensor: Sensor) -> list[Phantom]:
+    """The phantom of every sample."""
+    return acuity.design(sensor)
 
 
 _REFINEMENT: dict[MeshKind, int] = {"image": 1, "fine": 2, "unstructured": 3}

@@ -75,8 +75,8 @@ def test_images_pulled_by_a_known_share_show_that_pull() -> None:
 
 
 def test_true_images_feel_all_at_their_places_and_blurred_ones_do_not_tell_two_apart() -> None:
-    nominal, acuity = sensor("foam16"), Acuity(levels=(50,))
-    phantoms = [phantom for _, phantom in acuity.design(nominal, 3)]
+    nominal, acuity = sensor("foam16"), Acuity()
+    phantoms = acuity.design(nominal)
     truth = np.array([rasterise(phantom, nominal) for phantom in phantoms])
     columns = ("place", "pressure_pa", "x_m", "y_m", "x2_m", "y2_m", "probe_distance_mm")
     samples = pd.DataFrame(
@@ -121,7 +121,7 @@ def test_the_noise_figure_of_a_matrix_is_what_its_frames_say() -> None:
     nominal, level = sensor("foam16"), 40.0
     model, rng = forward_model(nominal), np.random.default_rng(0)
     (phantom,) = (
-        p for _, p in Acuity(levels=(level,), draws=1).design(nominal, 3)
+        p for p in Acuity(draws=1).design(nominal)
         if p.family == "touch" and p.parameters["pressure_pa"] == 40000.0
         and abs(p.parameters["x_m"] - 0.05) + abs(p.parameters["y_m"] - 0.05) < 1e-6
     )  # fmt: skip

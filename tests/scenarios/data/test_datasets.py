@@ -182,7 +182,7 @@ def test_arrays_cannot_be_changed_by_a_method() -> None:
 
 
 OTHER: dict[str, Any] = {
-    "acuity": {"levels": [50]},
+    "acuity": {},
     "name": "other",
     "sensor": "foam16-adjacent",
     "image_shape": (14, 12),
