@@ -158,6 +158,12 @@ def diagnose(
     close = [of for of in found[1:] if of.misfit < limit]
     others = search.not_turned(best, close)
     certainty, reason = _verdict(best, close, others, sensor)
+    if certainty != "refused" and not search.explains_silence(best):
+        certainty = "refused"
+        reason = (
+            "One electrode of the board is silent, and the wiring that fits best does not explain "
+            "it: give frames of this sensor from when its wiring was right (--known)."
+        )
     similarity = float("nan")
     if touches is not None and certainty != "sure":
         among = fitting if certainty == "refused" else [fitting[best.wiring.order]]
@@ -281,8 +287,9 @@ class _Search:
         self._tables = np.stack([order.table for order in candidates])
         self._frame = frame
         loud = np.abs(frame) >= _SILENT * _size(frame)
-        unread = [np.logical_or(*_mute_and_far(frame, table)) for table in self._tables]
-        self._kept = loud & ~np.stack(unread)
+        unread = np.stack([_mute_and_far(frame, table) for table in self._tables])
+        self._mute = unread[:, 0]
+        self._kept = loud & ~unread.any(axis=1)
         self._shown = _unit(np.broadcast_to(frame, self._kept.shape), magnitudes, self._kept)
 
     def table(self, wiring: Wiring) -> Table:
@@ -292,9 +299,23 @@ class _Search:
     def misfit_of(self, table: Table) -> float:
         """Misfit of a table (M, 4) with its own sign."""
         kept = np.abs(self._frame) >= _SILENT * _size(self._frame)
-        shown = _unit(self._frame, self._magnitudes, kept)
-        expected = _unit(self._expected[tuple(table.T)], self._magnitudes, kept)
-        return float(np.sqrt(max(1 - max(float(expected @ shown), 0.0) ** 2, 0.0)))
+        return self._misfit(self._expected[tuple(table.T)], kept)
+
+    def explains_silence(self, of: _Found) -> bool:
+        """True if the electrode that was left out as silent is silent beside this answer, too."""
+        mute, kept = self._mute[of.wiring.order], self._kept[of.wiring.order]
+        expected = self._expected[tuple(self.table(of.wiring).T)]
+        size, wanted = self._frame**2, expected**2
+        silent = size[mute].sum() * wanted[kept].sum() < (
+            SILENT**2 * wanted[mute].sum() * size[kept].sum()
+        )
+        return bool(silent or not mute.any() or self._misfit(expected, kept | mute) <= EXPLAINED)
+
+    def _misfit(self, expected: Array, kept: NDArray[np.bool_]) -> float:
+        cosine = _unit(expected, self._magnitudes, kept) @ _unit(
+            self._frame, self._magnitudes, kept
+        )
+        return float(np.sqrt(max(1 - max(float(cosine), 0.0) ** 2, 0.0)))
 
     def scored(self, wirings: list[Wiring]) -> list[_Found]:
         """The misfits of `wirings`, with the sign that fits."""

@@ -4,8 +4,9 @@
 ways (200 by default), drawn with seed 0, and shows them to the doctor: beside the model alone,
 beside the reference frame of the set as a frame known to be right, and, where places are known, the
 reference frame and ten presses beside the model. It writes `wiring.csv`, or the rows of the sets
-that are named into it, one row for each set, evidence and kind of fault, of which `make tables` makes the tables of docs/wiring.md. Sets of which
-only differences were measured have no whole frames and are left out.
+that are named into it, one row for each set, evidence and kind of fault, of which `make tables`
+makes the tables of docs/wiring.md. Sets of which only differences were measured have no whole
+frames and are left out.
 """
 
 import argparse
