@@ -152,9 +152,7 @@ class Sensitivity:
 
 def sensitivity(sensor: Sensor, noise: Noise) -> Sensitivity:
     """The Jacobian of `sensor` at the untouched state, whitened by the covariance of `noise`."""
-    model = forward_model(sensor)
-    jacobian = model.jacobian(model.background)
-    changes = jacobian.reshape(len(jacobian), -1) * sensor.mask.ravel()
+    changes = _changes(sensor)
     covariance = 2 * noise.std**2 * np.eye(len(changes))
     if noise.drift:
         x, y = sensor.pixel_centres
@@ -164,10 +162,34 @@ def sensitivity(sensor: Sensor, noise: Noise) -> Sensitivity:
         drifts = sensor.background * np.stack([even, across / 2, along / 2])
         frames = noise.drift * drifts.reshape(3, -1) @ changes.T
         covariance += frames.T @ frames
-    white = np.linalg.solve(np.linalg.cholesky(covariance), changes)
+    return whitened(sensor, covariance)
+
+
+def whitened(sensor: Sensor, covariance: Array) -> Sensitivity:
+    """The Jacobian of `sensor`, whitened by any `covariance` (M, M) of a frame's change [V^2/A^2].
+
+    Raises:
+        InputError: a covariance of another size, or one that is not positive definite.
+    """
+    changes = _changes(sensor)
+    try:
+        white = np.linalg.solve(np.linalg.cholesky(covariance), changes)
+    except (np.linalg.LinAlgError, ValueError):
+        raise InputError(
+            f"A covariance of {len(changes)} values has to be a positive definite matrix of as "
+            f"many rows and columns, got shape {np.shape(covariance)}: give more frames, or add "
+            "white noise to it."
+        ) from None
     _, singular, right = np.linalg.svd(white, full_matrices=False)
     rows = (singular[:, None] * right).reshape(-1, *sensor.image_shape)
     return Sensitivity(sensor, rows, singular)
+
+
+def _changes(sensor: Sensor) -> Array:
+    """(M, H * W): derivatives of a frame by the pixels on the sensor, at the untouched state."""
+    model = forward_model(sensor)
+    jacobian = model.jacobian(model.background)
+    return np.asarray(jacobian.reshape(len(jacobian), -1) * sensor.mask.ravel())
 
 
 def lattice(sensor: Sensor, radius: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

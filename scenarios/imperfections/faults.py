@@ -17,16 +17,63 @@ amplifier saturates, or an input floats. The unevenest skin that works has 7.5 (
 def dead_electrodes(reference: Array, modelled: Array, pattern: DrivePattern) -> NDArray[np.bool_]:
     """(..., E): electrodes that drive and sense next to nothing in frames (..., M).
 
+    An electrode whose large values are all shared with a dead one is silent, too. So of the silent
+    electrodes as few are dead as explain the silence: what is left without their values is not
+    silent. One after another is taken, that first which leaves the fewest silent.
+
     Args:
         reference: frames of the untouched sensor, in any units.
         modelled: (M,) the model's.
         pattern: which electrodes each value drives and senses with.
     """
     taking_part = _taking_part(pattern)
+    dead = _silent(reference, modelled, taking_part) < SILENT
+    # One silent electrode alone is the dead one.
+    for index in np.argwhere(dead.sum(axis=-1) > 1):
+        frame = reference[tuple(index)]
+        dead[tuple(index)] = _fewest(frame, modelled, taking_part)
+    return np.asarray(dead)
+
+
+def never_alone(dead: NDArray[np.bool_], pattern: DrivePattern) -> NDArray[np.bool_]:
+    """(E,): electrodes, none of `dead` (E,), that drive and sense only together with a dead one.
+
+    No value says whether they have contact.
+    """
+    taking_part = _taking_part(pattern)
+    own = taking_part * ~(taking_part[dead] > 0).any(axis=0)
+    return np.asarray(~dead & taking_part.any(axis=1) & ~own.any(axis=1))
+
+
+def _silent(reference: Array, modelled: Array, taking_part: Array) -> Array:
+    """(..., E): size of each electrode's values over the model's, and over a typical one's.
+
+    inf where nothing is expected.
+    """
     expected = np.sqrt(taking_part @ modelled**2)
     size = np.sqrt(reference**2 @ taking_part.T) / np.where(expected > 0, expected, np.inf)
+    if not (expected > 0).any():
+        return np.full(size.shape, np.inf)
     typical = np.median(size[..., expected > 0], axis=-1, keepdims=True)
-    return np.asarray((size < SILENT * typical) & (expected > 0))
+    known = (expected > 0) & (typical > 0)
+    return np.divide(size, typical, out=np.full(size.shape, np.inf), where=known)
+
+
+def _fewest(frame: Array, modelled: Array, taking_part: Array) -> NDArray[np.bool_]:
+    """(E,): the dead ones of several silent electrodes in a frame (M,)."""
+    dead = np.zeros(len(taking_part), dtype=bool)
+
+    def left(others: NDArray[np.bool_]) -> Array:
+        return _silent(frame, modelled, taking_part * ~(taking_part[others] > 0).any(axis=0))
+
+    while ((now := left(dead)) < SILENT).any():
+        # Of two that leave as many the quieter one.
+        ranks = {
+            (int((left(dead | (np.arange(len(dead)) == k)) < SILENT).sum()), now[k]): k
+            for k in np.flatnonzero(now < SILENT)
+        }
+        dead[ranks[min(ranks)]] = True
+    return dead
 
 
 def spoiled(reference: Array, modelled: Array, pattern: DrivePattern) -> NDArray[np.bool_]:

@@ -17,7 +17,12 @@ from numpy.typing import NDArray
 
 from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.errors import InputError
-from eitbench.scenarios.imperfections.faults import dead_electrodes, saturated_values
+from eitbench.scenarios.imperfections.faults import (
+    SILENT,
+    dead_electrodes,
+    never_alone,
+    saturated_values,
+)
 from eitbench.scenarios.recordings.frames import impossible
 from eitbench.scenarios.recordings.quality import typical_noise
 from eitbench.scenarios.sensors.patterns import DrivePattern
@@ -78,7 +83,9 @@ class Diagnosis:
         gain: of the frame over the prediction, above 0.
         leak: share of the common-mode voltage of both measuring electrodes in the values; NaN of
             magnitudes.
-        dead: electrodes without contact, in the sensor's numbers.
+        dead: electrodes without contact, in the sensor's numbers; as few as explain the silence.
+        never_alone: electrodes that drive and sense only together with a dead one, so that nothing
+            says whether they have contact.
         saturated: indices of saturated values.
         measured, modelled: (M,) the mean frame, and the prediction times the gain.
         noise: (M,) standard deviation from frame to frame; NaN for one frame.
@@ -101,6 +108,7 @@ class Diagnosis:
     gain: float
     leak: float
     dead: tuple[int, ...]
+    never_alone: tuple[int, ...]
     saturated: tuple[int, ...]
     measured: Array
     modelled: Array
@@ -150,6 +158,12 @@ def diagnose(
     close = [of for of in found[1:] if of.misfit < limit]
     others = search.not_turned(best, close)
     certainty, reason = _verdict(best, close, others, sensor)
+    if certainty != "refused" and not search.explains_silence(best):
+        certainty = "refused"
+        reason = (
+            "One electrode of the board is silent, and the wiring that fits best does not explain "
+            "it: give frames of this sensor from when its wiring was right (--known)."
+        )
     similarity = float("nan")
     if touches is not None and certainty != "sure":
         among = fitting if certainty == "refused" else [fitting[best.wiring.order]]
@@ -178,7 +192,7 @@ def diagnose(
     predicted = np.abs(signed) if magnitudes else signed * sign
     pattern = DrivePattern(_with_sign(table, sign, magnitudes), magnitudes)
     # A saturated value would make all electrodes but its own look dead.
-    far = np.abs(frame) > _FAR * np.quantile(np.abs(frame), 0.9)
+    _, far = _mute_and_far(frame, fitting[best.wiring.order].table)
     tame = np.where(far, _size(frame) / _size(predicted) * predicted, frame)
     dead = dead_electrodes(tame, predicted, pattern)
     spoiled = np.asarray(saturated_values(tame, predicted, pattern) | far)
@@ -203,6 +217,7 @@ def diagnose(
         gain=gain,
         leak=leak,
         dead=tuple(np.flatnonzero(dead).tolist()),
+        never_alone=tuple(np.flatnonzero(never_alone(dead, pattern)).tolist()),
         saturated=tuple(np.flatnonzero(spoiled).tolist()),
         measured=frame,
         modelled=gain * predicted,
@@ -269,10 +284,13 @@ class _Search:
     ) -> None:
         self._orders, self._expected, self._magnitudes = candidates, expected, magnitudes
         self._e = len(expected)
-        size = np.abs(frame)
-        self._kept = (size >= _SILENT * _size(frame)) & (size <= _FAR * np.quantile(size, 0.9))
-        self._kept_tables = np.stack([order.table[self._kept] for order in candidates])
-        self._shown = _unit(frame[self._kept], magnitudes)
+        self._tables = np.stack([order.table for order in candidates])
+        self._frame = frame
+        loud = np.abs(frame) >= _SILENT * _size(frame)
+        unread = np.stack([_mute_and_far(frame, table) for table in self._tables])
+        self._mute = unread[:, 0]
+        self._kept = loud & ~unread.any(axis=1)
+        self._shown = _unit(np.broadcast_to(frame, self._kept.shape), magnitudes, self._kept)
 
     def table(self, wiring: Wiring) -> Table:
         """(M, 4) in the sensor's numbers."""
@@ -280,28 +298,41 @@ class _Search:
 
     def misfit_of(self, table: Table) -> float:
         """Misfit of a table (M, 4) with its own sign."""
-        cosine = float(self._cosines(table[None])[0])
-        return float(np.sqrt(max(1 - max(cosine, 0.0) ** 2, 0.0)))
+        kept = np.abs(self._frame) >= _SILENT * _size(self._frame)
+        return self._misfit(self._expected[tuple(table.T)], kept)
 
-    def _cosines(self, tables: Table) -> Array:
-        return self._of_kept(tables[:, self._kept])
+    def explains_silence(self, of: _Found) -> bool:
+        """True if the electrode that was left out as silent is silent beside this answer, too."""
+        mute, kept = self._mute[of.wiring.order], self._kept[of.wiring.order]
+        expected = self._expected[tuple(self.table(of.wiring).T)]
+        size, wanted = self._frame**2, expected**2
+        silent = size[mute].sum() * wanted[kept].sum() < (
+            SILENT**2 * wanted[mute].sum() * size[kept].sum()
+        )
+        return bool(silent or not mute.any() or self._misfit(expected, kept | mute) <= EXPLAINED)
 
-    def _of_kept(self, tables: Table) -> Array:
-        predicted = self._expected[tuple(np.moveaxis(tables, -1, 0))]
-        return np.asarray(_unit(predicted, self._magnitudes) @ self._shown)
+    def _misfit(self, expected: Array, kept: NDArray[np.bool_]) -> float:
+        cosine = _unit(expected, self._magnitudes, kept) @ _unit(
+            self._frame, self._magnitudes, kept
+        )
+        return float(np.sqrt(max(1 - max(float(cosine), 0.0) ** 2, 0.0)))
 
     def scored(self, wirings: list[Wiring]) -> list[_Found]:
         """The misfits of `wirings`, with the sign that fits."""
         found: list[_Found] = []
-        step = max(1, 2_000_000 // len(self._kept))
+        step = max(1, 2_000_000 // self._kept.shape[1])
         for first in range(0, len(wirings), step):
             part = wirings[first : first + step]
             numbers = numbers_of(part, self._e)
-            tables = self._kept_tables[[wiring.order for wiring in part]]
-            cosine = self._of_kept(numbers[np.arange(len(part))[:, None, None], tables])
+            of = np.array([wiring.order for wiring in part])
+            tables = numbers[np.arange(len(part))[:, None, None], self._tables[of]]
+            predicted = self._expected[tuple(np.moveaxis(tables, -1, 0))]
+            predicted = _unit(predicted, self._magnitudes, self._kept[of])
+            cosine = np.einsum("nm,nm->n", predicted, self._shown[of])
             # Of magnitudes that fall where the prediction rises, no sign makes an answer.
             size = np.maximum(cosine, 0) if self._magnitudes else np.abs(cosine)
-            misfit = np.sqrt(np.maximum(1 - size**2, 0))
+            # Rounded: of answers that mean the same the first one is kept.
+            misfit = np.round(np.sqrt(np.maximum(1 - size**2, 0)), 6)
             sign = np.where(self._magnitudes | (cosine >= 0), 1, -1)
             found += map(_Found, part, misfit.tolist(), sign.tolist())
         return found
@@ -310,7 +341,7 @@ class _Search:
         """The answers that differ, the best first; without interchanged electrodes if that fits."""
         plain = self._distinct(self.scored(list(numberings(self._orders, self._e))))
         pairs = self._e * (self._e - 1) // 2
-        looked_at = max(3, _WORK // (pairs * len(self._kept)))
+        looked_at = max(3, _WORK // (pairs * self._kept.shape[1]))
         swapped: list[_Found] = []
         for of in plain[:looked_at]:
             swapped += self.scored(list(with_swaps(of.wiring, self._e)))
@@ -353,10 +384,30 @@ class _Search:
         return list(seen.values())
 
 
-def _unit(values: Array, magnitudes: bool) -> Array:
-    """Roots of values (..., M) of norm 1; of magnitudes without their mean."""
-    roots = np.sqrt(np.abs(values))
-    roots = roots - roots.mean(axis=-1, keepdims=True) if magnitudes else np.sign(values) * roots
+def _mute_and_far(frame: Array, table: Table) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Values (M,) of the quietest electrode, if that is silent, and values too large to be real.
+
+    Args:
+        frame: (M,).
+        table: (M, 4) an order, in the board's numbers. In a wrong one hardly any electrode has all
+            the values that a dead one silences.
+    """
+    size = np.abs(frame)
+    of = (table == np.unique(table)[:, None, None]).any(axis=2)
+    loudness = np.array([_size(size[rows]) for rows in of])
+    quietest = int(np.argmin(loudness))
+    mute = of[quietest] & bool(loudness[quietest] < SILENT * np.median(loudness))
+    return mute, size > _FAR * np.quantile(size[~mute], 0.9)
+
+
+def _unit(values: Array, magnitudes: bool, kept: NDArray[np.bool_]) -> Array:
+    """Roots of values (..., M) of norm 1, of magnitudes without their mean; 0 if not `kept`."""
+    roots = np.where(kept, np.sqrt(np.abs(values)), 0)
+    if magnitudes:
+        mean = roots.sum(axis=-1, keepdims=True) / np.maximum(kept.sum(axis=-1, keepdims=True), 1)
+        roots = np.where(kept, roots - mean, 0)
+    else:
+        roots = np.sign(values) * roots
     size = np.linalg.norm(roots, axis=-1, keepdims=True)
     return np.asarray(roots / np.where(size > 0, size, 1))
 

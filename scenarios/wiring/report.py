@@ -48,6 +48,11 @@ def findings(found: Diagnosis, sensor: Sensor) -> list[str]:
         said.append(f"The board's electrodes {first} and {second} are interchanged.")
     if found.dead:
         said.append(f"No contact: electrode {', '.join(map(str, found.dead))} of the sensor.")
+    if found.never_alone:
+        said.append(
+            f"Electrode {', '.join(map(str, found.never_alone))} has no value without these: it "
+            "may have no contact either, and if they have none without it, instead of them."
+        )
     if found.saturated:
         said.append(f"Saturated: value {', '.join(map(str, found.saturated))}.")
     said.append(f"Gain over the model: {found.gain:.4g}.")

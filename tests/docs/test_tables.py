@@ -1,5 +1,6 @@
 """Tables on pages are those of the stored runs."""
 
+import json
 import re
 from pathlib import Path
 
@@ -35,3 +36,25 @@ def test_runs_behind_the_tables_are_as_large_as_pages_say() -> None:
         ("peers/quick", 36),
     ):
         assert (pd.read_csv(DOCS / "studies" / f"{name}.csv")["n"] == n).all()
+
+
+def test_bounds_beside_real_skins_are_as_the_page_says() -> None:
+    """What docs/design.md says in words of the ratios and orders in its tables."""
+    record = json.loads((DOCS / "studies" / "design" / "record.json").read_text())
+    by = {(row["predicted"], row["measured"]): row for row in record["over_skins"]}
+    assert all(row["ratio_least"] > 1 for row in by.values())
+    learned, image = by["noise", "kernel_ridge"], by["noise", "noser"]
+    assert learned["spearman"] > 0.8
+    assert learned["ratio_most"] < 5
+    assert image["ratio_least"] > 4
+    assert image["p"] > 0.05
+    assert all(row["over_places"] < row["over_places_possible"] / 2 for row in by.values())
+    skins = pd.read_csv(DOCS / "studies" / "design" / "skins.csv")
+    beaten = skins["noise_with_outliers_mm"] > skins["kernel_ridge_mm"]
+    assert skins["skin"][beaten].tolist() == ["cam09-04", "cam09-09"]
+    assert len(skins) == image["skins"]
+    assert skins[["signal_to_noise", "kernel_ridge_mm"]].corr("spearman").iloc[0, 1] < -0.8
+    much = skins["explained"] > 0.1
+    better = skins["likely_misfit_mm"] / skins["likely_noise_mm"]
+    assert better[much].max() < 0.5
+    assert better[~much].median() > 1

@@ -3,9 +3,10 @@
 `python docs/studies/wiring/record.py [--count N] [SET...]` wires up to 10 frames of each set in N
 ways (200 by default), drawn with seed 0, and shows them to the doctor: beside the model alone,
 beside the reference frame of the set as a frame known to be right, and, where places are known, the
-reference frame and ten presses beside the model. It writes `wiring.csv`, one row for each set,
-evidence and kind of fault, of which `make tables` makes the tables of docs/wiring.md. Sets of which
-only differences were measured have no whole frames and are left out.
+reference frame and ten presses beside the model. It writes `wiring.csv`, or the rows of the sets
+that are named into it, one row for each set, evidence and kind of fault, of which `make tables`
+makes the tables of docs/wiring.md. Sets of which only differences were measured have no whole
+frames and are left out.
 """
 
 import argparse
@@ -105,9 +106,10 @@ if __name__ == "__main__":
     parser.add_argument("sets", nargs="*")
     given = parser.parse_args()
     VERBOSE = given.verbose
-    rows = []
+    known = pd.read_csv(given.out) if given.sets and given.out.exists() else pd.DataFrame()
+    tables = dict(tuple(known.groupby("set"))) if len(known) else {}
     for of in given.sets or SETS:
-        rows += scored(of, given.count)
-        table = pd.DataFrame(rows)
-        table.to_csv(given.out, index=False)
-        print(table[table["set"] == of].to_string(header=True, index=False), flush=True)
+        tables[of] = pd.DataFrame(scored(of, given.count))
+        ordered = [tables[name] for name in SETS if name in tables]
+        pd.concat(ordered).to_csv(given.out, index=False)
+        print(tables[of].to_string(header=True, index=False), flush=True)

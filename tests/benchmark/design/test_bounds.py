@@ -16,6 +16,7 @@ from eitbench.benchmark.design.bounds import (
     maps,
     noise_of,
     sensitivity,
+    whitened,
 )
 from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.errors import InputError
@@ -137,6 +138,23 @@ def test_bounds_follow_noise_and_the_symmetry_of_the_sensor(small: Sensor) -> No
     assert (loud.two_point[free] >= quiet.two_point[free]).all()
     np.testing.assert_allclose(quiet.place, np.rot90(quiet.place), rtol=1e-5)
     np.testing.assert_allclose(quiet.two_point, np.rot90(quiet.two_point), rtol=1e-4)
+
+
+def test_any_covariance_whitens(small: Sensor) -> None:
+    """The norm of a whitened change is that of the quadratic form, worked out anew."""
+    model, rng = forward_model(small), np.random.default_rng(6)
+    m = small.n_measurements
+    mixed = np.eye(m) + 0.1 * rng.normal(size=(m, m))
+    covariance = mixed @ mixed.T
+    image = rng.normal(size=small.image_shape) * small.mask
+    change = model.jacobian(model.background).reshape(m, -1) @ image.ravel()
+    rows = whitened(small, covariance).rows.reshape(m, -1)
+    assert np.sum((rows @ image.ravel()) ** 2) == pytest.approx(
+        change @ np.linalg.inv(covariance) @ change, rel=1e-6
+    )
+    for wrong in (np.ones((m, m)), np.eye(m - 1)):
+        with pytest.raises(InputError, match="positive definite"):
+            whitened(small, wrong)
 
 
 def test_drift_makes_every_bound_worse_and_hides_itself(small: Sensor) -> None:

@@ -7,9 +7,15 @@ import numpy as np
 import pytest
 
 from eitbench.scenarios import forward_model, sensor
-from eitbench.scenarios.imperfections.faults import dead_electrodes, saturated_values, spoiled
+from eitbench.scenarios.imperfections.faults import (
+    dead_electrodes,
+    never_alone,
+    saturated_values,
+    spoiled,
+)
 from eitbench.scenarios.imperfections.imperfections import TYPICAL
 from eitbench.scenarios.recordings.fetch import read_recording
+from eitbench.scenarios.sensors.patterns import DrivePattern
 
 SENSOR = replace(sensor("foam16"), image_shape=(24, 24))
 MODEL = forward_model(SENSOR)
@@ -27,6 +33,30 @@ def test_a_dead_electrode_spoils_what_it_drives_or_senses(dead: tuple[int, ...])
     # In any units, and of many frames at once.
     many = spoiled(300 * np.vstack([frame, FRAME]), FRAME, SENSOR.pattern)
     np.testing.assert_array_equal(many, [touched, np.zeros_like(touched)])
+
+
+@pytest.mark.parametrize("dead", [(3,), (6,), (3, 6), (3, 6, 8)])
+def test_a_partner_of_a_dead_electrode_is_not_dead(dead: tuple[int, ...]) -> None:
+    """What electrodes 3 and 6 have in common is large, as where they are near to each other."""
+    table = SENSOR.pattern.table
+    shared = (table == 3).any(axis=1) & (table == 6).any(axis=1)
+    known = np.where(shared, 100 * FRAME, FRAME)
+    rng = np.random.default_rng(0)
+    frame = known * (1 + 0.3 * rng.normal(size=known.shape))
+    frame[np.isin(table, dead).any(axis=1)] *= 1e-3
+    found = dead_electrodes(np.stack([known, frame]), known, SENSOR.pattern)
+    assert not found[0].any()
+    assert tuple(np.flatnonzero(found[1])) == dead
+
+
+def test_nothing_is_said_of_an_electrode_that_measures_only_with_a_dead_one() -> None:
+    """Of the last sense pair, as in KTC 2023, where driving electrodes are even."""
+    pattern = DrivePattern(np.array([[0, 2, 3, 4], [0, 2, 4, 5], [2, 4, 0, 1], [2, 0, 1, 3]]))
+    known = np.ones(4)
+    dead = dead_electrodes(np.where((pattern.table == 4).any(axis=1), 0, known), known, pattern)
+    assert np.flatnonzero(dead).tolist() == [4]
+    assert np.flatnonzero(never_alone(dead, pattern)).tolist() == [5]
+    assert not never_alone(np.zeros(6, dtype=bool), pattern).any()
 
 
 def test_a_value_far_larger_than_the_others_is_saturated() -> None:

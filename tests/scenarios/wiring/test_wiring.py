@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.physics.forward import forward_model
 from eitbench.scenarios.sensors.outlines import Disc, rectangle
-from eitbench.scenarios.sensors.patterns import offset_pattern, ring_pattern
+from eitbench.scenarios.sensors.patterns import offset_pattern, opposition_pattern, ring_pattern
 from eitbench.scenarios.sensors.sensor import Sensor, even_electrodes
 from eitbench.scenarios.sensors.sensor_file import read_sensor, sensor_to_toml
 from eitbench.scenarios.wiring.diagnosis import diagnose
@@ -131,6 +131,24 @@ def test_a_known_frame_tells_the_first_electrode_of_an_uneven_skin() -> None:
     found = diagnose(truth.frames, ROUND, expected)
     assert found.certainty == "sure"
     assert put_right(found, truth, resistances)
+
+
+@pytest.mark.parametrize("dead", range(8))
+def test_a_dead_electrode_of_a_skin_with_few_large_values_is_named(dead: int) -> None:
+    """A quarter of the values is 30 times as large as the others, as of a skin with a gap."""
+    skin = replace(UNEVEN, pattern=opposition_pattern(8))
+    large = (skin.pattern.table[:, 2:] == 0).any(axis=1)
+    frames = np.abs(values_of(modelled_resistances(skin), skin.pattern.table))[None]
+    frames = frames * np.where(large, 30, 1)
+    expected = known_values(frames, skin)
+    numbers = Wiring(0, 3, -1).numbers(8)
+    (order,) = [one for one in orders(skin.pattern) if one.title == "as declared"]
+    table = numbers[order.table]
+    sent = expected[tuple(table.T)][None] * 7.0
+    sent[:, (table == dead).any(axis=1)] *= 1e-3
+    found = diagnose(sent, skin, expected)
+    assert found.certainty == "sure", findings(found, skin)
+    assert (found.wiring.start, found.wiring.step, found.dead) == (3, -1, (dead,))
 
 
 def test_frames_that_no_order_explains_are_refused() -> None:
