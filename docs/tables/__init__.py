@@ -7,10 +7,10 @@ all anew; a test fails where a page and its record differ.
 import re
 from pathlib import Path
 
-from docs.tables import recorded, simulated, wiring
+from docs.tables import latency, recorded, simulated, wiring
 from docs.tables.record import DOCS
 
-TABLES = simulated.TABLES | recorded.TABLES | wiring.TABLES
+TABLES = simulated.TABLES | recorded.TABLES | wiring.TABLES | latency.TABLES
 _PLACE = re.compile(r"(<!-- table: (.+?) -->\n).*?(<!-- end of table -->)", flags=re.DOTALL)
 
 

@@ -41,7 +41,8 @@ PRESSURES_PA = (PRESSURE_PA[0], 1e4, PRESSURE_PA[1])
 """Light, medium and firm [Pa]."""
 UNTOUCHED = 10
 """Frames before the one in which the touch begins."""
-HOLD_S, AFTER_S = 2.0, 3.0
+HOLD_S, AFTER_S = 2.0, 2.0
+"""Time of a touch, and time that is measured after it [s]."""
 RADIUS, DISTANCE = 0.05, 0.1
 """Radius of a touch, and the distance within which it is detected, over the shorter side."""
 REPEATS = 20
