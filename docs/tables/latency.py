@@ -5,7 +5,8 @@ from docs.tables.record import STUDIES, printed
 
 from eitbench.reports.tables.latency import latency_rows
 
-_LEFT_OUT = ("material", "dropped", "false contacts")
+_LEFT_OUT = ("material", "dropped")
+_SETTINGS = ["snr_db", "reference_age_s"]
 
 
 def _latency() -> str:
@@ -14,13 +15,14 @@ def _latency() -> str:
     of = stored.groupby("ideal")
     (heads, *rows), (_, *ideal) = (latency_rows(of.get_group(is_)) for is_ in (False, True))
     kept = [k for k, head in enumerate(heads) if head not in _LEFT_OUT]
-    snrs = of.get_group(False)["snr_db"]
+    settings = of.get_group(False)[_SETTINGS].to_numpy()
     body = [
-        [f"{snr:g}", f"`{row[0]}`", *(row[k] for k in kept[1:]), other[-1]]
-        for snr, row, other in zip(snrs, rows, ideal, strict=True)
+        [*(f"{value:g}" for value in about), f"`{row[0]}`", *(row[k] for k in kept[1:]), other[-1]]
+        for about, row, other in zip(settings, rows, ideal, strict=True)
     ]
     texts = [head.replace("[", r"\[").replace("]", r"\]") for head in (heads[k] for k in kept)]
-    return printed([r"SNR \[dB\]", *texts, "in an ideal material"], body)
+    own = [r"SNR \[dB\]", r"reference \[s\]"]
+    return printed([*own, *texts, "in an ideal material"], body)
 
 
 TABLES = {"latency": _latency}

@@ -32,7 +32,7 @@ from eitbench.hardware.live.imaging import (
 from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.data.simulation import with_bar
 from eitbench.scenarios.errors import InputError
-from eitbench.scenarios.imperfections.imperfections import FRAME_S
+from eitbench.scenarios.imperfections.imperfections import FRAME_S, TYPICAL
 from eitbench.scenarios.phantoms.press import PRESSURE_PA
 from eitbench.scenarios.seeds import generator
 from eitbench.scenarios.sensors.sensor import Sensor
@@ -233,6 +233,7 @@ def measure(
     frame_rate: float = 1 / FRAME_S,
     touches: int = 20,
     radius_m: float | None = None,
+    reference_age_s: float = TYPICAL.reference_age_s,
     seed: int = 0,
     image_ms: float | None = None,
     show: bool = False,
@@ -249,13 +250,14 @@ def measure(
         frame_rate: frames/s.
         touches: number of places and phases.
         radius_m: of the touch [m]; by default `RADIUS` of the sensor's shorter side.
+        reference_age_s: age of the reference before the first frame [s].
         seed: of places, phases and units.
         image_ms: computing time of an image [ms]; by default it is measured, for each method.
         show: show a bar of progress.
 
     Raises:
-        InputError: an SNR that is not given, a frame rate or radius that is not above 0, no room
-            for the touch, a method that is unknown or cannot be used live.
+        InputError: an SNR that is not given, a frame rate or radius that is not above 0, an age
+            below 0, no room for the touch, a method that is unknown or cannot be used live.
     """
     x0, y0, x1, y1 = sensor.outline.bounds
     side = min(x1 - x0, y1 - y0)
@@ -268,6 +270,8 @@ def measure(
     for what, value in (("frame rate", frame_rate), ("radius of a touch", radius_m)):
         if not 0 < value < np.inf:
             raise InputError(f"The {what} has to be above 0, got {value:g}.")
+    if not 0 <= reference_age_s < np.inf:
+        raise InputError(f"The age of a reference is at least 0 s, got {reference_age_s:g}.")
     frame_s, distance_m = 1 / frame_rate, DISTANCE * side
     presses = [draw_press(sensor, radius_m, frame_s, seed, k) for k in range(touches)]
     makers = {name: ImageMaker(sensor) for name in methods}
@@ -279,10 +283,11 @@ def measure(
     with use_one_thread():
         for name, maker in makers.items():
             maker.fit(name)
-        steps = with_bar(range(touches), "Touches", touches, show=show)
-        for k in steps:
-            press = presses[k]
-            for about, reference, frames in _streams(sensor, press, frame_s, snr_db, seed, k):
+        for k, press in enumerate(with_bar(presses, "Touches", touches, show=show)):
+            new = EmulatedSensor(sensor, _unit(seed, k), snr_db)
+            age = {"reference_age_s": reference_age_s}
+            new.imperfections = new.imperfections.model_copy(update=age)
+            for about, reference, frames in _streams(new, press, frame_s):
                 for name, maker in makers.items():
                     maker.reference = reference_of(sensor, reference)
                     if name not in times:
@@ -307,12 +312,15 @@ def measure(
     )
 
 
+def _unit(seed: int, number: int) -> int:
+    """Return the unit of the sensor that touch `number` is on."""
+    return int(generator("latency unit", seed, number).integers(2**31))
+
+
 def _streams(
-    sensor: Sensor, press: Press, frame_s: float, snr_db: float, seed: int, number: int
+    new: EmulatedSensor, press: Press, frame_s: float
 ) -> Iterator[tuple[dict[str, object], list[Array], list[Frame]]]:
     """Streams of one touch on one unit, which is as new for each: pressure and material differ."""
-    unit = int(generator("latency unit", seed, number).integers(2**31))
-    new = EmulatedSensor(sensor, unit, snr_db)
     for ideal in (True, False):
         for pressure_pa in PRESSURES_PA:
             emulated = copy(new)

@@ -23,11 +23,13 @@ def write(folders: Sequence[Path]) -> None:
         about = json.loads((folder / "latency.json").read_text())
         methods = ",".join(dict.fromkeys(row["method"] for row in about.pop("methods")))
         table = pd.read_csv(folder / "latency.csv")
-        table.insert(0, "snr_db", about["snr_db"])
+        for name in ("reference_age_s", "snr_db"):
+            table.insert(0, name, about[name])
         tables.append(table)
         command = (
             f"eitbench latency {about['sensor']} --snr {about['snr_db']:g} --methods {methods} "
-            f"--touches {about['touches']} --seed {about['seed']}"
+            f"--touches {about['touches']} --reference-age {about['reference_age_s']:g} "
+            f"--seed {about['seed']}"
         )
         runs.append({"command": command} | about)
     pd.concat(tables).to_csv(OUT / "latency.csv", index=False, lineterminator="\n")

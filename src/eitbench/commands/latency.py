@@ -35,6 +35,9 @@ def latency(
         float | None,
         typer.Option(help="Radius of the touch [mm] (default: 5 % of the sensor's shorter side)."),
     ] = None,
+    reference_age: Annotated[
+        float, typer.Option(help="Age of the reference before the first frame [s].")
+    ] = 10.0,
     seed: Annotated[int, typer.Option(min=0, help="Of places, phases and units.")] = 0,
     out: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Where tables and the figure go.")
@@ -55,12 +58,14 @@ def latency(
     nominal = RECORDED_SETS[sensor].sensor() if sensor in RECORDED_SETS else sensor_by_name(sensor)
     found = measure(
         nominal, list(dict.fromkeys(names_in("--methods", methods))), snr, frame_rate=frame_rate,
-        touches=touches, radius_m=None if radius is None else radius / 1e3, seed=seed, show=True,
+        touches=touches, radius_m=None if radius is None else radius / 1e3,
+        reference_age_s=reference_age, seed=seed, show=True,
     )  # fmt: skip
     table = latency_table(found.touches, found.image_ms)
     about = {
         "sensor": nominal.name, "snr_db": _plain(snr), "frame_rate": frame_rate, "touches": touches,
-        "radius_mm": 1e3 * found.radius_m, "distance_mm": 1e3 * found.distance_m, "seed": seed,
+        "radius_mm": 1e3 * found.radius_m, "distance_mm": 1e3 * found.distance_m,
+        "reference_age_s": reference_age, "seed": seed,
         "processor": cpu_model(), "git_commit": git_commit(),
         "methods": [{k: _plain(v) for k, v in row.items()} for row in table.to_dict("records")],
     }  # fmt: skip
@@ -76,8 +81,9 @@ def latency(
     heads, *texts = latency_rows(table)
     typer.echo(
         f"{nominal.name}: {touches} touches of radius {1e3 * found.radius_m:.3g} mm, detected "
-        f"within {1e3 * found.distance_m:.3g} mm; {frame_rate:g} frames/s of {snr:g} dB; medians "
-        f"(95th percentiles); images on {about['processor']}, one thread"
+        f"within {1e3 * found.distance_m:.3g} mm; {frame_rate:g} frames/s of {snr:g} dB; reference "
+        f"{reference_age:g} s old; medians (95th percentiles); images on {about['processor']}, one "
+        "thread"
     )
     print_renderable(
         names_table([dict(zip(map(escape, heads), row, strict=True)) for row in texts])

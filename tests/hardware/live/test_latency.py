@@ -164,6 +164,21 @@ def test_without_noise_no_contact_is_false_and_the_seed_decides_all() -> None:
     assert abs(firm["ghost_strength"][True]) < 1e-3
 
 
+def test_an_old_reference_shows_contacts_that_are_not_there() -> None:
+    """The material drifts: without it, and with a new reference, frames are untouched."""
+
+    def false_contacts(age_s: float) -> pd.Series:
+        found = measure(
+            COARSE, ["noser"], 80.0, touches=1, seed=1, reference_age_s=age_s, image_ms=1.0
+        )
+        return found.touches.groupby("ideal")["false_contacts"].sum()
+
+    new, old = false_contacts(0.0), false_contacts(600.0)
+    assert new.tolist() == [0, 0]
+    assert old[True] == 0
+    assert old[False] > 0
+
+
 def test_a_method_that_fails_detects_nothing() -> None:
     found = measure(COARSE, ["test-fails-when-touched"], 60.0, touches=1, image_ms=1.0).touches
     firm = found[found["pressure_kpa"] == 60]
@@ -188,6 +203,7 @@ def test_places_lie_on_the_sensor_and_phases_fill_a_frame() -> None:
         ({"snr_db": np.nan}, "give the SNR"),
         ({"frame_rate": 0.0}, "The frame rate has to be above 0, got 0"),
         ({"radius_m": -1.0}, "The radius of a touch has to be above 0, got -1"),
+        ({"reference_age_s": -1.0}, "The age of a reference is at least 0 s, got -1"),
         ({"radius_m": 0.06}, "'foam16' has no room for a touch of radius 60 mm"),
         ({"methods": ["nosr"]}, "Unknown method 'nosr': did you mean 'noser'"),
         ({"methods": ["linear-touch"]}, "linear-touch cannot be used live"),
