@@ -7,10 +7,10 @@ all anew; a test fails where a page and its record differ.
 import re
 from pathlib import Path
 
-from docs.tables import design, recorded, simulated, wiring
+from docs.tables import design, latency, recorded, simulated, wiring
 from docs.tables.record import DOCS
 
-TABLES = simulated.TABLES | recorded.TABLES | wiring.TABLES | design.TABLES
+TABLES = simulated.TABLES | recorded.TABLES | wiring.TABLES | design.TABLES | latency.TABLES
 _PLACE = re.compile(r"(<!-- table: (.+?) -->\n).*?(<!-- end of table -->)", flags=re.DOTALL)
 
 

@@ -11,7 +11,7 @@ from pydantic import Field, ValidationInfo, field_validator
 from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.declaration import Declaration, read_declaration
 from eitbench.scenarios.errors import InputError
-from eitbench.scenarios.imperfections.imperfections import TYPICAL
+from eitbench.scenarios.imperfections.imperfections import FRAME_S, TYPICAL
 from eitbench.scenarios.imperfections.noise import add_noise
 from eitbench.scenarios.phantoms.press import FOAM
 from eitbench.scenarios.phantoms.regions import Circle, Pose
@@ -50,14 +50,17 @@ class EmulatedSensor:
         imperfections: what makes it differ from the nominal sensor.
     """
 
-    def __init__(self, sensor: Sensor, unit: int = 0) -> None:
+    def __init__(self, sensor: Sensor, unit: int = 0, snr_db: float = SNR_DB) -> None:
         self.imperfections = TYPICAL.model_copy(update={"unit": unit})
+        self._snr_db = snr_db
         self._pattern = sensor.pattern
         built = replace(sensor, electrodes=self.imperfections.built(sensor))
         # Converged triangles take too long for 10 frames/s.
         self._model = ForwardModel(built.refined(2))
         self._untouched = self._model.voltages(self._model.background)
-        self._crept = np.zeros(self._model.sensor.image_shape)  # logarithm of conductivity
+        # Logarithms of conductivity: what the touch has left, and what the touch makes of it.
+        self._crept = self._pressed = np.zeros(self._model.sensor.image_shape)
+        self._solved = (self._model.background, self._untouched)
         self._time_s: float | None = None
         self._count = 0
 
@@ -66,30 +69,56 @@ class EmulatedSensor:
 
         Times must not go backwards: the material remembers.
         """
+        return self.scan(time_s, FRAME_S, [(time_s, touches)])
+
+    def scan(
+        self, begin_s: float, frame_s: float, course: Sequence[tuple[float, Sequence[Touch]]]
+    ) -> Array:
+        """The frame (M,) [V/A] whose values are measured one after the other in `frame_s` [s].
+
+        Args:
+            begin_s: when the first value is measured [s]; times must not go backwards.
+            frame_s: value m is measured `frame_s * m / M` later.
+            course: touches, and the time [s] from which each of them are there, in order; the
+                first ones at `begin_s`.
+        """
+        clean = np.empty_like(self._untouched)
+        measured_at = begin_s + frame_s * np.arange(len(clean)) / len(clean)
+        for time_s, touches in course:
+            later = measured_at >= time_s
+            clean[later] = self._voltages(time_s, touches)[later]
+        return self._measured(begin_s, frame_s, clean)
+
+    def _voltages(self, time_s: float, touches: Sequence[Touch]) -> Array:
         sensor = self._model.sensor
         logarithm = np.zeros(sensor.image_shape)
         for touch in touches:
             region = Circle(touch.radius_m, Pose(touch.x_m, touch.y_m))
             distance = region.distance(*sensor.pixel_centres)
             logarithm += np.log(FOAM.pressed(touch.pressure_pa, distance))
-        self._creep(time_s, logarithm)
+        self._creep(time_s)
+        self._pressed = logarithm
         drift = self.imperfections.drifted(sensor, time_s)
         sigma = self._model.background * drift * np.exp(logarithm + self._crept)
-        return self._measured(time_s, self._model.voltages(sigma))
+        if not np.array_equal(sigma, self._solved[0]):  # an ideal material stays as it is
+            self._solved = (sigma, self._model.voltages(sigma))
+        return self._solved[1]
 
-    def _creep(self, time_s: float, logarithm: Array) -> None:
-        """Let the material follow the touch, a share of which remains for a while."""
+    def _creep(self, time_s: float) -> None:
+        """Let the material follow the last touch until now; a share of it remains for a while."""
         elapsed = 0.0 if self._time_s is None else max(time_s - self._time_s, 0.0)
         kept = float(np.exp(-elapsed / RELAXATION_S))
-        self._crept = kept * self._crept + (1 - kept) * self.imperfections.relaxation * logarithm
+        followed = self.imperfections.relaxation * self._pressed
+        self._crept = kept * self._crept + (1 - kept) * followed
         self._time_s = time_s
 
-    def _measured(self, time_s: float, clean: Array) -> Array:
+    def _measured(self, time_s: float, frame_s: float, clean: Array) -> Array:
         board, untouched, pattern = self.imperfections, self._untouched, self._pattern
-        (analogue,) = board.analogue(clean[None], untouched, pattern, np.array([time_s]))
+        times_s = np.array([time_s])
+        (analogue,) = board.analogue(clean[None], untouched, pattern, times_s, frame_s)
         rng = generator("emulated sensor", board.unit, self._count)
         self._count += 1
-        noisy = add_noise(analogue, SNR_DB, rng)
+        noisy = add_noise(analogue, self._snr_db, rng)
         (sent,) = board.digital(noisy[None], untouched, pattern)
         return np.asarray(sent)
 

@@ -121,8 +121,8 @@ def _unusable(name: str, sensor: Sensor) -> str:
     return methods()[name].unusable(sensor)
 
 
-class Imaging:
-    """Images of the newest frames, made in a thread of their own; methods are fitted in another.
+class ImageMaker:
+    """Makes a live image from a frame, in the thread that asks for it.
 
     A method sees frames as the model would have measured them: the model's reference frame plus the
     difference to the reference in model units. It is the same difference to the reference, so that
@@ -131,85 +131,49 @@ class Imaging:
     Attributes:
         sensor: the nominal sensor.
         reference: of the untouched sensor; without it live images hold no image.
-        fitting: name of the method that is being fitted; "" if none is.
-        failed: reason why the last method chosen cannot be used; "" if it can.
     """
 
-    def __init__(self, sensor: Sensor, show: Callable[[LiveImage], None]) -> None:
+    def __init__(self, sensor: Sensor) -> None:
         self.sensor = sensor
         self.reference: Reference | None = None
-        self.fitting = self.failed = self._told = ""
-        self._show = show
         self._model = forward_model(sensor)
         self._untouched = self._model.voltages(self._model.background)
         self._fitted: tuple[str, Method] | None = None
-        self._frames: LatestValue[Frame] = LatestValue()
-        self._chosen: LatestValue[str] = LatestValue()
-        self._ended = threading.Event()
-        self._threads = [
-            threading.Thread(target=work, name=f"eitbench-{name}", daemon=True)
-            for name, work in (("images", self._make_images), ("fit", self._fit_chosen))
-        ]
-
-    def start(self) -> None:
-        """Start both threads; until `stop` this process computes on a single thread."""
-        self._limits = _use_one_thread()
-        for thread in self._threads:
-            thread.start()
-
-    def stop(self) -> None:
-        """End both threads; a fit under way is not waited for."""
-        self._ended.set()
-        self._threads[0].join()
-        self._limits.restore_original_limits()
+        self._told = ""
 
     @property
     def method(self) -> str:
         """Name of the method that makes the images; "" before the first is ready."""
         return self._fitted[0] if self._fitted else ""
 
-    def choose(self, name: str) -> None:
-        """Use the method `name` as soon as it is fitted.
+    def check(self, name: str) -> None:
+        """Refuse a method that cannot be used.
 
         Raises:
-            InputError: there is none of that name, or it cannot be used on the sensor.
+            InputError: there is none called `name`, or it cannot be used on the sensor.
         """
         known = methods()
         if name not in known:
             raise unknown_name("method", name, known)
         if why := _unusable(name, self.sensor):
             raise InputError(why)
-        self.failed = ""
-        self.fitting = name
-        self._chosen.put(name)
 
-    def add(self, frame: Frame) -> None:
-        """Make an image of `frame`, unless a newer frame comes first."""
-        self._frames.put(frame)
+    def fit(self, name: str) -> None:
+        """Fit the method `name`, and make images with it from now on.
 
-    def _fit_chosen(self) -> None:
-        while not self._ended.is_set():
-            name = self._chosen.take(_WAIT_S)
-            if name is None:
-                continue
-            try:
-                method = create(name)
-                method.fit(Problem(self.sensor, self._untouched, no_data))
-                _use_one_thread()  # what was loaded only now, too
-                self._fitted = (name, method)
-            except Exception as error:  # a method may be anybody's: it must not end the view
-                self.failed = f"{name} cannot be used: {sentence_of(error)}"
-                _log.warning("%s", self.failed, exc_info=error)
-            if self.fitting == name:
-                self.fitting = ""
+        Raises:
+            InputError: it raised an error.
+        """
+        try:
+            method = create(name)
+            method.fit(Problem(self.sensor, self._untouched, no_data))
+        except Exception as error:  # a method may be anybody's
+            raise InputError(f"{name} cannot be used: {sentence_of(error)}") from error
+        use_one_thread()  # what was loaded only now, too
+        self._fitted = (name, method)
 
-    def _make_images(self) -> None:
-        while not self._ended.is_set():
-            frame = self._frames.take(_WAIT_S)
-            if frame is not None:
-                self._show(self._live_image(frame))
-
-    def _live_image(self, frame: Frame) -> LiveImage:
+    def live_image(self, frame: Frame) -> LiveImage:
+        """Make the image of `frame` and find its contacts; what fails is said in it."""
         began = time.perf_counter()
         (name, method), reference = self._fitted or ("", None), self.reference
         image: Array | None = None
@@ -262,7 +226,74 @@ class Imaging:
         )
 
 
-def _use_one_thread() -> threadpool_limits:
+class Imaging(ImageMaker):
+    """Images of the newest frames, made in a thread of their own; methods are fitted in another.
+
+    Attributes:
+        fitting: name of the method that is being fitted; "" if none is.
+        failed: reason why the last method chosen cannot be used; "" if it can.
+    """
+
+    def __init__(self, sensor: Sensor, show: Callable[[LiveImage], None]) -> None:
+        super().__init__(sensor)
+        self.fitting = self.failed = ""
+        self._show = show
+        self._frames: LatestValue[Frame] = LatestValue()
+        self._chosen: LatestValue[str] = LatestValue()
+        self._ended = threading.Event()
+        self._threads = [
+            threading.Thread(target=work, name=f"eitbench-{name}", daemon=True)
+            for name, work in (("images", self._make_images), ("fit", self._fit_chosen))
+        ]
+
+    def start(self) -> None:
+        """Start both threads; until `stop` this process computes on a single thread."""
+        self._limits = use_one_thread()
+        for thread in self._threads:
+            thread.start()
+
+    def stop(self) -> None:
+        """End both threads; a fit under way is not waited for."""
+        self._ended.set()
+        self._threads[0].join()
+        self._limits.restore_original_limits()
+
+    def choose(self, name: str) -> None:
+        """Use the method `name` as soon as it is fitted.
+
+        Raises:
+            InputError: there is none of that name, or it cannot be used on the sensor.
+        """
+        self.check(name)
+        self.failed = ""
+        self.fitting = name
+        self._chosen.put(name)
+
+    def add(self, frame: Frame) -> None:
+        """Make an image of `frame`, unless a newer frame comes first."""
+        self._frames.put(frame)
+
+    def _fit_chosen(self) -> None:
+        while not self._ended.is_set():
+            name = self._chosen.take(_WAIT_S)
+            if name is None:
+                continue
+            try:
+                self.fit(name)
+            except InputError as error:  # it must not end the view
+                self.failed = str(error)
+                _log.warning("%s", self.failed, exc_info=error.__cause__)
+            if self.fitting == name:
+                self.fitting = ""
+
+    def _make_images(self) -> None:
+        while not self._ended.is_set():
+            frame = self._frames.take(_WAIT_S)
+            if frame is not None:
+                self._show(self.live_image(frame))
+
+
+def use_one_thread() -> threadpool_limits:
     """Limit linear algebra and torch, as far as they are loaded, to a single thread.
 
     A frame is so small that more threads win nothing, and where other programs keep the cores busy

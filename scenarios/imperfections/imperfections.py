@@ -163,7 +163,12 @@ class Imperfections(Declaration):
         return touch if last is None or not share else touch * last**share
 
     def analogue(
-        self, frames: Array, untouched: Array, pattern: DrivePattern, times_s: Array | None = None
+        self,
+        frames: Array,
+        untouched: Array,
+        pattern: DrivePattern,
+        times_s: Array | None = None,
+        frame_s: float = FRAME_S,
     ) -> Array:
         """Return `frames` (n, M) [V/A] as they reach the converter of the board, without noise.
 
@@ -172,6 +177,7 @@ class Imperfections(Declaration):
             untouched: ideal frame (M,) of the untouched sensor, whose rms is the unit of offsets.
             pattern: the drive pattern.
             times_s: (n,) when they are measured [s]; by default `TOUCH_INTERVAL_S` apart.
+            frame_s: time in which one is measured [s].
         """
         if times_s is None:
             times_s = np.arange(len(frames)) * np.float64(TOUCH_INTERVAL_S)
@@ -182,7 +188,7 @@ class Imperfections(Declaration):
         values *= 1 + self._drawn("gain", len(pairs))[channel] * self.gain
         values += self._scaled(self.settling) * (np.roll(values, 1, axis=1) - values)
         if self.mains:
-            measured_at = times_s[:, None] + FRAME_S * np.arange(len(channel)) / len(channel)
+            measured_at = times_s[:, None] + frame_s * np.arange(len(channel)) / len(channel)
             phase = generator("unit", self.unit, "mains").uniform(0, 2 * np.pi)
             hum = np.sin(2 * np.pi * MAINS_HZ * measured_at + phase)
             values += self._scaled(self.mains) * rms * hum

@@ -14,6 +14,7 @@ import typer
 
 from eitbench.commands import design as design_commands
 from eitbench.commands import hardware as hardware_commands
+from eitbench.commands import latency as latency_commands
 from eitbench.commands import methods as method_commands
 from eitbench.commands import recordings as recording_commands
 from eitbench.commands import results as result_commands
@@ -90,6 +91,7 @@ for commands in (
     design_commands,
     method_commands,
     hardware_commands,
+    latency_commands,
 ):
     app.add_typer(commands.app)
 app.add_typer(recording_commands.app, name="recordings")
