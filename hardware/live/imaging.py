@@ -4,9 +4,10 @@ import logging
 import sys
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Generic, TypeVar
+from types import MappingProxyType
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -135,8 +136,15 @@ class Imaging:
         failed: reason why the last method chosen cannot be used; "" if it can.
     """
 
-    def __init__(self, sensor: Sensor, show: Callable[[LiveImage], None]) -> None:
+    def __init__(
+        self,
+        sensor: Sensor,
+        show: Callable[[LiveImage], None],
+        parameters: Mapping[str, Mapping[str, Any]] = MappingProxyType({}),
+    ) -> None:
+        """Call `show` with every image; `parameters` are those of constructors, by method."""
         self.sensor = sensor
+        self._parameters = parameters
         self.reference: Reference | None = None
         self.fitting = self.failed = self._told = ""
         self._show = show
@@ -193,7 +201,7 @@ class Imaging:
             if name is None:
                 continue
             try:
-                method = create(name)
+                method = create(name, **self._parameters.get(name, {}))
                 method.fit(Problem(self.sensor, self._untouched, no_data))
                 _use_one_thread()  # what was loaded only now, too
                 self._fitted = (name, method)
