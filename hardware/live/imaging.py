@@ -4,9 +4,10 @@ import logging
 import sys
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Generic, TypeVar
+from types import MappingProxyType
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -133,8 +134,12 @@ class ImageMaker:
         reference: of the untouched sensor; without it live images hold no image.
     """
 
-    def __init__(self, sensor: Sensor) -> None:
+    def __init__(
+        self, sensor: Sensor, parameters: Mapping[str, Mapping[str, Any]] = MappingProxyType({})
+    ) -> None:
+        """Make images of `sensor`; `parameters` are those of constructors, by method."""
         self.sensor = sensor
+        self._parameters = parameters
         self.reference: Reference | None = None
         self._model = forward_model(sensor)
         self._untouched = self._model.voltages(self._model.background)
@@ -165,7 +170,7 @@ class ImageMaker:
             InputError: it raised an error.
         """
         try:
-            method = create(name)
+            method = create(name, **self._parameters.get(name, {}))
             method.fit(Problem(self.sensor, self._untouched, no_data))
         except Exception as error:  # a method may be anybody's
             raise InputError(f"{name} cannot be used: {sentence_of(error)}") from error
@@ -234,8 +239,14 @@ class Imaging(ImageMaker):
         failed: reason why the last method chosen cannot be used; "" if it can.
     """
 
-    def __init__(self, sensor: Sensor, show: Callable[[LiveImage], None]) -> None:
-        super().__init__(sensor)
+    def __init__(
+        self,
+        sensor: Sensor,
+        show: Callable[[LiveImage], None],
+        parameters: Mapping[str, Mapping[str, Any]] = MappingProxyType({}),
+    ) -> None:
+        """Call `show` with every image; for `parameters` see `ImageMaker`."""
+        super().__init__(sensor, parameters)
         self.fitting = self.failed = ""
         self._show = show
         self._frames: LatestValue[Frame] = LatestValue()

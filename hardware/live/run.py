@@ -1,10 +1,12 @@
 """A complete live view: a board, its session, and the server that shows it."""
 
 import socket
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
+from typing import Any
 
 import uvicorn
 
@@ -45,6 +47,7 @@ def live_view(
     access: Access,
     port: int,
     out: Path,
+    parameters: Mapping[str, Mapping[str, Any]] = MappingProxyType({}),
 ) -> Iterator[LiveView]:
     """A live view of `board`, called `name`; the board is closed at the end.
 
@@ -55,6 +58,7 @@ def live_view(
         access: address and token of the server.
         port: of the server; 0 takes any that is free.
         out: the folder that recordings go to; it is made if there is none.
+        parameters: of the methods' constructors, by name; defaults of those that are not there.
 
     Raises:
         BoardError: the board cannot be opened.
@@ -69,7 +73,7 @@ def live_view(
             f"The folder {out} cannot be made ({error.strerror}): name another with --out."
         ) from error
     broadcast = Broadcast(board.sensor)
-    session = Session(board, name, out=out, show=broadcast.show)
+    session = Session(board, name, out=out, show=broadcast.show, parameters=parameters)
     with listen(access, port) as listening:
         port = listening.getsockname()[1]
         server = make_server(session, broadcast, access, port)

@@ -6,9 +6,11 @@ on to the images. A board that is lost is opened again every second until it is 
 
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
+from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 
@@ -44,11 +46,15 @@ class Session:
         *,
         out: Path,
         show: Callable[[LiveImage], None],
+        parameters: Mapping[str, Mapping[str, Any]] = MappingProxyType({}),
     ) -> None:
-        """Call `show` with every live image, from the thread that makes them; it must not wait."""
+        """Call `show` with every live image, from the thread that makes them; it must not wait.
+
+        `parameters` are those of the methods' constructors, by name.
+        """
         self.board = board
         self.name = name
-        self.imaging = Imaging(board.sensor, show)
+        self.imaging = Imaging(board.sensor, show, parameters)
         self._out = out
         self._monitor, self._renumber = Monitor(board.sensor), FrameRenumbering()
         self._status, self._status_s = self._monitor.status(0), -STATUS_S

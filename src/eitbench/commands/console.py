@@ -2,7 +2,9 @@
 
 import json
 import sys
+import time
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Annotated, Any, NoReturn
 
 import typer
@@ -42,6 +44,11 @@ def names_in(option: str, text: str | None) -> Sequence[str]:
     if text is not None and not names:
         raise typer.BadParameter(f"{option} names nothing: give names with commas between them")
     return names
+
+
+def new_folder(name: str) -> Path:
+    """The folder for results that the user named none for."""
+    return Path("runs") / f"{name}-{time.strftime('%Y%m%d-%H%M%S')}"
 
 
 def fail(sentence: str, code: int, notes: Sequence[str] = ()) -> NoReturn:

@@ -185,6 +185,13 @@ def live(
         str | None,
         typer.Option(help="Makes the images at first (default: noser, or that of the plugin)."),
     ] = None,
+    choice: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE.json",
+            help="Begin with the method and the parameters that `eitbench choose` chose.",
+        ),
+    ] = None,
     plugin: Annotated[
         list[Path] | None, typer.Option(metavar="FILE.py", help="A file with more methods.")
     ] = None,
@@ -220,6 +227,8 @@ def live(
     from eitbench.methods.registry import load_plugin
     from eitbench.scenarios.interrupts import termination_interrupts
 
+    if choice is not None and method is not None:
+        raise typer.BadParameter("--choice names the method: leave out --method")
     access = access_to(host, token_file, os.environ.get("EITBENCH_TOKEN", ""))
     added = []
     for path in plugin or ():
@@ -229,10 +238,17 @@ def live(
     made = _board(
         board, sensor, port=port, file=file, script=script, protocol=protocol, speed=speed
     )
+    parameters = {}
+    if choice is not None:
+        from eitbench.benchmark.choice.decision import read_choice
+
+        method, parameters = read_choice(choice, made.sensor)
 
     with (
         termination_interrupts(),
-        live_view(made, board, method, access=access, port=http_port, out=out) as view,
+        live_view(
+            made, board, method, access=access, port=http_port, out=out, parameters=parameters
+        ) as view,
         suppress(KeyboardInterrupt),
     ):
         emulated = " (emulated)" if made.emulated else ""

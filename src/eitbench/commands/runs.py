@@ -1,6 +1,5 @@
 """Commands that run suites, or score what was run."""
 
-import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -11,6 +10,7 @@ from eitbench.commands.console import (
     Json,
     fail,
     names_in,
+    new_folder,
     print_check,
     print_json,
     print_renderable,
@@ -151,7 +151,7 @@ def run(
             isolate=isolate,
             sensor=sensor,
         )
-        folder = out or _new_folder(plan.suite.name)
+        folder = out or new_folder(plan.suite.name)
         result = start_run(
             plan,
             folder,
@@ -164,10 +164,6 @@ def run(
     _show_run(result, as_json, limit)
     if result.refused:
         raise typer.Exit(1)
-
-
-def _new_folder(name: str) -> Path:
-    return Path("runs") / f"{name}-{time.strftime('%Y%m%d-%H%M%S')}"
 
 
 def plan_of(
@@ -295,7 +291,7 @@ def reproduce(
 
     if runs and limit is not None:
         raise typer.BadParameter("--runs are used as they are: leave out --limit")
-    folder = out or _new_folder("reproduce")
+    folder = out or new_folder("reproduce")
     if not runs:
         runs = run_claims(folder, limit=limit, jobs=jobs, progress=RunProgress())
         for path in runs:

@@ -5,6 +5,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -96,11 +97,15 @@ class FoamBoard(Board):
 class Watched:
     """A session with the images it has shown."""
 
-    def __init__(self, board: Any, out: Path) -> None:
+    def __init__(self, board: Any, out: Path, parameters: Any) -> None:
         self.images: list[LiveImage] = []
         self.show: Callable[[LiveImage], None] = self.images.append
         self.session = Session(
-            board, "emulator", out=out, show=lambda live_image: self.show(live_image)
+            board,
+            "emulator",
+            out=out,
+            show=lambda live_image: self.show(live_image),
+            parameters=parameters,
         )
 
     @property
@@ -138,12 +143,12 @@ def wait_for() -> Callable[..., None]:
 
 
 @pytest.fixture
-def watch(tmp_path: Path) -> Iterator[Callable[[Board], Watched]]:
+def watch(tmp_path: Path) -> Iterator[Callable[..., Watched]]:
     """Makes a session of a board, without a server."""
     with ExitStack() as running:
 
-        def make(board: Board) -> Watched:
-            watched = Watched(board, tmp_path)
+        def make(board: Board, parameters: Any = MappingProxyType({})) -> Watched:
+            watched = Watched(board, tmp_path, parameters)
             running.callback(watched.session.stop)
             return watched
 
@@ -151,7 +156,7 @@ def watch(tmp_path: Path) -> Iterator[Callable[[Board], Watched]]:
 
 
 @pytest.fixture
-def watched(watch: Callable[[Board], Watched], board: FoamBoard) -> Watched:
+def watched(watch: Callable[..., Watched], board: FoamBoard) -> Watched:
     return watch(board)
 
 

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from tests.support.choices import made_choice
 from websockets.sync.client import connect
 from websockets.typing import Origin
 
@@ -73,6 +74,31 @@ def test_a_plugin_makes_the_images_at_first(
     code, _, err = eitbench("live", "--board", "emulator", "--plugin", plugin)
     assert code == 2
     assert 'File "mine.py", line 1, in <module>' in err
+
+
+def test_a_choice_gives_the_method_and_its_parameters(
+    eitbench: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, board: Any
+) -> None:
+    monkeypatch.setattr(registry, "make_board", lambda name, **options: board)
+    shown: list[Any] = []
+
+    def view(board: Any, name: str, method: str, **options: Any) -> Any:
+        shown.extend((method, options["parameters"]))
+        raise InputError("That is enough.")
+
+    monkeypatch.setattr(run, "live_view", view)
+    path = tmp_path / "choice.json"
+    path.write_text(made_choice().model_dump_json())
+    begin = ("live", "--board", "emulator", "--choice", path)
+    assert eitbench(*begin) == (2, "", "eitbench: That is enough.\n")
+    assert shown == ["noser", {"noser": {"weight": 0.5}, "greit": {}}]
+    code, _, err = eitbench(*begin, "--method", "greit")
+    assert (code, err.count("\n")) == (2, 1)
+    assert "--choice names the method: leave out --method" in err
+    path.write_text(made_choice(sensor_sha256="0" * 64).model_dump_json())
+    code, _, err = eitbench(*begin)
+    assert (code, err.count("\n")) == (2, 1)
+    assert "was made for the sensor of 'foam16', which is not the board's" in err
 
 
 ENDS = [getattr(signal, name, None) for name in ("SIGINT", "SIGTERM", "SIGHUP")]

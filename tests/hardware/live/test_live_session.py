@@ -64,6 +64,23 @@ def test_a_touch_appears_where_it_is_made(running: Any, board: Any, wait_for: An
     wait_for(lambda: not running.newest.contacts)
 
 
+def test_methods_are_made_with_the_parameters_that_were_chosen(
+    watch: Any, board: Any, wait_for: Any
+) -> None:
+    """A heavier prior of NOSER makes a fainter image of the same touch."""
+    depths = []
+    for weight in (0.01, 10.0):
+        watched = watch(board, {"noser": {"weight": weight}})
+        watched.session.start("noser")
+        wait_for(lambda of=watched: of.images and of.newest.image is not None)
+        board.press(*PLACE, 0.008, 20e3)
+        wait_for(lambda of=watched: of.newest.contacts)
+        depths.append(1 - watched.newest.image.min())
+        board.release()
+        watched.session.stop()
+    assert depths[1] < 0.7 * depths[0]
+
+
 @pytest.mark.parametrize("gain", [1.0, 3.7e-3])
 def test_images_do_not_depend_on_the_units_of_the_board(
     watched: Any, board: Any, wait_for: Any, gain: float

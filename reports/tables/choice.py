@@ -1,0 +1,91 @@
+"""The choice of a method as a table, and as one sentence."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from eitbench.reports.tables.columns import printable
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from eitbench.benchmark.choice.decision import Choice, Figure, Tried
+
+_CHOSEN_BY = {
+    "record": "tuned before",
+    "tuning": "tuned here",
+    "default": "default",
+    "none": "nothing to tune",
+}
+
+
+def choice_rows(choice: Choice) -> list[dict[str, str]]:
+    """The table as texts by heading, one row a method."""
+    apart = choice.decided_on != "touches"
+    return [
+        {
+            "method": row.method,
+            "place error, mm (95 %)": _figure(row.place),
+            **({"simulated": _figure(row.touches)} if apart else {}),
+            "after drift": _figure(row.drift),
+            "S": f"{row.score:.2f}",
+            "B": f"{row.bounded:.3f}",
+            "frame p95": _ms(row),
+            "in time": "yes" if row.in_time else "no",
+            "images": f"{100 * row.coverage:.0f} %",
+            "parameters": _CHOSEN_BY[row.chosen_by],
+        }
+        for row in choice.tried
+    ]
+
+
+def sentence(choice: Choice) -> str:
+    """The answer in one sentence."""
+    parts = [
+        *_best(choice),
+        f"every method tried runs without a GPU (times are of one core of {choice.processor})",
+    ]
+    if names := [row.method for row in choice.tried if row.chosen_by == "default"]:
+        parts.append(f"too little time was left to tune {_listed(names)}, compared as they come")
+    if choice.not_tried:
+        parts.append(f"{choice.time_limit_s:g} s left no time to try {_listed(choice.not_tried)}")
+    return printable("; ".join(parts) + ".")
+
+
+def _best(choice: Choice) -> list[str]:
+    if choice.best is None or choice.best_with_drift is None:
+        fastest = min(choice.tried, key=lambda row: row.frame_ms or float("inf"))
+        return [
+            f"No method tried makes {choice.frame_rate:g} frames/s here: the fastest, "
+            f"`{fastest.method}`, takes {_ms(fastest)} a frame"
+        ]
+    row, drift = choice.row(choice.best.method), choice.row(choice.best_with_drift.method)
+    simulated = choice.decided_on == "touches"
+    answer = (
+        f"Put `{row.method}` behind {choice.asked}: it finds "
+        f"{'simulated touches' if simulated else 'presses'} to {row.place.value:.1f} mm (median of "
+        f"{choice.presses}) in {_ms(row)} a frame"
+    )
+    if others := [choice.row(name) for name in choice.best.not_told_from]:
+        answer += f", and cannot be told from {_listed([other.method for other in others])}"
+        if min(other.place.value for other in others) < row.place.value:
+            answer += ", but is faster than the best of them"
+    same = drift.method == row.method
+    return [
+        answer,
+        f"when drift is expected {'keep it' if same else f'take `{drift.method}`'} "
+        f"({drift.drift.value:.1f} mm)",
+    ]
+
+
+def _figure(figure: Figure) -> str:
+    return f"{figure.value:.1f} ({figure.low:.1f}–{figure.high:.1f})"
+
+
+def _ms(row: Tried) -> str:
+    return "–" if row.frame_ms is None else f"{row.frame_ms:.2g} ms"
+
+
+def _listed(names: Sequence[str]) -> str:
+    *most, last = (f"`{name}`" for name in names)
+    return f"{', '.join(most)} and {last}" if most else last
