@@ -130,7 +130,8 @@ def _of_cell(
 
 def _firmest(table: pd.DataFrame) -> pd.DataFrame:
     touch = table[table["family"] == "touch"]
-    return touch[touch["pressure_pa"] == touch["pressure_pa"].max()]
+    firmest = touch["pressure_pa"] == touch["pressure_pa"].max()
+    return touch.loc[firmest]
 
 
 def _middle(table: pd.DataFrame, sensor: Sensor) -> int | None:

@@ -176,7 +176,7 @@ def draw(results: Sequence[AcuityResult]) -> Figure:
     rows = sorted(results, key=lambda one: -one.snr_db)
     columns = [name for name in _MAPS if name not in GREIT]
     figure = new_figure(PAGE, 2 * (0.55 + 1.4 * len(rows)))
-    tactile, greit = figure.subfigures(2, 1)
+    tactile, greit = figure.subfigures(2, 1, squeeze=False)[:, 0]
     panels = tactile.subplots(len(rows), _COLUMNS, squeeze=False)
     _draw_maps(tactile, panels[:, : len(columns)], rows, columns)
     _draw_maps(greit, greit.subplots(len(rows), _COLUMNS, squeeze=False), rows, GREIT)
@@ -207,7 +207,7 @@ def _draw_maps(
         )
         scale.ax.tick_params(labelsize=NOTE - 1)
         if name == "smallest_pa":  # few labels have room on a logarithmic scale
-            ends = sorted({norm.vmin, float(np.sqrt(norm.vmin * norm.vmax)), norm.vmax})
+            ends = np.unique(norm.inverse(np.linspace(0, 1, 3)))
             scale.set_ticks(ends, labels=[f"{end:.2g}" for end in ends], minor=False)
             scale.minorticks_off()
         panels[0, k].set_title(_MAPS[name], fontsize=NOTE)
