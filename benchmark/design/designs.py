@@ -37,6 +37,7 @@ class Design:
     Attributes:
         pattern: its name: `offset=K`, `opposition` or `own`.
         sensor: the sensor of this design.
+        given: it is the sensor as it was given, with its own pattern and electrodes.
         independent: number of measurements that are linearly independent for every conductivity.
         above_noise: number of singular values of the whitened Jacobian that exceed the noise for
             an image with the energy of the touch.
@@ -49,6 +50,7 @@ class Design:
 
     pattern: str
     sensor: Sensor
+    given: bool
     independent: int
     above_noise: int
     condition: float
@@ -98,7 +100,10 @@ def compare(
         for count in electrodes or (sensor.n_electrodes,)
         for pattern in patterns or (OWN,)
     ]
-    return [_worked_out(name, of, noise, touch, measurement_s, frame_rate) for name, of in made]
+    return [
+        _worked_out(name, of, of == sensor, noise, touch, measurement_s, frame_rate)
+        for name, of in made
+    ]
 
 
 def default_touch(sensor: Sensor) -> Touch:
@@ -196,6 +201,7 @@ def independent_measurements(pattern: DrivePattern) -> int:
 def _worked_out(
     pattern: str,
     sensor: Sensor,
+    given: bool,
     noise: Noise,
     touch: Touch,
     measurement_s: float,
@@ -212,6 +218,7 @@ def _worked_out(
     return Design(
         pattern=pattern,
         sensor=sensor,
+        given=given,
         independent=independent,
         above_noise=int(np.sum(of.singular * size > 1)),
         condition=float(of.singular[0] / of.singular[min(independent, len(of.singular)) - 1]),

@@ -21,7 +21,7 @@ def _by_skin() -> str:
         [
             f"`{row['skin']}`", f"{row['presses']}", f"{row['signal_to_noise']:.1f}",
             f"{row['snr_db']:.0f}", f"{100 * row['explained']:.0f} %",
-            *(f"{row[f'{of}_mm']:.1f}" for of in (*_BOUNDS, *_MEASURED)),
+            *(f"{row[f'{of}_mm']:.1f}".replace("inf", "–") for of in (*_BOUNDS, *_MEASURED)),
         ]
         for row in pd.read_csv(STUDIES / "design" / "skins.csv").to_dict("records")
     ]  # fmt: skip

@@ -33,4 +33,28 @@ def _by_fault() -> str:
     return printed(["fault", "beside the", *_HEADS], rows)
 
 
-TABLES = {"wiring by set": _by_set, "wiring by fault": _by_fault}
+def _in_short() -> str:
+    """Return what the doctor answers on tanks and skins."""
+    stored = pd.read_csv(STUDIES / "wiring" / "wiring.csv")
+    skin = stored["set"].str.match("ohmc|superpose|hydrogel")
+    stored["kind"] = skin.map({True: "skins", False: "tanks"})
+    rows = _shares(stored.sort_values(["evidence", "kind"]), ["kind", "evidence"])
+    return printed(["", "beside the", *_HEADS], rows)
+
+
+def _misfits() -> str:
+    """Return what wirings leave of the untouched frame beside the model."""
+    stored = pd.read_csv(STUDIES / "wiring" / "misfits.csv")
+    rows = [
+        [f"`{row['set']}`", f"{100 * row['right']:.1f} %", f"{100 * row['best']:.1f} %"]
+        for row in stored.to_dict("records")
+    ]
+    return printed(["set", "right wiring", "best wiring"], rows)
+
+
+TABLES = {
+    "wiring by set": _by_set,
+    "wiring by fault": _by_fault,
+    "wiring in short": _in_short,
+    "wiring misfits": _misfits,
+}

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from eitbench.benchmark.design.designs import median
 from eitbench.reports.figures.style import PAGE, new_figure
 from eitbench.reports.tables.design import MAPS, title
 
@@ -23,16 +24,30 @@ _SHOWN = {
     "two_point_mm": "two points [mm]",
 }
 _SMALL = 6.5
+ROWS = 6
+"""Designs whose maps fit on a page."""
+
+
+def drawn_designs(designs: Sequence[Design]) -> list[Design]:
+    """The designs whose maps are drawn: all that are fast enough, or of more than `ROWS` the best.
+
+    The best have the smallest bounds of the place; the sensor as it was given is always among them.
+    """
+    fast = [of for of in designs if of.maps is not None]
+    ranked = sorted(fast, key=lambda of: (not of.given, median(of.maps.place if of.maps else None)))
+    kept = ranked[:ROWS]
+    return [of for of in fast if any(of is one for one in kept)]
 
 
 def design_figure(designs: Sequence[Design]) -> Figure:
     """Draw the maps of the designs that are fast enough; one bound has one logarithmic scale.
 
-    White is where no touch has room, grey where two points are not told from one.
+    Of many designs the best are drawn (`drawn_designs`), and a line says so. White is where no
+    touch has room, grey where two points are not told from one.
     """
     from matplotlib.colors import LogNorm
 
-    shown = [(of, of.maps) for of in designs if of.maps is not None]
+    shown = [(of, of.maps) for of in drawn_designs(designs) if of.maps is not None]
     x0, y0, x1, y1 = shown[0][0].sensor.outline.bounds
     side = PAGE / (len(_SHOWN) + 0.4)
     figure = new_figure(PAGE, len(shown) * side * (y1 - y0) / (x1 - x0) + 0.75)
@@ -73,7 +88,14 @@ def design_figure(designs: Sequence[Design]) -> Figure:
             extend="both",
         )  # fmt: skip
         ticks = np.geomspace(scale.vmin or 1, scale.vmax or 1, 3)
-        bar.set_ticks(ticks.tolist(), labels=[f"{tick:.2g}" for tick in ticks])
+        bar.set_ticks(ticks.tolist(), labels=[f"{tick:.{2 + (tick >= 99.5)}g}" for tick in ticks])
         bar.minorticks_off()
         bar.ax.tick_params(labelsize=_SMALL, length=2)
+    if len(shown) < (fast := sum(of.maps is not None for of in designs)):
+        own = ", with the sensor as it is given" if any(of.given for of, _ in shown) else ""
+        figure.supxlabel(
+            f"The {len(shown)} best of {fast} designs by the bound of the place{own}; the table "
+            "has all.",
+            fontsize=_SMALL,
+        )
     return figure

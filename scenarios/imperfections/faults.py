@@ -56,7 +56,7 @@ def _silent(reference: Array, modelled: Array, taking_part: Array) -> Array:
         return np.full(size.shape, np.inf)
     typical = np.median(size[..., expected > 0], axis=-1, keepdims=True)
     known = (expected > 0) & (typical > 0)
-    return np.divide(size, typical, out=np.full(size.shape, np.inf), where=known)
+    return np.asarray(np.divide(size, typical, out=np.full(size.shape, np.inf), where=known))
 
 
 def _fewest(frame: Array, modelled: Array, taking_part: Array) -> NDArray[np.bool_]:

@@ -19,9 +19,9 @@ from eitbench.scenarios import sensor
 def test_noise_is_that_of_neighbours_whatever_the_response() -> None:
     rng = np.random.default_rng(2)
     mixed = np.eye(12) + 0.2 * rng.normal(size=(12, 12))
-    places = np.repeat(0.04 * rng.uniform(-1, 1, (4000, 2)), 2, axis=0)
+    places = np.repeat(0.04 * rng.uniform(-1, 1, (2000, 2)), 4, axis=0)
     places += 1e-5 * rng.normal(size=places.shape)
-    depths = np.tile([10.0, 15.0], 4000)  # a neighbour of another depth does not count
+    depths = np.tile([10.0, 10.0, 15.0, 15.0], 2000)  # a neighbour of another depth does not count
     response = np.sin(places @ rng.normal(size=(2, 12)) / 0.02) + depths[:, None]
     changes = response + 0.1 * rng.normal(size=(8000, 12)) @ mixed
     found = covariance_of_noise(changes, places, depths)

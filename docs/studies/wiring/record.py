@@ -5,8 +5,9 @@ ways (200 by default), drawn with seed 0, and shows them to the doctor: beside t
 beside the reference frame of the set as a frame known to be right, and, where places are known, the
 reference frame and ten presses beside the model. It writes `wiring.csv`, or the rows of the sets
 that are named into it, one row for each set, evidence and kind of fault, of which `make tables`
-makes the tables of docs/wiring.md. Sets of which only differences were measured have no whole
-frames and are left out.
+makes the tables of docs/wiring.md. `--misfits` writes `misfits.csv` instead: what the right wiring
+of each set's reference frame leaves of it beside the model, and what the best one does. Sets of
+which only differences were measured have no whole frames and are left out.
 """
 
 import argparse
@@ -98,14 +99,26 @@ def scored(name: str, count: int) -> list[dict[str, object]]:
     ]
 
 
+def misfits(name: str) -> dict[str, object]:
+    """The row of one set: misfits of its reference frame beside the model."""
+    recorded = RECORDED_SETS[name]
+    reference = recorded.read(fetch_recording(recorded)).reference
+    found = diagnose(reference[None], recorded.sensor())
+    return {"set": name, "right": round(found.declared_misfit, 3), "best": round(found.misfit, 3)}
+
+
 if __name__ == "__main__":
     parser = argparse.ArgumentParser()
     parser.add_argument("--count", type=int, default=200)
     parser.add_argument("--verbose", action="store_true")
+    parser.add_argument("--misfits", action="store_true")
     parser.add_argument("--out", type=Path, default=OUT)
     parser.add_argument("sets", nargs="*")
     given = parser.parse_args()
     VERBOSE = given.verbose
+    if given.misfits:
+        pd.DataFrame(map(misfits, SETS)).to_csv(OUT.with_name("misfits.csv"), index=False)
+        sys.exit()
     known = pd.read_csv(given.out) if given.sets and given.out.exists() else pd.DataFrame()
     tables = dict(tuple(known.groupby("set"))) if len(known) else {}
     for of in given.sets or SETS:

@@ -109,7 +109,11 @@ def design(
     )
     typer.echo(answer)
     if out is not None:
-        typer.echo(f"Tables and figure: {out}")
+        from eitbench.reports.figures.design import drawn_designs
+
+        drawn, fast = len(drawn_designs(designs)), sum(of.maps is not None for of in designs)
+        some = f" (maps of the {drawn} best of {fast} designs)" if drawn < fast else ""
+        typer.echo(f"Tables and figure{some}: {out}")
 
 
 def _counts(text: str | None) -> list[int]:

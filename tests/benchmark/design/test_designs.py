@@ -13,6 +13,7 @@ from eitbench.benchmark.design.designs import (
     median,
     with_design,
 )
+from eitbench.reports.figures.design import design_figure, drawn_designs
 from eitbench.reports.tables.design import design_rows, design_table, places_table
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.sensors.patterns import offset_pattern
@@ -42,6 +43,27 @@ def test_other_electrodes_cover_the_same_share_of_the_rim() -> None:
         assert sum(e.width for e in sensor.electrodes) == pytest.approx(0.16)
         assert sensor.electrodes[0].centre == pytest.approx(0.4 / count / 2)
     assert with_design(given, "own", 16) == given
+
+
+def test_maps_of_many_designs_are_those_of_the_best_and_of_the_sensor_as_given(
+    small: Sensor,
+) -> None:
+    (made,) = compare(small, 70, touch=TOUCH, patterns=["offset=3"])
+    assert made.given  # offset=3 is its own pattern
+    assert not compare(small, 70, touch=TOUCH, patterns=["offset=1"])[0].given
+    assert made.maps is not None
+    ranked = [
+        replace(
+            made, pattern=str(k), given=k == 8, maps=replace(made.maps, place=made.maps.place * k)
+        )
+        for k in (9, 8, 7, 6, 5, 4, 3, 2)
+    ]
+    slow = replace(made, given=False, frames=0, maps=None)
+    drawn = drawn_designs([slow, *ranked])
+    assert [of.pattern for of in drawn] == ["8", "6", "5", "4", "3", "2"]
+    assert drawn_designs([slow, *ranked[:6]]) == ranked[:6]
+    texts = [text.get_text() for text in design_figure([slow, *ranked]).texts]
+    assert any("6 best of 8 designs" in text and "as it is given" in text for text in texts)
 
 
 def test_a_frame_rate_averages_fast_designs_and_leaves_out_slow_ones(small: Sensor) -> None:
