@@ -41,7 +41,9 @@ LEFT_OUT = {
 """Built-in methods that are not tried, and why."""
 
 TOUCHES, DRIFT = "touches", "drift"
-"""Names of the simulated scenarios."""
+"""Names of scenarios: simulated touches; drift, simulated or recorded."""
+DRIFTED = {"ohmc16": "ohmc16-start", "superpose500": "superpose500-start"}
+"""Recorded sets with the same presses on a reference frame that is taken once."""
 SIMULATED = 60
 """Simulated touches of each scenario: 20 sessions of 3, each on a unit of its own."""
 TUNED_ON = 36
@@ -85,8 +87,8 @@ def scenarios_of(name: str, download_limit_s: float) -> tuple[Suite, str]:
     """Return the suite of scenarios that methods are tried on; the first one decides.
 
     These are the labelled frames of a recorded set, if it has any, then simulated touches with
-    typical imperfections on a mesh other than that of the inversion, then the same touches after
-    hours of drift.
+    typical imperfections on a mesh other than that of the inversion, then drift: presses on an old
+    reference frame if these were recorded, else the same touches after hours.
 
     Args:
         name: of a sensor or a recorded set, or the path of a sensor file (.toml) or a recording
@@ -122,8 +124,12 @@ def scenarios_of(name: str, download_limit_s: float) -> tuple[Suite, str]:
     )
     suite = on_sensor(suite, name)
     labelled, why_not = _labelled(name, suite)
-    first: tuple[Scenario, ...] = () if labelled is None else (labelled,)
-    return suite.model_copy(update={"scenarios": (*first, *suite.scenarios)}), why_not
+    if labelled is None:
+        return suite, why_not
+    scenarios: list[Scenario] = [labelled, *suite.scenarios]
+    if name in DRIFTED:
+        scenarios[-1] = RecordedScenario(name=DRIFT, recording=DRIFTED[name])
+    return suite.model_copy(update={"scenarios": tuple(scenarios)}), ""
 
 
 def _labelled(name: str, suite: Suite) -> tuple[RecordedScenario | None, str]:

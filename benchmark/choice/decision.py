@@ -39,7 +39,10 @@ class Tried(Declaration):
         chosen_by: what chose these: a "record" of an earlier tuning, "tuning" within the time
             limit, "default" where that had too little time, "none" where there are none to choose.
         place: error of the place on what decides.
-        touches, drift: the same on simulated touches, and on those after drift.
+        with_drift: the same where drift is expected: on recorded drift, or on simulated touches
+            after drift; where labelled frames decide and only simulation has drift, on these frames
+            with what it adds in simulation.
+        touches, drift: error of the place on simulated touches, and on those or presses with drift.
         score, bounded: S and B of simulated touches.
         frame_ms: 95th percentile of the time of one frame [ms]; None where it made no image.
         in_time: true if that is within the deadline.
@@ -50,6 +53,7 @@ class Tried(Declaration):
     parameters: dict[str, Any]
     chosen_by: ChosenBy
     place: Figure
+    with_drift: Figure
     touches: Figure
     drift: Figure
     score: float
@@ -79,6 +83,7 @@ class Choice(Declaration):
         sensor_sha256: hash of all that is declared of the sensor.
         decided_on: the scenario whose place error decides: simulated "touches", or labelled frames.
         presses: number of frames that decide.
+        drift: whether it is simulated or recorded.
         frame_rate: the deadline [frames/s].
         time_limit_s: for all that is run [s].
         processor: name of the processor that times are of.
@@ -97,6 +102,7 @@ class Choice(Declaration):
     sensor_sha256: str
     decided_on: str
     presses: int
+    drift: Literal["simulated", "recorded"]
     frame_rate: float = Field(gt=0)
     time_limit_s: float
     processor: str

@@ -26,8 +26,8 @@ def choice_rows(choice: Choice) -> list[dict[str, str]]:
         {
             "method": row.method,
             "place error, mm (95 %)": _figure(row.place),
+            "with drift": _figure(row.with_drift),
             **({"simulated": _figure(row.touches)} if apart else {}),
-            "after drift": _figure(row.drift),
             "S": f"{row.score:.2f}",
             "B": f"{row.bounded:.3f}",
             "frame p95": _ms(row),
@@ -73,8 +73,8 @@ def _best(choice: Choice) -> list[str]:
     same = drift.method == row.method
     return [
         answer,
-        f"when drift is expected {'keep it' if same else f'take `{drift.method}`'} "
-        f"({drift.drift.value:.1f} mm)",
+        f"when drift as {choice.drift} is expected "
+        f"{'keep it' if same else f'take `{drift.method}`'} ({drift.with_drift.value:.1f} mm)",
     ]
 
 

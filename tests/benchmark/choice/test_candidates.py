@@ -48,8 +48,11 @@ def test_a_sensor_is_touched_in_simulation_from_another_mesh() -> None:
 def test_labelled_frames_of_a_set_come_first(recorded_data: Path) -> None:
     suite, note = scenarios_of("ohmc16", 60.0)
     assert [scenario.name for scenario in suite.scenarios] == ["frames", TOUCHES, DRIFT]
-    frames, touches, _ = suite.scenarios
+    frames, touches, drift = suite.scenarios
     assert isinstance(frames, RecordedScenario)
+    assert isinstance(drift, RecordedScenario)
+    assert drift.recording == "ohmc16-start"
+    assert scenarios_of("ohmc8", 60.0)[0].scenarios[-1].kind == "simulated"
     assert frames.nominal_sensor == touches.nominal_sensor
     assert note == ""
 

@@ -77,7 +77,8 @@ def trial(method: str, frame_ms: float, seed: int, **shifts: float) -> Trial:
 
 
 ABOUT: dict[str, Any] = {
-    "asked": "set", "sensor_sha256": "", "time_limit_s": 60, "not_tried": (), "unusable": {}
+    "asked": "set", "drift": "simulated", "sensor_sha256": "", "time_limit_s": 60,
+    "not_tried": (), "unusable": {},
 }  # fmt: skip
 
 
@@ -85,7 +86,7 @@ def test_the_deadline_excludes_and_drift_has_a_best_of_its_own() -> None:
     trials = [
         trial("slow", 150.0, 0, frames=-5, touches=0, drift=-5),
         trial("sharp", 20.0, 1, frames=-2, touches=0, drift=4),
-        trial("steady", 10.0, 2, frames=0, touches=0, drift=0),
+        trial("steady", 10.0, 2, frames=0, touches=6, drift=6),
     ]
     choice = decide(trials, "frames", 10.0, **ABOUT)
     assert (choice.best, choice.best_with_drift) == (Pick(method="sharp"), Pick(method="steady"))
@@ -94,6 +95,20 @@ def test_the_deadline_excludes_and_drift_has_a_best_of_its_own() -> None:
     assert choice.row("sharp").place.value == pytest.approx(8, abs=0.5)
     assert choice.row("sharp").drift.low < 14 < choice.row("sharp").drift.high
     assert choice.presses == 60
+    # Presses with what drift adds to simulated touches; no less than nothing.
+    assert choice.row("sharp").with_drift.value == pytest.approx(8 + 4, abs=0.6)
+    assert choice.row("slow").with_drift == choice.row("slow").place
+    # Where drift was recorded, the presses with it.
+    recorded = decide(trials, "frames", 10.0, **(ABOUT | {"drift": "recorded"}))
+    assert recorded.row("sharp").with_drift == recorded.row("sharp").drift
+    assert recorded.best_with_drift == Pick(method="sharp")
+    # Where there are no presses, simulated touches after drift.
+    simulated = decide(trials, "touches", 10.0, **ABOUT)
+    assert (simulated.best, simulated.best_with_drift) == (
+        Pick(method="sharp"),
+        Pick(method="sharp"),
+    )
+    assert simulated.row("sharp").with_drift == simulated.row("sharp").drift
     # At 5 frames/s there is time for the slow one; at 200 for none.
     assert decide(trials, "frames", 5.0, **ABOUT).best == Pick(method="slow")
     assert decide(trials, "frames", 200.0, **ABOUT).best is None
@@ -229,5 +244,5 @@ def test_labelled_presses_decide(
     choice = choose("ohmc8", tmp_path / "out", methods=["noser"], time_limit_s=3600.0)
     assert (choice.decided_on, choice.presses) == ("frames", 20)
     (row,) = choice.tried
-    assert row.chosen_by == "record"
+    assert row.chosen_by == "tuning"
     assert row.place != row.touches

@@ -12,7 +12,7 @@ GPU = "every method tried runs without a GPU (times are of one core of Some CPU)
 def test_the_best_is_named_with_its_error_and_its_time() -> None:
     assert sentence(made_choice()) == (
         "Put `noser` behind foam16: it finds simulated touches to 5.0 mm (median of 60) in 0.7 ms "
-        f"a frame; when drift is expected keep it (7.0 mm); {GPU}."
+        f"a frame; when drift as simulated is expected keep it (7.0 mm); {GPU}."
     )
 
 
@@ -20,15 +20,16 @@ def test_another_method_for_drift_defaults_and_what_was_not_tried_are_named() ->
     choice = made_choice(
         asked="ohmc16",
         decided_on="frames",
+        drift="recorded",
         best_with_drift=Pick(method="greit"),
         tried=(tried("noser", 5.0, 0.7), tried("greit", 8.0, 0.6, chosen_by="default")),
         not_tried=("tv", "gauss-newton-noser", "gauss-newton-tv"),
     )
     assert sentence(choice) == (
         "Put `noser` behind ohmc16: it finds presses to 5.0 mm (median of 60) in 0.7 ms a frame; "
-        f"when drift is expected take `greit` (10.0 mm); {GPU}; too little time was left to tune "
-        "`greit`, compared as they come; 300 s left no time to try `tv`, `gauss-newton-noser` and "
-        "`gauss-newton-tv`."
+        f"when drift as recorded is expected take `greit` (10.0 mm); {GPU}; too little time was "
+        "left to tune `greit`, compared as they come; 300 s left no time to try `tv`, "
+        "`gauss-newton-noser` and `gauss-newton-tv`."
     )
 
 
@@ -61,7 +62,7 @@ def test_the_table_has_a_column_of_simulated_touches_where_presses_decide() -> N
     assert first == {
         "method": "noser",
         "place error, mm (95 %)": "5.0 (4.0–6.0)",
-        "after drift": "7.0 (6.0–8.0)",
+        "with drift": "7.0 (6.0–8.0)",
         "S": "5.00",
         "B": "0.700",
         "frame p95": "0.7 ms",
