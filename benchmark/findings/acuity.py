@@ -131,7 +131,8 @@ def _of_cell(
 def _firmest(table: pd.DataFrame) -> pd.DataFrame:
     touch = table[table["family"] == "touch"]
     firmest = touch["pressure_pa"] == touch["pressure_pa"].max()
-    return touch.loc[firmest]
+    found: pd.DataFrame = touch.loc[firmest]
+    return found
 
 
 def _middle(table: pd.DataFrame, sensor: Sensor) -> int | None:

@@ -17,6 +17,7 @@ from collections.abc import Iterator, Sequence
 from copy import copy
 from dataclasses import asdict, dataclass
 from statistics import median
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -72,7 +73,10 @@ class Press:
         """The course of the touch during a frame, as `EmulatedSensor.scan` takes it."""
         there = [Touch(self.x_m, self.y_m, self.radius_m, pressure_pa)]
         first = there if self.onset <= number < self.release else []
-        changes = ((self.onset, there), (self.release, []))
+        changes: tuple[tuple[float, list[Touch]], ...] = (
+            (self.onset, there),
+            (self.release, []),
+        )
         within = [(at * frame_s, touches) for at, touches in changes if number < at < number + 1]
         return [(number * frame_s, first), *within]
 
@@ -91,7 +95,8 @@ def draw_press(sensor: Sensor, radius_m: float, frame_s: float, seed: int, numbe
         if sensor.outline.contains(*place) and np.hypot(*(rim - place).T).min() >= radius_m:
             begin, end, busy = rng.uniform(size=3).tolist()
             held = max(3, round(HOLD_S / frame_s))
-            return Press(*place.tolist(), radius_m, UNTOUCHED + begin, UNTOUCHED + held + end, busy)
+            x, y = place.tolist()
+            return Press(x, y, radius_m, UNTOUCHED + begin, UNTOUCHED + held + end, busy)
     raise InputError(
         f"The sensor {sensor.name!r} has no room for a touch of radius {1e3 * radius_m:.3g} mm: "
         "give a smaller one, for example `--radius 1`."
@@ -319,7 +324,7 @@ def _unit(seed: int, number: int) -> int:
 
 def _streams(
     new: EmulatedSensor, press: Press, frame_s: float
-) -> Iterator[tuple[dict[str, object], list[Array], list[Frame]]]:
+) -> Iterator[tuple[dict[str, Any], list[Array], list[Frame]]]:
     """Streams of one touch on one unit, which is as new for each: pressure and material differ."""
     for ideal in (True, False):
         for pressure_pa in PRESSURES_PA:
@@ -328,8 +333,9 @@ def _streams(
                 emulated.imperfections = new.imperfections.model_copy(
                     update={"drift": 0.0, "relaxation": 0.0}
                 )
-            about = {"ideal": ideal, "pressure_kpa": pressure_pa / 1e3}
-            yield about, *stream(emulated, press, pressure_pa, frame_s)
+            about: dict[str, Any] = {"ideal": ideal, "pressure_kpa": pressure_pa / 1e3}
+            reference, frames = stream(emulated, press, pressure_pa, frame_s)
+            yield about, reference, frames
 
 
 def _image_ms(maker: ImageMaker, frame: Frame) -> float:

@@ -72,7 +72,7 @@ def trial(method: str, frame_ms: float, seed: int, **shifts: float) -> Trial:
         )
         for scenario in ("frames", "touches", "drift")
     )
-    cells = pd.DataFrame({"frame_ms_p95": frame_ms, "coverage": 1.0}, index=shifts)
+    cells = pd.DataFrame({"frame_ms_p95": frame_ms, "coverage": 1.0}, index=list(shifts))
     return Trial(method, {}, "none", samples, cells.reindex(["frames", "touches", "drift"]))
 
 
