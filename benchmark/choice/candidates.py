@@ -34,7 +34,7 @@ _OTHERS = "it is other people's software, which the live view cannot count on"
 LEFT_OUT = {
     "linear-learned": _LEARNS,
     "linear-touch": _LEARNS,
-    "dip": "it trains a network for every frame",
+    **dict.fromkeys(("dip", "inr"), "it trains a network for every frame"),
     **dict.fromkeys(("pyeit-bp", "pyeit-greit", "pyeit-jac"), _OTHERS),
     **dict.fromkeys(("eidors-greit", "eidors-noser", "eidors-tv-pdipm"), _OTHERS),
 }
