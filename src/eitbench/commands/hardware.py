@@ -238,7 +238,7 @@ def live(
     made = _board(
         board, sensor, port=port, file=file, script=script, protocol=protocol, speed=speed
     )
-    parameters = {}
+    parameters: dict[str, dict[str, Any]] = {}
     if choice is not None:
         from eitbench.benchmark.choice.decision import read_choice
 
