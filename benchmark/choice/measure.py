@@ -15,6 +15,7 @@ from eitbench.benchmark.choice.decision import (
     Choice,
     ChosenBy,
     Figure,
+    Pick,
     Tried,
     pick,
     sensor_hash,
@@ -204,6 +205,9 @@ def decide(trials: Sequence[Trial], decided_on: str, frame_rate: float, **about:
         )
     times = {row.method: row.frame_ms for row in tried if row.in_time and row.frame_ms}
     best, drift = (pick(table[list(times)], times) for table in (errors[decided_on], drifted))
+    if best is not None and drift is not None and best.method in drift.not_told_from:
+        equal = {drift.method, *drift.not_told_from} - {best.method}
+        drift = Pick(method=best.method, not_told_from=tuple(sorted(equal)))
     return Choice(
         decided_on=decided_on,
         presses=len(errors[decided_on]),

@@ -72,8 +72,9 @@ def trial(method: str, frame_ms: float, seed: int, **shifts: float) -> Trial:
         )
         for scenario in ("frames", "touches", "drift")
     )
-    cells = pd.DataFrame({"frame_ms_p95": frame_ms, "coverage": 1.0}, index=list(shifts))
-    return Trial(method, {}, "none", samples, cells.reindex(["frames", "touches", "drift"]))
+    whole = {"frame_ms_p95": frame_ms, "coverage": 1.0}
+    cells = pd.DataFrame([whole] * 3, index=["frames", "touches", "drift"])
+    return Trial(method, {}, "none", samples, cells)
 
 
 ABOUT: dict[str, Any] = {
@@ -112,6 +113,16 @@ def test_the_deadline_excludes_and_drift_has_a_best_of_its_own() -> None:
     # At 5 frames/s there is time for the slow one; at 200 for none.
     assert decide(trials, "frames", 5.0, **ABOUT).best == Pick(method="slow")
     assert decide(trials, "frames", 200.0, **ABOUT).best is None
+
+
+def test_with_drift_the_best_stays_where_no_other_is_told_from_it() -> None:
+    trials = [
+        trial("sharp", 20.0, 1, frames=-2, touches=-2, drift=0),
+        trial("steady", 10.0, 2, frames=0, touches=0, drift=0),
+    ]
+    choice = decide(trials, "touches", 10.0, **ABOUT)
+    assert choice.best == Pick(method="sharp")
+    assert choice.best_with_drift == Pick(method="sharp", not_told_from=("steady",))
 
 
 def test_a_method_that_made_no_image_is_never_the_best() -> None:
