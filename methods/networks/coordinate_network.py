@@ -7,10 +7,10 @@ import math
 import torch
 from torch import Tensor, nn
 
-FEATURES = 64
+FEATURES = 32
 """Random frequencies; each gives a sine and a cosine."""
 
-HIDDEN = (128, 128, 128)
+HIDDEN = (64, 64, 64)
 
 
 class CoordinateNetwork(nn.Module):

@@ -33,7 +33,7 @@ class Inr(NetworkPerFrame):
     expected_failures: ClassVar = asymmetry("its random frequencies have no symmetry", 0.1, 0.1)
     learning_rate: ClassVar[float] = 0.003
 
-    bandwidth: float = 0.7
+    bandwidth: float = 0.5
 
     def fit(self, problem: Problem) -> None:
         """Prepare the operator and its misfit.
