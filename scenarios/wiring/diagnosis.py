@@ -192,10 +192,10 @@ def diagnose(
     predicted = np.abs(signed) if magnitudes else signed * sign
     pattern = DrivePattern(_with_sign(table, sign, magnitudes), magnitudes)
     # A saturated value would make all electrodes but its own look dead.
-    _, unreal = _mute_and_far(frame, fitting[best.wiring.order].table)
-    tame = np.where(unreal, _size(frame) / _size(predicted) * predicted, frame)
+    _, huge = _mute_and_far(frame, fitting[best.wiring.order].table)
+    tame = np.where(huge, _size(frame) / _size(predicted) * predicted, frame)
     dead = dead_electrodes(tame, predicted, pattern)
-    spoiled = np.asarray(saturated_values(tame, predicted, pattern) | unreal)
+    spoiled = np.asarray(saturated_values(tame, predicted, pattern) | huge)
     kept = ~spoiled & ~dead[pattern.table].any(axis=1)
     gain, leak = _gain_and_leak(frame, predicted, pattern, modelled_resistances(sensor), kept)
     noise = typical_noise(values)
