@@ -322,7 +322,7 @@ def _streams(
 ) -> Iterator[tuple[dict[str, object], list[Array], list[Frame]]]:
     """Streams of one touch on one unit, which is as new for each: pressure and material differ."""
     for ideal in (True, False):
-        for pressure_pa in PRESSURES_PA:
+        for pressure_pa in reversed(PRESSURES_PA):  # firm first: its images take the longest
             emulated = copy(new)
             if ideal:
                 emulated.imperfections = new.imperfections.model_copy(
