@@ -73,10 +73,7 @@ class Press:
         """The course of the touch during a frame, as `EmulatedSensor.scan` takes it."""
         there = [Touch(self.x_m, self.y_m, self.radius_m, pressure_pa)]
         first = there if self.onset <= number < self.release else []
-        changes: tuple[tuple[float, list[Touch]], ...] = (
-            (self.onset, there),
-            (self.release, []),
-        )
+        changes: list[tuple[float, list[Touch]]] = [(self.onset, there), (self.release, [])]
         within = [(at * frame_s, touches) for at, touches in changes if number < at < number + 1]
         return [(number * frame_s, first), *within]
 
@@ -91,11 +88,10 @@ def draw_press(sensor: Sensor, radius_m: float, frame_s: float, seed: int, numbe
     x0, y0, x1, y1 = sensor.outline.bounds
     rim = sensor.outline.point(np.linspace(0, sensor.outline.perimeter, 1000))
     for _ in range(_TRIES):
-        place = rng.uniform((x0, y0), (x1, y1))
-        if sensor.outline.contains(*place) and np.hypot(*(rim - place).T).min() >= radius_m:
+        x, y = rng.uniform((x0, y0), (x1, y1)).tolist()
+        if sensor.outline.contains(x, y) and np.hypot(*(rim - (x, y)).T).min() >= radius_m:
             begin, end, busy = rng.uniform(size=3).tolist()
             held = max(3, round(HOLD_S / frame_s))
-            x, y = place.tolist()
             return Press(x, y, radius_m, UNTOUCHED + begin, UNTOUCHED + held + end, busy)
     raise InputError(
         f"The sensor {sensor.name!r} has no room for a touch of radius {1e3 * radius_m:.3g} mm: "
@@ -299,7 +295,7 @@ def measure(
                         held = frames[int(press.release) - 1]
                         times[name] = _image_ms(maker, held) if image_ms is None else image_ms
                     course = image_course(maker, frames, press, distance_m)
-                    of = {"method": name, **about, "touch": k}
+                    of: dict[str, Any] = {"method": name, **about, "touch": k}
                     image_s = times[name] / 1e3
                     received = [frame.received_s for frame in frames]
                     at = shown(received, image_s, received[0] + press.busy * image_s)
@@ -324,18 +320,17 @@ def _unit(seed: int, number: int) -> int:
 
 def _streams(
     new: EmulatedSensor, press: Press, frame_s: float
-) -> Iterator[tuple[dict[str, Any], list[Array], list[Frame]]]:
+) -> Iterator[tuple[dict[str, float], list[Array], list[Frame]]]:
     """Streams of one touch on one unit, which is as new for each: pressure and material differ."""
     for ideal in (True, False):
-        for pressure_pa in PRESSURES_PA:
+        for pressure_pa in reversed(PRESSURES_PA):  # firm first: its images take the longest
             emulated = copy(new)
             if ideal:
                 emulated.imperfections = new.imperfections.model_copy(
                     update={"drift": 0.0, "relaxation": 0.0}
                 )
-            about: dict[str, Any] = {"ideal": ideal, "pressure_kpa": pressure_pa / 1e3}
-            reference, frames = stream(emulated, press, pressure_pa, frame_s)
-            yield about, reference, frames
+            about = {"ideal": ideal, "pressure_kpa": pressure_pa / 1e3}
+            yield about, *stream(emulated, press, pressure_pa, frame_s)
 
 
 def _image_ms(maker: ImageMaker, frame: Frame) -> float:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Hashable, Mapping
 
 _SPREAD = ("detected_frames", "detected_ms", "gone_frames", "gone_ms", "ghost_strength")
 
@@ -68,7 +68,7 @@ def latency_rows(table: pd.DataFrame) -> list[list[str]]:
             return "–"
         return "never" if math.isinf(value) else format(value, form)
 
-    def spread(row: Mapping[Any, Any], name: str, form: str) -> str:
+    def spread(row: Mapping[Hashable, float], name: str, form: str) -> str:
         middle, high = text(row[name], form), text(row[f"{name}_p95"], form)
         return middle if middle in ("–", "never") else f"{middle} ({high})"
 
