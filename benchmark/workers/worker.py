@@ -109,7 +109,8 @@ class Worker:
         ending.daemon = True
         ending.start()
         try:
-            self._connection.send(request)
+            with suppress(ConnectionError):  # it has ended; what it sent before is read below
+                self._connection.send(request)
             # However fast it answers, a stop is noticed with the next request.
             while self._stop.is_set() or not self._connection.poll():
                 if self._stop.is_set():

@@ -141,12 +141,14 @@ def test_plugins_are_loaded_elsewhere(toys: Path, capfd: pytest.CaptureFixture[s
     assert "toy-good" not in methods()
 
 
-def test_an_answer_that_is_none_loses_the_worker() -> None:
-    with (
-        Worker(operator.methodcaller("send", "nonsense")) as worker,
-        pytest.raises(WorkerLostError, match="sent something that is no answer during it") as lost,
-    ):
-        worker.ask("fit", limit=60, what="it")
+@pytest.mark.parametrize("ended", [False, True])
+def test_an_answer_that_is_none_loses_the_worker(ended: bool) -> None:
+    sentence = "sent something that is no answer during it"
+    with Worker(operator.methodcaller("send", "nonsense")) as worker:
+        if ended:  # before it was asked
+            assert worker._process.sentinel.poll(60)
+        with pytest.raises(WorkerLostError, match=sentence) as lost:
+            worker.ask("fit", limit=60, what="it")
     assert lost.value.failure.status == "error"
 
 
