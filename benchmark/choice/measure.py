@@ -32,6 +32,7 @@ from eitbench.benchmark.tuning.tuner import tune
 from eitbench.methods.registry import methods as known_methods
 from eitbench.methods.registry import source_hash
 from eitbench.scenarios.errors import EitbenchError, InputError
+from eitbench.scenarios.storage.folders import check_empty
 from eitbench.scenarios.suites.scenario import Scenario
 from eitbench.scenarios.suites.suite import Suite
 
@@ -88,8 +89,7 @@ def choose(
     for what, unit, value in numbers:
         if not 0 < value < math.inf:
             raise InputError(f"The {what} is a number of {unit} above 0, got {value:g}.")
-    if out.exists() and not (out.is_dir() and not any(out.iterdir())):
-        raise InputError(f"The output {out} is not an empty folder: choose another with --out.")
+    check_empty(out)
     end = clock() + time_limit_s
     suite, note = scenarios_of(name, time_limit_s)
     deciding = suite.scenarios[0]

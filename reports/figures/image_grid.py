@@ -298,7 +298,7 @@ def _label(row: dict[str, Any]) -> tuple[str, ...]:
         lines.insert(0, printable(str(row["target"])))
     if pd.notna(row.get("snr_db")):
         lines.append(f"{row['snr_db']:.0f} dB")
-    if pd.notna(row.get("touch_snr_db")):
+    if np.isfinite(row.get("touch_snr_db", np.nan)):
         lines.append(f"touch {row['touch_snr_db']:.0f} dB")
     if pd.notna(row.get("depth_mm")):
         lines.append(f"{row['depth_mm']:.3g} mm deep")

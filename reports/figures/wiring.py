@@ -26,6 +26,7 @@ class WiringFrames:
         before_misfit, after_misfit: of both.
         sensor: name of the declared sensor.
         refused: there is no answer; `after` is the best one.
+        noise: (M,) standard deviation of each value from frame to frame; NaN for one frame.
     """
 
     measured: Array
@@ -35,19 +36,32 @@ class WiringFrames:
     after_misfit: float
     sensor: str
     refused: bool
+    noise: Array
 
 
 def wiring_figure(frames: WiringFrames) -> Figure:
-    """Draw both frames over the values, and measured over modelled values, before and after."""
-    figure = new_figure(PAGE, 4.2)
-    axes = figure.subplots(2, 2, width_ratios=(3, 1), squeeze=False)
+    """Draw both frames over the values, and measured over modelled values, before and after.
+
+    Below them stands the noise of each value, where several frames show it.
+    """
+    noisy = bool(np.isfinite(frames.noise).all() and frames.noise.any())
+    figure = new_figure(PAGE, 5.8 if noisy else 4.2)
+    axes = figure.subplots(3 if noisy else 2, 2, width_ratios=(3, 1), squeeze=False)
     after = "best wiring, refused" if frames.refused else "wiring put right"
     rows = (
         (f"{plain_label(frames.sensor)} as declared", frames.before, frames.before_misfit),
         (after, frames.after, frames.after_misfit),
     )
     index = np.arange(len(frames.measured))
-    for (line, scatter), (title, modelled, misfit) in zip(axes, rows, strict=True):
+    if noisy:
+        line, histogram = axes[2]
+        line.set_title("noise of each value", loc="left")
+        line.set(xlabel="value of the frame", ylabel="std [board's unit]")
+        line.plot(index, frames.noise, ".", ms=3, color=COLOURS[0])
+        line.margins(x=0.01)
+        histogram.hist(frames.noise, bins=30, orientation="horizontal", color=COLOURS[0])
+        histogram.set(xlabel="values")
+    for (line, scatter), (title, modelled, misfit) in zip(axes[:2], rows, strict=True):
         line.set_title(title, loc="left")
         line.set(xlabel="value of the frame", ylabel="voltage [board's unit]")
         line.plot(index, frames.measured, color=COLOURS[0], lw=0.8, label="measured")

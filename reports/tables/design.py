@@ -27,6 +27,10 @@ MAPS = {
 }
 """Columns of maps, with the attribute of `Maps` and what it is multiplied with."""
 
+MOST_CONDITION = 1e12
+"""Above it a condition is that of rounding."""
+MOST_OPEN = 0.1
+"""Share of ambiguous places from which on it is said."""
 _HEADS = {
     "design": ("design", "s"),
     "measurements": ("values", "d"),
@@ -81,6 +85,8 @@ def design_rows(table: pd.DataFrame) -> list[list[str]]:
     def text(value: object, form: str) -> str:
         if isinstance(value, float) and not math.isfinite(value):
             return "–" if math.isnan(value) else "none"
+        if form == ".1e" and isinstance(value, float) and value > MOST_CONDITION:
+            return f"over {MOST_CONDITION:.0e}"
         return format(value, form)
 
     rows = [
@@ -105,3 +111,17 @@ def places_table(designs: Sequence[Design]) -> pd.DataFrame:
         places = {"x_mm": x[free], "y_mm": y[free]}
         tables.append(pd.DataFrame({"design": title(of), **places, **columns}))
     return pd.concat(tables) if tables else pd.DataFrame(columns=["design", "x_mm", "y_mm", *MAPS])
+
+
+def ambiguity(of: Design) -> str:
+    """A sentence on a design whose frames leave the place open, else ""."""
+    if of.maps is None:
+        return ""
+    known = of.maps.ambiguous[np.isfinite(of.maps.ambiguous)]
+    share = float(np.mean(known)) if known.size else 0.0
+    if share < MOST_OPEN:
+        return ""
+    return (
+        f" But a touch at {share:.0%} of the places has the frame of one elsewhere: the bound is "
+        "for those who know roughly where it is."
+    )

@@ -86,7 +86,7 @@ class Diagnosis:
         dead: electrodes without contact, in the sensor's numbers; as few as explain the silence.
         never_alone: electrodes that drive and sense only together with a dead one, so that nothing
             says whether they have contact.
-        saturated: indices of saturated values.
+        saturated: indices of saturated values: far too large, or several at one end of the range.
         measured, modelled: (M,) the mean frame, and the prediction times the gain.
         noise: (M,) standard deviation from frame to frame; NaN for one frame.
         snr_db: rms of the frame over that of the noise [dB].
@@ -195,7 +195,7 @@ def diagnose(
     _, huge = _mute_and_far(frame, fitting[best.wiring.order].table)
     tame = np.where(huge, _size(frame) / _size(predicted) * predicted, frame)
     dead = dead_electrodes(tame, predicted, pattern)
-    spoiled = np.asarray(saturated_values(tame, predicted, pattern) | huge)
+    spoiled = np.asarray(saturated_values(tame, predicted, pattern) | huge | _at_a_rail(values))
     kept = ~spoiled & ~dead[pattern.table].any(axis=1)
     gain, leak = _gain_and_leak(frame, predicted, pattern, modelled_resistances(sensor), kept)
     noise = typical_noise(values)
@@ -243,6 +243,23 @@ def declared_frame(found: Diagnosis, sensor: Sensor, expected: Array | None) -> 
     frame = np.abs(frame) if found.pattern.magnitudes else frame
     size = np.linalg.norm(found.measured) / np.linalg.norm(frame)
     return np.asarray(size * frame)
+
+
+def _at_a_rail(values: Array) -> NDArray[np.bool_]:
+    """Values (M,) that stand at the same end of the range in all of several frames (n, M).
+
+    A board cuts what is too large for it: several values are then equal, the largest or least of
+    all, and without noise where others have some.
+    """
+    still = np.ptp(values, axis=0) == 0
+    if len(values) < 2 or np.count_nonzero(still) > len(still) / 2:
+        return np.zeros(len(still), dtype=np.bool_)
+    cut = np.zeros(len(still), dtype=np.bool_)
+    for end in (values.max(), values.min()):
+        at_end = still & (values[0] == end)
+        if np.count_nonzero(at_end) > 1:
+            cut |= at_end
+    return cut
 
 
 def _checked(frames: Array) -> Array:

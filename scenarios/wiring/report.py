@@ -64,9 +64,13 @@ def findings(found: Diagnosis, sensor: Sensor) -> list[str]:
 def _frames(found: Diagnosis) -> list[str]:
     if not np.isfinite(found.noise).all():
         return ["One frame says nothing of noise, drift and repeatability: give ten."]
+    noisiest = np.argsort(found.noise)[:-4:-1].tolist()
+    typical = float(np.median(found.noise))
+    loud = ", ".join(f"{k} ({found.noise[k] / typical:.1f} times)" for k in noisiest if typical > 0)
     return [
         f"Noise: SNR {found.snr_db:.1f} dB; a value repeats within {found.repeatability:.2%} "
         f"(median); drift over the frames {found.drift:.2%}."
+        + (f" The noisiest values, beside the median one: {loud}." if loud else "")
     ]
 
 

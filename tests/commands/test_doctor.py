@@ -84,3 +84,23 @@ def test_bad_input_is_one_sentence(
     assert code != 0
     assert sentence in error
     assert not Path("wiring").exists()
+
+
+def test_a_folder_that_holds_something_is_left_as_it_is(
+    tmp_path: Path, bench: Path, eitbench: Run
+) -> None:
+    model = forward_model(read_sensor(bench))
+    np.savetxt(tmp_path / "untouched.csv", model.voltages(model.background)[None], delimiter=",")
+    out = tmp_path / "mine"
+    out.mkdir()
+    (out / "sensor.toml").write_text("kept")
+    for command in (
+        ("recordings", "doctor", tmp_path / "untouched.csv", "--sensor", bench),
+        ("design", bench, "--snr", "60"),
+        ("latency", bench, "--snr", "60"),
+    ):
+        code, _, error = eitbench(*command, "--out", out)
+        assert code == 2
+        assert "is not an empty folder: choose another with --out" in error
+    assert [path.name for path in out.iterdir()] == ["sensor.toml"]
+    assert (out / "sensor.toml").read_text() == "kept"

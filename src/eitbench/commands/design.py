@@ -19,10 +19,15 @@ def design(
     sensor: Annotated[str, typer.Argument(help="A sensor's name, or a sensor file, .toml.")],
     snr: Annotated[
         float | None,
-        typer.Option(help="SNR of a frame of the sensor as it is given [dB]; has to be given."),
+        typer.Option(
+            min=0,
+            max=200,
+            help="SNR of a frame of the sensor as it is given [dB]; has to be given.",
+        ),
     ] = None,
     drift: Annotated[
-        float, typer.Option(help="Drift of the conductivity since the reference frame [%].")
+        float,
+        typer.Option(min=0, max=50, help="Drift of the conductivity since the reference [%]."),
     ] = 0.0,
     compare: Annotated[
         str | None,
@@ -62,9 +67,11 @@ def design(
     from eitbench.benchmark.design.bounds import Touch
     from eitbench.benchmark.design.designs import best, default_touch
     from eitbench.benchmark.design.designs import compare as compared
-    from eitbench.reports.tables.design import design_rows, design_table, title
+    from eitbench.reports.tables.design import ambiguity, design_rows, design_table, title
     from eitbench.scenarios.catalogue import sensor as sensor_by_name
+    from eitbench.scenarios.storage.folders import check_empty
 
+    check_empty(out)
     nominal = sensor_by_name(sensor)
     touch = Touch(default_touch(nominal).radius if radius is None else radius / 1e3, contrast)
     designs = compared(
@@ -80,7 +87,7 @@ def design(
         f"No design reaches {frame_rate:g} frames/s: measure faster (`--measurement-ms`), or take "
         "fewer electrodes."
         if chosen is None
-        else f"Smallest bound of the place{within}: {title(chosen)}."
+        else f"Smallest bound of the place{within}: {title(chosen)}." + ambiguity(chosen)
     )
     settings = {
         "sensor": nominal.name, "snr_db": snr, "drift_percent": drift,

@@ -54,7 +54,9 @@ def latency(
     from eitbench.reports.tables.latency import latency_rows, latency_table
     from eitbench.scenarios.catalogue import sensor as sensor_by_name
     from eitbench.scenarios.recordings import RECORDED_SETS
+    from eitbench.scenarios.storage.folders import check_empty
 
+    check_empty(out)
     nominal = RECORDED_SETS[sensor].sensor() if sensor in RECORDED_SETS else sensor_by_name(sensor)
     found = measure(
         nominal, list(dict.fromkeys(names_in("--methods", methods))), snr, frame_rate=frame_rate,

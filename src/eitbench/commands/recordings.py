@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from eitbench.commands.console import fail
+from eitbench.commands.console import fail, new_folder
 
 # As in hardware/recording/importing/arrays.py, which takes time to import.
 Order = Literal["rows", "columns"]
@@ -68,17 +68,24 @@ def doctor(
         typer.Option(help="Frames of this sensor from when its wiring was right, as declared."),
     ] = None,
     out: Annotated[
-        Path, typer.Option(metavar="DIR", help="Where the page and the sensor file go.")
-    ] = Path("wiring"),
+        Path | None,
+        typer.Option(
+            metavar="DIR",
+            help="New folder for the page and the sensor file (default: runs/wiring-TIME).",
+        ),
+    ] = None,
 ) -> None:
     """Find how a board is wired from frames of the untouched sensor; exits 1 if it cannot tell."""
     from eitbench.commands.wiring import examine
+    from eitbench.scenarios.storage.folders import check_empty
 
-    said, answered = examine(source, sensor, known, out)
+    folder = out or new_folder("wiring")
+    check_empty(folder)
+    said, answered = examine(source, sensor, known, folder)
     for sentence in said:
         typer.echo(sentence)
     if not answered:
-        fail(f"No sensor file was written; {out / 'doctor.html'} shows the best answer.", 1)
+        fail(f"No sensor file was written; {folder / 'doctor.html'} shows the best answer.", 1)
 
 
 @app.command(epilog="Example: eitbench recordings export touch.h5 --to touch.csv")

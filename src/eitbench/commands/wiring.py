@@ -52,7 +52,7 @@ def examine(source: str, name: str | None, known: Path | None, out: Path) -> tup
     page = out / "doctor.html"
     shown = WiringFrames(
         found.measured, declared_frame(found, nominal, expected), found.modelled,
-        found.declared_misfit, found.misfit, nominal.name, not answered,
+        found.declared_misfit, found.misfit, nominal.name, not answered, found.noise,
     )  # fmt: skip
     write_wiring_page(page, f"Wiring of {Path(source).name} on {nominal.name}", said, shown)
     if answered:

@@ -102,6 +102,21 @@ def test_a_dead_electrode_and_a_saturated_value_are_named() -> None:
     assert (found.dead, found.saturated) == ((6,), (alive,))
 
 
+def test_values_that_a_board_cuts_are_named_and_not_in_the_gain() -> None:
+    sensor = _sensor(uneven=True)
+    frames = _frames(sensor)
+    end = 0.7 * np.abs(frames).max()
+    cut = (np.abs(frames) > end).all(axis=0)
+    assert 1 < cut.sum() < len(cut) / 2
+    found = diagnose(np.clip(3 * frames, -3 * end, 3 * end), sensor)
+    assert found.saturated == tuple(np.flatnonzero(cut).tolist())
+    assert found.gain == pytest.approx(3, rel=1e-3)
+    assert any(line.startswith("Saturated: value ") for line in findings(found, sensor))
+    # Equal values are none that were cut, where nothing is noisy or they are not at an end.
+    assert not diagnose(np.repeat(frames[:1], 4, axis=0), sensor).saturated
+    assert not diagnose(frames, sensor).saturated
+
+
 def test_the_leak_of_common_mode_voltage_is_measured() -> None:
     resistances = modelled_resistances(UNEVEN)
     balanced = resistances - resistances.mean(axis=0)
