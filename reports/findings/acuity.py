@@ -223,7 +223,7 @@ def _draw_maps(
             )  # fmt: skip
 
 
-_COLOURS_OF = {"gain": "viridis", "amplitude": "viridis", "position_error_mm": "RdBu_r"}
+_COLOURS_OF = {"gain": "viridis", "amplitude": "RdBu_r", "position_error_mm": "RdBu_r"}
 
 
 def _norm(name: str, values: NDArray[np.float64]) -> tuple[Normalize, str]:
@@ -238,9 +238,9 @@ def _norm(name: str, values: NDArray[np.float64]) -> tuple[Normalize, str]:
         return LogNorm(low, high), "neither"
     if low == high:
         return Normalize(low, low + 1), "neither"
-    if name == "position_error_mm":
-        most = float(np.quantile(np.abs(known), _MOST)) or 1.0
-        return Normalize(-most, most), "both"
+    if (right := ACUITY_SPECS[name].right if name in GREIT else None) is not None:
+        most = float(np.quantile(np.abs(known - right), _MOST)) or 1.0
+        return Normalize(right - most, right + most), "both"
     if name in ("error_mm", "ringing"):
         return Normalize(low, float(np.quantile(known, _MOST))), "max"
     return Normalize(low, high), "neither"

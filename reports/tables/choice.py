@@ -11,6 +11,8 @@ if TYPE_CHECKING:
 
     from eitbench.benchmark.choice.decision import Choice, Figure, Tried
 
+_USELESS = 3.0
+"""Times of the error without drift; above it drift has taken most of what a method tells."""
 _CHOSEN_BY = {
     "record": "tuned before",
     "tuning": "tuned here",
@@ -74,7 +76,12 @@ def _best(choice: Choice) -> list[str]:
     return [
         answer,
         f"when drift as {choice.drift} is expected "
-        f"{'keep it' if same else f'take `{drift.method}`'} ({drift.with_drift.value:.1f} mm)",
+        f"{'keep it' if same else f'take `{drift.method}`'} ({drift.with_drift.value:.1f} mm"
+        + (
+            ": of little use, so take new reference frames)"
+            if drift.with_drift.value > _USELESS * drift.place.value
+            else ")"
+        ),
     ]
 
 

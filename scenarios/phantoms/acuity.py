@@ -16,7 +16,7 @@ from pydantic import Field, field_validator
 from eitbench.scenarios.declaration import Declaration
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.phantoms.phantom import Phantom, SoftPress
-from eitbench.scenarios.phantoms.press import PRESSURE_PA
+from eitbench.scenarios.phantoms.press import FOAM, PRESSURE_PA
 from eitbench.scenarios.phantoms.regions import Circle, Pose
 from eitbench.scenarios.sensors.sensor import Sensor
 
@@ -25,6 +25,8 @@ Part = Literal["no-touch", "touch", "pair"]
 
 FEWEST_PLACES = 5
 """A lattice of fewer places is no map."""
+LEAST_SIDE_M = 2 * FOAM.thickness
+"""Where a sensor is narrower, a touch presses all of it down."""
 FEWEST_UNTOUCHED = 100
 """Fewer frames without a touch hold no threshold for 1 % of false alarms."""
 
@@ -73,8 +75,15 @@ class Acuity(Declaration):
         """Return the places of the lattice [m], row by row: those that have room for the indenter.
 
         Raises:
-            InputError: there are fewer than `FEWEST_PLACES`.
+            InputError: there are fewer than `FEWEST_PLACES`, or the foam spreads a touch over the
+                whole sensor.
         """
+        if (side := _side(sensor)) < LEAST_SIDE_M:
+            raise InputError(
+                f"Sensor {sensor.name!r} is {1e3 * side:.3g} mm wide, and its foam, "
+                f"{1e3 * FOAM.thickness:g} mm thick, spreads a touch as far: acuity needs a sensor "
+                f"of at least {1e3 * LEAST_SIDE_M:g} mm."
+            )
         x0, y0, x1, y1 = sensor.outline.bounds
         step = self.step * float(np.sqrt((x1 - x0) * (y1 - y0)))
         columns, rows = (

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from scipy import ndimage, sparse
 
 from eitbench.scenarios.arrays import Array, Index
+from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.sensors.outlines import is_rectangle
 from eitbench.scenarios.sensors.sensor import Sensor
 
@@ -82,12 +83,28 @@ def grid_mesh(sensor: Sensor) -> Mesh:
     )
 
 
+MOST_TRIANGLES = 300_000
+"""More take minutes to make, and all memory."""
+
+
 def triangle_mesh(sensor: Sensor) -> Mesh:
-    """Unstructured triangles no larger than a pixel, finer at electrode ends (mesher: Netgen)."""
+    """Unstructured triangles no larger than a pixel, finer at electrode ends (mesher: Netgen).
+
+    Raises:
+        InputError: it would have more than `MOST_TRIANGLES`, as pixels are long and thin or many.
+    """
     # Imported here: square sensors do not need the mesher.
     from netgen.geom2d import SplineGeometry
 
     size = min(sensor.pixel_size)
+    area = np.count_nonzero(sensor.mask) * np.prod(sensor.pixel_size)
+    if (count := area / (np.sqrt(3) / 4 * size**2)) > MOST_TRIANGLES:
+        across, along = (1e3 * length for length in sensor.pixel_size)
+        raise InputError(
+            f"A mesh of sensor {sensor.name!r} would have about {count:,.0f} triangles, as they "
+            f"are no larger than the shorter side of its pixels of {across:.3g} x {along:.3g} mm: "
+            "give an `image_shape` whose pixels are nearly square, and fewer of them."
+        )
     arcs, is_end = _rim_points(sensor, size)
     geometry = SplineGeometry()
     rim = np.round(sensor.outline.point(arcs) / RIM_GRID) * RIM_GRID

@@ -26,10 +26,12 @@ def unordered_frames(path: Path, lengths: Collection[int]) -> Array:
         content, _ = read_file(path)
         return content.values[content.reference] if len(content.reference) else content.values
     found: dict[bytes, Array] = {}
+    shapes = []
     for array in read_arrays(path).values():
         numbers = np.asarray(array)
         if numbers.dtype.kind not in "iufc" or numbers.ndim not in (1, 2):
             continue
+        shapes.append(" x ".join(map(str, numbers.shape)))
         values = np.real(np.atleast_2d(numbers)).astype(np.float64)
         if values.shape[1] not in lengths and values.shape[0] in lengths:
             values = values.T
@@ -39,7 +41,8 @@ def unordered_frames(path: Path, lengths: Collection[int]) -> Array:
     if not found:
         raise InputError(
             f"{path} holds no table of {wanted} values a frame, which the orders of this sensor "
-            "have: name the sensor whose pattern the board measures."
+            f"have, but {', '.join(shapes) or 'no'} numbers: name the sensor whose pattern the "
+            "board measures, or give a file of its frames."
         )
     if len(found) > 1:
         raise InputError(

@@ -3,7 +3,7 @@
 import pytest
 from tests.support.choices import made_choice, tried
 
-from eitbench.benchmark.choice.decision import Pick
+from eitbench.benchmark.choice.decision import Figure, Pick
 from eitbench.reports.tables.choice import choice_rows, sentence
 
 GPU = "every method tried runs without a GPU (times are of one core of Some CPU)"
@@ -31,6 +31,12 @@ def test_another_method_for_drift_defaults_and_what_was_not_tried_are_named() ->
         "left to tune `greit`, compared as they come; 300 s left no time to try `tv`, "
         "`gauss-newton-noser` and `gauss-newton-tv`."
     )
+
+
+def test_drift_that_takes_most_of_what_a_method_tells_is_said() -> None:
+    lost = Figure(value=38.0, low=35.0, high=40.0)
+    choice = made_choice(tried=(tried("noser", 6.0, 0.7, with_drift=lost),))
+    assert "keep it (38.0 mm: of little use, so take new reference frames)" in sentence(choice)
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,7 @@
 """The design of tactile acuity: its lattice, its pairs, and what it refuses."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -7,6 +9,8 @@ from eitbench.scenarios.catalogue import sensor
 from eitbench.scenarios.phantoms.acuity import Acuity
 from eitbench.scenarios.phantoms.phantom import rasterise
 from eitbench.scenarios.phantoms.regions import Circle
+from eitbench.scenarios.sensors.outlines import rectangle
+from eitbench.scenarios.sensors.sensor import even_electrodes
 from eitbench.scenarios.suites.scenario import SimulatedScenario, SplitNoise
 from eitbench.scenarios.suites.suite import load_suite
 
@@ -72,5 +76,12 @@ def test_noise_that_is_not_given_and_a_sensor_without_room_are_one_sentence() ->
         Acuity(pressures=(2e3, 1e3, 3e3))
     with pytest.raises(ValueError, match="holds up to 60000 Pa"):
         Acuity(pair_pressure=1e5)
+    outline = rectangle(0.05, 0.015)
+    narrow = replace(
+        sensor("foam16"), outline=outline, name="narrow",
+        electrodes=even_electrodes(outline, 16, 0.003, 1e-3),
+    )  # fmt: skip
+    with pytest.raises(ValueError, match="'narrow' is 15 mm wide, and its foam, 10 mm thick"):
+        Acuity().places(narrow)
     with pytest.raises(ValueError, match="has room for 1 places of a touch"):
         Acuity(radius=0.45).places(sensor("foam16"))

@@ -11,7 +11,8 @@ from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.imperfections.imperfections import TYPICAL
 from eitbench.scenarios.physics.forward import ForwardModel
 from eitbench.scenarios.physics.mesh import Mesh, triangle_mesh
-from eitbench.scenarios.sensors.sensor import Electrode, Sensor
+from eitbench.scenarios.sensors.outlines import rectangle
+from eitbench.scenarios.sensors.sensor import Electrode, Sensor, even_electrodes
 
 FOAM = replace(sensor("foam16"), image_shape=(20, 20))
 UNITS = [TYPICAL.model_copy(update={"unit": unit}).built(FOAM) for unit in range(3)]
@@ -59,3 +60,13 @@ def test_unstructured_data_are_nearer_to_the_truth_than_the_model_of_methods_is(
     truth = change(finest, triangle_mesh(finest))
     nominal, data = change(FOAM, own), change(fine, triangle_mesh(fine))
     assert apart_db(data, truth) > apart_db(nominal, truth) + 10
+
+
+def test_a_mesh_of_long_thin_pixels_is_refused_before_it_fills_the_memory() -> None:
+    outline = rectangle(0.2, 0.01)
+    strip = replace(
+        FOAM, name="strip", outline=outline, image_shape=(144, 144),
+        electrodes=even_electrodes(outline, 16, 0.005, 1e-3),
+    )  # fmt: skip
+    with pytest.raises(InputError, match=r"'strip' would have about 9\d\d,\d\d\d triangles"):
+        triangle_mesh(strip)
