@@ -17,50 +17,22 @@ from numpy.typing import NDArray
 
 from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.errors import InputError
-from eitbench.scenarios.imperfections.faults import (
-    SILENT,
-    dead_electrodes,
-    never_alone,
-    saturated_values,
-)
+from eitbench.scenarios.imperfections.faults import dead_electrodes, never_alone, saturated_values
 from eitbench.scenarios.recordings.frames import impossible
 from eitbench.scenarios.recordings.quality import typical_noise
 from eitbench.scenarios.sensors.patterns import DrivePattern
 from eitbench.scenarios.sensors.sensor import Sensor
 from eitbench.scenarios.wiring.evidence import all_values, modelled_resistances
-from eitbench.scenarios.wiring.hypotheses import (
-    Order,
-    Table,
-    Wiring,
-    meaning,
-    numberings,
-    numbers_of,
-    orders,
-    with_swaps,
-)
+from eitbench.scenarios.wiring.hypotheses import Order, Table, Wiring, orders
+from eitbench.scenarios.wiring.search import EXPLAINED, SMALL, Found, Search, mute_and_far, size_of
 from eitbench.scenarios.wiring.touches import Touches, by_touches
 
 MARGIN = 1.25
 """Misfit of every other answer over that of the best one, from which it is sure."""
-EXPLAINED = 0.5
-"""Misfit above which no wiring explains the frames."""
-SWAP_GAIN = 1.25
-"""Misfit without over that with two electrodes interchanged, below which none are."""
-_SILENT = 0.02
-"""Size of a value over the upper quartile's, below which it says nothing of the order: an electrode
-without contact has it."""
-_FAR = 10.0
-"""Size of a value over that of the largest tenth, above which an amplifier saturates."""
 _EXACT = 0.02
 """Misfit of a model that no real sensor reaches: what differs by less is the mesh."""
 _RIVALS = 100
 """Other answers that are looked at for the best one that is not the same with other numbers."""
-_TURNED = 40
-"""Answers with interchanged electrodes, the best ones, that are tried from every electrode."""
-_DISTINCT = 150
-"""Answers, the best ones, of which those that mean the same are found."""
-_WORK = 400_000
-"""Values that are predicted for hypotheses with interchanged electrodes."""
 
 Certainty = Literal["sure", "sure but for start and direction", "refused"]
 
@@ -149,9 +121,9 @@ def diagnose(
     if expected is None:
         expected = all_values(modelled_resistances(sensor))
     frame = np.median(values, axis=0) if len(values) > 2 else values.mean(axis=0)
-    size = _size(frame)
+    size = size_of(frame)
     magnitudes = bool((frame > -1e-3 * size).all())
-    search = _Search(frame, fitting, expected, magnitudes)
+    search = Search(frame, fitting, expected, magnitudes)
     found = search.ranked()
     best = found[0]
     limit = MARGIN * max(best.misfit, 0.0 if known_frame else _EXACT)
@@ -185,15 +157,15 @@ def diagnose(
     table = search.table(best.wiring)
     signed = expected[tuple(table.T)]
     sign = best.sign
-    clear = np.abs(signed) >= _SILENT * _size(signed)
+    clear = np.abs(signed) >= SMALL * size_of(signed)
     if magnitudes and not sensor.pattern.magnitudes and np.ptp(np.sign(signed[clear])) == 0:
         # All have one sign, so that signed values explain the frame as well.
         magnitudes, sign = False, int(np.sign(signed[clear][0]))
     predicted = np.abs(signed) if magnitudes else signed * sign
     pattern = DrivePattern(_with_sign(table, sign, magnitudes), magnitudes)
     # A saturated value would make all electrodes but its own look dead.
-    _, huge = _mute_and_far(frame, fitting[best.wiring.order].table)
-    tame = np.where(huge, _size(frame) / _size(predicted) * predicted, frame)
+    _, huge = mute_and_far(frame, fitting[best.wiring.order].table)
+    tame = np.where(huge, size_of(frame) / size_of(predicted) * predicted, frame)
     dead = dead_electrodes(tame, predicted, pattern)
     spoiled = np.asarray(saturated_values(tame, predicted, pattern) | huge | _at_a_rail(values))
     kept = ~spoiled & ~dead[pattern.table].any(axis=1)
@@ -249,7 +221,7 @@ def _at_a_rail(values: Array) -> NDArray[np.bool_]:
     """Values (M,) that stand at the same end of the range in all of several frames (n, M).
 
     A board cuts what is too large for it: several values are then equal, the largest or least of
-    all, and without noise where others have some.
+    all, and without noise where others have some. At 0 stand those of an electrode without contact.
     """
     still = np.ptp(values, axis=0) == 0
     if len(values) < 2 or np.count_nonzero(still) > len(still) / 2:
@@ -257,7 +229,7 @@ def _at_a_rail(values: Array) -> NDArray[np.bool_]:
     cut = np.zeros(len(still), dtype=np.bool_)
     for end in (values.max(), values.min()):
         at_end = still & (values[0] == end)
-        if np.count_nonzero(at_end) > 1:
+        if end != 0 and np.count_nonzero(at_end) > 1:
             cut |= at_end
     return cut
 
@@ -273,7 +245,7 @@ def _checked(frames: Array) -> Array:
             f"Frame {bad[0]} holds a value that is no number or that no board can measure: leave "
             "this frame out."
         )
-    if not _size(values) > 0:
+    if not size_of(values) > 0:
         raise InputError(
             "Most values of the frames are 0: see whether the board drives current, and record "
             "the untouched sensor again."
@@ -281,156 +253,8 @@ def _checked(frames: Array) -> Array:
     return values
 
 
-def _size(values: Array) -> float:
-    """Upper quartile of sizes: one dead electrode of eight silences half of the values."""
-    return float(np.quantile(np.abs(values), 0.75))
-
-
-@dataclass(frozen=True)
-class _Found:
-    wiring: Wiring
-    misfit: float
-    sign: int
-
-
-class _Search:
-    """Hypotheses against one frame (M,)."""
-
-    def __init__(
-        self, frame: Array, candidates: list[Order], expected: Array, magnitudes: bool
-    ) -> None:
-        self._orders, self._expected, self._magnitudes = candidates, expected, magnitudes
-        self._e = len(expected)
-        self._tables = np.stack([order.table for order in candidates])
-        self._frame = frame
-        loud = np.abs(frame) >= _SILENT * _size(frame)
-        unread = np.stack([_mute_and_far(frame, table) for table in self._tables])
-        self._mute = unread[:, 0]
-        self._kept = loud & ~unread.any(axis=1)
-        self._shown = _unit(np.broadcast_to(frame, self._kept.shape), magnitudes, self._kept)
-
-    def table(self, wiring: Wiring) -> Table:
-        """(M, 4) in the sensor's numbers."""
-        return np.asarray(wiring.numbers(self._e)[self._orders[wiring.order].table])
-
-    def misfit_of(self, table: Table) -> float:
-        """Misfit of a table (M, 4) with its own sign."""
-        kept = np.abs(self._frame) >= _SILENT * _size(self._frame)
-        return self._misfit(self._expected[tuple(table.T)], kept)
-
-    def explains_silence(self, of: _Found) -> bool:
-        """True if the electrode that was left out as silent is silent beside this answer, too."""
-        mute, kept = self._mute[of.wiring.order], self._kept[of.wiring.order]
-        expected = self._expected[tuple(self.table(of.wiring).T)]
-        size, wanted = self._frame**2, expected**2
-        silent = size[mute].sum() * wanted[kept].sum() < (
-            SILENT**2 * wanted[mute].sum() * size[kept].sum()
-        )
-        return bool(silent or not mute.any() or self._misfit(expected, kept | mute) <= EXPLAINED)
-
-    def _misfit(self, expected: Array, kept: NDArray[np.bool_]) -> float:
-        cosine = _unit(expected, self._magnitudes, kept) @ _unit(
-            self._frame, self._magnitudes, kept
-        )
-        return float(np.sqrt(max(1 - max(float(cosine), 0.0) ** 2, 0.0)))
-
-    def scored(self, wirings: list[Wiring]) -> list[_Found]:
-        """The misfits of `wirings`, with the sign that fits."""
-        found: list[_Found] = []
-        step = max(1, 2_000_000 // self._kept.shape[1])
-        for first in range(0, len(wirings), step):
-            part = wirings[first : first + step]
-            numbers = numbers_of(part, self._e)
-            of = np.array([wiring.order for wiring in part])
-            tables = numbers[np.arange(len(part))[:, None, None], self._tables[of]]
-            predicted = self._expected[tuple(np.moveaxis(tables, -1, 0))]
-            predicted = _unit(predicted, self._magnitudes, self._kept[of])
-            cosine = np.einsum("nm,nm->n", predicted, self._shown[of])
-            # Of magnitudes that fall where the prediction rises, no sign makes an answer.
-            size = np.maximum(cosine, 0) if self._magnitudes else np.abs(cosine)
-            # Rounded: of answers that mean the same the first one is kept.
-            misfit = np.round(np.sqrt(np.maximum(1 - size**2, 0)), 6)
-            sign = np.where(self._magnitudes | (cosine >= 0), 1, -1)
-            found += map(_Found, part, misfit.tolist(), sign.tolist())
-        return found
-
-    def ranked(self) -> list[_Found]:
-        """The answers that differ, the best first; without interchanged electrodes if that fits."""
-        plain = self._distinct(self.scored(list(numberings(self._orders, self._e))))
-        pairs = self._e * (self._e - 1) // 2
-        looked_at = max(3, _WORK // (pairs * self._kept.shape[1]))
-        swapped: list[_Found] = []
-        for of in plain[:looked_at]:
-            swapped += self.scored(list(with_swaps(of.wiring, self._e)))
-        swapped.sort(key=lambda of: of.misfit)
-        # The few that were looked at need not begin at the right electrode.
-        kinds = dict.fromkeys((of.wiring.order, of.wiring.swapped) for of in swapped[:_TURNED])
-        swapped = self.scored([
-            Wiring(order, start, step, pair)
-            for order, pair in kinds
-            for step in (1, -1)
-            for start in range(self._e)
-        ])  # fmt: skip
-        swapped.sort(key=lambda of: of.misfit)
-        if not swapped or plain[0].misfit < SWAP_GAIN * swapped[0].misfit:
-            return plain
-        return self._distinct(sorted([*plain, *swapped[:_DISTINCT]], key=lambda of: of.misfit))
-
-    def not_turned(self, best: _Found, others: list[_Found]) -> list[_Found]:
-        """Those of `others` whose frame is not that of `best` with other numbers around the rim."""
-        around = [
-            Wiring(0, start, step).numbers(self._e) for step in (1, -1) for start in range(self._e)
-        ]
-        turned = set(self._meant(np.stack([turn[self.table(best.wiring)] for turn in around])))
-        if not others:
-            return []
-        meant = self._meant(np.stack([self.table(of.wiring) for of in others]))
-        return [of for of, code in zip(others, meant, strict=True) if code not in turned]
-
-    def _meant(self, tables: Table) -> list[bytes]:
-        """What tables (n, M, 4) mean: equal for those that no linear sensor tells apart."""
-        codes = meaning(tables, self._e, magnitudes=self._magnitudes)
-        return [code.tobytes() for code in codes]
-
-    def _distinct(self, found: list[_Found]) -> list[_Found]:
-        found = sorted(found, key=lambda of: of.misfit)[:_DISTINCT]
-        seen: dict[bytes, _Found] = {}
-        tables = np.stack([self.table(of.wiring) for of in found])
-        for of, code in zip(found, self._meant(tables), strict=True):
-            seen.setdefault(code, of)
-        return list(seen.values())
-
-
-def _mute_and_far(frame: Array, table: Table) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Values (M,) of the quietest electrode, if that is silent, and values too large to be real.
-
-    Args:
-        frame: (M,).
-        table: (M, 4) an order, in the board's numbers. In a wrong one hardly any electrode has all
-            the values that a dead one silences.
-    """
-    size = np.abs(frame)
-    of = (table == np.unique(table)[:, None, None]).any(axis=2)
-    loudness = np.array([_size(size[rows]) for rows in of])
-    quietest = int(np.argmin(loudness))
-    mute = of[quietest] & bool(loudness[quietest] < SILENT * np.median(loudness))
-    return mute, size > _FAR * np.quantile(size[~mute], 0.9)
-
-
-def _unit(values: Array, magnitudes: bool, kept: NDArray[np.bool_]) -> Array:
-    """Roots of values (..., M) of norm 1, of magnitudes without their mean; 0 if not `kept`."""
-    roots = np.where(kept, np.sqrt(np.abs(values)), 0)
-    if magnitudes:
-        mean = roots.sum(axis=-1, keepdims=True) / np.maximum(kept.sum(axis=-1, keepdims=True), 1)
-        roots = np.where(kept, roots - mean, 0)
-    else:
-        roots = np.sign(values) * roots
-    size = np.linalg.norm(roots, axis=-1, keepdims=True)
-    return np.asarray(roots / np.where(size > 0, size, 1))
-
-
 def _verdict(
-    best: _Found, close: list[_Found], others: list[_Found], sensor: Sensor
+    best: Found, close: list[Found], others: list[Found], sensor: Sensor
 ) -> tuple[Certainty, str]:
     if best.misfit > EXPLAINED:
         return "refused", (

@@ -112,6 +112,10 @@ def test_values_that_a_board_cuts_are_named_and_not_in_the_gain() -> None:
     assert found.saturated == tuple(np.flatnonzero(cut).tolist())
     assert found.gain == pytest.approx(3, rel=1e-3)
     assert any(line.startswith("Saturated: value ") for line in findings(found, sensor))
+    # Nor are those at 0 of magnitudes, which are the least of all: this electrode has no contact.
+    silent = (sensor.pattern.table == 3).any(axis=1)
+    named = diagnose(np.where(silent, 0, np.abs(frames)), sensor)
+    assert not set(named.saturated) & set(np.flatnonzero(silent).tolist())
     # Equal values are none that were cut, where nothing is noisy or they are not at an end.
     assert not diagnose(np.repeat(frames[:1], 4, axis=0), sensor).saturated
     assert not diagnose(frames, sensor).saturated
