@@ -23,10 +23,10 @@ def is_file(name: str) -> bool:
 
 
 def sensor(name: str, *, offset: int | None = None) -> Sensor:
-    """The sensor called `name`, or that of a sensor file (.toml) or a recording (.h5).
+    """The sensor called `name`, that of a recorded set, of a sensor file or of a recording.
 
     Args:
-        name: of a known sensor, or the path of a file.
+        name: of a known sensor or recorded set, or the path of a file (.toml or .h5).
         offset: replaces the drive pattern by (i, i+offset).
 
     Raises:
@@ -40,6 +40,8 @@ def sensor(name: str, *, offset: int | None = None) -> Sensor:
         nominal = read_sensor(Path(name))
     elif name in sensors():
         nominal = _built(name)
+    elif name in RECORDED_SETS:
+        nominal = _built(RECORDED_SETS[name].sensor_name)
     else:
         raise unknown_name("sensor", name, sensors())
     if offset is None:

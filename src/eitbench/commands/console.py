@@ -1,6 +1,7 @@
 """Console of the commands: lists of names as options, output for people and programs, errors."""
 
 import json
+import math
 import sys
 import time
 from collections.abc import Sequence
@@ -49,6 +50,11 @@ def names_in(option: str, text: str | None) -> Sequence[str]:
 def new_folder(name: str) -> Path:
     """The folder for results that the user named none for."""
     return Path("runs") / f"{name}-{time.strftime('%Y%m%d-%H%M%S')}"
+
+
+def finite(value: Any) -> Any:
+    """Return `value`, or None for a float that JSON lacks: infinite or NaN."""
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def fail(sentence: str, code: int, notes: Sequence[str] = ()) -> NoReturn:

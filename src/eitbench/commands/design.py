@@ -1,13 +1,12 @@
 """The command that says what a sensor can feel before it is built."""
 
 import json
-import math
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from eitbench.commands.console import Json, names_in, print_json, print_renderable
+from eitbench.commands.console import Json, finite, names_in, print_json, print_renderable
 
 app = typer.Typer()
 
@@ -16,7 +15,9 @@ app = typer.Typer()
     epilog="Example: eitbench design foam16 --snr 60 --compare offset=1,offset=3,opposition"
 )
 def design(
-    sensor: Annotated[str, typer.Argument(help="A sensor's name, or a sensor file, .toml.")],
+    sensor: Annotated[
+        str, typer.Argument(help="Name of a sensor or recorded set, or a file, .toml.")
+    ],
     snr: Annotated[
         float | None,
         typer.Option(
@@ -93,7 +94,7 @@ def design(
         "sensor": nominal.name, "snr_db": snr, "drift_percent": drift,
         "radius_mm": 1e3 * touch.radius, "contrast": contrast, "frame_rate": frame_rate,
     }  # fmt: skip
-    rows = [{k: _plain(v) for k, v in row.items()} for row in table.to_dict("records")]
+    rows = [{k: finite(v) for k, v in row.items()} for row in table.to_dict("records")]
     about = {
         **settings, "designs": rows, "best": None if chosen is None else title(chosen)
     }  # fmt: skip
@@ -130,10 +131,6 @@ def _counts(text: str | None) -> list[int]:
             f"--electrodes takes whole numbers with commas between them, got {wrong[0]!r}"
         )
     return [int(name) for name in names]
-
-
-def _plain(value: Any) -> Any:
-    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def _write(out: Path, designs: Any, about: dict[str, Any]) -> None:

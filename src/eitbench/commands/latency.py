@@ -1,13 +1,12 @@
 """The command that measures how soon a live view shows a touch, and how long it stays."""
 
 import json
-import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from eitbench.commands.console import Json, names_in, print_json, print_renderable
+from eitbench.commands.console import Json, finite, names_in, print_json, print_renderable
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -53,11 +52,10 @@ def latency(
     from eitbench.hardware.live.latency import measure
     from eitbench.reports.tables.latency import latency_rows, latency_table
     from eitbench.scenarios.catalogue import sensor as sensor_by_name
-    from eitbench.scenarios.recordings import RECORDED_SETS
     from eitbench.scenarios.storage.folders import check_empty
 
     check_empty(out)
-    nominal = RECORDED_SETS[sensor].sensor() if sensor in RECORDED_SETS else sensor_by_name(sensor)
+    nominal = sensor_by_name(sensor)
     found = measure(
         nominal, list(dict.fromkeys(names_in("--methods", methods))), snr, frame_rate=frame_rate,
         touches=touches, radius_m=None if radius is None else radius / 1e3,
@@ -65,11 +63,11 @@ def latency(
     )  # fmt: skip
     table = latency_table(found.touches, found.image_ms)
     about = {
-        "sensor": nominal.name, "snr_db": _plain(snr), "frame_rate": frame_rate, "touches": touches,
+        "sensor": nominal.name, "snr_db": finite(snr), "frame_rate": frame_rate, "touches": touches,
         "radius_mm": 1e3 * found.radius_m, "distance_mm": 1e3 * found.distance_m,
         "reference_age_s": reference_age, "seed": seed,
         "processor": cpu_model(), "git_commit": git_commit(),
-        "methods": [{k: _plain(v) for k, v in row.items()} for row in table.to_dict("records")],
+        "methods": [{k: finite(v) for k, v in row.items()} for row in table.to_dict("records")],
     }  # fmt: skip
     if out is not None:
         _write(out, found, table, about, 1 / frame_rate)
@@ -92,10 +90,6 @@ def latency(
     )
     if out is not None:
         typer.echo(f"Tables and figure: {out}")
-
-
-def _plain(value: Any) -> Any:
-    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def _write(

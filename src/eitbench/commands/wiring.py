@@ -29,7 +29,7 @@ def examine(source: str, name: str | None, known: Path | None, out: Path) -> tup
 
     if name is None and source not in RECORDED_SETS:
         raise InputError("--sensor is missing: name the sensor that the frames belong to.")
-    nominal = sensor_by_name(name) if name else RECORDED_SETS[source].sensor()
+    nominal = sensor_by_name(name or source)
     lengths = {len(order.table) for order in orders(nominal.pattern)}
     if source in RECORDED_SETS:
         recording = read_recording(source)
