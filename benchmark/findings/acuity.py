@@ -101,7 +101,7 @@ def acuity_of(run: Run) -> list[AcuityResult]:
 def has_acuity(run: Run) -> bool:
     """True for runs of a suite with the design of acuity."""
     scenarios = run.manifest.get("plan", {}).get("suite", {}).get("scenarios", [])
-    return any(one.get("acuity") for one in scenarios)
+    return any(one.get("acuity") is not None for one in scenarios)
 
 
 def _of_cell(
@@ -119,11 +119,10 @@ def _of_cell(
         rows = cell.iloc[first : first + _BLOCK]
         shown.append(seen(images.astype(np.float64), truth, rows, sensor))
     table = pd.concat(shown, ignore_index=True)
-    middle = _middle(table, sensor)
-    truth = run.scene(scenario, [samples[middle]]).truth if middle is not None else None
-    change = None if truth is None else _change(truth, sensor)
     if not {"no-touch", "touch", "pair"} <= set(table["family"]):
         return None
+    truth = run.scene(scenario, [samples[int(_middle(table, sensor).index[0])]]).truth
+    change = None if truth is None else _change(truth, sensor)
     level = float(table["snr_db"].iloc[0])
     return result_of(scenario, method, level, table, sensor, change)
 
@@ -135,13 +134,13 @@ def _firmest(table: pd.DataFrame) -> pd.DataFrame:
     return found
 
 
-def _middle(table: pd.DataFrame, sensor: Sensor) -> int | None:
-    """Row of a firmest touch nearest to the sensor's centre; None where there is no touch."""
+def _middle(table: pd.DataFrame, sensor: Sensor) -> pd.DataFrame:
+    """The firmest touches nearest to the sensor's centre: the draws of one of them."""
     firmest = _firmest(table)
-    if firmest.empty:
-        return None
-    away = firmest[["x_m", "y_m"]].to_numpy(np.float64) - _centre(sensor)
-    return int(firmest.index[np.hypot(*away.T).argmin()])
+    away = np.hypot(*(firmest[["x_m", "y_m"]].to_numpy(np.float64) - _centre(sensor)).T)
+    nearest = firmest["place"].iloc[int(away.argmin())]
+    found: pd.DataFrame = firmest.loc[firmest["place"] == nearest]
+    return found
 
 
 def _centre(sensor: Sensor) -> Array:
@@ -238,14 +237,11 @@ def result_of(
     curve = roc(numbers(none, "shown"), numbers(touch, "shown"))
     figures = figures_of(touch, pair, places, curve)
     if change is not None:
-        firmest = _firmest(touch)
-        away = firmest[["x_m", "y_m"]].to_numpy(np.float64) - _centre(sensor)
-        nearest = np.hypot(*away.T) <= np.hypot(*away.T).min() + 1e-9
         # The noise of the frame and of its reference frame.
         noise = np.sqrt(2) * change[1] * 10 ** (-level / 20)
         figures["noise_figure"] = noise_figure(
             mean_magnitude(change[0][None]), np.array([noise]),
-            numbers(firmest, "magnitude")[nearest], numbers(none, "spread"),
+            numbers(_middle(touch, sensor), "magnitude"), numbers(none, "spread"),
         )  # fmt: skip
     return AcuityResult(scenario, method, level, outline, places, curve, figures)
 

@@ -138,10 +138,7 @@ def _scale(column: str) -> float:
 
 
 def draw_depths(results: Sequence[AcuityResult]) -> Figure:
-    """GREIT's figures over the distance from the rim: a row for each level, a line for each method.
-
-    The titles of scenarios are left out: all methods of a run have the same ones.
-    """
+    """GREIT's figures over the distance from the rim [mm]: a row a level, a line a method."""
     levels = sorted({one.snr_db for one in results}, reverse=True)
     figure = new_figure(PAGE, 0.9 + 1.45 * len(levels))
     panels = figure.subplots(len(levels), len(GREIT), squeeze=False, sharex=True, sharey="col")
