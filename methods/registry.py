@@ -159,6 +159,7 @@ METHOD_REGISTRY = Registry(
         "untrained.inr",
         "learned.refined",
         "learned.tank_unet",
+        "shapes.shape_posterior",
         "peers.pyeit_methods",
         "peers.eidors",
     ),

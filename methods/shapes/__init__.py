@@ -1,0 +1,1 @@
+"""Reconstruction of shapes: an image that a few parameters describe, with their posterior."""

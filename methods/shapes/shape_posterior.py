@@ -1,0 +1,209 @@
+"""Reconstruction as the posterior mean of the shapes that a network was trained on.
+
+The network says what an image looks like; the families of its training data say what an image can
+be: a few regions of one conductivity each. So the image of `dnn` is where fits of every family
+begin, the frame itself, through the exact model, is what they are fitted to, and the image that is
+returned is the mean over all shapes that explain the frame, each as well as its probability
+(`posterior`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import ClassVar
+
+import numpy as np
+from scipy import special
+
+from eitbench.methods.classical.linearisation import GAINS
+from eitbench.methods.learned.image_networks import Dnn
+from eitbench.methods.method import Method
+from eitbench.methods.problem import Problem
+from eitbench.methods.registry import register
+from eitbench.methods.shapes.fit import Fit, FrameModel, fit_frame, fit_image
+from eitbench.methods.shapes.parameters import Parameters
+from eitbench.methods.shapes.posterior import Sampler
+from eitbench.scenarios.arrays import Array
+from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.phantoms.phantom import draw
+from eitbench.scenarios.sensors.sensor import Sensor
+from eitbench.scenarios.sensors.symmetry import asymmetry
+from eitbench.scenarios.suites.scenario import SimulatedScenario
+from eitbench.scenarios.suites.suite import scenarios
+
+FEWEST = 50
+"""Samples of a round below which they say nothing of a covariance."""
+LIBRARY = 600
+"""Random phantoms of each family that an image is compared with, to find where fits begin."""
+STARTS, BEST = 8, 2
+"""The most similar ones, which are fitted to it, and the best of these fits, which are finished."""
+BLOCK = 4
+"""Side [pixels] of the blocks whose means are compared."""
+ROUGH_STEPS, IMAGE_STEPS, FIRST_STEPS, FRAME_STEPS = 5, 20, 3, 12
+"""Steps of the fits: of all starts to the image, of the best ones, of every family to the frame,
+and of those that are left."""
+ROUGHLY = 30.0
+"""A family whose first fit to the frame leaves so many times the least error is given up."""
+PIXELS = 0.01
+"""Error of soft edges in place of sharp ones, relative to a frame's differences; as seen in fits of
+validation frames without noise."""
+UNLIKELY = 1e-6
+"""A family that is less likely by this factor than the best fit is given up."""
+
+
+@register("shape-posterior")
+@dataclass
+class ShapePosterior(Method):
+    """The mean of all shapes of the training's families that explain the frame, begun at `dnn`.
+
+    Attributes:
+        gain_power: of the gains of measurements that are taken out of frames, see `Problem`.
+        samples: shapes that are drawn of a family in a round.
+        rounds: of the sampling, at most.
+    """
+
+    source: ClassVar[str] = (
+        "Kolehmainen et al., Inverse Problems 15(5), 1999 (shapes); Cappe et al., J. Comput. "
+        "Graph. Stat. 13(4), 2004 (sampling)"
+    )
+    expected_failures: ClassVar = asymmetry("its random samples have no symmetry", 0.016, 0.022)
+    search: ClassVar = GAINS
+
+    gain_power: float = 0.0
+    samples: int = 200
+    rounds: int = 5
+
+    @classmethod
+    def weights_hash(cls, sensor: Sensor) -> str:
+        """See `Method`; those of `dnn`."""
+        return Dnn.weights_hash(sensor)
+
+    @classmethod
+    def unusable(cls, sensor: Sensor) -> str:
+        """See `Method`."""
+        return Dnn.unusable(sensor)
+
+    def fit(self, problem: Problem) -> None:
+        """Load `dnn`, and draw phantoms of the families that it was trained on.
+
+        Raises:
+            InputError: no weights of `dnn` for the sensor, or such as were trained on a scenario
+                that is not packaged, or on presses; parameters out of range.
+        """
+        if not (self.samples >= FEWEST and self.rounds >= 1):
+            raise InputError(
+                f"'shape-posterior' needs at least {FEWEST} samples and 1 round, got "
+                f"samples={self.samples} and rounds={self.rounds}."
+            )
+        self._problem = problem
+        self._dnn = Dnn()
+        self._dnn.fit(problem)
+        self.train_s, self.trained_on = self._dnn.train_s, MappingProxyType(self._dnn.trained_on)
+        self._model = FrameModel(problem)
+        self._families = [_Family(p) for p in _families(self.trained_on, problem.sensor)]
+
+    def reconstruct(self, voltages: Array) -> Array:
+        """Absolute conductivity (n, H, W) [S/m] from frames (n, M), within the sensor's range."""
+        difference = self._problem.difference(voltages, self.gain_power)
+        low, high = self._problem.sensor.conductivity_range
+        images = []
+        for frame in difference:
+            # One by one: in batches the network rounds otherwise, and fits may end elsewhere.
+            guess = self._dnn.relative(frame[None])[0].astype(np.float64).clip(low, high)
+            images.append(self._of_one(guess, self._model.data(frame)))
+        shape = (-1, *self._problem.mask.shape)
+        return np.asarray(images).reshape(shape).clip(low, high) * self._problem.background
+
+    def _of_one(self, guess: Array, data: Array) -> Array:
+        """The mean image (H, W), relative to the background, of a frame's combinations (K,).
+
+        Where no shape explains the frame better than the `guess` (H, W) of the network, that is
+        returned: the frame is not of the families.
+        """
+        if not data.any():
+            return guess
+        fits = self._fits(guess, data)
+        missing = data - self._model.differences(guess)
+        if fits[0].error > missing @ missing:
+            return guess
+        sampler = Sampler(self._model, data, self.samples, self.rounds)
+        # Every frame has the same random numbers: it does not matter which others come with it.
+        rng = np.random.default_rng(0)
+        found = [sampler.posterior(fit, fits[0].error, rng) for fit in fits]
+        evidence = np.array([one.log_evidence for one in found])
+        if not np.isfinite(evidence).any():
+            return guess
+        means = np.array([one.mean for one in found])
+        return np.tensordot(special.softmax(evidence), means, axes=1)
+
+    def _fits(self, guess: Array, data: Array) -> list[Fit]:
+        """Fits to a frame of the families that are not given up, the best one first."""
+        floor = PIXELS**2 * float(data @ data)
+        fits = [
+            fit_frame(family.parameters, family.start(guess), self._model, data, FIRST_STEPS)
+            for family in self._families
+        ]
+        least = ROUGHLY * (min(map(_error, fits)) + floor)
+        fits = [
+            fit_frame(fit.parameters, fit.vector, self._model, data, FRAME_STEPS)
+            for fit in fits
+            if fit.error <= least
+        ]
+        fits.sort(key=_error)
+        least = UNLIKELY ** (-2 / self._model.count) * (fits[0].error + floor)
+        return [fit for fit in fits if fit.error <= least]
+
+
+class _Family:
+    """A family with random phantoms of it, where fits begin."""
+
+    def __init__(self, parameters: Parameters) -> None:
+        self.parameters = parameters
+        rng = np.random.default_rng(0)
+        drawn = [draw(parameters.family, parameters.sensor, rng) for _ in range(LIBRARY)]
+        self._vectors = np.array([parameters.of_phantom(phantom) for phantom in drawn])
+        blocks = np.array([_blocks(parameters.image(vector)) for vector in self._vectors])
+        self._directions = blocks / np.linalg.norm(blocks, axis=1, keepdims=True)
+
+    def start(self, image: Array) -> Array:
+        """The vector (P,) that fits an image (H, W) best, of fits that begin at like phantoms."""
+        nearest = np.argsort(-self._directions @ _blocks(image))[:STARTS]
+        fits = [fit_image(self.parameters, self._vectors[k], image, ROUGH_STEPS) for k in nearest]
+        best = sorted(fits, key=_error)[:BEST]
+        fits = [fit_image(self.parameters, fit.vector, image, IMAGE_STEPS) for fit in best]
+        return min(fits, key=_error).vector
+
+
+def _error(fit: Fit) -> float:
+    return fit.error
+
+
+def _blocks(image: Array) -> Array:
+    """Mean contrast of blocks of an image (H, W), in a row."""
+    height, width = (size // BLOCK for size in image.shape)
+    cut = image[: height * BLOCK, : width * BLOCK] - 1
+    return np.asarray(cut.reshape(height, BLOCK, width, BLOCK).mean(axis=(1, 3)).ravel())
+
+
+def _families(trained_on: Mapping[str, str], sensor: Sensor) -> list[Parameters]:
+    """Parameters of the families of a training.
+
+    Raises:
+        InputError: the scenario is not packaged, or its families have no parameters.
+    """
+    scenario = scenarios().get(trained_on["scenario"])
+    if not isinstance(scenario, SimulatedScenario):
+        raise InputError(
+            f"'dnn' was trained on scenario {trained_on['scenario']!r}, whose families are not "
+            "known here: 'shape-posterior' needs weights that were trained on a packaged scenario."
+        )
+    families = scenario.split_families("train")
+    unknown = [f.name for f in families if len(f.shapes) > 1 or f.pressure is not None]
+    if unknown:
+        raise InputError(
+            f"'shape-posterior' knows no parameters of the family {unknown[0]!r}, which 'dnn' was "
+            "trained on: it knows families of one shape and of given conductivity."
+        )
+    return [Parameters(family, sensor) for family in families]
