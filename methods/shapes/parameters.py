@@ -93,9 +93,8 @@ class Parameters:
     @cached_property
     def copies(self) -> int:
         """Vectors that give the same image."""
-        return (
-            math.factorial(self.family.count) * COPIES.get(self._shape[0], 1) ** self.family.count
-        )
+        each: int = COPIES.get(self._shape[0], 1)
+        return math.factorial(self.family.count) * math.prod([each] * self.family.count)
 
     def inclusions(self, vector: Array) -> list[tuple[Region, float]]:
         """Regions and their conductivity over the background."""
@@ -111,6 +110,13 @@ class Parameters:
             pose = Pose(x * self.side, y * self.side, angle)
             found.append((self.family.shapes[0].build(sizes, pose), rest[-1]))
         return found
+
+    def shifted(self, vector: Array, columns: float, rows: float) -> Array:
+        """The vector (P,) of the same phantom so many pixels away, but within the ranges."""
+        parts = vector.reshape(self.family.count, -1).copy()
+        parts[:, 0] += columns * self._grid.width / self.side
+        parts[:, 1] += rows * self._grid.height / self.side
+        return np.asarray(parts.ravel().clip(self.low, self.high))
 
     def image(self, vector: Array, edge: float = 0.0) -> Array:
         """Conductivity over the background (H, W); `edge` in pixels, see `raster.paint`."""

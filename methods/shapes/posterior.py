@@ -15,8 +15,8 @@ next to no noise, weights are taken to a power below 1 at which enough of them c
 in on the posterior round by round.
 
 An image of sharp edges jumps where an edge passes the centre of a pixel. That is as the phantoms
-are, so that samples are rasterised like them; the model is linearised about the image of q's
-centre, from which samples differ in pixels along the edges.
+are, so that samples are rasterised like them, unless noise hides it. The model is linearised about
+the image of q's centre, from which samples differ in pixels along the edges.
 """
 
 from __future__ import annotations
@@ -40,8 +40,10 @@ LEAST_POWER = 1e-6
 SHRINKING = 0.5
 """Factor of the covariance that q had, where weights are tempered and too few samples count to
 replace it."""
-PIXELS = 0.005
-"""Noise, relative to a frame's differences, from which on samples have soft edges."""
+SHARP = 0.008
+"""Error of the best fit, relative to a frame's differences, below which samples have sharp edges.
+A soft edge errs about as much: below, only sharp ones tell shapes apart; above, soft ones, whose
+likelihood is smooth, need far fewer samples."""
 ROUNDING = 1e-9
 """Error of the model by rounding, relative to a frame's differences: no fit is better."""
 HEAVY = 1e-3
@@ -88,7 +90,7 @@ class Sampler:
         variance = max(error, least) / self.model.count
         information = fit.information / np.outer(parameters.step, parameters.step) / variance
         covariance = linalg.inv(information + np.diag(12 / parameters.span**2))
-        edge = 0.0 if error < PIXELS**2 * energy else EDGE
+        edge = 0.0 if error < SHARP**2 * energy else EDGE
         log_prior = math.log(parameters.copies) - float(np.log(parameters.span).sum())
         for number in range(self.rounds):
             root = linalg.cholesky((covariance + covariance.T) / 2, lower=True)

@@ -46,9 +46,9 @@ ROUGH_STEPS, IMAGE_STEPS, FIRST_STEPS, FRAME_STEPS = 5, 20, 3, 12
 and of those that are left."""
 ROUGHLY = 30.0
 """A family whose first fit to the frame leaves so many times the least error is given up."""
-PIXELS = 0.01
-"""Error of soft edges in place of sharp ones, relative to a frame's differences; as seen in fits of
-validation frames without noise."""
+PIXELS = 0.02
+"""Error of soft edges in place of sharp ones, relative to a frame's differences, that no family is
+given up for."""
 UNLIKELY = 1e-6
 """A family that is less likely by this factor than the best fit is given up."""
 
@@ -164,13 +164,21 @@ class _Family:
         rng = np.random.default_rng(0)
         drawn = [draw(parameters.family, parameters.sensor, rng) for _ in range(LIBRARY)]
         self._vectors = np.array([parameters.of_phantom(phantom) for phantom in drawn])
-        blocks = np.array([_blocks(parameters.image(vector)) for vector in self._vectors])
+        centred = [_centred(parameters.image(vector)) for vector in self._vectors]
+        self._places = np.array([place for _, place in centred])
+        blocks = np.array([blocks for blocks, _ in centred])
         self._directions = blocks / np.linalg.norm(blocks, axis=1, keepdims=True)
 
     def start(self, image: Array) -> Array:
         """The vector (P,) that fits an image (H, W) best, of fits that begin at like phantoms."""
-        nearest = np.argsort(-self._directions @ _blocks(image))[:STARTS]
-        fits = [fit_image(self.parameters, self._vectors[k], image, ROUGH_STEPS) for k in nearest]
+        blocks, place = _centred(image)
+        nearest = np.argsort(-self._directions @ blocks)[:STARTS]
+        shifts = place - self._places[nearest]
+        starts = [
+            self.parameters.shifted(vector, *shift)
+            for vector, shift in zip(self._vectors[nearest], shifts.tolist(), strict=True)
+        ]
+        fits = [fit_image(self.parameters, start, image, ROUGH_STEPS) for start in starts]
         best = sorted(fits, key=_error)[:BEST]
         fits = [fit_image(self.parameters, fit.vector, image, IMAGE_STEPS) for fit in best]
         return min(fits, key=_error).vector
@@ -180,11 +188,19 @@ def _error(fit: Fit) -> float:
     return fit.error
 
 
-def _blocks(image: Array) -> Array:
-    """Mean contrast of blocks of an image (H, W), in a row."""
+def _centred(image: Array) -> tuple[Array, Array]:
+    """Mean contrast of blocks of an image (H, W) that is moved to its middle, in a row.
+
+    Also the place (column, row) [pixels] that was moved there: the centre of the |contrast|.
+    """
+    contrast = image - 1
+    weight = np.abs(contrast) + 1e-12
+    rows, columns = np.indices(image.shape)
+    place = np.array([np.average(columns, weights=weight), np.average(rows, weights=weight)])
     height, width = (size // BLOCK for size in image.shape)
-    cut = image[: height * BLOCK, : width * BLOCK] - 1
-    return np.asarray(cut.reshape(height, BLOCK, width, BLOCK).mean(axis=(1, 3)).ravel())
+    shift = np.round([image.shape[0] / 2 - place[1], image.shape[1] / 2 - place[0]]).astype(int)
+    moved = np.roll(contrast, shift.tolist(), axis=(0, 1))[: height * BLOCK, : width * BLOCK]
+    return moved.reshape(height, BLOCK, width, BLOCK).mean(axis=(1, 3)).ravel(), place
 
 
 def _families(trained_on: Mapping[str, str], sensor: Sensor) -> list[Parameters]:

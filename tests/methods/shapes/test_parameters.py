@@ -1,0 +1,102 @@
+"""Shapes as vectors of parameters: their images, derivatives and prior."""
+
+import math
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from tests.support.small_sensors import foam
+
+from eitbench.methods.shapes.parameters import Parameters
+from eitbench.methods.shapes.raster import paint, pixel_grid
+from eitbench.scenarios.phantoms.families import FAMILIES, PUBLISHED_FAMILIES
+from eitbench.scenarios.phantoms.phantom import Phantom, draw, rasterise
+from eitbench.scenarios.phantoms.regions import Circle, Ellipse, Pose, Region, Ring
+
+Array = NDArray[np.float64]
+SENSOR = foam((48, 40))
+SHAPES = (*PUBLISHED_FAMILIES, "star", "three-contacts")
+
+
+def drawn(name: str, count: int) -> tuple[Parameters, list[Phantom]]:
+    rng = np.random.default_rng(1)
+    return Parameters(FAMILIES[name], SENSOR), [
+        draw(FAMILIES[name], SENSOR, rng) for _ in range(count)
+    ]
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_sharp_images_are_those_of_phantoms(name: str) -> None:
+    """The phantoms' own rasteriser asks for every pixel whether its centre lies inside."""
+    parameters, phantoms = drawn(name, 20)
+    for phantom in phantoms:
+        image = parameters.image(parameters.of_phantom(phantom))
+        truth = rasterise(phantom, SENSOR) / SENSOR.background
+        assert np.abs(image - truth).max() < 1e-9
+
+
+@pytest.mark.parametrize(
+    ("region", "area"),
+    [
+        (Circle(0.02, Pose(0.05, 0.04)), math.pi * 0.02**2),
+        (Ring(0.025, 0.012, Pose(0.05, 0.05)), math.pi * (0.025**2 - 0.012**2)),
+        (Ellipse(0.03, 0.012, Pose(0.05, 0.05, 0.4)), math.pi * 0.03 * 0.012),
+    ],
+)
+def test_a_soft_edge_keeps_the_area(region: Region, area: float) -> None:
+    """With level e the logarithm of the image is the share of each pixel inside."""
+    image = np.ones(SENSOR.image_shape)
+    width, height = SENSOR.pixel_size
+    paint(image, region, math.e, pixel_grid(SENSOR), math.sqrt(width * height))
+    assert np.log(image).sum() * width * height == pytest.approx(area, rel=0.01)
+    assert ((image > 1.0001) & (image < math.e - 0.0001)).any()
+
+
+@pytest.mark.parametrize("name", PUBLISHED_FAMILIES)
+def test_the_derivative_predicts_a_small_change_of_the_image(name: str) -> None:
+    parameters, phantoms = drawn(name, 3)
+    rng = np.random.default_rng(2)
+    for phantom in phantoms:
+        vector = parameters.of_phantom(phantom)
+        change = 0.2 * rng.standard_normal(len(vector))
+        ahead = parameters.image(vector + change * parameters.step, 2.0)
+        behind = parameters.image(vector - change * parameters.step, 2.0)
+        predicted = 2 * np.tensordot(change, parameters.derivative(vector, 2.0), axes=1)
+        missed = np.linalg.norm(ahead - behind - predicted) / np.linalg.norm(predicted)
+        assert missed < 0.15
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_drawn_phantoms_are_possible_and_shifted_ones_are_not(name: str) -> None:
+    parameters, phantoms = drawn(name, 10)
+    vectors = np.array([parameters.of_phantom(phantom) for phantom in phantoms])
+    assert parameters.possible(vectors).all()
+    outside = vectors.copy()
+    outside[:, 0] = 0.01  # centred beside the left side
+    assert not parameters.possible(outside).any()
+    beyond = vectors.copy()
+    beyond[:, -1] = 0.95  # less contrast than any of the family
+    assert not parameters.within(beyond).any()
+
+
+def test_contacts_must_lie_apart() -> None:
+    parameters = Parameters(FAMILIES["two-circles"], SENSOR)
+    apart = np.array([0.3, 0.5, 0.1, 0.5, 0.7, 0.5, 0.1, 0.5])
+    near = np.array([0.41, 0.5, 0.1, 0.5, 0.6, 0.5, 0.1, 0.5])
+    assert parameters.possible(np.array([apart, near])).tolist() == [True, False]
+
+
+def test_copies_have_the_same_image() -> None:
+    rectangle = Parameters(FAMILIES["rectangle"], SENSOR)
+    x, y, angle, width, height, level = vector = np.array([0.5, 0.4, 0.3, 0.4, 0.2, 0.5])
+    turned = [
+        [x, y, angle + math.pi, width, height, level],
+        [x, y, angle + math.pi / 2, height, width, level],
+        [x, y, angle - math.pi / 2, height, width, level],
+    ]
+    assert rectangle.copies == 1 + len(turned)
+    image = rectangle.image(vector, 1.0)
+    for other in turned:
+        assert np.abs(rectangle.image(np.array(other), 1.0) - image).max() < 1e-9
+    assert Parameters(FAMILIES["two-circles"], SENSOR).copies == 2
+    assert Parameters(FAMILIES["ring"], SENSOR).copies == 1

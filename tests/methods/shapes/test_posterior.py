@@ -1,0 +1,104 @@
+"""The posterior of shapes beside the same by brute force."""
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy import special
+from tests.support.small_sensors import clean_problem, foam
+
+from eitbench.methods.shapes.fit import EDGE, FrameModel, fit_frame
+from eitbench.methods.shapes.parameters import Parameters
+from eitbench.methods.shapes.posterior import Sampler, _drawn, _tempered
+from eitbench.scenarios.phantoms.families import FAMILIES
+
+Array = NDArray[np.float64]
+SENSOR = foam((32, 32))
+TRUTH = np.array([0.55, 0.45, 0.14, 0.5])
+
+
+def test_samples_have_the_density_that_is_said() -> None:
+    """The mean of p / q over samples of q is 1 for the density p of a normal distribution."""
+    root = np.array([[0.3, 0.0], [0.2, 0.5]])
+    centre = np.array([1.0, -2.0])
+    vectors, log_density = _drawn(centre, root, 40000, np.random.default_rng(0))
+    assert vectors[0] == pytest.approx(centre)
+    whitened = np.linalg.solve(root, (vectors - centre).T)
+    normal = -(whitened**2).sum(axis=0) / 2 - np.log(2 * np.pi) - np.log(np.diag(root)).sum()
+    assert np.exp(normal - log_density).mean() == pytest.approx(1, abs=0.02)
+
+
+def test_weights_are_tempered_until_enough_samples_count() -> None:
+    rng = np.random.default_rng(0)
+    even, uneven = 0.1 * rng.standard_normal(200), 50 * rng.standard_normal(200)
+    weights, power = _tempered(even, 20.0)
+    assert power == 1
+    assert weights == pytest.approx(special.softmax(even))
+    weights, power = _tempered(uneven, 20.0)
+    assert power < 1
+    assert 1 / (weights @ weights) == pytest.approx(20, rel=0.02)
+    assert np.log(weights) == pytest.approx(np.log(special.softmax(power * uneven)))
+
+
+@pytest.mark.slow
+def test_mean_image_and_evidence_are_those_of_brute_force() -> None:
+    """Against 40,000 samples of the prior within a box around the fit, through the exact model."""
+    parameters, model = Parameters(FAMILIES["circle"], SENSOR), FrameModel(clean_problem(SENSOR))
+    rng = np.random.default_rng(0)
+    clean = model.differences(parameters.image(TRUTH, EDGE))
+    noise = 0.4 * np.linalg.norm(clean) / np.sqrt(model.count)
+    data = clean + noise * rng.standard_normal(model.count)
+    fit = fit_frame(parameters, TRUTH, model, data, 20)
+
+    found = [
+        Sampler(model, data, 1000, 5).posterior(fit, fit.error, np.random.default_rng(seed))
+        for seed in range(4)
+    ]
+    half = np.array([0.08, 0.08, 0.07, 0.5])
+    low = np.maximum(fit.vector - half, parameters.low)
+    high = np.minimum(fit.vector + half, parameters.high)
+    vectors = rng.uniform(low, high, (40_000, 4))
+    images = np.array([parameters.image(vector, EDGE) for vector in vectors])
+    errors = np.concatenate([
+        ((data - model.data(_voltages(model, part))) ** 2).sum(axis=1)
+        for part in np.array_split(images, 40)
+    ])  # fmt: skip
+    log_likelihood = -model.count / 2 * np.log(errors)
+    weights = special.softmax(log_likelihood)
+    assert 1 / (weights @ weights) > 200  # the reference is no better than that
+    mean = np.tensordot(weights, images, axes=1)
+    volume = np.log((high - low) / parameters.span).sum()
+    evidence = special.logsumexp(log_likelihood) - np.log(len(vectors)) + volume
+    spread = np.sqrt(np.tensordot(weights, (images - mean) ** 2, axes=1)).max()
+    for posterior in found:
+        assert np.abs(posterior.mean - mean).max() < 0.35 * spread
+        assert posterior.log_evidence == pytest.approx(evidence, abs=0.35)
+
+
+def _voltages(model: FrameModel, images: Array) -> Array:
+    problem = model._problem
+    return np.asarray(
+        problem.model.voltages(images * problem.background) - problem.background_voltages
+    )
+
+
+@pytest.mark.slow
+def test_without_noise_sampling_closes_in_on_the_pixels() -> None:
+    """A soft fit leaves what edges of whole pixels differ by; sharp samples explain far more."""
+    parameters, model = Parameters(FAMILIES["circle"], SENSOR), FrameModel(clean_problem(SENSOR))
+    truth = parameters.image(TRUTH)
+    data = model.differences(truth)
+    fit = fit_frame(parameters, TRUTH + 0.3 * parameters.step, model, data, 20)
+    found = Sampler(model, data, 300, 8).posterior(fit, fit.error, np.random.default_rng(0))
+    assert found.error < 0.05 * fit.error
+    soft = ((parameters.image(fit.vector, EDGE) - truth) ** 2).mean()
+    assert ((found.mean - truth) ** 2).mean() < 0.2 * soft
+
+
+def test_a_family_without_a_possible_sample_has_no_evidence() -> None:
+    """A disc that is fitted beside the rim, where no disc of that size has room."""
+    parameters, model = Parameters(FAMILIES["circle"], SENSOR), FrameModel(clean_problem(SENSOR))
+    vector = np.array([0.02, 0.5, 0.2, 0.3])
+    data = model.differences(parameters.image(vector))
+    fit = fit_frame(parameters, vector, model, data, 5)
+    found = Sampler(model, data, 60, 2).posterior(fit, fit.error, np.random.default_rng(0))
+    assert found.log_evidence == -np.inf
