@@ -44,6 +44,8 @@ BLOCK = 4
 ROUGH_STEPS, IMAGE_STEPS, FIRST_STEPS, FRAME_STEPS = 5, 20, 3, 12
 """Steps of the fits: of all starts to the image, of the best ones, of every family to the frame,
 and of those that are left."""
+UNLIKE = 10.0
+"""A family whose fit to the image leaves so many times the least error is given up."""
 ROUGHLY = 30.0
 """A family whose first fit to the frame leaves so many times the least error is given up."""
 PIXELS = 0.02
@@ -141,9 +143,12 @@ class ShapePosterior(Method):
     def _fits(self, guess: Array, data: Array) -> list[Fit]:
         """Fits to a frame of the families that are not given up, the best one first."""
         floor = PIXELS**2 * float(data @ data)
+        starts = [family.start(guess) for family in self._families]
+        least = UNLIKE * min(map(_error, starts))
         fits = [
-            fit_frame(family.parameters, family.start(guess), self._model, data, FIRST_STEPS)
-            for family in self._families
+            fit_frame(start.parameters, start.vector, self._model, data, FIRST_STEPS)
+            for start in starts
+            if start.error <= least
         ]
         least = ROUGHLY * (min(map(_error, fits)) + floor)
         fits = [
@@ -169,8 +174,8 @@ class _Family:
         blocks = np.array([blocks for blocks, _ in centred])
         self._directions = blocks / np.linalg.norm(blocks, axis=1, keepdims=True)
 
-    def start(self, image: Array) -> Array:
-        """The vector (P,) that fits an image (H, W) best, of fits that begin at like phantoms."""
+    def start(self, image: Array) -> Fit:
+        """The best fit to an image (H, W), of those that begin at phantoms like it."""
         blocks, place = _centred(image)
         nearest = np.argsort(-self._directions @ blocks)[:STARTS]
         shifts = place - self._places[nearest]
@@ -181,7 +186,7 @@ class _Family:
         fits = [fit_image(self.parameters, start, image, ROUGH_STEPS) for start in starts]
         best = sorted(fits, key=_error)[:BEST]
         fits = [fit_image(self.parameters, fit.vector, image, IMAGE_STEPS) for fit in best]
-        return min(fits, key=_error).vector
+        return min(fits, key=_error)
 
 
 def _error(fit: Fit) -> float:
