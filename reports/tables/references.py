@@ -26,6 +26,7 @@ KEYS = {
     "pyeit-bp": "liu2018",
     "pyeit-greit": "liu2018",
     "pyeit-jac": "liu2018",
+    "shape-posterior": "kolehmainen1999",
     "tank-unet": "denker2024",
     "tikhonov": "vauhkonen1998",
     "tv": "borsic2010",
