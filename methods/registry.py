@@ -158,6 +158,7 @@ METHOD_REGISTRY = Registry(
         "untrained.dip",
         "untrained.inr",
         "learned.refined",
+        "learned.ensemble",
         "learned.tank_unet",
         "shapes.shape_posterior",
         "peers.pyeit_methods",

@@ -13,6 +13,7 @@ KEYS = {
     "eidors-greit": "adler2006",
     "eidors-noser": "adler2006",
     "eidors-tv-pdipm": "adler2006",
+    "ensemble": "hansen1990",
     "gauss-newton-noser": "yorkey1987",
     "gauss-newton-tv": "borsic2010",
     "greit": "adler2009",

@@ -1,0 +1,40 @@
+"""The mean of a classical method's images and a trained method's."""
+
+import numpy as np
+import pytest
+from tests.support.small_sensors import no_split
+
+from eitbench.methods import Problem, create
+from eitbench.scenarios import sensor
+from eitbench.scenarios.physics.forward import forward_model
+
+
+@pytest.fixture(scope="module")
+def problem() -> Problem:
+    skin = sensor("ohmc16")
+    model = forward_model(skin)
+    return Problem(skin, model.voltages(model.background), no_split)
+
+
+def test_both_images_have_equal_energy_in_the_mean(problem: Problem) -> None:
+    x, y = problem.sensor.pixel_centres
+    span = np.ptp(x[problem.mask])
+    image = np.where(np.hypot(x - x.mean() - 0.1 * span, y - y.mean()) < 0.1 * span, 0.7, 1.0)
+    frame = problem.model.voltages(image * problem.background)[None]
+    contrasts = []
+    for name in ("learned-gn", "noser", "ensemble"):
+        method = create(name, **({} if name == "learned-gn" else {"weight": 0.3}))
+        method.fit(problem)
+        contrasts.append((method.reconstruct(frame) - problem.background)[0][problem.mask])
+    learned, linear, mean = contrasts
+    linear = linear * np.linalg.norm(learned) / np.linalg.norm(linear)
+    low, high = (limit * problem.background for limit in problem.sensor.conductivity_range)
+    expected = ((learned + linear) / 2 + problem.background).clip(low, high)
+    assert mean + problem.background == pytest.approx(expected, abs=1e-6)
+
+
+def test_an_untouched_skin_stays_as_it_is(problem: Problem) -> None:
+    method = create("ensemble")
+    method.fit(problem)
+    image = method.reconstruct(problem.reference[None])
+    assert np.abs(image - problem.background)[0][problem.mask].max() < 0.05
