@@ -116,7 +116,8 @@ class ImageNetworkMethod(TrainedMethod):
     source: ClassVar[str] = "Physics-Driven Learning Framework for Tomographic Tactile Sensing"
     recipe: ClassVar = Recipe(epochs=100, patience=25)
     options: ClassVar[tuple[str, ...]] = (
-        "limit", "unlimited", "start", "loss", "operator", "alpha", "beta", "backbone"
+        "limit", "unlimited", "start", "loss", "operator", "alpha", "beta", "backbone",
+        "gain_power",
     )  # fmt: skip
     beta: ClassVar[float] = 0.0
 
@@ -163,3 +164,14 @@ class PhyDnn(ImageNetworkMethod):
     files: ClassVar = WeightFiles("phydnn", version="1")
     beta: ClassVar = 0.0029
     options: ClassVar = tuple(o for o in ImageNetworkMethod.options if o != "loss")
+
+
+@register("dnn-randomised")
+@dataclass
+class DnnRandomised(ImageNetworkMethod):
+    """The U-Net of `dnn`, trained further on units with imperfections (domain randomisation)."""
+
+    source: ClassVar[str] = "Tobin et al., IROS 2017, 23"
+    files: ClassVar = WeightFiles("dnn-randomised", version="1")
+    recipe: ClassVar = Recipe(epochs=30, rate=5e-4)
+    begins_with: ClassVar = Dnn.files

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from eitbench.scenarios.catalogue import sensor
@@ -83,8 +84,8 @@ def test_training_data_are_of_units_with_faults_and_all_else_is_as_it_was() -> N
     np.testing.assert_array_equal(few.voltages, seen.voltages[:4])
 
 
-def _spoiled(dead: tuple[int, ...]) -> np.ndarray:
-    return np.isin(RANDOMISED.nominal_sensor.pattern.table, dead).any(axis=1)
+def _spoiled(dead: tuple[int, ...]) -> NDArray[np.bool_]:
+    return np.asarray(np.isin(RANDOMISED.nominal_sensor.pattern.table, dead).any(axis=1))
 
 
 @pytest.mark.parametrize(
