@@ -212,6 +212,31 @@ def _rungs() -> str:
     return printed(["B", *(f"`{method}`" for method in methods)], rows)
 
 
+_RANDOMISED = {
+    "sim2real-severity-0": "severity 0",
+    "sim2real-severity-half": "severity a half",
+    "sim2real-noise": "ideal, at 60 dB",
+    "sim2real-stale-reference": "emulated, with a stale reference",
+    "sim2real-two-dead-electrodes": "emulated, with two dead electrodes",
+    "sim2real-saturated-channel": "emulated, with a saturated channel",
+}
+
+
+def _randomised() -> str:
+    """Return B of networks that learned from the nominal sensor and from many, by rung."""
+    stored = pd.read_csv(STUDIES / "randomised" / "ladder.csv")
+    value = stored.set_index(["rung", "method"])["value"]
+    methods = stored["method"].unique()
+    titles = {**_RUNGS, **_RANDOMISED}
+    area = titles.pop("area")
+    rows = [
+        [title, *(f"{value[rung, method]:.3f}" for method in methods)]
+        for rung, title in {**titles, "area": area}.items()
+        if (rung, methods[0]) in value
+    ]
+    return printed(["B", *(f"`{method}`" for method in methods)], rows)
+
+
 def _ladder() -> str:
     lines = (STUDIES / "sim2real" / "ladder.md").read_text().splitlines()
     return "\n".join(line for line in lines if line.startswith("|"))
@@ -377,6 +402,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "supervision": _supervision,
     "rungs": _rungs,
     "ladder": _ladder,
+    "randomised": _randomised,
     "acuity": _acuity,
     "acuity merit": lambda: _acuity("acuity-merit"),
     "operators": _operators,

@@ -173,5 +173,5 @@ class DnnRandomised(ImageNetworkMethod):
 
     source: ClassVar[str] = "Tobin et al., IROS 2017, 23"
     files: ClassVar = WeightFiles("dnn-randomised", version="1")
-    recipe: ClassVar = Recipe(epochs=30, rate=5e-4)
+    recipe: ClassVar = Recipe(epochs=10, rate=5e-4)
     begins_with: ClassVar = Dnn.files
