@@ -322,12 +322,19 @@ def _gains() -> str:
     """Return the error of presses without and with gains of measurements, by method."""
     stored = pd.read_csv(STUDIES / "gains" / "presses.csv")
     errors = stored.pivot_table(index="method", columns="gains", values="localisation_mm")
-    errors = errors.sort_values("with")
+    errors = errors.loc[errors["learned"].fillna(errors["with"]).sort_values().index]
     rows = [
-        [f"`{name}`", f"{row['without']:.1f}", f"{row['with']:.1f}"]
+        [
+            f"`{name}`",
+            *(
+                "" if pd.isna(row[gains]) else f"{row[gains]:.1f}"
+                for gains in ("without", "with", "learned")
+            ),
+        ]
         for name, row in errors.iterrows()
     ]
-    return printed(["median error [mm]", "without", "with gains"], rows)
+    heads = ["median error [mm]", "without", "with gains", "and learned with them"]
+    return printed(heads, rows)
 
 
 def _skin_model() -> str:

@@ -542,7 +542,7 @@ def test_a_network_sees_in_training_what_it_sees_in_use(
 
     class Watched(Dnn):
         def fit(self, problem: Problem) -> None:
-            self._problem = problem
+            self._problem, self._gain_power = problem, self.gain_power
 
         def relative(self, difference: Array) -> Images:
             in_use.append(difference)
@@ -579,3 +579,19 @@ def test_a_network_that_begins_with_that_of_another_method_learns_from_other_uni
         method.fit(problem)
         error[name] = np.mean((reconstructed(method, problem, data) - data.conductivity) ** 2)
     assert error["dnn-randomised"] < 0.8 * error["dnn"]
+
+
+@pytest.mark.slow
+def test_weights_bring_the_power_of_gains_that_they_were_trained_with(tmp_path: Path) -> None:
+    uneven = suite_of(tmp_path, UNEVEN)
+    request = TrainingRequest("dnn", uneven, epochs=1, gain_power=1.0, out=tmp_path / "out")
+    weights = str(train(request).weights)
+    data = load(UNEVEN, "train", 3)
+    images = []
+    for gain_power in (0.0, 1.0, 0.5):
+        problem = Problem(data.sensor, data.references[0], no_split)
+        method = create("dnn", weights=weights, gain_power=gain_power)
+        method.fit(problem)
+        images.append(reconstructed(method, problem, data))
+    np.testing.assert_array_equal(images[0], images[1])
+    assert np.abs(images[2] - images[1]).max() > 1e-3
