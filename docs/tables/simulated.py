@@ -237,6 +237,18 @@ def _randomised() -> str:
     return printed(["B", *(f"`{method}`" for method in methods)], rows)
 
 
+def _randomised_noise() -> str:
+    """Return the PSNR of both networks on sensors that are nearly as their model."""
+    stored = pd.read_csv(STUDIES / "randomised" / "noise.csv")
+    psnr = stored.set_index(["scenario", "method"])["psnr"]
+    names = [name for name in _SCENARIOS if name in psnr.index.get_level_values("scenario")]
+    rows = [
+        [f"`{method}`", *(f"{psnr[name, method]:.1f}" for name in names)]
+        for method in stored["method"].unique()
+    ]
+    return printed(["PSNR [dB]", *(_SCENARIOS[name] for name in names)], rows)
+
+
 def _ladder() -> str:
     lines = (STUDIES / "sim2real" / "ladder.md").read_text().splitlines()
     return "\n".join(line for line in lines if line.startswith("|"))
@@ -410,6 +422,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "rungs": _rungs,
     "ladder": _ladder,
     "randomised": _randomised,
+    "randomised noise": _randomised_noise,
     "acuity": _acuity,
     "acuity merit": lambda: _acuity("acuity-merit"),
     "operators": _operators,
