@@ -16,7 +16,7 @@ from eitbench.methods.normalisation import (
 )
 from eitbench.methods.smoothness import smoothed
 from eitbench.scenarios.arrays import Array
-from eitbench.scenarios.data.datasets import Dataset
+from eitbench.scenarios.data.datasets import Dataset, same_reference
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.imperfections.faults import spoiled
 from eitbench.scenarios.phantoms.phantom import Contents, contents
@@ -203,14 +203,59 @@ class Problem:
         """
         change = (self._frames(self._nominal, voltages) - self.reference) / self.gain
         if gain_power not in self._estimates:
-            self._estimates[gain_power] = self._estimate(gain_power)
-        estimate = self._estimates[gain_power]
-        return np.asarray(change if estimate is None else change @ estimate.T)
+            self._estimates[gain_power] = self._estimate(self.reference, gain_power)
+        return _estimated(change, self._estimates[gain_power])
 
-    def _estimate(self, gain_power: float) -> Array | None:
+    def differences(self, data: Dataset, gain_power: float = 0.0) -> Array:
+        """Frames of `data` minus their own reference frames, in model units: (n, M) [V/A].
+
+        They are those that `difference` returns with each of these reference frames.
+        """
+        self._read.add("gain")
+        found = np.empty(data.voltages.shape)
+        for rows in same_reference(data.references):
+            reference = data.references[rows.start]
+            change = (data.voltages[rows] - reference) / float(self._gains(reference))
+            found[rows] = _estimated(change, self._estimate(reference, gain_power))
+        return found
+
+    def as_estimated(self, differences: Array, gain_power: float) -> Array:
+        """Differences (n, M) [V/A] of the nominal sensor as `difference` gives those of this one.
+
+        They are measured with the gains and faults that the reference frame shows, and estimated
+        again. Gains cannot be taken out without loss: what is learned from is to lose as much.
+        """
+        estimate = self._estimate(self.reference, gain_power)
+        if estimate is None:
+            return differences
+        gains, _ = self._measured_with(self.reference, gain_power)
+        return _estimated(differences * gains, estimate)
+
+    def estimates(
+        self, references: Array, gain_power: float = 0.0
+    ) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
+        """What `differences` multiplies the differences to reference frames (n, M) with.
+
+        Returns:
+            Number (n,) of the matrix for each reference frame, and the matrices (U, M, M), from
+            measured to nominal differences; the first is the identity.
+        """
+        unchanged = np.eye(references.shape[1], dtype=np.float32)
+        numbers, matrices = {unchanged.tobytes(): 0}, [unchanged]
+        which = np.zeros(len(references), dtype=np.int64)
+        for rows in same_reference(references):
+            estimate = self._estimate(references[rows.start], gain_power)
+            if estimate is None:
+                continue
+            matrix = estimate.astype(np.float32)
+            which[rows] = numbers.setdefault(matrix.tobytes(), len(matrices))
+            if len(numbers) > len(matrices):  # units with the same dead electrode share theirs
+                matrices.append(matrix)
+        return which, np.array(matrices)
+
+    def _estimate(self, reference: Array, gain_power: float) -> Array | None:
         """(M, M) from measured to nominal differences; None where nothing is to be changed."""
-        kept = ~spoiled(self.reference, self._modelled, self._nominal.pattern)
-        gains = gains_of_reference(self.reference, self._modelled, kept) ** gain_power
+        gains, kept = self._measured_with(reference, gain_power)
         uneven = not np.allclose(gains[kept], 1, rtol=1e-6)
         if kept.all() and not uneven:
             return None
@@ -219,17 +264,18 @@ class Problem:
             estimate[kept] = np.eye(len(kept))[kept]
         return estimate
 
+    def _measured_with(
+        self, reference: Array, gain_power: float
+    ) -> tuple[Array, NDArray[np.bool_]]:
+        """Gains (M,) of measurements by a reference frame, and True (M,) where no fault spoils."""
+        kept = ~spoiled(reference, self._modelled, self._nominal.pattern)
+        return gains_of_reference(reference, self._modelled, kept) ** gain_power, kept
+
     @cached_property
     def _gram(self) -> Array:
         """G (M, M): covariance of the measurements of the smoothest contrasts."""
         rows = self.jacobian[:, self.mask]
         return np.asarray(rows @ smoothed(rows, self.mask))
-
-    def differences(self, data: Dataset) -> Array:
-        """Frames of `data` minus their own reference frames, in model units: (n, M) [V/A]."""
-        self._read.add("gain")
-        gains = self._gains(data.references)
-        return np.asarray((data.voltages - data.references) / gains[:, None])
 
     def training(self, limit: int | None = None) -> Dataset:
         """The first `limit` samples of the training split, with their truth."""
@@ -273,3 +319,7 @@ class Problem:
             bad = int(np.flatnonzero(~np.isfinite(frames).all(axis=1))[0])
             raise InputError(f"Frame {bad} holds a value that is not a finite number.")
         return frames
+
+
+def _estimated(change: Array, estimate: Array | None) -> Array:
+    return np.asarray(change if estimate is None else change @ estimate.T)

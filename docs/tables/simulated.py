@@ -212,6 +212,43 @@ def _rungs() -> str:
     return printed(["B", *(f"`{method}`" for method in methods)], rows)
 
 
+_RANDOMISED = {
+    "sim2real-severity-0": "severity 0",
+    "sim2real-severity-half": "severity a half",
+    "sim2real-noise": "ideal, at 60 dB",
+    "sim2real-stale-reference": "emulated, with a stale reference",
+    "sim2real-two-dead-electrodes": "emulated, with two dead electrodes",
+    "sim2real-saturated-channel": "emulated, with a saturated channel",
+}
+
+
+def _randomised() -> str:
+    """Return B of networks that learned from the nominal sensor and from many, by rung."""
+    stored = pd.read_csv(STUDIES / "randomised" / "ladder.csv")
+    value = stored.set_index(["rung", "method"])["value"]
+    methods = stored["method"].unique()
+    titles = {**_RUNGS, **_RANDOMISED}
+    area = titles.pop("area")
+    rows = [
+        [title, *(f"{value[rung, method]:.3f}" for method in methods)]
+        for rung, title in {**titles, "area": area}.items()
+        if (rung, methods[0]) in value
+    ]
+    return printed(["B", *(f"`{method}`" for method in methods)], rows)
+
+
+def _randomised_noise() -> str:
+    """Return the PSNR of both networks on sensors that are nearly as their model."""
+    stored = pd.read_csv(STUDIES / "randomised" / "noise.csv")
+    psnr = stored.set_index(["scenario", "method"])["psnr"]
+    names = [name for name in _SCENARIOS if name in psnr.index.get_level_values("scenario")]
+    rows = [
+        [f"`{method}`", *(f"{psnr[name, method]:.1f}" for name in names)]
+        for method in stored["method"].unique()
+    ]
+    return printed(["PSNR [dB]", *(_SCENARIOS[name] for name in names)], rows)
+
+
 def _ladder() -> str:
     lines = (STUDIES / "sim2real" / "ladder.md").read_text().splitlines()
     return "\n".join(line for line in lines if line.startswith("|"))
@@ -297,12 +334,19 @@ def _gains() -> str:
     """Return the error of presses without and with gains of measurements, by method."""
     stored = pd.read_csv(STUDIES / "gains" / "presses.csv")
     errors = stored.pivot_table(index="method", columns="gains", values="localisation_mm")
-    errors = errors.sort_values("with")
+    errors = errors.loc[errors["learned"].fillna(errors["with"]).sort_values().index]
     rows = [
-        [f"`{name}`", f"{row['without']:.1f}", f"{row['with']:.1f}"]
+        [
+            f"`{name}`",
+            *(
+                "" if pd.isna(row[gains]) else f"{row[gains]:.1f}"
+                for gains in ("without", "with", "learned")
+            ),
+        ]
         for name, row in errors.iterrows()
     ]
-    return printed(["median error [mm]", "without", "with gains"], rows)
+    heads = ["median error [mm]", "without", "with gains", "and learned with them"]
+    return printed(heads, rows)
 
 
 def _skin_model() -> str:
@@ -377,6 +421,8 @@ TABLES: dict[str, Callable[[], str]] = {
     "supervision": _supervision,
     "rungs": _rungs,
     "ladder": _ladder,
+    "randomised": _randomised,
+    "randomised noise": _randomised_noise,
     "acuity": _acuity,
     "acuity merit": lambda: _acuity("acuity-merit"),
     "operators": _operators,

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from eitbench.methods.training.augmentation import Symmetry
     from eitbench.methods.training.job import TrainingJob, TrainingResult
     from eitbench.scenarios.arrays import Array
+    from eitbench.scenarios.data.datasets import Dataset
 
 DATA_ALONE = 0.3
 """Share of the epochs at the beginning in which only the data loss is minimised."""
@@ -42,11 +43,11 @@ class ImageTask(TrainingTask):
     """alpha * data loss + beta * physical loss, with alpha = 1 or 0; the data loss alone without
     an operator.
 
-    A batch for training holds differences (n, M) [V/A], rms of the frames (n,) [V/A] and relative
-    images (n, H, W). The data loss is one of `LOSSES` of sigma_p - sigma, both relative to the
-    background; for the other see `PhysicalLoss`. It is minimised over
-    `PHYSICAL_SHARE` of each batch after the first `DATA_ALONE` of the epochs, and always shown, for
-    the validation split and for as many training samples.
+    A batch for training holds differences (n, M) [V/A], rms of the frames (n,) [V/A], relative
+    images (n, H, W) and the numbers of the estimates (n,) that noise goes through. The data loss is
+    one of `LOSSES` of sigma_p - sigma, both relative to the background; for the other see
+    `PhysicalLoss`. It is minimised over `PHYSICAL_SHARE` of each batch after the first `DATA_ALONE`
+    of the epochs, and always shown, for the validation split and for as many training samples.
 
     With alpha = 0 the physical loss of whole batches is minimised from the first epoch on, and
     chooses the best one: no true image has a part in it.
@@ -130,6 +131,8 @@ def train_image_network(method: type[ImageNetworkMethod], job: TrainingJob) -> T
             f"The weight alpha of the data loss is 1, or 0 with a physical loss; got "
             f"{request.alpha} for {method.files.name!r}."
         )
+    if request.unlimited:
+        job.check_nominal("makes new touches of the nominal sensor in every epoch")
     # Without a physical loss to minimise, it is shown for an operator that is asked for.
     name = request.operator or ("surrogate" if beta else None)
     count = job.training_count()
@@ -141,6 +144,7 @@ def train_image_network(method: type[ImageNetworkMethod], job: TrainingJob) -> T
         beta=beta,
         limit=count,
         unlimited=request.unlimited,
+        gain_power=request.gain_power,
     )
     image_loss(request.loss)
     forward = None if name is None else operator(name, sensor)
@@ -149,17 +153,22 @@ def train_image_network(method: type[ImageNetworkMethod], job: TrainingJob) -> T
         network = ImageNetwork(sensor, request.backbone)
     job.begin(network)
 
-    sigma, clean = job.clean_samples("train", count)
-    sigma /= sensor.background
+    clean = job.noiseless(count)
+    sigma = images(scenario, "train", count) / sensor.background
     seen = load(scenario, "validation", jobs=request.jobs, progress=request.progress)
     # As many training samples, as measured; those to train on get their noise by augmentation.
     compared = load(scenario, "train", min(count, scenario.validation))
     nominal = forward_model(sensor)
     untouched = nominal.voltages(nominal.background)
     problem = Problem(sensor, untouched, no_split)
-    train = _tensors(clean.numpy(), problem.difference(clean), sigma)
+
+    def differences(data: Dataset) -> Array:
+        return problem.differences(data, request.gain_power)
+
+    units, estimates = problem.estimates(clean.references, request.gain_power)
+    train = (*_tensors(clean.voltages, differences(clean), sigma), torch.from_numpy(units))
     seen_sigma = images(scenario, "validation", scenario.validation) / sensor.background
-    validation = _tensors(seen.voltages, problem.differences(seen), seen_sigma)
+    validation = _tensors(seen.voltages, differences(seen), seen_sigma)
     std = train[0].std(0)
     physical = None
     if forward is not None:
@@ -176,11 +185,14 @@ def train_image_network(method: type[ImageNetworkMethod], job: TrainingJob) -> T
         network.backbone.start_from(matrix)
     motions = symmetries(sensor, torch.from_numpy(problem.jacobian))
     rms = float(np.sqrt(np.mean(untouched**2)))
-    augmentation = Augmentation(scenario.split_noise("train"), motions, rms)
+    augmentation = Augmentation(
+        scenario.split_noise("train"), motions, rms, torch.from_numpy(estimates)
+    )
 
     def renewed(epoch: int) -> Data:
         fresh, voltages = job.fresh_samples(epoch, count)
-        return _tensors(voltages.numpy(), problem.difference(voltages), fresh / sensor.background)
+        found = _tensors(voltages.numpy(), problem.difference(voltages), fresh / sensor.background)
+        return *found, train[-1]
 
     return job.fit(
         ImageTask(
@@ -201,9 +213,10 @@ def train_image_network(method: type[ImageNetworkMethod], job: TrainingJob) -> T
             "operator": name or "",
             "alpha": repr(request.alpha),
             "beta": repr(beta),
+            "gain_power": repr(request.gain_power),
             "train_samples": str(count),
         },
-        compared=_tensors(compared.voltages, problem.differences(compared), sigma[: len(compared)]),
+        compared=_tensors(compared.voltages, differences(compared), sigma[: len(compared)]),
         renewed=renewed if request.unlimited else None,
     )
 

@@ -42,7 +42,8 @@ class TrainedMethod(Trainable, Method):
     Attributes:
         weights: a file of weights to use; by default those for the sensor, the user's own or those
             that come with the package.
-        gain_power: of the gains of measurements that are taken out of frames, see `Problem`.
+        gain_power: of the gains of measurements that are taken out of frames, see `Problem`; 0 for
+            that which the weights were trained with.
     """
 
     search: ClassVar = GAINS
@@ -70,6 +71,7 @@ class TrainedMethod(Trainable, Method):
             self.train_s = float(metadata["train_s"])
             self.trained_on = {name: metadata[name] for name in TRAINED_ON}
             self.trained_on |= {"unlimited": metadata.get("unlimited", "0")}
+            self._gain_power = self.gain_power or float(metadata.get("gain_power", "0"))
             # New networks draw weights, to be replaced, from torch's global generator.
             with torch.random.fork_rng(devices=[]):
                 self.prepare(problem, tensors, metadata)
@@ -82,7 +84,7 @@ class TrainedMethod(Trainable, Method):
 
     def reconstruct(self, voltages: Array) -> Array:
         """Absolute conductivity (n, H, W) [S/m] from frames (n, M), within the sensor's range."""
-        difference = self._problem.difference(voltages, self.gain_power)
+        difference = self._problem.difference(voltages, self._gain_power)
         low, high = self._problem.sensor.conductivity_range
         images = np.empty((len(difference), *self._problem.mask.shape))
         for first in range(0, len(difference), BATCH):
@@ -116,7 +118,8 @@ class ImageNetworkMethod(TrainedMethod):
     source: ClassVar[str] = "Physics-Driven Learning Framework for Tomographic Tactile Sensing"
     recipe: ClassVar = Recipe(epochs=100, patience=25)
     options: ClassVar[tuple[str, ...]] = (
-        "limit", "unlimited", "start", "loss", "operator", "alpha", "beta", "backbone"
+        "limit", "unlimited", "start", "loss", "operator", "alpha", "beta", "backbone",
+        "gain_power",
     )  # fmt: skip
     beta: ClassVar[float] = 0.0
 
@@ -163,3 +166,14 @@ class PhyDnn(ImageNetworkMethod):
     files: ClassVar = WeightFiles("phydnn", version="1")
     beta: ClassVar = 0.0029
     options: ClassVar = tuple(o for o in ImageNetworkMethod.options if o != "loss")
+
+
+@register("dnn-randomised")
+@dataclass
+class DnnRandomised(ImageNetworkMethod):
+    """The U-Net of `dnn`, trained further on units with imperfections (domain randomisation)."""
+
+    source: ClassVar[str] = "Tobin et al., IROS 2017, 23"
+    files: ClassVar = WeightFiles("dnn-randomised", version="1")
+    recipe: ClassVar = Recipe(epochs=10, rate=5e-4)
+    begins_with: ClassVar = Dnn.files

@@ -80,7 +80,10 @@ class LinearLearned(Method):
         self._problem = problem
         self._averaging = averaging(problem.sensor.pattern)
         train, validation = problem.training(TRAINING), problem.validation(VALIDATION)
-        inputs, seen = (problem.differences(data) @ self._averaging for data in (train, validation))
+        inputs, seen = (
+            problem.as_estimated(problem.differences(data), self.gain_power) @ self._averaging
+            for data in (train, validation)
+        )
         self._std = np.maximum(inputs.std(axis=0), 1e-6 * inputs.std(axis=0).max())
         found = ridge(
             inputs / self._std,
@@ -140,7 +143,7 @@ class LinearTouch(Method):
 
     source: ClassVar[str] = "Hoerl and Kennard, Technometrics 12(1), 1970"
     expected_failures: ClassVar = asymmetry(LEARNED_NO_SYMMETRY, 0.36, 0.38)
-    search: ClassVar = {**GAINS, "weight": (0.03, 0.1, 0.2, 0.3, 0.5, 1.0, 3.0)}
+    search: ClassVar = {**GAINS, "weight": (0.001, 0.003, 0.01, 0.03, 0.1, 0.2, 0.3, 0.5, 1.0, 3.0)}
     weight: float = 0.3
     gain_power: float = 0.0
 
@@ -148,7 +151,7 @@ class LinearTouch(Method):
         """Solve for the map from the training split."""
         self._problem = problem
         data = problem.training(TOUCHES)
-        frames = data.voltages - data.references  # simulated: in V/A whatever the board's units
+        frames = problem.as_estimated(problem.differences(data), self.gain_power)
         images = contrasts(data, problem).astype(np.float64)
         total = np.abs(images).sum(axis=1, keepdims=True)
         known = total[:, 0] > 0  # a frame equal to the reference has no place

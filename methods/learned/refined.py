@@ -40,7 +40,7 @@ class RefinementMethod(TrainedMethod):
     """
 
     recipe: ClassVar = Recipe(epochs=30, patience=15)
-    options: ClassVar = ("limit", "loss")
+    options: ClassVar = ("limit", "loss", "gain_power")
     n_inputs: ClassVar[int]
     begun_from = ""
     begun_train_s = 0.0

@@ -63,7 +63,10 @@ def train_refiner(method_class: type[RefinementMethod], job: TrainingJob) -> Tra
     problem = _nominal_problem(scenario)
     method = method_class()
     method.start(problem)
-    job.check(limit=count, begun_from=method.begun_from, loss=job.request.loss)
+    gain_power = job.request.gain_power
+    job.check(
+        limit=count, begun_from=method.begun_from, loss=job.request.loss, gain_power=gain_power
+    )
     with torch.random.fork_rng():
         torch.manual_seed(job.recipe.seed)
         network = method.network(problem)
@@ -78,7 +81,11 @@ def train_refiner(method_class: type[RefinementMethod], job: TrainingJob) -> Tra
         (inputs, truth),
         validation,
         "the image that it refines",
-        {"begun_from": method.begun_from, "train_samples": str(count)},
+        {
+            "begun_from": method.begun_from,
+            "gain_power": repr(gain_power),
+            "train_samples": str(count),
+        },
     )
 
 
@@ -88,7 +95,7 @@ def _samples(
     """The network's inputs (n, C, H, W), and conductivity over background (n, H, W)."""
     request, scenario = job.request, job.scenario
     data = load(scenario, split, count, jobs=request.jobs, progress=request.progress)
-    difference = _nominal_problem(scenario).differences(data)
+    difference = _nominal_problem(scenario).differences(data, request.gain_power)
     inputs = joblib.Parallel(n_jobs=request.jobs)(
         joblib.delayed(_inputs)(method, scenario, difference[first : first + TOGETHER])
         for first in range(0, count, TOGETHER)

@@ -64,27 +64,35 @@ class Augmentation:
             frame. It is drawn anew each time, so that no frame's noise can be learned by heart.
         motions: the sensor's symmetries.
         reference_rms: of the reference frame [V/A], which its noise is relative to.
+        estimates: (U, M, M) what noise goes through before a network sees it, see
+            `Problem.estimates`; by default nothing.
     """
 
     noise: Noise
     motions: Sequence[Symmetry]
     reference_rms: float
+    estimates: Tensor | None = None
 
     def __call__(
-        self, difference: Tensor, rms: Tensor, images: Tensor
+        self, difference: Tensor, rms: Tensor, images: Tensor, unit: Tensor | None = None
     ) -> tuple[Tensor, Tensor, Symmetry]:
         """Measured differences (n, M), images (n, H, W), and the symmetry that moved both.
 
         Args:
-            difference: clean frames minus the clean reference frame (n, M) [V/A].
+            difference: clean frames minus the clean reference frame (n, M) [V/A], as estimated.
             rms: of the clean frames (n,) [V/A], which noise is relative to.
             images: conductivity over background (n, H, W).
+            unit: number of each frame's estimate (n,).
         """
         untouched = torch.rand(len(images), device=images.device) < UNTOUCHED
         difference = torch.where(untouched[:, None], 0.0, difference)
         images = torch.where(untouched[:, None, None], 1.0, images)
         deviation = self._level(rms) * (rms.square() + self.reference_rms**2).sqrt()
-        noisy = difference + deviation[:, None] * torch.randn_like(difference)
+        noise = deviation[:, None] * torch.randn_like(difference)
+        if self.estimates is not None and unit is not None:
+            matrices = self.estimates[unit.cpu()].to(noise)
+            noise = torch.einsum("nij,nj->ni", matrices, noise)
+        noisy = difference + noise
         motion = self.motions[int(torch.randint(len(self.motions), ()))]
         return motion.voltages(noisy), motion.images(images), motion
 

@@ -14,6 +14,7 @@ from eitbench.methods.training.loop import fit, mean_losses
 from eitbench.methods.training.request import INSTALL
 from eitbench.methods.training.samples import images, training_scenario
 from eitbench.methods.weights.weight_files import packaged_weights, sensor_key, user_weights
+from eitbench.scenarios.data.datasets import load
 from eitbench.scenarios.data.simulation import clean_frames, fresh_voltages
 from eitbench.scenarios.errors import DataCorruptError, InputError, unknown_name
 from eitbench.scenarios.storage.atomic_write import atomic_write
@@ -28,7 +29,8 @@ if TYPE_CHECKING:
 
     from eitbench.methods.training.loop import Data, TrainingTask
     from eitbench.methods.training.request import Trainable, TrainingRequest
-    from eitbench.methods.weights.weight_files import Weights
+    from eitbench.methods.weights.weight_files import WeightFiles, Weights
+    from eitbench.scenarios.data.datasets import Dataset
     from eitbench.scenarios.suites.scenario import Split
 
 
@@ -97,8 +99,8 @@ class TrainingJob:
         begun: the weights that it continues; None if it begins with a new network.
 
     Raises:
-        InputError: no epoch, a suite that cannot be trained on, no such device, or no weights to
-            continue, or such as were trained on other data.
+        InputError: no epoch, a suite that cannot be trained on, no such device, an impossible power
+            of gains, no weights to begin with, or to continue such as were trained on other data.
     """
 
     def __init__(self, request: TrainingRequest, model: type[Trainable]) -> None:
@@ -108,6 +110,8 @@ class TrainingJob:
         if request.start == "weights":
             self.recipe = replace(self.recipe, rate=CONTINUED_RATE * self.recipe.rate)
         self._device = training_device(request.device)
+        if not 0 <= request.gain_power < float("inf"):
+            raise InputError(f"The power of gains is at least 0, got {request.gain_power}.")
         if request.install not in INSTALL:
             raise unknown_name("choice of --install:", request.install, INSTALL)
         self.scenario = training_scenario(load_suite(request.suite), request.scenario)
@@ -123,13 +127,16 @@ class TrainingJob:
             "train_data": self.scenario.data_hash("train"),
             "validation_data": self.scenario.data_hash("validation"),
         }
-        self.begun = self._begun()
+        self.begun = self._begun(model.begins_with)
 
-    def _begun(self) -> Weights | None:
+    def _begun(self, begins_with: WeightFiles | None) -> Weights | None:
         if self.request.start not in ("new", "weights"):
             raise unknown_name("start of a training:", self.request.start, ("new", "weights"))
         if self.request.start == "new":
-            return None
+            if begins_with is None:
+                return None
+            self.settings["begun_weights"] = begins_with.content_hash(self.sensor)
+            return begins_with.load(self.sensor)
         found = self._files.load(self.sensor)
         self.settings["begun_weights"] = self._files.content_hash(self.sensor)
         same = found.metadata.get("train_data") == self.settings["train_data"]
@@ -185,8 +192,22 @@ class TrainingJob:
         self.settings |= settings
         Checkpoint.read(self.folder, self.settings | asdict(self.recipe))
 
+    def noiseless(self, count: int) -> Dataset:
+        """The first `count` training samples as the boards of their units send them, without noise.
+
+        Networks get theirs anew in every epoch.
+        """
+        request, noise = self.request, self.scenario.noise.model_copy(update={"train": "clean"})
+        scenario = self.scenario.model_copy(update={"noise": noise})
+        return load(scenario, "train", count, jobs=request.jobs, progress=request.progress)
+
     def clean_samples(self, split: Split, count: int) -> tuple[Tensor, Tensor]:
-        """Return conductivities (n, H, W) [S/m], float32, and clean voltages (n, M) [V/A]."""
+        """Return conductivities (n, H, W) [S/m], float32, and clean voltages (n, M) [V/A].
+
+        Raises:
+            InputError: they are of other sensors than the nominal one.
+        """
+        self.check_nominal("learns the physics of the nominal sensor")
         request = self.request
         frames = clean_frames(
             self.scenario, split, count, jobs=request.jobs, progress=request.progress
@@ -201,6 +222,18 @@ class TrainingJob:
         samples, jobs = range(first, first + count), self.request.jobs
         frames = fresh_voltages(self.scenario, "train", samples, jobs=jobs)
         return images(self.scenario, "train", count, first), torch.from_numpy(frames)
+
+    def check_nominal(self, reason: str) -> None:
+        """Check that training data are of the nominal sensor, which a training needs for `reason`.
+
+        Raises:
+            InputError: they are not.
+        """
+        if self.scenario.training_imperfections is not None:
+            raise InputError(
+                f"This training {reason}, and training data of scenario {self.scenario.name!r} "
+                "have `training_imperfections`: choose a scenario without."
+            )
 
     def fit(
         self,

@@ -28,7 +28,9 @@ class DivergedError(EitbenchError):
     """A loss is not finite; the state after the last good epoch is stored."""
 
 
-OPTIONS = ("limit", "unlimited", "start", "loss", "operator", "alpha", "beta", "backbone")
+OPTIONS = (
+    "limit", "unlimited", "start", "loss", "operator", "alpha", "beta", "backbone", "gain_power"
+)  # fmt: skip
 """Options that not every training takes, and that decide its result."""
 
 INSTALL = ("better", "always", "never")
@@ -59,6 +61,8 @@ class TrainingRequest:
         alpha: weight of the data loss, 1 or 0. With 0 no true image is learned from.
         beta: weight of the physical loss beside the data loss; by default the method's own.
         backbone: of the network.
+        gain_power: of the gains of measurements that are taken out of training frames, see
+            `Problem`.
         device: "cpu", "cuda", or "auto" for a GPU if there is any.
         jobs: processes to simulate with.
         out: folder for checkpoint and results; one in the cache by default.
@@ -79,6 +83,7 @@ class TrainingRequest:
     alpha: float = 1.0
     beta: float | None = None
     backbone: str = "unet"
+    gain_power: float = 0.0
     device: str = "auto"
     jobs: int = 1
     out: Path | None = None
@@ -104,7 +109,7 @@ class TrainingRequest:
         defaults = {field.name: field.default for field in fields(self)}
         chosen = {name: getattr(self, name) for name in options}
         return "".join(
-            f" --{name}" if value is True else f" --{name} {value}"
+            f" --{name.replace('_', '-')}" + ("" if value is True else f" {value}")
             for name, value in chosen.items()
             if value != defaults[name]
         )
@@ -152,11 +157,13 @@ class Trainable(ABC):
     Attributes:
         files: where weights are looked for.
         recipe: hyper-parameters of the training, unless others are asked for.
+        begins_with: weights of another name that its network begins with; None for a new network.
         options: those of `OPTIONS` that its training takes.
     """
 
     files: ClassVar[WeightFiles]
     recipe: ClassVar[Recipe]
+    begins_with: ClassVar[WeightFiles | None] = None
     options: ClassVar[tuple[str, ...]] = ()
 
     @classmethod

@@ -10,6 +10,7 @@ KEYS = {
     "coarse-to-fine": "hamilton2018",
     "dip": "liu2023",
     "dnn": "phydnn",
+    "dnn-randomised": "tobin2017",
     "eidors-greit": "adler2006",
     "eidors-noser": "adler2006",
     "eidors-tv-pdipm": "adler2006",

@@ -42,6 +42,8 @@ _DRIFT_PERIODS_S = (900.0, 3600.0)  # a room's temperature swings within a quart
 _DRIFT_TERMS = 3
 _GRADIENT = 0.5  # drift at the rim against that of the whole
 _NARROWEST = 0.3  # an electrode keeps so much of its width, and of its distance to the next
+FIRST_TRAINING_UNIT = 10**9
+"""Units of training data are numbered from here, so that no other data are of them."""
 
 
 MeshKind = Literal["image", "fine", "unstructured", "slab"]
@@ -78,7 +80,7 @@ class Imperfections(Declaration):
         reference_age_s: age of the reference frame at the first touch [s].
     """
 
-    unit: int = Field(default=0, ge=0)
+    unit: int = Field(default=0, ge=0, lt=FIRST_TRAINING_UNIT // 2)
     severity: float = Field(default=1.0, ge=0, le=10)
     mesh: MeshKind = "image"
     electrode_shift_m: NonNegativeFloat = 0.0

@@ -20,6 +20,7 @@ from eitbench.scenarios.declaration import Declaration, Name, beside
 from eitbench.scenarios.errors import EitbenchError
 from eitbench.scenarios.imperfections.imperfections import Imperfections, MeshKind, channels
 from eitbench.scenarios.imperfections.noise import Noise
+from eitbench.scenarios.imperfections.training_units import TrainingImperfections
 from eitbench.scenarios.phantoms.acuity import Acuity
 from eitbench.scenarios.phantoms.families import DeclaredFamily, Family, family
 from eitbench.scenarios.phantoms.phantom import Phantom
@@ -88,8 +89,9 @@ class SimulatedScenario(Declaration):
         phantoms: name that phantoms are drawn from; scenarios that share it share their phantoms.
         imperfections: how sensors and boards of the test and validation splits differ from the
             nominal ones, which methods know. Every `TOUCHES` samples are a session: on a unit of
-            its own, with a reference frame of its own. Training data are of the nominal sensor, on
-            the mesh that methods invert with.
+            its own, with a reference frame of its own.
+        training_imperfections: the same of the training split, on units of its own. Without them
+            training data are of the nominal sensor, on the mesh that methods invert with.
         ladder: a rung of the ladder from simulation to reality. Its validation data are of the
             nominal sensor too, and methods are tuned with their noise: all rungs share them.
         calibrated: methods get frames corrected by `calibration`, from reference frames alone.
@@ -109,6 +111,7 @@ class SimulatedScenario(Declaration):
     test: int = Field(default=0, ge=0)
     phantoms: str = ""
     imperfections: Imperfections = Imperfections()
+    training_imperfections: TrainingImperfections | None = None
     ladder: bool = False
     calibrated: bool = False
     acuity: Acuity | None = None
@@ -132,13 +135,14 @@ class SimulatedScenario(Declaration):
     @model_validator(mode="after")
     def _faults_exist(self) -> Self:
         sensor = self.nominal_sensor
-        if any(k >= sensor.n_electrodes for k in self.imperfections.dead):
-            raise ValueError(
-                f"sensor {self.sensor!r} has electrodes 0 to {sensor.n_electrodes - 1}"
-            )
         count = len(channels(sensor.pattern)[1])
-        if (self.imperfections.saturated or 0) >= count:
-            raise ValueError(f"sensor {self.sensor!r} has channels 0 to {count - 1}")
+        for declared in (self.imperfections, self.training_imperfections or Imperfections()):
+            if any(k >= sensor.n_electrodes for k in declared.dead):
+                raise ValueError(
+                    f"sensor {self.sensor!r} has electrodes 0 to {sensor.n_electrodes - 1}"
+                )
+            if (declared.saturated or 0) >= count:
+                raise ValueError(f"sensor {self.sensor!r} has channels 0 to {count - 1}")
         return self
 
     @model_validator(mode="after")
@@ -173,6 +177,8 @@ class SimulatedScenario(Declaration):
 
     def split_imperfections(self, split: Split, session: int = 0) -> Imperfections:
         """Imperfections of the unit of a session; none where the sensor is the nominal one."""
+        if split == "train" and self.training_imperfections is not None:
+            return self.training_imperfections.of_session(session, self.nominal_sensor.pattern)
         if split == "train" or (split == "validation" and self.ladder):
             return Imperfections()
         unit = self.imperfections.unit + session
@@ -214,6 +220,8 @@ class SimulatedScenario(Declaration):
     def clean_parameters(self, split: Split) -> dict[str, object]:
         """Parameters that decide the voltages of `split` before noise: the key of the cache."""
         imperfections = self.split_imperfections(split)
+        if split == "train" and self.training_imperfections is not None:
+            imperfections = self.training_imperfections  # what units are drawn from
         nominal = _nominal_sensor(self.sensor, self.image_shape)
         designed = split == "test"
         return {
@@ -234,10 +242,13 @@ class SimulatedScenario(Declaration):
 
     def data_hash(self, split: Split) -> str:
         """SHA-256 (hex) of every declared parameter and all that decides the data of `split`."""
+        # The declarations in a file count, not its place.
+        apart = {"sensor"} if is_file(self.sensor) else set()
+        if split != "train":
+            apart |= {"training_imperfections"}
         return content_hash(
             {
-                # The declarations in a file count, not its place.
-                "scenario": _declared(self, {"sensor"} if is_file(self.sensor) else set()),
+                "scenario": _declared(self, apart),
                 "sensor": self.nominal_sensor.describe(),
                 "clean": self.clean_parameters(split),
             }
@@ -397,7 +408,12 @@ def _pressed(value: str) -> str:
 def _declared(scenario: SimulatedScenario | RecordedScenario, apart: set[str]) -> dict[str, Any]:
     """Declared fields of a scenario but `apart`, and but optional ones at their default."""
     declared = scenario.model_dump(mode="json", exclude=apart)
-    optional = {"ladder": False, "calibrated": False, "acuity": None}
+    optional: dict[str, object] = {
+        "training_imperfections": None,
+        "ladder": False,
+        "calibrated": False,
+        "acuity": None,
+    }
     return {k: v for k, v in declared.items() if k not in optional or v != optional[k]}
 
 

@@ -11,6 +11,7 @@ from eitbench.methods import Method, Problem, create
 from eitbench.methods.method import reconstructed
 from eitbench.scenarios.data.datasets import Dataset, load
 from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.imperfections.training_units import TrainingImperfections
 from eitbench.scenarios.physics.forward import forward_model
 from eitbench.scenarios.suites.scenario import TOUCHES, SimulatedScenario, SplitNoise
 
@@ -99,3 +100,87 @@ def test_images_are_those_of_a_fit_to_each_session(data: Dataset) -> None:
         alone = create("noser")
         alone.fit(Problem(data.sensor, data.references[k], no_split))
         np.testing.assert_allclose(found[k], alone.reconstruct(frame[None])[0], atol=1e-9)
+
+
+UNEVEN = NOISY.model_copy(
+    update={
+        "name": "uneven",
+        "train": 24,
+        "noise": SplitNoise(train=50),
+        "training_imperfections": TrainingImperfections(
+            electrode_shift_m=0.0005, drift=0.01, gain=0.05, dead_share=0.5
+        ),
+    }
+)
+
+
+@pytest.mark.parametrize("gain_power", [0.0, 1.0])
+def test_what_is_learned_from_is_what_is_seen_in_use(gain_power: float) -> None:
+    """To the last bit, for the frames of a session; dead electrodes are filled in alike."""
+    learned = load(UNEVEN, "train")
+    problem = Problem(learned.sensor, learned.references[0], no_split)
+    found = problem.differences(learned, gain_power)
+    told: list[float] = []
+    for first in range(0, len(learned), TOUCHES):
+        rows = slice(first, first + TOUCHES)
+        problem.reference = learned.references[first]
+        in_use = problem.difference(learned.voltages[rows], gain_power)
+        np.testing.assert_array_equal(found[rows], in_use)
+        one = problem.difference(learned.voltages[first : first + 1], gain_power)
+        np.testing.assert_allclose(found[first], one[0], atol=1e-12)
+        dead = UNEVEN.split_imperfections("train", first // TOUCHES).dead
+        if dead and gain_power == 0:
+            spoiled = np.isin(learned.sensor.pattern.table, dead).any(axis=1)
+            change = learned.voltages[rows] - learned.references[rows]
+            np.testing.assert_allclose(in_use[:, ~spoiled], (change / problem.gain)[:, ~spoiled])
+            # The others tell most of what a touch changes there.
+            assert learned.conductivity is not None
+            truth = forward_model(learned.sensor)
+            for k, row in enumerate(in_use[:, spoiled]):
+                image = np.where(
+                    learned.sensor.mask, learned.conductivity[first + k], learned.sensor.background
+                )
+                expected = (truth.voltages(image) - problem.background_voltages)[spoiled]
+                told.append(float(np.corrcoef(row, expected)[0, 1]))
+    assert gain_power or (len(told) >= 6 and np.median(told) > 0.8)
+
+
+@pytest.mark.parametrize("gain_power", [0.0, 1.0])
+def test_noise_goes_through_what_differences_go_through(gain_power: float) -> None:
+    learned = load(UNEVEN, "train")
+    problem = Problem(learned.sensor, learned.references[0], no_split)
+    which, matrices = problem.estimates(learned.references, gain_power)
+    np.testing.assert_array_equal(matrices[0], np.eye(208))
+    noise = np.random.default_rng(0).normal(scale=1e-3, size=learned.voltages.shape)
+    louder = replace(learned, voltages=learned.voltages + noise)
+    gains = np.array([problem_gain(problem, reference) for reference in learned.references])
+    expected = problem.differences(louder, gain_power) - problem.differences(learned, gain_power)
+    seen = np.einsum("nij,nj->ni", matrices[which], noise / gains[:, None])
+    np.testing.assert_allclose(seen, expected, atol=1e-8)
+    if gain_power == 0:  # only faults are filled in, alike for units with the same ones
+        dead = [UNEVEN.split_imperfections("train", k).dead for k in range(len(learned) // TOUCHES)]
+        assert [bool(k) for k in which[::TOUCHES]] == [bool(one) for one in dead]
+        assert len(matrices) == 1 + len({frozenset(one) for one in dead if one})
+
+
+def problem_gain(problem: Problem, reference: Array) -> float:
+    problem.reference = reference
+    return problem.gain
+
+
+def test_differences_of_the_nominal_sensor_lose_what_gains_that_are_taken_out_lose() -> None:
+    """As if the nominal sensor's change were measured by the board of the reference frame."""
+    s = foam()
+    problem, model = clean_problem(s), forward_model(s)
+    change = (model.voltages(touch(s)) - problem.background_voltages)[None]
+    np.testing.assert_array_equal(problem.as_estimated(change, 1.0), change)
+    gains = np.exp(np.random.default_rng(0).normal(scale=0.5, size=208))
+    problem.reference = 3 * gains * problem.background_voltages
+    board = problem.reference + 3 * gains * change
+    of_median = problem.difference(board, 1.0)
+    found = problem.as_estimated(change, 1.0)
+    ratio = float(np.vdot(found, of_median) / np.vdot(found, found))
+    # Gains of the weakest measurements are cut.
+    assert np.linalg.norm(of_median - ratio * found) < 0.01 * np.linalg.norm(of_median)
+    assert 0.5 < np.linalg.norm(found) / np.linalg.norm(change) < 1
+    np.testing.assert_array_equal(problem.as_estimated(change, 0.0), change)

@@ -4,8 +4,9 @@
 
 BEFORE.json is the record of parameters that were selected while no method took gains out
 (`benchmark/tuning/selected/fcc0e04f1470426d.json` of commit 4a2e35d); `with` has those that are
-selected now. Places are registered on the 100 validation presses, and 400 test presses judge, as
-on the board of the suite `presses`.
+selected now. Methods of `LEARNED` have since learned from frames with the gains taken out, which is
+their row `learned`; their other rows are of commit 64906f7, and are kept. Places are registered on
+the 100 validation presses, and 400 test presses judge, as on the board of the suite `presses`.
 """
 
 import json
@@ -30,6 +31,7 @@ METHODS = (
     "dnn", "phydnn", "coarse-to-fine", "noser", "laplacian", "greit", "tikhonov",
     "back-projection", "linear-touch", "learned-gn", "tv",
 )  # fmt: skip
+LEARNED = ("linear-touch", "coarse-to-fine")
 SUITE = {scenario.name: scenario for scenario in load_suite("presses").scenarios}
 
 
@@ -55,11 +57,14 @@ def press_error(method: str, parameters: Mapping[str, Any]) -> float:
 
 if __name__ == "__main__":
     choices = json.loads(Path(sys.argv[1]).read_text())["choices"]
-    rows = []
+    stored = pd.read_csv(sys.argv[2])
+    kept = (stored["gains"] != "learned") & stored["method"].isin(LEARNED)
+    rows = stored[kept].to_numpy().tolist()
     for name in METHODS:
         before = choices[name]["parameters"] if name in choices else {}
         now = selected_parameters(SUITE["ohmc16"], name) or {}
-        for gains, parameters in (("without", before), ("with", now)):
+        changed = {"without": before, "with": now}
+        for gains, parameters in ({"learned": now} if name in LEARNED else changed).items():
             error = round(press_error(name, parameters), 3)
             rows.append((name, gains, error, json.dumps(parameters), __version__))
             print(rows[-1], flush=True)

@@ -139,6 +139,9 @@ def train(
     backbone: Annotated[
         str, typer.Option(help="Kind of network: unet, unet-small or mlp.")
     ] = "unet",
+    gain_power: Annotated[
+        float, typer.Option(min=0, help="Of the gains of measurements that frames are divided by.")
+    ] = 0.0,
     device: Annotated[str, typer.Option(help="auto, cpu or cuda.")] = "auto",
     jobs: Annotated[int, typer.Option(min=1, help="Processes to simulate with.")] = 1,
     install: Annotated[
@@ -167,6 +170,7 @@ def train(
         alpha=alpha,
         beta=beta,
         backbone=backbone,
+        gain_power=gain_power,
         device=device,
         jobs=jobs,
         out=out,

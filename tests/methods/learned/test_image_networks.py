@@ -17,13 +17,17 @@ from tests.support.small_sensors import TINY, no_split, suite_of, tiny_mse, tiny
 
 from eitbench.cli import main
 from eitbench.methods import Problem, create
+from eitbench.methods.learned import image_network_training
 from eitbench.methods.learned.image_network_training import ImageTask
-from eitbench.methods.learned.image_networks import Dnn, ImageNetworkMethod
+from eitbench.methods.learned.image_networks import Dnn, DnnRandomised, ImageNetworkMethod
+from eitbench.methods.method import reconstructed
 from eitbench.methods.training import (
     DivergedError,
     Recipe,
     TrainingInterruptedError,
     TrainingRequest,
+    augmentation,
+    samples,
     train,
 )
 from eitbench.methods.training.checkpoint import CHECKPOINT_FILE as FILE
@@ -31,9 +35,11 @@ from eitbench.methods.training.job import TrainingJob, TrainingResult, training_
 from eitbench.methods.training.loop import Data
 from eitbench.methods.training.losses import image_loss
 from eitbench.methods.weights import weight_files
+from eitbench.scenarios.arrays import Array, Images
 from eitbench.scenarios.data.datasets import Dataset, load
 from eitbench.scenarios.data.simulation import clean_frames
 from eitbench.scenarios.errors import DataCorruptError, InputError
+from eitbench.scenarios.imperfections.training_units import TrainingImperfections
 from eitbench.scenarios.storage.array_file import read_arrays
 from eitbench.scenarios.suites.scenario import SimulatedScenario, SplitNoise
 
@@ -278,13 +284,12 @@ def test_without_a_data_loss_no_true_image_has_a_part(
     assert (about["alpha"], about["beta"]) == ("0.0", "0.0029")
     assert "--alpha 0" in about["command"]
 
-    right = TrainingJob.clean_samples
+    right = samples.images
 
-    def wrong(job: TrainingJob, split: Any, count: int) -> tuple[torch.Tensor, torch.Tensor]:
-        sigma, voltages = right(job, split, count)
-        return torch.full_like(sigma, 0.5), voltages
+    def wrong(scenario: SimulatedScenario, split: Any, count: int) -> torch.Tensor:
+        return torch.full_like(right(scenario, split, count), 0.5)
 
-    monkeypatch.setattr(TrainingJob, "clean_samples", wrong)
+    monkeypatch.setattr(image_network_training, "images", wrong)
     second = train(replace(request, out=tmp_path / "wrong"))
     weights = [load_file(result.weights) for result in (first, second)]
     assert weights[0].keys() == weights[1].keys()
@@ -350,6 +355,9 @@ def test_it_ends_early_when_nothing_improves(
         ("dnn", {"start": "old"}, "Unknown start of a training: 'old': known: new, weights"),
         ("dnn", {"install": "ever"}, "Unknown choice of --install: 'ever'"),
         ("surrogate", {"beta": 0.1}, "'surrogate' takes no --beta 0.1"),
+        ("surrogate", {"gain_power": 0.5}, "'surrogate' takes no --gain-power 0.5"),
+        ("dnn", {"gain_power": -1.0}, "The power of gains is at least 0, got -1.0"),
+        ("dnn-randomised", {}, "'dnn' has no weights for the sensor 'foam16'"),
         ("learned-gn", {}, "'dnn' has no weights for the sensor 'foam16'"),
         ("coarse-to-fine", {"limit": 127}, "127 training samples are too few"),
         ("dn", {}, "Unknown name to train 'dn': did you mean 'dnn'"),
@@ -499,3 +507,91 @@ def test_a_recorded_set_has_nothing_to_fit_a_linear_map_on() -> None:
     p = Problem(SENSOR, load(TINY, "test", 1).references[0], splits)
     with pytest.raises(InputError, match="has no true images to learn from"):
         create("linear-learned").fit(p)
+
+
+UNEVEN = TINY.model_copy(
+    update={
+        "name": "uneven",
+        "training_imperfections": TrainingImperfections(
+            electrode_shift_m=0.0005, drift=0.01, gain=0.05, dead_share=0.5
+        ),
+    }
+)
+
+
+@pytest.mark.parametrize("gain_power", [0.0, 1.0])
+def test_a_network_sees_in_training_what_it_sees_in_use(
+    gain_power: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """To the last bit, for the same frame and reference frame, where no noise is drawn."""
+    given: list[Any] = []
+
+    def fit(job: TrainingJob, task: ImageTask, train: Data, *others: Any, **options: Any) -> None:
+        given.append((task, train))
+
+    monkeypatch.setattr(TrainingJob, "fit", fit)
+    monkeypatch.setattr(augmentation, "UNTOUCHED", 0.0)
+    train(TrainingRequest("dnn", suite_of(tmp_path, UNEVEN), gain_power=gain_power))
+    task, learned = given[0]
+    alone = replace(task.augmentation, motions=task.augmentation.motions[:1])
+    seen, truth, _ = alone(*learned)
+    data = load(UNEVEN, "train")
+    assert len(data) == len(seen)
+    assert data.conductivity is not None
+    in_use: list[Array] = []
+
+    class Watched(Dnn):
+        def fit(self, problem: Problem) -> None:
+            self._problem, self._gain_power = problem, self.gain_power
+
+        def relative(self, difference: Array) -> Images:
+            in_use.append(difference)
+            return np.ones((len(difference), 16, 16), dtype=np.float32)
+
+    problem = Problem(data.sensor, data.references[0], no_split)
+    method = Watched(gain_power=gain_power)
+    method.fit(problem)
+    reconstructed(method, problem, data)
+    assert torch.equal(seen, torch.from_numpy(np.concatenate(in_use)).float())
+    np.testing.assert_allclose(truth, data.conductivity, rtol=1e-6)
+
+
+@pytest.mark.slow
+def test_a_network_that_begins_with_that_of_another_method_learns_from_other_units(
+    trained: TrainingResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    used = install(trained)
+    monkeypatch.setattr(DnnRandomised, "recipe", replace(DnnRandomised.recipe, batch=32))
+    uneven = suite_of(tmp_path, UNEVEN)
+    with pytest.raises(InputError, match="'uneven' have `training_imperfections`"):
+        train(TrainingRequest("dnn-randomised", uneven, unlimited=True, out=tmp_path / "never"))
+    result = train(TrainingRequest("dnn-randomised", uneven, epochs=12, out=tmp_path / "out"))
+    about = json.loads(result.weights.with_suffix(".json").read_text())
+    assert about["begun_weights"] == hashlib.sha256(used.read_bytes()).hexdigest()
+    assert result.baseline == "the weights that it continues"
+    assert result.baseline_loss == pytest.approx(trained.validation_loss, rel=0.1)
+    data = load(UNEVEN, "train")
+    assert data.conductivity is not None
+    error = {}
+    for name, weights in (("dnn", trained.weights), ("dnn-randomised", result.weights)):
+        method = create(name, weights=str(weights))
+        problem = Problem(data.sensor, data.references[0], no_split)
+        method.fit(problem)
+        error[name] = np.mean((reconstructed(method, problem, data) - data.conductivity) ** 2)
+    assert error["dnn-randomised"] < 0.95 * error["dnn"]
+
+
+@pytest.mark.slow
+def test_weights_bring_the_power_of_gains_that_they_were_trained_with(tmp_path: Path) -> None:
+    uneven = suite_of(tmp_path, UNEVEN)
+    request = TrainingRequest("dnn", uneven, epochs=1, gain_power=1.0, out=tmp_path / "out")
+    weights = str(train(request).weights)
+    data = load(UNEVEN, "train", 3)
+    images = []
+    for gain_power in (0.0, 1.0, 0.5):
+        problem = Problem(data.sensor, data.references[0], no_split)
+        method = create("dnn", weights=weights, gain_power=gain_power)
+        method.fit(problem)
+        images.append(reconstructed(method, problem, data))
+    np.testing.assert_array_equal(images[0], images[1])
+    assert np.abs(images[2] - images[1]).max() > 1e-3

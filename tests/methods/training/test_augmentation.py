@@ -61,8 +61,14 @@ def test_networks_that_learn_with_a_noisy_reference_are_better(
     error: dict[bool, list[float]] = {False: [], True: []}
     for known in error:
 
-        def made(noise: Noise, motions: list[Symmetry], rms: float, known: bool = known) -> object:
-            return Augmentation(noise, motions, rms if known else 0.0)
+        def made(
+            noise: Noise,
+            motions: list[Symmetry],
+            rms: float,
+            estimates: torch.Tensor,
+            known: bool = known,
+        ) -> object:
+            return Augmentation(noise, motions, rms if known else 0.0, estimates)
 
         monkeypatch.setattr(image_network_training, "Augmentation", made)
         for seed in range(3):

@@ -81,7 +81,18 @@ def simulated(suite: str) -> list[SimulatedScenario]:
 
 def test_packaged_suites_are_these() -> None:
     methods = {"quick", "paper", "paper-noise", "noise", "shapes", "presses", "recorded"}
-    methods |= {"sim2real", "objects", "tank", "ktc2023", "skins", "drift", "two-touch", "acuity"}
+    methods |= {
+        "imperfect",
+        "imperfect-presses",
+        "sim2real",
+        "objects",
+        "tank",
+        "ktc2023",
+        "skins",
+        "drift",
+        "two-touch",
+        "acuity",
+    }
     places = {"new-skin", "few-presses"}
     assert set(suites()) == methods | places | {"operators"}
     for name in suites():
