@@ -58,7 +58,7 @@ class TrainingRequest:
             is minimised.
         alpha: weight of the data loss, 1 or 0. With 0 no true image is learned from.
         beta: weight of the physical loss beside the data loss; by default the method's own.
-        backbone: of the network.
+        backbone: of the network; by default the method's own.
         device: "cpu", "cuda", or "auto" for a GPU if there is any.
         jobs: processes to simulate with.
         out: folder for checkpoint and results; one in the cache by default.
@@ -78,7 +78,7 @@ class TrainingRequest:
     operator: str | None = None
     alpha: float = 1.0
     beta: float | None = None
-    backbone: str = "unet"
+    backbone: str | None = None
     device: str = "auto"
     jobs: int = 1
     out: Path | None = None

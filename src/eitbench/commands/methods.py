@@ -137,8 +137,9 @@ def train(
         float | None, typer.Option(help="Weight of the physical loss (default: as published).")
     ] = None,
     backbone: Annotated[
-        str, typer.Option(help="Kind of network: unet, unet-small or mlp.")
-    ] = "unet",
+        str | None,
+        typer.Option(help="Kind of network: unet, unet-small, mlp or fno (default: its own)."),
+    ] = None,
     device: Annotated[str, typer.Option(help="auto, cpu or cuda.")] = "auto",
     jobs: Annotated[int, typer.Option(min=1, help="Processes to simulate with.")] = 1,
     install: Annotated[
