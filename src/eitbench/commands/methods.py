@@ -138,7 +138,9 @@ def train(
     ] = None,
     backbone: Annotated[
         str | None,
-        typer.Option(help="Kind of network: unet, unet-small, mlp or fno (default: its own)."),
+        typer.Option(
+            help="Kind of network: unet, unet-small, mlp, fno or linear (default: its own)."
+        ),
     ] = None,
     device: Annotated[str, typer.Option(help="auto, cpu or cuda.")] = "auto",
     jobs: Annotated[int, typer.Option(min=1, help="Processes to simulate with.")] = 1,

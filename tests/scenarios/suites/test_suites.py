@@ -82,6 +82,7 @@ def simulated(suite: str) -> list[SimulatedScenario]:
 def test_packaged_suites_are_these() -> None:
     methods = {"quick", "paper", "paper-noise", "noise", "shapes", "presses", "recorded"}
     methods |= {"sim2real", "objects", "tank", "ktc2023", "skins", "drift", "two-touch", "acuity"}
+    methods |= {"per-frame"}
     places = {"new-skin", "few-presses"}
     assert set(suites()) == methods | places | {"operators"}
     for name in suites():
