@@ -16,6 +16,6 @@ class Fno(ImageNetworkMethod):
 
     source: ClassVar[str] = "Li et al., ICLR 2021"
     files: ClassVar = WeightFiles("fno", version="1")
-    recipe: ClassVar = Recipe(epochs=20)
+    recipe: ClassVar = Recipe(epochs=6)
     options: ClassVar = ("limit", "unlimited", "start", "loss")
     backbone: ClassVar = "fno"
