@@ -1,7 +1,7 @@
 """Networks from a frame of voltages to an image of conductivity, whatever the sensor.
 
-A backbone is a linear map from voltages to an image, corrected by a U-Net, a Fourier neural operator
-or a perceptron, or not at all.
+A backbone is a linear map from voltages to an image, alone or corrected by a U-Net, a Fourier
+neural operator or a perceptron.
 """
 
 from __future__ import annotations
