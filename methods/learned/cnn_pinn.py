@@ -26,6 +26,7 @@ class CnnPinn(Pinn):
     """
 
     name: ClassVar = "cnn-pinn"
+    expected_failures: ClassVar = {}
     learning_rate: ClassVar = 0.001  # the image is to be refined, not found
 
     steps: int = 100
