@@ -24,7 +24,8 @@ from eitbench.scenarios.suites.suite import Suite, on_sensor
 
 CANDIDATES = (
     "back-projection", "noser", "tikhonov", "laplacian", "greit",
-    "coarse-to-fine", "dnn", "dnn-randomised", "phydnn", "tank-unet", "learned-gn",
+    "coarse-to-fine", "dnn", "dnn-randomised", "phydnn", "fno", "learned-proximal", "tank-unet",
+    "learned-gn",
     "tv", "gauss-newton-noser", "gauss-newton-tv",
 )  # fmt: skip
 """By what a fit and a frame cost, the cheapest first. None of them uses a GPU for its images."""
@@ -34,7 +35,7 @@ _OTHERS = "it is other people's software, which the live view cannot count on"
 LEFT_OUT = {
     "linear-learned": _LEARNS,
     "linear-touch": _LEARNS,
-    **dict.fromkeys(("dip", "inr"), "it trains a network for every frame"),
+    **dict.fromkeys(("dip", "inr", "pinn", "cnn-pinn"), "it trains a network for every frame"),
     **dict.fromkeys(("pyeit-bp", "pyeit-greit", "pyeit-jac"), _OTHERS),
     **dict.fromkeys(("eidors-greit", "eidors-noser", "eidors-tv-pdipm"), _OTHERS),
 }

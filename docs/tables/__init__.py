@@ -7,10 +7,17 @@ all anew; a test fails where a page and its record differ.
 import re
 from pathlib import Path
 
-from docs.tables import design, latency, recorded, simulated, wiring
+from docs.tables import design, latency, per_frame, recorded, simulated, wiring
 from docs.tables.record import DOCS
 
-TABLES = simulated.TABLES | recorded.TABLES | wiring.TABLES | design.TABLES | latency.TABLES
+TABLES = {
+    **simulated.TABLES,
+    **recorded.TABLES,
+    **wiring.TABLES,
+    **design.TABLES,
+    **latency.TABLES,
+    **per_frame.TABLES,
+}
 _PLACE = re.compile(r"(<!-- table: (.+?) -->\n).*?(<!-- end of table -->)", flags=re.DOTALL)
 
 

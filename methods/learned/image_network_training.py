@@ -10,7 +10,6 @@ import torch
 from torch import Tensor, nn
 
 from eitbench.methods.learned.linear_maps import Ridge, ridge
-from eitbench.methods.networks.image_network import ImageNetwork
 from eitbench.methods.problem import Problem
 from eitbench.methods.registry import operator
 from eitbench.methods.training.augmentation import Augmentation, symmetries
@@ -25,6 +24,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from eitbench.methods.learned.image_networks import ImageNetworkMethod
+    from eitbench.methods.networks.image_network import ImageNetwork
     from eitbench.methods.operator import Operator
     from eitbench.methods.training.augmentation import Symmetry
     from eitbench.methods.training.job import TrainingJob, TrainingResult
@@ -103,7 +103,7 @@ class ImageTask(TrainingTask):
 
     def network_of(self, metadata: Mapping[str, str]) -> ImageNetwork:
         """See `TrainingTask`."""
-        return ImageNetwork(self.network.sensor, metadata["backbone"])
+        return type(self.network)(self.network.sensor, metadata["backbone"])
 
     def optimizer(self) -> torch.optim.Optimizer:
         """See `TrainingTask`; all weights in one pass."""
@@ -135,9 +135,10 @@ def train_image_network(method: type[ImageNetworkMethod], job: TrainingJob) -> T
         job.check_nominal("makes new touches of the nominal sensor in every epoch")
     # Without a physical loss to minimise, it is shown for an operator that is asked for.
     name = request.operator or ("surrogate" if beta else None)
+    backbone = request.backbone or method.backbone
     count = job.training_count()
     job.check(
-        backbone=request.backbone,
+        backbone=backbone,
         loss=request.loss,
         operator=name,
         alpha=request.alpha,
@@ -150,7 +151,7 @@ def train_image_network(method: type[ImageNetworkMethod], job: TrainingJob) -> T
     forward = None if name is None else operator(name, sensor)
     with torch.random.fork_rng():
         torch.manual_seed(job.recipe.seed)
-        network = ImageNetwork(sensor, request.backbone)
+        network = method.network(sensor, backbone)
     job.begin(network)
 
     clean = job.noiseless(count)
@@ -208,7 +209,7 @@ def train_image_network(method: type[ImageNetworkMethod], job: TrainingJob) -> T
         validation,
         baseline,
         {
-            "backbone": request.backbone,
+            "backbone": backbone,
             "loss": request.loss,
             "operator": name or "",
             "alpha": repr(request.alpha),

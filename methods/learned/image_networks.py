@@ -23,6 +23,7 @@ if TYPE_CHECKING:  # torch takes a second to import, and listing methods does no
 
     from torch import Tensor
 
+    from eitbench.methods.networks.image_network import ImageNetwork
     from eitbench.methods.problem import Problem
     from eitbench.methods.training.job import TrainingJob, TrainingResult
     from eitbench.scenarios.sensors.sensor import Sensor
@@ -112,6 +113,7 @@ class ImageNetworkMethod(TrainedMethod):
     """Base of the methods that are one network from voltages to conductivity.
 
     Attributes:
+        backbone: of its network, unless `eitbench train` is told another.
         beta: weight of the physical loss beside the data loss, as published; 0 for none.
     """
 
@@ -121,7 +123,15 @@ class ImageNetworkMethod(TrainedMethod):
         "limit", "unlimited", "start", "loss", "operator", "alpha", "beta", "backbone",
         "gain_power",
     )  # fmt: skip
+    backbone: ClassVar[str] = "unet"
     beta: ClassVar[float] = 0.0
+
+    @classmethod
+    def network(cls, sensor: Sensor, backbone: str) -> ImageNetwork:
+        """Return a new network with the backbone of that name."""
+        from eitbench.methods.networks.image_network import ImageNetwork
+
+        return ImageNetwork(sensor, backbone)
 
     @classmethod
     def train(cls, job: TrainingJob) -> TrainingResult:
@@ -134,9 +144,7 @@ class ImageNetworkMethod(TrainedMethod):
         self, problem: Problem, tensors: Mapping[str, Tensor], metadata: Mapping[str, str]
     ) -> None:
         """See `TrainedMethod`."""
-        from eitbench.methods.networks.image_network import ImageNetwork
-
-        self._network = ImageNetwork(problem.sensor, metadata["backbone"])
+        self._network = self.network(problem.sensor, metadata["backbone"])
         self._network.load_state_dict(tensors)
         self._network.eval().requires_grad_(requires_grad=False)
         self._motions = motions(problem.sensor, problem.jacobian)

@@ -13,10 +13,10 @@ FEATURES = 32
 HIDDEN = (64, 64, 64)
 
 
-class CoordinateNetwork(nn.Module):
-    """From random Fourier features of the coordinates to an image (H, W), by a small perceptron.
+class PointNetwork(nn.Module):
+    """From random Fourier features of points to values there (n, outputs), by a small perceptron.
 
-    Coordinates run from -1 to 1 over the longer side. The image begins as zero everywhere.
+    All values begin as zero.
 
     Source: Tancik et al., "Fourier Features Let Networks Learn High Frequency Functions", NeurIPS
     2020, equation 5.
@@ -24,23 +24,17 @@ class CoordinateNetwork(nn.Module):
 
     features: Tensor
 
-    def __init__(self, image_shape: tuple[int, int], bandwidth: float) -> None:
-        """Make a network for images of a shape.
+    def __init__(self, points: Tensor, outputs: int, bandwidth: float) -> None:
+        """Make a network for given points.
 
         Args:
-            image_shape: (H, W).
+            points: (..., 2), from -1 to 1 over the longer side.
+            outputs: values at each point.
             bandwidth: standard deviation of the frequencies [periods over the longer side].
         """
         super().__init__()
-        height, width = image_shape
-        longer = max(image_shape)
-        y, x = torch.meshgrid(
-            (2 * torch.arange(height) + 1 - height) / longer,
-            (2 * torch.arange(width) + 1 - width) / longer,
-            indexing="ij",
-        )
         frequencies = math.pi * bandwidth * torch.randn(2, FEATURES)
-        phase = torch.stack([x, y], dim=-1) @ frequencies
+        phase = points @ frequencies
         self.register_buffer("features", torch.cat([phase.sin(), phase.cos()], dim=-1))
         layers: list[nn.Module] = []
         before = 2 * FEATURES
@@ -48,11 +42,47 @@ class CoordinateNetwork(nn.Module):
             layers += [nn.Linear(before, width), nn.SiLU()]
             before = width
         self.layers = nn.Sequential(*layers)
-        self.leave = nn.Linear(before, 1)
+        self.leave = nn.Linear(before, outputs)
         nn.init.zeros_(self.leave.weight)
         nn.init.zeros_(self.leave.bias)
 
     def forward(self) -> Tensor:
+        """The values (..., outputs)."""
+        values: Tensor = self.leave(self.layers(self.features))
+        return values
+
+
+class CoordinateNetwork(PointNetwork):
+    """An image (H, W) as a network of the places of its pixels; zero at first."""
+
+    def __init__(self, image_shape: tuple[int, int], bandwidth: float) -> None:
+        """Make a network for images of a shape (H, W); for `bandwidth` see `PointNetwork`."""
+        height, width = image_shape
+        longer = max(image_shape)
+        y, x = torch.meshgrid(
+            (2 * torch.arange(height) + 1 - height) / longer,
+            (2 * torch.arange(width) + 1 - width) / longer,
+            indexing="ij",
+        )
+        super().__init__(torch.stack([x, y], dim=-1), 1, bandwidth)
+
+    def forward(self) -> Tensor:
         """The image (H, W)."""
-        image: Tensor = self.leave(self.layers(self.features))[..., 0]
+        return super().forward()[..., 0]
+
+
+class FieldNetworks(nn.Module):
+    """An image (H, W), and potentials (n, E) at other points; both zero at first."""
+
+    def __init__(
+        self, image_shape: tuple[int, int], points: Tensor, electrodes: int, bandwidth: float
+    ) -> None:
+        """For `points` (n, 2) and `bandwidth` see `PointNetwork`; `electrodes` is E."""
+        super().__init__()
+        self.image = CoordinateNetwork(image_shape, bandwidth)
+        self.potentials = PointNetwork(points, electrodes, bandwidth)
+
+    def forward(self) -> Tensor:
+        """The image (H, W)."""
+        image: Tensor = self.image()
         return image

@@ -1,6 +1,7 @@
 """Networks from a frame of voltages to an image of conductivity, whatever the sensor.
 
-A backbone is a linear map from voltages to an image, corrected by a U-Net or a perceptron.
+A backbone is a linear map from voltages to an image, alone or corrected by a U-Net, a Fourier
+neural operator or a perceptron.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from eitbench.methods.networks.fourier_operator import FourierLayers
 from eitbench.scenarios.errors import unknown_name
 from eitbench.scenarios.sensors.patterns import averaging
 
@@ -188,10 +190,35 @@ class Mlp(Backbone):
         return change.view(image.shape)
 
 
+class FourierOperator(Backbone):
+    """Corrects the linear image by a Fourier neural operator."""
+
+    def __init__(self, n_inputs: int, image_shape: tuple[int, int]) -> None:
+        super().__init__(n_inputs, image_shape)
+        self.layers = FourierLayers(image_shape, PATCH)
+
+    def correction(self, inputs: Tensor, image: Tensor) -> Tensor:
+        """See `Backbone`."""
+        del inputs
+        change: Tensor = self.layers(image)
+        return change
+
+
+class Linear(Backbone):
+    """The linear map alone."""
+
+    def correction(self, inputs: Tensor, image: Tensor) -> Tensor:
+        """See `Backbone`."""
+        del inputs
+        return torch.zeros_like(image)
+
+
 BACKBONES: dict[str, type[Backbone]] = {
     "unet": UNet,
     "unet-small": SmallUNet,
     "mlp": Mlp,
+    "fno": FourierOperator,
+    "linear": Linear,
 }
 
 

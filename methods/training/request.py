@@ -60,7 +60,7 @@ class TrainingRequest:
             is minimised.
         alpha: weight of the data loss, 1 or 0. With 0 no true image is learned from.
         beta: weight of the physical loss beside the data loss; by default the method's own.
-        backbone: of the network.
+        backbone: of the network; by default the method's own.
         gain_power: of the gains of measurements that are taken out of training frames, see
             `Problem`.
         device: "cpu", "cuda", or "auto" for a GPU if there is any.
@@ -82,7 +82,7 @@ class TrainingRequest:
     operator: str | None = None
     alpha: float = 1.0
     beta: float | None = None
-    backbone: str = "unet"
+    backbone: str | None = None
     gain_power: float = 0.0
     device: str = "auto"
     jobs: int = 1

@@ -1,1 +1,1 @@
-"""Reconstruction by untrained networks (deep image prior)."""
+"""Reconstruction by networks that are fitted to each frame."""

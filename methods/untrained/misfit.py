@@ -59,23 +59,31 @@ class Misfit:
         _, self._owner, self._sign = independent(pattern)
         rows = self._averaging.T @ problem.jacobian[:, problem.mask] * problem.background
         self._expected = CONTRAST**2 * rows @ rows.T
-        untouched = torch.from_numpy(problem.model.background)[None].to(self._precision)
+        untouched = torch.from_numpy(problem.model.background.copy())[None].to(self._precision)
         with torch.no_grad():
             self._untouched = operator.voltages(untouched)
         self._model_error = math.hypot(MESH_ERROR, self._operator_error())
 
     def of(self, difference: Array) -> Callable[[Tensor], Tensor]:
         """The misfit () of images (H, W) [S/m] to the `difference` (M,) of one frame [V/A]."""
+        misfit = self.of_differences(difference)
+
+        def of_image(sigma: Tensor) -> Tensor:
+            voltages = self._operator.voltages(sigma[None].to(self._precision))
+            return misfit((voltages - self._untouched)[0])
+
+        return of_image
+
+    def of_differences(self, difference: Array) -> Callable[[Tensor], Tensor]:
+        """The misfit () of predicted differences p (M,) to the `difference` (M,) of one frame."""
         d = torch.from_numpy(difference @ self._averaging)
         covariance = self._expected + np.diag(self._error_variances(difference))
         root = linalg.cholesky(covariance, lower=True)
         whitening = torch.from_numpy(linalg.solve_triangular(root, np.eye(len(root)), lower=True))
         combined = torch.from_numpy(self._averaging)
 
-        def misfit(sigma: Tensor) -> Tensor:
-            voltages = self._operator.voltages(sigma[None].to(self._precision))
-            predicted = (voltages - self._untouched)[0].double() @ combined
-            return (whitening @ (predicted - d)).square().mean()
+        def misfit(predicted: Tensor) -> Tensor:
+            return (whitening @ (predicted.double() @ combined - d)).square().mean()
 
         return misfit
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from abc import abstractmethod
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
@@ -31,50 +32,70 @@ SMOOTHING = 0.01
 """The total variation is rounded where the relative conductivity changes by less than this."""
 
 
-@dataclass
-class NetworkPerFrame(Method):
-    """An untrained network per frame, fitted to its voltages through a forward operator.
+Objective = Callable[["nn.Module", "Tensor"], "Tensor"]
+"""A loss () of a network and of its image (H, W), conductivity over background."""
 
-    The loss is `misfit.Misfit` plus the weighted total variation; Adam is stopped by
-    `MovingVariance`.
+
+@dataclass
+class FittedPerFrame(Method):
+    """Base of the methods that fit a network to each frame.
+
+    A subclass says which network, and what it is to minimise beside the weighted total variation.
+    Adam is stopped by `MovingVariance`.
 
     Attributes:
-        operator: the forward operator that the network is fitted through.
+        name: that it is registered by.
         steps: of the optimiser, at most.
         tv: weight of the total variation of conductivity / background; 0 for none.
         seed: of the network.
     """
 
+    name: ClassVar[str]
     learning_rate: ClassVar[float]
 
-    operator: str = "fem"
     steps: int = 400
     tv: float = 0.1
     seed: int = 0
 
     @abstractmethod
     def network(self) -> nn.Module:
-        """Return a new network; called without an input, it returns the image (H, W).
+        """Return a new network; called without an input, it returns what `image` takes (H, W)."""
 
-        The image is the logit of the conductivity within its range, 0 being the background.
+    @abstractmethod
+    def objective(self, difference: Array, first: Array) -> Objective:
+        """Return what is minimised for one frame's `difference` (M,) [V/A].
+
+        `first` (H, W) is the image to begin with, conductivity over background.
         """
+
+    def first(self, difference: Array) -> Array:
+        """Return the image (H, W) to begin with, conductivity over background; 1 everywhere."""
+        del difference
+        return np.ones(self._problem.mask.shape)
+
+    def image(self, output: Tensor, first: Tensor) -> Tensor:
+        """Return the image (H, W) of a network's output, zero for that it begins with.
+
+        The output is added to the logit of the first image within the range of conductivity.
+        """
+        import torch
+
+        low, high = self._problem.sensor.conductivity_range
+        share = ((first - low) / (high - low)).clamp(NEAREST, 1 - NEAREST)
+        return low + (high - low) * torch.sigmoid(output + torch.logit(share))
 
     def fit(self, problem: Problem) -> None:
-        """Prepare the operator and its misfit.
+        """Check the parameters.
 
         Raises:
-            InputError: an unknown operator or one that does not serve the sensor; no step, or a
-                negative weight.
+            InputError: no step, or a negative weight.
         """
-        from eitbench.methods.untrained.misfit import Misfit
-
         if not (self.steps >= 1 and 0 <= self.tv < math.inf):
             raise InputError(
-                f"{type(self).__name__.lower()!r} needs at least 1 step and a weight of at least "
-                f"0, got steps={self.steps} and tv={self.tv}."
+                f"{self.name!r} needs at least 1 step and a weight of at least 0, got "
+                f"steps={self.steps} and tv={self.tv}."
             )
         self._problem = problem
-        self._misfit = Misfit(problem, OPERATOR_REGISTRY.create(self.operator, problem.sensor))
 
     def reconstruct(self, voltages: Array) -> Array:
         """Absolute conductivity (n, H, W) [S/m] from frames (n, M), within the sensor's range."""
@@ -86,7 +107,9 @@ class NetworkPerFrame(Method):
         """Conductivity over background (H, W) for one frame's `difference` (M,) [V/A]."""
         import torch
 
-        misfit, background = self._misfit.of(difference), self._problem.background
+        first = self.first(difference)
+        objective, begun = self.objective(difference, first), torch.from_numpy(first).float()
+        mask = torch.from_numpy(self._problem.mask)
         # Every frame has the same network, so that it does not matter which others come with it.
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(self.seed)
@@ -95,8 +118,8 @@ class NetworkPerFrame(Method):
         stopping = MovingVariance(WINDOW, PATIENCE)
         for _ in range(self.steps):
             with torch.enable_grad():
-                relative = self._relative(network)
-                loss = misfit(relative * background)
+                relative = torch.where(mask, self.image(network(), begun), 1.0)
+                loss = objective(network, relative)
                 if self.tv > 0:
                     loss = loss + self.tv * self._variation(relative)
                 optimiser.zero_grad()
@@ -105,16 +128,6 @@ class NetworkPerFrame(Method):
                 break
             optimiser.step()
         return stopping.image
-
-    def _relative(self, network: nn.Module) -> Tensor:
-        """Return the network's conductivity over background (H, W); 1 outside the sensor."""
-        import torch
-
-        low, high = self._problem.sensor.conductivity_range
-        share = min(max((1 - low) / (high - low), NEAREST), 1 - NEAREST)
-        inside = torch.sigmoid(network() + math.log(share / (1 - share)))
-        mask = torch.from_numpy(self._problem.mask)
-        return torch.where(mask, low + (high - low) * inside, 1.0)
 
     def _variation(self, relative: Tensor) -> Tensor:
         """Total variation () inside the sensor, in sides of it: 1 for a step of 1 across it."""
@@ -125,6 +138,37 @@ class NetworkPerFrame(Method):
         along = torch.diff(relative, dim=0)[:, :-1] * (mask[1:, :-1] & mask[:-1, :-1])
         slope = (across.square() + along.square() + SMOOTHING**2).sqrt() - SMOOTHING
         return slope.sum() / math.sqrt(self._problem.mask.sum())
+
+
+@dataclass
+class NetworkPerFrame(FittedPerFrame):
+    """An untrained network per frame, fitted to its voltages through a forward operator.
+
+    For the other attributes see `FittedPerFrame`.
+
+    Attributes:
+        operator: the forward operator that the network is fitted through, see `misfit.Misfit`.
+    """
+
+    operator: str = "fem"
+
+    def fit(self, problem: Problem) -> None:
+        """Prepare the operator and its misfit.
+
+        Raises:
+            InputError: an unknown operator or one that does not serve the sensor; no step, or a
+                negative weight.
+        """
+        from eitbench.methods.untrained.misfit import Misfit
+
+        super().fit(problem)
+        self._misfit = Misfit(problem, OPERATOR_REGISTRY.create(self.operator, problem.sensor))
+
+    def objective(self, difference: Array, first: Array) -> Objective:
+        """See `FittedPerFrame`; the misfit of the operator's voltages."""
+        del first
+        misfit, background = self._misfit.of(difference), self._problem.background
+        return lambda _, relative: misfit(relative * background)
 
 
 class MovingVariance:

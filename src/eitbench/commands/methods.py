@@ -137,8 +137,11 @@ def train(
         float | None, typer.Option(help="Weight of the physical loss (default: as published).")
     ] = None,
     backbone: Annotated[
-        str, typer.Option(help="Kind of network: unet, unet-small or mlp.")
-    ] = "unet",
+        str | None,
+        typer.Option(
+            help="Kind of network: unet, unet-small, mlp, fno or linear (default: its own)."
+        ),
+    ] = None,
     gain_power: Annotated[
         float, typer.Option(min=0, help="Of the gains of measurements that frames are divided by.")
     ] = 0.0,

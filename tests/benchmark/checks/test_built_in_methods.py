@@ -7,7 +7,7 @@ from eitbench.benchmark.checks.method_under_test import OWN_GRID
 from eitbench.methods.registry import METHOD_REGISTRY, methods
 
 # A network is fitted to every frame: minutes on one core.
-LONG = {"dip", "inr"}
+LONG = {"dip", "inr", "pinn", "cnn-pinn"}
 # Peers that share their code with one that is always checked.
 ALIKE = {"pyeit-bp", "pyeit-greit"}
 

@@ -16,7 +16,7 @@ from safetensors.torch import load_file
 from tests.support.small_sensors import TINY, no_split, suite_of, tiny_mse, tiny_problem
 
 from eitbench.cli import main
-from eitbench.methods import Problem, create
+from eitbench.methods import Problem, create, methods
 from eitbench.methods.learned import image_network_training
 from eitbench.methods.learned.image_network_training import ImageTask
 from eitbench.methods.learned.image_networks import Dnn, DnnRandomised, ImageNetworkMethod
@@ -113,6 +113,25 @@ def test_a_network_learns_what_no_linear_map_can(trained: TrainingResult) -> Non
     # Images that resemble the truth explain the voltages better, though none asked them to.
     assert table[-1]["validation_physical"] < 0.95 * table[0]["validation_physical"]
     assert {"train", "train_physical", "rate", "seconds"} < set(table[0])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["fno", "learned-proximal"])
+def test_networks_of_other_kinds_learn_it_too(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Their weights are those of their own network, and a training continues them."""
+    method = methods()[name]
+    assert issubclass(method, ImageNetworkMethod)
+    monkeypatch.setattr(method, "recipe", recipe(batch=32))
+    request = TrainingRequest(name, suite_of(tmp_path, TINY), epochs=20, out=tmp_path / "out")
+    result = train(request)
+    assert result.in_use
+    linear, network = tiny_mse(create("linear-learned")), tiny_mse(create(name))
+    assert network < 0.9 * linear
+    assert result.validation_loss == pytest.approx(network, rel=0.3)
+    again = train(replace(request, epochs=1, start="weights", out=tmp_path / "again"))
+    assert again.baseline_loss == pytest.approx(result.validation_loss, rel=1e-3)
 
 
 @pytest.mark.slow
@@ -360,6 +379,8 @@ def test_it_ends_early_when_nothing_improves(
         ("dnn-randomised", {}, "'dnn' has no weights for the sensor 'foam16'"),
         ("learned-gn", {}, "'dnn' has no weights for the sensor 'foam16'"),
         ("coarse-to-fine", {"limit": 127}, "127 training samples are too few"),
+        ("learned-proximal", {"limit": 127}, "127 training samples are too few"),
+        ("fno", {"backbone": "unet"}, "'fno' takes no --backbone unet"),
         ("dn", {}, "Unknown name to train 'dn': did you mean 'dnn'"),
     ],
 )

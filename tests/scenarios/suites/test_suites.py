@@ -92,6 +92,7 @@ def test_packaged_suites_are_these() -> None:
         "drift",
         "two-touch",
         "acuity",
+        "per-frame",
     }
     places = {"new-skin", "few-presses"}
     assert set(suites()) == methods | places | {"operators"}

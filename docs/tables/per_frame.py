@@ -1,0 +1,34 @@
+"""Tables of networks that are fitted to each frame, and of the newest trained ones."""
+
+import pandas as pd
+from docs.tables.record import STUDIES, printed
+
+_HEADS = ["data", "method", "samples", "SSIM", "CC", "RIE", "PSNR [dB]", "ms a frame"]
+
+
+def _figures(suite: str) -> str:
+    """Return the figures of a suite's run, the best PSNR of each scenario first."""
+    stored = pd.read_csv(STUDIES / "per-frame" / "figures.csv")
+    of = stored[stored["suite"] == suite]
+    rows = [
+        [
+            scenario.removeprefix(f"{suite}-").replace("db", " dB"),
+            f"`{row.method}`",
+            str(row.samples),
+            f"{row.ssim:.3f}",
+            f"{row.cc:.3f}",
+            f"{row.rie:.4f}",
+            f"{row.psnr:.2f}",
+            f"{row.frame_ms:,.0f}" if row.frame_ms >= 10 else f"{row.frame_ms:.1f}",
+        ]
+        for scenario, cells in of.groupby("scenario", sort=False)
+        for row in cells.sort_values("psnr", ascending=False).itertuples()
+    ]
+    return printed(_HEADS, rows, [False, False, *[True] * 6])
+
+
+TABLES = {
+    "fitted to each frame": lambda: _figures("per-frame"),
+    "newest networks, noise": lambda: _figures("noise"),
+    "newest networks, clean": lambda: _figures("paper"),
+}
