@@ -1,4 +1,4 @@
-"""Tables of networks that are fitted to each frame, and of the newest trained ones."""
+"""The table of networks that are fitted to each frame."""
 
 import pandas as pd
 from docs.tables.record import STUDIES, printed
@@ -29,6 +29,4 @@ def _figures(suite: str) -> str:
 
 TABLES = {
     "fitted to each frame": lambda: _figures("per-frame"),
-    "newest networks, noise": lambda: _figures("noise"),
-    "newest networks, clean": lambda: _figures("paper"),
 }

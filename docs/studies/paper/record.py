@@ -4,7 +4,7 @@
 `paper.csv`: means over all its samples of the scenario, and over the first 600. A mean PSNR rewards
 images that are right to the pixel without bound, so that the median stands beside it, and
 `psnr_of_mean`, the PSNR of the mean squared error. `gain` is the mean PSNR minus that of `dnn` on
-the same samples, with its 95 % interval, where a run has both. Rows of other methods stay.
+the same samples, with its 95 % interval. Rows of other methods and numbers of samples stay.
 """
 
 import json
@@ -54,8 +54,8 @@ def write(paths: Sequence[Path]) -> None:
     table = pd.DataFrame(found).drop_duplicates(["method", "n"])
     path = OUT / "paper.csv"
     stored = pd.read_csv(path)
-    stored = stored[~stored["method"].isin(table["method"])]
-    table = pd.concat([table, stored]).sort_values(["n", "psnr"], ascending=False)
+    table = pd.concat([table, stored]).drop_duplicates(["method", "n"])
+    table = table.sort_values(["n", "psnr"], ascending=False)
     table.to_csv(path, index=False, float_format="%.6g", lineterminator="\n")
     about = [
         {

@@ -1,0 +1,45 @@
+"""The record of the boards `noise` and `shapes`, from stored runs.
+
+`python docs/studies/noise/record.py RUN...` writes the mean figures of every method on every
+scenario to `boards.csv`, those of each family of `shapes` to `families.csv`, and commands and
+versions to `runs.json`.
+"""
+
+import json
+import re
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import pandas as pd
+
+from eitbench.benchmark.analysis.results import read_run
+
+OUT = Path(__file__).resolve().parent
+FIGURES = ["ssim", "cc", "rie", "psnr"]
+
+
+def write(paths: Sequence[Path]) -> None:
+    """Write the record of run directories."""
+    runs = [read_run(path) for path in paths]
+    samples = pd.concat([run.samples for run in runs])
+    of = samples.groupby(["scenario", "method"], sort=False)
+    table = of[FIGURES].mean().join(of["psnr"].median().rename("psnr_median"))
+    table = table.join(of["frame_ms"].median()).join(of.size().rename("n")).reset_index()
+    table.to_csv(OUT / "boards.csv", index=False, float_format="%.6g", lineterminator="\n")
+    shapes = samples[samples["scenario"] == "shapes"].groupby(["method", "family"])
+    families = shapes["psnr"].mean().to_frame().join(shapes.size().rename("n")).reset_index()
+    families.to_csv(OUT / "families.csv", index=False, float_format="%.6g", lineterminator="\n")
+    about = [
+        {
+            "command": re.sub(r" --(out|jobs) \S+", "", run.manifest["command_line"]),
+            **{name: run.manifest[name] for name in ("git_commit", "versions")},
+            "data": {name: data["hash"] for name, data in run.manifest["data"].items()},
+        }
+        for run in runs
+    ]
+    (OUT / "runs.json").write_text(json.dumps(about, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    write([Path(run) for run in sys.argv[1:]])

@@ -1,0 +1,90 @@
+"""Image quality against forward solutions a frame, on clean frames of `paper`.
+
+    python docs/studies/solves/measure.py docs/studies/solves/solves.csv docs/solves.png
+
+Counted are the eliminations of the exact model while frames are reconstructed, whether they give
+voltages alone or the derivative, too. What is solved once for a reference frame counts for no
+frame. Methods have their default parameters, but where a row says otherwise.
+"""
+
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pandas as pd
+
+from eitbench.benchmark.metrics.image_metrics import psnr
+from eitbench.methods import Problem, create
+from eitbench.methods.method import reconstructed
+from eitbench.methods.training.samples import no_split
+from eitbench.scenarios import load
+from eitbench.scenarios.physics.forward import ForwardModel
+
+FRAMES = 24
+METHODS: tuple[tuple[str, Mapping[str, int]], ...] = (
+    ("noser", {}),
+    ("tv", {}),
+    ("dnn", {}),
+    ("learned-gn", {}),
+    *(("gauss-newton-noser", {"steps": steps}) for steps in (1, 2, 5)),
+    *(("gauss-newton-tv", {"steps": steps}) for steps in (1, 2, 6)),
+    *(("shape-posterior", {"rounds": rounds}) for rounds in (1, 2, 5)),
+    ("dip", {"steps": 50}),
+)
+
+
+def measure() -> pd.DataFrame:
+    """Return a row for every method."""
+    test = load("paper", limit=FRAMES)
+    assert test.conductivity is not None
+    solved = 0
+    solve = ForwardModel._solve
+
+    def counting(model: ForwardModel, images: np.ndarray, *, fields: bool) -> object:
+        nonlocal solved
+        solved += len(images)
+        return solve(model, images, fields=fields)
+
+    rows = []
+    for name, parameters in METHODS:
+        problem = Problem(test.sensor, test.references[0], no_split)
+        method = create(name, **parameters)
+        method.fit(problem)
+        method.reconstruct(test.voltages[:1])
+        solved = 0
+        ForwardModel._solve = counting
+        images = reconstructed(method, problem, test)
+        ForwardModel._solve = solve
+        figures = psnr(test.conductivity, images, 1.0)
+        said = ", ".join(f"{key} {value}" for key, value in parameters.items())
+        rows.append((name, said, solved / FRAMES, figures.mean(), float(np.median(figures))))
+        print(rows[-1], flush=True)
+    return pd.DataFrame(rows, columns=["method", "parameters", "solves", "psnr", "psnr_median"])
+
+
+def draw(table: pd.DataFrame, path: Path) -> None:
+    """Draw the median PSNR over solutions a frame; methods without any stand at the left."""
+    figure, axes = plt.subplots(figsize=(7, 4), layout="constrained")
+    for name, of in table.groupby("method", sort=False):
+        at = of["solves"].clip(lower=0.5)
+        (line,) = axes.plot(at, of["psnr_median"], "o-")
+        last = of.iloc[-1]
+        axes.annotate(
+            name, (at.iloc[-1], last["psnr_median"]), (6, 3), textcoords="offset points",
+            color=line.get_color(), fontsize=8,
+        )  # fmt: skip
+    axes.set_xscale("log")
+    axes.set_xlim(0.4, 1000)
+    axes.set_xticks([0.5, 1, 10, 100], ["0", "1", "10", "100"])
+    axes.set_xlabel("forward solutions a frame")
+    axes.set_ylabel("median PSNR [dB]")
+    axes.grid(visible=True, alpha=0.3)
+    figure.savefig(path, dpi=150)
+
+
+if __name__ == "__main__":
+    found = measure()
+    found.to_csv(Path(sys.argv[1]), index=False, float_format="%.6g", lineterminator="\n")
+    draw(found, Path(sys.argv[2]))
