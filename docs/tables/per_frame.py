@@ -6,13 +6,12 @@ from docs.tables.record import STUDIES, printed
 _HEADS = ["data", "method", "samples", "SSIM", "CC", "RIE", "PSNR [dB]", "ms a frame"]
 
 
-def _figures(suite: str) -> str:
-    """Return the figures of a suite's run, the best PSNR of each scenario first."""
+def _figures() -> str:
+    """Return the figures of the suite, the best PSNR of each scenario first."""
     stored = pd.read_csv(STUDIES / "per-frame" / "figures.csv")
-    of = stored[stored["suite"] == suite]
     rows = [
         [
-            scenario.removeprefix(f"{suite}-").replace("db", " dB"),
+            scenario.removeprefix("per-frame-").replace("db", " dB"),
             f"`{row.method}`",
             str(row.samples),
             f"{row.ssim:.3f}",
@@ -21,12 +20,10 @@ def _figures(suite: str) -> str:
             f"{row.psnr:.2f}",
             f"{row.frame_ms:,.0f}" if row.frame_ms >= 10 else f"{row.frame_ms:.1f}",
         ]
-        for scenario, cells in of.groupby("scenario", sort=False)
+        for scenario, cells in stored.groupby("scenario", sort=False)
         for row in cells.sort_values("psnr", ascending=False).itertuples()
     ]
     return printed(_HEADS, rows, [False, False, *[True] * 6])
 
 
-TABLES = {
-    "fitted to each frame": lambda: _figures("per-frame"),
-}
+TABLES = {"fitted to each frame": _figures}

@@ -1,8 +1,10 @@
-"""Where records lie, and how a table of them is printed."""
+"""Where records lie, what they say of the runs that they are from, and how a table is printed."""
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 
+from eitbench.benchmark.analysis.results import Run
 from eitbench.reports.tables.formats import markdown_table
 
 DOCS = Path(__file__).resolve().parents[1]
@@ -14,3 +16,15 @@ def printed(
 ) -> str:
     """Return a table in Markdown."""
     return "\n".join(markdown_table(heads, rows, right))
+
+
+def about_runs(runs: Sequence[Run]) -> list[dict[str, object]]:
+    """Return command, version and data of stored runs, for a record."""
+    return [
+        {
+            "command": re.sub(r" --(out|jobs) \S+", "", run.manifest["command_line"]),
+            **{name: run.manifest[name] for name in ("git_commit", "versions")},
+            "data": {name: data["hash"] for name, data in run.manifest["data"].items()},
+        }
+        for run in runs
+    ]

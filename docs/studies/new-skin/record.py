@@ -1,19 +1,19 @@
 """The record of the suites `new-skin` and `few-presses`, from stored runs.
 
-`python docs/studies/new-skin/record.py new-skin RUN...` writes the errors of all runs on each skin
+`python -m docs.studies.new-skin.record new-skin RUN...` writes the errors of all runs on each skin
 into this folder, of which `make tables` makes the tables of docs/results/new-skin.md, and
 the figure of that page; `few-presses` those of docs/results/skin.md. Of a cell that several runs
 hold, the last one counts.
 """
 
 import json
-import re
 import sys
 from collections import Counter
 from pathlib import Path
 
 import matplotlib as mpl
 import pandas as pd
+from docs.tables.record import about_runs
 
 from eitbench.benchmark.analysis.results import read_run
 from eitbench.benchmark.findings.transfer import over_skins, skin_errors
@@ -33,14 +33,7 @@ def write(suite: str, paths: list[Path]) -> None:
     errors = [e for e in found if skins[e.method, e.labelled] == max(skins.values())]
     pd.DataFrame(errors).to_csv(OUT / f"{suite}.csv", index=False, float_format="%.6g")
     known = json.loads((OUT / "runs.json").read_text())
-    known[suite] = [
-        {
-            "command": re.sub(r" --(out|jobs) \S+", "", run.manifest["command_line"]),
-            **{name: run.manifest[name] for name in ("git_commit", "versions")},
-            "data": {name: data["hash"] for name, data in run.manifest["data"].items()},
-        }
-        for run in runs
-    ]
+    known[suite] = about_runs(runs)
     (OUT / "runs.json").write_text(json.dumps(known, indent=1) + "\n")
     if suite == "new-skin":
         with mpl.rc_context(STYLE):

@@ -1,17 +1,17 @@
 """The record of the boards `noise` and `shapes`, from stored runs.
 
-`python docs/studies/noise/record.py RUN...` writes the mean figures of every method on every
+`python -m docs.studies.noise.record RUN...` writes the mean figures of every method on every
 scenario to `boards.csv`, those of each family of `shapes` to `families.csv`, and commands and
 versions to `runs.json`.
 """
 
 import json
-import re
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
 import pandas as pd
+from docs.tables.record import about_runs
 
 from eitbench.benchmark.analysis.results import read_run
 
@@ -30,15 +30,7 @@ def write(paths: Sequence[Path]) -> None:
     shapes = samples[samples["scenario"] == "shapes"].groupby(["method", "family"])
     families = shapes["psnr"].mean().to_frame().join(shapes.size().rename("n")).reset_index()
     families.to_csv(OUT / "families.csv", index=False, float_format="%.6g", lineterminator="\n")
-    about = [
-        {
-            "command": re.sub(r" --(out|jobs) \S+", "", run.manifest["command_line"]),
-            **{name: run.manifest[name] for name in ("git_commit", "versions")},
-            "data": {name: data["hash"] for name, data in run.manifest["data"].items()},
-        }
-        for run in runs
-    ]
-    (OUT / "runs.json").write_text(json.dumps(about, indent=1) + "\n")
+    (OUT / "runs.json").write_text(json.dumps(about_runs(runs), indent=1) + "\n")
 
 
 if __name__ == "__main__":

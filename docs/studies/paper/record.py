@@ -1,6 +1,6 @@
 """The record of clean frames from the mesh that methods invert with, from stored runs of `paper`.
 
-`python docs/studies/paper/record.py RUN...` writes a row for every method of the runs to
+`python -m docs.studies.paper.record RUN...` writes a row for every method of the runs to
 `paper.csv`: means over all its samples of the scenario, and over the first 600. A mean PSNR rewards
 images that are right to the pixel without bound, so that the median stands beside it, and
 `psnr_of_mean`, the PSNR of the mean squared error. `gain` is the mean PSNR minus that of `dnn` on
@@ -8,13 +8,13 @@ the same samples, with its 95 % interval. Rows of other methods and numbers of s
 """
 
 import json
-import re
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from docs.tables.record import about_runs
 
 from eitbench.benchmark.analysis.results import read_run
 
@@ -57,15 +57,7 @@ def write(paths: Sequence[Path]) -> None:
     table = pd.concat([table, stored]).drop_duplicates(["method", "n"])
     table = table.sort_values(["n", "psnr"], ascending=False)
     table.to_csv(path, index=False, float_format="%.6g", lineterminator="\n")
-    about = [
-        {
-            "command": re.sub(r" --(out|jobs) \S+", "", run.manifest["command_line"]),
-            **{name: run.manifest[name] for name in ("git_commit", "versions")},
-            "data": {name: data["hash"] for name, data in run.manifest["data"].items()},
-        }
-        for run in runs
-    ]
-    (OUT / "runs.json").write_text(json.dumps(about, indent=1) + "\n")
+    (OUT / "runs.json").write_text(json.dumps(about_runs(runs), indent=1) + "\n")
 
 
 if __name__ == "__main__":

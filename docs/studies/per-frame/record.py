@@ -1,17 +1,17 @@
-"""The record of networks that are fitted to each frame, and of two trained ones, from stored runs.
+"""The record of networks that are fitted to each frame, from stored runs.
 
-`python docs/studies/per-frame/record.py RUN...` writes the mean figures of every method on every
+`python -m docs.studies.per-frame.record RUN...` writes the mean figures of every method on every
 scenario of the runs to `figures.csv`, and their commands and versions to `runs.json`. `frame_ms` is
 the median time of a single frame.
 """
 
 import json
-import re
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
 import pandas as pd
+from docs.tables.record import about_runs
 
 from eitbench.benchmark.analysis.results import read_run
 
@@ -26,15 +26,7 @@ def write(paths: Sequence[Path]) -> None:
     of = samples.groupby(["suite", "scenario", "method"], sort=False)
     table = of[FIGURES].mean().join(of["frame_ms"].median()).join(of.size().rename("samples"))
     table.to_csv(OUT / "figures.csv", float_format="%.5g", lineterminator="\n")
-    about = [
-        {
-            "command": re.sub(r" --(out|jobs) \S+", "", run.manifest["command_line"]),
-            **{name: run.manifest[name] for name in ("git_commit", "versions")},
-            "data": {name: data["hash"] for name, data in run.manifest["data"].items()},
-        }
-        for run in runs
-    ]
-    (OUT / "runs.json").write_text(json.dumps(about, indent=1) + "\n")
+    (OUT / "runs.json").write_text(json.dumps(about_runs(runs), indent=1) + "\n")
 
 
 if __name__ == "__main__":

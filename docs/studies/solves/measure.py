@@ -4,7 +4,7 @@
 
 Counted are the eliminations of the exact model while frames are reconstructed, whether they give
 voltages alone or the derivative, too. What is solved once for a reference frame counts for no
-frame. Methods have their default parameters, but where a row says otherwise.
+frame. Methods have the parameters that were selected for `paper`, but where a row says otherwise.
 """
 
 import sys
@@ -16,11 +16,13 @@ import numpy as np
 import pandas as pd
 
 from eitbench.benchmark.metrics.image_metrics import psnr
+from eitbench.benchmark.tuning.selection import selected_parameters
 from eitbench.methods import Problem, create
 from eitbench.methods.method import reconstructed
 from eitbench.methods.training.samples import no_split
 from eitbench.scenarios import load
 from eitbench.scenarios.physics.forward import ForwardModel
+from eitbench.scenarios.suites.suite import scenario_by_name
 
 FRAMES = 24
 METHODS: tuple[tuple[str, Mapping[str, int]], ...] = (
@@ -37,7 +39,8 @@ METHODS: tuple[tuple[str, Mapping[str, int]], ...] = (
 
 def measure() -> pd.DataFrame:
     """Return a row for every method."""
-    test = load("paper", limit=FRAMES)
+    paper = scenario_by_name("paper")
+    test = load(paper, limit=FRAMES)
     assert test.conductivity is not None
     solved = 0
     solve = ForwardModel._solve
@@ -50,7 +53,7 @@ def measure() -> pd.DataFrame:
     rows = []
     for name, parameters in METHODS:
         problem = Problem(test.sensor, test.references[0], no_split)
-        method = create(name, **parameters)
+        method = create(name, **{**(selected_parameters(paper, name) or {}), **parameters})
         method.fit(problem)
         method.reconstruct(test.voltages[:1])
         solved = 0
