@@ -3,24 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from types import MappingProxyType
 from typing import ClassVar
 
 import numpy as np
 
 from eitbench.methods.classical.linearisation import GAINS
 from eitbench.methods.classical.noser import Noser
+from eitbench.methods.learned.image_networks import UsesNetwork
 from eitbench.methods.learned.refined import LearnedGaussNewton
-from eitbench.methods.method import Method
 from eitbench.methods.problem import Problem
 from eitbench.methods.registry import register
 from eitbench.scenarios.arrays import Array
-from eitbench.scenarios.sensors.sensor import Sensor
 
 
 @register("ensemble")
 @dataclass
-class Ensemble(Method):
+class Ensemble(UsesNetwork):
     """The mean of the images of NOSER and of `learned-gn`, for sensors that no model fits.
 
     On a real skin both err by the model, but not alike: NOSER leans on the measurements, the
@@ -33,20 +31,11 @@ class Ensemble(Method):
     """
 
     source: ClassVar[str] = "Hansen and Salamon, IEEE Trans. Pattern Anal. 12(10), 1990"
+    uses: ClassVar = LearnedGaussNewton
     search: ClassVar = {**GAINS, "weight": (0.03, 0.3, 1.0, 3.0)}
 
     gain_power: float = 0.0
     weight: float = 0.03
-
-    @classmethod
-    def weights_hash(cls, sensor: Sensor) -> str:
-        """See `Method`; those of `learned-gn`."""
-        return LearnedGaussNewton.weights_hash(sensor)
-
-    @classmethod
-    def unusable(cls, sensor: Sensor) -> str:
-        """See `Method`."""
-        return LearnedGaussNewton.unusable(sensor)
 
     def fit(self, problem: Problem) -> None:
         """Compute NOSER's matrix and load the weights.
@@ -55,12 +44,9 @@ class Ensemble(Method):
             InputError: there are no weights for the sensor.
         """
         self._problem = problem
-        self._network = LearnedGaussNewton(gain_power=self.gain_power)
+        self._network = self.fitted_network(problem, self.gain_power)
         self._noser = Noser(self.weight, gain_power=self.gain_power)
-        for method in (self._network, self._noser):
-            method.fit(problem)
-        self.train_s = self._network.train_s
-        self.trained_on = MappingProxyType(self._network.trained_on)
+        self._noser.fit(problem)
 
     def reconstruct(self, voltages: Array) -> Array:
         """Absolute conductivity (n, H, W) [S/m] from frames (n, M), within the sensor's range."""

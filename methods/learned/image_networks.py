@@ -108,6 +108,38 @@ class TrainedMethod(Trainable, Method):
         """Return conductivity over background (n, H, W) of differences (n, M) [V/A]."""
 
 
+class UsesNetwork(Method):
+    """Base of the methods that have no weights of their own, but use another method's.
+
+    Attributes:
+        uses: the class of that method.
+    """
+
+    uses: ClassVar[type[TrainedMethod]]
+
+    @classmethod
+    def weights_hash(cls, sensor: Sensor) -> str:
+        """See `Method`; of the other method's weights."""
+        return cls.uses.weights_hash(sensor)
+
+    @classmethod
+    def unusable(cls, sensor: Sensor) -> str:
+        """See `Method`."""
+        return cls.uses.unusable(sensor)
+
+    def fitted_network(self, problem: Problem, gain_power: float = 0.0) -> TrainedMethod:
+        """The other method, fitted to a problem, whose training counts as this one's.
+
+        Raises:
+            InputError: there are no weights for the sensor.
+            DataCorruptError: they are damaged.
+        """
+        network = self.uses(gain_power=gain_power)
+        network.fit(problem)
+        self.train_s, self.trained_on = network.train_s, network.trained_on
+        return network
+
+
 @dataclass
 class ImageNetworkMethod(TrainedMethod):
     """Base of the methods that are one network from voltages to conductivity.

@@ -11,15 +11,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from types import MappingProxyType
 from typing import ClassVar
 
 import numpy as np
 from scipy import special
 
 from eitbench.methods.classical.linearisation import GAINS
-from eitbench.methods.learned.image_networks import Dnn
-from eitbench.methods.method import Method
+from eitbench.methods.learned.image_networks import Dnn, UsesNetwork
 from eitbench.methods.problem import Problem
 from eitbench.methods.registry import register
 from eitbench.methods.shapes.fit import Fit, FrameModel, fit_frame, fit_image
@@ -57,7 +55,7 @@ UNLIKELY = 1e-6
 
 @register("shape-posterior")
 @dataclass
-class ShapePosterior(Method):
+class ShapePosterior(UsesNetwork):
     """The mean of all shapes of the training's families that explain the frame, begun at `dnn`.
 
     Attributes:
@@ -71,21 +69,12 @@ class ShapePosterior(Method):
         "Graph. Stat. 13(4), 2004 (sampling)"
     )
     expected_failures: ClassVar = asymmetry("its random samples have no symmetry", 0.016, 0.022)
+    uses: ClassVar = Dnn
     search: ClassVar = GAINS
 
     gain_power: float = 0.0
     samples: int = 200
     rounds: int = 5
-
-    @classmethod
-    def weights_hash(cls, sensor: Sensor) -> str:
-        """See `Method`; those of `dnn`."""
-        return Dnn.weights_hash(sensor)
-
-    @classmethod
-    def unusable(cls, sensor: Sensor) -> str:
-        """See `Method`."""
-        return Dnn.unusable(sensor)
 
     def fit(self, problem: Problem) -> None:
         """Load `dnn`, and draw phantoms of the families that it was trained on.
@@ -100,9 +89,7 @@ class ShapePosterior(Method):
                 f"samples={self.samples} and rounds={self.rounds}."
             )
         self._problem = problem
-        self._dnn = Dnn()
-        self._dnn.fit(problem)
-        self.train_s, self.trained_on = self._dnn.train_s, MappingProxyType(self._dnn.trained_on)
+        self._dnn = self.fitted_network(problem)
         self._model = FrameModel(problem)
         self._families = [_Family(p) for p in _families(self.trained_on, problem.sensor)]
 
