@@ -25,7 +25,7 @@ from eitbench.scenarios.suites.suite import Suite, on_sensor
 CANDIDATES = (
     "back-projection", "noser", "tikhonov", "laplacian", "greit",
     "coarse-to-fine", "dnn", "dnn-randomised", "phydnn", "fno", "learned-proximal", "tank-unet",
-    "learned-gn",
+    "learned-gn", "ensemble",
     "tv", "gauss-newton-noser", "gauss-newton-tv",
 )  # fmt: skip
 """By what a fit and a frame cost, the cheapest first. None of them uses a GPU for its images."""
@@ -36,6 +36,7 @@ LEFT_OUT = {
     "linear-learned": _LEARNS,
     "linear-touch": _LEARNS,
     **dict.fromkeys(("dip", "inr", "pinn", "cnn-pinn"), "it trains a network for every frame"),
+    "shape-posterior": "it knows the shapes that simulated touches are drawn from",
     **dict.fromkeys(("pyeit-bp", "pyeit-greit", "pyeit-jac"), _OTHERS),
     **dict.fromkeys(("eidors-greit", "eidors-noser", "eidors-tv-pdipm"), _OTHERS),
 }

@@ -15,9 +15,10 @@ from eitbench.scenarios.sensors.sensor import Sensor
 
 ROUND = ("circle", "ring")
 """Shapes that look the same at any angle."""
-COPIES = {"rectangle": 4}
+COPIES = {"rectangle": 4, "ellipse": 2, "star": 5}
 """Parameter vectors that give one and the same region, where there are more than one: a rectangle
-may be turned by half of a turn, or by a quarter with its sides exchanged."""
+may be turned by half of a turn, or by a quarter with its sides exchanged; an ellipse by half of a
+turn, a star by a fifth."""
 
 STEP = {"place": 0.005, "angle": 0.02, "size": 0.005, "ratio": 0.02, "level": 0.02}
 """Small changes of parameters, each about as large for an image as the others."""

@@ -6,13 +6,18 @@ unknown level, the posterior is
     p(theta | d)  ~  p(theta) |d - F(x(theta))|^-K,
 
 the likelihood of K measurements after the level s has been integrated out with the prior 1/s. The
-prior is uniform over the family's ranges, where the regions lie in the sensor and apart.
+prior is uniform over ranges and places alike, where the regions lie in the sensor and apart.
+(Phantoms are drawn with the place after the sizes, so that large ones are somewhat more likely.)
 
 Samples are drawn from a multivariate t distribution q, weighted by p(theta | d) / q(theta), and q
 is fitted to them, again and again (population Monte Carlo, Cappe et al. 2004). It begins as the
 Laplace approximation about a fit. Where few samples carry all the weight, as with frames that have
 next to no noise, weights are taken to a power below 1 at which enough of them count: q then closes
-in on the posterior round by round.
+in on the posterior round by round. If the last round is still tempered, its mean is that of a wider
+distribution than the posterior; the evidence is always that of the weights themselves.
+
+K values with equal noise are assumed. Values that were filled in for a dead electrode, or estimated
+with gains taken out, are neither independent nor of equal noise: the posterior is then too sharp.
 
 An image of sharp edges jumps where an edge passes the centre of a pixel. That is as the phantoms
 are, so that samples are rasterised like them, unless noise hides it. The model is linearised about
@@ -55,9 +60,10 @@ class FamilyPosterior:
     """The posterior within a family.
 
     Attributes:
-        mean: (H, W) the mean image, relative to the background.
-        log_evidence: logarithm of p(d), but for what all families share; -inf where no sample lies
-            in the sensor.
+        mean: (H, W) the mean image, relative to the background; of the tempered posterior where the
+            last round is tempered.
+        log_evidence: logarithm of p(d), but for what all families share and for the share of the
+            ranges that lies in the sensor; -inf where no sample does.
         error: least |d - F(x)|^2 of a sample [(V/A)^2].
     """
 

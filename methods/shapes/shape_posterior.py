@@ -70,11 +70,23 @@ class ShapePosterior(UsesNetwork):
     )
     expected_failures: ClassVar = asymmetry("its random samples have no symmetry", 0.016, 0.022)
     uses: ClassVar = Dnn
+    differs = "told how phantoms of its training are drawn: shapes, ranges and pixels"
     search: ClassVar = GAINS
 
     gain_power: float = 0.0
     samples: int = 200
     rounds: int = 5
+
+    @classmethod
+    def unusable(cls, sensor: Sensor) -> str:
+        """See `Method`; also where `dnn` was trained on phantoms that have no parameters."""
+        if why := super().unusable(sensor):
+            return why
+        try:
+            _families(Dnn.files.load(sensor).metadata, sensor)
+        except InputError as error:
+            return str(error)
+        return ""
 
     def fit(self, problem: Problem) -> None:
         """Load `dnn`, and draw phantoms of the families that it was trained on.
@@ -83,10 +95,11 @@ class ShapePosterior(UsesNetwork):
             InputError: no weights of `dnn` for the sensor, or such as were trained on a scenario
                 that is not packaged, or on presses; parameters out of range.
         """
-        if not (self.samples >= FEWEST and self.rounds >= 1):
+        whole = isinstance(self.samples, int) and isinstance(self.rounds, int)
+        if not (whole and self.samples >= FEWEST and self.rounds >= 1):
             raise InputError(
-                f"'shape-posterior' needs at least {FEWEST} samples and 1 round, got "
-                f"samples={self.samples} and rounds={self.rounds}."
+                f"'shape-posterior' needs at least {FEWEST} samples and 1 round, in whole numbers, "
+                f"got samples={self.samples!r} and rounds={self.rounds!r}."
             )
         self._problem = problem
         self._dnn = self.fitted_network(problem)

@@ -143,7 +143,10 @@ def train(
         ),
     ] = None,
     gain_power: Annotated[
-        float, typer.Option(min=0, help="Of the gains of measurements that frames are divided by.")
+        float,
+        typer.Option(
+            min=0, help="Power of the gains of measurements that are taken out of training frames."
+        ),
     ] = 0.0,
     device: Annotated[str, typer.Option(help="auto, cpu or cuda.")] = "auto",
     jobs: Annotated[int, typer.Option(min=1, help="Processes to simulate with.")] = 1,

@@ -83,8 +83,12 @@ def test_bad_parameters_and_presses_are_refused_in_a_sentence() -> None:
     problem = Problem(skin, forward_model(skin).voltages(forward_model(skin).background), no_split)
     with pytest.raises(InputError, match="at least 50 samples and 1 round"):
         ShapePosterior(samples=10).fit(problem)
+    with pytest.raises(InputError, match="whole numbers, got samples='many'"):
+        ShapePosterior(samples="many").fit(problem)  # type: ignore[arg-type]
     with pytest.raises(InputError, match="no parameters of the family 'soft-press'"):
         ShapePosterior().fit(problem)
+    assert "no parameters of the family 'soft-press'" in ShapePosterior.unusable(skin)
+    assert not ShapePosterior.unusable(sensor("foam16"))
 
 
 def test_weights_of_an_unknown_training_are_refused(

@@ -197,6 +197,7 @@ OTHER: dict[str, Any] = {
     "imperfections": Imperfections(gain=0.01),
     "ladder": True,
     "calibrated": True,
+    "training_imperfections": {"drift": 0.01},
 }
 
 
