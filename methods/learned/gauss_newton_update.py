@@ -19,7 +19,7 @@ import numpy as np
 from scipy import linalg, ndimage
 
 from eitbench.scenarios.arrays import Array, Images
-from eitbench.scenarios.sensors.patterns import averaging, independent
+from eitbench.scenarios.sensors.patterns import equal_noise, independent
 
 if TYPE_CHECKING:
     from eitbench.methods.problem import Problem
@@ -42,10 +42,7 @@ class GaussNewtonUpdate:
 
     def __init__(self, problem: Problem) -> None:
         self._problem = problem
-        mean = averaging(problem.sensor.pattern)
-        # A mean of two has less noise: every combination gets the noise of one measurement.
-        norms = np.linalg.norm(mean, axis=0)
-        self._combine = mean / norms
+        self._combine, norms = equal_noise(problem.sensor.pattern)
         self._first, _, _ = independent(problem.sensor.pattern)
         self._row_scale = (problem.background / norms).astype(np.float32)[:, None]
         rms = float(np.sqrt(np.mean(problem.background_voltages**2)))

@@ -11,7 +11,7 @@ from scipy import linalg
 from eitbench.methods.problem import Problem
 from eitbench.methods.shapes.parameters import Parameters
 from eitbench.scenarios.arrays import Array
-from eitbench.scenarios.sensors.patterns import averaging, independent
+from eitbench.scenarios.sensors.patterns import equal_noise, independent
 
 EDGE = 1.0
 """Width of the soft edge in fits [pixels]: the image then changes smoothly with the parameters."""
@@ -30,10 +30,7 @@ class FrameModel:
 
     def __init__(self, problem: Problem) -> None:
         self._problem = problem
-        mean = averaging(problem.sensor.pattern)
-        # A mean of two has less noise: every combination gets the noise of one measurement.
-        norms = np.linalg.norm(mean, axis=0)
-        self._combine = mean / norms
+        self._combine, norms = equal_noise(problem.sensor.pattern)
         self._first, _, _ = independent(problem.sensor.pattern)
         self._row_scale = (problem.background / norms)[:, None]
         self._range = problem.sensor.conductivity_range
@@ -92,7 +89,7 @@ class Fit:
     Attributes:
         parameters: what they mean.
         vector: (P,).
-        error: sum of squares.
+        error: sum of squares, [(V/A)^2] of a frame and without a unit of an image.
         information: (P, P) Gauss-Newton matrix of the error, in steps of the parameters.
     """
 

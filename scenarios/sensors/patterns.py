@@ -191,6 +191,17 @@ def averaging(pattern: DrivePattern) -> NDArray[np.float64]:
 Drives = list[Pair]
 
 
+def equal_noise(pattern: DrivePattern) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(M, K): independent combinations of a frame that each have the noise of one measurement.
+
+    A mean of two has less noise, so that the columns of `averaging` are divided by their norms,
+    which are returned, too: (K,).
+    """
+    mean = averaging(pattern)
+    norms = np.linalg.norm(mean, axis=0)
+    return mean / norms, norms
+
+
 def in_phase_differences(
     potentials: NDArray[np.complex128], drives: Drives, pattern: DrivePattern
 ) -> NDArray[np.float64]:
