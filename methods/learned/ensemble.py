@@ -45,7 +45,7 @@ class Ensemble(UsesNetwork):
         """
         self._problem = problem
         self._network = self.fitted_network(problem, self.gain_power)
-        self._noser = Noser(self.weight, gain_power=self.gain_power)
+        self._noser = Noser(self.weight, gain_power=self._network.effective_gain_power)
         self._noser.fit(problem)
 
     def reconstruct(self, voltages: Array) -> Array:

@@ -45,9 +45,11 @@ class TrainedMethod(Trainable, Method):
             that come with the package.
         gain_power: of the gains of measurements that are taken out of frames, see `Problem`; 0 for
             that which the weights were trained with.
+        effective_gain_power: which of the two it is, after `fit`.
     """
 
     search: ClassVar = GAINS
+    effective_gain_power = 0.0
     weights: str = ""
     gain_power: float = 0.0
 
@@ -72,7 +74,7 @@ class TrainedMethod(Trainable, Method):
             self.train_s = float(metadata["train_s"])
             self.trained_on = {name: metadata[name] for name in TRAINED_ON}
             self.trained_on |= {"unlimited": metadata.get("unlimited", "0")}
-            self._gain_power = self.gain_power or float(metadata.get("gain_power", "0"))
+            self.effective_gain_power = self.gain_power or float(metadata.get("gain_power", "0"))
             # New networks draw weights, to be replaced, from torch's global generator.
             with torch.random.fork_rng(devices=[]):
                 self.prepare(problem, tensors, metadata)
@@ -85,7 +87,7 @@ class TrainedMethod(Trainable, Method):
 
     def reconstruct(self, voltages: Array) -> Array:
         """Absolute conductivity (n, H, W) [S/m] from frames (n, M), within the sensor's range."""
-        difference = self._problem.difference(voltages, self._gain_power)
+        difference = self._problem.difference(voltages, self.effective_gain_power)
         low, high = self._problem.sensor.conductivity_range
         images = np.empty((len(difference), *self._problem.mask.shape))
         for first in range(0, len(difference), BATCH):

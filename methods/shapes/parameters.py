@@ -127,8 +127,8 @@ class Parameters:
             paint(image, region, level, self._grid, width)
         return image
 
-    def derivative(self, vector: Array, edge: float = 1.0) -> Array:
-        """Change of the image (P, H, W) with each parameter, times its step."""
+    def derivative(self, vector: Array, edge: float) -> Array:
+        """Change of the image (P, H, W) with each parameter, times its step; `edge` in pixels."""
         changes = np.empty((len(vector), *self.sensor.image_shape))
         for k, (change, step) in enumerate(zip(changes, self.step, strict=True)):
             ahead, behind = vector.copy(), vector.copy()

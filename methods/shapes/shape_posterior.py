@@ -24,7 +24,7 @@ from eitbench.methods.shapes.fit import Fit, FrameModel, fit_frame, fit_image
 from eitbench.methods.shapes.parameters import Parameters
 from eitbench.methods.shapes.posterior import Sampler
 from eitbench.scenarios.arrays import Array
-from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.errors import DataCorruptError, InputError
 from eitbench.scenarios.phantoms.phantom import draw
 from eitbench.scenarios.sensors.sensor import Sensor
 from eitbench.scenarios.sensors.symmetry import asymmetry
@@ -86,6 +86,8 @@ class ShapePosterior(UsesNetwork):
             _families(Dnn.files.load(sensor).metadata, sensor)
         except InputError as error:
             return str(error)
+        except DataCorruptError:
+            return ""  # `fit` says so, and its row fails alone
         return ""
 
     def fit(self, problem: Problem) -> None:
@@ -102,13 +104,13 @@ class ShapePosterior(UsesNetwork):
                 f"got samples={self.samples!r} and rounds={self.rounds!r}."
             )
         self._problem = problem
-        self._dnn = self.fitted_network(problem)
+        self._dnn = self.fitted_network(problem, self.gain_power)
         self._model = FrameModel(problem)
         self._families = [_Family(p) for p in _families(self.trained_on, problem.sensor)]
 
     def reconstruct(self, voltages: Array) -> Array:
         """Absolute conductivity (n, H, W) [S/m] from frames (n, M), within the sensor's range."""
-        difference = self._problem.difference(voltages, self.gain_power)
+        difference = self._problem.difference(voltages, self._dnn.effective_gain_power)
         low, high = self._problem.sensor.conductivity_range
         images = []
         for frame in difference:

@@ -1,7 +1,5 @@
 """Reconstruction by the posterior of shapes."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from tests.support.small_sensors import no_split
@@ -96,6 +94,6 @@ def test_weights_of_an_unknown_training_are_refused(
 ) -> None:
     problem, _ = fitted
     module = "eitbench.methods.shapes.shape_posterior.scenarios"
-    monkeypatch.setattr(module, lambda: {"mine": replace})
+    monkeypatch.setattr(module, dict)
     with pytest.raises(InputError, match="trained on a packaged scenario"):
         ShapePosterior().fit(problem)
