@@ -5,6 +5,7 @@ import pytest
 from tests.support.small_sensors import no_split
 
 from eitbench.methods import Problem, create
+from eitbench.methods.learned.refined import LearnedGaussNewton
 from eitbench.scenarios import sensor
 from eitbench.scenarios.physics.forward import forward_model
 
@@ -38,3 +39,25 @@ def test_an_untouched_skin_stays_as_it_is(problem: Problem) -> None:
     method.fit(problem)
     image = method.reconstruct(problem.reference[None])
     assert np.abs(image - problem.background)[0][problem.mask].max() < 0.05
+
+
+def test_noser_takes_out_the_gains_that_the_network_was_trained_with(
+    problem: Problem, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Weights of `learned-gn` that say that gains were taken out of their training frames."""
+    fitted = LearnedGaussNewton.fit
+
+    def fit(method: LearnedGaussNewton, given: Problem) -> None:
+        fitted(method, given)
+        method.effective_gain_power = method.gain_power or 0.5
+
+    monkeypatch.setattr(LearnedGaussNewton, "fit", fit)
+    uneven = Problem(problem.sensor, problem.reference * np.linspace(0.7, 1.3, 192), no_split)
+    frames = (uneven.reference * 1.01 + 0.01 * problem.reference)[None]
+    images = []
+    for parameters in ({}, {"gain_power": 0.5}, {"gain_power": 1.0}):
+        method = create("ensemble", **parameters)
+        method.fit(uneven)
+        images.append(method.reconstruct(frames))
+    assert images[0] == pytest.approx(images[1], abs=1e-12)
+    assert np.abs(images[0] - images[2]).max() > 1e-4

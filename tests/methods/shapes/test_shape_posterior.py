@@ -6,8 +6,9 @@ from tests.support.small_sensors import no_split
 
 from eitbench.methods import Problem, create
 from eitbench.methods.shapes.shape_posterior import ShapePosterior
+from eitbench.methods.weights.weight_files import WeightFiles
 from eitbench.scenarios import load, sensor
-from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.errors import DataCorruptError, InputError
 from eitbench.scenarios.physics.forward import forward_model
 from eitbench.scenarios.suites.suite import scenario_by_name
 
@@ -97,3 +98,13 @@ def test_weights_of_an_unknown_training_are_refused(
     monkeypatch.setattr(module, dict)
     with pytest.raises(InputError, match="trained on a packaged scenario"):
         ShapePosterior().fit(problem)
+
+
+def test_damaged_weights_are_told_by_fit_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A suite is checked before its run: a damaged file must not end it."""
+
+    def load(*_: object) -> None:
+        raise DataCorruptError("The file is damaged.")
+
+    monkeypatch.setattr(WeightFiles, "load", load)
+    assert ShapePosterior.unusable(sensor("foam16")) == ""
