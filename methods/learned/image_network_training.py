@@ -186,9 +186,8 @@ def train_image_network(method: type[ImageNetworkMethod], job: TrainingJob) -> T
         network.backbone.start_from(matrix)
     motions = symmetries(sensor, torch.from_numpy(problem.jacobian))
     rms = float(np.sqrt(np.mean(untouched**2)))
-    augmentation = Augmentation(
-        scenario.split_noise("train"), motions, rms, torch.from_numpy(estimates)
-    )
+    changed = torch.from_numpy(estimates) if len(estimates) > 1 else None
+    augmentation = Augmentation(scenario.split_noise("train"), motions, rms, changed)
 
     def renewed(epoch: int) -> Data:
         fresh, voltages = job.fresh_samples(epoch, count)

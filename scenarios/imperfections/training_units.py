@@ -6,9 +6,9 @@ are drawn at random around it, the real one is a unit among others.
 Source: Tobin et al., IROS 2017, 23 (domain randomisation).
 """
 
-from typing import Annotated
+from typing import Annotated, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from eitbench.scenarios.imperfections.imperfections import (
     FIRST_TRAINING_UNIT,
@@ -33,6 +33,15 @@ class TrainingImperfections(Imperfections):
 
     dead_share: Share = 0.0
     saturated_share: Share = 0.0
+
+    @model_validator(mode="after")
+    def _drawn_or_declared(self) -> Self:
+        if (self.dead and self.dead_share) or (self.saturated is not None and self.saturated_share):
+            raise ValueError(
+                "faults are either the same in all units (`dead`, `saturated`) or drawn for each "
+                "(`dead_share`, `saturated_share`)"
+            )
+        return self
 
     def of_session(self, session: int, pattern: DrivePattern) -> Imperfections:
         """Imperfections of the unit of a session, on a sensor with the drive pattern `pattern`."""

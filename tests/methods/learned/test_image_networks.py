@@ -563,7 +563,7 @@ def test_a_network_sees_in_training_what_it_sees_in_use(
 
     class Watched(Dnn):
         def fit(self, problem: Problem) -> None:
-            self._problem, self._gain_power = problem, self.gain_power
+            self._problem, self.effective_gain_power = problem, self.gain_power
 
         def relative(self, difference: Array) -> Images:
             in_use.append(difference)
