@@ -61,7 +61,7 @@ class RefinementMethod(TrainedMethod):
         self.start(problem)
         if metadata["begun_from"] != self.begun_from:
             raise InputError(
-                f"The weights of {self.files.name!r} were trained for another network 'dnn' than "
+                f"The weights of {self.files.name!r} were trained for another first image than "
                 f"there is now: train them again with `{self.files.command}`."
             )
         self.train_s += self.begun_train_s
@@ -134,33 +134,47 @@ class CoarseToFine(RefinementMethod):
 @register("learned-gn")
 @dataclass
 class LearnedGaussNewton(RefinementMethod):
-    """Gauss-Newton steps through the exact model from the image of `dnn`, each then corrected."""
+    """A Gauss-Newton step through the exact model from the image of `dnn`, corrected by a network.
+
+    Attributes:
+        first: the method whose image it starts from.
+    """
 
     source: ClassVar[str] = "Adler and Oktem, Inverse Problems 33(12), 2017"
     files: ClassVar = WeightFiles("learned-gn", version="1")
     n_inputs: ClassVar = 1 + len(SNR_DB)
+    first: ClassVar[type[TrainedMethod]] = Dnn
 
     @classmethod
     def weights_hash(cls, sensor: Sensor) -> str:
-        """See `Trainable`; its own, whose metadata name those of `dnn` that they continue."""
-        return super().weights_hash(sensor) if Dnn.weights_hash(sensor) else ""
+        """See `Trainable`; its own, whose metadata name those of `first` that they continue."""
+        return super().weights_hash(sensor) if cls.first.weights_hash(sensor) else ""
 
     @classmethod
     def unusable(cls, sensor: Sensor) -> str:
         """See `Method`."""
-        return super().unusable(sensor) or Dnn.unusable(sensor)
+        return super().unusable(sensor) or cls.first.unusable(sensor)
 
     def start(self, problem: Problem) -> None:
         """See `RefinementMethod`."""
-        self._dnn = Dnn()
-        self._dnn.fit(problem)
-        self.begun_from = Dnn.weights_hash(problem.sensor)
-        self.begun_train_s = self._dnn.train_s
+        self._first = self.first()
+        self._first.fit(problem)
+        self.begun_from = self.first.weights_hash(problem.sensor)
+        self.begun_train_s = self._first.train_s
         self._range = problem.sensor.conductivity_range
         self._update = GaussNewtonUpdate(problem)
 
     def inputs(self, difference: Array) -> Images:
-        """See `RefinementMethod`; the image of `dnn` and its Gauss-Newton updates."""
-        guesses = self._dnn.relative(difference).clip(*self._range)
+        """See `RefinementMethod`; the image of `first` and its Gauss-Newton updates."""
+        guesses = self._first.relative(difference).clip(*self._range)
         updates = self._update(difference, guesses)
         return np.concatenate([guesses[:, None], updates], axis=1)
+
+
+@register("learned-gn-2")
+@dataclass
+class SecondGaussNewton(LearnedGaussNewton):
+    """A second Gauss-Newton step, from the image of `learned-gn`, corrected by its own network."""
+
+    files: ClassVar = WeightFiles("learned-gn-2", version="1")
+    first: ClassVar = LearnedGaussNewton

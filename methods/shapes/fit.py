@@ -26,6 +26,7 @@ class FrameModel:
 
     Attributes:
         count: their number K.
+        repeated: M - K, the number of measurements that only repeat others, by reciprocity.
     """
 
     def __init__(self, problem: Problem) -> None:
@@ -36,10 +37,20 @@ class FrameModel:
         self._range = problem.sensor.conductivity_range
         self._untouched = problem.background_voltages
         self.count = len(norms)
+        self.repeated = problem.sensor.pattern.n_measurements - len(norms)
 
     def data(self, difference: Array) -> Array:
         """Combinations (..., K) of differences to the reference (..., M) [V/A]."""
         return np.asarray(difference @ self._combine)
+
+    def noise(self, difference: Array) -> float:
+        """Estimated sum of squares [(V/A)^2] of the noise in `data` of a frame (M,).
+
+        No conductivity tells reciprocal measurements apart, so that what they differ by is noise.
+        It is 0 where no measurement repeats another.
+        """
+        differ = float(difference @ difference - np.square(self.data(difference)).sum())
+        return max(differ, 0.0) * self.count / max(self.repeated, 1)
 
     def differences(self, image: Array) -> Array:
         """What the model predicts (K,) [V/A] for an image (H, W), relative to the background."""
@@ -51,8 +62,7 @@ class FrameModel:
         # What reciprocity makes equal in voltages has equal derivatives: one of each will do.
         voltages, rows = self._problem.model.linearise(self._sigma(image), self._first)
         rows = (rows.reshape(self.count, -1) * self._row_scale).T.copy()
-        predicted = (voltages - self._untouched) @ self._combine
-        return LinearisedModel(predicted - (image.ravel() - 1) @ rows, rows)
+        return LinearisedModel(image.ravel(), (voltages - self._untouched) @ self._combine, rows)
 
     def _sigma(self, image: Array) -> Array:
         return image.clip(*self._range) * self._problem.background
@@ -63,17 +73,26 @@ class LinearisedModel:
     """`FrameModel` to first order about one image.
 
     Attributes:
-        untouched: (K,) differences [V/A] of the untouched sensor, by this model.
+        image: (H * W,) that image, relative to the background.
+        predicted: (K,) differences [V/A] at it.
         rows: (H * W, K) derivative of the differences.
     """
 
-    untouched: Array
+    image: Array
+    predicted: Array
     rows: Array
 
     def differences(self, images: Array) -> Array:
-        """What is predicted (..., K) [V/A] for images (..., H, W), relative to the background."""
-        contrasts = images.reshape(*images.shape[:-2], -1) - 1
-        return np.asarray(self.untouched + self.times(contrasts))
+        """What is predicted (..., K) [V/A] for images (..., H, W), relative to the background.
+
+        A pixel that changes from c to x counts as 2 c (x - c) / (x + c), which is what a disc of
+        conductivity x in c does to the field (Clausius and Mossotti): where shapes move, pixels
+        along their edges change by all of the contrast, and x - c would err several times as much.
+        """
+        flat = images.reshape(*images.shape[:-2], -1)
+        return np.asarray(
+            self.predicted + self.times(2 * self.image * (flat - self.image) / (flat + self.image))
+        )
 
     def times(self, changes: Array) -> Array:
         """Derivative times changes (..., H * W) of the image: (..., K)."""

@@ -1,6 +1,7 @@
 """Phantoms of a family as vectors of parameters, with their prior."""
 
 import math
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -19,6 +20,17 @@ COPIES = {"rectangle": 4, "ellipse": 2, "star": 5}
 """Parameter vectors that give one and the same region, where there are more than one: a rectangle
 may be turned by half of a turn, or by a quarter with its sides exchanged; an ellipse by half of a
 turn, a star by a fifth."""
+
+AREAS: Mapping[str, Callable[..., Array]] = {
+    "circle": lambda radius: math.pi * radius**2,
+    "ring": lambda outer, inner_ratio: math.pi * outer**2 * (1 - inner_ratio**2),
+    "ellipse": lambda long, short: math.pi * long * short,
+    "rectangle": lambda width, height: width * height,
+    "triangle": lambda leg: leg**2 / 2,
+    "l-shape": lambda arm, width: width * (2 * arm - width),
+    "star": lambda outer, inner_ratio: 5 * math.sin(math.pi / 5) * outer**2 * inner_ratio,
+}
+"""Area of each shape of given sizes."""
 
 STEP = {"place": 0.005, "angle": 0.02, "size": 0.005, "ratio": 0.02, "level": 0.02}
 """Small changes of parameters, each about as large for an image as the others."""
@@ -127,6 +139,10 @@ class Parameters:
             paint(image, region, level, self._grid, width)
         return image
 
+    def images(self, vectors: Array) -> Array:
+        """Conductivity over the background (n, H, W) of vectors (n, P), with sharp edges."""
+        return np.array([self.image(vector) for vector in vectors])
+
     def derivative(self, vector: Array, edge: float) -> Array:
         """Change of the image (P, H, W) with each parameter, times its step; `edge` in pixels."""
         changes = np.empty((len(vector), *self.sensor.image_shape))
@@ -152,6 +168,34 @@ class Parameters:
             ]
             vector.append(drawn[f"conductivity{number}"] / phantom.background)
         return np.array(vector)
+
+    def straightened(self, vectors: Array) -> tuple[Array, Array]:
+        """Coordinates (n, P) of vectors (n, P), in which the shapes alike to a sensor lie straight.
+
+        A frame tells the product of an inclusion's area and its (x - 1) / (x + 1) better than each
+        of them: the strength of the dipole that stands for it (Polya and Szego 1951). The strength
+        takes the place of the conductivity x. Also (n,) the logarithm of the volume of vectors
+        over that of coordinates.
+        """
+        parts = vectors.reshape(len(vectors), self.family.count, -1)
+        levels, areas = parts[..., -1], self._areas(parts)
+        straight = parts.copy()
+        straight[..., -1] = areas * (levels - 1) / (levels + 1)
+        volume = np.log((levels + 1) ** 2 / (2 * areas)).sum(axis=1)
+        return straight.reshape(vectors.shape), volume
+
+    def bent(self, straight: Array) -> Array:
+        """Vectors (n, P) of coordinates (n, P): the inverse of `straightened`."""
+        parts = straight.reshape(len(straight), self.family.count, -1).copy()
+        factors = parts[..., -1] / self._areas(parts)
+        parts[..., -1] = (1 + factors) / (1 - factors)
+        return np.asarray(parts.reshape(straight.shape))
+
+    def _areas(self, parts: Array) -> Array:
+        """Areas (n, count) of inclusions (n, count, values), as fractions of the side's square."""
+        first = 3 if self._shape[2] else 2
+        sizes = dict(zip(self._shape[1], np.moveaxis(parts[..., first:-1], -1, 0), strict=True))
+        return np.asarray(AREAS[self._shape[0]](**sizes)).clip(min=1e-9)
 
     def within(self, vectors: Array) -> Mask:
         """True (n,) for vectors (n, P) within their ranges."""

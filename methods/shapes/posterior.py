@@ -1,58 +1,60 @@
-"""The posterior of the shapes of a family, by adaptive importance sampling about a fit.
+"""The posterior of the shapes of a family, by sequential Monte Carlo about a fit.
 
 For the parameters theta of a family with prior p, images x(theta) and data d = F(x) + noise of an
 unknown level, the posterior is
 
-    p(theta | d)  ~  p(theta) |d - F(x(theta))|^-K,
+    p(theta | d)  ~  p(theta) L(theta),    L(theta) = |d - F(x(theta))|^-K,
 
 the likelihood of K measurements after the level s has been integrated out with the prior 1/s. The
 prior is uniform over ranges and places alike, where the regions lie in the sensor and apart.
 (Phantoms are drawn with the place after the sizes, so that large ones are somewhat more likely.)
 
-Samples are drawn from a multivariate t distribution q, weighted by p(theta | d) / q(theta), and q
-is fitted to them, again and again (population Monte Carlo, Cappe et al. 2004). It begins as the
-Laplace approximation about a fit. Where few samples carry all the weight, as with frames that have
-next to no noise, weights are taken to a power below 1 at which enough of them count: q then closes
-in on the posterior round by round. If the last round is still tempered, its mean is that of a wider
-distribution than the posterior; the evidence is always that of the weights themselves.
+Particles are drawn from a multivariate t distribution q, the Laplace approximation about a fit with
+longer tails, and taken to the posterior through the distributions
+
+    q^(1 - b) (p L)^b,    0 <= b <= 1
+
+(annealed sequential Monte Carlo: Del Moral, Doucet and Jasra 2006, section 3.3). A step raises b by
+as much as leaves `ENOUGH` of the particles effective, draws them anew by their weights, and moves
+each by a few steps of Metropolis with the covariance of all. The product of the mean weights is the
+evidence p(d) of the family.
 
 K values with equal noise are assumed. Values that were filled in for a dead electrode, or estimated
 with gains taken out, are neither independent nor of equal noise: the posterior is then too sharp.
 
-An image of sharp edges jumps where an edge passes the centre of a pixel. That is as the phantoms
-are, so that samples are rasterised like them, unless noise hides it. The model is linearised about
-the image of q's centre, from which samples differ in pixels along the edges.
+Images have sharp edges, as phantoms have. The model is linearised in every step about the image of
+the likeliest particle, from which the others differ in pixels along the edges. A frame without
+noise is explained by a single set of pixels: the steps then close in on it, until all particles
+have it or the last step is done, whose distribution is wider than the posterior.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy import linalg, optimize, special
 
-from eitbench.methods.shapes.fit import EDGE, Fit, FrameModel
+from eitbench.methods.shapes.fit import Fit, FrameModel, LinearisedModel
 from eitbench.methods.shapes.parameters import Parameters
-from eitbench.scenarios.arrays import Array
+from eitbench.scenarios.arrays import Array, Mask
 
 FREEDOM = 5
 """Degrees of freedom of the t distribution: its tails must be longer than the posterior's."""
-ENOUGH = 0.1
-"""Effective share of the samples below which weights are tempered."""
-LEAST_POWER = 1e-6
-"""Of the weights."""
-SHRINKING = 0.5
-"""Factor of the covariance that q had, where weights are tempered and too few samples count to
-replace it."""
-SHARP = 0.008
-"""Error of the best fit, relative to a frame's differences, below which samples have sharp edges.
-A soft edge errs about as much: below, only sharp ones tell shapes apart; above, soft ones, whose
-likelihood is smooth, need far fewer samples."""
+ENOUGH = 0.6
+"""Effective share of the particles that a step leaves."""
+MOVES = 4
+"""Of every particle in a step."""
+ACCEPTED = 0.25
+"""Share of moves that is aimed at (Roberts, Gelman and Gilks 1997)."""
+ALONG = 4
+"""Vectors about which the model is linearised, beside the likeliest: the posterior may be long."""
+TINY = 1e-3
+"""Part of a standard deviation by which coordinates are differentiated."""
 ROUNDING = 1e-9
-"""Error of the model by rounding, relative to a frame's differences: no fit is better."""
-HEAVY = 1e-3
-"""Samples of a greater weight are checked to lie within the sensor."""
+"""Error of the model by rounding, relative to a frame's differences: no shape is better."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,16 +62,17 @@ class FamilyPosterior:
     """The posterior within a family.
 
     Attributes:
-        mean: (H, W) the mean image, relative to the background; of the tempered posterior where the
-            last round is tempered.
-        log_evidence: logarithm of p(d), but for what all families share and for the share of the
-            ranges that lies in the sensor; -inf where no sample does.
-        error: least |d - F(x)|^2 of a sample [(V/A)^2].
+        mean: (H, W) the mean image, relative to the background.
+        log_evidence: logarithm of p(d), but for what all families share; -inf where no particle
+            lies in the sensor.
+        error: least |d - F(x)|^2 of a particle [(V/A)^2].
+        power: b of the last step, 1 for the posterior.
     """
 
     mean: Array
     log_evidence: float
     error: float
+    power: float = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,107 +82,203 @@ class Sampler:
     Attributes:
         model: the exact model.
         data: (K,) the frame's combinations [V/A].
-        samples: that are drawn in a round.
-        rounds: at most.
+        particles: their number.
+        steps: at most.
     """
 
     model: FrameModel
     data: Array
-    samples: int
-    rounds: int
+    particles: int
+    steps: int
 
     def posterior(self, fit: Fit, error: float, rng: np.random.Generator) -> FamilyPosterior:
-        """The posterior within the family of a `fit`, where the best fit leaves an `error`."""
-        parameters, centre = fit.parameters, fit.vector
-        energy = float(self.data @ self.data)
-        least = ROUNDING**2 * energy
-        variance = max(error, least) / self.model.count
-        information = fit.information / np.outer(parameters.step, parameters.step) / variance
-        covariance = linalg.inv(information + np.diag(12 / parameters.span**2))
-        edge = 0.0 if error < SHARP**2 * energy else EDGE
-        log_prior = math.log(parameters.copies) - float(np.log(parameters.span).sum())
-        for number in range(self.rounds):
-            root = linalg.cholesky((covariance + covariance.T) / 2, lower=True)
-            vectors, log_density = _drawn(centre, root, self.samples, rng)
-            within = parameters.within(vectors)
-            within[0] = True  # the centre, but for rounding
-            vectors, log_density = vectors[within], log_density[within]
-            images = np.array([parameters.image(vector, edge) for vector in vectors])
-            about = self.model.linearised(images[0])
-            errors = ((self.data - about.differences(images)) ** 2).sum(axis=1)
-            log_likelihood = -self.model.count / 2 * np.log(errors.clip(min=least))
-            log_weights = log_prior + log_likelihood - log_density
-            weights, power = _possible(log_weights, vectors, parameters, ENOUGH * self.samples)
-            mean = np.tensordot(weights, images, axes=1)
-            evidence = float(special.logsumexp(log_weights)) - math.log(self.samples)
-            if power == 1 and number:
+        """The posterior within the family of a `fit`.
+
+        Particles begin where shapes leave an `error` [(V/A)^2].
+        """
+        parameters = fit.parameters
+        start = self._start(fit, error)
+        vectors = parameters.bent(start.draw(self.particles, rng))
+        vectors = vectors[parameters.possible(vectors)]
+        if len(vectors) < 2:
+            return FamilyPosterior(parameters.image(fit.vector), -math.inf, math.inf)
+        evidence = math.log(len(vectors) / self.particles)
+        best, power, stride = vectors[0], 0.0, 1.0
+        longest = 2.4 / math.sqrt(len(fit.vector))
+        for _ in range(self.steps):
+            about = LocalModels.about(self.model, parameters, best, vectors)
+            cloud = self._cloud(about, start, vectors)
+            rise = _rise(cloud.target - cloud.density, 1 - power, ENOUGH * len(vectors))
+            power += rise
+            log_weights = rise * (cloud.target - cloud.density)
+            evidence += float(special.logsumexp(log_weights)) - math.log(len(vectors))
+            spread = linalg.cholesky(_covariance(cloud.straight, log_weights), lower=True)
+            chosen = _resampled(special.softmax(log_weights), self.particles, rng)
+            cloud = cloud.take(chosen)
+            for _ in range(MOVES):
+                lengths = longest * stride ** rng.random((self.particles, 1))
+                steps = lengths * rng.standard_normal(cloud.straight.shape) @ spread.T
+                moved = parameters.bent(cloud.straight + steps)
+                within = parameters.within(moved)
+                moved[~within] = cloud.vectors[~within]
+                other = self._cloud(about, start, moved)
+                gain = power * (other.target - cloud.target)
+                gain += (1 - power) * (other.density - cloud.density)
+                accepted = within & (np.log(rng.random(self.particles)) < gain)
+                accepted[accepted] = parameters.possible(moved[accepted])
+                cloud = cloud.where(accepted, other)
+                stride = min(stride * math.exp(accepted.mean() - ACCEPTED), 1.0)
+            vectors = cloud.vectors
+            best = vectors[np.argmax(cloud.target)]
+            if power == 1:
                 break
-            centre, found = _moments(vectors, weights)
-            # The samples that count, beside as many as there are parameters.
-            effective = 1 / float(weights @ weights)
-            share = effective / (effective + len(centre))
-            covariance *= (1 - share) * (1.0 if power == 1 else SHRINKING)
-            covariance += share * found + np.diag((1e-4 * parameters.step) ** 2)
-        return FamilyPosterior(mean, evidence, float(errors.min()))
+        images = parameters.images(vectors)
+        errors = about.errors(self.data, vectors, images)
+        return FamilyPosterior(images.mean(axis=0), evidence, float(errors.min()), power)
+
+    def _start(self, fit: Fit, error: float) -> Student:
+        """The Laplace approximation, in coordinates, about a fit that leaves an `error`."""
+        parameters, step = fit.parameters, fit.parameters.step
+        information = fit.information / np.outer(step, step) * self.model.count / error
+        root = linalg.cholesky(
+            linalg.inv(information + np.diag(12 / parameters.span**2)), lower=True
+        )
+        ends = parameters.straightened(fit.vector + np.concatenate([[0 * step], TINY * root.T]))[0]
+        return Student(ends[0], linalg.qr((ends[1:] - ends[0]) / TINY, mode="r")[0].T)
+
+    def _cloud(self, about: LocalModels, start: Student, vectors: Array) -> Cloud:
+        """Vectors with their densities over coordinates: of the posterior, and of the start."""
+        parameters = about.parameters
+        least = ROUNDING**2 * float(self.data @ self.data)
+        errors = about.errors(self.data, vectors, parameters.images(vectors))
+        straight, log_volume = parameters.straightened(vectors)
+        log_prior = math.log(parameters.copies) - float(np.log(parameters.span).sum())
+        log_likelihood = -self.model.count / 2 * np.log(errors.clip(min=least))
+        target = log_prior + log_volume + log_likelihood
+        return Cloud(vectors, straight, target, start.log_density(straight))
 
 
-def _drawn(centre: Array, root: Array, count: int, rng: np.random.Generator) -> tuple[Array, Array]:
-    """Vectors (n, P) of a t distribution, the first at its centre, and their log density (n,)."""
-    size = len(centre)
-    normal = rng.standard_normal((count, size))
-    normal /= np.sqrt(rng.chisquare(FREEDOM, count) / FREEDOM)[:, None]
-    normal[0] = 0.0
-    constant = (
-        special.gammaln((FREEDOM + size) / 2)
-        - special.gammaln(FREEDOM / 2)
-        - size / 2 * math.log(FREEDOM * math.pi)
-        - np.log(np.diag(root)).sum()
-    )
-    distance = (normal**2).sum(axis=1) / FREEDOM
-    return centre + normal @ root.T, constant - (FREEDOM + size) / 2 * np.log1p(distance)
+class Cloud(NamedTuple):
+    """Particles.
 
-
-def _moments(vectors: Array, weights: Array) -> tuple[Array, Array]:
-    """Mean (P,) and covariance (P, P) of weighted vectors (n, P)."""
-    mean = weights @ vectors
-    spread = vectors - mean
-    return mean, (spread * weights[:, None]).T @ spread
-
-
-def _possible(
-    log_weights: Array, vectors: Array, parameters: Parameters, enough: float
-) -> tuple[Array, float]:
-    """Weights (n,) and their power, see `_tempered`, where impossible vectors have none.
-
-    `log_weights` of those that are found impossible become -inf in place. Only those that matter
-    are looked at.
+    Attributes:
+        vectors, straight: (n, P) parameters, and their coordinates.
+        target, density: (n,) logarithms of the densities over coordinates: of the posterior but for
+            a factor, and of the distribution that particles started from.
     """
-    while True:
-        weights, power = _tempered(log_weights, enough)
-        heavy = np.flatnonzero(weights > HEAVY)
-        outside = heavy[~parameters.possible(vectors[heavy])]
-        if not len(outside):
-            return weights, power
-        log_weights[outside] = -np.inf
-        if not np.isfinite(log_weights).any():
-            return weights, power
+
+    vectors: Array
+    straight: Array
+    target: Array
+    density: Array
+
+    def take(self, chosen: Array) -> Cloud:
+        """The particles of these numbers."""
+        return Cloud(*(values[chosen] for values in self))
+
+    def where(self, chosen: Mask, other: Cloud) -> Cloud:
+        """These particles, or those of `other` where `chosen` (n,) is true."""
+        pairs = zip(other, self, strict=True)
+        return Cloud(*(np.where(chosen.reshape(-1, *[1] * (a.ndim - 1)), a, b) for a, b in pairs))
 
 
-def _tempered(log_weights: Array, enough: float) -> tuple[Array, float]:
-    """Weights (n,) to a power of at most 1 at which at least `enough` samples count."""
-    shifted = log_weights - log_weights.max()
+@dataclass(frozen=True, eq=False)
+class LocalModels:
+    """The exact model to first order about a few vectors, each for those that are nearest to it.
 
-    def weights(power: float) -> Array:
-        found = np.exp(power * shifted)
-        return np.asarray(found / found.sum())
+    Attributes:
+        parameters: what vectors mean.
+        centres: (C, P), divided by `Parameters.step`.
+        models: at each centre.
+    """
+
+    parameters: Parameters
+    centres: Array
+    models: list[LinearisedModel]
+
+    @classmethod
+    def about(
+        cls, model: FrameModel, parameters: Parameters, best: Array, vectors: Array
+    ) -> LocalModels:
+        """Models about the `best` of the vectors (n, P), and along their longest axis."""
+        scaled = vectors / parameters.step
+        along = scaled @ linalg.svd(scaled - scaled.mean(axis=0), full_matrices=False)[2][0]
+        order = np.argsort(along)
+        chosen = order[((np.arange(ALONG) + 0.5) / ALONG * len(order)).astype(int)]
+        centres = np.concatenate([best[None], vectors[chosen]])
+        models = [model.linearised(parameters.image(centre)) for centre in centres]
+        return cls(parameters, centres / parameters.step, models)
+
+    def errors(self, data: Array, vectors: Array, images: Array) -> Array:
+        """|data - F(x)|^2 (n,) [(V/A)^2] of vectors (n, P) and their images (n, H, W)."""
+        distance = ((vectors / self.parameters.step)[:, None] - self.centres) ** 2
+        nearest = distance.sum(axis=2).argmin(axis=1)
+        errors = np.empty(len(vectors))
+        for k, model in enumerate(self.models):
+            if not (of := nearest == k).any():
+                continue
+            errors[of] = ((data - model.differences(images[of])) ** 2).sum(axis=1)
+        return errors
+
+
+@dataclass(frozen=True, eq=False)
+class Student:
+    """A multivariate t distribution with `FREEDOM` degrees of freedom.
+
+    Attributes:
+        centre: (P,).
+        root: (P, P) lower triangular, a root of the scale matrix.
+    """
+
+    centre: Array
+    root: Array
+
+    def draw(self, count: int, rng: np.random.Generator) -> Array:
+        """Vectors (count, P), the first at the centre."""
+        normal = rng.standard_normal((count, len(self.centre)))
+        normal /= np.sqrt(rng.chisquare(FREEDOM, count) / FREEDOM)[:, None]
+        normal[0] = 0.0
+        return np.asarray(self.centre + normal @ self.root.T)
+
+    def log_density(self, vectors: Array) -> Array:
+        """Logarithm of the density (n,) at vectors (n, P)."""
+        size = len(self.centre)
+        whitened = linalg.solve_triangular(self.root, (vectors - self.centre).T, lower=True)
+        constant = (
+            special.gammaln((FREEDOM + size) / 2)
+            - special.gammaln(FREEDOM / 2)
+            - size / 2 * math.log(FREEDOM * math.pi)
+            - np.log(np.diag(self.root)).sum()
+        )
+        distance = (whitened**2).sum(axis=0) / FREEDOM
+        return np.asarray(constant - (FREEDOM + size) / 2 * np.log1p(distance))
+
+
+def _covariance(straight: Array, log_weights: Array) -> Array:
+    """Covariance (P, P) of weighted coordinates (n, P), and a little more, that it has a root."""
+    weights = special.softmax(log_weights)
+    spread = straight - weights @ straight
+    return np.asarray((spread * weights[:, None]).T @ spread + 1e-16 * np.eye(straight.shape[1]))
+
+
+def _resampled(weights: Array, count: int, rng: np.random.Generator) -> Array:
+    """Numbers (count,) of particles, each as often as its weight says (systematic resampling)."""
+    return np.searchsorted(np.cumsum(weights), (rng.random() + np.arange(count)) / count).clip(
+        max=len(weights) - 1
+    )
+
+
+def _rise(log_ratio: Array, most: float, enough: float) -> float:
+    """The largest power, at most `most`, of ratios (n,) as weights that leaves `enough` effective.
+
+    Less cannot be had than one, where a ratio is above all others: then the least power counts.
+    """
+    shifted = log_ratio - log_ratio.max()
 
     def surplus(power: float) -> float:
-        found = weights(power)
-        return 1 / float(found @ found) - enough
+        weights = np.exp(power * shifted)
+        return float(weights.sum() ** 2 / (weights @ weights)) - enough
 
-    if surplus(1.0) >= 0:
-        return weights(1.0), 1.0
-    if surplus(LEAST_POWER) <= 0:
-        return weights(LEAST_POWER), LEAST_POWER
-    power = float(optimize.brentq(surplus, LEAST_POWER, 1.0, xtol=1e-6, rtol=1e-3))
-    return weights(power), power
+    if surplus(most) >= 0:
+        return most
+    return float(optimize.brentq(surplus, 0.0, most, rtol=1e-3))

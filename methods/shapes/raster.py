@@ -45,11 +45,13 @@ def paint(image: Array, region: Region, level: float, grid: Grid, edge: float) -
 
 
 @compiled
-def _share(distance: float, edge: float) -> float:
-    """Share of a pixel inside a rim at a signed distance [m], negative inside."""
-    if edge > 0.0:
-        return min(max(0.5 - distance / edge, 0.0), 1.0)
-    return 1.0 if distance < 0.0 else 0.0
+def _blended(before: float, level: float, distance: float, edge: float) -> float:
+    """What a pixel becomes at a signed distance [m] from the rim, negative inside."""
+    if distance < -edge / 2:
+        return level
+    if distance >= edge / 2:
+        return before
+    return float(before * (level / before) ** (0.5 - distance / edge))
 
 
 @compiled
@@ -80,8 +82,7 @@ def _paint_ring(
             dx = grid.x + column * grid.width - x
             radius = np.sqrt(dx * dx + dy * dy)
             distance = max(radius - outer, inner - radius) if inner > 0.0 else radius - outer
-            share = _share(distance, edge)
-            image[row, column] *= (level / image[row, column]) ** share
+            image[row, column] = _blended(image[row, column], level, distance, edge)
 
 
 @compiled
@@ -102,12 +103,12 @@ def _paint_polygon(image: Array, corners: Array, level: float, grid: Grid, edge:
                 x0, y0 = corners[k, 0], corners[k, 1]
                 x1, y1 = corners[(k + 1) % count, 0], corners[(k + 1) % count, 1]
                 ex, ey, px, py = x1 - x0, y1 - y0, x - x0, y - y0
-                along = min(max((px * ex + py * ey) / (ex * ex + ey * ey), 0.0), 1.0)
-                px, py = px - along * ex, py - along * ey
-                nearest = min(nearest, px * px + py * py)
                 # A ray to the right crosses the sides that pass its height.
-                if (y0 <= y) != (y1 <= y) and x - x0 < ex * (y - y0) / ey:
+                if (y0 <= y) != (y1 <= y) and px < ex * py / ey:
                     inside = not inside
+                if edge > 0.0:  # a sharp edge asks for the side alone
+                    along = min(max((px * ex + py * ey) / (ex * ex + ey * ey), 0.0), 1.0)
+                    px, py = px - along * ex, py - along * ey
+                    nearest = min(nearest, px * px + py * py)
             distance = -np.sqrt(nearest) if inside else np.sqrt(nearest)
-            share = _share(distance, edge)
-            image[row, column] *= (level / image[row, column]) ** share
+            image[row, column] = _blended(image[row, column], level, distance, edge)

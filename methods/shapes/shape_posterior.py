@@ -22,7 +22,7 @@ from eitbench.methods.problem import Problem
 from eitbench.methods.registry import register
 from eitbench.methods.shapes.fit import Fit, FrameModel, fit_frame, fit_image
 from eitbench.methods.shapes.parameters import Parameters
-from eitbench.methods.shapes.posterior import Sampler
+from eitbench.methods.shapes.posterior import ROUNDING, FamilyPosterior, Sampler
 from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.errors import DataCorruptError, InputError
 from eitbench.scenarios.phantoms.phantom import draw
@@ -32,7 +32,7 @@ from eitbench.scenarios.suites.scenario import SimulatedScenario
 from eitbench.scenarios.suites.suite import scenarios
 
 FEWEST = 50
-"""Samples of a round below which they say nothing of a covariance."""
+"""Particles below which they say nothing of a covariance."""
 LIBRARY = 600
 """Random phantoms of each family that an image is compared with, to find where fits begin."""
 STARTS, BEST = 8, 2
@@ -49,6 +49,13 @@ ROUGHLY = 30.0
 PIXELS = 0.02
 """Error of soft edges in place of sharp ones, relative to a frame's differences, that no family is
 given up for."""
+EXPLAINED = 2.0
+"""A frame is explained by a shape that leaves no more than so many times its noise."""
+WIDE = 3.0
+"""How much wider than the Laplace approximation particles begin, for the posterior is bent."""
+ATTEMPTS = 4
+"""At a frame that no particle explains, each twice as wide as the one before: where there is next
+to no noise, a wrong shape may be the best of all that are near to it."""
 UNLIKELY = 1e-6
 """A family that is less likely by this factor than the best fit is given up."""
 
@@ -60,13 +67,13 @@ class ShapePosterior(UsesNetwork):
 
     Attributes:
         gain_power: of the gains of measurements that are taken out of frames, see `Problem`.
-        samples: shapes that are drawn of a family in a round.
-        rounds: of the sampling, at most.
+        particles: shapes of each family that the posterior is sampled with.
+        steps: of the sampling, at most.
     """
 
     source: ClassVar[str] = (
-        "Kolehmainen et al., Inverse Problems 15(5), 1999 (shapes); Cappe et al., J. Comput. "
-        "Graph. Stat. 13(4), 2004 (sampling)"
+        "Kolehmainen et al., Inverse Problems 15(5), 1999 (shapes); Del Moral et al., J. R. Stat. "
+        "Soc. B 68(3), 2006 (sampling)"
     )
     expected_failures: ClassVar = asymmetry("its random samples have no symmetry", 0.016, 0.022)
     uses: ClassVar = Dnn
@@ -74,8 +81,8 @@ class ShapePosterior(UsesNetwork):
     search: ClassVar = GAINS
 
     gain_power: float = 0.0
-    samples: int = 200
-    rounds: int = 5
+    particles: int = 200
+    steps: int = 100
 
     @classmethod
     def unusable(cls, sensor: Sensor) -> str:
@@ -97,11 +104,11 @@ class ShapePosterior(UsesNetwork):
             InputError: no weights of `dnn` for the sensor, or such as were trained on a scenario
                 that is not packaged, or on presses; parameters out of range.
         """
-        whole = isinstance(self.samples, int) and isinstance(self.rounds, int)
-        if not (whole and self.samples >= FEWEST and self.rounds >= 1):
+        whole = isinstance(self.particles, int) and isinstance(self.steps, int)
+        if not (whole and self.particles >= FEWEST and self.steps >= 1):
             raise InputError(
-                f"'shape-posterior' needs at least {FEWEST} samples and 1 round, in whole numbers, "
-                f"got samples={self.samples!r} and rounds={self.rounds!r}."
+                f"'shape-posterior' needs at least {FEWEST} particles and 1 step, in whole "
+                f"numbers, got particles={self.particles!r} and steps={self.steps!r}."
             )
         self._problem = problem
         self._dnn = self.fitted_network(problem, self.gain_power)
@@ -116,26 +123,34 @@ class ShapePosterior(UsesNetwork):
         for frame in difference:
             # One by one: in batches the network rounds otherwise, and fits may end elsewhere.
             guess = self._dnn.relative(frame[None])[0].astype(np.float64).clip(low, high)
-            images.append(self._of_one(guess, self._model.data(frame)))
+            images.append(self._of_one(guess, frame))
         shape = (-1, *self._problem.mask.shape)
         return np.asarray(images).reshape(shape).clip(low, high) * self._problem.background
 
-    def _of_one(self, guess: Array, data: Array) -> Array:
-        """The mean image (H, W), relative to the background, of a frame's combinations (K,).
+    def _of_one(self, guess: Array, frame: Array) -> Array:
+        """The mean image (H, W), relative to the background, of a frame's differences (M,).
 
         Where no shape explains the frame better than the `guess` (H, W) of the network, that is
         returned: the frame is not of the families.
         """
-        if not data.any():
+        data = self._model.data(frame)
+        energy = float(data @ data)
+        if not energy:
             return guess
         fits = self._fits(guess, data)
         missing = data - self._model.differences(guess)
         if fits[0].error > missing @ missing:
             return guess
-        sampler = Sampler(self._model, data, self.samples, self.rounds)
+        sampler = Sampler(self._model, data, self.particles, self.steps)
+        explained = EXPLAINED * self._model.noise(frame) + ROUNDING**2 * energy
         # Every frame has the same random numbers: it does not matter which others come with it.
         rng = np.random.default_rng(0)
-        found = [sampler.posterior(fit, fits[0].error, rng) for fit in fits]
+        found: list[FamilyPosterior] = []
+        for attempt in range(ATTEMPTS):
+            start = WIDE**2 * 4**attempt * max(fits[0].error, PIXELS**2 * energy)
+            found += [sampler.posterior(fit, start, rng) for fit in fits]
+            if min(one.error for one in found) <= explained:
+                break
         evidence = np.array([one.log_evidence for one in found])
         if not np.isfinite(evidence).any():
             return guess

@@ -23,6 +23,7 @@ KEYS = {
     "inr": "tancik2020",
     "laplacian": "polydorides2002",
     "learned-gn": "adler2017",
+    "learned-gn-2": "adler2017",
     "learned-proximal": "adler2018",
     "linear-learned": "hoerl1970",
     "linear-touch": "hoerl1970",

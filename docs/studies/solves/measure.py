@@ -32,7 +32,7 @@ METHODS: tuple[tuple[str, Mapping[str, int]], ...] = (
     ("learned-gn", {}),
     *(("gauss-newton-noser", {"steps": steps}) for steps in (1, 2, 5)),
     *(("gauss-newton-tv", {"steps": steps}) for steps in (1, 2, 6)),
-    *(("shape-posterior", {"rounds": rounds}) for rounds in (1, 2, 5)),
+    *(("shape-posterior", {"particles": count}) for count in (50, 100, 200)),
     ("dip", {"steps": 50}),
 )
 

@@ -199,9 +199,7 @@ def test_a_step_through_the_model_improves_the_image_of_a_network(
     assert result.validation_loss == pytest.approx(found, rel=0.3)
 
     train(TrainingRequest("dnn", tiny, epochs=1, operator="jacobian", out=cache / "other"))
-    with pytest.raises(
-        InputError, match="were trained for another network 'dnn' than there is now"
-    ):
+    with pytest.raises(InputError, match="were trained for another first image than there is now"):
         tiny_mse(create("learned-gn"))
     with pytest.raises(InputError, match="begun with begun_from"):
         train(request)

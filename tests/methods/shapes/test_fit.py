@@ -38,9 +38,41 @@ def test_differences_and_their_derivative_are_those_of_the_model() -> None:
     change = np.zeros_like(image)
     change[16:20, 22:26] = 1e-4  # within the disc, away from the ends of the range
     ahead, behind = MODEL.differences(image + change), MODEL.differences(image - change)
-    predicted = about.differences(image + change) - about.differences(image)
+    predicted = (about.differences(image + change) - about.differences(image - change)) / 2
     assert predicted == pytest.approx((ahead - behind) / 2, rel=1e-5, abs=1e-11)
-    assert about.times(change.ravel()) == pytest.approx(predicted, abs=1e-14)
+    assert about.times(change.ravel()) == pytest.approx(predicted, rel=1e-6, abs=1e-14)
+
+
+def test_noise_is_what_reciprocal_measurements_differ_by() -> None:
+    """The estimate has a spread of sqrt(2 / (M - K)), and sees nothing of the conductivity."""
+    image = Parameters(FAMILIES["circle"], SENSOR).image(np.array(TRUTHS["circle"]))
+    clean = PROBLEM.model.voltages(image * PROBLEM.background) - PROBLEM.background_voltages
+    energy = float(clean @ clean)
+    assert MODEL.noise(clean) < 1e-14 * energy
+    rng = np.random.default_rng(4)
+    noise = 0.01 * np.sqrt(energy / len(clean)) * rng.standard_normal((200, len(clean)))
+    found = np.array([MODEL.noise(clean + part) for part in noise])
+    expected = 1e-4 * energy / len(clean) * MODEL.count
+    spread = np.sqrt(2 / MODEL.repeated)
+    assert found.mean() == pytest.approx(expected, rel=4 * spread / np.sqrt(200))
+    assert found.std() == pytest.approx(spread * expected, rel=0.2)
+
+
+@pytest.mark.parametrize("name", TRUTHS)
+def test_moved_edges_count_as_discs_do(name: str) -> None:
+    """Where edges move by a pixel or two, that errs much less than a linear change of pixels."""
+    parameters, truth = Parameters(FAMILIES[name], SENSOR), np.array(TRUTHS[name])
+    image = parameters.image(truth)
+    about = MODEL.linearised(image)
+    rng = np.random.default_rng(5)
+    errors = []
+    for _ in range(10):
+        moved = parameters.image(truth + 3 * rng.standard_normal(len(truth)) * parameters.step)
+        exact = MODEL.differences(moved)
+        linear = about.predicted + about.times((moved - image).ravel())
+        errors.append([np.linalg.norm(p - exact) for p in (about.differences(moved), linear)])
+    ours, linear = np.mean(errors, axis=0)
+    assert ours < 0.6 * linear
 
 
 @pytest.mark.parametrize("name", TRUTHS)

@@ -66,6 +66,26 @@ def test_the_derivative_predicts_a_small_change_of_the_image(name: str) -> None:
         assert missed < 0.15
 
 
+@pytest.mark.parametrize("name", [*SHAPES, "ellipse"])
+def test_coordinates_hold_the_strength_of_dipoles(name: str) -> None:
+    """Area times (x - 1) / (x + 1), with the area as it is drawn; they lead back to the vectors."""
+    parameters, phantoms = drawn(name, 10)
+    vectors = np.array([parameters.of_phantom(phantom) for phantom in phantoms])
+    straight, log_volume = parameters.straightened(vectors)
+    assert parameters.bent(straight) == pytest.approx(vectors, rel=1e-12)
+    pixel = math.prod(SENSOR.pixel_size) / parameters.side**2
+    images = parameters.images(vectors)
+    drawn_strength = ((images - 1) / (images + 1)).sum(axis=(1, 2)) * pixel
+    last = straight.reshape(10, parameters.family.count, -1)[..., -1]
+    assert last.sum(axis=1) == pytest.approx(drawn_strength, abs=5 * pixel)
+
+    for vector, volume in zip(vectors, log_volume, strict=True):
+        tiny = 1e-6 * np.eye(len(vector))
+        ahead, behind = (parameters.straightened(vector + s * tiny)[0] for s in (1, -1))
+        determinant = np.linalg.slogdet((ahead - behind) / 2e-6)[1]
+        assert volume == pytest.approx(-determinant, abs=1e-6)
+
+
 @pytest.mark.parametrize("name", SHAPES)
 def test_drawn_phantoms_are_possible_and_shifted_ones_are_not(name: str) -> None:
     parameters, phantoms = drawn(name, 10)

@@ -28,7 +28,7 @@ def fitted() -> tuple[Problem, ShapePosterior]:
 def test_clean_frames_are_explained_better_than_by_the_network(
     fitted: tuple[Problem, ShapePosterior],
 ) -> None:
-    """Four validation frames without noise: a circle, two circles, an L and a triangle."""
+    """Four validation frames without noise, of which most are explained to the last pixel."""
     problem, method = fitted
     data = load(PAPER, "validation", 10)
     rows = np.flatnonzero(np.isnan(data.samples["snr_db"].to_numpy()))[:4]
@@ -46,7 +46,7 @@ def test_clean_frames_are_explained_better_than_by_the_network(
             left = model.voltages(images) - data.voltages[rows]
             shown = data.voltages[rows] - problem.reference
             assert (np.linalg.norm(left, axis=1) < 0.05 * np.linalg.norm(shown, axis=1)).all()
-    assert np.log10(errors[1]).mean() < np.log10(errors[0]).mean() - 0.5  # by 5 dB
+    assert np.median(np.log10(errors[1])) < np.median(np.log10(errors[0])) - 1.5  # by 15 dB
 
 
 def test_a_frame_that_no_shape_explains_gets_the_image_of_the_network(
@@ -59,8 +59,7 @@ def test_a_frame_that_no_shape_explains_gets_the_image_of_the_network(
     for a, b in ((0.03, 0.03), (0.07, 0.03), (0.03, 0.07), (0.07, 0.07)):
         guess[np.hypot(x - a, y - b) < 0.008] = 0.4
     voltages = forward_model(problem.sensor).voltages(guess)
-    data = method._model.data(voltages - problem.background_voltages)
-    assert method._of_one(guess, data) is guess
+    assert method._of_one(guess, voltages - problem.background_voltages) is guess
 
 
 def test_an_untouched_sensor_stays_untouched(fitted: tuple[Problem, ShapePosterior]) -> None:
@@ -80,10 +79,10 @@ def test_it_says_what_was_told(fitted: tuple[Problem, ShapePosterior]) -> None:
 def test_bad_parameters_and_presses_are_refused_in_a_sentence() -> None:
     skin = sensor("ohmc16")
     problem = Problem(skin, forward_model(skin).voltages(forward_model(skin).background), no_split)
-    with pytest.raises(InputError, match="at least 50 samples and 1 round"):
-        ShapePosterior(samples=10).fit(problem)
-    with pytest.raises(InputError, match="whole numbers, got samples='many'"):
-        ShapePosterior(samples="many").fit(problem)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="at least 50 particles and 1 step"):
+        ShapePosterior(particles=10).fit(problem)
+    with pytest.raises(InputError, match="whole numbers, got particles='many'"):
+        ShapePosterior(particles="many").fit(problem)  # type: ignore[arg-type]
     with pytest.raises(InputError, match="no parameters of the family 'soft-press'"):
         ShapePosterior().fit(problem)
     assert "no parameters of the family 'soft-press'" in ShapePosterior.unusable(skin)
