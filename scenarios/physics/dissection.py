@@ -27,8 +27,6 @@ Place = NDArray[np.uint32]  # unsigned: compiled loops need not look for negativ
 LEAF_ELEMENTS = 16
 # Rows of fronts begin at multiples of this many numbers, the width of a vector register.
 LANES = 8
-# Fronts of several samples are cut into square tiles of this many rows.
-TILE = 4
 
 
 class Dissection(NamedTuple):
@@ -63,23 +61,11 @@ class Dissection(NamedTuple):
     fixed_start: Index
     fixed: Array
     factor_start: Index
-    tile_entry: Place
-    tile_fixed_entry: Place
 
 
 def stride(size: int) -> int:
     """Numbers between the rows of a front of `size` unknowns: at least one more than it has."""
     return (size // LANES + 1) * LANES
-
-
-def tile_place(row: int, column: int, blocks: int) -> int:
-    """Where an entry of the upper triangle is stored in a front of so many blocks of tiles.
-
-    The block row r has the tiles r to blocks - 1, each row after row.
-    """
-    above = row // TILE
-    tile = above * blocks - above * (above + 1) // 2 + column // TILE
-    return tile * TILE**2 + row % TILE * TILE + column % TILE
 
 
 def dissect(mesh: Mesh, terms: ElectrodeTerms) -> Dissection:
@@ -122,7 +108,6 @@ def _structure(mesh: Mesh) -> tuple[Dissection, Index]:
 
     local = stiffness(mesh)
     entries, elements, coefficients, fixed_entries = [], [], [], []
-    tiles, fixed_tiles = [], []
     i, j = np.triu_indices(corners.shape[1])
     for p, part in enumerate(parts):
         order = np.argsort(fronts[p])
@@ -130,14 +115,10 @@ def _structure(mesh: Mesh) -> tuple[Dissection, Index]:
         # Element matrices are symmetric, and of fronts only the upper triangle is used.
         row, column = np.minimum(at[:, i], at[:, j]), np.maximum(at[:, i], at[:, j])
         entries.append((row * stride(len(fronts[p])) + column).ravel())
-        blocks = -(-len(fronts[p]) // TILE)
-        tiles.append(tile_place(row, column, blocks).ravel())
         elements.append(np.repeat(part, len(i)))
         coefficients.append(local[part][:, i, j].ravel())
         ends = [sorted(where[p][u] for u in pair) for pair in pairs[owned[p]].tolist()]
         fixed_entries.append(np.array([r * stride(len(fronts[p])) + c for r, c in ends], int))
-
-        fixed_tiles.append(np.array([tile_place(r, c, blocks) for r, c in ends], int))
 
     size = np.array([len(front) for front in fronts])
     counts = np.array([len(e) for e in eliminated])
@@ -155,8 +136,6 @@ def _structure(mesh: Mesh) -> tuple[Dissection, Index]:
         *_ragged(fixed_entries),
         np.empty(0),
         np.cumsum([0, *kept]),
-        _ragged(tiles)[0],
-        _ragged(fixed_tiles)[0],
     )
     return dissection, np.ascontiguousarray(pairs[np.concatenate(owned)].T)
 

@@ -16,6 +16,7 @@ from eitbench.scenarios.physics.forward import forward_model
 
 FORWARD = {
     "test_fem_batch": "eitbench `fem`, batch of 64",
+    "test_fem_one_by_one": "eitbench `fem`, 64 images one by one",
     "test_fem_single": "eitbench `fem`, one image",
     "test_fem_batch_and_gradient": "eitbench `fem`, batch of 64, with gradient",
     "test_sparse_lu[MMD_AT_PLUS_A]": "SciPy LU, best ordering (MMD_AT_PLUS_A, symmetric)",

@@ -170,6 +170,13 @@ def test_fem_batch(benchmark: BenchmarkFixture, images: Array) -> None:
 
 
 @pytest.mark.benchmark(group=FORWARD, min_rounds=10, warmup=True)
+def test_fem_one_by_one(benchmark: BenchmarkFixture, images: Array) -> None:
+    fem = operator("fem", sensor("foam16"))
+    benchmark.extra_info["samples"] = len(images)
+    benchmark(lambda: [fem.voltages(image) for image in images])
+
+
+@pytest.mark.benchmark(group=FORWARD, min_rounds=10, warmup=True)
 def test_fem_batch_and_gradient(benchmark: BenchmarkFixture, images: Array) -> None:
     fem = operator("fem", sensor("foam16"))
     sigma = torch.from_numpy(images).requires_grad_()
