@@ -170,6 +170,22 @@ def store(typing: Any, array: Any, at: Any, step: Any, registers: Any) -> Any:
     return types.void(array, types.int64, types.int64, registers), code
 
 
+@_generated
+def prefetch(typing: Any, array: Any, at: Any) -> Any:
+    """Ask for register `at` of a register array to be in the second cache by and by."""
+
+    def code(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        number, byte = ir.IntType(32), ir.IntType(8).as_pointer()
+        (place,) = _places(context, builder, array, (*arguments, ir.IntType(64)(1)), 1)
+        of = ir.FunctionType(ir.VoidType(), [byte, number, number, number])
+        ask = builder.module.declare_intrinsic("llvm.prefetch", [byte], of)
+        # To read it; it is used again (2 of 3); data, not code.
+        builder.call(ask, [builder.bitcast(place, byte), number(0), number(2), number(1)])
+        return context.get_dummy_value()
+
+    return types.void(array, types.int64), code
+
+
 def _places(context: Any, builder: Any, array: Any, arguments: Any, count: int) -> list[Any]:
     """Addresses of registers at, at + step, ... of an array, the first three arguments."""
     value, at, step = arguments[:3]

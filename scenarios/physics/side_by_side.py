@@ -25,6 +25,7 @@ from eitbench.scenarios.physics.registers import (
     load16,
     minus,
     plus,
+    prefetch,
     reciprocal,
     spread,
     store,
@@ -198,6 +199,11 @@ def solve_together(
                 for b in range(n_electrodes):
                     known[b] = resistance[first + lane, a, b]
             for part in range(whole, -1, -1):
+                # Two parts ahead, or most of the time would go into waiting for memory.
+                if part >= 2:
+                    begin, end = where.rows_start[part - 2], where.rows_start[part - 1]
+                    for register in range(begin // LANES, end // LANES):
+                        prefetch(sample_rows, register)
                 part_rows = sample_rows[where.rows_start[part] :]
                 _back_substitute(part, parts, part_rows, potentials, pairs)
             for r in range(len(found)):
