@@ -216,12 +216,13 @@ def solve_together(
 @compiled
 def _first_failed(inverses: Array) -> int:
     """The first lane with a pivot that is not positive, or LANES."""
-    failures = np.zeros(LANES)
+    sound = np.ones(LANES, dtype=np.bool_)
     for k in range(0, len(inverses), LANES):
         for lane in range(LANES):
-            failures[lane] += not 0.0 < inverses[k + lane] < np.inf
+            inverse = inverses[k + lane]
+            sound[lane] &= (inverse > 0.0) & (inverse < np.inf)
     for lane in range(LANES):
-        if failures[lane] > 0:
+        if not sound[lane]:
             return lane
     return LANES
 
