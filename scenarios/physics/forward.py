@@ -164,10 +164,11 @@ class ForwardModel:
                 f"got {images.shape}."
             )
         images = images.reshape(-1, *shape)
-        inside = images[:, self.sensor.mask]
+        everywhere = self.sensor.mask.all()
+        inside = images if everywhere else images[:, self.sensor.mask]
         if not (np.isfinite(inside).all() and (inside > 0).all()):
             raise InputError("Conductivity must be finite and above 0 S/m in every pixel.")
-        if not self.sensor.mask.all():
+        if not everywhere:
             images = np.where(self.sensor.mask, images, self.sensor.background)
         return images
 

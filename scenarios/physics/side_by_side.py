@@ -168,7 +168,7 @@ def solve_together(
     last = _registers(_front_room(2 * n_electrodes))
     rows = _registers(where.rows_start[-1] if len(fields) > 0 else 0)
     pairs = (n_electrodes + 2 * LANES - 1) // (2 * LANES)
-    potentials = _registers((parts.n_nodes + n_electrodes) * 2 * pairs)
+    potentials = _registers((parts.n_nodes + n_electrodes) * 2 * pairs if len(fields) > 0 else 0)
     potentials[:] = 0.0
     for first in range(0, len(sigma), LANES):
         count = min(LANES, len(sigma) - first)
