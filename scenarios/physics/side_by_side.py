@@ -192,24 +192,8 @@ def solve_together(
                     of = resistance[first + lane]
                     of[a, b] = of[b, a] = -last[at * LANES + lane]
         for lane in range(count if len(fields) > 0 else 0):
-            sample_rows = rows[lane * where.rows_start[-1] :]
-            width, found = 2 * pairs * LANES, fields[first + lane]
-            for a in range(n_electrodes):
-                known = potentials[(parts.n_nodes + a) * width :]
-                for b in range(n_electrodes):
-                    known[b] = resistance[first + lane, a, b]
-            for part in range(whole, -1, -1):
-                # Two parts ahead, or most of the time would go into waiting for memory.
-                if part >= 2:
-                    begin, end = where.rows_start[part - 2], where.rows_start[part - 1]
-                    for register in range(begin // LANES, end // LANES):
-                        prefetch(sample_rows, register)
-                part_rows = sample_rows[where.rows_start[part] :]
-                _back_substitute(part, parts, part_rows, potentials, pairs)
-            for r in range(len(found)):
-                row, out = potentials[r * width :], found[r]
-                for b in range(len(out)):
-                    out[b] = row[b]
+            sample, sample_rows = first + lane, rows[lane * where.rows_start[-1] :]
+            _find_fields(resistance[sample], sample_rows, parts, where, potentials, fields[sample])
     return -1
 
 
@@ -387,13 +371,39 @@ def _resistances(
 
 
 @compiled
+def _find_fields(
+    resistance: Array, rows: Array, parts: Dissection, where: Layout, potentials: Array,
+    fields: Array,
+) -> None:  # fmt: skip
+    """One sample's `fields` (nodes + E, E) from its eliminated rows; `potentials` is room.
+
+    Lanes are electrodes here: each unknown has as many pairs of registers in `potentials` as its
+    potentials, one for each electrode, need.
+    """
+    pairs = len(potentials) // len(fields) // (2 * LANES)
+    width = 2 * pairs * LANES
+    for r in range(len(resistance)):
+        known = potentials[(parts.n_nodes + r) * width :]
+        for d in range(len(resistance)):
+            known[d] = resistance[r, d]
+    for part in range(len(parts.size) - 1, -1, -1):
+        # Two parts ahead, or most of the time would go into waiting for memory.
+        if part >= 2:
+            begin, end = where.rows_start[part - 2], where.rows_start[part - 1]
+            for register in range(begin // LANES, end // LANES):
+                prefetch(rows, register)
+        _back_substitute(part, parts, rows[where.rows_start[part] :], potentials, pairs)
+    for r in range(len(fields)):
+        row, out = potentials[r * width :], fields[r]
+        for d in range(len(out)):
+            out[d] = row[d]
+
+
+@compiled
 def _back_substitute(
     part: int, parts: Dissection, rows: Array, potentials: Array, pairs: int
 ) -> None:
-    """Complete one sample's `potentials` with the unknowns that end in `part`.
-
-    Lanes are electrodes here: of each unknown `potentials` has so many pairs of registers.
-    """
+    """Complete one sample's `potentials` with the unknowns that end in `part`."""
     size, eliminated = parts.size[part], parts.eliminated[part]
     unknowns = parts.unknowns[parts.unknowns_start[part] : parts.unknowns_start[part + 1]]
     width = _width(size)
