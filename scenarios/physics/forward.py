@@ -48,7 +48,7 @@ from eitbench.scenarios.sensors.sensor import Sensor
 class ForwardModel:
     """Finite elements with the complete electrode model on one mesh of one sensor.
 
-    Several images at once take a third of the time each that one image takes, and are solved in
+    From eight images on each takes a quarter of the time that one image takes. They are solved in
     another order: voltages, fields and gradients of an image on its own and of the same image in a
     batch differ by rounding, relatively about 1e-13. What is beside it in the batch, and where,
     changes no bit. Simulated data are solved image by image.

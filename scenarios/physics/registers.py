@@ -4,6 +4,9 @@ A register array is a one-dimensional float64 array whose numbers 8 i to 8 i + 7
 The functions below load some of its registers as a tuple, work on such tuples and store them; they
 exist in compiled code only. Every lane goes through the same instructions, so that a number's bits
 depend neither on its lane nor on the other lanes.
+
+numba keeps machine code until the module that is compiled changes: after a change here, touch the
+modules that use it.
 """
 
 # mypy: disable-error-code="no-untyped-call"
