@@ -86,8 +86,9 @@ class ReferenceModelService:
     def set_up(self) -> Reply:
         """Make the model, and compile what it compiles."""
         model = self._model()
-        voltages, fields = model.voltages_and_fields(model.background[None])
-        model.pullback(fields, voltages)
+        for count in (1, 2):
+            voltages, fields = model.voltages_and_fields(np.array([model.background] * count))
+            model.pullback(fields, voltages)
         return Reply({}, 0.0)
 
     def _model(self) -> ForwardModel:

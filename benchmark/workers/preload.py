@@ -11,6 +11,8 @@ import shutil
 from contextlib import suppress
 from dataclasses import replace
 
+import numpy as np
+
 import eitbench.benchmark.workers.method_service
 import eitbench.benchmark.workers.place_service  # noqa: F401
 from eitbench.benchmark.workers.process import SOCKETS
@@ -29,8 +31,9 @@ with suppress(Exception):
     model = ForwardModel(replace(foam16(), image_shape=(16, 16)))
     # These load the compiled loops.
     model.jacobian(model.background)
-    voltages, fields = model.voltages_and_fields(model.background[None])
-    model.pullback(fields, voltages)
+    for count in (1, 2):
+        voltages, fields = model.voltages_and_fields(np.array([model.background] * count))
+        model.pullback(fields, voltages)
 # Workers need not look through all this for garbage, nor copy its pages because they looked.
 gc.collect()
 gc.freeze()

@@ -7,7 +7,7 @@ all anew; a test fails where a page and its record differ.
 import re
 from pathlib import Path
 
-from docs.tables import design, latency, per_frame, recorded, simulated, wiring
+from docs.tables import design, latency, per_frame, recorded, simulated, speed, wiring
 from docs.tables.record import DOCS
 
 TABLES = {
@@ -17,6 +17,7 @@ TABLES = {
     **design.TABLES,
     **latency.TABLES,
     **per_frame.TABLES,
+    **speed.TABLES,
 }
 _PLACE = re.compile(r"(<!-- table: (.+?) -->\n).*?(<!-- end of table -->)", flags=re.DOTALL)
 

@@ -35,12 +35,23 @@ from eitbench.scenarios.physics.dissection import dissect
 from eitbench.scenarios.physics.elements import couplings, electrode_terms
 from eitbench.scenarios.physics.elimination import element_gradients, sensitivities, solve
 from eitbench.scenarios.physics.mesh import Mesh, build_mesh
+from eitbench.scenarios.physics.side_by_side import (
+    Layout,
+    gradients_together,
+    layout,
+    solve_together,
+)
 from eitbench.scenarios.sensors.patterns import DrivePattern
 from eitbench.scenarios.sensors.sensor import Sensor
 
 
 class ForwardModel:
     """Finite elements with the complete electrode model on one mesh of one sensor.
+
+    From eight images on each takes a quarter of the time that one image takes. They are solved in
+    another order: voltages, fields and gradients of an image on its own and of the same image in a
+    batch differ by rounding, relatively about 1e-13. What is beside it in the batch, and where,
+    changes no bit. Simulated data are solved image by image.
 
     Attributes:
         sensor: what is simulated; images have its grid.
@@ -86,7 +97,8 @@ class ForwardModel:
         # dL = <g, dV> = <G, dR>.
         g = (weights @ self._differences).reshape(resistance.shape)
         gradient = np.empty((len(weights), len(self.mesh.elements)))
-        element_gradients(fields, g, self._corners, self._couplings, gradient)
+        differentiate = element_gradients if len(weights) == 1 else gradients_together
+        differentiate(fields, g, self._corners, self._couplings, gradient)
         return self._per_pixel(gradient).reshape(-1, *self.sensor.image_shape)
 
     def jacobian(self, sigma: ArrayLike) -> Array:
@@ -133,6 +145,10 @@ class ForwardModel:
         return maps.reshape(len(src), -1)
 
     @cached_property
+    def _layout(self) -> Layout:
+        return layout(self._parts)
+
+    @cached_property
     def background(self) -> Array:
         """The homogeneous image (H, W) [S/m] of the untouched sensor; read-only: copy it."""
         image = np.full(self.sensor.image_shape, self.sensor.background)
@@ -148,10 +164,11 @@ class ForwardModel:
                 f"got {images.shape}."
             )
         images = images.reshape(-1, *shape)
-        inside = images[:, self.sensor.mask]
+        everywhere = self.sensor.mask.all()
+        inside = images if everywhere else images[:, self.sensor.mask]
         if not (np.isfinite(inside).all() and (inside > 0).all()):
             raise InputError("Conductivity must be finite and above 0 S/m in every pixel.")
-        if not self.sensor.mask.all():
+        if not everywhere:
             images = np.where(self.sensor.mask, images, self.sensor.background)
         return images
 
@@ -166,7 +183,11 @@ class ForwardModel:
         kept = np.empty(
             (len(images) if fields else 0, len(self.mesh.nodes) + electrodes, electrodes)
         )
-        failed = solve(sigma, self._parts, self._conductance, resistance, kept)
+        unknowns = self._conductance, resistance, kept
+        if len(sigma) > 1:
+            failed = solve_together(sigma, self._parts, self._layout, *unknowns)
+        else:
+            failed = solve(sigma, self._parts, *unknowns)
         if failed >= 0:
             raise InputError(
                 f"The conductivity of image {failed} cannot be solved in double precision: its "

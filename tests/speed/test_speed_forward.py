@@ -170,7 +170,18 @@ def test_fem_batch(benchmark: BenchmarkFixture, images: Array) -> None:
 
 
 @pytest.mark.benchmark(group=FORWARD, min_rounds=10, warmup=True)
-def test_fem_batch_and_gradient(benchmark: BenchmarkFixture, images: Array) -> None:
+def test_fem_one_by_one(benchmark: BenchmarkFixture, images: Array) -> None:
+    fem = operator("fem", sensor("foam16"))
+    benchmark.extra_info["samples"] = len(images)
+    benchmark(lambda: [fem.voltages(image) for image in images])
+
+
+@pytest.mark.benchmark(group=FORWARD, min_rounds=50, warmup=True)
+def test_fem_single(benchmark: BenchmarkFixture, images: Array) -> None:
+    benchmark(operator("fem", sensor("foam16")).voltages, images[0])
+
+
+def with_gradient(benchmark: BenchmarkFixture, images: Array) -> None:
     fem = operator("fem", sensor("foam16"))
     sigma = torch.from_numpy(images).requires_grad_()
 
@@ -182,9 +193,14 @@ def test_fem_batch_and_gradient(benchmark: BenchmarkFixture, images: Array) -> N
     benchmark(forward_and_gradient)
 
 
+@pytest.mark.benchmark(group=FORWARD, min_rounds=10, warmup=True)
+def test_fem_batch_and_gradient(benchmark: BenchmarkFixture, images: Array) -> None:
+    with_gradient(benchmark, images)
+
+
 @pytest.mark.benchmark(group=FORWARD, min_rounds=50, warmup=True)
-def test_fem_single(benchmark: BenchmarkFixture, images: Array) -> None:
-    benchmark(operator("fem", sensor("foam16")).voltages, images[0])
+def test_fem_single_and_gradient(benchmark: BenchmarkFixture, images: Array) -> None:
+    with_gradient(benchmark, images[:1])
 
 
 @pytest.mark.benchmark(group=FORWARD, min_rounds=10)

@@ -148,15 +148,6 @@ def test_electrode_across_the_start_of_the_rim() -> None:
     assert np.linalg.norm(frames[0] - frames[1]) < 2e-3 * np.linalg.norm(frames[0])
 
 
-def test_batches_equal_single_images() -> None:
-    s = small("square")
-    model = ForwardModel(s)
-    images = np.stack([rough_image(s, k) for k in range(6)]).reshape(2, 3, *s.image_shape)
-    batch = model.voltages(images)
-    assert batch.shape == (2, 3, 208)
-    np.testing.assert_array_equal(batch[1, 2], model.voltages(images[1, 2]))
-
-
 def test_equal_sensors_share_a_model() -> None:
     assert forward_model(sensor("foam16")) is forward_model(sensor("foam16"))
     assert forward_model(sensor("foam16")) is not forward_model(sensor("foam16", offset=4))

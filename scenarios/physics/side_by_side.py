@@ -1,0 +1,495 @@
+"""Solving the forward problem for eight samples at a time, one in each lane of a vector register.
+
+The elimination is that of `elimination`, arranged for arithmetic: fronts are cut into tiles of 4 x
+4 entries, and a tile takes all pivots before it at once, in registers. Of a front's tiles, block
+row after block row, only those of the upper triangle exist; a tile is 16 registers, row after row.
+
+The bits of a sample depend neither on its lane nor on the samples in the others. They differ from
+those of `elimination`, which takes the same sums in another order, in the last few places.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba.extending import register_jitable
+
+from eitbench.scenarios.arrays import Array, Index
+from eitbench.scenarios.compiling import compiled
+from eitbench.scenarios.physics.dissection import Dissection, Place, stride
+from eitbench.scenarios.physics.registers import (
+    LANES,
+    less_product,
+    load1,
+    load2,
+    load4,
+    load16,
+    minus,
+    plus,
+    prefetch,
+    reciprocal,
+    spread,
+    store,
+    times,
+    total,
+    transposed,
+)
+
+TILE = 4
+Whole = Any  # a whole number, or an array of them
+
+
+class Layout(NamedTuple):
+    """Where the registers of a dissection's fronts and the numbers of its eliminated rows are.
+
+    Attributes:
+        starts: (p + 1,) the first register of each front, and the number of registers; a front is
+            overwritten when that of its parent is complete. Register 0 is 0.
+        entry, fixed_entry: those of the dissection, as registers of the front.
+        sources, sources_start: (t, 2) the registers, one of each child, that add up to the
+            registers of a front, one after another.
+        rows_start: (p + 1,) where a part's eliminated rows begin in the store of one sample.
+    """
+
+    starts: Index
+    entry: Place
+    fixed_entry: Place
+    sources: Place
+    sources_start: Index
+    rows_start: Index
+
+
+def layout(parts: Dissection) -> Layout:
+    """The layout of a dissection."""
+    n, blocks = len(parts.size), _blocks(parts.size)
+    starts = _front_starts(parts)
+    # The dissection's fronts lie row after row.
+    strides = np.array([stride(size) for size in parts.size.tolist()])
+    of = [np.repeat(np.arange(n), np.diff(at)) for at in (parts.entries_start, parts.fixed_start)]
+    entry, fixed_entry = (
+        _tile_place(*np.divmod(at.astype(np.int64), strides[part]), blocks[part])
+        for at, part in zip((parts.entry, parts.fixed_entry), of, strict=True)
+    )
+    sources = []
+    for part, children in enumerate(parts.children):
+        row, column = _tile_entries(int(blocks[part]) if children[0] >= 0 else 0)
+        found = np.zeros((len(row), 2), dtype=np.int64)
+        for which, child in enumerate(children if len(row) else ()):
+            gone, remaining = parts.eliminated[child], parts.size[child] - parts.eliminated[child]
+            where = np.full(blocks[part] * TILE, -1)
+            places = parts.places[parts.places_start[child] :][:remaining]
+            where[places] = gone + np.arange(remaining)
+            a, b = where[row], where[column]
+            place = starts[child] + _tile_place(a, b, blocks[child])
+            found[:, which] = np.where((a >= 0) & (b >= a), place, 0)
+        sources.append(found)
+    return Layout(
+        starts,
+        entry.astype(np.uint32),
+        fixed_entry.astype(np.uint32),
+        np.concatenate(sources).astype(np.uint32),
+        np.cumsum([0, *map(len, sources)]),
+        np.cumsum([0, *(parts.eliminated * _width(parts.size))]),
+    )
+
+
+def _front_starts(parts: Dissection) -> Index:
+    """Parts equally many cuts below the whole share two places: first children, second children."""
+    place = np.zeros(len(parts.size), dtype=np.int64)
+    room = np.zeros(2 * len(parts.size), dtype=np.int64)
+    for part in range(len(parts.size) - 1, -1, -1):
+        room[place[part]] = max(room[place[part]], _front_room(parts.size[part]))
+        if parts.children[part, 0] >= 0:
+            place[parts.children[part]] = place[part] // 2 * 2 + np.array([2, 3])
+    return np.append((1 + np.cumsum(room) - room)[place], 1 + room.sum())
+
+
+def _tile_entries(blocks: int) -> tuple[Index, Index]:
+    """Row and column of every register of a front."""
+    row, column = (TILE * k[:, None, None] for k in np.triu_indices(blocks))
+    within = np.arange(TILE)
+    shape = (len(row), TILE, TILE)
+    return (
+        np.broadcast_to(row + within[:, None], shape).ravel(),
+        np.broadcast_to(column + within, shape).ravel(),
+    )
+
+
+@register_jitable
+def _tile_place(row: Whole, column: Whole, blocks: Whole) -> Whole:
+    """The register of an entry of the upper triangle in a front of so many blocks."""
+    above = row // TILE
+    tile = above * blocks - above * (above + 1) // 2 + column // TILE
+    return tile * TILE**2 + row % TILE * TILE + column % TILE
+
+
+@register_jitable
+def _blocks(size: Whole) -> Whole:
+    return (size + TILE - 1) // TILE
+
+
+@register_jitable
+def _front_room(size: Whole) -> Whole:
+    return _blocks(size) * (_blocks(size) + 1) // 2 * TILE**2
+
+
+@register_jitable
+def _width(size: Whole) -> Whole:
+    """Numbers between the eliminated rows of a sample."""
+    return (size + LANES - 1) // LANES * LANES
+
+
+@compiled
+def _registers(count: int) -> Array:
+    """A register array that begins at a line of the cache; its numbers are left as they are."""
+    numbers = np.empty(LANES * (count + 1))
+    first = -(numbers.ctypes.data // 8) % LANES
+    return numbers[first : first + LANES * count]
+
+
+@compiled
+def solve_together(
+    sigma: Array,
+    parts: Dissection,
+    where: Layout,
+    conductance: Array,
+    resistance: Array,
+    fields: Array,
+) -> int:
+    """What `elimination.solve` does, eight samples at a time: its arguments, and the layout."""
+    n_electrodes, whole = len(conductance), len(parts.size) - 1
+    fronts = _registers(where.starts[-1])
+    fronts[:LANES] = 0.0
+    conductivity = _registers(sigma.shape[1])
+    inverses = _registers(parts.n_nodes + n_electrodes)
+    factors = _registers(max(parts.eliminated.max(), n_electrodes) * TILE)
+    upper = _registers(
+        max((parts.eliminated * (_blocks(parts.size) + 1)).max(), n_electrodes**2) * TILE
+    )
+    last = _registers(_front_room(2 * n_electrodes))
+    rows = _registers(where.rows_start[-1] if len(fields) > 0 else 0)
+    pairs = (n_electrodes + 2 * LANES - 1) // (2 * LANES)
+    potentials = _registers((parts.n_nodes + n_electrodes) * 2 * pairs if len(fields) > 0 else 0)
+    potentials[:] = 0.0
+    for first in range(0, len(sigma), LANES):
+        count = min(LANES, len(sigma) - first)
+        for lane in range(LANES):
+            # Lanes without a sample repeat the last one.
+            given = sigma[first + min(lane, count - 1)]
+            for k in range(len(given)):
+                conductivity[k * LANES + lane] = given[k]
+        _condense(conductivity, parts, where, fronts, upper, inverses, factors, rows)
+        _resistances(
+            fronts[where.starts[whole] * LANES :], parts.eliminated[whole], conductance, last,
+            upper, inverses[parts.n_nodes * LANES :], factors,
+        )  # fmt: skip
+        failed = _first_failed(inverses)
+        if failed < count:
+            return first + failed
+        for a in range(n_electrodes):
+            for b in range(a, n_electrodes):
+                at = _tile_place(n_electrodes + a, n_electrodes + b, _blocks(2 * n_electrodes))
+                for lane in range(count):
+                    of = resistance[first + lane]
+                    of[a, b] = of[b, a] = -last[at * LANES + lane]
+        for lane in range(count if len(fields) > 0 else 0):
+            sample, sample_rows = first + lane, rows[lane * where.rows_start[-1] :]
+            _find_fields(resistance[sample], sample_rows, parts, where, potentials, fields[sample])
+    return -1
+
+
+@compiled
+def _first_failed(inverses: Array) -> int:
+    """The first lane with a pivot that is not positive, or LANES."""
+    sound = np.ones(LANES, dtype=np.bool_)
+    for k in range(0, len(inverses), LANES):
+        for lane in range(LANES):
+            inverse = inverses[k + lane]
+            sound[lane] &= (inverse > 0.0) & (inverse < np.inf)
+    for lane in range(LANES):
+        if not sound[lane]:
+            return lane
+    return LANES
+
+
+@compiled
+def _condense(
+    sigma: Array, parts: Dissection, where: Layout, fronts: Array, upper: Array, inverses: Array,
+    factors: Array, rows: Array,
+) -> None:  # fmt: skip
+    """Leave -B^T A^-1 B in the front of the whole, and the eliminated rows in `rows`, if any."""
+    ended = 0
+    for part in range(len(parts.size)):
+        size, eliminated = parts.size[part], parts.eliminated[part]
+        front = fronts[where.starts[part] * LANES :]
+        if parts.children[part, 0] < 0:
+            _assemble(front, part, sigma, parts, where)
+        else:
+            sources = where.sources[where.sources_start[part] : where.sources_start[part + 1]]
+            for k in range(len(sources)):
+                one, other = np.int64(sources[k, 0]), np.int64(sources[k, 1])
+                store(front, k, 1, plus(load1(fronts, one, 1), load1(fronts, other, 1)))
+        part_inverses = inverses[ended * LANES :]
+        _eliminate(front, size, eliminated, upper, part_inverses, factors)
+        if len(rows) > 0:
+            _keep(
+                upper, part_inverses, eliminated, size, rows[where.rows_start[part] :],
+                where.rows_start[-1],
+            )  # fmt: skip
+        ended += eliminated
+
+
+@compiled
+def _assemble(front: Array, part: int, sigma: Array, parts: Dissection, where: Layout) -> None:
+    """Make the front of a smallest part from its elements' and electrodes' matrices."""
+    front[: _front_room(parts.size[part]) * LANES] = 0.0
+    for k in range(parts.entries_start[part], parts.entries_start[part + 1]):
+        at, of = np.int64(where.entry[k]), np.int64(parts.element[k])
+        added = times(load1(sigma, of, 1), spread((parts.coefficient[k],)))
+        store(front, at, 1, plus(load1(front, at, 1), added))
+    for k in range(parts.fixed_start[part], parts.fixed_start[part + 1]):
+        at = np.int64(where.fixed_entry[k])
+        store(front, at, 1, plus(load1(front, at, 1), spread((parts.fixed[k],))))
+
+
+@compiled
+def _eliminate(
+    front: Array, size: int, eliminated: int, upper: Array, inverses: Array, factors: Array
+) -> None:
+    """Eliminate the first unknowns of a front in place; what is left of it are its other rows.
+
+    `upper` receives the eliminated rows u of the upper triangle, four columns after four, and
+    `inverses` 1 / their pivots; `factors` is room for 4 registers a pivot.
+    """
+    blocks = _blocks(size)
+    for block in range(blocks):
+        first, before = block * TILE, min(block * TILE, eliminated)
+        tiles = front[_tile_place(first, first, blocks) * LANES :]
+        for k in range(before):
+            row = load4(upper, (block * eliminated + k) * TILE, 1)
+            store(factors, k * TILE, 1, times(row, load1(inverses, k, 1)))
+        for column in range(block, blocks if before > 0 else 0):
+            at, other = (column - block) * TILE**2, column * eliminated * TILE
+            tile = load16(tiles, at, 1)
+            for k in range(before):
+                row = load4(upper, other + k * TILE, 1)
+                tile = less_product(tile, load4(factors, k * TILE, 1), row)
+            store(tiles, at, 1, tile)
+        if first < eliminated:
+            rows = upper[(block * eliminated + first) * TILE * LANES :]
+            count = min(TILE, eliminated - first)
+            _pivot_rows(tiles, count, eliminated, blocks - block, rows, inverses[first * LANES :])
+
+
+@compiled
+def _pivot_rows(
+    tiles: Array, count: int, eliminated: int, blocks: int, upper: Array, inverses: Array
+) -> None:
+    """Eliminate the first `count` unknowns of a block row of tiles with each other."""
+    f12 = f13 = f23 = spread((0.0,))
+    row0, row1, row2, row3 = (
+        load4(tiles, 0, 1), load4(tiles, 4, 1), load4(tiles, 8, 1), load4(tiles, 12, 1)
+    )  # fmt: skip
+    inverse = reciprocal(row0[0:1])
+    store(inverses, 0, 1, inverse)
+    f01, f02, f03 = times(row0[1:2], inverse), times(row0[2:3], inverse), times(row0[3:4], inverse)
+    if count > 1:
+        row1 = less_product(row1, f01, row0)
+        inverse = reciprocal(row1[1:2])
+        store(inverses, 1, 1, inverse)
+        f12, f13 = times(row1[2:3], inverse), times(row1[3:4], inverse)
+    if count > 2:
+        row2 = less_product(less_product(row2, f02, row0), f12, row1)
+        inverse = reciprocal(row2[2:3])
+        store(inverses, 2, 1, inverse)
+        f23 = times(row2[3:4], inverse)
+    if count > 3:
+        row3 = less_product(less_product(less_product(row3, f03, row0), f13, row1), f23, row2)
+        store(inverses, 3, 1, reciprocal(row3[3:4]))
+    for block in range(blocks):
+        at, out = block * TILE**2, block * eliminated * TILE
+        row0, row1 = load4(tiles, at, 1), load4(tiles, at + 4, 1)
+        row2, row3 = load4(tiles, at + 8, 1), load4(tiles, at + 12, 1)
+        row1 = less_product(row1, f01, row0)
+        row2 = less_product(less_product(row2, f02, row0), f12, row1)
+        row3 = less_product(less_product(less_product(row3, f03, row0), f13, row1), f23, row2)
+        # The rows that are not eliminated here go back.
+        store(upper, out, 1, row0)
+        if count > 1:
+            store(upper, out + 4, 1, row1)
+        else:
+            store(tiles, at + 4, 1, row1)
+        if count > 2:
+            store(upper, out + 8, 1, row2)
+        else:
+            store(tiles, at + 8, 1, row2)
+        if count > 3:
+            store(upper, out + 12, 1, row3)
+        else:
+            store(tiles, at + 12, 1, row3)
+
+
+@compiled
+def _keep(
+    upper: Array, inverses: Array, eliminated: int, size: int, rows: Array, apart: int
+) -> None:
+    """Store the eliminated rows u / u[pivot] of a part, each sample's `apart` numbers further."""
+    width = _width(size)
+    for k in range(eliminated):
+        inverse = load1(inverses, k, 1)
+        for column in range(k // LANES * LANES, size, LANES):
+            at = (column // TILE * eliminated + k) * TILE
+            row = load4(upper, at, 1) + load4(upper, at + eliminated * TILE, 1)
+            of_samples = transposed(times(row, inverse))
+            store(rows, (k * width + column) // LANES, apart // LANES, of_samples)
+
+
+@compiled
+def _resistances(
+    left: Array, gone: int, conductance: Array, front: Array, upper: Array, inverses: Array,
+    factors: Array,
+) -> None:  # fmt: skip
+    """Leave -R in the last E unknowns of a `front` of 2 E, from what is `left` of the whole.
+
+    As in `elimination.solve`, R is the inverse of S plus a constant. Eliminating the first E
+    unknowns of [[S, 1], [1, 0]] leaves -S^-1.
+    """
+    n = len(conductance)
+    of, into = _blocks(gone + n), _blocks(2 * n)
+    front[:] = 0.0
+    scale = spread((0.0,))
+    for a in range(n):
+        at = _tile_place(gone + a, gone + a, of)
+        diagonal = plus(load1(left, at, 1), spread((conductance[a],)))
+        store(left, at, 1, diagonal)
+        scale = plus(scale, times(diagonal, spread((1 / n**2,))))
+    for a in range(n):
+        for b in range(a, n):
+            entry = load1(left, _tile_place(gone + a, gone + b, of), 1)
+            store(front, _tile_place(a, b, into), 1, plus(entry, scale))
+        store(front, _tile_place(a, n + a, into), 1, spread((1.0,)))
+    _eliminate(front, 2 * n, n, upper, inverses, factors)
+
+
+@compiled
+def _find_fields(
+    resistance: Array, rows: Array, parts: Dissection, where: Layout, potentials: Array,
+    fields: Array,
+) -> None:  # fmt: skip
+    """One sample's `fields` (nodes + E, E) from its eliminated rows; `potentials` is room.
+
+    Lanes are electrodes here: each unknown has as many pairs of registers in `potentials` as its
+    potentials, one for each electrode, need.
+    """
+    pairs = len(potentials) // len(fields) // (2 * LANES)
+    width = 2 * pairs * LANES
+    for r in range(len(resistance)):
+        known = potentials[(parts.n_nodes + r) * width :]
+        for d in range(len(resistance)):
+            known[d] = resistance[r, d]
+    for part in range(len(parts.size) - 1, -1, -1):
+        # Two parts ahead, or most of the time would go into waiting for memory.
+        if part >= 2:
+            begin, end = where.rows_start[part - 2], where.rows_start[part - 1]
+            for register in range(begin // LANES, end // LANES):
+                prefetch(rows, register)
+        _back_substitute(part, parts, rows[where.rows_start[part] :], potentials, pairs)
+    for r in range(len(fields)):
+        row, out = potentials[r * width :], fields[r]
+        for d in range(len(out)):
+            out[d] = row[d]
+
+
+@compiled
+def _back_substitute(
+    part: int, parts: Dissection, rows: Array, potentials: Array, pairs: int
+) -> None:
+    """Complete one sample's `potentials` with the unknowns that end in `part`."""
+    size, eliminated = parts.size[part], parts.eliminated[part]
+    unknowns = parts.unknowns[parts.unknowns_start[part] : parts.unknowns_start[part + 1]]
+    width = _width(size)
+    nothing = spread((0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+    for first in range((eliminated - 1) // TILE * TILE, -1, -TILE):
+        count = min(TILE, eliminated - first)
+        row0 = rows[first * width + first :]
+        # Missing rows repeat the last one, and are not used.
+        row1, row2 = row0[min(1, count - 1) * width :], row0[min(2, count - 1) * width :]
+        row3 = row0[min(3, count - 1) * width :]
+        u01, u02, u03 = spread((row0[1],)), spread((row0[2],)), spread((row0[3],))
+        u12, u13, u23 = spread((row1[2],)), spread((row1[3],)), spread((row2[3],))
+        row0, row1, row2, row3 = row0[count:], row1[count:], row2[count:], row3[count:]
+        others = unknowns[first + count :]
+        for pair in range(0, 2 * pairs, 2):
+            tile = nothing
+            for k in range(len(others)):
+                known = load2(potentials, np.int64(others[k]) * 2 * pairs + pair, 1)
+                column = spread((row0[k], row1[k], row2[k], row3[k]))
+                tile = less_product(tile, column, known)
+            x0, x1, x2, x3 = tile[0:2], tile[2:4], tile[4:6], tile[6:8]
+            if count > 3:
+                store(potentials, np.int64(unknowns[first + 3]) * 2 * pairs + pair, 1, x3)
+                x0, x1 = less_product(x0, u03, x3), less_product(x1, u13, x3)
+                x2 = less_product(x2, u23, x3)
+            if count > 2:
+                store(potentials, np.int64(unknowns[first + 2]) * 2 * pairs + pair, 1, x2)
+                x0, x1 = less_product(x0, u02, x2), less_product(x1, u12, x2)
+            if count > 1:
+                store(potentials, np.int64(unknowns[first + 1]) * 2 * pairs + pair, 1, x1)
+                x0 = less_product(x0, u01, x1)
+            store(potentials, np.int64(unknowns[first]) * 2 * pairs + pair, 1, x0)
+
+
+@compiled
+def gradients_together(
+    fields: Array, weights: Array, corners: Place, couplings: Array, gradient: Array
+) -> None:
+    """What `elimination.element_gradients` does, with electrodes in the lanes of registers.
+
+    Since the rows and columns of an element's matrix add up to 0, u^T K w needs only the
+    differences of u and of w to their values at the last corner, and K without that corner.
+    """
+    nodes, n_electrodes = fields.shape[1:]
+    width = (n_electrodes + LANES - 1) // LANES
+    rows = _blocks(nodes) * TILE
+    y, z = _registers(rows * width), _registers(rows * width)
+    weight = _registers(n_electrodes * width)
+    y[:], weight[:] = 0.0, 0.0
+    for sample in range(len(fields)):
+        for r in range(n_electrodes):
+            for d in range(n_electrodes):
+                weight[r * width * LANES + d] = weights[sample, r, d]
+        # z = -y weights
+        for r in range(0, rows, TILE):
+            for i in range(min(TILE, nodes - r)):
+                row, of = y[(r + i) * width * LANES :], fields[sample, r + i]
+                for d in range(len(of)):
+                    row[d] = of[d]
+            row0, row1 = y[r * width * LANES :], y[(r + 1) * width * LANES :]
+            row2, row3 = y[(r + 2) * width * LANES :], y[(r + 3) * width * LANES :]
+            for d in range(width):
+                tile = spread((0.0, 0.0, 0.0, 0.0))
+                for c in range(n_electrodes):
+                    column = spread((row0[c], row1[c], row2[c], row3[c]))
+                    tile = less_product(tile, column, load1(weight, c * width + d, 1))
+                store(z, r * width + d, width, tile)
+        for k in range(len(corners)):
+            at, of = corners[k], couplings[k]
+            at0, at1 = np.int64(at[0]) * width, np.int64(at[1]) * width
+            at2, at3 = np.int64(at[2]) * width, np.int64(at[3]) * width
+            k01, k02, k12 = spread((of[0],)), spread((of[1],)), spread((of[3],))
+            k0 = spread((of[0] + of[1] + of[2],))
+            k1 = spread((of[0] + of[3] + of[4],))
+            k2 = spread((of[1] + of[3] + of[5],))
+            sums = spread((0.0,))
+            for d in range(width):
+                y3, z3 = load1(y, at3 + d, 1), load1(z, at3 + d, 1)
+                y0, z0 = minus(load1(y, at0 + d, 1), y3), minus(load1(z, at0 + d, 1), z3)
+                y1, z1 = minus(load1(y, at1 + d, 1), y3), minus(load1(z, at1 + d, 1), z3)
+                y2, z2 = minus(load1(y, at2 + d, 1), y3), minus(load1(z, at2 + d, 1), z3)
+                # -K y
+                flow0 = less_product(less_product(times(y0, k0), k01, y1), k02, y2)
+                flow1 = less_product(less_product(times(y1, k1), k01, y0), k12, y2)
+                flow2 = less_product(less_product(times(y2, k2), k02, y0), k12, y1)
+                sums = less_product(sums, flow0, z0)
+                sums = less_product(sums, flow1, z1)
+                sums = less_product(sums, flow2, z2)
+            gradient[sample, k] = total(sums)
