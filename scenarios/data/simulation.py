@@ -10,6 +10,7 @@ import logging
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from itertools import groupby
 from pathlib import Path
 from typing import NamedTuple, TypeVar
 
@@ -109,12 +110,14 @@ def fresh_voltages(
 
 
 def _voltages(scenario: SimulatedScenario, split: Split, samples: range) -> Array:
+    """Frames (n, M) [V/A]; those of one model are solved together, in a quarter of the time.
+
+    They may differ from stored ones by rounding.
+    """
     with threadpool_limits(1):
-        return np.array([
-            scenario.data_model(split, sample // TOUCHES).voltages(
-                conductivity(scenario, split, sample)
-            )
-            for sample in samples
+        return np.concatenate([
+            model.voltages(np.array([conductivity(scenario, split, sample) for sample in of]))
+            for model, of in groupby(samples, lambda k: scenario.data_model(split, k // TOUCHES))
         ])  # fmt: skip
 
 

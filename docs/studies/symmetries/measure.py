@@ -48,7 +48,7 @@ def main(count: int, out: str) -> None:
         assert isinstance(method, TrainedMethod)
         method.fit(Problem(data.sensor, data.references[0], no_split))
         psnr, ms = scored(method, data)
-        for part in (method, getattr(method, "_dnn", method)):
+        for part in (method, getattr(method, "_first", method)):
             part._motions = part._motions[:1]
         alone, ms_alone = scored(method, data)
         gain = (psnr - alone)[:, None]
