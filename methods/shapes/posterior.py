@@ -43,13 +43,13 @@ from eitbench.scenarios.arrays import Array, Mask
 
 FREEDOM = 5
 """Degrees of freedom of the t distribution: its tails must be longer than the posterior's."""
-ENOUGH = 0.6
+ENOUGH = 0.5
 """Effective share of the particles that a step leaves."""
 MOVES = 4
 """Of every particle in a step."""
 ACCEPTED = 0.25
 """Share of moves that is aimed at (Roberts, Gelman and Gilks 1997)."""
-ALONG = 4
+ALONG = 2
 """Vectors about which the model is linearised, beside the likeliest: the posterior may be long."""
 TINY = 1e-3
 """Part of a standard deviation by which coordinates are differentiated."""
