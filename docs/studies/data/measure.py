@@ -90,8 +90,8 @@ def curve(name: str) -> tuple[Array, Array]:
     stored = json.loads(path.read_text())
     epochs = pd.DataFrame(stored["curve"])
     begun = curve(CURVES[name])[0][-1] if CURVES[name] else 0.0
-    # The last steps of a rising learning rate may lie above those before.
-    return begun + np.cumsum(epochs["seconds"]) / 3600, np.minimum.accumulate(epochs["validation"])
+    hours = begun + np.cumsum(epochs["seconds"].to_numpy()) / 3600
+    return hours, np.minimum.accumulate(epochs["validation"].to_numpy())
 
 
 def draw_figure(table: pd.DataFrame, path: Path) -> None:
@@ -108,7 +108,8 @@ def draw_figure(table: pd.DataFrame, path: Path) -> None:
     left.set_ylabel("PSNR on clean test samples [dB]")
     for name in CURVES:
         hours, loss = curve(name)
-        right.plot(hours, -10 * np.log10(loss), label=name)
+        style = "--" if name == "phydnn" else "-"  # its first epochs are those of `dnn`
+        right.plot(hours, -10 * np.log10(loss), style, label=name)
     right.set_xscale("log")
     right.set_xticks([0.05, 0.1, 0.2, 0.5, 1, 2], ["0.05", "0.1", "0.2", "0.5", "1", "2"])
     right.minorticks_off()
