@@ -97,10 +97,8 @@ def curve(name: str) -> tuple[Array, Array]:
 def draw_figure(table: pd.DataFrame, path: Path) -> None:
     """Draw PSNR over samples, and validation PSNR over hours."""
     figure, (left, right) = plt.subplots(1, 2, figsize=(9, 3.6), layout="constrained")
-    left.errorbar(
-        table["samples"], table["psnr"], [table["psnr"] - table["low"], table["high"] - table["psnr"]],
-        fmt="o-", capsize=3,
-    )  # fmt: skip
+    spread = [table["psnr"] - table["low"], table["high"] - table["psnr"]]
+    left.errorbar(table["samples"], table["psnr"], spread, fmt="o-", capsize=3)
     left.set_xscale("log")
     left.set_xticks(table["samples"], [f"{n:,}" for n in table["samples"]], rotation=45)
     left.minorticks_off()
