@@ -62,6 +62,7 @@ class FamilyPosterior:
     """The posterior within a family.
 
     Attributes:
+        parameters: of the family.
         mean: (H, W) the mean image, relative to the background.
         log_evidence: logarithm of p(d), but for what all families share; -inf where no particle
             lies in the sensor.
@@ -69,10 +70,11 @@ class FamilyPosterior:
         power: b of the last step, 1 for the posterior.
     """
 
+    parameters: Parameters
     mean: Array
     log_evidence: float
     error: float
-    power: float = 1.0
+    power: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,17 +93,18 @@ class Sampler:
     particles: int
     steps: int
 
-    def posterior(self, fit: Fit, error: float, rng: np.random.Generator) -> FamilyPosterior:
+    def posterior(self, fit: Fit, width: float, rng: np.random.Generator) -> FamilyPosterior:
         """The posterior within the family of a `fit`.
 
-        Particles begin where shapes leave an `error` [(V/A)^2].
+        Particles begin where shapes leave about `width` [(V/A)^2] more than the fit does.
         """
         parameters = fit.parameters
-        start = self._start(fit, error)
+        start = self._start(fit, width)
         vectors = parameters.bent(start.draw(self.particles, rng))
         vectors = vectors[parameters.possible(vectors)]
         if len(vectors) < 2:
-            return FamilyPosterior(parameters.image(fit.vector), -math.inf, math.inf)
+            image = parameters.image(fit.vector)
+            return FamilyPosterior(parameters, image, -math.inf, math.inf, 0.0)
         evidence = math.log(len(vectors) / self.particles)
         best, power, stride = vectors[0], 0.0, 1.0
         longest = 2.4 / math.sqrt(len(fit.vector))
@@ -112,7 +115,7 @@ class Sampler:
             power += rise
             log_weights = rise * (cloud.target - cloud.density)
             evidence += float(special.logsumexp(log_weights)) - math.log(len(vectors))
-            spread = linalg.cholesky(_covariance(cloud.straight, log_weights), lower=True)
+            spread = _spread(cloud.straight, log_weights)
             chosen = _resampled(special.softmax(log_weights), self.particles, rng)
             cloud = cloud.take(chosen)
             for _ in range(MOVES):
@@ -134,17 +137,19 @@ class Sampler:
                 break
         images = parameters.images(vectors)
         errors = about.errors(self.data, vectors, images)
-        return FamilyPosterior(images.mean(axis=0), evidence, float(errors.min()), power)
+        mean, error = images.mean(axis=0), float(errors.min())
+        return FamilyPosterior(parameters, mean, evidence, error, power)
 
-    def _start(self, fit: Fit, error: float) -> Student:
-        """The Laplace approximation, in coordinates, about a fit that leaves an `error`."""
+    def _start(self, fit: Fit, width: float) -> Student:
+        """The Laplace approximation, in coordinates, for noise of `width` [(V/A)^2] in all."""
         parameters, step = fit.parameters, fit.parameters.step
-        information = fit.information / np.outer(step, step) * self.model.count / error
+        information = fit.information / np.outer(step, step) * self.model.count / width
         root = linalg.cholesky(
             linalg.inv(information + np.diag(12 / parameters.span**2)), lower=True
         )
         ends = parameters.straightened(fit.vector + np.concatenate([[0 * step], TINY * root.T]))[0]
-        return Student(ends[0], linalg.qr((ends[1:] - ends[0]) / TINY, mode="r")[0].T)
+        # A coordinate depends on no later value of the vector: the root stays triangular.
+        return Student(ends[0], (ends[1:] - ends[0]).T / TINY)
 
     def _cloud(self, about: LocalModels, start: Student, vectors: Array) -> Cloud:
         """Vectors with their densities over coordinates: of the posterior, and of the start."""
@@ -254,11 +259,15 @@ class Student:
         return np.asarray(constant - (FREEDOM + size) / 2 * np.log1p(distance))
 
 
-def _covariance(straight: Array, log_weights: Array) -> Array:
-    """Covariance (P, P) of weighted coordinates (n, P), and a little more, that it has a root."""
+def _spread(straight: Array, log_weights: Array) -> Array:
+    """A root (P, P), lower triangular, of the covariance of weighted coordinates (n, P)."""
     weights = special.softmax(log_weights)
-    spread = straight - weights @ straight
-    return np.asarray((spread * weights[:, None]).T @ spread + 1e-16 * np.eye(straight.shape[1]))
+    away = straight - weights @ straight
+    # Of coordinates in units of their deviations, and a little more, that there is a root.
+    deviations = np.sqrt(weights @ away**2) + 1e-12
+    away /= deviations
+    correlation = (away * weights[:, None]).T @ away + 1e-9 * np.eye(len(deviations))
+    return np.asarray(deviations[:, None] * linalg.cholesky(correlation, lower=True))
 
 
 def _resampled(weights: Array, count: int, rng: np.random.Generator) -> Array:

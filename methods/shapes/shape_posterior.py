@@ -9,6 +9,7 @@ returned is the mean over all shapes that explain the frame, each as well as its
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
@@ -153,7 +154,11 @@ class ShapePosterior(UsesNetwork):
                 break
             likely = np.argsort([-one.log_evidence for one in latest])[:AGAIN]
             fits = [fits[k] for k in likely]
-        evidence = np.array([one.log_evidence for one in found])
+        # Several attempts at a family are estimates of one evidence.
+        families = [one.parameters for one in found]
+        evidence = np.array([
+            one.log_evidence - math.log(families.count(one.parameters)) for one in found
+        ])  # fmt: skip
         if not np.isfinite(evidence).any():
             return guess
         means = np.array([one.mean for one in found])

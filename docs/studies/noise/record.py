@@ -2,7 +2,8 @@
 
 `python -m docs.studies.noise.record RUN...` writes the mean figures of every method on every
 scenario to `boards.csv`, those of each family of `shapes` to `families.csv`, and commands and
-versions to `runs.json`.
+versions to `runs.json`. Samples that several runs have count once, as the first of the runs has
+them.
 """
 
 import json
@@ -23,6 +24,7 @@ def write(paths: Sequence[Path]) -> None:
     """Write the record of run directories."""
     runs = [read_run(path) for path in paths]
     samples = pd.concat([run.samples for run in runs])
+    samples = samples.drop_duplicates(["scenario", "method", "sample"])
     of = samples.groupby(["scenario", "method"], sort=False)
     table = of[FIGURES].mean().join(of["psnr"].median().rename("psnr_median"))
     table = table.join(of["frame_ms"].median()).join(of.size().rename("n")).reset_index()
