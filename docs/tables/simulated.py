@@ -206,7 +206,7 @@ def _training_data() -> str:
     """Return PSNR over the number of training samples, at equal work."""
     rows = [
         [
-            f"{row['samples']:,}", f"{row['epochs'] * (row['samples'] != 192_000) or 1}",
+            f"{row['samples']:,}", f"{row['each_seen']}",
             f"{row['psnr']:.2f}",
             f"{row['gain']:+.2f} ({row['gain_low']:+.2f} to {row['gain_high']:+.2f})"
             if row["samples"] != 24_000 else "",

@@ -47,7 +47,8 @@ class FrameModel:
         """Estimated sum of squares [(V/A)^2] of the noise in `data` of a frame (M,).
 
         No conductivity tells reciprocal measurements apart, so that what they differ by is noise.
-        It is 0 where no measurement repeats another.
+        It is 0 where no measurement repeats another, and what the model cannot explain has no part
+        in it.
         """
         differ = float(difference @ difference - np.square(self.data(difference)).sum())
         return max(differ, 0.0) * self.count / max(self.repeated, 1)
@@ -87,7 +88,7 @@ class LinearisedModel:
 
         A pixel that changes from c to x counts as 2 c (x - c) / (x + c), which is what a disc of
         conductivity x in c does to the field (Clausius and Mossotti): where shapes move, pixels
-        along their edges change by all of the contrast, and x - c would err several times as much.
+        along their edges change by all of the contrast, and x - c would err more.
         """
         flat = images.reshape(*images.shape[:-2], -1)
         return np.asarray(

@@ -185,10 +185,14 @@ class Parameters:
         return straight.reshape(vectors.shape), volume
 
     def bent(self, straight: Array) -> Array:
-        """Vectors (n, P) of coordinates (n, P): the inverse of `straightened`."""
+        """Vectors (n, P) of coordinates (n, P): the inverse of `straightened`.
+
+        A strength of the area or more belongs to no conductivity: its vector is out of range.
+        """
         parts = straight.reshape(len(straight), self.family.count, -1).copy()
         factors = parts[..., -1] / self._areas(parts)
-        parts[..., -1] = (1 + factors) / (1 - factors)
+        with np.errstate(divide="ignore"):
+            parts[..., -1] = (1 + factors) / (1 - factors)
         return np.asarray(parts.reshape(straight.shape))
 
     def _areas(self, parts: Array) -> Array:

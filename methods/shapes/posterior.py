@@ -17,15 +17,17 @@ longer tails, and taken to the posterior through the distributions
 (annealed sequential Monte Carlo: Del Moral, Doucet and Jasra 2006, section 3.3). A step raises b by
 as much as leaves `ENOUGH` of the particles effective, draws them anew by their weights, and moves
 each by a few steps of Metropolis with the covariance of all. The product of the mean weights is the
-evidence p(d) of the family.
+evidence p(d) of the family. It is an estimate: particles are few, and the linear models below
+change from step to step.
 
 K values with equal noise are assumed. Values that were filled in for a dead electrode, or estimated
-with gains taken out, are neither independent nor of equal noise: the posterior is then too sharp.
+with gains taken out, are neither independent nor of equal noise: the posterior is then too sharp,
+and the estimate of the noise (`FrameModel.noise`) is not of it.
 
-Images have sharp edges, as phantoms have. The model is linearised in every step about the image of
-the likeliest particle, from which the others differ in pixels along the edges. A frame without
-noise is explained by a single set of pixels: the steps then close in on it, until all particles
-have it or the last step is done, whose distribution is wider than the posterior.
+Images have sharp edges, as phantoms have. The model is linearised in every step about the images of
+a few particles (`LocalModels`), from which the others differ in pixels along the edges. A frame
+without noise is explained by a single set of pixels, and the steps close in on it; where they end
+elsewhere, particles are far from explaining the frame, and nothing but their error tells.
 """
 
 from __future__ import annotations
@@ -64,9 +66,9 @@ class FamilyPosterior:
     Attributes:
         parameters: of the family.
         mean: (H, W) the mean image, relative to the background.
-        log_evidence: logarithm of p(d), but for what all families share; -inf where no particle
-            lies in the sensor.
-        error: least |d - F(x)|^2 of a particle [(V/A)^2].
+        log_evidence: logarithm of p(d), but for what all families share; of a lower bound where
+            `power` is below 1, -inf where no particle lies in the sensor.
+        error: least |d - F(x)|^2 of a particle [(V/A)^2], by the nearest linear model.
         power: b of the last step, 1 for the posterior.
     """
 
@@ -96,7 +98,8 @@ class Sampler:
     def posterior(self, fit: Fit, width: float, rng: np.random.Generator) -> FamilyPosterior:
         """The posterior within the family of a `fit`.
 
-        Particles begin where shapes leave about `width` [(V/A)^2] more than the fit does.
+        Particles begin where shapes leave about `width` [(V/A)^2] more than the fit does, summed
+        over the K values.
         """
         parameters = fit.parameters
         start = self._start(fit, width)
@@ -135,6 +138,8 @@ class Sampler:
             best = vectors[np.argmax(cloud.target)]
             if power == 1:
                 break
+        # Jensen's inequality gives what steps that were not taken add at least.
+        evidence += (1 - power) * float((cloud.target - cloud.density).mean())
         images = parameters.images(vectors)
         errors = about.errors(self.data, vectors, images)
         mean, error = images.mean(axis=0), float(errors.min())
@@ -280,7 +285,7 @@ def _resampled(weights: Array, count: int, rng: np.random.Generator) -> Array:
 def _rise(log_ratio: Array, most: float, enough: float) -> float:
     """The largest power, at most `most`, of ratios (n,) as weights that leaves `enough` effective.
 
-    Less cannot be had than one, where a ratio is above all others: then the least power counts.
+    `log_ratio` (n,) are their logarithms.
     """
     shifted = log_ratio - log_ratio.max()
 

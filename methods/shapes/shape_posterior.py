@@ -146,9 +146,9 @@ class ShapePosterior(UsesNetwork):
         # Every frame has the same random numbers: it does not matter which others come with it.
         rng = np.random.default_rng(0)
         found: list[FamilyPosterior] = []
-        for attempt in range(ATTEMPTS):
-            start = WIDE**2 * 4**attempt * max(fits[0].error, PIXELS**2 * energy)
-            latest = [sampler.posterior(fit, start, rng) for fit in fits]
+        width = WIDE**2 * max(fits[0].error, PIXELS**2 * energy)
+        for attempt in range(ATTEMPTS if self._model.repeated else 1):
+            latest = [sampler.posterior(fit, 4**attempt * width, rng) for fit in fits]
             found += latest
             if min(one.error for one in found) <= explained:
                 break

@@ -26,7 +26,7 @@ from eitbench.scenarios.guard import check_open
 from eitbench.scenarios.imperfections.imperfections import TOUCH_INTERVAL_S
 from eitbench.scenarios.interrupts import end_with_parent
 from eitbench.scenarios.phantoms.phantom import Phantom, draw, rasterise
-from eitbench.scenarios.physics.forward import forward_model
+from eitbench.scenarios.physics.forward import ForwardModel, forward_model
 from eitbench.scenarios.seeds import generator
 from eitbench.scenarios.sensors.sensor import content_hash
 from eitbench.scenarios.storage.array_file import read_arrays, write_arrays
@@ -114,11 +114,15 @@ def _voltages(scenario: SimulatedScenario, split: Split, samples: range) -> Arra
 
     They may differ from stored ones by rounding.
     """
+    frames: list[Array] = []
     with threadpool_limits(1):
-        return np.concatenate([
-            model.voltages(np.array([conductivity(scenario, split, sample) for sample in of]))
-            for model, of in groupby(samples, lambda k: scenario.data_model(split, k // TOUCHES))
-        ])  # fmt: skip
+        for model, of in groupby(samples, lambda k: scenario.data_model(split, k // TOUCHES)):
+            images = np.array([conductivity(scenario, split, sample) for sample in of])
+            if isinstance(model, ForwardModel):
+                frames.extend(model.voltages(images))
+            else:  # a slab takes one image at a time
+                frames.extend(model.voltages(image) for image in images)
+    return np.array(frames)
 
 
 def with_bar(steps: Iterable[_Step], title: str, total: int, *, show: bool) -> Iterable[_Step]:

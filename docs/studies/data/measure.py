@@ -3,8 +3,9 @@
 Run: python docs/studies/data/measure.py FOLDER OUT.csv OUT.png
 
 Trains `dnn` anew on the first samples of the training set of `paper`, or on new ones in every
-epoch, in FOLDER (a stopped run continues). Every training sees 192,000 samples, each under a random
-symmetry and with noise drawn anew: small sets are seen more often. `psnr` and its 95 % interval are
+epoch, in FOLDER (a stopped run continues). Every training may see 192,000 samples, each under a
+random symmetry and with noise drawn anew: small sets are seen more often. It ends before where its
+validation loss got no better for 25 epochs. `psnr` and its 95 % interval are
 of the first 600 test samples, `gain` is the mean difference to the training on 24,000.
 
 The figure shows them over the number of samples, and beside them, from the learning curves that
@@ -60,10 +61,11 @@ def measure(folder: Path) -> pd.DataFrame:
             data.sensor, data.references[0], no_split
         )  # fmt: skip
         method.fit(problem)
+        epochs = len(json.loads(result.weights.with_suffix(".json").read_text())["curve"])
         found[count] = evaluate(data, reconstructed(method, problem, data))["psnr"].to_numpy()
         rows.append({
-            "samples": count, "epochs": request.epochs, "validation": result.validation_loss,
-            "train_h": method.train_s / 3600, "n": len(data), "data": data.data_hash[:16],
+            "samples": count, "each_seen": 1 if unlimited else epochs,
+            "validation": result.validation_loss, "train_h": method.train_s / 3600, "n": len(data), "data": data.data_hash[:16],
             "eitbench": __version__,
         })  # fmt: skip
         print(rows[-1], flush=True)
