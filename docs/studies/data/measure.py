@@ -65,8 +65,8 @@ def measure(folder: Path) -> pd.DataFrame:
         found[count] = evaluate(data, reconstructed(method, problem, data))["psnr"].to_numpy()
         rows.append({
             "samples": count, "each_seen": 1 if unlimited else epochs,
-            "validation": result.validation_loss, "train_h": method.train_s / 3600, "n": len(data), "data": data.data_hash[:16],
-            "eitbench": __version__,
+            "validation": result.validation_loss, "train_h": method.train_s / 3600,
+            "n": len(data), "data": data.data_hash[:16], "eitbench": __version__,
         })  # fmt: skip
         print(rows[-1], flush=True)
     clusters = data.samples["cluster"]
