@@ -104,7 +104,7 @@ def draw_figure(table: pd.DataFrame, path: Path) -> None:
     left.set_xscale("log")
     left.set_xticks(table["samples"], [f"{n:,}" for n in table["samples"]], rotation=45)
     left.minorticks_off()
-    left.set_xlabel("training samples, 192,000 seen in all")
+    left.set_xlabel("training samples, up to 192,000 seen in all")
     left.set_ylabel("PSNR on clean test samples [dB]")
     for name in CURVES:
         hours, loss = curve(name)

@@ -1,7 +1,7 @@
 """The record of the boards `noise` and `shapes`, from stored runs.
 
 `python -m docs.studies.noise.record RUN...` writes the mean figures of every method on every
-scenario to `boards.csv`, those of each family of `shapes` to `families.csv`, and commands and
+scenario to `boards.csv` (`psnr_of_mean` is the PSNR of the mean squared error), those of each family of `shapes` to `families.csv`, and commands and
 versions to `runs.json`. Samples that several runs have count once, as the first of the runs has
 them.
 """
@@ -11,6 +11,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 from docs.tables.record import about_runs
 
@@ -27,6 +28,8 @@ def write(paths: Sequence[Path]) -> None:
     samples = samples.drop_duplicates(["scenario", "method", "sample"])
     of = samples.groupby(["scenario", "method"], sort=False)
     table = of[FIGURES].mean().join(of["psnr"].median().rename("psnr_median"))
+    of_mean = of["psnr"].agg(lambda psnr: -10 * np.log10(np.mean(10 ** (-psnr / 10))))
+    table = table.join(of_mean.rename("psnr_of_mean"))
     table = table.join(of["frame_ms"].median()).join(of.size().rename("n")).reset_index()
     table.to_csv(OUT / "boards.csv", index=False, float_format="%.6g", lineterminator="\n")
     shapes = samples[samples["scenario"] == "shapes"].groupby(["method", "family"])

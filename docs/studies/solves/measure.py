@@ -79,9 +79,9 @@ def draw(table: pd.DataFrame, path: Path) -> None:
         at = of["solves"].clip(lower=0.5)
         shown = of["psnr_median"].clip(upper=TOP - 1)
         (line,) = axes.plot(at, shown, "o-")
-        exact = ", exact" if of["psnr_median"].iloc[-1] > TOP else ""
+        exact = ", to the pixel" if of["psnr_median"].iloc[-1] > TOP else ""
         axes.annotate(
-            name + exact, (at.iloc[-1], shown.iloc[-1]), (6, 3), textcoords="offset points",
+            name + exact, (at.iloc[-1], shown.iloc[-1]), (8, -2), textcoords="offset points",
             color=line.get_color(), fontsize=8,
         )  # fmt: skip
     axes.set_xscale("log")
