@@ -1,9 +1,9 @@
 """The record of the boards `noise` and `shapes`, from stored runs.
 
 `python -m docs.studies.noise.record RUN...` writes the mean figures of every method on every
-scenario to `boards.csv` (`psnr_of_mean` is the PSNR of the mean squared error), those of each family of `shapes` to `families.csv`, and commands and
-versions to `runs.json`. Samples that several runs have count once, as the first of the runs has
-them.
+scenario to `boards.csv` (`psnr_of_mean` is the PSNR of the mean squared error), those of each
+family of `shapes` to `families.csv`, and commands and versions to `runs.json`. Samples that several
+runs have count once, as the first of the runs has them.
 """
 
 import json
