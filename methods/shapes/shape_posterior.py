@@ -54,9 +54,9 @@ EXPLAINED = 2.0
 WIDE = 3.0
 """How much wider than the Laplace approximation particles begin, for the posterior is bent."""
 ATTEMPTS, AGAIN = 3, 2
-"""At a frame that no particle explains, each twice as wide as the one before, and with how many of
-the likeliest families: where there is next to no noise, a wrong shape may be the best of all that
-are near to it."""
+"""At a frame that no particle explains, each twice as wide for the same error of the likeliest
+family's fit, and with how many of the likeliest families: where there is next to no noise, a wrong
+shape may be the best of all that are near to it."""
 UNLIKELY = 1e-6
 """A family that is less likely by this factor than the best fit is given up."""
 
@@ -146,9 +146,9 @@ class ShapePosterior(UsesNetwork):
         # Every frame has the same random numbers: it does not matter which others come with it.
         rng = np.random.default_rng(0)
         found: list[FamilyPosterior] = []
-        width = WIDE**2 * max(fits[0].error, PIXELS**2 * energy)
         for attempt in range(ATTEMPTS if self._model.repeated else 1):
-            latest = [sampler.posterior(fit, 4**attempt * width, rng) for fit in fits]
+            width = WIDE**2 * 4**attempt * max(fits[0].error, PIXELS**2 * energy)
+            latest = [sampler.posterior(fit, width, rng) for fit in fits]
             found += latest
             if min(one.error for one in found) <= explained:
                 break

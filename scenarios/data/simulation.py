@@ -110,10 +110,7 @@ def fresh_voltages(
 
 
 def _voltages(scenario: SimulatedScenario, split: Split, samples: range) -> Array:
-    """Frames (n, M) [V/A]; those of one model are solved together, in a quarter of the time.
-
-    They may differ from stored ones by rounding.
-    """
+    """Frames (n, M) [V/A], solved in batches: they may differ from stored ones by rounding."""
     frames: list[Array] = []
     with threadpool_limits(1):
         for model, of in groupby(samples, lambda k: scenario.data_model(split, k // TOUCHES)):
