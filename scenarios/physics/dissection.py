@@ -19,14 +19,13 @@ from eitbench.scenarios.arrays import Array, Index
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.physics.elements import ElectrodeTerms, stiffness
 from eitbench.scenarios.physics.mesh import Mesh
+from eitbench.scenarios.physics.registers import LANES
 
 Place = NDArray[np.uint32]  # unsigned: compiled loops need not look for negative indices
 
 # Parts of this many elements are not cut further: smaller ones spend their time on bookkeeping,
 # larger ones on arithmetic (measured: `make bench`).
 LEAF_ELEMENTS = 16
-# Rows of fronts begin at multiples of this many numbers, the width of a vector register.
-LANES = 8
 
 
 class Dissection(NamedTuple):
@@ -64,7 +63,10 @@ class Dissection(NamedTuple):
 
 
 def stride(size: int) -> int:
-    """Numbers between the rows of a front of `size` unknowns: at least one more than it has."""
+    """Numbers between the rows of a front of `size` unknowns: at least one more than it has.
+
+    Rows begin at multiples of the width of a vector register.
+    """
     return (size // LANES + 1) * LANES
 
 
