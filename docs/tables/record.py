@@ -4,6 +4,9 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
+import pandas as pd
+
 from eitbench.benchmark.analysis.results import Run
 from eitbench.reports.tables.formats import markdown_table
 
@@ -16,6 +19,11 @@ def printed(
 ) -> str:
     """Return a table in Markdown."""
     return "\n".join(markdown_table(heads, rows, right))
+
+
+def psnr_of_mean(psnr: pd.Series) -> float:
+    """Return the PSNR [dB] of the mean squared error of images with PSNR (n,) [dB]."""
+    return float(-10 * np.log10(np.mean(10 ** (-psnr / 10))))
 
 
 def about_runs(runs: Sequence[Run]) -> list[dict[str, object]]:

@@ -4,9 +4,10 @@ Run: python docs/studies/data/measure.py FOLDER OUT.csv OUT.png
 
 Trains `dnn` anew on the first samples of the training set of `paper`, or on new ones in every
 epoch, in FOLDER (a stopped run continues). Every training may see 192,000 samples, each under a
-random symmetry and with noise drawn anew: small sets are seen more often. It ends before where its
-validation loss got no better for 25 epochs. `psnr` and its 95 % interval are
-of the first 600 test samples, `gain` is the mean difference to the training on 24,000.
+random symmetry and with noise drawn anew: small sets are seen more often. It ends early if its
+validation loss gets no better for 25 epochs; `each_seen` says how often samples were seen. `psnr`
+and its 95 % interval are of the first 600 test samples, `gain` is the mean difference to the
+training on 24,000.
 
 The figure shows them over the number of samples, and beside them, from the learning curves that
 come with the packaged weights, the validation loss of every method over the hours of its training,
@@ -24,7 +25,7 @@ import torch
 
 from eitbench import __version__, load
 from eitbench.benchmark.metrics.evaluation import evaluate
-from eitbench.benchmark.metrics.statistics import draw, intervals, means, once
+from eitbench.benchmark.metrics.statistics import bootstrap
 from eitbench.methods import Problem
 from eitbench.methods.learned.image_networks import Dnn
 from eitbench.methods.method import reconstructed
@@ -71,18 +72,11 @@ def measure(folder: Path) -> pd.DataFrame:
         print(rows[-1], flush=True)
     clusters = data.samples["cluster"]
 
-    def bounds(values: Array) -> tuple[float, float, float]:
-        column = values[:, None]
-        drawn = draw(lambda counts: means(counts, column), clusters)
-        value = once(lambda counts: means(counts, column), len(column))
-        low, high = intervals(value, drawn, clusters.nunique())
-        return value.item(), low.item(), high.item()
-
+    names = ("psnr", "low", "high", "gain", "gain_low", "gain_high")
     for row in rows:
         psnr = found[row["samples"]]
-        row |= dict(zip(("psnr", "low", "high"), bounds(psnr), strict=True))
-        compared = bounds(psnr - found[PUBLISHED])
-        row |= dict(zip(("gain", "gain_low", "gain_high"), compared, strict=True))
+        figures = bootstrap(np.stack([psnr, psnr - found[PUBLISHED]], axis=1), clusters)
+        row |= dict(zip(names, (*figures[0], *figures[1]), strict=True))
     return pd.DataFrame(rows)
 
 

@@ -11,9 +11,8 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
 import pandas as pd
-from docs.tables.record import about_runs
+from docs.tables.record import about_runs, psnr_of_mean
 
 from eitbench.benchmark.analysis.results import read_run
 
@@ -28,8 +27,7 @@ def write(paths: Sequence[Path]) -> None:
     samples = samples.drop_duplicates(["scenario", "method", "sample"])
     of = samples.groupby(["scenario", "method"], sort=False)
     table = of[FIGURES].mean().join(of["psnr"].median().rename("psnr_median"))
-    of_mean = of["psnr"].agg(lambda psnr: -10 * np.log10(np.mean(10 ** (-psnr / 10))))
-    table = table.join(of_mean.rename("psnr_of_mean"))
+    table = table.join(of["psnr"].agg(psnr_of_mean).rename("psnr_of_mean"))
     table = table.join(of["frame_ms"].median()).join(of.size().rename("n")).reset_index()
     table.to_csv(OUT / "boards.csv", index=False, float_format="%.6g", lineterminator="\n")
     shapes = samples[samples["scenario"] == "shapes"].groupby(["method", "family"])

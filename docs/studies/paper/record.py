@@ -4,7 +4,8 @@
 `paper.csv`: means over all its samples of the scenario, and over the first 600. A mean PSNR rewards
 images that are right to the pixel without bound, so that the median stands beside it, and
 `psnr_of_mean`, the PSNR of the mean squared error. `gain` is the mean PSNR minus that of `dnn` on
-the same samples, with its 95 % interval. Rows of other methods and numbers of samples stay.
+the same samples, with its 95 % interval. Rows of other methods and numbers of samples stay: those
+of a method that has changed are to be deleted before.
 """
 
 import json
@@ -14,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from docs.tables.record import about_runs
+from docs.tables.record import about_runs, psnr_of_mean
 
 from eitbench.benchmark.analysis.results import read_run
 
@@ -33,7 +34,7 @@ def figures(samples: pd.DataFrame, base: pd.Series) -> dict[str, object]:
         "n": len(samples),
         **samples[FIGURES].mean(),
         "psnr_median": psnr.median(),
-        "psnr_of_mean": -10 * np.log10(np.mean(10 ** (-psnr / 10))),
+        "psnr_of_mean": psnr_of_mean(psnr),
         "frame_ms": samples["frame_ms"].median(),
         "gain": gain.mean(),
         "gain_low": gain.mean() - error,

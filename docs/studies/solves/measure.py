@@ -100,5 +100,7 @@ if __name__ == "__main__":
     if names:
         stored = pd.read_csv(table)
         found = pd.concat([stored[~stored["method"].isin(names)], found])
+        order = {name: k for k, (name, _) in enumerate(METHODS)}
+        found = found.sort_values("method", key=lambda of: of.map(order), kind="stable")
     found.to_csv(table, index=False, float_format="%.6g", lineterminator="\n")
     draw(found, Path(picture))

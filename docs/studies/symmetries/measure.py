@@ -17,7 +17,7 @@ import torch
 
 from eitbench import __version__, load
 from eitbench.benchmark.metrics.evaluation import evaluate
-from eitbench.benchmark.metrics.statistics import draw, intervals, means, once
+from eitbench.benchmark.metrics.statistics import bootstrap
 from eitbench.methods import Problem, create
 from eitbench.methods.learned.image_networks import TrainedMethod
 from eitbench.methods.method import reconstructed
@@ -51,13 +51,10 @@ def main(count: int, out: str) -> None:
         for part in (method, getattr(method, "_first", method)):
             part._motions = part._motions[:1]
         alone, ms_alone = scored(method, data)
-        gain = (psnr - alone)[:, None]
-        drawn = draw(lambda counts, gain=gain: means(counts, gain), clusters)
-        value = once(lambda counts, gain=gain: means(counts, gain), len(gain))
-        low, high = intervals(value, drawn, clusters.nunique())
+        (gain,) = bootstrap((psnr - alone)[:, None], clusters)
         rows.append({
             "method": name, "n": count, "psnr_one": alone.mean(), "psnr": psnr.mean(),
-            "gain": value.item(), "gain_low": low.item(), "gain_high": high.item(),
+            "gain": gain.value, "gain_low": gain.low, "gain_high": gain.high,
             "ms_one": ms_alone, "ms": ms, "weights": method.weights_hash(data.sensor)[:16],
             "data": data.data_hash[:16], "eitbench": __version__,
         })  # fmt: skip
