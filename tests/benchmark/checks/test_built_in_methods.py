@@ -8,6 +8,8 @@ from eitbench.methods.registry import METHOD_REGISTRY, methods
 
 # A network is fitted to every frame: minutes on one core.
 LONG = {"dip", "inr", "pinn", "cnn-pinn"}
+# Shapes are sampled for every frame: seconds on one core, and the checks ask for many frames.
+SAMPLED = {"shape-posterior"}
 # Peers that share their code with one that is always checked.
 ALIKE = {"pyeit-bp", "pyeit-greit"}
 
@@ -22,6 +24,8 @@ def test_every_built_in_method_is_listed() -> None:
 def marks(name: str) -> list[pytest.MarkDecorator]:
     if name in LONG | ALIKE:
         return [pytest.mark.nightly, pytest.mark.timeout(1800)]
+    if name in SAMPLED:
+        return [pytest.mark.slow, pytest.mark.timeout(1200)]
     return [pytest.mark.slow]
 
 
@@ -29,5 +33,5 @@ def marks(name: str) -> list[pytest.MarkDecorator]:
 def test_a_built_in_method_keeps_the_contract(name: str) -> None:
     if why := methods()[name].unusable(OWN_GRID.nominal_sensor):
         pytest.skip(why)
-    report = check_method(name, limit_s=300 if name in LONG else 60)
+    report = check_method(name, limit_s=300 if name in LONG | SAMPLED else 60)
     assert report.passed, [f"{result.name}: {result.message}" for result in report.failed]
