@@ -36,8 +36,7 @@ STEP = {"place": 0.005, "angle": 0.02, "size": 0.005, "ratio": 0.02, "level": 0.
 """Small changes of parameters, each about as large for an image as the others."""
 
 SLACK = 0.03
-"""Of the distances within a region, by which it may be larger than the sensor allows: fits with
-soft edges are that uncertain."""
+"""Of regions that are fitted with soft edges, which are that uncertain."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,10 +49,13 @@ class Parameters:
     Attributes:
         family: of a single shape.
         sensor: the nominal one.
+        slack: part of the distances within a region by which it may be larger than the sensor
+            allows.
     """
 
     family: Family
     sensor: Sensor
+    slack: float = SLACK
 
     @cached_property
     def side(self) -> float:
@@ -177,7 +179,7 @@ class Parameters:
         takes the place of the conductivity x. Also (n,) the logarithm of the volume of vectors
         over that of coordinates.
         """
-        parts = vectors.reshape(len(vectors), self.family.count, -1)
+        parts = self.parts(vectors)
         levels, areas = parts[..., -1], self._areas(parts)
         straight = parts.copy()
         straight[..., -1] = areas * (levels - 1) / (levels + 1)
@@ -189,11 +191,15 @@ class Parameters:
 
         A strength of the area or more belongs to no conductivity: its vector is out of range.
         """
-        parts = straight.reshape(len(straight), self.family.count, -1).copy()
+        parts = self.parts(straight).copy()
         factors = parts[..., -1] / self._areas(parts)
         with np.errstate(divide="ignore"):
             parts[..., -1] = (1 + factors) / (1 - factors)
         return np.asarray(parts.reshape(straight.shape))
+
+    def parts(self, vectors: Array) -> Array:
+        """Vectors (n, P) by inclusions: (n, count, values)."""
+        return vectors.reshape(len(vectors), self.family.count, len(self.low) // self.family.count)
 
     def _areas(self, parts: Array) -> Array:
         """Areas (n, count) of inclusions (n, count, values), as fractions of the side's square."""
@@ -208,12 +214,12 @@ class Parameters:
     def possible(self, vectors: Array) -> Mask:
         """True (n,) for vectors (n, P) within their ranges whose regions fit into the sensor.
 
-        Regions may be out of it by `SLACK`.
+        Regions may be out of it by `slack`.
         """
         possible = self.within(vectors)
         for k in np.flatnonzero(possible):
             regions = [region for region, _ in self.inclusions(vectors[k])]
-            points = [_shrunk(region) for region in regions]
+            points = [self._shrunk(region) for region in regions]
             inside = self.sensor.outline.contains(*np.concatenate(points).T).all()
             possible[k] = inside and self._apart(points)
         return possible
@@ -222,15 +228,14 @@ class Parameters:
         """True if regions of which these are `points` (k, 2) keep the family's distance."""
         centres = [of.mean(axis=0) for of in points]
         reach = [float(np.hypot(*(p - c).T).max()) for p, c in zip(points, centres, strict=True)]
-        gap = (1 - SLACK) * self.family.gap * self.side
+        gap = (1 - self.slack) * self.family.gap * self.side
         return all(
             math.dist(centres[i], centres[j]) >= reach[i] + reach[j] + gap
             for i in range(len(points))
             for j in range(i)
         )
 
-
-def _shrunk(region: Region) -> Array:
-    """Points (k, 2) [m] of the rim of a region, nearer to its place by `SLACK`."""
-    place = np.array([region.pose.x, region.pose.y])
-    return np.asarray(place + (1 - SLACK) * (region.rim() - place))
+    def _shrunk(self, region: Region) -> Array:
+        """Points (k, 2) [m] of the rim of a region, nearer to its place by `slack`."""
+        place = np.array([region.pose.x, region.pose.y])
+        return np.asarray(place + (1 - self.slack) * (region.rim() - place))

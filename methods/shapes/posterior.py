@@ -114,12 +114,12 @@ class Sampler:
         for _ in range(self.steps):
             about = LocalModels.about(self.model, parameters, best, vectors)
             cloud = self._cloud(about, start, vectors)
-            rise = _rise(cloud.target - cloud.density, 1 - power, ENOUGH * len(vectors))
-            power += rise
-            log_weights = rise * (cloud.target - cloud.density)
+            raised = rise(cloud.target - cloud.density, 1 - power, ENOUGH * len(vectors))
+            power += raised
+            log_weights = raised * (cloud.target - cloud.density)
             evidence += float(special.logsumexp(log_weights)) - math.log(len(vectors))
             spread = _spread(cloud.straight, log_weights)
-            chosen = _resampled(special.softmax(log_weights), self.particles, rng)
+            chosen = resampled(special.softmax(log_weights), self.particles, rng)
             cloud = cloud.take(chosen)
             for _ in range(MOVES):
                 lengths = longest * stride ** rng.random((self.particles, 1))
@@ -275,14 +275,14 @@ def _spread(straight: Array, log_weights: Array) -> Array:
     return np.asarray(deviations[:, None] * linalg.cholesky(correlation, lower=True))
 
 
-def _resampled(weights: Array, count: int, rng: np.random.Generator) -> Array:
+def resampled(weights: Array, count: int, rng: np.random.Generator) -> Array:
     """Numbers (count,) of particles, each as often as its weight says (systematic resampling)."""
     return np.searchsorted(np.cumsum(weights), (rng.random() + np.arange(count)) / count).clip(
         max=len(weights) - 1
     )
 
 
-def _rise(log_ratio: Array, most: float, enough: float) -> float:
+def rise(log_ratio: Array, most: float, enough: float) -> float:
     """The largest power, at most `most`, of ratios (n,) as weights that leaves `enough` effective.
 
     `log_ratio` (n,) are their logarithms.

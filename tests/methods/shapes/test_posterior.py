@@ -8,7 +8,7 @@ from tests.support.small_sensors import clean_problem, foam
 
 from eitbench.methods.shapes.fit import FrameModel, fit_frame
 from eitbench.methods.shapes.parameters import Parameters
-from eitbench.methods.shapes.posterior import Sampler, Student, _resampled, _rise
+from eitbench.methods.shapes.posterior import Sampler, Student, resampled, rise
 from eitbench.scenarios.phantoms.families import FAMILIES
 
 Array = NDArray[np.float64]
@@ -30,16 +30,16 @@ def test_particles_start_with_the_density_that_is_said() -> None:
 def test_a_step_leaves_enough_particles() -> None:
     rng = np.random.default_rng(0)
     even, uneven = 0.1 * rng.standard_normal(200), 50 * rng.standard_normal(200)
-    assert _rise(even, 0.7, 100) == 0.7
-    rise = _rise(uneven, 1.0, 20)
-    weights = special.softmax(rise * uneven)
-    assert 0 < rise < 1
+    assert rise(even, 0.7, 100) == 0.7
+    found = rise(uneven, 1.0, 20)
+    weights = special.softmax(found * uneven)
+    assert 0 < found < 1
     assert 1 / (weights @ weights) == pytest.approx(20, rel=0.02)
 
 
 def test_particles_are_drawn_as_often_as_their_weight_says() -> None:
     weights = np.array([0.5, 0.001, 0.299, 0.2])
-    counts = np.bincount(_resampled(weights, 1000, np.random.default_rng(0)), minlength=4)
+    counts = np.bincount(resampled(weights, 1000, np.random.default_rng(0)), minlength=4)
     assert np.abs(counts - 1000 * weights).max() <= 1
 
 

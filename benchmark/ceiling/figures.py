@@ -1,0 +1,195 @@
+"""Figures of the ceiling: of the posterior mean of every frame, and how far draws can be trusted.
+
+The mean of the posterior has the least expected squared error of all estimates (Lehmann and
+Casella, Theory of Point Estimation, 1998, 4.1). Its PSNR of the mean squared error over many frames
+is therefore a bound for every method; SSIM, CC, RIE, place and the mean of the frames' PSNR have
+optima of their own, and the figures of the same mean are a reference there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from scipy import stats
+
+from eitbench.benchmark.ceiling.drawing import draws_of, told
+from eitbench.benchmark.ceiling.models import images
+from eitbench.benchmark.ceiling.sampler import CORRECTED, PROPOSALS, Draws, Proposals
+from eitbench.benchmark.metrics.evaluation import evaluate
+from eitbench.benchmark.metrics.statistics import bootstrap, means
+from eitbench.methods.shapes.parameters import Parameters
+from eitbench.scenarios.arrays import Array
+from eitbench.scenarios.data.datasets import Dataset, load
+from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.seeds import generator
+from eitbench.scenarios.sensors.sensor import Sensor
+from eitbench.scenarios.suites.scenario import Scenario
+
+TRACES = ("x", "y", "strength", "area")
+"""What a frame says of a touch, whatever its family: the centre of its |contrast| [m], the integral
+of its contrast [m^2], and its area [m^2]."""
+AGREED = 1.01
+"""Greatest R-hat of the traces of a frame whose draws are trusted."""
+FIGURES = ("psnr", "ssim", "cc", "rie", "localisation_mm")
+
+
+def frames_table(folder: Path, scenarios: Sequence[Scenario], samples: int) -> pd.DataFrame:
+    """One row for each of the first `samples` frames of scenarios of which `folder` holds draws.
+
+    Columns: `scenario`, `sample`, `input_hash`, `cluster`, `family` and `snr_db` of the frame;
+    `FIGURES` of the posterior mean; `mse` of it [(S/m)^2], `mse_<proposals>` of each sampler's
+    alone, and `expected_mse`, the variance of the posterior; `rhat`, the greatest of the traces;
+    `effective`, the lesser share of exact weights; `rank_<trace>`, the share of draws below the
+    truth; `sd_<trace>`; `likely_<family>`, the probabilities.
+
+    Raises:
+        InputError: none of these frames has draws.
+    """
+    rows = []
+    for scenario in map(told, scenarios):
+        data = load(scenario, "test", samples)
+        truth = data.conductivity
+        assert truth is not None
+        families = [Parameters(of, data.sensor) for of in scenario.split_families("test")]
+        found, estimates = [], []
+        for sample in range(len(data)):
+            drawn = draws_of(folder, data, sample)
+            if drawn is None:
+                continue
+            row, mean = _frame(data, sample, truth[sample], drawn, families)
+            found.append(row)
+            estimates.append(mean)
+        if not found:
+            continue
+        which = [row["sample"] for row in found]
+        filled = np.array([data.sensor.background * np.ones(data.sensor.image_shape)] * len(data))
+        filled[which] = np.array(estimates)
+        scored = evaluate(data, filled).iloc[which].reset_index(drop=True)
+        rows.append(pd.concat([pd.DataFrame(found), scored[list(FIGURES)]], axis=1))
+    if not rows:
+        raise InputError(f"{folder} holds no draws of these scenarios: draw some first.")
+    return pd.concat(rows, ignore_index=True)
+
+
+def _frame(
+    data: Dataset,
+    sample: int,
+    truth: Array,
+    drawn: Mapping[Proposals, Draws],
+    families: list[Parameters],
+) -> tuple[dict[str, object], Array]:
+    """Figures of one frame, and its posterior mean (H, W) [S/m]."""
+    background = data.sensor.background
+    painted = {k: background * images(families, d.families, d.vectors) for k, d in drawn.items()}
+    weights = {k: d.weights / d.weights.sum() for k, d in drawn.items()}
+    alone = {k: np.tensordot(weights[k], painted[k], axes=1) for k in PROPOSALS}
+    mean = np.mean([alone[k] for k in PROPOSALS], axis=0)
+    pixels = data.sensor.mask
+    squares = [weights[k] @ ((painted[k] - mean)[:, pixels] ** 2).mean(axis=1) for k in PROPOSALS]
+    traced = {k: traces(painted[k], data.sensor) for k in PROPOSALS}
+    both = np.concatenate([traced[k] for k in PROPOSALS])
+    weight = np.concatenate([weights[k] for k in PROPOSALS]) / len(PROPOSALS)
+    (true,) = traces(truth[None], data.sensor)
+    chance = generator("ceiling", "ties", data.scenario, sample).random(len(TRACES))
+    below = weight @ (both < true) + chance * (weight @ (both == true))
+    deviations = np.sqrt(weight @ (both - weight @ both) ** 2)
+    family = np.concatenate([drawn[k].families for k in PROPOSALS])
+    likely = np.bincount(family, weight, minlength=len(families))
+    about = data.samples.iloc[sample]
+    return {
+        "scenario": data.scenario,
+        "sample": sample,
+        "input_hash": data.frame_hashes[sample],
+        "cluster": about["cluster"],
+        "family": about["family"],
+        "snr_db": about["snr_db"],
+        "touch_snr_db": about["touch_snr_db"],
+        "mse": float(np.square(mean - truth)[pixels].mean()),
+        **{f"mse_{k}": float(np.square(alone[k] - truth)[pixels].mean()) for k in PROPOSALS},
+        "expected_mse": float(np.mean(squares)),
+        "rhat": max(rhat([traced[k][:, t] for k in PROPOSALS], [weights[k] for k in PROPOSALS])
+                    for t in range(len(TRACES))),
+        "effective": min(d.effective for d in drawn.values()),
+        **{f"rank_{name}": float(below[t]) for t, name in enumerate(TRACES)},
+        **{f"sd_{name}": float(deviations[t]) for t, name in enumerate(TRACES)},
+        **{f"likely_{of.family.name}": float(p) for of, p in zip(families, likely, strict=True)},
+    }, mean  # fmt: skip
+
+
+def traces(conductivity: Array, sensor: Sensor) -> Array:
+    """`TRACES` (n, 4) of images (n, H, W) [S/m]."""
+    inside = sensor.mask
+    contrast = 1 - conductivity[:, inside] / sensor.background
+    strength, area = contrast.sum(axis=1), (contrast != 0).sum(axis=1)
+    weight = np.abs(contrast)
+    total = np.maximum(weight.sum(axis=1), 1e-12)
+    x, y = (weight @ axis[inside] / total for axis in sensor.pixel_centres)
+    pixel = np.prod(sensor.pixel_size)
+    return np.stack([x, y, strength * pixel, area * pixel], axis=1)
+
+
+def rhat(chains: Sequence[Array], weights: Sequence[Array]) -> float:
+    """R-hat of one trace, from weighted draws (n,) of each chain (Gelman and Rubin 1992)."""
+    means = [float(w @ x) for x, w in zip(chains, weights, strict=True)]
+    within = [float(w @ (x - m) ** 2) for x, w, m in zip(chains, weights, means, strict=True)]
+    between = float(np.var(means, ddof=1))
+    if not np.mean(within):
+        return 1.0 if not between else float("inf")
+    return float(np.sqrt(1 + between / np.mean(within)))
+
+
+def trusted(frames: pd.DataFrame) -> pd.Series:
+    """True where both samplers agree on all traces of a frame."""
+    return frames["rhat"] < AGREED
+
+
+def exactly_weighted(frames: pd.DataFrame) -> pd.Series:
+    """True where the draws of both samplers are of the exact model; see `sampler`."""
+    return frames["effective"] >= CORRECTED
+
+
+def summary(frames: pd.DataFrame) -> pd.DataFrame:
+    """One row per scenario of a table of frames.
+
+    Columns: `scenario`, `snr_db` and `n`; means of `FIGURES`, of the place the median;
+    `psnr_of_mse` [dB] with its 95 % interval `low` and `high`; `expected_psnr` [dB], the same by
+    the variance of the posterior; `apart_db`, how far that of one sampler is above that of the
+    other, `apart_low` and `apart_high`; `agreed`, the share of trusted frames, and `exact`, of
+    those with exact weights; `within_50`, `within_80` and `within_95`, the share of true traces
+    within central intervals of the posterior; `uniform_p`, the least p-value of Kolmogorov and
+    Smirnov's test that the ranks of a trace are uniform, times the number of traces.
+    """
+    return pd.DataFrame(
+        [_summary(str(name), of) for name, of in frames.groupby("scenario", sort=False)]
+    )
+
+
+def _summary(scenario: str, of: pd.DataFrame) -> dict[str, object]:
+    errors = of[["mse", *(f"mse_{k}" for k in PROPOSALS)]].to_numpy()
+    whole, apart = bootstrap(errors, of["cluster"], _decibels)
+    ranks = of[[f"rank_{name}" for name in TRACES]].to_numpy()
+    off = np.abs(ranks - 0.5)
+    tests = [stats.kstest(column, "uniform").pvalue for column in ranks.T]
+    return {
+        "scenario": scenario,
+        "snr_db": float(of["snr_db"].iloc[0]),
+        "n": len(of),
+        **{name: float(of[name].mean()) for name in FIGURES if name != "localisation_mm"},
+        "localisation_mm": float(of["localisation_mm"].median()),
+        **dict(zip(("psnr_of_mse", "low", "high"), whole, strict=True)),
+        "expected_psnr": float(-10 * np.log10(of["expected_mse"].mean())),
+        **dict(zip(("apart_db", "apart_low", "apart_high"), apart, strict=True)),
+        "agreed": float(trusted(of).mean()),
+        "exact": float(exactly_weighted(of).mean()),
+        **{f"within_{level}": float((off <= level / 200).mean()) for level in (50, 80, 95)},
+        "uniform_p": min(1.0, len(TRACES) * min(tests)),
+    }
+
+
+def _decibels(counts: Array, errors: Array) -> Array:
+    """PSNR (b, 2) of the first mean of `errors` (n, 3), and of the second over the third."""
+    mean = means(counts, errors)
+    return -10 * np.log10(np.stack([mean[:, 0], mean[:, 1] / mean[:, 2]], axis=1))

@@ -1,0 +1,167 @@
+"""The law that phantoms are drawn by, as a density over their parameters.
+
+`scenarios.phantoms.phantom.draw` takes a family, draws sizes s and conductivities uniformly, and
+then tries places and angles, uniform over the sensor's bounding box, until the inclusions fit. A
+vector of parameters theta that fits therefore has the density
+
+    p(theta) = C / (V Z(s)),
+
+with V the volume of all ranges, C the number of vectors that give the same phantom, and Z(s) the
+share of places at which inclusions of these sizes fit. Z is counted: `TRIES` random places for each
+of `SIZES` random sizes, and log Z is a polynomial of the sizes fitted to these counts (Poisson
+regression), whose degree is `DEGREE`.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from eitbench.methods.shapes.parameters import Parameters
+from eitbench.scenarios.arrays import Array, Mask
+from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.phantoms.families import Family
+from eitbench.scenarios.phantoms.phantom import draw
+from eitbench.scenarios.phantoms.regions import RIM_POINTS
+from eitbench.scenarios.sensors.sensor import Sensor
+
+SIZES, TRIES = 400, 400
+DEGREE = 3
+ROUND = 1 - math.cos(math.pi / RIM_POINTS)
+"""Slack of round regions: the generator looks at polygons around them, at any angle."""
+PERIODS = {"rectangle": math.pi, "ellipse": math.pi, "star": 2 * math.pi / 5}
+"""Angle after which a shape looks the same, where that is less than a full turn."""
+
+
+@dataclass(frozen=True, eq=False)
+class FamilyPrior:
+    """The law of one family on one sensor.
+
+    One vector stands for all that give the same phantom: angles lie within a shape's period, a
+    rectangle is at least as wide as high, and several inclusions are ordered by x.
+    """
+
+    parameters: Parameters
+
+    @classmethod
+    def of(cls, family: Family, sensor: Sensor) -> FamilyPrior:
+        """The law of `family`.
+
+        Raises:
+            InputError: a family whose phantoms are not vectors of parameters.
+        """
+        if len(family.shapes) > 1 or family.pressure is not None or family.levels:
+            raise InputError(
+                f"The ceiling is not known for family {family.name!r}: it needs families of one "
+                "shape whose conductivity is drawn from a range."
+            )
+        return cls(Parameters(family, sensor, slack=ROUND))
+
+    @property
+    def _shape(self) -> str:
+        return self.parameters.family.shapes[0].name
+
+    def draw(self, count: int, rng: np.random.Generator) -> Array:
+        """Vectors (count, P), from the generator of phantoms itself."""
+        family, sensor = self.parameters.family, self.parameters.sensor
+        drawn = (draw(family, sensor, rng) for _ in range(count))
+        return self.folded(np.array([self.parameters.of_phantom(phantom) for phantom in drawn]))
+
+    def folded(self, vectors: Array) -> Array:
+        """The vectors (n, P) that stand for the same phantoms as `vectors` (n, P) do."""
+        parts = self.parameters.parts(vectors).copy()
+        if self._shape == "rectangle":  # x, y, angle, width, height, level
+            turned = parts[..., 3] < parts[..., 4]
+            parts[turned, 3], parts[turned, 4] = parts[turned, 4], parts[turned, 3]
+            parts[turned, 2] += math.pi / 2
+        order = np.argsort(parts[..., 0], axis=1)
+        folded = np.take_along_axis(parts, order[..., None], axis=1).reshape(vectors.shape)
+        return self.wrapped(folded)
+
+    def wrapped(self, vectors: Array) -> Array:
+        """Vectors (n, P) with angles within the shape's period."""
+        turns = ~np.isfinite(self.parameters.high)
+        period = PERIODS.get(self._shape, 2 * math.pi)
+        return np.where(turns, vectors % period, vectors)
+
+    def unwrapped(self, vectors: Array) -> Array:
+        """Vectors (n, P) with angles within half of a period of their mean direction."""
+        turns = ~np.isfinite(self.parameters.high)
+        period = PERIODS.get(self._shape, 2 * math.pi)
+        mean = np.angle(np.exp(2j * np.pi / period * vectors).mean(axis=0)) * period / (2 * np.pi)
+        around = (vectors - mean + period / 2) % period + mean - period / 2
+        return np.where(turns, around, vectors)
+
+    def standing(self, vectors: Array) -> Mask:
+        """True (n,) for vectors (n, P) within their ranges that stand for their phantoms."""
+        parts = self.parameters.parts(vectors)
+        standing = self.parameters.within(vectors) & (np.diff(parts[..., 0]) >= 0).all(axis=1)
+        if self._shape == "rectangle":
+            standing &= (parts[..., 3] >= parts[..., 4]).all(axis=1)
+        return np.asarray(standing)
+
+    def fits(self, vector: Array) -> bool:
+        """True if the phantom of a vector (P,), filled up or not, fits into the sensor."""
+        return bool(self.parameters.possible(vector[None, : len(self.parameters.low)])[0])
+
+    def log_density(self, vectors: Array) -> Array:
+        """log p (n,) of vectors (n, P) that stand for phantoms which fit into the sensor."""
+        constant = math.log(self.parameters.copies) - np.log(self.parameters.span).sum()
+        return np.asarray(constant - self._powers(vectors) @ self._log_share)
+
+    def _powers(self, vectors: Array) -> Array:
+        """Polynomials (n, terms) of the sizes, each scaled to -1 .. 1."""
+        sized = self._sized
+        low, high = self.parameters.low[sized], self.parameters.high[sized]
+        scaled = (2 * vectors[:, sized] - low - high) / (high - low)
+        degrees = itertools.product(range(DEGREE + 1), repeat=int(sized.sum()))
+        terms = [np.prod(scaled**degree, axis=1) for degree in degrees if sum(degree) <= DEGREE]
+        return np.stack(terms, axis=1)
+
+    @cached_property
+    def _log_share(self) -> Array:
+        """Coefficients (terms,) of log Z, by Poisson regression of counts."""
+        rng, parameters = np.random.default_rng(0), self.parameters
+        low = np.where(np.isfinite(parameters.low), parameters.low, 0.0)
+        vectors = low + parameters.span * rng.random((SIZES, len(low)))
+        terms = self._powers(vectors)
+        counts = np.array([self._fitting(vector, rng) for vector in vectors])
+        found = np.zeros(terms.shape[1])
+        found[0] = math.log(counts.mean() / TRIES)
+        for _ in range(20):
+            expected = TRIES * np.exp(terms @ found)
+            step = np.linalg.solve((terms.T * expected) @ terms, terms.T @ (counts - expected))
+            found += step
+        return found
+
+    @cached_property
+    def _sized(self) -> Mask:
+        """True (P,) where a value is a size."""
+        each = len(self.parameters.low) // self.parameters.family.count
+        first = each - 1 - len(self.parameters.family.shapes[0].sizes)
+        of_one = (np.arange(each) >= first) & (np.arange(each) < each - 1)
+        return np.tile(of_one, self.parameters.family.count)
+
+    def _fitting(self, vector: Array, rng: np.random.Generator) -> int:
+        """At how many of `TRIES` random places inclusions of these sizes fit."""
+        family, sensor = self.parameters.family, self.parameters.sensor
+        x0, y0, x1, y1 = sensor.outline.bounds
+        rims = [
+            region.rim() - (region.pose.x, region.pose.y)
+            for region, _ in self.parameters.inclusions(vector)
+        ]
+        places = rng.uniform((x0, y0), (x1, y1), size=(TRIES, len(rims), 2))
+        fits = np.ones(TRIES, dtype=bool)
+        for i, j in itertools.combinations(range(len(rims)), 2):
+            reach = sum(float(np.hypot(*rims[k].T).max()) for k in (i, j))
+            away = np.linalg.norm(places[:, i] - places[:, j], axis=1)
+            fits &= away >= reach + family.gap * self.parameters.side
+        for k, rim in enumerate(rims):
+            turned = np.exp(1j * rng.uniform(0, 2 * math.pi, (TRIES, 1))) * (rim @ (1, 1j))
+            points = places[:, k, :1] + turned.real, places[:, k, 1:] + turned.imag
+            fits &= sensor.outline.contains(*points).all(axis=1)
+        return int(fits.sum())

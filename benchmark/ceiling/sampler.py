@@ -1,0 +1,355 @@
+"""Draws from the posterior of phantoms, by sequential Monte Carlo from the generator's own draws.
+
+Particles are phantoms of all families. They begin as draws of the prior p (`prior`), and are taken
+to the posterior, given a frame, through
+
+    p L_b,    b from 0 to 1,
+
+with L_b the likelihood by the stand-in of the exact model (`models`) whose noise has 1 / b of its
+variance (annealed sequential Monte Carlo: Del Moral, Doucet and Jasra 2006, section 3.3). A step
+raises b by as much as leaves the share `ENOUGH` of the particles of every likely family effective,
+draws them anew by their weights, and moves each `MOVES` times within its family by Metropolis
+steps. As particles close in, the stand-in is fitted anew to exact solutions of some of them; what
+that changes is part of the weights. All families that are not given up have the same number of
+particles; the products of their mean weights are their evidence, which says how likely they are.
+
+In the end, some of the particles are solved exactly. Where their weights, the exact likelihood over
+that of the stand-in, leave enough of them, they are the draws; where they do not, for the frame
+tells which pixels of the data's mesh lie in a shape, the draws are of the posterior that takes this
+for noise.
+
+Two kinds of proposals make two samplers: `walk` takes normal steps with the covariance of a
+family's particles, `differences` steps along the difference of two of them (ter Braak 2006).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import numpy as np
+from scipy import linalg, optimize, special
+
+from eitbench.benchmark.ceiling.frames import Frame
+from eitbench.benchmark.ceiling.models import PhantomModels, StandIn
+from eitbench.benchmark.ceiling.prior import FamilyPrior
+from eitbench.methods.shapes.posterior import ACCEPTED, ENOUGH, resampled
+from eitbench.scenarios.arrays import Array, Index, Mask
+
+Proposals = Literal["walk", "differences"]
+PROPOSALS: tuple[Proposals, ...] = ("walk", "differences")
+
+BEGIN = 2.0
+"""Effective draws of a likely family, for every particle, that the first step leaves."""
+MOVES = 6
+"""Of every particle in a step."""
+FEWEST = 100
+"""Particles of a family."""
+LIKELY, UNLIKELY = 1e-3, 1e-6
+"""Probability of a family from which on b waits for it, and below which it is given up."""
+CLOSER = 6.0
+"""Rise of b after which the stand-in is fitted anew."""
+SOLVED, SOLVED_LAST = 32, 80
+"""Exact solutions that it is fitted to on the way, and at b = 1."""
+KEPT, FALL, FALLS = 0.3, 0.7, 12
+"""Effective share that a fit leaves, or b falls by this factor, so often at most."""
+SETTLED, FITS = 0.5, 5
+"""Effective share that a fit at b = 1 leaves when it is the last one, and the most such fits."""
+CHECKED = 100
+"""Particles that are solved exactly in the end."""
+CORRECTED, RIGHT = 0.3, 0.9
+"""Effective share of their weights from which on these particles are the draws, and from which on
+no weights are needed: all particles are the draws."""
+LONGEST = 2.4
+"""Length of steps, in standard deviations of a family over the root of the number of parameters."""
+BESIDE = 0.1
+"""Part of a normal step that is added to one along a difference."""
+LEAST = 1e-12
+"""Of b, in the search for the first one."""
+FEW = 2
+"""A family with fewer particles than so many for each parameter has no differences to go along."""
+
+
+class Particles(NamedTuple):
+    """Phantoms.
+
+    Attributes:
+        families: (n,) numbers of their families.
+        vectors: (n, P) parameters, filled up with zeros.
+        log_prior: (n,) logarithm of p, over the coordinates that moves are made in.
+        quick: (n, K) predictions of the quick model [V/A].
+    """
+
+    families: Index
+    vectors: Array
+    log_prior: Array
+    quick: Array
+
+    def take(self, chosen: Index) -> Particles:
+        """The particles of these numbers."""
+        return Particles(*(values[chosen] for values in self))
+
+    def where(self, chosen: Mask, other: Particles) -> Particles:
+        """These particles, or those of `other` where `chosen` (n,) is true."""
+        pairs = zip(other, self, strict=True)
+        return Particles(
+            *(np.where(chosen.reshape(-1, *[1] * (a.ndim - 1)), a, b) for a, b in pairs)
+        )
+
+
+class Draws(NamedTuple):
+    """Weighted draws of the posterior.
+
+    Attributes:
+        families, vectors: as of `Particles`.
+        weights: (n,), which sum to 1.
+        effective: share of `CHECKED` draws that exact weights leave; below `CORRECTED` the draws
+            are not corrected by them.
+    """
+
+    families: Index
+    vectors: Array
+    weights: Array
+    effective: float
+
+
+def library(models: PhantomModels, each: int, rng: np.random.Generator) -> Particles:
+    """Draws of the prior, `each` of every family."""
+    drawn = [prior.draw(each, rng) for prior in models.priors]
+    longest = max(vectors.shape[1] for vectors in drawn)
+    families = np.repeat(np.arange(len(drawn)), each)
+    vectors = np.concatenate([np.pad(v, ((0, 0), (0, longest - v.shape[1]))) for v in drawn])
+    log_prior = np.concatenate([_log_prior(*of) for of in zip(models.priors, drawn, strict=True)])
+    return Particles(families, vectors, log_prior, models.quick(families, vectors))
+
+
+@dataclass(frozen=True, eq=False)
+class Sampler:
+    """Sampling of posteriors.
+
+    Attributes:
+        models: of the unit that frames come from.
+        library: draws of the prior.
+        count: particles.
+        proposals: see the module.
+    """
+
+    models: PhantomModels
+    library: Particles
+    count: int
+    proposals: Proposals
+
+    def draws(self, frame: Frame, rng: np.random.Generator) -> Draws:
+        """Draws of the posterior, given a frame."""
+        annealing = _Annealing(self, frame, rng)
+        annealing.run()
+        return annealing.draws()
+
+
+class _Annealing:
+    """The particles of one frame on their way from the prior to the posterior."""
+
+    def __init__(self, sampler: Sampler, frame: Frame, rng: np.random.Generator) -> None:
+        self._models, self._proposals = sampler.models, sampler.proposals
+        self._count, self._particles = sampler.count, sampler.library
+        self._frame, self._rng = frame, rng
+        self._use(self._models.untouched())
+        self._log_likely = np.zeros(len(self._models.priors))
+        self._sharpness, self._stride = 0.0, 1.0
+
+    def _use(self, stand_in: StandIn) -> None:
+        self._stand_in, self._errors = stand_in, stand_in.errors_in(self._frame)
+
+    def _log_likelihood(self, particles: Particles, sharpness: float | None = None) -> Array:
+        """log L_b (n,) of particles; b is that of now by default."""
+        b = self._sharpness if sharpness is None else sharpness
+        return self._frame.log_likelihood(self._stand_in(particles.quick), b, self._errors)
+
+    def _of(self, least: float) -> dict[int, Index]:
+        """The numbers of the particles of each family that is at least so likely."""
+        families = self._particles.families
+        likely = np.flatnonzero(self._log_likely >= math.log(least))
+        return {family: np.flatnonzero(families == family) for family in likely.tolist()}
+
+    def run(self) -> None:
+        """Take the particles to p L_1."""
+        self._sharpen(BEGIN * self._count / len(self._particles.families))
+        fitted_at, fits, share = self._sharpness, 0, 0.0
+        while fits < FITS and (self._sharpness < 1 or share < SETTLED):
+            self._move()
+            if self._sharpness < 1:
+                self._sharpen(ENOUGH)
+            last = self._sharpness == 1
+            if last or self._sharpness > CLOSER * fitted_at:
+                fitted_at = self._sharpness
+                share = self._fit(SOLVED_LAST if last else SOLVED)
+                fits += last
+        while self._sharpness < 1:
+            self._move()
+            self._sharpen(ENOUGH)
+        self._move()
+
+    def _sharpen(self, enough: float) -> None:
+        """Raise b, so that this share of every likely family stays effective."""
+        now, of = self._log_likelihood(self._particles), self._of(LIKELY).values()
+
+        def surplus(log_b: float) -> float:
+            gain = self._log_likelihood(self._particles, math.exp(log_b)) - now
+            return min(effective(gain[some]) / len(some) for some in of) - enough
+
+        b = 1.0
+        if surplus(0.0) < 0:
+            least = math.log(max(self._sharpness, LEAST))
+            b = math.exp(optimize.brentq(surplus, least, 0.0, xtol=0.02))
+        self._draw_anew(self._log_likelihood(self._particles, b) - now)
+        self._sharpness = b
+
+    def _fit(self, count: int) -> float:
+        """Fit the stand-in anew, to exact solutions of so many particles.
+
+        Where particles were led astray, b falls until enough of them are effective. Returns the
+        share of the likeliest family that would be effective at the same b.
+        """
+        some = self._rng.choice(len(self._particles.families), count, replace=False)
+        chosen = self._particles.take(some)
+        exact = self._models.exact(chosen.families, chosen.vectors)
+        before = self._log_likelihood(self._particles)
+        self._use(StandIn.fitted(chosen.quick, exact))
+        of = self._of(UNLIKELY)[int(self._log_likely.argmax())]
+        powers = self._sharpness * FALL ** np.arange(FALLS)
+        changes = [self._log_likelihood(self._particles, b) - before for b in powers]
+        shares = [effective(change[of]) / len(of) for change in changes]
+        k = next((k for k, share in enumerate(shares) if share > KEPT), int(np.argmax(shares)))
+        change, self._sharpness = changes[k], powers[k]
+        self._draw_anew(change)
+        return shares[0]
+
+    def _draw_anew(self, log_weights: Array) -> None:
+        """Draw particles by their weights, of each family as many as of the others.
+
+        The mean weights are what the families become more or less likely by.
+        """
+        of = self._of(UNLIKELY)
+        for family, some in of.items():
+            mean = special.logsumexp(log_weights[some]) - math.log(len(some))
+            self._log_likely[family] += float(mean)
+        self._log_likely -= special.logsumexp(self._log_likely)
+        left = {family: some for family, some in of.items() if family in self._of(UNLIKELY)}
+        each = max(self._count // len(left), FEWEST)
+        self._log_likely[[k not in left for k in range(len(self._log_likely))]] = -np.inf
+        chosen = [
+            some[resampled(special.softmax(log_weights[some]), each, self._rng)]
+            for some in left.values()
+        ]
+        self._particles = self._particles.take(np.concatenate(chosen))
+
+    def draws(self) -> Draws:
+        """The draws, by exact weights where these leave enough of them."""
+        particles, of = self._particles, self._of(UNLIKELY)
+        even = np.concatenate(
+            [
+                np.full(len(some), math.exp(self._log_likely[f]) / len(some))
+                for f, some in of.items()
+            ]
+        )
+        even /= even.sum()
+        chosen = particles.take(resampled(even, CHECKED, self._rng))
+        exact = self._models.exact(chosen.families, chosen.vectors)
+        log_weights = self._frame.log_likelihood(exact) - self._log_likelihood(chosen)
+        share = effective(log_weights) / CHECKED
+        if CORRECTED <= share < RIGHT:
+            return Draws(chosen.families, chosen.vectors, special.softmax(log_weights), share)
+        return Draws(particles.families, particles.vectors, even, share)
+
+    def _move(self) -> None:
+        """`MOVES` Metropolis steps of every particle."""
+        steps = [
+            _Steps.about(self._models.priors[family], of, self._particles.vectors[of])
+            for family, of in self._of(UNLIKELY).items()
+        ]
+        for _ in range(MOVES):
+            now = self._particles
+            other, accepted = self._proposed(steps)
+            gain = other.log_prior - now.log_prior
+            gain += self._log_likelihood(other) - self._log_likelihood(now)
+            accepted &= np.log(self._rng.random(len(accepted))) < gain
+            for k in np.flatnonzero(accepted):
+                accepted[k] = self._models.priors[now.families[k]].fits(other.vectors[k])
+            self._particles = now.where(accepted, other)
+            self._stride = min(self._stride * math.exp(accepted.mean() - ACCEPTED), 1.0)
+
+    def _proposed(self, steps: list[_Steps]) -> tuple[Particles, Mask]:
+        """Where particles may go to, and which of them stand for a phantom there."""
+        other = Particles(*(values.copy() for values in self._particles))
+        standing = np.zeros(len(other.families), dtype=bool)
+        for step in steps:
+            lengths = self._stride ** self._rng.random((len(step.of), 1))
+            ahead = step.taken(other.vectors[step.of], lengths, self._proposals, self._rng)
+            stands = step.prior.standing(ahead)
+            of = step.of[stands]
+            standing[of] = True
+            other.vectors[of, : ahead.shape[1]] = ahead[stands]
+            other.log_prior[of] = _log_prior(step.prior, ahead[stands])
+        families = other.families[standing]
+        other.quick[standing] = self._models.quick(families, other.vectors[standing])
+        return other, standing
+
+
+@dataclass(frozen=True, eq=False)
+class _Steps:
+    """Steps of the particles of one family.
+
+    Attributes:
+        prior: of the family.
+        of: (n,) numbers of its particles.
+        straight: (n, P) their coordinates before they move.
+        root: (P, P) of the covariance of these.
+    """
+
+    prior: FamilyPrior
+    of: Index
+    straight: Array
+    root: Array
+
+    @classmethod
+    def about(cls, prior: FamilyPrior, of: Index, vectors: Array) -> _Steps:
+        """The steps of particles of these numbers and vectors, filled up."""
+        parameters = prior.parameters
+        straight, _ = parameters.straightened(prior.unwrapped(vectors[:, : len(parameters.low)]))
+        count, width = straight.shape
+        away = straight - straight.mean(axis=0)
+        deviations = np.where(count > 1, away.std(axis=0), parameters.step) + 1e-12
+        away /= deviations
+        # The fewer particles there are, the less their correlation is believed.
+        believed = count / (count + width)
+        correlation = believed * away.T @ away / count + (1 - believed + 1e-9) * np.eye(width)
+        root = deviations[:, None] * linalg.cholesky(correlation, lower=True)
+        return cls(prior, of, straight, root)
+
+    def taken(
+        self, vectors: Array, lengths: Array, proposals: Proposals, rng: np.random.Generator
+    ) -> Array:
+        """Vectors (n, P) that are proposed from those (n, ...) of now."""
+        parameters = self.prior.parameters
+        here, _ = parameters.straightened(vectors[:, : len(parameters.low)])
+        count, width = here.shape
+        normal = rng.standard_normal(here.shape) @ self.root.T
+        if proposals == "walk" or count < FEW * width:
+            step = LONGEST / math.sqrt(width) * normal
+        else:
+            one, other = rng.integers(count, size=(2, count))
+            along = (self.straight[one] - self.straight[other]) / math.sqrt(2)
+            step = LONGEST / math.sqrt(width) * (along + BESIDE * normal)
+        return self.prior.wrapped(parameters.bent(here + lengths * step))
+
+
+def _log_prior(prior: FamilyPrior, vectors: Array) -> Array:
+    """Logarithm (n,) of the prior's density over coordinates, at vectors (n, P)."""
+    return np.asarray(prior.log_density(vectors) + prior.parameters.straightened(vectors)[1])
+
+
+def effective(log_weights: Array) -> float:
+    """Number of equal weights that weights of these logarithms (n,) are worth."""
+    weights = special.softmax(log_weights)
+    return float(1 / (weights @ weights))
