@@ -14,6 +14,7 @@ from eitbench.benchmark.analysis.results import (
     describe_actions,
     describe_prior_knowledge,
 )
+from eitbench.benchmark.ceiling.record import below_ceiling
 from eitbench.benchmark.metrics.aggregation import aggregate, numbers
 from eitbench.benchmark.metrics.statistics import once
 from eitbench.benchmark.rundir.kinds import RunKind
@@ -209,7 +210,17 @@ def _row(run: Run, keys: Row, cell: pd.DataFrame) -> Row:
         row["prior_knowledge"] = describe_prior_knowledge(known.get("prior_knowledge"))
         row["overlap"] = _plain(known.get("overlap"))
         row["actions"] = describe_actions(known.get("actions"))
+        row |= _below_ceiling(keys["scenario"], counted)
     return row
+
+
+def _below_ceiling(scenario: str, cell: pd.DataFrame) -> Row:
+    found = None
+    if "psnr" in cell and "input_hash" in cell:
+        psnr, clusters = numbers(cell, "psnr"), cell.get("cluster", cell["sample"])
+        found = below_ceiling(scenario, list(cell["input_hash"]), psnr, list(clusters))
+    ends = ("below_ceiling_db", "below_ceiling_db_low", "below_ceiling_db_high")
+    return dict.fromkeys(ends) if found is None else dict(zip(ends, found, strict=True))
 
 
 def _plain(value: Any) -> float | None:

@@ -26,7 +26,6 @@ from eitbench.scenarios.imperfections.imperfections import Imperfections
 from eitbench.scenarios.interrupts import end_with_parent
 from eitbench.scenarios.physics.forward import ForwardModel
 from eitbench.scenarios.seeds import generator
-from eitbench.scenarios.sensors.outlines import Polygon
 from eitbench.scenarios.storage.array_file import read_arrays, write_arrays
 from eitbench.scenarios.suites.scenario import TOUCHES, Scenario, SimulatedScenario
 
@@ -64,8 +63,6 @@ def told(scenario: Scenario) -> SimulatedScenario:
             f"Scenario {scenario.name!r} has {what[0]}, which the ceiling is not told: it knows "
             "the mesh and the electrodes of every unit."
         )
-    if not isinstance(scenario.nominal_sensor.outline, Polygon):
-        raise InputError(f"Sensor {scenario.sensor!r} has no outline of straight sides.")
     for family in scenario.split_families("test"):
         FamilyPrior.of(family, scenario.nominal_sensor)
     noise = scenario.noise.test

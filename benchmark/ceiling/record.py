@@ -20,28 +20,31 @@ from eitbench.benchmark.metrics.statistics import MIN_CLUSTERS, Interval, bootst
 from eitbench.benchmark.rundir.manifest import environment
 from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.storage.atomic_write import atomic_write
-from eitbench.scenarios.suites.suite import Suite
+from eitbench.scenarios.suites.scenario import Scenario
 
 RECORDS = Path(__file__).parent / "records"
 
 
-def write_record(draws: Path, suite: Suite, samples: int, out: Path) -> pd.DataFrame:
+def write_record(
+    draws: Path, suite: str, scenarios: Sequence[Scenario], samples: int, out: Path
+) -> pd.DataFrame:
     """Write `SUITE.csv` and `SUITE.json` into the folder `out`, from draws; returns the frames.
 
     Raises:
-        InputError: no draws of the suite's frames.
+        InputError: no draws of the scenarios' frames.
     """
-    frames = frames_table(draws, suite.scenarios, samples)
+    frames = frames_table(draws, scenarios, samples)
+    named = ",".join(scenario.name for scenario in scenarios)
     about = {
-        "command": f"eitbench ceiling {suite.name} --samples {samples}",
+        "command": f"eitbench ceiling {suite} --scenarios {named} --samples {samples}",
         "particles": PARTICLES,
         "library": LIBRARY,
-        "data": {of.name: of.data_hash("test") for of in map(told, suite.scenarios)},
+        "data": {of.name: of.data_hash("test") for of in map(told, scenarios)},
         **environment(),
     }
     table = frames.to_csv(index=False, float_format="%.6g", lineterminator="\n")
-    atomic_write(out / f"{suite.name}.csv", table.encode())
-    atomic_write(out / f"{suite.name}.json", (json.dumps(about, indent=1) + "\n").encode())
+    atomic_write(out / f"{suite}.csv", table.encode())
+    atomic_write(out / f"{suite}.json", (json.dumps(about, indent=1) + "\n").encode())
     return frames
 
 
@@ -52,7 +55,8 @@ def _stored() -> tuple[pd.DataFrame, dict[str, str]]:
     for path in sorted(RECORDS.glob("*.json")):
         data |= json.loads(path.read_text())["data"]
         tables.append(pd.read_csv(path.with_suffix(".csv")))
-    return pd.concat(tables, ignore_index=True), data
+    columns = ["scenario", "input_hash", "mse"]
+    return pd.concat(tables, ignore_index=True) if tables else pd.DataFrame(columns=columns), data
 
 
 def recorded_frames(scenario: str) -> pd.DataFrame:

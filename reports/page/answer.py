@@ -63,9 +63,11 @@ def _interval(column: Column, low: float, high: float) -> str:
 
 
 def _beside(board: BoardData, boards: Sequence[BoardData]) -> str:
-    """Say what ranks, what the first was trained on, and where it is not the first."""
+    """Say how far it is from the ceiling, what ranks, what it learned from, and where it loses."""
     first = board["views"][0]["rows"][0]
     parts = []
+    if (below := first.get("below_ceiling_db")) is not None:
+        parts.append(f"{first['label']} is {below:.1f} dB below what the frames allow.")
     if board["ranked_by"] == "score":
         parts.append(f"S is {score_weights()['psnr']:.0%} decibels (PSNR).".replace("%", " %"))
     if first.get("training"):

@@ -7,6 +7,7 @@ from typing import Any
 
 from eitbench.benchmark.analysis.leaderboard import Row, boards
 from eitbench.benchmark.rundir.kinds import SHARED
+from eitbench.reports.tables.ceiling import ceiling_notes, ceiling_rows
 from eitbench.reports.tables.columns import Column, layout, printable, shown_columns
 from eitbench.reports.tables.published import comparison, published_rows
 
@@ -20,7 +21,8 @@ class PrintedBoard:
     Attributes:
         name: of its suite and scenario, with the hash of the data where several have it.
         title: its name and what its data are.
-        rows: in their order; the published figures stand below those of the paper's scenarios.
+        rows: in their order; below them the ceiling, where it is known, and the published figures
+            of the paper's scenarios.
         chosen: names of columns; empty for all that say something.
     """
 
@@ -83,7 +85,7 @@ def printed_boards(rows: Sequence[Row], columns: Sequence[str] = ()) -> list[Pri
         PrintedBoard(
             printable(name),
             printable(f"{name}: {_about(board[0])}"),
-            [*board, *published_rows(board)],
+            [*board, *ceiling_rows(board), *published_rows(board)],
             columns,
         )
         for name, board in zip(named, apart, strict=True)
@@ -157,7 +159,7 @@ def notes(board: Sequence[Row]) -> list[str]:
     """Return parts of a sentence on the reading of a board.
 
     They tell the noise, why there are no ties and which methods were not tuned, compare with the
-    published figures, and name the cost of failures, the overlap of training and test samples,
+    ceiling and the published figures, and name the cost of failures, the overlap of training and test samples,
     differences in software that is not ours, methods that used the network, programs or test data,
     and times that were measured while other cells ran.
     """
@@ -165,6 +167,7 @@ def notes(board: Sequence[Row]) -> list[str]:
         _noise(board)
         + _no_ties(board)
         + _untuned(board)
+        + ceiling_notes(board)
         + comparison(board)
         + _repeats(board)
         + _costs_of_failures(board)

@@ -43,14 +43,18 @@ class Column:
         return self.number(value) if self.form else printable(str(value))
 
     def whole_text(self, row: Row) -> str:
-        """As `text`, with the 95 % interval of a rank and of the figure that ranks."""
+        """As `text`, with the 95 % interval that `ends` returns."""
         ends = self.ends(row)
         return f"{self.text(row)} ({ends})" if ends else self.text(row)
 
     def ends(self, row: Row) -> str:
-        """The 95 % interval of a rank, or of the figure that ranks, as printed; "" without one."""
+        """The 95 % interval of a rank, of the figure that ranks or of the distance from the ceiling.
+
+        It is "" without one.
+        """
         low, high = (row.get(f"{self.name}_{end}") for end in ("low", "high"))
-        if low is None or high is None or self.name not in ("rank", row.get("ranked_by")):
+        shown = ("rank", "below_ceiling_db", row.get("ranked_by"))
+        if low is None or high is None or self.name not in shown:
             return ""
         # A rank that all draws agree on needs none.
         if self.name == "rank" and low == high:
@@ -115,6 +119,7 @@ METHOD_LAYOUT = Layout(
         Column("method", "Method", always=True),
         Column("group", "Ties"),
         *_metrics(METRICS, "score", "bounded", "ssim", "cc", "rie", "psnr"),
+        Column("below_ceiling_db", "Below ceiling [dB]", ".2f", "min"),
         Column("frame_solves", "Frame [calibration solves]", TIME, "min"),
         Column("frame_ms_p50", "Frame p50 [ms]", TIME, "min"),
         Column("frame_ms_p99", "p99 [ms]", TIME, "min"),
@@ -137,7 +142,7 @@ METHOD_LAYOUT = Layout(
         {
             "rank", "method", "run", "group", "score", "ssim", "cc", "rie", "psnr",
             "ktc_score", "localisation_mm", "strength_spearman", "repeatability_db", "frame_ms_p50",
-            "frame_solves", "coverage",
+            "frame_solves", "coverage", "below_ceiling_db",
         }
     ),
     {
@@ -146,7 +151,8 @@ METHOD_LAYOUT = Layout(
         "measured_force_error_n": "Force\nN", "measured_load_error_percent": "Load\n%",
         "repeatability_db": "Repeatability\ndB",
         "frame_ms_p50": "Frame\nms", "frame_solves": "Frame\nsolves", "coverage": "Done",
-        "ssim": "SSIM", "cc": "CC", "psnr": "PSNR\ndB", "rie": "RIE", "bounded": "B",
+        "ssim": "SSIM", "cc": "CC", "psnr": "PSNR\ndB", "below_ceiling_db": "Below\nceiling",
+        "rie": "RIE", "bounded": "B",
         "strength_spearman": "Strength", "track": "Track", "iou": "IoU", "n": "n",
         "setup_s": "Set-up\ns", "localisation_p90_mm": "90 %\nmm",
         "within_5_mm": "Within\n5 mm", "within_10_mm": "Within\n10 mm",
@@ -181,6 +187,8 @@ _MEANINGS = {
     "group": "methods that share a letter cannot be told apart",
     "score": "0.25 (SSIM + CC + PSNR - RIE)",
     "bounded": "mean of SSIM, CC, 1 - RIE and PSNR / 40 dB, each within 0 to 1",
+    "below_ceiling_db": "mean squared error over the least that frames allow, in dB, on the frames "
+    "that both have; in brackets its 95 % interval",
     "localisation_mm": "median error of the place",
     "localisation_p90_mm": "error of the place that 90 % of the presses stay within",
     "unevenness": "standard deviation of the local error over the skin, over its mean",

@@ -1,0 +1,81 @@
+"""Quality against noise as one table and one figure, the ceiling above and nothing below."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from eitbench.benchmark.findings.noise import CEILING, UNTOUCHED, NoiseCurves, noise_curves
+from eitbench.reports.figures.style import COLUMN, NOTE, PAGE, line_style, new_figure, plain_label
+from eitbench.reports.findings.finding import Finding
+from eitbench.reports.tables.columns import printable
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from eitbench.benchmark.analysis.results import Run
+
+_FIRST = 6
+"""Methods with a line in colour, the best ones at the middle level; others are grey."""
+
+
+def findings(run: Run) -> list[Finding]:
+    """Return quality against noise of a run; none of runs without several levels of noise."""
+    curves = noise_curves(run)
+    if curves is None:
+        return []
+    table = curves.psnr.rename(columns=_level).rename_axis("method").reset_index()
+    grid = [["PSNR of the mean error [dB]", *map(_level, curves.psnr)]] + [
+        [printable(str(name)), *("–" if math.isnan(v) else f"{v:.1f}" for v in row)]
+        for name, row in curves.psnr.iterrows()
+    ]
+    legend = (
+        f"PSNR of the mean squared error over {curves.n} phantoms, the same at all levels. No "
+        "method can be above the ceiling: it is the posterior mean, told the law of the phantoms, "
+        "the noise and the sensor as built; of clean frames it is that of 70 dB. The untouched "
+        "sensor is an image without a touch."
+    )
+    shows = "A line for each method between the ceiling and the untouched sensor"
+    wide, narrow = (draw(curves, width) for width in (PAGE, COLUMN))
+    return [Finding("noise", "Quality against noise", table, grid, legend, wide, shows, narrow)]
+
+
+def _level(level: float) -> str:
+    return "clean" if math.isinf(level) else f"{level:g} dB"
+
+
+def draw(curves: NoiseCurves, width: float = PAGE) -> Figure:
+    """The curves over the level of noise, clean frames last."""
+    figure = new_figure(width, 3.2)
+    axes: Axes = figure.subplots()
+    at = range(len(curves.psnr.columns))
+    middle = curves.psnr.columns[len(curves.psnr.columns) // 2]
+    methods = curves.psnr.drop(index=[CEILING, UNTOUCHED], errors="ignore")
+    methods = methods.sort_values(middle, ascending=False)
+    for k, (name, row) in enumerate(methods.iterrows()):
+        if k < _FIRST:
+            axes.plot(at, row, ms=3.5, lw=1.3, label=plain_label(str(name)), **line_style(k))
+        else:
+            label = "other methods" if k == _FIRST else None
+            axes.plot(at, row, lw=0.8, color="0.75", zorder=1, label=label)
+    low, high = axes.get_ylim()
+    if CEILING in curves.psnr.index:
+        ceiling = curves.psnr.loc[CEILING]
+        high = max(high, float(ceiling.max()) + 1)
+        axes.plot(at, ceiling, color="black", lw=1.6, label="ceiling")
+        axes.fill_between(at, ceiling, high, color="0.92", lw=0, zorder=0)
+    nothing = curves.psnr.loc[UNTOUCHED]
+    axes.plot(at, nothing, color="0.4", lw=1, ls=":", label="untouched sensor")
+    axes.set_ylim(min(low, float(nothing.min()) - 1), high)
+    axes.set_xlim(-0.1, len(at) - 0.9)
+    axes.set_xticks(list(at), [_level(level) for level in curves.psnr.columns])
+    axes.set_xlabel("SNR of a frame")
+    axes.set_ylabel("PSNR of the mean error [dB]")
+    axes.grid(alpha=0.25, lw=0.5)
+    beside = width > COLUMN
+    figure.legend(
+        loc="outside right center" if beside else "outside lower center",
+        ncols=1 if beside else 2, fontsize=NOTE, frameon=False,
+    )  # fmt: skip
+    return figure

@@ -1,0 +1,111 @@
+"""Draws are kept, resumed and of the frames that they are said to be of."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from eitbench.benchmark import InputError
+from eitbench.benchmark.analysis.leaderboard import leaderboard_rows
+from eitbench.benchmark.analysis.results import read_run
+from eitbench.benchmark.ceiling import drawing, record
+from eitbench.benchmark.ceiling.drawing import draw_posteriors, told
+from eitbench.benchmark.ceiling.figures import summary
+from eitbench.benchmark.ceiling.record import write_record
+from eitbench.benchmark.run.runner import make_plan, start_run
+from eitbench.reports.tables.boards import note, printed_boards
+from eitbench.scenarios.suites.scenario import SimulatedScenario
+from eitbench.scenarios.suites.suite import Suite, load_suite
+
+FAST = SimulatedScenario(
+    name="few", image_shape=(24, 24), families=("circle",),
+    noise={"test": 25}, train=0, validation=2, test=30,
+)  # fmt: skip
+
+
+@pytest.fixture
+def few_draws(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(drawing, "PARTICLES", 100)
+    monkeypatch.setattr(drawing, "LIBRARY", 400)
+
+
+@pytest.mark.parametrize(
+    ("changes", "why"),
+    [
+        ({"noise": {"test": 0}}, "0.0: the ceiling needs an SNR above 0 dB"),
+        ({"noise": {"test": "mixture"}}, "'mixture': the ceiling needs an SNR"),
+        ({"families": ("conductive",)}, "not known for family 'conductive'"),
+        ({"imperfections": {"gain": 0.01}}, "has gain, which the ceiling is not told"),
+        ({"imperfections": {"mesh": "slab"}}, "has a slab, which the ceiling is not told"),
+        ({"calibrated": True}, "has calibration, which"),
+    ],
+)
+def test_what_the_sampler_does_not_know_is_refused(changes: dict[str, object], why: str) -> None:
+    declared = FAST.model_dump(mode="json") | {"image_shape": None} | changes
+    with pytest.raises(InputError, match=why):
+        told(SimulatedScenario.model_validate(declared))
+
+
+def test_recorded_frames_have_no_ceiling() -> None:
+    (scenario,) = (s for s in load_suite("sim2real").scenarios if s.name == "ohmc16")
+    with pytest.raises(InputError, match="is recorded: the ceiling is of simulated touches"):
+        told(scenario)
+
+
+def test_clean_frames_are_those_of_70_db() -> None:
+    clean = FAST.model_dump(mode="json") | {"name": "few-clean", "noise": {"test": "clean"}}
+    found = told(SimulatedScenario.model_validate(clean))
+    assert (found.name, found.noise.test) == ("few-70db", 70)
+    assert told(FAST) is FAST
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("few_draws")
+def test_a_stopped_run_goes_on_and_the_board_has_the_ceiling(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    draws = tmp_path / "draws"
+    draw_posteriors([FAST], draws, 3)
+    first = (draws / "few" / "0000.safetensors").read_bytes()
+    draw_posteriors([FAST], draws, 30)
+    assert (draws / "few" / "0000.safetensors").read_bytes() == first
+    assert len(list((draws / "few").iterdir())) == 10
+    frames = write_record(draws, "own", [FAST], 30, tmp_path / "records")
+    (row,) = summary(frames).to_dict("records")
+    # The mean is as good as the posterior says, and better than each frame's noise would allow.
+    assert row["psnr_of_mse"] == pytest.approx(row["expected_psnr"], abs=2.5)
+    assert abs(row["apart_db"]) < 1
+
+    monkeypatch.setattr(record, "RECORDS", tmp_path / "records")
+    record._stored.cache_clear()
+    try:
+        suite = Suite(name="own", title="Own", methods=("noser",), scenarios=(FAST,))
+        run = start_run(make_plan(suite), tmp_path / "run").path
+        rows = leaderboard_rows([read_run(run)])
+        assert rows[0]["below_ceiling_db_low"] > 0
+        error = np.mean(10 ** (-read_run(run).samples["psnr"] / 10))
+        expected = 10 * np.log10(error / frames["mse"].mean())
+        assert rows[0]["below_ceiling_db"] == pytest.approx(expected, abs=0.01)
+        (board,) = printed_boards(rows)
+        assert [(of["method"], of["rank"]) for of in board.rows] == [("noser", 1), ("ceiling", None)]
+        assert board.rows[1]["psnr"] == pytest.approx(frames["psnr"].mean(), abs=0.01)
+        assert "told the families" in note(rows)
+    finally:
+        record._stored.cache_clear()
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("few_draws")
+def test_draws_of_other_frames_are_not_taken(tmp_path: Path) -> None:
+    draw_posteriors([FAST], tmp_path, 3)
+    other = FAST.model_copy(update={"phantoms": "others"})
+    with pytest.raises(InputError, match="draws of other frames"):
+        draw_posteriors([other], tmp_path, 3)
+    (tmp_path / "few" / "0000.safetensors").write_bytes(b"damaged")
+    draw_posteriors([FAST], tmp_path, 3)
+    assert (tmp_path / "few" / "0000.safetensors").stat().st_size > 1000
+
+
+def test_without_draws_there_is_no_record(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="holds no draws"):
+        write_record(tmp_path, "own", [FAST], 3, tmp_path)

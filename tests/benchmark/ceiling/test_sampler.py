@@ -1,0 +1,89 @@
+"""Draws of the posterior beside the same by brute force."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy import special
+from tests.support.small_sensors import foam
+
+from eitbench.benchmark.ceiling.models import PhantomModels, images
+from eitbench.benchmark.ceiling.prior import FamilyPrior
+from eitbench.benchmark.ceiling.sampler import (
+    PROPOSALS,
+    Particles,
+    Proposals,
+    Sampler,
+    effective,
+    library,
+)
+from eitbench.scenarios.arrays import Array
+from eitbench.scenarios.imperfections.noise import add_noise
+from eitbench.scenarios.phantoms.families import FAMILIES
+from eitbench.scenarios.phantoms.phantom import draw, rasterise
+from eitbench.scenarios.physics.forward import ForwardModel
+
+SENSOR = foam((32, 32))
+NAMES = ("circle", "triangle")
+SNR_DB = 18.0
+
+
+@cache
+def made() -> tuple[PhantomModels, Particles, Particles, Array]:
+    """Models, draws for the sampler, others for brute force, and their exact predictions."""
+    priors = tuple(FamilyPrior.of(FAMILIES[name], SENSOR) for name in NAMES)
+    models = PhantomModels(priors, ForwardModel(SENSOR))
+    begin = library(models, 1000, np.random.default_rng(0))
+    many = library(models, 6000, np.random.default_rng(1))
+    return models, begin, many, models.exact(many.families, many.vectors)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("proposals", PROPOSALS)
+@pytest.mark.parametrize("name", NAMES)
+def test_mean_width_and_families_are_those_of_brute_force(name: str, proposals: Proposals) -> None:
+    """Against 12,000 draws of the generator, weighed by the exact likelihood."""
+    models, begin, many, exact = made()
+    rng = np.random.default_rng(7)
+    truth = rasterise(draw(FAMILIES[name], SENSOR, rng), SENSOR)
+    frame = models.frame(add_noise(ForwardModel(SENSOR).voltages(truth), SNR_DB, rng), SNR_DB)
+    log_weights = frame.log_likelihood(exact)
+    assert effective(log_weights) > 150
+    weights = special.softmax(log_weights)
+    families = [prior.parameters for prior in models.priors]
+    painted = images(families, many.families, many.vectors)
+    expected = np.tensordot(weights, painted, axes=1)
+    variance = np.tensordot(weights, (painted - expected) ** 2, axes=1).mean()
+    drawn = Sampler(models, begin, 400, proposals).draws(frame, np.random.default_rng(2))
+    own = images(families, drawn.families, drawn.vectors)
+    mean = np.tensordot(drawn.weights, own, axes=1)
+    assert np.mean((mean - expected) ** 2) < 0.05 * variance
+    spread = np.tensordot(drawn.weights, (own - mean) ** 2, axes=1).mean()
+    assert spread == pytest.approx(variance, rel=0.2)
+    likely = np.bincount(drawn.families, drawn.weights, minlength=2)
+    assert likely[0] == pytest.approx(weights[many.families == 0].sum(), abs=0.12)
+    assert drawn.effective > 0.5
+
+
+def test_draws_stand_for_phantoms_that_fit() -> None:
+    models, begin, *_ = made()
+    rng = np.random.default_rng(3)
+    truth = rasterise(draw(FAMILIES["circle"], SENSOR, rng), SENSOR)
+    frame = models.frame(add_noise(ForwardModel(SENSOR).voltages(truth), SNR_DB, rng), SNR_DB)
+    drawn = Sampler(models, begin, 200, "walk").draws(frame, rng)
+    assert drawn.weights.sum() == pytest.approx(1)
+    for family, vector in zip(drawn.families, drawn.vectors, strict=True):
+        prior = models.priors[family]
+        assert prior.fits(vector)
+        assert prior.standing(vector[None, : len(prior.parameters.low)]).all()
+
+
+def test_the_same_generator_gives_the_same_draws() -> None:
+    models, begin, *_ = made()
+    frame = models.frame(ForwardModel(SENSOR).voltages(np.full((32, 32), 0.9)), SNR_DB)
+    found = [
+        Sampler(models, begin, 200, "differences").draws(frame, np.random.default_rng(4))
+        for _ in range(2)
+    ]
+    np.testing.assert_array_equal(found[0].vectors, found[1].vectors)
+    np.testing.assert_array_equal(found[0].weights, found[1].weights)
