@@ -130,7 +130,7 @@ def draws_of(folder: Path, data: Dataset, sample: int) -> dict[Proposals, Draws]
     if found is None:
         return None
     return {
-        name: Draws(*(found[f"{sample}-{name}-{field}"] for field in Draws._fields))
+        name: Draws._make(found[f"{sample}-{name}-{field}"] for field in Draws._fields)
         for name in PROPOSALS
     }
 

@@ -43,7 +43,8 @@ def frames_table(folder: Path, scenarios: Sequence[Scenario], samples: int) -> p
     `FIGURES` of the posterior mean; `mse` of it [(S/m)^2], `mse_<proposals>` of each sampler's
     alone, and `expected_mse`, the variance of the posterior; `rhat`, the greatest of the traces;
     `effective`, the lesser share of exact weights; `rank_<trace>`, the share of draws below the
-    truth; `sd_<trace>`; `likely_<family>`, the probabilities.
+    truth; `true_<trace>` and `sd_<trace>`, the truth and the posterior's standard deviation;
+    `likely_<family>`, the probabilities.
 
     Raises:
         InputError: none of these frames has draws.
@@ -54,7 +55,7 @@ def frames_table(folder: Path, scenarios: Sequence[Scenario], samples: int) -> p
         truth = data.conductivity
         assert truth is not None
         families = [Parameters(of, data.sensor) for of in scenario.split_families("test")]
-        found, estimates = [], []
+        found, estimates, which = [], [], []
         for sample in range(len(data)):
             drawn = draws_of(folder, data, sample)
             if drawn is None:
@@ -62,9 +63,9 @@ def frames_table(folder: Path, scenarios: Sequence[Scenario], samples: int) -> p
             row, mean = _frame(data, sample, truth[sample], drawn, families)
             found.append(row)
             estimates.append(mean)
+            which.append(sample)
         if not found:
             continue
-        which = [row["sample"] for row in found]
         filled = np.array([data.sensor.background * np.ones(data.sensor.image_shape)] * len(data))
         filled[which] = np.array(estimates)
         scored = evaluate(data, filled).iloc[which].reset_index(drop=True)
@@ -114,6 +115,7 @@ def _frame(
                     for t in range(len(TRACES))),
         "effective": min(d.effective for d in drawn.values()),
         **{f"rank_{name}": float(below[t]) for t, name in enumerate(TRACES)},
+        **{f"true_{name}": float(value) for name, value in zip(TRACES, true, strict=True)},
         **{f"sd_{name}": float(deviations[t]) for t, name in enumerate(TRACES)},
         **{f"likely_{of.family.name}": float(p) for of, p in zip(families, likely, strict=True)},
     }, mean  # fmt: skip

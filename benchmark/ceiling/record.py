@@ -51,7 +51,8 @@ def write_record(
 @lru_cache(maxsize=1)
 def _stored() -> tuple[pd.DataFrame, dict[str, str]]:
     """All recorded frames, and the hash of the data of each scenario."""
-    tables, data = [], {}
+    tables: list[pd.DataFrame] = []
+    data: dict[str, str] = {}
     for path in sorted(RECORDS.glob("*.json")):
         data |= json.loads(path.read_text())["data"]
         tables.append(pd.read_csv(path.with_suffix(".csv")))

@@ -88,13 +88,13 @@ class Particles(NamedTuple):
 
     def take(self, chosen: Index) -> Particles:
         """The particles of these numbers."""
-        return Particles(*(values[chosen] for values in self))
+        return Particles._make(values[chosen] for values in self)
 
     def where(self, chosen: Mask, other: Particles) -> Particles:
         """These particles, or those of `other` where `chosen` (n,) is true."""
         pairs = zip(other, self, strict=True)
-        return Particles(
-            *(np.where(chosen.reshape(-1, *[1] * (a.ndim - 1)), a, b) for a, b in pairs)
+        return Particles._make(
+            np.where(chosen.reshape(-1, *[1] * (a.ndim - 1)), a, b) for a, b in pairs
         )
 
 
@@ -281,7 +281,7 @@ class _Annealing:
 
     def _proposed(self, steps: list[_Steps]) -> tuple[Particles, Mask]:
         """Where particles may go to, and which of them stand for a phantom there."""
-        other = Particles(*(values.copy() for values in self._particles))
+        other = Particles._make(values.copy() for values in self._particles)
         standing = np.zeros(len(other.families), dtype=bool)
         for step in steps:
             lengths = self._stride ** self._rng.random((len(step.of), 1))

@@ -79,8 +79,8 @@ def _curves(run: Run, scenarios: list[SimulatedScenario]) -> NoiseCurves:
             error = np.mean(10 ** (-cell["psnr"].to_numpy() / 10))
             rows.setdefault(str(method), {})[level] = float(-10 * np.log10(error))
         if len(errors):
-            error = errors.reindex(kept).mean()
-            rows.setdefault(CEILING, {})[level] = float(-10 * np.log10(error))
+            least = float(errors.reindex(kept).mean())
+            rows.setdefault(CEILING, {})[level] = float(-10 * np.log10(least))
         rows.setdefault(UNTOUCHED, {})[level] = _untouched(scenario, kept)
     table = pd.DataFrame.from_dict(rows, orient="index").sort_index(axis=1)
     return NoiseCurves(table, len(kept))

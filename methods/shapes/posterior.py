@@ -41,7 +41,7 @@ from scipy import linalg, optimize, special
 
 from eitbench.methods.shapes.fit import Fit, FrameModel, LinearisedModel
 from eitbench.methods.shapes.parameters import Parameters
-from eitbench.scenarios.arrays import Array, Mask
+from eitbench.scenarios.arrays import Array, Index, Mask
 
 FREEDOM = 5
 """Degrees of freedom of the t distribution: its tails must be longer than the posterior's."""
@@ -182,7 +182,7 @@ class Cloud(NamedTuple):
     target: Array
     density: Array
 
-    def take(self, chosen: Array) -> Cloud:
+    def take(self, chosen: Index) -> Cloud:
         """The particles of these numbers."""
         return Cloud(*(values[chosen] for values in self))
 
@@ -275,7 +275,7 @@ def _spread(straight: Array, log_weights: Array) -> Array:
     return np.asarray(deviations[:, None] * linalg.cholesky(correlation, lower=True))
 
 
-def resampled(weights: Array, count: int, rng: np.random.Generator) -> Array:
+def resampled(weights: Array, count: int, rng: np.random.Generator) -> Index:
     """Numbers (count,) of particles, each as often as its weight says (systematic resampling)."""
     return np.searchsorted(np.cumsum(weights), (rng.random() + np.arange(count)) / count).clip(
         max=len(weights) - 1

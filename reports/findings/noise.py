@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from eitbench.benchmark.findings.noise import CEILING, UNTOUCHED, NoiseCurves, noise_curves
 from eitbench.reports.figures.style import COLUMN, NOTE, PAGE, line_style, new_figure, plain_label
 from eitbench.reports.findings.finding import Finding
@@ -25,8 +27,8 @@ def findings(run: Run) -> list[Finding]:
     curves = noise_curves(run)
     if curves is None:
         return []
-    table = curves.psnr.rename(columns=_level).rename_axis("method").reset_index()
-    grid = [["PSNR of the mean error [dB]", *map(_level, curves.psnr)]] + [
+    table = curves.psnr.set_axis(_levels(curves), axis=1).rename_axis("method").reset_index()
+    grid = [["PSNR of the mean error [dB]", *_levels(curves)]] + [
         [printable(str(name)), *("–" if math.isnan(v) else f"{v:.1f}" for v in row)]
         for name, row in curves.psnr.iterrows()
     ]
@@ -41,8 +43,9 @@ def findings(run: Run) -> list[Finding]:
     return [Finding("noise", "Quality against noise", table, grid, legend, wide, shows, narrow)]
 
 
-def _level(level: float) -> str:
-    return "clean" if math.isinf(level) else f"{level:g} dB"
+def _levels(curves: NoiseCurves) -> list[str]:
+    levels = curves.psnr.columns.to_numpy(np.float64)
+    return ["clean" if math.isinf(level) else f"{level:g} dB" for level in levels]
 
 
 def draw(curves: NoiseCurves, width: float = PAGE) -> Figure:
@@ -61,15 +64,15 @@ def draw(curves: NoiseCurves, width: float = PAGE) -> Figure:
             axes.plot(at, row, lw=0.8, color="0.75", zorder=1, label=label)
     low, high = axes.get_ylim()
     if CEILING in curves.psnr.index:
-        ceiling = curves.psnr.loc[CEILING]
-        high = max(high, float(ceiling.max()) + 1)
+        ceiling = curves.psnr.loc[CEILING].to_numpy(np.float64)
+        high = max(high, np.nanmax(ceiling) + 1)
         axes.plot(at, ceiling, color="black", lw=1.6, label="ceiling")
         axes.fill_between(at, ceiling, high, color="0.92", lw=0, zorder=0)
-    nothing = curves.psnr.loc[UNTOUCHED]
+    nothing = curves.psnr.loc[UNTOUCHED].to_numpy(np.float64)
     axes.plot(at, nothing, color="0.4", lw=1, ls=":", label="untouched sensor")
-    axes.set_ylim(min(low, float(nothing.min()) - 1), high)
+    axes.set_ylim(min(low, nothing.min() - 1), high)
     axes.set_xlim(-0.1, len(at) - 0.9)
-    axes.set_xticks(list(at), [_level(level) for level in curves.psnr.columns])
+    axes.set_xticks(list(at), _levels(curves))
     axes.set_xlabel("SNR of a frame")
     axes.set_ylabel("PSNR of the mean error [dB]")
     axes.grid(alpha=0.25, lw=0.5)

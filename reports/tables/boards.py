@@ -159,9 +159,9 @@ def notes(board: Sequence[Row]) -> list[str]:
     """Return parts of a sentence on the reading of a board.
 
     They tell the noise, why there are no ties and which methods were not tuned, compare with the
-    ceiling and the published figures, and name the cost of failures, the overlap of training and test samples,
-    differences in software that is not ours, methods that used the network, programs or test data,
-    and times that were measured while other cells ran.
+    ceiling and the published figures, and name the cost of failures, the overlap of training and
+    test samples, differences in software that is not ours, methods that used the network, programs
+    or test data, and times that were measured while other cells ran.
     """
     return (
         _noise(board)

@@ -48,10 +48,7 @@ class Column:
         return f"{self.text(row)} ({ends})" if ends else self.text(row)
 
     def ends(self, row: Row) -> str:
-        """The 95 % interval of a rank, of the figure that ranks or of the distance from the ceiling.
-
-        It is "" without one.
-        """
+        """The 95 % interval of a rank, of what ranks or of the distance from the ceiling, or ""."""
         low, high = (row.get(f"{self.name}_{end}") for end in ("low", "high"))
         shown = ("rank", "below_ceiling_db", row.get("ranked_by"))
         if low is None or high is None or self.name not in shown:

@@ -65,7 +65,8 @@ def test_errors_are_noise_with_their_covariance(models: PhantomModels) -> None:
     errors = Errors(np.array([9.0, 2.0]), directions, 0.5)
     for b in (1.0, 0.1):
         found = frame.log_likelihood(predicted, b, errors)
-        shape = (1 / b + 0.5) * np.eye(len(frame.data)) + directions.T * errors.variances @ directions
+        shape = directions.T * errors.variances @ directions
+        shape += (1 / b + 0.5) * np.eye(len(frame.data))
         sharp = b / (1 + b * 0.5)
         expected = [
             -0.5 * (r @ np.linalg.solve(shape, r)) / s_**2
