@@ -107,9 +107,10 @@ def draw_posteriors(
     for scenario in known:
         laws.setdefault(json.dumps(scenario.clean_parameters("test")), []).append(scenario)
     tasks = [
-        _Task(tuple(of), session, folder)
+        _Task(tuple(having), session, folder)
         for session in range(-(-samples // TOUCHES))
         for of in laws.values()
+        if (having := [scenario for scenario in of if session * TOUCHES < scenario.test])
     ]
     pool = joblib.Parallel(
         n_jobs=jobs, return_as="generator_unordered", batch_size=1, initializer=end_with_parent
@@ -185,7 +186,7 @@ def _draw(task: _Task) -> None:
         for scenario in missing:
             of = data[scenario.name]
             arrays = {}
-            for sample in range(task.session * TOUCHES, last):
+            for sample in range(task.session * TOUCHES, min(last, len(of))):
                 frame = models.frame(of.voltages[sample], float(of.samples["snr_db"][sample]))
                 for proposals in PROPOSALS:
                     rng = generator("ceiling", scenario.name, sample, proposals)

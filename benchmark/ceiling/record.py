@@ -56,7 +56,7 @@ def _stored() -> tuple[pd.DataFrame, dict[str, str]]:
     for path in sorted(RECORDS.glob("*.json")):
         data |= json.loads(path.read_text())["data"]
         tables.append(pd.read_csv(path.with_suffix(".csv")))
-    columns = ["scenario", "input_hash", "mse"]
+    columns = ["scenario", "sample", "input_hash", "mse"]
     return pd.concat(tables, ignore_index=True) if tables else pd.DataFrame(columns=columns), data
 
 

@@ -81,6 +81,7 @@ def widths(of: pd.DataFrame) -> Figure:
                 **line_style(k),
             )  # fmt: skip
         axes.set_yscale("log")
+        axes.yaxis.set_major_formatter("{x:g}")
         axes.set_xlabel(head)
         axes.grid(alpha=0.25, lw=0.5)
     panels[0].set_ylabel("posterior width of the place [mm]")

@@ -1,0 +1,88 @@
+"""Quality against noise: the ceiling and the untouched sensor beside a method."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from eitbench.benchmark.analysis.results import Run, read_run
+from eitbench.benchmark.ceiling import record
+from eitbench.benchmark.findings.noise import CEILING, UNTOUCHED, noise_curves
+from eitbench.benchmark.run.runner import make_plan, start_run
+from eitbench.reports.findings.noise import findings
+from eitbench.scenarios.imperfections.noise import Noise
+from eitbench.scenarios.suites.scenario import SimulatedScenario, SplitNoise
+from eitbench.scenarios.suites.suite import Suite
+
+LEVELS: dict[str, Noise] = {"n-clean": "clean", "n-50": 50.0, "n-30": 30.0}
+SAMPLES = 6
+
+
+@pytest.fixture(autouse=True)
+def records(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """No records but those that a test writes."""
+    monkeypatch.setattr(record, "RECORDS", tmp_path / "records")
+    record._stored.cache_clear()
+    yield tmp_path / "records"
+    record._stored.cache_clear()
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    scenarios = tuple(
+        SimulatedScenario(
+            name=name, image_shape=(20, 20), families=("circle",), phantoms="n",
+            noise=SplitNoise(test=level), train=0, validation=2, test=SAMPLES,
+        )
+        for name, level in LEVELS.items()
+    )  # fmt: skip
+    suite = Suite(name="n", title="N", methods=("noser",), scenarios=scenarios)
+    return read_run(start_run(make_plan(suite), tmp_path_factory.mktemp("n") / "run").path)
+
+
+def test_the_untouched_sensor_is_an_image_of_the_background(run: Run) -> None:
+    curves = noise_curves(run)
+    assert curves is not None
+    assert (curves.n, list(curves.psnr.columns)) == (SAMPLES, [30, 50, np.inf])
+    assert CEILING not in curves.psnr.index
+    cell = run.cell("n-50", "noser")
+    psnr = -10 * np.log10(np.mean(10 ** (-cell["psnr"] / 10)))
+    assert curves.psnr.loc["noser", 50] == pytest.approx(psnr)
+    scene = run.scene("n-50", list(range(SAMPLES)))
+    error = np.mean((scene.truth - 1.0) ** 2)
+    assert curves.psnr.loc[UNTOUCHED, 30] == pytest.approx(-10 * np.log10(error), rel=1e-6)
+
+
+def test_all_figures_are_over_the_phantoms_of_the_ceiling(run: Run, records: Path) -> None:
+    records.mkdir()
+    known = [0, 2, 5]
+    rows = [
+        {"scenario": name, "sample": k, "input_hash": f"{name} {k}", "mse": 1e-3}
+        for name in ("n-70db", "n-30")
+        for k in known
+    ]
+    pd.DataFrame(rows).to_csv(records / "n.csv", index=False)
+    (records / "n.json").write_text('{"data": {}}')
+    curves = noise_curves(run)
+    assert curves is not None
+    assert curves.n == 3
+    cell = run.cell("n-50", "noser")
+    expected = np.mean(10 ** (-cell[cell["sample"].isin(known)]["psnr"] / 10))
+    assert curves.psnr.loc["noser", 50] == pytest.approx(-10 * np.log10(expected))
+    np.testing.assert_allclose(curves.psnr.loc[CEILING], [30, np.nan, 30])
+
+
+def test_the_finding_has_a_row_for_each_line(run: Run) -> None:
+    (finding,) = findings(run)
+    assert [row[0] for row in finding.grid[1:]] == ["noser", UNTOUCHED]
+    assert finding.grid[0][1:] == ["30 dB", "50 dB", "clean"]
+    assert finding.figure is not None
+    assert "No method can be above the ceiling" in finding.legend
+
+
+def test_runs_without_levels_have_no_curves(run: Run) -> None:
+    few = run.samples[run.samples["scenario"] != "n-30"]
+    assert noise_curves(replace(run, samples=few)) is None
