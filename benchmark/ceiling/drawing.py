@@ -1,8 +1,8 @@
-"""Draws of the posteriors of a suite's test frames, kept in a folder and resumed.
+"""Draws of the posteriors of test frames, kept in a folder and resumed.
 
-The folder holds `<scenario>/<session>.safetensors`: for every frame of the session and each of the
-two samplers the draws, as `Draws` has them. A file that is there and belongs to the same frames is
-kept, so that a run that was stopped goes on, and one with more samples adds to one with fewer.
+The folder holds `<scenario>/<sample>.safetensors`: the draws of both samplers, as `Draws` has them.
+A file that is there and belongs to the same frame and version is kept, so that a run that was
+stopped goes on, and one with more samples adds to one with fewer.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from threadpoolctl import threadpool_limits
 from eitbench.benchmark.ceiling.models import PhantomModels
 from eitbench.benchmark.ceiling.prior import FamilyPrior
 from eitbench.benchmark.ceiling.sampler import PROPOSALS, Draws, Proposals, Sampler, library
-from eitbench.scenarios.data.datasets import Dataset, load
+from eitbench.scenarios.data.datasets import load
 from eitbench.scenarios.data.simulation import with_bar
 from eitbench.scenarios.errors import DataCorruptError, InputError
 from eitbench.scenarios.imperfections.imperfections import Imperfections
@@ -29,11 +29,15 @@ from eitbench.scenarios.seeds import generator
 from eitbench.scenarios.storage.array_file import read_arrays, write_arrays
 from eitbench.scenarios.suites.scenario import TOUCHES, Scenario, SimulatedScenario
 
-CLEAN_DB = 70.0
-"""SNR of the frames that stand for those without noise, whose posterior has no width."""
-PARTICLES = 400
-LIBRARY = 2000
-"""Draws of the prior, of each family."""
+VERSION = 1
+"""Raised by one whenever a frame gives other draws than before."""
+CLEAN_DB, MOST_DB = 70.0, 80.0
+"""SNR of the frames that stand for those without noise, whose posterior has no width, and the
+greatest one."""
+PARTICLES, LIBRARY = 400, 1000
+"""Particles of a sampler, and draws of the prior, of each family, that they begin from."""
+SEEDS = 'generator("ceiling", scenario, sample, proposals)'
+"""Where the random numbers of a sampler come from, see `scenarios.seeds`."""
 
 _TOLD = {"unit", "severity", "mesh", "electrode_shift_m", "electrode_width", "contact_impedance"}
 
@@ -66,24 +70,31 @@ def told(scenario: Scenario) -> SimulatedScenario:
     for family in scenario.split_families("test"):
         FamilyPrior.of(family, scenario.nominal_sensor)
     noise = scenario.noise.test
-    if noise == "mixture" or noise == 0:
+    if noise == "mixture" or (noise != "clean" and not 0 < noise <= MOST_DB):
         raise InputError(
-            f"The noise of scenario {scenario.name!r} is {noise!r}: the ceiling needs an SNR above "
-            "0 dB that all frames have."
+            f"The noise of scenario {scenario.name!r} is {noise!r}: the ceiling needs frames that "
+            f'all have one SNR, above 0 and up to {MOST_DB:g} dB, or "clean".'
         )
     if noise != "clean":
         return scenario
-    stem = scenario.name.removesuffix("-clean")
-    at = scenario.noise.model_copy(update={"test": CLEAN_DB})
-    return scenario.model_copy(update={"name": f"{stem}-{CLEAN_DB:.0f}db", "noise": at})
+    return scenario.model_copy(
+        update={
+            "name": f"{scenario.name}-at-{CLEAN_DB:.0f}db",
+            "phantoms": scenario.phantom_stream,
+            "noise": scenario.noise.model_copy(update={"test": CLEAN_DB}),
+        }
+    )
 
 
-class _Task(NamedTuple):
-    """A session of touches, in all scenarios that share its phantoms and its unit."""
+class _Frame(NamedTuple):
+    """A frame (M,) [V/A] whose posterior is not drawn from yet, and the file of its draws."""
 
-    scenarios: tuple[SimulatedScenario, ...]
-    session: int
-    folder: Path
+    scenario: str
+    sample: int
+    snr_db: float
+    voltages: np.ndarray
+    input_hash: str
+    path: Path
 
 
 def draw_posteriors(
@@ -94,58 +105,61 @@ def draw_posteriors(
     jobs: int = 1,
     progress: bool = False,
 ) -> None:
-    """Draw from the posteriors of the first `samples` test frames, whole sessions, of scenarios.
+    """Draw from the posteriors of the first `samples` test frames of scenarios.
 
     Raises:
         InputError: frames that the sampler does not know the law of, or draws of other frames in
             the folder.
     """
-    known = [told(scenario) for scenario in scenarios]
-    for scenario in known:  # made before, so that processes do not make them at the same time
-        load(scenario, "test", samples, jobs=jobs, progress=progress)
-    laws: dict[str, list[SimulatedScenario]] = {}
-    for scenario in known:
-        laws.setdefault(json.dumps(scenario.clean_parameters("test")), []).append(scenario)
+    # Scenarios with the same phantoms on the same units share their models.
+    units: dict[tuple[str, int], tuple[SimulatedScenario, list[_Frame]]] = {}
+    for scenario in map(told, scenarios):
+        law = json.dumps(scenario.clean_parameters("test"))
+        data = load(scenario, "test", samples, jobs=jobs, progress=progress)
+        for sample, input_hash in enumerate(data.frame_hashes):
+            path = _path(folder, scenario.name, sample)
+            if _read(path, input_hash) is None:
+                snr_db, voltages = float(data.samples["snr_db"][sample]), data.voltages[sample]
+                frame = _Frame(scenario.name, sample, snr_db, voltages, input_hash, path)
+                units.setdefault((law, sample // TOUCHES), (scenario, []))[1].append(frame)
+    # First sessions first, so that what a stopped run leaves has the same phantoms everywhere.
     tasks = [
-        _Task(tuple(having), session, folder)
-        for session in range(-(-samples // TOUCHES))
-        for of in laws.values()
-        if (having := [scenario for scenario in of if session * TOUCHES < scenario.test])
+        (*unit, session) for (_, session), unit in sorted(units.items(), key=lambda of: of[0][1])
     ]
     pool = joblib.Parallel(
         n_jobs=jobs, return_as="generator_unordered", batch_size=1, initializer=end_with_parent
     )
-    steps = pool(joblib.delayed(_draw)(task) for task in tasks)
+    steps = pool(joblib.delayed(_draw)(*task) for task in tasks)
     for _ in with_bar(steps, "Drawing posteriors", len(tasks), show=progress):
         pass
 
 
-def draws_of(folder: Path, data: Dataset, sample: int) -> dict[Proposals, Draws] | None:
+def draws_of(
+    folder: Path, scenario: str, sample: int, input_hash: str
+) -> dict[Proposals, Draws] | None:
     """The draws of one frame; None where there are none.
 
     Raises:
-        InputError: draws of other frames.
+        InputError: draws of another frame.
     """
-    session = sample // TOUCHES
-    found = _read(_path(folder, data.scenario, session), data, session)
+    found = _read(_path(folder, scenario, sample), input_hash)
     if found is None:
         return None
     return {
-        name: Draws._make(found[f"{sample}-{name}-{field}"] for field in Draws._fields)
-        for name in PROPOSALS
+        name: Draws._make(found[f"{name}-{field}"] for field in Draws._fields) for name in PROPOSALS
     }
 
 
-def _path(folder: Path, scenario: str, session: int) -> Path:
-    return folder / scenario / f"{session:04d}.safetensors"
+def _path(folder: Path, scenario: str, sample: int) -> Path:
+    return folder / scenario / f"{sample:05d}.safetensors"
 
 
-def _metadata(data: Dataset, session: int) -> dict[str, str]:
-    hashes = data.frame_hashes[session * TOUCHES : (session + 1) * TOUCHES]
-    return {"frames": " ".join(hashes), "particles": str(PARTICLES), "library": str(LIBRARY)}
+def _metadata(input_hash: str) -> dict[str, str]:
+    about = {"frame": input_hash, "version": VERSION, "particles": PARTICLES, "library": LIBRARY}
+    return {name: str(value) for name, value in about.items()}
 
 
-def _read(path: Path, data: Dataset, session: int) -> dict[str, np.ndarray] | None:
+def _read(path: Path, input_hash: str) -> dict[str, np.ndarray] | None:
     try:
         stored = read_arrays(path)
     except DataCorruptError:
@@ -153,48 +167,43 @@ def _read(path: Path, data: Dataset, session: int) -> dict[str, np.ndarray] | No
     if stored is None:
         return None
     arrays, metadata = stored
-    if metadata != _metadata(data, session):
+    if metadata != _metadata(input_hash):
         raise InputError(
-            f"{path} holds draws of other frames or of another number of particles: name an empty "
-            "folder."
+            f"{path} holds draws of another frame or by another version of the sampler: name "
+            "another folder."
         )
     return arrays
 
 
-def _draw(task: _Task) -> None:
-    """Draw from the posteriors of a session's frames; runs in a worker process."""
-    last = (task.session + 1) * TOUCHES
-    data = {of.name: load(of, "test", last) for of in task.scenarios}
-    missing = [
-        scenario
-        for scenario in task.scenarios
-        if _read(_path(task.folder, scenario.name, task.session), data[scenario.name], task.session)
-        is None
-    ]
-    if not missing:
-        return
-    scenario = missing[0]
-    exact = scenario.data_model("test", task.session)
+def _draw(scenario: SimulatedScenario, frames: list[_Frame], session: int) -> None:
+    """Draw from the posteriors of frames of one unit; runs in a worker process."""
+    exact = scenario.data_model("test", session)
     assert isinstance(exact, ForwardModel)
-    priors = tuple(
-        FamilyPrior.of(family, scenario.nominal_sensor)
-        for family in scenario.split_families("test")
-    )
+    families = scenario.split_families("test")
+    priors = tuple(FamilyPrior.of(family, scenario.nominal_sensor) for family in families)
     with threadpool_limits(1):
         models = PhantomModels(priors, exact)
-        prior_draws = library(models, LIBRARY, generator("ceiling", "library", task.session))
-        for scenario in missing:
-            of = data[scenario.name]
-            arrays = {}
-            for sample in range(task.session * TOUCHES, min(last, len(of))):
-                frame = models.frame(of.voltages[sample], float(of.samples["snr_db"][sample]))
-                for proposals in PROPOSALS:
-                    rng = generator("ceiling", scenario.name, sample, proposals)
-                    sampler = Sampler(models, prior_draws, PARTICLES, proposals)
-                    for field, values in sampler.draws(frame, rng)._asdict().items():
-                        arrays[f"{sample}-{proposals}-{field}"] = _compact(np.asarray(values))
-            path = _path(task.folder, scenario.name, task.session)
-            write_arrays(path, arrays, _metadata(of, task.session))
+        samplers = {
+            name: Sampler(
+                models,
+                library(models, LIBRARY, generator("ceiling", "library", session, name)),
+                PARTICLES,
+                name,
+            )
+            for name in PROPOSALS
+        }
+        for frame in frames:
+            seen = models.frame(frame.voltages, frame.snr_db)
+            arrays = {
+                f"{name}-{field}": _compact(np.asarray(values))
+                for name, sampler in samplers.items()
+                for field, values in sampler.draws(
+                    seen, generator("ceiling", frame.scenario, frame.sample, name)
+                )
+                ._asdict()
+                .items()
+            }
+            write_arrays(frame.path, arrays, _metadata(frame.input_hash))
 
 
 def _compact(values: np.ndarray) -> np.ndarray:

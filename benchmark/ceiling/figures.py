@@ -57,7 +57,7 @@ def frames_table(folder: Path, scenarios: Sequence[Scenario], samples: int) -> p
         families = [Parameters(of, data.sensor) for of in scenario.split_families("test")]
         found, estimates, which = [], [], []
         for sample in range(len(data)):
-            drawn = draws_of(folder, data, sample)
+            drawn = draws_of(folder, scenario.name, sample, data.frame_hashes[sample])
             if drawn is None:
                 continue
             row, mean = _frame(data, sample, truth[sample], drawn, families)

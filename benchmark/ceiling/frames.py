@@ -58,7 +58,8 @@ class Frame:
 
         Args:
             predicted: the combinations.
-            sharpness: b > 0; with less than 1 the noise has the variance s^2 / b.
+            sharpness: b > 0; without errors, the power of the likelihood whose logarithm is
+                returned. Errors are not made smaller or larger by it.
             errors: of the predictions, if any, which are added to the noise.
         """
         deviation, missing = self.deviation(predicted), self.data - predicted

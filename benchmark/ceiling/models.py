@@ -18,7 +18,7 @@ from eitbench.benchmark.ceiling.prior import FamilyPrior
 from eitbench.methods.shapes.fit import EDGE
 from eitbench.methods.shapes.parameters import Parameters
 from eitbench.scenarios.arrays import Array, Index
-from eitbench.scenarios.physics.forward import ForwardModel, forward_model
+from eitbench.scenarios.physics.forward import ForwardModel
 from eitbench.scenarios.sensors.patterns import equal_noise
 from eitbench.scenarios.sensors.sensor import Sensor
 
@@ -87,7 +87,8 @@ class PhantomModels:
     def __init__(self, priors: tuple[FamilyPrior, ...], exact: ForwardModel) -> None:
         self.priors = priors
         nominal = priors[0].parameters.sensor
-        self._exact, self._quick = exact, forward_model(replace(nominal, image_shape=QUICK_SHAPE))
+        built = replace(nominal, image_shape=QUICK_SHAPE, electrodes=exact.sensor.electrodes)
+        self._exact, self._quick = exact, ForwardModel(built)
         pattern = nominal.pattern
         self._combine, _ = equal_noise(pattern)
         self._fine = self._painted(exact.sensor)

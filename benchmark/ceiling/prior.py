@@ -7,7 +7,8 @@ vector of parameters theta that fits therefore has the density
     p(theta) = C / (V Z(s)),
 
 with V the volume of all ranges, C the number of vectors that give the same phantom, and Z(s) the
-share of places at which inclusions of these sizes fit. Z is counted: `TRIES` random places for each
+share of places at which inclusions of these sizes fit. (Particles begin as draws of the generator,
+so that V and C do not matter to them.) Z is counted: `TRIES` random places for each
 of `SIZES` random sizes, and log Z is a polynomial of the sizes fitted to these counts (Poisson
 regression), whose degree is `DEGREE`.
 """
@@ -32,7 +33,8 @@ from eitbench.scenarios.sensors.sensor import Sensor
 SIZES, TRIES = 400, 400
 DEGREE = 3
 ROUND = 1 - math.cos(math.pi / RIM_POINTS)
-"""Slack of round regions: the generator looks at polygons around them, at any angle."""
+"""Slack: the generator looks at polygons around round regions, at any angle. It refuses one of a
+thousand vectors that fit with it."""
 PERIODS = {"rectangle": math.pi, "ellipse": math.pi, "star": 2 * math.pi / 5}
 """Angle after which a shape looks the same, where that is less than a full turn."""
 
@@ -54,12 +56,16 @@ class FamilyPrior:
         Raises:
             InputError: a family whose phantoms are not vectors of parameters.
         """
+        sizes = family.shapes[0].sizes
+        ranges = [*sizes.values(), family.conductivity]
+        unlike = family.shapes[0].name == "rectangle" and sizes["width"] != sizes["height"]
         if len(family.shapes) > 1 or family.pressure is not None or family.levels:
-            raise InputError(
-                f"The ceiling is not known for family {family.name!r}: it needs families of one "
-                "shape whose conductivity is drawn from a range."
-            )
-        return cls(Parameters(family, sensor, slack=ROUND))
+            why = "one shape whose conductivity is drawn from a range"
+        elif unlike or any(low >= high for low, high in ranges):
+            why = "ranges that have a width, the same for both sides of a rectangle"
+        else:
+            return cls(Parameters(family, sensor, slack=ROUND))
+        raise InputError(f"The ceiling is not known for family {family.name!r}: it needs {why}.")
 
     @property
     def _shape(self) -> str:

@@ -5,18 +5,19 @@ to the posterior, given a frame, through
 
     p L_b,    b from 0 to 1,
 
-with L_b the likelihood by the stand-in of the exact model (`models`) whose noise has 1 / b of its
-variance (annealed sequential Monte Carlo: Del Moral, Doucet and Jasra 2006, section 3.3). A step
+with L_b the power b of the likelihood by the stand-in of the exact model (`models`), whose errors
+keep their size (annealed sequential Monte Carlo: Del Moral, Doucet and Jasra 2006, 3.3). A step
 raises b by as much as leaves the share `ENOUGH` of the particles of every likely family effective,
 draws them anew by their weights, and moves each `MOVES` times within its family by Metropolis
 steps. As particles close in, the stand-in is fitted anew to exact solutions of some of them; what
 that changes is part of the weights. All families that are not given up have the same number of
 particles; the products of their mean weights are their evidence, which says how likely they are.
 
-In the end, some of the particles are solved exactly. Where their weights, the exact likelihood over
-that of the stand-in, leave enough of them, they are the draws; where they do not, for the frame
-tells which pixels of the data's mesh lie in a shape, the draws are of the posterior that takes this
-for noise.
+In the end, `CHECKED` of the particles are solved exactly. Where their weights, the exact likelihood
+over that of the stand-in, leave enough of them, they are the draws; where they do not, for the
+frame tells which pixels of the data's mesh lie in a shape, the draws are of the posterior that
+takes this for noise. Weights cannot tell of a family or a mode that was lost on the way: only the
+other sampler can.
 
 Two kinds of proposals make two samplers: `walk` takes normal steps with the covariance of a
 family's particles, `differences` steps along the difference of two of them (ter Braak 2006).
@@ -44,10 +45,10 @@ BEGIN = 2.0
 """Effective draws of a likely family, for every particle, that the first step leaves."""
 MOVES = 6
 """Of every particle in a step."""
-FEWEST = 100
+FEWEST = 150
 """Particles of a family."""
-LIKELY, UNLIKELY = 1e-3, 1e-6
-"""Probability of a family from which on b waits for it, and below which it is given up."""
+LIKELY, UNLIKELY = 1e-3, 1e-9
+"""Probability of a family from which on steps wait for it, and below which it is given up."""
 CLOSER = 6.0
 """Rise of b after which the stand-in is fitted anew."""
 SOLVED, SOLVED_LAST = 32, 80
@@ -56,19 +57,16 @@ KEPT, FALL, FALLS = 0.3, 0.7, 12
 """Effective share that a fit leaves, or b falls by this factor, so often at most."""
 SETTLED, FITS = 0.5, 5
 """Effective share that a fit at b = 1 leaves when it is the last one, and the most such fits."""
-CHECKED = 100
+CHECKED = 200
 """Particles that are solved exactly in the end."""
-CORRECTED, RIGHT = 0.3, 0.9
-"""Effective share of their weights from which on these particles are the draws, and from which on
-no weights are needed: all particles are the draws."""
+CORRECTED = 0.3
+"""Effective share of their weights from which on these particles are the draws."""
 LONGEST = 2.4
 """Length of steps, in standard deviations of a family over the root of the number of parameters."""
 BESIDE = 0.1
 """Part of a normal step that is added to one along a difference."""
 LEAST = 1e-12
 """Of b, in the search for the first one."""
-FEW = 2
-"""A family with fewer particles than so many for each parameter has no differences to go along."""
 
 
 class Particles(NamedTuple):
@@ -104,8 +102,8 @@ class Draws(NamedTuple):
     Attributes:
         families, vectors: as of `Particles`.
         weights: (n,), which sum to 1.
-        effective: share of `CHECKED` draws that exact weights leave; below `CORRECTED` the draws
-            are not corrected by them.
+        effective: share of `CHECKED` particles that exact weights leave effective; below
+            `CORRECTED` the draws are all particles, and not exact.
     """
 
     families: Index
@@ -208,18 +206,18 @@ class _Annealing:
     def _fit(self, count: int) -> float:
         """Fit the stand-in anew, to exact solutions of so many particles.
 
-        Where particles were led astray, b falls until enough of them are effective. Returns the
-        share of the likeliest family that would be effective at the same b.
+        Where particles were led astray, b falls until enough of every likely family are effective.
+        Returns the least share of a likely family that would be effective at the same b.
         """
         some = self._rng.choice(len(self._particles.families), count, replace=False)
         chosen = self._particles.take(some)
         exact = self._models.exact(chosen.families, chosen.vectors)
         before = self._log_likelihood(self._particles)
         self._use(StandIn.fitted(chosen.quick, exact))
-        of = self._of(UNLIKELY)[int(self._log_likely.argmax())]
+        of = self._of(LIKELY).values()
         powers = self._sharpness * FALL ** np.arange(FALLS)
         changes = [self._log_likelihood(self._particles, b) - before for b in powers]
-        shares = [effective(change[of]) / len(of) for change in changes]
+        shares = [min(effective(c[some]) / len(some) for some in of) for c in changes]
         k = next((k for k, share in enumerate(shares) if share > KEPT), int(np.argmax(shares)))
         change, self._sharpness = changes[k], powers[k]
         self._draw_anew(change)
@@ -258,7 +256,7 @@ class _Annealing:
         exact = self._models.exact(chosen.families, chosen.vectors)
         log_weights = self._frame.log_likelihood(exact) - self._log_likelihood(chosen)
         share = effective(log_weights) / CHECKED
-        if CORRECTED <= share < RIGHT:
+        if share >= CORRECTED:
             return Draws(chosen.families, chosen.vectors, special.softmax(log_weights), share)
         return Draws(particles.families, particles.vectors, even, share)
 
@@ -319,7 +317,7 @@ class _Steps:
         straight, _ = parameters.straightened(prior.unwrapped(vectors[:, : len(parameters.low)]))
         count, width = straight.shape
         away = straight - straight.mean(axis=0)
-        deviations = np.where(count > 1, away.std(axis=0), parameters.step) + 1e-12
+        deviations = away.std(axis=0) + 1e-12
         away /= deviations
         # The fewer particles there are, the less their correlation is believed.
         believed = count / (count + width)
@@ -335,7 +333,7 @@ class _Steps:
         here, _ = parameters.straightened(vectors[:, : len(parameters.low)])
         count, width = here.shape
         normal = rng.standard_normal(here.shape) @ self.root.T
-        if proposals == "walk" or count < FEW * width:
+        if proposals == "walk":
             step = LONGEST / math.sqrt(width) * normal
         else:
             one, other = rng.integers(count, size=(2, count))
