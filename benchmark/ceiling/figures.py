@@ -1,13 +1,15 @@
 """Figures of the ceiling: of the posterior mean of every frame, and how far draws can be trusted.
 
 The mean of the posterior has the least expected squared error of all estimates (Lehmann and
-Casella, Theory of Point Estimation, 1998, 4.1). Its PSNR of the mean squared error over many frames
-is therefore a bound for every method; SSIM, CC, RIE, place and the mean of the frames' PSNR have
-optima of their own, and the figures of the same mean are a reference there.
+Casella, Theory of Point Estimation, 1998, 4.1). Whatever else it is estimated by has a larger one,
+so that the figures of draws that have not converged lie below the true ceiling and never above it.
+SSIM, CC, RIE, place and the mean of the frames' PSNR have optima of their own, and the figures of
+the same mean are a reference there.
 """
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -15,17 +17,26 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
-from eitbench.benchmark.ceiling.drawing import draws_of, told
+from eitbench.benchmark.ceiling.drawing import (
+    LIBRARY,
+    PARTICLES,
+    SEEDS,
+    VERSION,
+    draws_of,
+    told,
+)
 from eitbench.benchmark.ceiling.models import images
 from eitbench.benchmark.ceiling.sampler import CORRECTED, PROPOSALS, Draws, Proposals
 from eitbench.benchmark.metrics.evaluation import evaluate
 from eitbench.benchmark.metrics.statistics import bootstrap, means
+from eitbench.benchmark.rundir.manifest import environment
 from eitbench.methods.shapes.parameters import Parameters
 from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.data.datasets import Dataset, load
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.seeds import generator
 from eitbench.scenarios.sensors.sensor import Sensor
+from eitbench.scenarios.storage.atomic_write import atomic_write
 from eitbench.scenarios.suites.scenario import Scenario
 
 TRACES = ("x", "y", "strength", "area")
@@ -33,15 +44,19 @@ TRACES = ("x", "y", "strength", "area")
 of its contrast [m^2], and its area [m^2]."""
 AGREED = 1.01
 """Greatest R-hat of the traces of a frame whose draws are trusted."""
+ROUNDING = 1e-9
+"""Relative size of differences between traces that say nothing."""
 FIGURES = ("psnr", "ssim", "cc", "rie", "localisation_mm")
 
 
 def frames_table(folder: Path, scenarios: Sequence[Scenario], samples: int) -> pd.DataFrame:
     """One row for each of the first `samples` frames of scenarios of which `folder` holds draws.
 
-    Columns: `scenario`, `sample`, `input_hash`, `cluster`, `family` and `snr_db` of the frame;
-    `FIGURES` of the posterior mean; `mse` of it [(S/m)^2], `mse_<proposals>` of each sampler's
-    alone, and `expected_mse`, the variance of the posterior; `rhat`, the greatest of the traces;
+    Columns: `scenario`, `sample`, `input_hash`, `cluster`, `family`, `snr_db` and `touch_snr_db` of
+    the frame; `FIGURES` of the mean of both samplers' means; squared errors over the square of the
+    sensor's data range: `mse` of the posterior mean, estimated by the product of both samplers'
+    errors, in which the chance of their draws cancels, `mse_<proposals>` of each alone, and
+    `expected_mse`, the variance of the posterior; `rhat`, the greatest of the traces;
     `effective`, the lesser share of exact weights; `rank_<trace>`, the share of draws below the
     truth; `true_<trace>` and `sd_<trace>`, the truth and the posterior's standard deviation;
     `likely_<family>`, the probabilities.
@@ -90,6 +105,7 @@ def _frame(
     mean = np.mean([alone[k] for k in PROPOSALS], axis=0)
     pixels = data.sensor.mask
     squares = [weights[k] @ ((painted[k] - mean)[:, pixels] ** 2).mean(axis=1) for k in PROPOSALS]
+    errors = {k: (alone[k] - truth)[pixels] / data.sensor.data_range for k in PROPOSALS}
     traced = {k: traces(painted[k], data.sensor) for k in PROPOSALS}
     both = np.concatenate([traced[k] for k in PROPOSALS])
     weight = np.concatenate([weights[k] for k in PROPOSALS]) / len(PROPOSALS)
@@ -108,9 +124,9 @@ def _frame(
         "family": about["family"],
         "snr_db": about["snr_db"],
         "touch_snr_db": about["touch_snr_db"],
-        "mse": float(np.square(mean - truth)[pixels].mean()),
-        **{f"mse_{k}": float(np.square(alone[k] - truth)[pixels].mean()) for k in PROPOSALS},
-        "expected_mse": float(np.mean(squares)),
+        "mse": float(np.mean(np.prod(list(errors.values()), axis=0))),
+        **{f"mse_{k}": float(np.square(error).mean()) for k, error in errors.items()},
+        "expected_mse": float(np.mean(squares)) / data.sensor.data_range**2,
         "rhat": max(rhat([traced[k][:, t] for k in PROPOSALS], [weights[k] for k in PROPOSALS])
                     for t in range(len(TRACES))),
         "effective": min(d.effective for d in drawn.values()),
@@ -137,9 +153,9 @@ def rhat(chains: Sequence[Array], weights: Sequence[Array]) -> float:
     """R-hat of one trace, from weighted draws (n,) of each chain (Gelman and Rubin 1992)."""
     means = [float(w @ x) for x, w in zip(chains, weights, strict=True)]
     within = [float(w @ (x - m) ** 2) for x, w, m in zip(chains, weights, means, strict=True)]
-    between = float(np.var(means, ddof=1))
-    if not np.mean(within):
-        return 1.0 if not between else float("inf")
+    between, rounding = float(np.var(means, ddof=1)), (ROUNDING * np.abs(means).max()) ** 2
+    if np.mean(within) <= rounding:  # the same in all draws
+        return 1.0 if between <= rounding else float("inf")
     return float(np.sqrt(1 + between / np.mean(within)))
 
 
@@ -195,3 +211,29 @@ def _decibels(counts: Array, errors: Array) -> Array:
     """PSNR (b, 2) of the first mean of `errors` (n, 3), and of the second over the third."""
     mean = means(counts, errors)
     return -10 * np.log10(np.stack([mean[:, 0], mean[:, 1] / mean[:, 2]], axis=1))
+
+
+def write_record(
+    draws: Path, suite: str, scenarios: Sequence[Scenario], samples: int, out: Path
+) -> pd.DataFrame:
+    """Write `SUITE.csv` and `SUITE.json` into the folder `out`, from draws; returns the frames.
+
+    Raises:
+        InputError: no draws of the scenarios' frames.
+    """
+    frames = frames_table(draws, scenarios, samples)
+    named = ",".join(scenario.name for scenario in scenarios)
+    about = {
+        "command": f"eitbench ceiling {suite} --scenarios {named} --samples {samples} --out DIR",
+        "sampler": {"version": VERSION, "particles": PARTICLES, "library": LIBRARY, "seeds": SEEDS},
+        "data": {
+            of.name: of.data_hash("test")
+            for of in map(told, scenarios)
+            if of.name in set(frames["scenario"])
+        },
+        **environment(),
+    }
+    table = frames.to_csv(index=False, float_format="%.6g", lineterminator="\n")
+    atomic_write(out / f"{suite}.csv", table.encode())
+    atomic_write(out / f"{suite}.json", (json.dumps(about, indent=1) + "\n").encode())
+    return frames

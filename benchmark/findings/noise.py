@@ -1,23 +1,22 @@
 """Quality against noise: the same phantoms at several levels, the ceiling and the untouched sensor.
 
-Figures are PSNR of the mean squared error, for which the ceiling is a bound. Where the ceiling is
-known, all figures are over the phantoms that it is known for, at every level.
+Figures are PSNR of the mean squared error, which the ceiling is about. Where it is known, all
+figures are over the phantoms that it is known for, at every level.
 """
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
 
 from eitbench.benchmark.analysis.results import Run
-from eitbench.benchmark.ceiling.drawing import told
 from eitbench.benchmark.ceiling.record import recorded_frames
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
 from eitbench.benchmark.rundir.manifest import suite_of
 from eitbench.scenarios.data.simulation import phantom
-from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.phantoms.phantom import rasterise
 from eitbench.scenarios.suites.scenario import SimulatedScenario
 
@@ -32,8 +31,8 @@ class NoiseCurves:
 
     Attributes:
         psnr: [dB] of the mean squared error: a row for each method, the ceiling and the untouched
-            sensor, a column for each level [dB]; clean frames are the infinite one, where the
-            ceiling is that of 70 dB. NaN where not known.
+            sensor, a column for each level [dB]; clean frames are the infinite one, which have no
+            ceiling. NaN where not known.
         n: number of phantoms.
     """
 
@@ -46,7 +45,7 @@ def noise_curves(run: Run) -> NoiseCurves | None:
     if run.kind is not METHOD_RUNS or run.samples.empty:
         return None
     ran = run.scenarios()
-    of: dict[tuple[object, ...], list[SimulatedScenario]] = {}
+    of: dict[str, list[SimulatedScenario]] = {}
     for scenario in suite_of(run.manifest).scenarios:
         if (
             scenario.name in ran
@@ -54,8 +53,9 @@ def noise_curves(run: Run) -> NoiseCurves | None:
             and scenario.acuity is None
             and scenario.noise.test != "mixture"
         ):
-            key = scenario.phantom_stream, scenario.families, scenario.imperfections
-            of.setdefault(key, []).append(scenario)
+            # Of the same phantoms, sensors and meshes.
+            same = json.dumps([scenario.clean_parameters("test"), scenario.calibrated])
+            of.setdefault(same, []).append(scenario)
     levels = max(of.values(), key=len, default=[])
     if len({scenario.noise.test for scenario in levels}) < LEVELS:
         return None
@@ -63,11 +63,17 @@ def noise_curves(run: Run) -> NoiseCurves | None:
 
 
 def _curves(run: Run, scenarios: list[SimulatedScenario]) -> NoiseCurves:
-    known = [recorded_frames(_told_name(s)).set_index("sample")["mse"] for s in scenarios]
+    known = [
+        recorded_frames(s.name, s.data_hash("test")).set_index("sample")["mse"] for s in scenarios
+    ]
     cells = run.samples[run.samples["scenario"].isin([s.name for s in scenarios])]
-    samples = set.intersection(*(set(of["sample"]) for _, of in cells.groupby("scenario")))
+    cells = cells[cells["psnr"].notna()]
+    samples = set.intersection(
+        *(set(of["sample"]) for _, of in cells.groupby(["scenario", "method"]))
+    )
     for errors in known:
-        samples &= set(errors.index) or samples
+        # A record of none of these phantoms is as good as none.
+        samples = samples & set(errors.index) or samples
     kept = sorted(samples)
     cells = cells[cells["sample"].isin(kept)]
     rows: dict[str, dict[float, float]] = {}
@@ -78,19 +84,12 @@ def _curves(run: Run, scenarios: list[SimulatedScenario]) -> NoiseCurves:
         for method, cell in of.groupby("method"):
             error = np.mean(10 ** (-cell["psnr"].to_numpy() / 10))
             rows.setdefault(str(method), {})[level] = float(-10 * np.log10(error))
-        if len(errors):
+        if set(kept) <= set(errors.index):
             least = float(errors.reindex(kept).mean())
             rows.setdefault(CEILING, {})[level] = float(-10 * np.log10(least))
         rows.setdefault(UNTOUCHED, {})[level] = _untouched(scenario, kept)
     table = pd.DataFrame.from_dict(rows, orient="index").sort_index(axis=1)
     return NoiseCurves(table, len(kept))
-
-
-def _told_name(scenario: SimulatedScenario) -> str:
-    try:
-        return told(scenario).name
-    except InputError:
-        return scenario.name
 
 
 def _untouched(scenario: SimulatedScenario, samples: list[int]) -> float:

@@ -3,7 +3,6 @@
 import pandas as pd
 from docs.tables.record import STUDIES, printed
 
-from eitbench.benchmark.ceiling.drawing import told
 from eitbench.benchmark.ceiling.figures import summary
 from eitbench.benchmark.ceiling.record import recorded_frames
 from eitbench.scenarios.suites.suite import load_suite
@@ -25,8 +24,8 @@ _CHECKS = {
 
 def frames() -> pd.DataFrame:
     """Return the recorded frames of the suite `noise`, the least noise first."""
-    names = [told(scenario).name for scenario in load_suite("noise").scenarios]
-    return pd.concat([recorded_frames(name) for name in names])
+    scenarios = load_suite("noise").scenarios
+    return pd.concat([recorded_frames(of.name, of.data_hash("test")) for of in scenarios])
 
 
 def _level(row: dict[str, float]) -> str:

@@ -33,10 +33,10 @@ def findings(run: Run) -> list[Finding]:
         for name, row in curves.psnr.iterrows()
     ]
     legend = (
-        f"PSNR of the mean squared error over {curves.n} phantoms, the same at all levels. No "
-        "method can be above the ceiling: it is the posterior mean, told the law of the phantoms, "
-        "the noise and the sensor as built; of clean frames it is that of 70 dB. The untouched "
-        "sensor is an image without a touch."
+        f"PSNR of the mean squared error over {curves.n} phantoms, the same at all levels. The "
+        "ceiling is the posterior mean by a sampler that is told the law of the phantoms, the "
+        "noise and the sensor as built: what frames allow is at least this. The untouched sensor "
+        "is an image without a touch."
     )
     shows = "A line for each method between the ceiling and the untouched sensor"
     wide, narrow = (draw(curves, width) for width in (PAGE, COLUMN))

@@ -45,7 +45,7 @@ def test_ceiling_prints_and_writes_the_same_figures(
     assert row["psnr"] == pytest.approx(frames["psnr"].mean(), rel=1e-4)
     assert frames["likely_circle"].tolist() == [1, 1, 1, 1]
     about = json.loads((out / "few.json").read_text())
-    assert about["command"] == "eitbench ceiling few --scenarios few --samples 10"
+    assert about["command"] == "eitbench ceiling few --scenarios few --samples 10 --out DIR"
     again = CliRunner().invoke(app, arguments)
     assert again.exit_code == 0
     assert f"{row['psnr']:.2f}" in again.output

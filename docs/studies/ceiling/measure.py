@@ -39,7 +39,8 @@ def write(paths: Sequence[Path]) -> None:
     whole = replace(runs[0], samples=samples)
     names = ["scenario", "method"]
     rows = [
-        {**{name: row[name] for name in names}, "n": len(recorded_frames(row["scenario"])),
+        {**{name: row[name] for name in names},
+         "n": len(recorded_frames(row["scenario"], row["data_hash"])),
          **{end: row[f"below_ceiling_db{of}"]
             for end, of in (("below_db", ""), ("low", "_low"), ("high", "_high"))}}
         for row in leaderboard_rows([whole])

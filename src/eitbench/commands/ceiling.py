@@ -35,11 +35,10 @@ def ceiling(
     """Work out how well the touches of a suite could be known by a method that knows their law.
 
     Two samplers draw from the posterior of every frame, told the families, their ranges, the noise,
-    the mesh and the electrodes. Some 40 seconds a frame, on one core; clean frames get 70 dB.
+    the mesh and the electrodes. Up to a minute a frame, on one core; clean frames get 70 dB.
     """
     from eitbench.benchmark.ceiling.drawing import draw_posteriors
-    from eitbench.benchmark.ceiling.figures import summary
-    from eitbench.benchmark.ceiling.record import write_record
+    from eitbench.benchmark.ceiling.figures import summary, write_record
     from eitbench.commands.tables import names_table
     from eitbench.scenarios.errors import unknown_name
     from eitbench.scenarios.suites.suite import load_suite

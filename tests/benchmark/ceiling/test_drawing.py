@@ -10,8 +10,7 @@ from eitbench.benchmark.analysis.leaderboard import leaderboard_rows
 from eitbench.benchmark.analysis.results import read_run
 from eitbench.benchmark.ceiling import drawing, record
 from eitbench.benchmark.ceiling.drawing import draw_posteriors, told
-from eitbench.benchmark.ceiling.figures import summary
-from eitbench.benchmark.ceiling.record import write_record
+from eitbench.benchmark.ceiling.figures import summary, write_record
 from eitbench.benchmark.run.runner import make_plan, start_run
 from eitbench.reports.tables.boards import note, printed_boards
 from eitbench.scenarios.suites.scenario import SimulatedScenario, SplitNoise
@@ -32,9 +31,11 @@ def few_draws(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize(
     ("changes", "why"),
     [
-        ({"noise": {"test": 0}}, "0.0: the ceiling needs an SNR above 0 dB"),
-        ({"noise": {"test": "mixture"}}, "'mixture': the ceiling needs an SNR"),
+        ({"noise": {"test": 0}}, "0.0: the ceiling needs frames that all have one SNR, above 0"),
+        ({"noise": {"test": 120}}, "120.0: the ceiling needs .* up to 80 dB"),
+        ({"noise": {"test": "mixture"}}, "'mixture': the ceiling needs frames"),
         ({"families": ("conductive",)}, "not known for family 'conductive'"),
+        ({"families": ("object-rectangle",)}, "the same for both sides of a rectangle"),
         ({"imperfections": {"gain": 0.01}}, "has gain, which the ceiling is not told"),
         ({"imperfections": {"mesh": "slab"}}, "has a slab, which the ceiling is not told"),
         ({"calibrated": True}, "has calibration, which"),
@@ -55,7 +56,8 @@ def test_recorded_frames_have_no_ceiling() -> None:
 def test_clean_frames_are_those_of_70_db() -> None:
     clean = FAST.model_dump(mode="json") | {"name": "few-clean", "noise": {"test": "clean"}}
     found = told(SimulatedScenario.model_validate(clean))
-    assert (found.name, found.noise.test) == ("few-70db", 70)
+    assert (found.name, found.noise.test) == ("few-clean-at-70db", 70)
+    assert found.phantom_stream == "few-clean"
     assert told(FAST) is FAST
 
 
@@ -65,11 +67,11 @@ def test_a_stopped_run_goes_on_and_the_board_has_the_ceiling(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     draws = tmp_path / "draws"
-    draw_posteriors([FAST], draws, 3)
-    first = (draws / "few" / "0000.safetensors").read_bytes()
-    draw_posteriors([FAST], draws, 30)
-    assert (draws / "few" / "0000.safetensors").read_bytes() == first
-    assert len(list((draws / "few").iterdir())) == 10
+    draw_posteriors([FAST], draws, 2)
+    first = (draws / "few" / "00001.safetensors").read_bytes()
+    draw_posteriors([FAST], draws, 60)
+    assert (draws / "few" / "00001.safetensors").read_bytes() == first
+    assert len(list((draws / "few").iterdir())) == FAST.test
     frames = write_record(draws, "own", [FAST], 30, tmp_path / "records")
     (row,) = summary(frames).to_dict("records")
     # The mean is as good as the posterior says, and better than each frame's noise would allow.
@@ -100,11 +102,11 @@ def test_a_stopped_run_goes_on_and_the_board_has_the_ceiling(
 def test_draws_of_other_frames_are_not_taken(tmp_path: Path) -> None:
     draw_posteriors([FAST], tmp_path, 3)
     other = FAST.model_copy(update={"phantoms": "others"})
-    with pytest.raises(InputError, match="draws of other frames"):
+    with pytest.raises(InputError, match="draws of another frame"):
         draw_posteriors([other], tmp_path, 3)
-    (tmp_path / "few" / "0000.safetensors").write_bytes(b"damaged")
+    (tmp_path / "few" / "00000.safetensors").write_bytes(b"damaged")
     draw_posteriors([FAST], tmp_path, 3)
-    assert (tmp_path / "few" / "0000.safetensors").stat().st_size > 1000
+    assert (tmp_path / "few" / "00000.safetensors").stat().st_size > 1000
 
 
 def test_without_draws_there_is_no_record(tmp_path: Path) -> None:

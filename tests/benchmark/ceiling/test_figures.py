@@ -34,6 +34,9 @@ def test_rhat_is_one_of_chains_that_agree_and_grows_with_their_distance() -> Non
     stuck = [np.zeros(5), np.ones(5)]
     assert rhat(stuck, [np.full(5, 0.2)] * 2) == np.inf
     assert rhat([np.zeros(5)] * 2, [np.full(5, 0.2)] * 2) == 1
+    # Weights of equal values sum to them but for rounding.
+    uneven = [rng.dirichlet(np.ones(7)) for _ in range(2)]
+    assert rhat([np.full(7, 0.1 / 3)] * 2, uneven) == 1
 
 
 def frames(n: int, ranks: np.random.Generator, width: float) -> pd.DataFrame:

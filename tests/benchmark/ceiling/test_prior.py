@@ -8,7 +8,7 @@ import pytest
 from eitbench.benchmark import InputError
 from eitbench.benchmark.ceiling.prior import PERIODS, FamilyPrior
 from eitbench.scenarios import sensor
-from eitbench.scenarios.phantoms.families import FAMILIES
+from eitbench.scenarios.phantoms.families import FAMILIES, DeclaredFamily
 from eitbench.scenarios.phantoms.phantom import draw, rasterise
 
 SENSOR = sensor("foam16")
@@ -64,6 +64,14 @@ def test_angles_are_unwrapped_about_their_mean() -> None:
     unwrapped = prior.unwrapped(vectors)
     assert np.ptp(unwrapped[:, 2]) == pytest.approx(0.4)
     np.testing.assert_allclose(prior.wrapped(unwrapped), vectors)
+
+
+def test_a_value_that_does_not_vary_is_refused() -> None:
+    fixed = DeclaredFamily(
+        name="fixed", shape="circle", sizes={"radius": (0.1, 0.2)}, conductivity=(0.5, 0.5)
+    )
+    with pytest.raises(InputError, match="ranges that have a width"):
+        FamilyPrior.of(fixed.family(), SENSOR)
 
 
 @pytest.mark.parametrize("name", ["conductive", "soft-press", "tank-1"])
