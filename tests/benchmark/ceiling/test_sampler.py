@@ -4,9 +4,10 @@ from functools import cache
 
 import numpy as np
 import pytest
-from scipy import special
+from scipy import special, stats
 from tests.support.small_sensors import foam
 
+from eitbench.benchmark.ceiling.figures import traces
 from eitbench.benchmark.ceiling.models import PhantomModels, images
 from eitbench.benchmark.ceiling.prior import FamilyPrior
 from eitbench.benchmark.ceiling.sampler import (
@@ -87,3 +88,25 @@ def test_the_same_generator_gives_the_same_draws() -> None:
     ]
     np.testing.assert_array_equal(found[0].vectors, found[1].vectors)
     np.testing.assert_array_equal(found[0].weights, found[1].weights)
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("proposals", PROPOSALS)
+def test_true_phantoms_have_uniform_ranks_among_draws(proposals: Proposals) -> None:
+    """Simulation-based calibration: true phantoms are draws of the prior, as particles are."""
+    models, begin, *_ = made()
+    exact, families = ForwardModel(SENSOR), [prior.parameters for prior in models.priors]
+    ranks = []
+    for k in range(40):
+        rng = np.random.default_rng([8, k])
+        truth = rasterise(draw(FAMILIES[NAMES[k % 2]], SENSOR, rng), SENSOR)
+        frame = models.frame(add_noise(exact.voltages(truth), 25.0, rng), 25.0)
+        drawn = Sampler(models, begin, 300, proposals).draws(frame, rng)
+        found = traces(images(families, drawn.families, drawn.vectors), SENSOR)
+        (true,) = traces(truth[None], SENSOR)
+        ties = rng.random(len(true)) * (drawn.weights @ (found == true))
+        ranks.append(drawn.weights @ (found < true) + ties)
+    of = np.array(ranks).T
+    assert min(stats.kstest(rank, "uniform").pvalue for rank in of) > 0.01 / len(of)
+    for level, error in ((0.5, 0.15), (0.8, 0.12), (0.95, 0.07)):
+        assert (np.abs(of - 0.5) <= level / 2).mean() == pytest.approx(level, abs=error)
