@@ -51,7 +51,7 @@ def _checks() -> str:
 def _below() -> str:
     stored = pd.read_csv(STUDIES / "ceiling" / "below.csv")
     scenarios = stored["scenario"].unique()
-    distance = "{below_db:.1f} ({low:.1f} to {high:.1f})"
+    distance = "{below_db:.1f} ({low:z.1f} to {high:.1f})"
     cells = {
         (row["method"], row["scenario"]): distance.format(**row)
         for row in stored.to_dict("records")

@@ -67,7 +67,6 @@ def draw(curves: NoiseCurves, width: float = PAGE) -> Figure:
         ceiling = curves.psnr.loc[CEILING].to_numpy(np.float64)
         high = max(high, np.nanmax(ceiling) + 1)
         axes.plot(at, ceiling, color="black", lw=1.6, label="ceiling")
-        axes.fill_between(at, ceiling, high, color="0.92", lw=0, zorder=0)
     nothing = curves.psnr.loc[UNTOUCHED].to_numpy(np.float64)
     axes.plot(at, nothing, color="0.4", lw=1, ls=":", label="untouched sensor")
     axes.set_ylim(min(low, nothing.min() - 1), high)

@@ -67,7 +67,7 @@ def _beside(board: BoardData, boards: Sequence[BoardData]) -> str:
     first = board["views"][0]["rows"][0]
     parts = []
     if (below := first.get("below_ceiling_db")) is not None:
-        parts.append(f"The frames allow at least {max(below, 0):.1f} dB more.")
+        parts.append(f"In mean squared error, these frames allow {max(below, 0):.1f} dB more.")
     if board["ranked_by"] == "score":
         parts.append(f"S is {score_weights()['psnr']:.0%} decibels (PSNR).".replace("%", " %"))
     if first.get("training"):
