@@ -42,9 +42,13 @@ class NoiseCurves:
 
 def noise_curves(run: Run) -> NoiseCurves | None:
     """The curves of a run; None where it has fewer than `LEVELS` levels of the same phantoms."""
-    if run.kind is not METHOD_RUNS or run.samples.empty:
-        return None
     ran = run.scenarios()
+    if run.kind is not METHOD_RUNS or len(ran) < LEVELS:
+        return None
+    declared = run.manifest.get("plan", {}).get("suite", {}).get("scenarios", ())
+    levels_of = {str(of.get("noise", {}).get("test")) for of in declared if of["name"] in ran}
+    if len(levels_of) < LEVELS:
+        return None
     of: dict[str, list[SimulatedScenario]] = {}
     for scenario in suite_of(run.manifest).scenarios:
         if (
