@@ -1,10 +1,11 @@
 """Figures of the ceiling: of the posterior mean of every frame, and how far draws can be trusted.
 
 The mean of the posterior has the least expected squared error of all estimates (Lehmann and
-Casella, Theory of Point Estimation, 1998, 4.1). Whatever else it is estimated by has a larger one,
-so that the figures of draws that have not converged lie below the true ceiling and never above it.
-SSIM, CC, RIE, place and the mean of the frames' PSNR have optima of their own, and the figures of
-the same mean are a reference there.
+Casella, Theory of Point Estimation, 1998, 4.1). The mean of draws that have not converged has a
+larger one. The product of two samplers' errors is the error of the posterior mean and what both
+samplers err by alike; what is chance, of one sampler alone, cancels on average. (Only samplers
+that err in opposite directions would make it too small.) SSIM, CC, RIE, place and the mean of the
+frames' PSNR have optima of their own, and the figures of the same mean are a reference there.
 """
 
 from __future__ import annotations

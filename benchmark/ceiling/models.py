@@ -1,10 +1,9 @@
 """Voltages of phantoms: the exact model of the data, and a stand-in for it that is quicker.
 
-The exact model has the mesh, the pixels and the electrodes that frames come from; a solution takes
-20 ms on a mesh three times finer than the pixels. The quick model is that of the nominal sensor on
-`QUICK_SHAPE` pixels, on which shapes have soft edges; it takes 0.1 ms, and `StandIn` brings it near
-to the exact one. What is left, from 40 dB below a touch on, is which of the fine pixels lie in a
-shape, which no smooth function of its parameters tells.
+The exact model has the mesh, the pixels and the electrodes that frames come from. The quick model
+has the same electrodes and `QUICK_SHAPE` pixels, on which shapes have soft edges; `StandIn` brings
+it near to the exact one. What is left at the end is which of the fine pixels lie in a shape, which
+no smooth function of its parameters tells.
 """
 
 from __future__ import annotations
