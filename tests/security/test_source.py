@@ -29,7 +29,7 @@ FORBIDDEN_CALLS = {
 FORBIDDEN_METHODS = {"extractall", "extract", "to_pickle", "unpack_archive"}
 
 BETWEEN_OUR_PROCESSES = {
-    "benchmark/run/executors.py", "benchmark/run/method_cell.py",
+    "benchmark/ceiling/drawing.py", "benchmark/run/executors.py", "benchmark/run/method_cell.py",
     "benchmark/workers/confinement.py",
     "benchmark/workers/process.py", "benchmark/workers/worker.py",
     "benchmark/studies/priors.py", "benchmark/studies/readings.py",
