@@ -28,7 +28,7 @@ def ceiling(
     scenarios: Annotated[
         str | None, typer.Option(metavar="X,Y", help="These scenarios only (default: all).")
     ] = None,
-    samples: Annotated[int, typer.Option(min=1, help="Test samples of each scenario.")] = 200,
+    samples: Annotated[int, typer.Option(min=2, help="Test samples of each scenario.")] = 200,
     jobs: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
     as_json: Json = False,
 ) -> None:
