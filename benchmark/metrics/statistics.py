@@ -126,11 +126,13 @@ def intervals(value: Array, drawn: Array, clusters: int) -> Array:
     """Ends (2, ...) of the interval of each `value` (...) from its `drawn` values (draws, ...).
 
     The percentile interval, widened for few clusters as Student's interval is; NaN where a draw
-    has no value.
+    has no value, and for a single cluster, which says nothing about others.
 
     Source: Hesterberg, What Teachers Should Know About the Bootstrap, The American Statistician
     69(4), 2015, sec. 3.2.2 (expanded percentile interval).
     """
+    if clusters < 2:
+        return np.full((2, *np.shape(value)), np.nan)
     quantile = special.stdtrit(clusters - 1, (1 - LEVEL) / 2) * np.sqrt(clusters / (clusters - 1))
     low = float(special.ndtr(quantile))
     ends: Array = np.quantile(drawn, [low, 1 - low], axis=0)

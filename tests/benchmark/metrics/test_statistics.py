@@ -133,6 +133,11 @@ def test_equal_values_have_no_spread() -> None:
     assert interval == (0.25, 0.25, 0.25)
 
 
+def test_one_cluster_has_a_value_and_no_interval() -> None:
+    (interval,) = bootstrap(np.array([[1.0], [2.0]]), [0, 0])
+    np.testing.assert_equal(interval, (1.5, np.nan, np.nan))
+
+
 @pytest.mark.parametrize(
     ("intervals_of", "shape"),
     [
