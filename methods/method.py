@@ -13,6 +13,10 @@ from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.data.datasets import Dataset, same_reference
 from eitbench.scenarios.sensors.sensor import Sensor
 
+DRAWS = 39
+"""Images that state an uncertainty: the truth, if it is one more draw, has one of 40 ranks, of
+which 20, 32 and 38 make the central 50, 80 and 95 %."""
+
 
 class Described:
     """What a method of any kind says of itself.
@@ -69,6 +73,23 @@ class Method(Described, ABC):
         Raises:
             InputError: a wrong number of values or a value that is not finite.
         """
+
+    def uncertainty(self, voltages: Array) -> Array:
+        """How sure the images of `reconstruct` of these frames are. A method need not have it.
+
+        Frames are those that it was asked for just before, with the same reference frame.
+
+        Returns:
+            The standard deviation (n, H, W) [S/m] of each pixel about the image, for a normal
+            distribution; or images (n, `DRAWS`, H, W) [S/m] from its posterior, as likely as each
+            other, which say how sure a place is, too.
+        """
+        raise NotImplementedError
+
+    @classmethod
+    def states_uncertainty(cls) -> bool:
+        """True if it has `uncertainty`."""
+        return cls.uncertainty is not Method.uncertainty
 
 
 def reconstructed(method: Method, problem: Problem, data: Dataset) -> Array:

@@ -162,6 +162,7 @@ METHOD_REGISTRY = Registry(
         "untrained.pinn",
         "learned.refined",
         "learned.ensemble",
+        "learned.conformal",
         "learned.cnn_pinn",
         "learned.tank_unet",
         "shapes.shape_posterior",

@@ -14,6 +14,7 @@ from pydantic import BaseModel, ConfigDict, TypeAdapter
 
 from eitbench.benchmark.metrics.aggregation import LOAD_COLUMNS
 from eitbench.benchmark.metrics.specs import METRIC_COLUMNS
+from eitbench.benchmark.metrics.uncertainty import UNCERTAINTY
 from eitbench.benchmark.rundir import manifest
 from eitbench.benchmark.rundir.folder import read_json_file
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS, RUN_KINDS, RunKind
@@ -63,6 +64,7 @@ NUMBERS = (
     *(name for place in PLACES for name in place),
     *("calibration_ms", "calibration_spread", "load", "cpu_mhz"),
     *METRIC_COLUMNS,
+    *UNCERTAINTY,
     *LOAD_COLUMNS,
 )
 

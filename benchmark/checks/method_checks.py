@@ -325,6 +325,30 @@ def _seen(contrast: Array) -> float:
     return rms
 
 
+def uncertainty(tested: MethodUnderTest) -> str:
+    """Uncertainty is finite, not negative, not nothing, and the same twice.
+
+    A method need not state any.
+    """
+    stated = tested.uncertainty(tested.contact)
+    if stated is None:
+        raise SkippedError("it states no uncertainty.")
+    inside = stated[..., tested.sensor.mask]
+    bad = int((~np.isfinite(inside)).sum())
+    require(bad == 0, f"{bad} of {inside.size} values of the uncertainty are NaN or infinite.")
+    drawn = stated.ndim == tested.images(tested.contact).ndim + 1
+    deviations = inside.std(axis=1) if drawn else inside
+    least, most = float(deviations.min()), float(deviations.max())
+    require(least >= 0, f"a standard deviation is {least:.3g} S/m; it cannot be negative.")
+    require(most > 0, "it is sure of every pixel of a contact: no image is without error.")
+    again = tested.uncertainty(tested.contact)
+    apart = np.inf if again is None else float(np.max(np.abs(again - stated)))
+    allowed = SAME_RUN * tested.sensor.data_range
+    require(apart <= allowed, f"stated twice for a frame, it differs by up to {apart:.2g} S/m.")
+    what = f"{stated.shape[1]} draws" if drawn else "standard deviations"
+    return f"{what} with deviations up to {most:.2g} S/m at a contact."
+
+
 def memory(tested: MethodUnderTest) -> str:
     """Memory does not grow."""
     tested.images(tested.contact)

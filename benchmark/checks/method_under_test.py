@@ -18,7 +18,13 @@ from numpy.typing import NDArray
 from pydantic import StringConstraints, TypeAdapter
 from threadpoolctl import threadpool_limits
 
-from eitbench.benchmark.checks.harness import BrokenError, CheckWorker, images_of, require
+from eitbench.benchmark.checks.harness import (
+    BrokenError,
+    CheckWorker,
+    answered,
+    images_of,
+    require,
+)
 from eitbench.benchmark.workers.audit_hook import Watch
 from eitbench.benchmark.workers.messages import Failure, Reply
 from eitbench.benchmark.workers.method_service import Frames, MethodService, learning_splits
@@ -149,6 +155,17 @@ class MethodUnderTest:
 
     def _images(self, frames: Frames, reply: Reply) -> Images:
         return images_of(reply, (len(frames), *self.sensor.image_shape), "reconstruct")
+
+    def uncertainty(self, frames: Frames) -> NDArray[np.float32] | None:
+        """Return what it states of its uncertainty of `frames`; None where it states nothing.
+
+        Raises:
+            BrokenError: it is neither deviations (n, H, W) nor draws (n, DRAWS, H, W).
+        """
+        references = _of_each(self.reference, frames)
+        said = answered(self.worker.request("reconstruct_with_uncertainty", frames, references))
+        stated: NDArray[np.float32] | None = said["uncertainty"] if isinstance(said, dict) else None
+        return stated
 
     def refit(
         self, frames: Frames, *, gain: float = 1.0, seed: int | None = None, threads: int = THREADS

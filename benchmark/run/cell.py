@@ -279,7 +279,7 @@ class BatchRunner:
             self._run_pending()
             with calibrated(self._core) as measured:
                 measured |= self.task.warm(
-                    lambda what, rows: self._ask("test", rows, what),
+                    lambda what, rows: self._ask("timing", rows, what),
                     pinned=self._core is not None,
                 )
             measured |= self._prior_knowledge()

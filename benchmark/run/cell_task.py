@@ -153,7 +153,7 @@ class CellTask(ABC):
 
     @abstractmethod
     def request(self, split: str, rows: slice) -> tuple[object, ...]:
-        """Return the request for some samples of a split."""
+        """Return the request for some samples of a split; "timing" is "test" once more, timed."""
 
     @abstractmethod
     def blank(self, n: int) -> dict[str, NDArray[Any]]:

@@ -20,6 +20,13 @@ from eitbench.benchmark.metrics.evaluation import (
     fit_registration,
     knows_loads,
 )
+from eitbench.benchmark.metrics.uncertainty import (
+    STORED,
+    kept_of_draws,
+    normal_draws,
+    sample_figures,
+    summary,
+)
 from eitbench.benchmark.run.cell_task import (
     NAN,
     Ask,
@@ -36,9 +43,12 @@ from eitbench.benchmark.rundir.store import RunStore
 from eitbench.benchmark.tuning.selection import recorded_selection
 from eitbench.benchmark.workers.messages import Cost, Reply, array_in, parsed
 from eitbench.benchmark.workers.method_service import Frames, MethodService, learning_splits
+from eitbench.methods.method import DRAWS
 from eitbench.methods.registry import METHOD_REGISTRY, place_methods
+from eitbench.scenarios.arrays import Array, nearest_pixels
 from eitbench.scenarios.data.datasets import Dataset, load
 from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.phantoms.contacts import locate
 from eitbench.scenarios.recordings.fetch import fetch_recording
 from eitbench.scenarios.suites.scenario import RecordedScenario, Scenario
 from eitbench.scenarios.suites.suite import Suite
@@ -114,8 +124,8 @@ class MethodData(CellData):
         return recorded_selection(self.scenario, name, code)
 
     def frames(self, split: str) -> tuple[Frames, Frames]:
-        """Return the frames (n, M) of "test" or "validation", and their reference frames (n, M)."""
-        dataset = self.test if split == "test" else self.validation
+        """Return the frames (n, M) of "validation", or else of "test", and their references."""
+        dataset = self.validation if split == "validation" else self.test
         if dataset is None:
             none = np.empty((0, self.test.sensor.n_measurements))
             return none, none
@@ -132,6 +142,7 @@ class MethodSetUp:
 
 
 _SET_UP = TypeAdapter(MethodSetUp)
+_SECONDS = TypeAdapter(Cost)
 
 
 def definition(plan: CellPlan) -> Callable[[], type[Any]] | None:
@@ -222,9 +233,10 @@ class MethodCellTask(FrameTask):
         )
 
     def request(self, split: str, rows: slice) -> tuple[object, ...]:
-        """Return a request for the images of frames."""
+        """Return a request for the images of frames, of "test" with their uncertainty."""
         frames, references = self.data.frames(split)
-        return "reconstruct", frames[rows], references[rows]
+        what = "reconstruct_with_uncertainty" if split == "test" else "reconstruct"
+        return what, frames[rows], references[rows]
 
     def blank(self, n: int) -> dict[str, NDArray[Any]]:
         """Return images and times of NaN."""
@@ -232,19 +244,44 @@ class MethodCellTask(FrameTask):
         return {
             "conductivity": np.full(shape, np.nan, dtype=np.float32),
             "frame_ms": np.full(n, np.nan),
+            **{name: np.full((n, *shape), np.nan) for name, shape in STORED.items()},
         }
 
     def values(self, split: str, rows: slice, reply: Reply) -> tuple[Values, NDArray[np.bool_]]:
-        """Return the images and the time of each frame."""
+        """Return the images, the time of each frame, and figures of a stated uncertainty."""
         sensor = self.data.test.sensor
         shape = (rows.stop - rows.start, *sensor.image_shape)
-        mask, images = sensor.mask, array_in(reply.value, np.float32, shape, "reconstruction")
+        said = reply.value if isinstance(reply.value, dict) else {"images": reply.value}
+        mask, images = sensor.mask, array_in(said.get("images"), np.float32, shape, "images")
         # Pixels outside the sensor do not count.
         images[:, ~mask] = sensor.background
         good = np.isfinite(images[:, mask]).all(axis=1)
-        images[~good] = np.nan
         times = np.full(len(images), reply.seconds * 1e3 / len(images))
-        return {"conductivity": images, "frame_ms": times}, good
+        found: dict[str, NDArray[Any]] = {"conductivity": images, "frame_ms": times}
+        if "uncertainty" in said:
+            draws, placed = self._draws(images, said["uncertainty"])
+            good &= np.isfinite(draws[..., mask]).all(axis=(1, 2))
+            seconds = parsed(_SECONDS, said.get("seconds"), "its uncertainty")
+            known = self.data.test.conductivity
+            truth = None if known is None else nearest_pixels(known[rows], sensor.image_shape)
+            draws[~good] = sensor.background
+            found |= kept_of_draws(truth, draws, images, sensor, placed=placed)
+            for name in STORED:
+                found[name][~good] = np.nan
+            found["uncertainty_ms"] = np.full(len(images), seconds * 1e3 / len(images))
+        images[~good] = np.nan
+        return found, good
+
+    def _draws(self, images: Frames, stated: object) -> tuple[NDArray[np.float32], bool]:
+        """Draws (n, DRAWS, H, W) of a stated uncertainty, and True if the method drew them."""
+        sensor = self.data.test.sensor
+        draws = isinstance(stated, np.ndarray) and stated.ndim == images.ndim + 1
+        shape = (len(images), DRAWS, *sensor.image_shape) if draws else images.shape
+        array = array_in(stated, np.float32, shape, "its uncertainty")
+        if not draws:
+            array = normal_draws(images, array).astype(np.float32)
+        array[..., ~sensor.mask] = sensor.background
+        return array, draws
 
     def prior_knowledge(self, value: object) -> dict[str, Any]:
         """Return the columns of `prior_knowledge_columns`."""
@@ -268,4 +305,21 @@ class MethodCellTask(FrameTask):
                 whole["load_calibration"] = calibration.to_json()
         images = stored.values["conductivity"]
         table = evaluate(self.data.test, images, registration, calibration)
-        return table.drop(columns="sample").assign(frame_ms=stored.values["frame_ms"]), whole
+        table = table.drop(columns="sample").assign(frame_ms=stored.values["frame_ms"])
+        if np.isfinite(stored.values["uncertainty_ms"]).any():
+            places = stored.values["places"]
+            if registration is not None:
+                places = registration(places)
+            table = table.assign(**sample_figures(stored.values, places, self._true_places()))
+            whole["uncertainty"] = summary(stored.values)
+        return table, whole
+
+    def _true_places(self) -> Array:
+        """Places (n, 2) [m] of single presses, or in true images as they are found in estimates."""
+        test = self.data.test
+        if test.conductivity is not None:
+            truth = nearest_pixels(test.conductivity, test.sensor.image_shape)
+            return locate(truth - test.sensor.background, test.sensor)
+        if test.truth == "position" and "contacts" not in test.samples:
+            return test.samples[["x_m", "y_m"]].to_numpy(np.float64)
+        return np.full((len(test), 2), np.nan)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from eitbench.benchmark.workers.messages import Reply
 from eitbench.benchmark.workers.worker import timed_answer
-from eitbench.methods.method import Method
+from eitbench.methods.method import DRAWS, Method
 from eitbench.methods.problem import Problem, Splits
 from eitbench.methods.registry import create, load_plugin, register
 from eitbench.scenarios.data.datasets import Dataset, load, same_reference
@@ -88,19 +88,48 @@ class MethodService:
 
         The method is asked for the frames of one reference frame at once.
         """
+        return self._images(frames, references, uncertain=False)
+
+    def reconstruct_with_uncertainty(self, frames: Frames, references: Frames) -> Reply:
+        """Return the same with what the method states of its uncertainty, if it states any.
+
+        Then the value has the `images`, the `uncertainty` (n, H, W) or (n, DRAWS, H, W) in float32,
+        and the `seconds` that this took.
+        """
+        return self._images(frames, references, uncertain=True)
+
+    def _images(self, frames: Frames, references: Frames, *, uncertain: bool) -> Reply:
         assert self._method is not None
-        images, seconds = [np.empty((0, *self.sensor.image_shape), np.float32)], 0.0
+        whole = self.sensor.image_shape
+        images, seconds = [np.empty((0, *whole), np.float32)], 0.0
+        stated, more = list[NDArray[np.float32]](), 0.0
         for rows in same_reference(references):
             self.problem.reference = references[rows.start]
-            shape = (rows.stop - rows.start, *self.sensor.image_shape)
-            reply = timed_answer(self._method.reconstruct, [frames[rows]], shape)
+            n = rows.stop - rows.start
+            reply = timed_answer(self._method.reconstruct, [frames[rows]], (n, *whole))
             if reply.failure is not None:
                 return reply
             seconds += reply.seconds
-            # What does not fit becomes inf and is reported as such.
-            with np.errstate(over="ignore"):
-                images.append(reply.value.astype(np.float32))
-        return Reply(np.concatenate(images), seconds)
+            images.append(_single(reply.value))
+            if uncertain and self._method.states_uncertainty():
+                shapes = (n, *whole), (n, DRAWS, *whole)
+                reply = timed_answer(self._method.uncertainty, [frames[rows]], *shapes)
+                if reply.failure is not None:
+                    of = replace(reply.failure, message=f"uncertainty {reply.failure.message}")
+                    return replace(reply, failure=of)
+                more += reply.seconds
+                stated.append(_single(reply.value))
+        found = np.concatenate(images)
+        if not stated:
+            return Reply(found, seconds)
+        said = {"images": found, "uncertainty": np.concatenate(stated), "seconds": more}
+        return Reply(said, seconds)
+
+
+def _single(values: NDArray[Any]) -> NDArray[np.float32]:
+    # What does not fit becomes inf and is reported as such.
+    with np.errstate(over="ignore"):
+        return values.astype(np.float32)
 
 
 def known_parameters(method: object) -> dict[str, Any]:

@@ -272,9 +272,9 @@ def plugin_names(
 
 
 def timed_answer(
-    function: Callable[..., object], inputs: Sequence[NDArray[Any]], shape: tuple[int, ...]
+    function: Callable[..., object], inputs: Sequence[NDArray[Any]], *shapes: tuple[int, ...]
 ) -> Reply:
-    """Ask scored code for real numbers of that `shape`; the reply holds the array.
+    """Ask scored code for real numbers of one of these `shapes`; the reply holds the array.
 
     It is given copies of the `inputs`, and may not change them.
     """
@@ -289,8 +289,9 @@ def timed_answer(
     if array is None:
         message = f"returned a {type(answer).__name__} that is not an array"
         failure = Failure("invalid-output", message, ("shape",))
-    elif array.shape != shape:
-        message = f"returned an array of shape {array.shape} instead of {shape}"
+    elif array.shape not in shapes:
+        expected = " or ".join(map(str, shapes))
+        message = f"returned an array of shape {array.shape} instead of {expected}"
         failure = Failure("invalid-output", message, ("shape",))
     elif array.dtype.kind not in "fiu":
         message = f"returned values of type {array.dtype} instead of real numbers"

@@ -6,8 +6,7 @@ from typing import ClassVar
 import numpy as np
 
 from eitbench.methods.classical.linearisation import ONE_STEP
-from eitbench.methods.classical.one_step import OneStep, regularised_inverse
-from eitbench.methods.problem import Problem
+from eitbench.methods.classical.one_step import GaussianStep
 from eitbench.methods.registry import register
 from eitbench.scenarios.arrays import Array
 
@@ -24,14 +23,12 @@ def noser_covariance(jacobian: Array) -> Array:
 
 @register("noser")
 @dataclass
-class Noser(OneStep):
+class Noser(GaussianStep):
     """One Gauss-Newton step with the prior diag(J^T J)^0.5 (NOSER)."""
 
     source: ClassVar[str] = "Cheney et al., Int. J. Imaging Syst. Technol. 2(2), 1990"
     search: ClassVar = ONE_STEP
 
-    def matrix(self, jacobian: Array, problem: Problem) -> Array:
-        """C J^T (J C J^T + w I)^-1 with C = diag(J^T J)^-0.5."""
-        return regularised_inverse(
-            jacobian, noser_covariance(jacobian)[:, None] * jacobian.T, self.weight
-        )
+    def variances(self, jacobian: Array) -> Array:
+        """C = diag(J^T J)^-0.5."""
+        return noser_covariance(jacobian)

@@ -7,7 +7,7 @@ import numpy as np
 from scipy import linalg
 
 from eitbench.methods.classical.linearisation import Linearisation, Variable, damping
-from eitbench.methods.method import Method
+from eitbench.methods.method import DRAWS, Method
 from eitbench.methods.problem import Problem
 from eitbench.scenarios.arrays import Array
 
@@ -46,6 +46,48 @@ class OneStep(Method):
     def of_difference(self, difference: Array) -> Array:
         """Absolute conductivity (n, H, W) [S/m] from differences to the reference (n, M) [V/A]."""
         return self._linearisation.images(difference @ self._matrix)
+
+
+@dataclass
+class GaussianStep(OneStep):
+    """Base of the one-step methods with a Gaussian prior of independent pixels.
+
+    The image is the mean of the posterior N(x, s^2 (C - R J C)) of the prior N(0, s^2 C) and of
+    white noise of the variance s^2 w. What the two share, s^2, is estimated for each frame by the
+    maximum of its evidence, s^2 = dv^T (J C J^T + w I)^-1 dv / M.
+
+    Source: Kaipio and Somersalo, Statistical and Computational Inverse Problems (2005), sec. 3.4;
+    draws as Papandreou and Yuille, NIPS 23, 2010: the prior's, corrected by their own data.
+    """
+
+    @abstractmethod
+    def variances(self, jacobian: Array) -> Array:
+        """Diagonal (P,) of the prior covariance C, up to a factor."""
+
+    def matrix(self, jacobian: Array, problem: Problem) -> Array:
+        """R = C J^T (J C J^T + w I)^-1."""
+        variances = self.variances(jacobian)
+        shown = variances[:, None] * jacobian.T
+        gram = jacobian @ shown
+        noise = damping(gram, self.weight)
+        rng = np.random.default_rng(0)
+        prior = rng.standard_normal((DRAWS, len(variances))) * np.sqrt(variances)
+        measured = prior @ jacobian.T + rng.standard_normal((DRAWS, len(gram))) * np.sqrt(
+            noise[0, 0]
+        )
+        matrix = regularised_inverse(jacobian, shown, self.weight)
+        self._offsets = prior - measured @ matrix.T
+        self._precision = linalg.inv(gram + noise)
+        return matrix
+
+    def uncertainty(self, voltages: Array) -> Array:
+        """Draws (n, K, H, W) [S/m] from the posterior of frames (n, M)."""
+        data = self._linearisation.data(voltages)
+        scale = np.sqrt(np.einsum("nm,mk,nk->n", data, self._precision, data) / data.shape[1])
+        mean = self._problem.difference(voltages, self.gain_power) @ self._matrix
+        draws = mean[:, None] + scale[:, None, None] * self._offsets
+        images = self._linearisation.images(draws.reshape(-1, draws.shape[-1]))
+        return images.reshape(len(draws), DRAWS, *images.shape[1:])
 
 
 def regularised_inverse(jacobian: Array, prior_times_transpose: Array, weight: float) -> Array:

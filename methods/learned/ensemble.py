@@ -1,19 +1,25 @@
-"""The mean of a classical method's images and a trained method's, whose errors differ."""
+"""Means of the images of several methods, whose errors differ."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from hashlib import sha256
 from typing import ClassVar
 
 import numpy as np
 
 from eitbench.methods.classical.linearisation import GAINS
 from eitbench.methods.classical.noser import Noser
-from eitbench.methods.learned.image_networks import UsesNetwork
+from eitbench.methods.learned.fourier_operator import Fno
+from eitbench.methods.learned.image_networks import Dnn, PhyDnn, TrainedMethod, UsesNetwork
+from eitbench.methods.learned.learned_proximal import LearnedProximal
 from eitbench.methods.learned.refined import LearnedGaussNewton
+from eitbench.methods.method import Method
 from eitbench.methods.problem import Problem
 from eitbench.methods.registry import register
 from eitbench.scenarios.arrays import Array
+from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.sensors.sensor import Sensor
 
 
 @register("ensemble")
@@ -60,3 +66,61 @@ class Ensemble(UsesNetwork):
         low, high = self._problem.sensor.conductivity_range
         images = background + (learned + scale[:, None, None] * linear) / 2
         return np.asarray(images.clip(low * background, high * background))
+
+
+@register("network-ensemble")
+@dataclass
+class NetworkEnsemble(Method):
+    """The mean of the images of networks of several kinds, and how far they are apart.
+
+    Networks were trained on the same phantoms. What all of them get wrong alike does not show.
+
+    Attributes:
+        gain_power: of the gains of measurements that are taken out of frames, see `Problem`.
+    """
+
+    source: ClassVar[str] = "Lakshminarayanan, Pritzel and Blundell, NIPS 30, 2017, 6402"
+    search: ClassVar = GAINS
+    kinds: ClassVar[tuple[type[TrainedMethod], ...]] = (
+        Dnn, PhyDnn, Fno, LearnedGaussNewton, LearnedProximal,
+    )  # fmt: skip
+
+    gain_power: float = 0.0
+
+    @classmethod
+    def weights_hash(cls, sensor: Sensor) -> str:
+        """See `Method`; of the weights of all of its networks."""
+        hashes = [of.weights_hash(sensor) for of in cls.kinds]
+        return sha256(" ".join(hashes).encode()).hexdigest() if any(hashes) else ""
+
+    @classmethod
+    def unusable(cls, sensor: Sensor) -> str:
+        """See `Method`; it needs the weights of two networks."""
+        lacking = list(filter(None, (of.unusable(sensor) for of in cls.kinds)))
+        return lacking[-1] if len(lacking) > len(cls.kinds) - 2 else ""
+
+    def fit(self, problem: Problem) -> None:
+        """Load the weights.
+
+        Raises:
+            InputError: there are none for the sensor, or those of one network only.
+        """
+        if why := self.unusable(problem.sensor):
+            raise InputError(why)
+        usable = [of for of in self.kinds if not of.unusable(problem.sensor)]
+        self._networks = [of(gain_power=self.gain_power) for of in usable]
+        for network in self._networks:
+            network.fit(problem)
+        self.train_s = sum(network.train_s for network in self._networks)
+        self.trained_on = self._networks[0].trained_on
+
+    def reconstruct(self, voltages: Array) -> Array:
+        """Absolute conductivity (n, H, W) [S/m] from frames (n, M), within the sensor's range."""
+        return np.mean(self._images(voltages), axis=0)
+
+    def uncertainty(self, voltages: Array) -> Array:
+        """Standard deviation (n, H, W) [S/m] of the networks' images of frames (n, M)."""
+        return np.std(self._images(voltages), axis=0, ddof=1)
+
+    def _images(self, voltages: Array) -> list[Array]:
+        return [network.reconstruct(voltages) for network in self._networks]

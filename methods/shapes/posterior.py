@@ -65,7 +65,7 @@ class FamilyPosterior:
 
     Attributes:
         parameters: of the family.
-        mean: (H, W) the mean image, relative to the background.
+        images: (n, H, W) of the particles, relative to the background.
         log_evidence: logarithm of p(d), but for what all families share; of a lower bound where
             `power` is below 1, -inf where no particle lies in the sensor.
         error: least |d - F(x)|^2 of a particle [(V/A)^2], by the nearest linear model.
@@ -73,7 +73,7 @@ class FamilyPosterior:
     """
 
     parameters: Parameters
-    mean: Array
+    images: Array
     log_evidence: float
     error: float
     power: float
@@ -107,7 +107,7 @@ class Sampler:
         vectors = vectors[parameters.possible(vectors)]
         if len(vectors) < 2:
             image = parameters.image(fit.vector)
-            return FamilyPosterior(parameters, image, -math.inf, math.inf, 0.0)
+            return FamilyPosterior(parameters, image[None], -math.inf, math.inf, 0.0)
         evidence = math.log(len(vectors) / self.particles)
         best, power, stride = vectors[0], 0.0, 1.0
         longest = 2.4 / math.sqrt(len(fit.vector))
@@ -142,8 +142,7 @@ class Sampler:
         evidence += (1 - power) * float((cloud.target - cloud.density).mean())
         images = parameters.images(vectors)
         errors = about.errors(self.data, vectors, images)
-        mean, error = images.mean(axis=0), float(errors.min())
-        return FamilyPosterior(parameters, mean, evidence, error, power)
+        return FamilyPosterior(parameters, images, evidence, float(errors.min()), power)
 
     def _start(self, fit: Fit, width: float) -> Student:
         """The Laplace approximation, in coordinates, for noise of `width` [(V/A)^2] in all."""

@@ -19,11 +19,12 @@ from scipy import special
 
 from eitbench.methods.classical.linearisation import GAINS
 from eitbench.methods.learned.image_networks import Dnn, UsesNetwork
+from eitbench.methods.method import DRAWS
 from eitbench.methods.problem import Problem
 from eitbench.methods.registry import register
 from eitbench.methods.shapes.fit import Fit, FrameModel, fit_frame, fit_image
 from eitbench.methods.shapes.parameters import Parameters
-from eitbench.methods.shapes.posterior import ROUNDING, FamilyPosterior, Sampler
+from eitbench.methods.shapes.posterior import ROUNDING, FamilyPosterior, Sampler, resampled
 from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.errors import DataCorruptError, InputError
 from eitbench.scenarios.phantoms.phantom import draw
@@ -113,34 +114,52 @@ class ShapePosterior(UsesNetwork):
         self._problem = problem
         self._dnn = self.fitted_network(problem, self.gain_power)
         self._model = FrameModel(problem)
+        self._latest: tuple[Array, tuple[Array, Array]] | None = None
         self._families = [_Family(p) for p in _families(self.trained_on, problem.sensor)]
 
     def reconstruct(self, voltages: Array) -> Array:
         """Absolute conductivity (n, H, W) [S/m] from frames (n, M), within the sensor's range."""
-        difference = self._problem.difference(voltages, self._dnn.effective_gain_power)
-        low, high = self._problem.sensor.conductivity_range
-        images = []
-        for frame in difference:
-            # One by one: in batches the network rounds otherwise, and fits may end elsewhere.
-            guess = self._dnn.relative(frame[None])[0].astype(np.float64).clip(low, high)
-            images.append(self._of_one(guess, frame))
-        shape = (-1, *self._problem.mask.shape)
-        return np.asarray(images).reshape(shape).clip(low, high) * self._problem.background
+        return self._found(voltages)[0]
 
-    def _of_one(self, guess: Array, frame: Array) -> Array:
+    def uncertainty(self, voltages: Array) -> Array:
+        """Shapes (n, K, H, W) [S/m] of the posterior of frames (n, M).
+
+        Of a frame that is not of the families, all are the image of `dnn`.
+        """
+        return self._found(voltages)[1]
+
+    def _found(self, voltages: Array) -> tuple[Array, Array]:
+        """Mean images and draws, kept for the question that follows about the same frames."""
+        difference = self._problem.difference(voltages, self._dnn.effective_gain_power)
+        if self._latest is None or not np.array_equal(self._latest[0], difference):
+            low, high = self._problem.sensor.conductivity_range
+            shape, background = self._problem.mask.shape, self._problem.background
+            means = np.empty((len(difference), *shape))
+            draws = np.empty((len(difference), DRAWS, *shape), np.float32)
+            for n, frame in enumerate(difference):
+                # One by one: in batches the network rounds otherwise, and fits may end elsewhere.
+                guess = self._dnn.relative(frame[None])[0].astype(np.float64).clip(low, high)
+                mean, drawn = self._of_one(guess, frame)
+                means[n] = mean.clip(low, high) * background
+                draws[n] = drawn.clip(low, high) * background
+            self._latest = difference, (means, draws)
+        return self._latest[1]
+
+    def _of_one(self, guess: Array, frame: Array) -> tuple[Array, Array]:
         """The mean image (H, W), relative to the background, of a frame's differences (M,).
 
-        Where no shape explains the frame better than the `guess` (H, W) of the network, that is
-        returned: the frame is not of the families.
+        And draws (K, H, W). Where no shape explains the frame better than the `guess` (H, W) of the
+        network, that is returned: the frame is not of the families.
         """
+        nothing = guess, np.repeat(guess[None], DRAWS, axis=0)
         data = self._model.data(frame)
         energy = float(data @ data)
         if not energy:
-            return guess
+            return nothing
         fits = self._fits(guess, data)
         missing = data - self._model.differences(guess)
         if fits[0].error > missing @ missing:
-            return guess
+            return nothing
         sampler = Sampler(self._model, data, self.particles, self.steps)
         explained = EXPLAINED * self._model.noise(frame) + ROUNDING**2 * energy
         # Every frame has the same random numbers: it does not matter which others come with it.
@@ -160,9 +179,15 @@ class ShapePosterior(UsesNetwork):
             one.log_evidence - math.log(families.count(one.parameters)) for one in found
         ])  # fmt: skip
         if not np.isfinite(evidence).any():
-            return guess
-        means = np.array([one.mean for one in found])
-        return np.tensordot(special.softmax(evidence), means, axes=1)
+            return nothing
+        likely = special.softmax(evidence)
+        means = np.array([one.images.mean(axis=0) for one in found])
+        weights = np.concatenate([
+            np.full(len(one.images), p / len(one.images))
+            for one, p in zip(found, likely, strict=True)
+        ])  # fmt: skip
+        images = np.concatenate([one.images for one in found])
+        return np.tensordot(likely, means, axes=1), images[resampled(weights, DRAWS, rng)]
 
     def _fits(self, guess: Array, data: Array) -> list[Fit]:
         """Fits to a frame of the families that are not given up, the best one first."""

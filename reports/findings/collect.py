@@ -1,4 +1,4 @@
-"""What runs show besides leaderboards: noise, ladders, touches, acuity, a challenge, skins."""
+"""What runs show besides leaderboards: noise, ladders, touches, uncertainty, new skins."""
 
 from __future__ import annotations
 
@@ -8,7 +8,15 @@ from typing import TYPE_CHECKING
 
 from eitbench.benchmark.analysis.results import read_run
 from eitbench.reports.figures.style import STYLE
-from eitbench.reports.findings import acuity, challenge, ladder, noise, touches, transfer
+from eitbench.reports.findings import (
+    acuity,
+    challenge,
+    ladder,
+    noise,
+    touches,
+    transfer,
+    uncertainty,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -25,7 +33,7 @@ def findings(runs: Sequence[Run]) -> list[Finding]:
     with mpl.rc_context(STYLE):
         makers = (
             challenge.findings, noise.findings, ladder.findings, touches.findings,
-            acuity.findings,
+            acuity.findings, uncertainty.findings,
         )  # fmt: skip
         of = [(run, one) for run in runs for make in makers for one in make(run)]
         times = Counter(one.stem for _, one in of)

@@ -36,13 +36,21 @@ BROKEN = {
     "contract-diverging": {"noise_growth"},
     "contract-overconfident": {"noise_growth"},
     "contract-threads": {"threads"},
+    "contract-doubts": set(),
+    "contract-negative": {"uncertainty"},
+    "contract-certain": {"uncertainty"},
+    "contract-few": {"uncertainty"},
+    "contract-wavering": {"uncertainty"},
     "contract-keeps": {"memory"},
     "contract-network": {"no_network"},
     "contract-writes": {"no_writing"},
     "contract-starts": {"no_programs"},
 }
 # Other ways to break what another toy breaks already.
-MORE = {"contract-squared", "contract-diverging", "contract-overconfident"}
+MORE = {
+    "contract-squared", "contract-diverging", "contract-overconfident", "contract-certain",
+    "contract-few", "contract-wavering",
+}  # fmt: skip
 MISBEHAVING = {"toy-good": set(), "toy-prints": {"quiet"}}
 
 

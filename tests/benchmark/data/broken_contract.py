@@ -233,3 +233,46 @@ class Keeps(Sound):
     def reconstruct(self, voltages: Array) -> Array:
         self.made.append(super().reconstruct(voltages))
         return self.made[-1]
+
+
+@register("contract-doubts")
+class Doubts(Sound):
+    """Keeps every promise, that on its uncertainty, too."""
+
+    def uncertainty(self, voltages: Array) -> Array:
+        return 0.01 + np.abs(self.reconstruct(voltages) - self.problem.background) / 2
+
+
+@register("contract-negative")
+class Negative(Sound):
+    """States standard deviations with a sign."""
+
+    def uncertainty(self, voltages: Array) -> Array:
+        return self.reconstruct(voltages) - self.problem.background
+
+
+@register("contract-certain")
+class Certain(Sound):
+    """Is sure of everything."""
+
+    def uncertainty(self, voltages: Array) -> Array:
+        return 0 * self.reconstruct(voltages)
+
+
+@register("contract-few")
+class Few(Sound):
+    """Draws five images only."""
+
+    def uncertainty(self, voltages: Array) -> Array:
+        return np.repeat(self.reconstruct(voltages)[:, None], 5, axis=1)
+
+
+@register("contract-wavering")
+class Wavering(Sound):
+    """States something else each time."""
+
+    asked = 0
+
+    def uncertainty(self, voltages: Array) -> Array:
+        self.asked += 1
+        return 0 * self.reconstruct(voltages) + 0.1 * self.asked

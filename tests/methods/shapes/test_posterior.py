@@ -74,7 +74,7 @@ def test_mean_image_and_evidence_are_those_of_brute_force() -> None:
     volume = np.log((high - low) / parameters.span).sum()
     evidence = special.logsumexp(log_likelihood) - np.log(len(vectors)) + volume
     spread = np.sqrt(np.tensordot(weights, (images - mean) ** 2, axes=1))
-    means = np.array([posterior.mean for posterior in found])
+    means = np.array([posterior.images.mean(axis=0) for posterior in found])
     missed = np.linalg.norm(means - mean, axis=(1, 2)) / np.linalg.norm(spread)
     assert missed.max() < 0.5
     assert np.linalg.norm(means.mean(axis=0) - mean) < 0.3 * np.linalg.norm(spread)
@@ -104,7 +104,7 @@ def test_without_noise_the_pixels_are_found(name: str, truth: Array) -> None:
     found = Sampler(model, data, 200, 100).posterior(fit, 4e-3 * float(data @ data), rng)
     assert found.power == 1
     assert found.error < 1e-14 * data @ data
-    assert np.abs(found.mean - image).max() < 1e-6
+    assert np.abs(found.images.mean(axis=0) - image).max() < 1e-6
 
 
 def test_a_family_without_a_possible_sample_has_no_evidence() -> None:

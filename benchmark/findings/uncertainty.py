@@ -1,0 +1,114 @@
+"""What methods state of their uncertainty, judged by the truth: a track of its own.
+
+Only methods that state one are in it, ranked by CRPS. Where no true conductivity is known, as on
+recorded skins, there are figures of the place alone, and the rank is by none.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+import pandas as pd
+from pydantic import BaseModel, Field, FiniteFloat, ValidationError
+
+from eitbench.benchmark.analysis.results import Run
+from eitbench.benchmark.metrics.statistics import MIN_CLUSTERS, Interval, bootstrap
+from eitbench.benchmark.metrics.uncertainty import REMOVED, UNCERTAINTY
+from eitbench.benchmark.rundir.kinds import METHOD_RUNS
+from eitbench.methods.method import DRAWS
+from eitbench.scenarios.arrays import Array
+from eitbench.scenarios.errors import DataCorruptError
+
+_Curve = Annotated[list[FiniteFloat], Field(min_length=len(REMOVED), max_length=len(REMOVED))]
+
+
+class Curves(BaseModel):
+    """Means over the frames of a cell.
+
+    Attributes:
+        ranks: share of pixels with each rank of the truth among the draws.
+        sparsified: mean error [S/m] of the pixels that are left, see `UNCERTAINTY`: when those of
+            the largest stated deviation are left out, and when those of the largest error are.
+    """
+
+    ranks: Annotated[list[FiniteFloat], Field(min_length=DRAWS + 1, max_length=DRAWS + 1)]
+    sparsified: Annotated[list[_Curve], Field(min_length=2, max_length=2)]
+
+    def reliability(self) -> tuple[Array, Array]:
+        """Stated and observed shares of truths in central intervals, (K + 1) / 2 + 1 of each."""
+        ranks = np.array(self.ranks)
+        half = len(ranks) // 2
+        inside = [ranks[half - k : half + k].sum() for k in range(half + 1)]
+        return np.arange(half + 1) / half, np.array(inside)
+
+
+@dataclass(frozen=True, eq=False)
+class Stated:
+    """One method on one scenario.
+
+    Attributes:
+        figures: of `UNCERTAINTY` by name; the interval is NaN where there are too few sessions.
+        n: frames.
+        curves: None where no true conductivity is known.
+    """
+
+    scenario: str
+    method: str
+    figures: dict[str, Interval]
+    n: int
+    curves: Curves | None
+
+
+def read_uncertainty(run: Run) -> list[Stated]:
+    """The track of a run, scenario by scenario, the best method first.
+
+    Raises:
+        DataCorruptError: what the run holds of it is damaged.
+    """
+    names = [name for name in UNCERTAINTY if name in run.samples]
+    if run.kind is not METHOD_RUNS or "uncertainty" not in run.cells or not names:
+        return []
+    found = []
+    for scenario in run.scenarios():
+        rows = run.samples[run.samples["scenario"] == scenario]
+        track = []
+        for method, of in rows.groupby("method", sort=False):
+            if of["uncertainty_ms"].notna().any():
+                curves = _curves(run, scenario, str(method))
+                track.append(Stated(scenario, str(method), _figures(of, names), len(of), curves))
+        found += sorted(track, key=_crps)
+    return found
+
+
+def _crps(one: Stated) -> float:
+    value = one.figures["crps"].value
+    return float("inf") if np.isnan(value) else value
+
+
+def _figures(rows: pd.DataFrame, names: list[str]) -> dict[str, Interval]:
+    figures = dict.fromkeys(UNCERTAINTY, Interval(np.nan, np.nan, np.nan))
+    for name in names:
+        known = rows[rows[name].notna()]
+        if UNCERTAINTY[name].aggregate == "median":
+            figures[name] = Interval(float(known[name].median()), np.nan, np.nan)
+        elif len(known):
+            value = float(known[name].mean())
+            figures[name] = Interval(value, np.nan, np.nan)
+            if "cluster" in known and known["cluster"].nunique() >= MIN_CLUSTERS:
+                (figures[name],) = bootstrap(known[[name]].to_numpy(float), known["cluster"])
+    return figures
+
+
+def _curves(run: Run, scenario: str, method: str) -> Curves | None:
+    of = run.cells[(run.cells["scenario"] == scenario) & (run.cells["method"] == method)]
+    text = of["uncertainty"].iloc[0] if len(of) else ""
+    if not isinstance(text, str) or not text:
+        return None
+    try:
+        return Curves.model_validate_json(text)
+    except ValidationError as error:
+        raise DataCorruptError(
+            f"The column 'uncertainty' of {run.path} is damaged: run the suite again."
+        ) from error

@@ -1,0 +1,306 @@
+"""Figures of stated uncertainty: CRPS, calibration, sharpness, and whether it tells large errors.
+
+A method states it by `DRAWS` images from its posterior (`Method.uncertainty`); of a standard
+deviation, normal images are drawn here. If the posterior is right, the truth is one more draw: its
+rank among the draws is uniform, and no figure here assumes more. Pixels of which all of these
+images agree, such as most of the untouched sensor, say nothing of that and are left out of ranks.
+That choice depends on the truth and the draws alike, so that ranks stay uniform.
+
+Sources: Gneiting and Raftery, J. Am. Stat. Assoc. 102(477), 2007 (CRPS); Ferro, Q. J. R. Meteorol.
+Soc. 140(683), 2014 (of few draws); Hamill, Mon. Weather Rev. 129(3), 2001 (ranks); Ilg et al., ECCV
+2018 (sparsification).
+"""
+
+import json
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eitbench.benchmark.metrics.metric_spec import MetricSpec
+from eitbench.methods.method import DRAWS
+from eitbench.scenarios.arrays import Array
+from eitbench.scenarios.phantoms.contacts import locate
+from eitbench.scenarios.sensors.sensor import Sensor
+
+SPREAD = 0.01
+"""Pixels are ranked where truth and draws span more than this part of the sensor's data range."""
+
+LEVELS = (50, 80, 95)
+"""Central intervals [%]; with 39 draws each ends at a draw."""
+
+REMOVED = np.arange(20) / 20
+"""Parts of the pixels that sparsification leaves out, those of the largest deviation first."""
+
+_STATED = "methods that state an uncertainty, on scenarios with a true conductivity"
+_PLACES = "methods that draw images, where a press or a true conductivity is known"
+
+UNCERTAINTY = {
+    spec.name: spec
+    for spec in (
+        MetricSpec(
+            "crps",
+            "CRPS",
+            formula="mean over pixels of mean |x_i - t| - sum |x_i - x_j| / (2 K (K - 1)), x_i the "
+            "K = 39 draws of a pixel; without spread it is the mean |p - t|",
+            domain=_STATED,
+            unit="S/m",
+            best="min",
+            form=".5f",
+            traps="A proper score: in the mean nothing beats the true posterior. Mostly a figure "
+            "of the error: a better image without a word on its spread can win. Blind to whether "
+            "neighbouring pixels vary together.",
+        ),
+        *(
+            MetricSpec(
+                f"coverage_{level}",
+                f"In {level} %",
+                formula=f"share of pixels whose truth lies within the central {level} % of the "
+                "draws, between the draws of these ranks; equal values share their ranks",
+                domain=_STATED,
+                best="max",
+                form=".1%",
+                mask="pixels where truth and draws span more than 1 % of the data range",
+                traps=f"{level} % is right, more is too careful. An average: too wide at one place "
+                "makes up for too narrow at another. Wide intervals reach it without knowing "
+                "anything, see Sharpness.",
+            )
+            for level in LEVELS
+        ),
+        MetricSpec(
+            "sharpness",
+            "Sharpness",
+            formula="root of the mean variance of the draws over pixels",
+            domain=_STATED,
+            unit="S/m",
+            best="min",
+            form=".4f",
+            traps="Of the statement alone: a method that is sure and wrong is sharp.",
+        ),
+        MetricSpec(
+            "error_over_spread",
+            "Error / spread",
+            formula="root mean square error of the draws' mean / (sharpness * sqrt(1 + 1 / K))",
+            domain=_STATED,
+            best="min",
+            form=".2f",
+            traps="1 is right; more says that errors are larger than stated. A mean of ratios.",
+        ),
+        MetricSpec(
+            "ause",
+            "AUSE",
+            formula="area between two curves of the mean |p - t| of the pixels that are left when "
+            "those of the largest deviation, or of the largest error, are left out; over the mean "
+            "|p - t| of all",
+            domain=_STATED,
+            best="min",
+            form=".3f",
+            traps="0 where deviations rank pixels as errors do. Blind to their scale.",
+        ),
+        *(
+            MetricSpec(
+                f"place_coverage_{level}",
+                f"Place in {level} %",
+                formula=f"share of frames whose true place is among the {level} % nearest to the "
+                "mean of the places in the draws and the truth itself",
+                domain=_PLACES,
+                best="max",
+                form=".1%",
+                traps=f"{level} % is right, more is too careful. Places are those of Localisation "
+                "of a single contact; of several contacts it is the place of them all.",
+            )
+            for level in LEVELS
+        ),
+        MetricSpec(
+            "place_radius_mm",
+            "Place radius",
+            formula="radius about their mean that holds 95 % of the places in the draws",
+            domain=_PLACES,
+            unit="mm",
+            best="min",
+            aggregate="median",
+            form=".2f",
+            traps="Of the statement alone, as Sharpness.",
+        ),
+        MetricSpec(
+            "uncertainty_ms",
+            "Time of it",
+            formula="time to state the uncertainty of a frame, beside that of its image",
+            domain="methods that state an uncertainty",
+            unit="ms",
+            best="min",
+            aggregate="median",
+            form=".1f",
+            traps="In batches.",
+        ),
+    )
+}
+"""The figures of stated uncertainty by name; methods are ranked by the first."""
+
+NAN = np.asarray(np.nan)
+
+STORED: dict[str, tuple[int, ...]] = {
+    "crps": (), "sharpness": (), "error_over_spread": (), "ause": (), "uncertainty_ms": (),
+    "ranks": (DRAWS + 1,), "sparsified": (2, len(REMOVED)), "places": (DRAWS, 2),
+}  # fmt: skip
+"""Shapes of what is kept of the draws of a frame, which are too large to keep."""
+
+
+def normal_draws(images: Array, deviations: Array) -> Array:
+    """Images (n, K, H, W) about `images` (n, H, W), each pixel on its own with its deviation."""
+    offsets = np.random.default_rng(0).standard_normal((DRAWS, *images.shape[1:]))
+    return np.asarray(images[:, None] + deviations[:, None] * offsets)
+
+
+def figures_of_draws(
+    truth: Array, draws: Array, image: Array, data_range: float
+) -> dict[str, NDArray[np.float64]]:
+    """Figures of one frame from its pixels inside the sensor.
+
+    Args:
+        truth: (P,) true conductivity [S/m], rounded as draws are kept, so that equal values are.
+        draws: (K, P).
+        image: (P,) the estimate.
+        data_range: [S/m].
+
+    Returns:
+        By name, as `STORED` has them: `ranks` is the share of pixels with each rank, from 0 for
+        those below all draws; `sparsified` is the mean |p - t| of the pixels left at each of
+        `REMOVED`, by stated deviation and by error itself.
+    """
+    count = len(draws)
+    ordered = np.sort(draws, axis=0)
+    weights = 2 * np.arange(1, count + 1) - count - 1  # sum_ij |x_i - x_j| = 2 weights . ordered
+    apart = 2 * weights @ ordered / (2 * count * (count - 1))
+    crps = np.abs(draws - truth).mean(axis=0) - apart
+    spread = np.sqrt(draws.var(axis=0, ddof=1).mean())
+    missed = np.sqrt(np.mean((draws.mean(axis=0) - truth) ** 2))
+    errors = np.abs(image - truth)
+    by_both = np.stack([left_over(errors, draws.std(axis=0)), left_over(errors, errors)])
+    area, whole = float(np.mean(by_both[0] - by_both[1])), float(errors.mean())
+    return {
+        "crps": crps.mean(),
+        "sharpness": spread,
+        "error_over_spread": missed / spread / np.sqrt(1 + 1 / count) if spread > 0 else NAN,
+        "ause": np.asarray(area / whole if whole > 0 else 0.0),
+        "ranks": rank_shares(truth, ordered, SPREAD * data_range),
+        "sparsified": by_both,
+    }
+
+
+def rank_shares(truth: Array, ordered: Array, least: float) -> Array:
+    """Share (K + 1,) of pixels by the number of `ordered` draws (K, P) below the `truth` (P,).
+
+    A truth that equals draws has all ranks between with equal parts. Pixels whose values span no
+    more than `least` are left out; NaN where none is left.
+    """
+    low, high = np.minimum(ordered[0], truth), np.maximum(ordered[-1], truth)
+    ranked = high - low > least
+    truth, ordered = truth[ranked], ordered[:, ranked]
+    below, upto = (ordered < truth).sum(axis=0), (ordered <= truth).sum(axis=0)
+    part = 1 / (upto - below + 1)
+    steps = np.zeros(len(ordered) + 2)
+    np.add.at(steps, below, part)
+    np.add.at(steps, upto + 1, -part)
+    return np.cumsum(steps)[:-1] / len(truth) if len(truth) else np.full(len(ordered) + 1, np.nan)
+
+
+def left_over(errors: Array, by: Array) -> Array:
+    """Mean of the `errors` (P,) that are left at each of `REMOVED` when the largest `by` go."""
+    kept = errors[np.argsort(by, kind="stable")]
+    counts = np.maximum(1, np.round((1 - REMOVED) * len(kept)).astype(int))
+    return np.asarray(np.cumsum(kept)[counts - 1] / counts)
+
+
+def coverages(ranks: Array) -> dict[str, Array]:
+    """Share within each of the central `LEVELS` by shares of ranks (..., K + 1)."""
+    bins = ranks.shape[-1]
+    found = {}
+    for level in LEVELS:
+        out = round(bins * (1 - level / 100) / 2)
+        found[f"coverage_{level}"] = ranks[..., out : bins - out].sum(axis=-1)
+    return found
+
+
+def place_figures(places: Array, true: Array) -> dict[str, Array]:
+    """Figures of places (n, K, 2) in the draws of frames and their `true` places (n, 2) [m].
+
+    A draw without a contact is farther than any other. NaN where there is no true place, or no
+    draw has a contact.
+    """
+    together = np.concatenate([places, true[:, None]], axis=1)
+    known = np.isfinite(true).all(axis=1) & np.isfinite(places[..., 0]).any(axis=1)
+    figures = {f"place_coverage_{level}": np.full(len(true), np.nan) for level in LEVELS}
+    figures["place_radius_mm"] = np.full(len(true), np.nan)
+    for n in np.flatnonzero(known).tolist():
+        distances = _from_middle(together[n])
+        nearer, not_farther = (distances < distances[-1]).sum(), (distances <= distances[-1]).sum()
+        ranks = np.zeros(len(distances))
+        ranks[nearer:not_farther] = 1 / (not_farther - nearer)
+        for level in LEVELS:
+            inside = round(len(ranks) * level / 100)
+            figures[f"place_coverage_{level}"][n] = ranks[:inside].sum()
+        radius = np.quantile(_from_middle(places[n]), 0.95, method="higher")
+        figures["place_radius_mm"][n] = 1e3 * radius
+    return figures
+
+
+def _from_middle(places: Array) -> Array:
+    """Distance of `places` (m, 2) from the mean of those that are known; infinite for NaN."""
+    known = np.isfinite(places).all(axis=1)
+    distances = np.hypot(*(places - places[known].mean(axis=0)).T)
+    return np.where(known, distances, np.inf)
+
+
+def kept_of_draws(
+    truth: NDArray[np.floating[Any]] | None,
+    draws: NDArray[np.float32],
+    images: NDArray[np.float32],
+    sensor: Sensor,
+    *,
+    placed: bool,
+) -> dict[str, Array]:
+    """What is kept of the draws (n, K, H, W) of frames with `images` (n, H, W), as `STORED`.
+
+    Args:
+        truth: (n, H, W) conductivity [S/m]; None where it is not known.
+        draws: [S/m].
+        images: the estimates [S/m].
+        sensor: whose pixels count.
+        placed: true if the draws vary as wholes, so that each shows a place.
+    """
+    kept = {name: np.full((len(draws), *shape), np.nan) for name, shape in STORED.items()}
+    for n, of in enumerate(draws):
+        if placed:
+            kept["places"][n] = locate(of.astype(np.float64) - sensor.background, sensor)
+        if truth is not None:
+            found = figures_of_draws(
+                truth[n, sensor.mask].astype(np.float32).astype(np.float64),
+                of[:, sensor.mask].astype(np.float64),
+                images[n, sensor.mask].astype(np.float64),
+                sensor.data_range,
+            )
+            for name, value in found.items():
+                kept[name][n] = value
+    return kept
+
+
+def sample_figures(kept: Mapping[str, Array], places: Array, true: Array) -> dict[str, Array]:
+    """Columns of a table of samples from what was kept of their draws.
+
+    Args:
+        kept: see `kept_of_draws`.
+        places: those kept, (n, K, 2), in the coordinates of the true ones.
+        true: (n, 2) true places [m], NaN where there is none.
+    """
+    scalar = {name: kept[name] for name, shape in STORED.items() if not shape}
+    return scalar | coverages(kept["ranks"]) | place_figures(places, true)
+
+
+def summary(kept: Mapping[str, Array]) -> str:
+    """The mean `ranks` and `sparsified` of the frames of a cell as JSON; "" where none has them."""
+    if not np.isfinite(kept["ranks"]).any():
+        return ""
+    means = {name: np.nanmean(kept[name], axis=0) for name in ("ranks", "sparsified")}
+    return json.dumps({name: mean.round(7).tolist() for name, mean in means.items()})

@@ -1,0 +1,166 @@
+"""Figures of stated uncertainty, beside formulas and draws of which the answer is known."""
+
+import json
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from eitbench.benchmark.metrics.uncertainty import (
+    LEVELS,
+    REMOVED,
+    UNCERTAINTY,
+    coverages,
+    figures_of_draws,
+    kept_of_draws,
+    left_over,
+    normal_draws,
+    place_figures,
+    rank_shares,
+    sample_figures,
+    summary,
+)
+from eitbench.methods.method import DRAWS
+from eitbench.scenarios import sensor
+from eitbench.scenarios.arrays import Array
+from eitbench.scenarios.phantoms.contacts import locate
+
+PIXELS = 40_000
+
+
+def normal(width: float = 1.0, shift: float = 0.0) -> tuple[Array, Array]:
+    """A standard normal truth (P,), and draws (K, P) of another width and place."""
+    rng = np.random.default_rng(1)
+    truth = rng.standard_normal(PIXELS)
+    return truth, shift + width * rng.standard_normal((DRAWS, PIXELS))
+
+
+@pytest.mark.parametrize("width", [0.5, 1.0, 2.0])
+def test_crps_is_that_of_the_normal_distribution(width: float) -> None:
+    """Gneiting and Raftery (2007), eq. 21."""
+    truth, draws = normal(width)
+    z = truth / width
+    exact = width * (z * (2 * stats.norm.cdf(z) - 1) + 2 * stats.norm.pdf(z) - 1 / np.sqrt(np.pi))
+    found = figures_of_draws(truth, draws, 0 * truth, 1.0)
+    assert found["crps"] == pytest.approx(exact.mean(), rel=0.01)
+
+
+def test_the_true_posterior_has_the_least_crps() -> None:
+    right = figures_of_draws(*normal(), np.zeros(PIXELS), 1.0)["crps"]
+    for wrong in (normal(0.7), normal(1.4), normal(1.0, 0.4)):
+        assert figures_of_draws(*wrong, np.zeros(PIXELS), 1.0)["crps"] > 1.01 * right
+
+
+def test_draws_of_one_image_have_the_absolute_error() -> None:
+    truth, _ = normal()
+    draws = np.full((DRAWS, PIXELS), 0.25)
+    found = figures_of_draws(truth, draws, draws[0], 1.0)
+    assert found["crps"] == pytest.approx(np.abs(truth - 0.25).mean())
+    assert found["sharpness"] == 0
+    assert np.isnan(found["error_over_spread"])
+
+
+def test_sharpness_and_error_are_those_stated() -> None:
+    for width in (0.5, 1.0):
+        found = figures_of_draws(*normal(width), np.zeros(PIXELS), 1.0)
+        assert found["sharpness"] == pytest.approx(width, rel=0.01)
+        expected = np.sqrt((1 + width**2 / DRAWS) / (width**2 * (1 + 1 / DRAWS)))
+        assert found["error_over_spread"] == pytest.approx(expected, rel=0.01)
+
+
+@pytest.mark.parametrize("kind", ["normal", "edges", "rare"])
+def test_ranks_of_one_more_draw_are_uniform(kind: str) -> None:
+    """Of pixels of two values, too, of which most draws are equal, and all may be."""
+    rng = np.random.default_rng(2)
+    values = rng.standard_normal((DRAWS + 1, PIXELS))
+    if kind != "normal":
+        likely = rng.random(PIXELS) ** (1 if kind == "edges" else 8)
+        values = (rng.random((DRAWS + 1, PIXELS)) < likely).astype(float)
+    shares = rank_shares(values[0], np.sort(values[1:], axis=0), 0.01)
+    assert shares.sum() == pytest.approx(1)
+    np.testing.assert_allclose(shares, 1 / (DRAWS + 1), rtol=0.15)
+    for level, name in zip(LEVELS, coverages(shares), strict=True):
+        assert coverages(shares)[name] == pytest.approx(level / 100, abs=0.01)
+
+
+@pytest.mark.parametrize(("width", "level"), [(0.5, 95), (0.5, 50), (2.0, 80)])
+def test_coverage_of_wrong_widths_is_that_of_the_normal_distribution(
+    width: float, level: int
+) -> None:
+    truth, draws = normal(width)
+    shares = rank_shares(truth, np.sort(draws, axis=0), 0.01)
+    first = round((DRAWS + 1) * (1 - level / 100) / 2)  # of the draws that end the interval
+    ends = (stats.beta(k, DRAWS + 1 - k) for k in (DRAWS + 1 - first, first))
+    high, low = (end.expect(lambda u: stats.norm.cdf(width * stats.norm.ppf(u))) for end in ends)
+    assert coverages(shares)[f"coverage_{level}"] == pytest.approx(high - low, abs=0.01)
+
+
+def test_pixels_that_say_nothing_are_left_out() -> None:
+    truth, draws = normal()
+    quiet = np.ones(PIXELS)
+    more = rank_shares(
+        np.append(truth, quiet), np.sort(np.hstack([draws, np.ones((DRAWS, PIXELS))]), axis=0), 0.01
+    )
+    np.testing.assert_allclose(more, rank_shares(truth, np.sort(draws, axis=0), 0.01))
+    assert np.isnan(rank_shares(quiet, np.ones((DRAWS, PIXELS)), 0.01)).all()
+
+
+def test_sparsification_of_the_right_order_and_of_none() -> None:
+    errors = np.abs(normal()[0])
+    np.testing.assert_allclose(left_over(errors, errors)[10], np.sort(errors)[: PIXELS // 2].mean())
+    chance = np.random.default_rng(3).random(PIXELS)
+    np.testing.assert_allclose(left_over(errors, chance), errors.mean(), rtol=0.05)
+    assert len(left_over(np.ones(3), np.ones(3))) == len(REMOVED)
+
+
+def test_places_of_one_more_draw_are_covered_as_stated() -> None:
+    rng = np.random.default_rng(4)
+    together = rng.standard_normal((4000, DRAWS + 1, 2)) * [0.003, 0.001]
+    found = place_figures(together[:, 1:], together[:, 0])
+    for level in LEVELS:
+        assert found[f"place_coverage_{level}"].mean() == pytest.approx(level / 100, abs=0.02)
+    sure = place_figures(together[:, 1:] / 3, together[:, 0])
+    assert sure["place_coverage_95"].mean() < 0.7
+    assert np.median(sure["place_radius_mm"]) == pytest.approx(
+        np.median(found["place_radius_mm"]) / 3
+    )
+
+
+def test_places_that_are_not_known() -> None:
+    places = np.zeros((3, DRAWS, 2))
+    places[0, :2], places[1] = np.nan, np.nan  # two draws without a contact, and all
+    found = place_figures(places, np.array([[0.0, 0.0], [0.0, 0.0], [np.nan, np.nan]]))
+    assert found["place_coverage_95"][0] == pytest.approx(1)  # the two are the farthest
+    assert found["place_radius_mm"][0] == np.inf
+    assert np.isnan(found["place_coverage_95"][1:]).all()
+
+
+def test_normal_draws_have_the_stated_deviation_about_the_image() -> None:
+    images, deviations = np.full((2, 100, 100), 0.7), np.full((2, 100, 100), 0.1)
+    deviations[1] = 0.02
+    draws = normal_draws(images, deviations)
+    assert draws.shape == (2, DRAWS, 100, 100)
+    np.testing.assert_allclose(draws.mean(axis=(1, 2, 3)), 0.7, atol=1e-3)
+    np.testing.assert_allclose(draws.std(axis=(1, 2, 3)), [0.1, 0.02], rtol=0.01)
+
+
+def test_what_is_kept_of_frames_becomes_columns() -> None:
+    """Two discs whose depth varies as stated, one a frame; outside the sensor nothing counts."""
+    foam = sensor("foam16")
+    y, x = np.indices(foam.image_shape) / np.array(foam.image_shape)[:, None, None]
+    discs = np.stack([np.hypot(x - 0.3, y - 0.5) < 0.15, np.hypot(x - 0.7, y - 0.4) < 0.1])
+    depth = np.random.default_rng(5).uniform(0.3, 0.5, (2, DRAWS + 1, 1, 1))
+    values = 1 - depth * discs[:, None]
+    truth, draws = values[:, 0], values[:, 1:].astype(np.float32)
+    images = draws.mean(axis=1)
+    kept = kept_of_draws(truth, draws, images, foam, placed=True)
+    true = locate(truth - 1, foam)
+    columns = sample_figures(kept, kept["places"], true)
+    assert columns.keys() == UNCERTAINTY.keys()
+    np.testing.assert_allclose(kept["places"], np.repeat(true[:, None], DRAWS, 1), atol=1e-9)
+    ranks = (depth[:, 1:] > depth[:, :1]).sum(axis=(1, 2, 3))  # the deeper, the lower
+    np.testing.assert_allclose(kept["ranks"][[0, 1], ranks], 1)
+    assert set(json.loads(summary(kept))) == {"ranks", "sparsified"}
+    alone = kept_of_draws(None, draws, images, foam, placed=False)
+    assert all(np.isnan(values).all() for values in alone.values())
+    assert summary(alone) == ""
