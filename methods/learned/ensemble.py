@@ -116,11 +116,11 @@ class NetworkEnsemble(Method):
 
     def reconstruct(self, voltages: Array) -> Array:
         """Absolute conductivity (n, H, W) [S/m] from frames (n, M), within the sensor's range."""
-        return np.mean(self._images(voltages), axis=0)
+        return np.asarray(np.mean(self._images(voltages), axis=0))
 
     def uncertainty(self, voltages: Array) -> Array:
         """Standard deviation (n, H, W) [S/m] of the networks' images of frames (n, M)."""
-        return np.std(self._images(voltages), axis=0, ddof=1)
+        return np.asarray(np.std(self._images(voltages), axis=0, ddof=1))
 
     def _images(self, voltages: Array) -> list[Array]:
         return [network.reconstruct(voltages) for network in self._networks]

@@ -61,3 +61,27 @@ def test_noser_takes_out_the_gains_that_the_network_was_trained_with(
         images.append(method.reconstruct(frames))
     assert images[0] == pytest.approx(images[1], abs=1e-12)
     assert np.abs(images[0] - images[2]).max() > 1e-4
+
+
+def test_networks_are_averaged_and_their_distance_is_the_deviation() -> None:
+    foam = sensor("foam16")
+    model = forward_model(foam)
+    problem = Problem(foam, model.voltages(model.background), no_split)
+    x, y = foam.pixel_centres
+    frame = model.voltages(np.where(np.hypot(x - 0.03, y - 0.05) < 0.01, 0.5, 1.0))[None]
+    ensemble = create("network-ensemble")
+    ensemble.fit(problem)
+    images = []
+    for name in ("dnn", "phydnn", "fno", "learned-gn", "learned-proximal"):
+        network = create(name)
+        network.fit(problem)
+        images.append(network.reconstruct(frame))
+    np.testing.assert_allclose(ensemble.reconstruct(frame), np.mean(images, axis=0), atol=1e-6)
+    deviation = ensemble.uncertainty(frame)
+    np.testing.assert_allclose(deviation, np.std(images, axis=0, ddof=1), atol=1e-6)
+    assert deviation.max() > 0.02  # they do not agree
+
+
+def test_one_network_is_no_ensemble() -> None:
+    tank = sensor("ktc2023")
+    assert "weights" in type(create("network-ensemble")).unusable(tank)

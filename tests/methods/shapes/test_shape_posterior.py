@@ -5,10 +5,12 @@ import pytest
 from tests.support.small_sensors import no_split
 
 from eitbench.methods import Problem, create
+from eitbench.methods.method import DRAWS
 from eitbench.methods.shapes.shape_posterior import ShapePosterior
 from eitbench.methods.weights.weight_files import WeightFiles
 from eitbench.scenarios import load, sensor
 from eitbench.scenarios.errors import DataCorruptError, InputError
+from eitbench.scenarios.imperfections.noise import add_noise
 from eitbench.scenarios.physics.forward import forward_model
 from eitbench.scenarios.suites.suite import scenario_by_name
 
@@ -59,7 +61,24 @@ def test_a_frame_that_no_shape_explains_gets_the_image_of_the_network(
     for a, b in ((0.03, 0.03), (0.07, 0.03), (0.03, 0.07), (0.07, 0.07)):
         guess[np.hypot(x - a, y - b) < 0.008] = 0.4
     voltages = forward_model(problem.sensor).voltages(guess)
-    assert method._of_one(guess, voltages - problem.background_voltages) is guess
+    image, draws = method._of_one(guess, voltages - problem.background_voltages)
+    assert image is guess
+    assert (draws == guess).all()
+
+
+def test_draws_are_shapes_about_the_image(fitted: tuple[Problem, ShapePosterior]) -> None:
+    """A disc near the rim, of which the noise leaves the size and the depth open."""
+    problem, method = fitted
+    x, y = problem.sensor.pixel_centres
+    truth = np.where(np.hypot(x - 0.03, y - 0.05) < 0.012, 0.5, 1.0)
+    clean = forward_model(problem.sensor).voltages(truth)
+    frame = add_noise(clean, 40.0, np.random.default_rng(6))[None]
+    (image,), (draws,) = method.reconstruct(frame), method.uncertainty(frame)
+    assert draws.shape == (DRAWS, *truth.shape)
+    spread = draws.std(axis=0)
+    assert 0.01 < spread.max() < 0.4
+    assert np.abs(draws.mean(axis=0) - image).max() < 3 * spread.max() / np.sqrt(DRAWS) + 1e-3
+    assert all(len(np.unique(draw.round(4))) <= 4 for draw in draws)  # sharp edges
 
 
 def test_an_untouched_sensor_stays_untouched(fitted: tuple[Problem, ShapePosterior]) -> None:

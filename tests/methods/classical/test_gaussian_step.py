@@ -1,0 +1,65 @@
+"""The Gaussian posterior of the one-step methods, beside its covariance and the law of its data."""
+
+import numpy as np
+import pytest
+from scipy import linalg
+from tests.support.small_sensors import no_split
+
+from eitbench.methods import Problem
+from eitbench.methods.classical import one_step
+from eitbench.methods.classical.noser import Noser
+from eitbench.methods.classical.one_step import GaussianStep
+from eitbench.methods.classical.tikhonov import Tikhonov
+from eitbench.methods.method import DRAWS
+from eitbench.scenarios.physics.forward import forward_model
+from eitbench.scenarios.suites.suite import scenario_by_name
+
+WEIGHT = 0.1
+
+
+@pytest.fixture(scope="module")
+def problem() -> Problem:
+    """A coarse square on which a conductivity may rise and fall as it likes."""
+    coarse = scenario_by_name("quick").model_copy(
+        update={"image_shape": (16, 16), "conductivity_range": (1e-6, 1e6)}
+    )
+    model = forward_model(coarse.nominal_sensor)
+    return Problem(coarse.nominal_sensor, model.voltages(model.background), no_split)
+
+
+@pytest.mark.parametrize("kind", [Noser, Tikhonov])
+def test_draws_have_the_covariance_of_the_posterior(
+    problem: Problem, kind: type[GaussianStep], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of many draws; (C^-1 + J^T J / w)^-1 by the pixels is what the measurements give."""
+    monkeypatch.setattr(one_step, "DRAWS", 20_000)
+    method = kind(WEIGHT)
+    method.fit(problem)
+    jacobian = problem.jacobian[:, problem.mask]
+    variances = method.variances(jacobian)
+    noise = WEIGHT * np.trace(jacobian * variances @ jacobian.T) / len(jacobian)
+    precision = np.diag(1 / variances) + jacobian.T @ jacobian / noise
+    exact = linalg.inv(precision)
+    drawn = np.cov(method._offsets.T)
+    scale = np.sqrt(np.outer(np.diag(exact), np.diag(exact)))
+    np.testing.assert_allclose(drawn / scale, exact / scale, atol=5 / np.sqrt(20_000))
+
+
+def test_the_scale_of_each_frame_is_found_and_the_truth_is_one_more_draw(problem: Problem) -> None:
+    """Frames of the linear model, from the prior at three scales: ranks are uniform."""
+    method = Tikhonov(WEIGHT)
+    method.fit(problem)
+    jacobian = problem.jacobian[:, problem.mask]
+    noise = np.sqrt(WEIGHT * np.trace(jacobian @ jacobian.T) / len(jacobian))
+    rng = np.random.default_rng(7)
+    ranks = []
+    for scale in (1e-3, 1e-2, 1e-1):
+        x = scale * rng.standard_normal((40, jacobian.shape[1]))
+        frames = x @ jacobian.T + scale * noise * rng.standard_normal((40, len(jacobian)))
+        draws = method.uncertainty(problem.reference + frames)[..., problem.mask]
+        assert draws.shape[1] == DRAWS
+        assert draws.std(axis=1).mean() == pytest.approx(scale, rel=0.25)
+        ranks.append((draws - problem.background < x[:, None]).sum(axis=1))
+    for level, out in ((0.5, 10), (0.8, 4), (0.95, 1)):
+        within = [np.mean((rank >= out) & (rank <= DRAWS - out)) for rank in ranks]
+        assert within == pytest.approx([level] * 3, abs=0.02)

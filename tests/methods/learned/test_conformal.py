@@ -1,0 +1,57 @@
+"""`dnn` with the errors that it made on validation samples."""
+
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from eitbench.benchmark.workers.method_service import learning_splits
+from eitbench.methods import Problem, create
+from eitbench.methods.learned.conformal import DnnConformal, widening
+from eitbench.scenarios import load
+from eitbench.scenarios.suites.suite import scenario_by_name
+
+
+def test_errors_are_widened_to_the_share_that_is_asked_for() -> None:
+    """Frames of normal errors of which each has a width of its own, about 1.5 times as stated."""
+    rng = np.random.default_rng(8)
+    widths = rng.uniform(1.3, 1.7, (400, 1))
+    errors = widths * rng.standard_normal((400, 500))
+    end = np.full(errors.shape, 1.96)
+    factor = widening(errors, -end, end, 0.01)
+    assert factor == pytest.approx(1.5, abs=0.1)
+    assert np.mean(np.abs(errors) < factor * end) == pytest.approx(0.95, abs=0.01)
+    assert widening(errors / 10, -end, end, 0.01) == 1
+    assert widening(np.append(errors, 0 * errors, axis=1), *[np.append(e, 0 * e, axis=1)
+                    for e in (-end, end)], 0.01) == factor  # fmt: skip
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scenario", ["noise-50db", "noise-30db"])
+def test_intervals_hold_what_they_promise_on_test_frames(scenario: str) -> None:
+    """Pixels of contacts and of their surroundings; two binomial errors of 48 frames are 6 %."""
+    test = load(scenario, "test", 48)
+    problem = Problem(test.sensor, test.references[0], lambda s, limit: load(scenario, s, limit))
+    method = DnnConformal()
+    method.fit(problem)
+    shares = []
+    assert test.conductivity is not None
+    for k in range(len(test)):
+        problem.reference = test.references[k]
+        (draws,) = method.uncertainty(test.voltages[k : k + 1])
+        truth, drawn = test.conductivity[k], np.sort(draws, axis=0)
+        low, high = np.minimum(drawn[0], truth), np.maximum(drawn[-1], truth)
+        inside = (drawn[0] <= truth) & (truth <= drawn[-1])
+        shares.append(inside[high - low > 0.01].mean())
+    assert np.mean(shares) == pytest.approx(0.95, abs=0.06)
+
+
+def test_on_a_recorded_skin_errors_are_those_of_simulated_presses(recordings: Path) -> None:
+    skin = scenario_by_name("ohmc16")
+    test = load(skin, "test", 2)
+    problem = Problem(test.sensor, test.references[0], partial(learning_splits, skin))
+    method = create("dnn-conformal")
+    method.fit(problem)
+    assert [read.split for read in problem.access_record().samples] == ["validation", "train"]
+    assert 0.0 < method.uncertainty(test.voltages)[:, :, test.sensor.mask].std(axis=1).max() < 1.0
