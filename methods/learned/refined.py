@@ -19,12 +19,14 @@ from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.sensors.symmetry import mean_over, motions
 
 if TYPE_CHECKING:  # torch takes a second to import, and listing methods does not need it
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
-    from torch import Tensor
+    from torch import Tensor, nn
 
-    from eitbench.methods.networks.refiner import Refiner
+    from eitbench.methods.learned.refiner_training import RefinerTask
+    from eitbench.methods.networks.refiner import Refiner, SpreadNetwork
     from eitbench.methods.problem import Problem
+    from eitbench.methods.training.augmentation import Symmetry
     from eitbench.methods.training.job import TrainingJob, TrainingResult
     from eitbench.scenarios.sensors.sensor import Sensor
 
@@ -35,13 +37,15 @@ class RefinementMethod(TrainedMethod):
 
     Attributes:
         n_inputs: images that the network takes, the one to be refined among them.
+        baseline: what the network gives before it is trained.
         begun_from: SHA-256 of the weights that the first images need; "" if they need none.
         begun_train_s: time that these took to train [s].
     """
 
     recipe: ClassVar = Recipe(epochs=30, patience=15)
-    options: ClassVar = ("limit", "loss", "gain_power")
+    options: ClassVar[tuple[str, ...]] = ("limit", "loss", "gain_power")
     n_inputs: ClassVar[int]
+    baseline: ClassVar[str] = "the image that it refines"
     begun_from = ""
     begun_train_s = 0.0
 
@@ -70,7 +74,7 @@ class RefinementMethod(TrainedMethod):
         self._network.eval().requires_grad_(requires_grad=False)
         self._motions = motions(problem.sensor, problem.jacobian)
 
-    def network(self, problem: Problem) -> Refiner:
+    def network(self, problem: Problem) -> Refiner | SpreadNetwork:
         """Return a new network."""
         import torch
 
@@ -78,11 +82,20 @@ class RefinementMethod(TrainedMethod):
 
         return Refiner(torch.from_numpy(problem.mask.copy()), self.n_inputs)
 
+    def task(self, network: nn.Module, motions: Sequence[Symmetry], loss: str) -> RefinerTask:
+        """Return what a new network is trained by."""
+        from eitbench.methods.learned.refiner_training import RefinerTask
+
+        return RefinerTask(network, motions, loss)
+
     def relative(self, difference: Array) -> Images:
-        """See `TrainedMethod`; the mean over the sensor's symmetries, under which inputs move."""
+        """See `TrainedMethod`."""
+        return self.output(self.inputs(difference))
+
+    def output(self, inputs: Images) -> Images:
+        """The network's images: the mean over the sensor's symmetries, under which inputs move."""
         import torch
 
-        inputs = self.inputs(difference)
         moved = np.concatenate([motion.images(inputs) for motion in self._motions])
         images: Images = self._network(torch.from_numpy(moved)).numpy()
         return mean_over(self._motions, images)
@@ -131,18 +144,13 @@ class CoarseToFine(RefinementMethod):
         return np.stack([first, *(other - first for other in others)], axis=1)
 
 
-@register("learned-gn")
-@dataclass
-class LearnedGaussNewton(RefinementMethod):
-    """A Gauss-Newton step through the exact model from the image of `dnn`, corrected by a network.
+class ContinuedMethod(RefinementMethod):
+    """Base of the methods that begin with the image of another method with weights.
 
     Attributes:
-        first: the method whose image it starts from.
+        first: that method.
     """
 
-    source: ClassVar[str] = "Adler and Oktem, Inverse Problems 33(12), 2017"
-    files: ClassVar = WeightFiles("learned-gn", version="1")
-    n_inputs: ClassVar = 1 + len(SNR_DB)
     first: ClassVar[type[TrainedMethod]] = Dnn
 
     @classmethod
@@ -162,11 +170,32 @@ class LearnedGaussNewton(RefinementMethod):
         self.begun_from = self.first.weights_hash(problem.sensor)
         self.begun_train_s = self._first.train_s
         self._range = problem.sensor.conductivity_range
+
+    def guesses(self, difference: Array) -> Images:
+        """Images (n, H, W) of `first`, over the background."""
+        return self._first.relative(difference).clip(*self._range)
+
+
+@register("learned-gn")
+@dataclass
+class LearnedGaussNewton(ContinuedMethod):
+    """A Gauss-Newton step through the exact model from the image of `dnn`, corrected by a network.
+
+    `first` is the method whose image it starts from.
+    """
+
+    source: ClassVar[str] = "Adler and Oktem, Inverse Problems 33(12), 2017"
+    files: ClassVar = WeightFiles("learned-gn", version="1")
+    n_inputs: ClassVar = 1 + len(SNR_DB)
+
+    def start(self, problem: Problem) -> None:
+        """See `RefinementMethod`."""
+        super().start(problem)
         self._update = GaussNewtonUpdate(problem)
 
     def inputs(self, difference: Array) -> Images:
         """See `RefinementMethod`; the image of `first` and its Gauss-Newton updates."""
-        guesses = self._first.relative(difference).clip(*self._range)
+        guesses = self.guesses(difference)
         updates = self._update(difference, guesses)
         return np.concatenate([guesses[:, None], updates], axis=1)
 
@@ -178,3 +207,41 @@ class SecondGaussNewton(LearnedGaussNewton):
 
     files: ClassVar = WeightFiles("learned-gn-2", version="1")
     first: ClassVar = LearnedGaussNewton
+
+
+@register("dnn-heteroscedastic")
+@dataclass
+class HeteroscedasticDnn(ContinuedMethod):
+    """The image of `dnn`, and a network that gives the deviation of each pixel from it."""
+
+    source: ClassVar[str] = "Nix and Weigend, IEEE ICNN 1994, 55; Kendall and Gal, NIPS 30, 2017"
+    files: ClassVar = WeightFiles("dnn-heteroscedastic", version="1")
+    recipe: ClassVar = Recipe(epochs=8, patience=15)
+    options: ClassVar = ("limit", "gain_power")
+    n_inputs: ClassVar = 1
+    baseline: ClassVar = "one deviation for all pixels"
+
+    def network(self, problem: Problem) -> SpreadNetwork:
+        """See `RefinementMethod`."""
+        from eitbench.methods.networks.refiner import SpreadNetwork
+
+        return SpreadNetwork(problem.mask.shape)
+
+    def task(self, network: nn.Module, motions: Sequence[Symmetry], loss: str) -> RefinerTask:
+        """See `RefinementMethod`."""
+        from eitbench.methods.learned.refiner_training import SpreadTask
+
+        return SpreadTask(network, motions, loss)
+
+    def inputs(self, difference: Array) -> Images:
+        """See `RefinementMethod`; the image of `dnn`."""
+        return self.guesses(difference)[:, None]
+
+    def relative(self, difference: Array) -> Images:
+        """See `TrainedMethod`; that image."""
+        return self.guesses(difference)
+
+    def uncertainty(self, voltages: Array) -> Array:
+        """Standard deviation (n, H, W) [S/m] of frames (n, M)."""
+        difference = self._problem.difference(voltages, self.effective_gain_power)
+        return np.asarray(self.output(self.inputs(difference)) * self._problem.background)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
@@ -48,13 +49,35 @@ class RefinerTask(TrainingTask):
 
     def loss(self, batch: Data) -> Tensor:
         """Return the loss () of a batch."""
-        inputs, truth = batch
-        if self.training:
-            motion = self._motions[int(torch.randint(len(self._motions), ()))]
-            inputs, truth = motion.images(inputs), motion.images(truth)
+        inputs, truth = self.moved(batch)
         with working_precision(inputs.device.type):
             refined = self.network(inputs)
         return self._image_loss(refined - truth)
+
+    def moved(self, batch: Data) -> Data:
+        """The batch as it is seen."""
+        if not self.training:
+            return batch
+        motion = self._motions[int(torch.randint(len(self._motions), ()))]
+        return tuple(motion.images(images) for images in batch)
+
+
+class SpreadTask(RefinerTask):
+    """CRPS of normal distributions about the guess, with the deviation that the network gives.
+
+    Source: Gneiting et al., Mon. Weather Rev. 133(5), 2005 (its minimum as an estimate).
+    """
+
+    def loss(self, batch: Data) -> Tensor:
+        """Return the loss () of a batch."""
+        inputs, truth = self.moved(batch)
+        with working_precision(inputs.device.type):
+            deviation = self.network(inputs)
+        z = (truth - inputs[:, 0]) / deviation
+        density = torch.exp(-(z**2) / 2) / math.sqrt(2 * math.pi)
+        crps = z * torch.erf(z / math.sqrt(2)) + 2 * density - 1 / math.sqrt(math.pi)
+        loss: Tensor = (deviation * crps).mean()
+        return loss
 
 
 def train_refiner(method_class: type[RefinementMethod], job: TrainingJob) -> TrainingResult:
@@ -71,7 +94,7 @@ def train_refiner(method_class: type[RefinementMethod], job: TrainingJob) -> Tra
         torch.manual_seed(job.recipe.seed)
         network = method.network(problem)
     motions = symmetries(sensor, torch.from_numpy(problem.jacobian))
-    task = RefinerTask(nn.Sequential(network), motions, job.request.loss)
+    task = method.task(nn.Sequential(network), motions, job.request.loss)
     inputs, truth = _samples(method_class, job, "train", count)
     validation = _samples(method_class, job, "validation", scenario.validation)
     scale = inputs.std((0, 2, 3))
@@ -80,7 +103,7 @@ def train_refiner(method_class: type[RefinementMethod], job: TrainingJob) -> Tra
         task,
         (inputs, truth),
         validation,
-        "the image that it refines",
+        method.baseline,
         {
             "begun_from": method.begun_from,
             "gain_power": repr(gain_power),

@@ -1,11 +1,16 @@
-"""Corrects a first image by others that say where it may be wrong."""
+"""Networks on a first image: one corrects it by others, one says how far it may be wrong."""
 
 from __future__ import annotations
+
+import math
 
 import torch
 from torch import Tensor, nn
 
 from eitbench.methods.networks.image_network import PatchUNet
+
+BEGUN = 0.03
+"""Deviation, over the background, that a `SpreadNetwork` begins with."""
 
 
 class Refiner(nn.Module):
@@ -38,3 +43,27 @@ class Refiner(nn.Module):
             blended = torch.einsum("c,nchw->nhw", self.shares, scaled[:, 1:])
         change: Tensor = blended + self.unet(scaled).float()
         return guess + change * self.mask
+
+
+class SpreadNetwork(nn.Module):
+    """Standard deviation (n, H, W) of conductivity over background, from an image (n, 1, H, W).
+
+    It begins with one deviation for all pixels.
+
+    Attributes:
+        scale: (1,) what the image's contrast is divided by for the U-Net.
+        level: logarithm of the deviation that it begins with.
+    """
+
+    scale: Tensor
+
+    def __init__(self, image_shape: tuple[int, int]) -> None:
+        super().__init__()
+        self.register_buffer("scale", torch.ones(1))
+        self.level = nn.Parameter(torch.tensor(math.log(BEGUN)))
+        self.unet = PatchUNet(1, 0, image_shape)
+
+    def forward(self, images: Tensor) -> Tensor:
+        """Deviations (n, H, W)."""
+        found: Tensor = self.unet((images - 1) / self.scale).float()
+        return (self.level + found).exp()
