@@ -23,8 +23,8 @@ def test_errors_are_widened_to_the_share_that_is_asked_for() -> None:
     assert factor == pytest.approx(1.5, abs=0.1)
     assert np.mean(np.abs(errors) < factor * end) == pytest.approx(0.95, abs=0.01)
     assert widening(errors / 10, -end, end, 0.01) == 1
-    assert widening(np.append(errors, 0 * errors, axis=1), *[np.append(e, 0 * e, axis=1)
-                    for e in (-end, end)], 0.01) == factor  # fmt: skip
+    more, ends = (np.append(values, 0 * values, axis=1) for values in (errors, end))
+    assert widening(more, -ends, ends, 0.01) == factor  # pixels without an error do not count
 
 
 @pytest.mark.slow
@@ -47,7 +47,7 @@ def test_intervals_hold_what_they_promise_on_test_frames(scenario: str) -> None:
     assert np.mean(shares) == pytest.approx(0.95, abs=0.06)
 
 
-def test_on_a_recorded_skin_errors_are_those_of_simulated_presses(recordings: Path) -> None:
+def test_on_a_recorded_skin_errors_are_those_of_simulated_presses(recorded_data: Path) -> None:
     skin = scenario_by_name("ohmc16")
     test = load(skin, "test", 2)
     problem = Problem(test.sensor, test.references[0], partial(learning_splits, skin))
