@@ -14,6 +14,7 @@ from eitbench.benchmark.findings.acuity_specs import ACUITY_SPECS
 from eitbench.benchmark.metrics.metric_spec import MetricSpec
 from eitbench.benchmark.metrics.operator_metrics import OPERATOR_COSTS, OPERATOR_METRICS
 from eitbench.benchmark.metrics.specs import METRICS
+from eitbench.benchmark.metrics.uncertainty import UNCERTAINTY
 
 _ROOT = Path(__file__).resolve().parents[1]
 # Arithmatex's markup of $...$ and $$...$$, outside code.
@@ -83,6 +84,7 @@ GENERATED = {
     "CONTRIBUTING.md": lambda: _from_root("CONTRIBUTING.md"),
     "metrics of images": lambda: _cards(METRICS.values()),
     "metrics of operators": lambda: _cards(OPERATOR_METRICS.values()),
+    "figures of uncertainty": lambda: _cards(UNCERTAINTY.values()),
     "figures of acuity": lambda: _cards(ACUITY_SPECS.values()),
     "costs of operators": lambda: _cards(OPERATOR_COSTS.values()),
     "command line": _command_line,

@@ -30,11 +30,15 @@ from eitbench.benchmark.ceiling.models import images
 from eitbench.benchmark.ceiling.sampler import CORRECTED, PROPOSALS, Draws, Proposals
 from eitbench.benchmark.metrics.evaluation import evaluate
 from eitbench.benchmark.metrics.statistics import bootstrap, means
+from eitbench.benchmark.metrics.uncertainty import UNCERTAINTY, kept_of_draws, sample_figures
 from eitbench.benchmark.rundir.manifest import environment
+from eitbench.methods.method import DRAWS
 from eitbench.methods.shapes.parameters import Parameters
+from eitbench.methods.shapes.posterior import resampled
 from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.data.datasets import Dataset, load
 from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.phantoms.contacts import locate
 from eitbench.scenarios.seeds import generator
 from eitbench.scenarios.sensors.sensor import Sensor
 from eitbench.scenarios.storage.atomic_write import atomic_write
@@ -48,6 +52,7 @@ AGREED = 1.01
 ROUNDING = 1e-9
 """Relative size of differences between traces that say nothing."""
 FIGURES = ("psnr", "ssim", "cc", "rie", "localisation_mm")
+STATED = tuple(name for name in UNCERTAINTY if name != "uncertainty_ms")
 
 
 def frames_table(folder: Path, scenarios: Sequence[Scenario], samples: int) -> pd.DataFrame:
@@ -60,7 +65,7 @@ def frames_table(folder: Path, scenarios: Sequence[Scenario], samples: int) -> p
     `expected_mse`, the variance of the posterior; `rhat`, the greatest of the traces;
     `effective`, the lesser share of exact weights; `rank_<trace>`, the share of draws below the
     truth; `true_<trace>` and `sd_<trace>`, the truth and the posterior's standard deviation;
-    `likely_<family>`, the probabilities.
+    `likely_<family>`, the probabilities; `STATED`, the figures of the posterior as an uncertainty.
 
     Raises:
         InputError: none of these frames has draws.
@@ -116,6 +121,12 @@ def _frame(
     deviations = np.sqrt(weight @ (both - weight @ both) ** 2)
     family = np.concatenate([drawn[k].families for k in PROPOSALS])
     likely = np.bincount(family, weight, minlength=len(families))
+    chosen = resampled(weight, DRAWS, generator("ceiling", "draws", data.scenario, sample))
+    draws = np.concatenate([painted[k] for k in PROPOSALS])[chosen].astype(np.float32)
+    kept = kept_of_draws(
+        truth[None], draws[None], mean[None].astype(np.float32), data.sensor, placed=True
+    )
+    stated = sample_figures(kept, kept["places"], locate(truth[None] - background, data.sensor))
     about = data.samples.iloc[sample]
     return {
         "scenario": data.scenario,
@@ -135,6 +146,7 @@ def _frame(
         **{f"true_{name}": float(value) for name, value in zip(TRACES, true, strict=True)},
         **{f"sd_{name}": float(deviations[t]) for t, name in enumerate(TRACES)},
         **{f"likely_{of.family.name}": float(p) for of, p in zip(families, likely, strict=True)},
+        **{name: float(values[0]) for name, values in stated.items() if name in STATED},
     }, mean  # fmt: skip
 
 

@@ -41,6 +41,12 @@ def recorded_frames(scenario: str, data_hash: str | None) -> pd.DataFrame:
     return frames[(frames["scenario"] == scenario) & known]
 
 
+def frames_among(scenario: str, hashes: Sequence[str]) -> pd.DataFrame:
+    """The recorded frames of a scenario that are among the frames with these `hashes`."""
+    frames, _ = _stored()
+    return frames[(frames["scenario"] == scenario) & frames["input_hash"].isin(hashes)]
+
+
 def below_ceiling(
     scenario: str, hashes: Sequence[str], psnr: Array, clusters: Sequence[str]
 ) -> Interval | None:

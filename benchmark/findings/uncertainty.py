@@ -1,7 +1,8 @@
 """What methods state of their uncertainty, judged by the truth: a track of its own.
 
 Only methods that state one are in it, ranked by CRPS. Where no true conductivity is known, as on
-recorded skins, there are figures of the place alone, and the rank is by none.
+recorded skins, there are figures of the place alone, and the rank is by none. Where the ceiling
+is recorded for frames of a run (`benchmark.ceiling`), its posterior is judged like a method.
 """
 
 from __future__ import annotations
@@ -14,6 +15,8 @@ import pandas as pd
 from pydantic import BaseModel, Field, FiniteFloat, ValidationError
 
 from eitbench.benchmark.analysis.results import Run
+from eitbench.benchmark.ceiling.record import frames_among
+from eitbench.benchmark.findings.noise import CEILING
 from eitbench.benchmark.metrics.statistics import MIN_CLUSTERS, Interval, bootstrap
 from eitbench.benchmark.metrics.uncertainty import REMOVED, UNCERTAINTY
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
@@ -78,6 +81,10 @@ def read_uncertainty(run: Run) -> list[Stated]:
             if of["uncertainty_ms"].notna().any():
                 curves = _curves(run, scenario, str(method))
                 track.append(Stated(scenario, str(method), _figures(of, names), len(of), curves))
+        known = frames_among(scenario, rows["input_hash"].unique().tolist())
+        stated = [name for name in names if name in known]
+        if track and len(known) and stated:
+            track.append(Stated(scenario, CEILING, _figures(known, stated), len(known), None))
         found += sorted(track, key=_crps)
     return found
 

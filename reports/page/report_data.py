@@ -33,6 +33,7 @@ from eitbench.benchmark.findings.acuity import has_acuity
 from eitbench.benchmark.findings.acuity_specs import ACUITY_SPECS
 from eitbench.benchmark.metrics.aggregation import numbers
 from eitbench.benchmark.metrics.specs import ANCHORS, METRIC_COLUMNS, METRICS, anchored
+from eitbench.benchmark.metrics.uncertainty import UNCERTAINTY
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
 from eitbench.reports.claims.claim import Verdict
 from eitbench.reports.claims.evidence import Evidence
@@ -158,7 +159,12 @@ def report_data(paths: Sequence[Path]) -> ReportData:
             for spec in METRICS.values()
             if any(row.get(spec.name) is not None for row in rows_of(boards))
         ]
-        + [spec.card() for spec in ACUITY_SPECS.values() if any(map(has_acuity, runs))],
+        + [spec.card() for spec in ACUITY_SPECS.values() if any(map(has_acuity, runs))]
+        + [
+            spec.card()
+            for spec in UNCERTAINTY.values()
+            if any(spec.name in run.samples for run in runs)
+        ],
         score_weights=score_weights(),
         claims=_claims(runs, missing),
         missing=list(dict.fromkeys(missing)),
