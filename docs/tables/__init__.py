@@ -7,12 +7,23 @@ all anew; a test fails where a page and its record differ.
 import re
 from pathlib import Path
 
-from docs.tables import ceiling, design, latency, per_frame, recorded, simulated, speed, wiring
+from docs.tables import (
+    ceiling,
+    design,
+    latency,
+    per_frame,
+    recorded,
+    simulated,
+    speed,
+    uncertainty,
+    wiring,
+)
 from docs.tables.record import DOCS
 
 TABLES = {
     **simulated.TABLES,
     **ceiling.TABLES,
+    **uncertainty.TABLES,
     **recorded.TABLES,
     **wiring.TABLES,
     **design.TABLES,

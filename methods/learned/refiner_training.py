@@ -73,11 +73,12 @@ class SpreadTask(RefinerTask):
         inputs, truth = self.moved(batch)
         with working_precision(inputs.device.type):
             deviation = self.network(inputs)
-        z = (truth - inputs[:, 0]) / deviation
+        error = truth - inputs[:, 0]
+        z = error / deviation
         density = torch.exp(-(z**2) / 2) / math.sqrt(2 * math.pi)
-        crps = z * torch.erf(z / math.sqrt(2)) + 2 * density - 1 / math.sqrt(math.pi)
-        loss: Tensor = (deviation * crps).mean()
-        return loss
+        crps = error * torch.erf(z / math.sqrt(2))
+        crps += deviation * (2 * density - 1 / math.sqrt(math.pi))
+        return crps.mean()
 
 
 def train_refiner(method_class: type[RefinementMethod], job: TrainingJob) -> TrainingResult:

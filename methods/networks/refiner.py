@@ -11,6 +11,8 @@ from eitbench.methods.networks.image_network import PatchUNet
 
 BEGUN = 0.03
 """Deviation, over the background, that a `SpreadNetwork` begins with."""
+LEAST = 1e-4
+"""Least deviation that it gives; the largest is about 1."""
 
 
 class Refiner(nn.Module):
@@ -66,4 +68,4 @@ class SpreadNetwork(nn.Module):
     def forward(self, images: Tensor) -> Tensor:
         """Deviations (n, H, W)."""
         found: Tensor = self.unet((images - 1) / self.scale).float()
-        return (self.level + found).exp()
+        return LEAST + (self.level + found).clamp(max=0.0).exp()

@@ -26,6 +26,10 @@ def write(paths: Sequence[Path]) -> None:
     """Write the record of run directories, and the figure."""
     runs = [read_run(path) for path in paths]
     found = [one for run in runs for one in read_uncertainty(run)]
+    # A method that several runs have counts once, as the first has it; the best ones come first.
+    found = list({(one.scenario, one.method): one for one in reversed(found)}.values())
+    order = list(dict.fromkeys(name for run in runs for name in run.scenarios()))
+    found.sort(key=lambda one: (order.index(one.scenario), one.figures["crps"].value))
     table: pd.DataFrame = to_table(found)
     table.to_csv(OUT / "uncertainty.csv", index=False, float_format="%.6g", lineterminator="\n")
     (OUT / "runs.json").write_text(json.dumps(about_runs(runs), indent=1) + "\n")
