@@ -266,9 +266,9 @@ class MethodCellTask(FrameTask):
             truth = None if known is None else nearest_pixels(known[rows], sensor.image_shape)
             draws[~good] = sensor.background
             found |= kept_of_draws(truth, draws, images, sensor, placed=placed)
+            found["uncertainty_ms"] = np.full(len(images), seconds * 1e3 / len(images))
             for name in STORED:
                 found[name][~good] = np.nan
-            found["uncertainty_ms"] = np.full(len(images), seconds * 1e3 / len(images))
         images[~good] = np.nan
         return found, good
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import torch
 from numpy.typing import NDArray
+from scipy import integrate, stats
 from tests.support.small_sensors import TINY, clean_problem, foam, round_board, suite_of, tiny_mse
 
 from eitbench.methods import Problem, create
@@ -22,9 +23,9 @@ from eitbench.methods.learned.refined import (
     RefinementMethod,
     SecondGaussNewton,
 )
-from eitbench.methods.learned.refiner_training import RefinerTask
+from eitbench.methods.learned.refiner_training import RefinerTask, SpreadTask
 from eitbench.methods.networks.image_network import ImageNetwork
-from eitbench.methods.networks.refiner import Refiner
+from eitbench.methods.networks.refiner import BEGUN, LEAST, Refiner, SpreadNetwork
 from eitbench.methods.training import TrainingInterruptedError, TrainingRequest, train
 from eitbench.methods.training.loop import Data
 from eitbench.methods.training.samples import no_split
@@ -246,3 +247,29 @@ def test_a_network_improves_a_coarse_image(cache: Path) -> None:
     coarse = tiny_mse(create("noser", variable="clausius-mossotti", weight=0.01))
     assert tiny_mse(create("coarse-to-fine")) < 0.7 * coarse
     assert result.baseline_loss == pytest.approx(coarse, rel=0.3)
+
+
+def test_deviations_are_trained_by_the_crps_of_normal_distributions() -> None:
+    """Beside its definition, the integral of (F(x) - 1[x >= t])^2."""
+    truth, mean, deviation = 0.7, 0.9, 0.15
+    exact, _ = integrate.quad(
+        lambda x: (stats.norm.cdf(x, mean, deviation) - (x >= truth)) ** 2, -1, 3, points=[truth]
+    )
+
+    class Constant(torch.nn.Module):
+        def forward(self, images: torch.Tensor) -> torch.Tensor:
+            return torch.full_like(images[:, 0], deviation)
+
+    task = SpreadTask(Constant(), ()).eval()
+    batch = torch.full((2, 1, 4, 4), mean), torch.full((2, 4, 4), truth)
+    assert float(task.loss(batch)) == pytest.approx(exact, rel=1e-5)
+
+
+def test_a_new_network_of_deviations_gives_one_and_never_none() -> None:
+    network = SpreadNetwork((16, 16))
+    images = torch.rand(2, 1, 16, 16)
+    assert torch.allclose(network(images), torch.tensor(BEGUN + LEAST))
+    network.level.data.fill_(-1e4)
+    assert (network(images) >= LEAST).all()
+    network.level.data.fill_(1e4)
+    assert network(images).isfinite().all()

@@ -1,0 +1,190 @@
+"""The track of stated uncertainty: from a method's answer to the tables, and back."""
+
+import json
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from eitbench.benchmark.analysis.rescore import rescore
+from eitbench.benchmark.analysis.results import Run, read_run
+from eitbench.benchmark.ceiling import record
+from eitbench.benchmark.findings.noise import CEILING
+from eitbench.benchmark.findings.uncertainty import read_uncertainty
+from eitbench.benchmark.metrics.uncertainty import LEVELS, UNCERTAINTY, figures_of_draws
+from eitbench.benchmark.run.runner import make_plan, start_run
+from eitbench.methods import Problem
+from eitbench.methods.method import DRAWS
+from eitbench.methods.registry import create
+from eitbench.methods.training.samples import no_split
+from eitbench.reports.findings.uncertainty import findings
+from eitbench.scenarios.data.datasets import load
+from eitbench.scenarios.errors import DataCorruptError
+from eitbench.scenarios.phantoms.families import DeclaredFamily
+from eitbench.scenarios.suites.scenario import SimulatedScenario, SplitNoise
+from eitbench.scenarios.suites.suite import Suite
+
+DISC = DeclaredFamily(name="disc", shape="circle", sizes={"radius": (0.1, 0.2)})
+SAMPLES = 7
+STATES = """
+import numpy as np
+from eitbench.methods import Method, register
+
+
+class Sound(Method):
+    def fit(self, problem):
+        self.problem = problem
+
+    def reconstruct(self, voltages):
+        self.problem.difference(voltages)
+        return np.full((len(voltages), *self.problem.mask.shape), 0.9)
+
+
+@register("deviates")
+class Deviates(Sound):
+    def uncertainty(self, voltages):
+        return np.full((len(voltages), *self.problem.mask.shape), 0.25)
+
+
+@register("fails")
+class Fails(Sound):
+    def uncertainty(self, voltages):
+        raise OSError("no idea")
+
+
+@register("wild")
+class Wild(Sound):
+    def uncertainty(self, voltages):
+        return np.full((len(voltages), *self.problem.mask.shape), np.inf)
+
+
+@register("silent")
+class Silent(Sound):
+    pass
+"""
+
+
+@pytest.fixture(autouse=True)
+def records(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """No records of the ceiling but those that a test writes."""
+    monkeypatch.setattr(record, "RECORDS", tmp_path / "records")
+    record._stored.cache_clear()
+    yield tmp_path / "records"
+    record._stored.cache_clear()
+
+
+SCENARIO = SimulatedScenario(
+    name="n", image_shape=(20, 20), families=(DISC,), noise=SplitNoise(test=40.0), train=0,
+    validation=2, test=SAMPLES,
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    folder = tmp_path_factory.mktemp("u")
+    plugin = folder / "states.py"
+    plugin.write_text(STATES)
+    names = ("noser", "greit", "deviates", "fails", "wild", "silent")
+    suite = Suite(name="n", title="N", methods=names, scenarios=(SCENARIO,))
+    plan = make_plan(suite, plugins=[plugin])
+    return read_run(start_run(plan, folder / "run").path)
+
+
+def test_figures_are_those_of_the_draws_of_each_frame(run: Run) -> None:
+    """Drawn here again by the method alone; NOSER's draws are the same in every process."""
+    data = load(SCENARIO, "test")
+    assert data.conductivity is not None
+    method = create("noser")
+    problem = Problem(data.sensor, data.references[0], no_split)
+    method.fit(problem)
+    stored = run.cell("n", "noser").sort_values("sample")
+    mask = data.sensor.mask
+    for k, row in enumerate(stored.to_dict("records")):
+        problem.reference = data.references[k]
+        frame = data.voltages[k : k + 1]
+        image, draws = (
+            np.asarray(found)[0].astype(np.float32).astype(np.float64)[..., mask]
+            for found in (method.reconstruct(frame), method.uncertainty(frame))
+        )
+        truth = data.conductivity[k][mask].astype(np.float32).astype(np.float64)
+        expected = figures_of_draws(truth, draws, image, data.sensor.data_range)
+        for name in ("crps", "sharpness", "error_over_spread", "ause"):
+            assert row[name] == pytest.approx(float(expected[name]), rel=1e-4)
+        assert row["coverage_95"] == pytest.approx(expected["ranks"][1:-1].sum(), abs=1e-3)
+        assert row["uncertainty_ms"] > 0
+
+
+def test_only_methods_that_state_something_are_on_the_track(run: Run) -> None:
+    found = {one.method: one for one in read_uncertainty(run)}
+    assert found.keys() == {"noser", "deviates"}
+    crps = [one.figures["crps"].value for one in read_uncertainty(run)]
+    assert crps == sorted(crps)
+    assert found["deviates"].figures["sharpness"].value == pytest.approx(0.25, rel=0.02)
+    # Independent pixels say nothing of a place.
+    assert np.isnan(found["deviates"].figures["place_coverage_95"].value)
+    assert 0 <= found["noser"].figures["place_coverage_95"].value <= 1
+    for one in found.values():
+        assert one.curves is not None
+        stated, observed = one.curves.reliability()
+        for level in LEVELS:
+            value = one.figures[f"coverage_{level}"].value
+            assert observed[np.isclose(stated, level / 100)] == pytest.approx(value, abs=1e-5)
+
+
+def test_an_uncertainty_that_fails_costs_the_frame(run: Run) -> None:
+    for name, status, message in (
+        ("fails", "error", "OSError: no idea"),
+        ("wild", "invalid-output", "returned values that are not finite"),
+    ):
+        rows = run.cell("n", name)
+        assert set(rows["status"]) == {status}
+        assert set(rows["message"]) == {message}
+    assert set(run.cell("n", "silent")["status"]) == {"ok"}
+    assert run.cell("n", "silent").get("crps", pd.Series(dtype=float)).isna().all()
+
+
+def test_the_ceiling_is_judged_like_a_method(run: Run, records: Path) -> None:
+    records.mkdir()
+    hashes = run.cell("n", "noser")["input_hash"].tolist()
+    rows = [
+        {"scenario": "n", "sample": k, "input_hash": of, "mse": 1e-3, "crps": 1e-4 * (k + 1),
+         "coverage_95": 0.95, "cluster": f"c{k}"}
+        for k, of in enumerate([*hashes[:3], "another frame"])
+    ]  # fmt: skip
+    pd.DataFrame(rows).to_csv(records / "n.csv", index=False)
+    (records / "n.json").write_text(json.dumps({"data": {"n": "hash"}}))
+    first = read_uncertainty(run)[0]
+    assert (first.method, first.n, first.curves) == (CEILING, 3, None)
+    assert first.figures["crps"].value == pytest.approx(2e-4)
+
+
+def test_tables_and_figure_show_the_track(run: Run, tmp_path: Path) -> None:
+    (finding,) = findings(run)
+    assert finding.table["method"].tolist() == [one.method for one in read_uncertainty(run)]
+    assert {*UNCERTAINTY} <= {*finding.table.columns}
+    assert len({len(row) for row in finding.grid}) == 1
+    assert finding.figure is not None
+    written = {path.name for path in finding.write(tmp_path, tmp_path)}
+    assert {"uncertainty.md", "uncertainty.csv", "uncertainty.png"} <= written
+    assert findings(replace(run, cells=run.cells.drop(columns="uncertainty"))) == []
+
+
+def test_rescoring_leaves_stated_uncertainty_as_it_is(run: Run) -> None:
+    rescore(run.path)
+    again = read_run(run.path)
+    columns = [name for name in UNCERTAINTY if name in run.samples]
+    pd.testing.assert_frame_equal(again.samples[columns], run.samples[columns])
+
+
+@pytest.mark.parametrize("text", ['{"ranks": [1.0]}', "no JSON", '{"ranks": [], "sparsified": 3}'])
+def test_a_damaged_column_is_one_sentence(run: Run, text: str) -> None:
+    damaged = replace(run, cells=run.cells.assign(uncertainty=text))
+    with pytest.raises(DataCorruptError, match=r"The column 'uncertainty' of .* is damaged"):
+        read_uncertainty(damaged)
+
+
+def test_the_number_of_draws_makes_the_levels_exact() -> None:
+    assert all(level * (DRAWS + 1) % 100 == 0 for level in LEVELS)
