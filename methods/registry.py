@@ -163,6 +163,7 @@ METHOD_REGISTRY = Registry(
         "learned.refined",
         "learned.ensemble",
         "learned.conformal",
+        "learned.latent_flow",
         "learned.cnn_pinn",
         "learned.tank_unet",
         "shapes.shape_posterior",

@@ -1,0 +1,80 @@
+"""Training of the flow over images given frames."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from eitbench.methods.networks.latent_flow import COMPONENTS, LatentFlow
+from eitbench.methods.problem import Problem
+from eitbench.methods.training.augmentation import Augmentation, symmetries
+from eitbench.methods.training.loop import Data, TrainingTask
+from eitbench.methods.training.samples import images, no_split
+from eitbench.scenarios.data.datasets import load
+from eitbench.scenarios.physics.forward import forward_model
+
+if TYPE_CHECKING:
+    from eitbench.methods.training.job import TrainingJob, TrainingResult
+
+SEEN_FIRST = 2000
+"""Training samples, each under every symmetry, that components are taken from."""
+
+
+class FlowTask(TrainingTask):
+    """Mean negative log density of the components of true images, over their number.
+
+    A batch for training holds differences (n, M) [V/A], rms of the frames (n,) [V/A] and relative
+    images (n, H, W), and is augmented; one for validation differences and images.
+    """
+
+    network: LatentFlow
+
+    def __init__(self, network: LatentFlow, augmentation: Augmentation) -> None:
+        super().__init__(network)
+        self._augmentation = augmentation
+
+    def loss(self, batch: Data) -> Tensor:
+        """Return the loss () of a batch."""
+        if self.training:
+            difference, truth, _ = self._augmentation(*batch)
+        else:
+            difference, truth = batch
+        density = self.network.log_density(self.network.encoded(truth - 1), difference)
+        return -density.mean() / COMPONENTS
+
+
+def train_latent_flow(job: TrainingJob) -> TrainingResult:
+    """Train the flow; see `eitbench.methods.training.train`."""
+    scenario, sensor, count = job.scenario, job.sensor, job.training_count()
+    job.check_nominal("draws the noise of the nominal sensor anew")
+    job.check(limit=count)
+    with torch.random.fork_rng():
+        torch.manual_seed(job.recipe.seed)
+        network = LatentFlow(sensor.n_measurements, sensor.image_shape)
+    nominal = forward_model(sensor)
+    untouched = nominal.voltages(nominal.background)
+    problem = Problem(sensor, untouched, no_split)
+    clean, truth = job.noiseless(count), images(scenario, "train", count) / sensor.background
+    difference = torch.from_numpy(problem.differences(clean)).float()
+    frame_rms = torch.from_numpy(np.sqrt(np.mean(clean.voltages**2, axis=1))).float()
+    train = (difference, frame_rms, truth)
+    seen = load(scenario, "validation", jobs=job.request.jobs, progress=job.request.progress)
+    seen_truth = images(scenario, "validation", scenario.validation) / sensor.background
+    validation = (torch.from_numpy(problem.differences(seen)).float(), seen_truth)
+    moves = symmetries(sensor, torch.from_numpy(problem.jacobian))
+    rms = float(np.sqrt(np.mean(untouched**2)))
+    augmentation = Augmentation(scenario.split_noise("train"), moves, rms)
+    if job.begun is None:
+        with torch.random.fork_rng():
+            torch.manual_seed(job.recipe.seed)
+            first = [augmentation(*(tensor[:SEEN_FIRST] for tensor in train)) for _ in moves]
+            contrasts = torch.cat([moved - 1 for _, moved, _ in first])
+            network.start_from(contrasts, torch.cat([frames for frames, _, _ in first]))
+    task = FlowTask(network, augmentation)
+    return job.fit(
+        task, train, validation, "a normal distribution of all images",
+        {"train_samples": str(count)},
+    )  # fmt: skip
