@@ -82,11 +82,14 @@ class DnnConformal(UsesNetwork):
         for group, count in zip(*np.unique(groups, return_counts=True), strict=True):
             if count >= FEWEST:
                 self._quantiles[group] = np.quantile(errors[groups == group], levels)
-        span = SPAN * problem.sensor.data_range
-        out = round(QUANTILES * (1 - LEVEL) / 2)
-        low, high = (self._quantiles[of_all[kept:], end] for end in (out, -1 - out))
-        self._quantiles *= widening(whole[kept:], low, high, span)
         self._drawn = np.random.default_rng(0).integers(QUANTILES, size=(DRAWS, *mask.shape))
+        # As draws are judged: between the least and the largest of 39 lie 95 %.
+        ends = []
+        for of in of_all[kept:]:
+            drawn = self._quantiles[of, self._drawn[:, mask]]
+            ends.append((drawn.min(axis=0), drawn.max(axis=0)))
+        low, high = np.moveaxis(np.array(ends), 1, 0)
+        self._quantiles *= widening(whole[kept:], low, high, SPAN * problem.sensor.data_range)
 
     def reconstruct(self, voltages: Array) -> Array:
         """Absolute conductivity (n, H, W) [S/m] from frames (n, M), within the sensor's range."""
@@ -95,10 +98,8 @@ class DnnConformal(UsesNetwork):
     def uncertainty(self, voltages: Array) -> Array:
         """Images (n, K, H, W) [S/m] with errors drawn for each pixel from those of its group."""
         images = self.reconstruct(voltages)
-        errors = self._quantiles[self._groups(images)[:, None], self._drawn]
-        low, high = self._problem.sensor.conductivity_range
-        background = self._problem.background
-        return (images[:, None] + errors).clip(low * background, high * background)
+        # Not kept within the sensor's range: a truth at its end would be beyond all but few draws.
+        return images[:, None] + self._quantiles[self._groups(images)[:, None], self._drawn]
 
     def _groups(self, images: Array) -> Index:
         """Group (n, H, W) of every pixel of `images` [S/m]."""

@@ -72,9 +72,7 @@ class LatentFlowMethod(TrainedMethod):
     def uncertainty(self, voltages: Array) -> Array:
         """Draws (n, K, H, W) [S/m] from the learned posterior of frames (n, M)."""
         difference = self._problem.difference(voltages, self.effective_gain_power)
-        low, high = self._problem.sensor.conductivity_range
-        drawn = self._drawn(difference)[:, :DRAWS].clip(low, high)
-        return np.asarray(drawn * self._problem.background)
+        return np.asarray(self._drawn(difference)[:, :DRAWS] * self._problem.background)
 
     def _drawn(self, difference: Array) -> Array:
         """Conductivity over background (n, D, H, W), drawn under every motion of the sensor."""
