@@ -77,7 +77,8 @@ class Method(Described, ABC):
     def uncertainty(self, voltages: Array) -> Array:
         """How sure the images of `reconstruct` of these frames are. A method need not have it.
 
-        Frames are those that it was asked for just before, with the same reference frame.
+        Frames are those that it was asked for just before, with the same reference frame. A frame
+        of which this fails, or is not finite, has failed.
 
         Returns:
             The standard deviation (n, H, W) [S/m] of each pixel about the image, for a normal

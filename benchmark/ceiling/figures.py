@@ -34,7 +34,6 @@ from eitbench.benchmark.metrics.uncertainty import UNCERTAINTY, kept_of_draws, s
 from eitbench.benchmark.rundir.manifest import environment
 from eitbench.methods.method import DRAWS
 from eitbench.methods.shapes.parameters import Parameters
-from eitbench.methods.shapes.posterior import resampled
 from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.data.datasets import Dataset, load
 from eitbench.scenarios.errors import InputError
@@ -121,7 +120,8 @@ def _frame(
     deviations = np.sqrt(weight @ (both - weight @ both) ** 2)
     family = np.concatenate([drawn[k].families for k in PROPOSALS])
     likely = np.bincount(family, weight, minlength=len(families))
-    chosen = resampled(weight, DRAWS, generator("ceiling", "draws", data.scenario, sample))
+    chance_of = generator("ceiling", "draws", data.scenario, sample)
+    chosen = chance_of.choice(len(weight), DRAWS, p=weight / weight.sum())
     draws = np.concatenate([painted[k] for k in PROPOSALS])[chosen].astype(np.float32)
     kept = kept_of_draws(
         truth[None], draws[None], mean[None].astype(np.float32), data.sensor, placed=True

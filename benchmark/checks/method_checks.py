@@ -65,6 +65,9 @@ It is two huge pages of Linux. A method that keeps its images of 40 x 40 pixels 
 600 frames; a slow one is asked for fewer, so that it has to keep more of each to be found.
 """
 
+OTHER_DRAWS = 0.3
+"""Allowed relative change of deviations by other draws: those of 39 vary by 1 / sqrt(2 * 38)."""
+
 BATCH = 8
 
 
@@ -326,7 +329,7 @@ def _seen(contrast: Array) -> float:
 
 
 def uncertainty(tested: MethodUnderTest) -> str:
-    """Uncertainty is finite, not negative, not nothing, and the same twice.
+    """Uncertainty is finite, positive, the same twice and in other units.
 
     A method need not state any.
     """
@@ -345,6 +348,14 @@ def uncertainty(tested: MethodUnderTest) -> str:
     apart = np.inf if again is None else float(np.max(np.abs(again - stated)))
     allowed = SAME_RUN * tested.sensor.data_range
     require(apart <= allowed, f"stated twice for a frame, it differs by up to {apart:.2g} S/m.")
+    other = tested.uncertainty_in_other_units(tested.contact, GAIN)[..., tested.sensor.mask]
+    deviations_there = other.std(axis=1) if drawn else other
+    ratio = _rms(deviations_there.astype(np.float64)) / _rms(deviations.astype(np.float64))
+    require(
+        abs(ratio - 1) <= OTHER_DRAWS,
+        f"deviations of the same frame in other units ({GAIN:g} per V/A) are {ratio:.3g} times as "
+        "large; they are of images, in S/m.",
+    )
     what = f"{stated.shape[1]} draws" if drawn else "standard deviations"
     return f"{what} with deviations up to {most:.2g} S/m at a contact."
 

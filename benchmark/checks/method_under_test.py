@@ -167,6 +167,12 @@ class MethodUnderTest:
         stated: NDArray[np.float32] | None = said["uncertainty"] if isinstance(said, dict) else None
         return stated
 
+    def uncertainty_in_other_units(self, frames: Frames, gain: float) -> NDArray[np.float32]:
+        """Return what another instance states of `frames`, all of whose units are `gain` larger."""
+        said = answered(self.worker.request("uncertainty_in_other_units", frames, gain))
+        stated: NDArray[np.float32] = said["uncertainty"]
+        return stated
+
     def refit(
         self, frames: Frames, *, gain: float = 1.0, seed: int | None = None, threads: int = THREADS
     ) -> Images:
@@ -241,6 +247,13 @@ class MethodTestService(MethodService):
             other.set_up()
             limit_threads(threads)  # of libraries that fitting loaded
             return other.reconstruct(frames, _of_each(other.reference[None], frames))
+
+    def uncertainty_in_other_units(self, frames: Frames, gain: float) -> Reply:
+        """Return images of `frames` times `gain` with their uncertainty, by another instance."""
+        other = self._other(gain)
+        other.set_up()
+        references = _of_each(other.reference[None], frames)
+        return other.reconstruct_with_uncertainty(frames * gain, references)
 
     def with_other_reference(self, frames: Frames, reference: Frames) -> Reply:
         """Return images of `frames` with the `reference` (1, M): measured later, and from the fit.

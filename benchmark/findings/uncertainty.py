@@ -98,7 +98,11 @@ def _figures(rows: pd.DataFrame, names: list[str]) -> dict[str, Interval]:
     figures = dict.fromkeys(UNCERTAINTY, Interval(np.nan, np.nan, np.nan))
     for name in names:
         known = rows[rows[name].notna()]
-        if UNCERTAINTY[name].aggregate == "median":
+        aggregate = UNCERTAINTY[name].aggregate
+        if callable(aggregate) and len(known):
+            value = float(aggregate(known, np.ones((1, len(known))))[0])
+            figures[name] = Interval(value, np.nan, np.nan)
+        elif aggregate == "median":
             figures[name] = Interval(float(known[name].median()), np.nan, np.nan)
         elif len(known):
             value = float(known[name].mean())

@@ -16,7 +16,7 @@ CellStatistic = Callable[[pd.DataFrame, NDArray[np.float64]], NDArray[np.float64
 """Maps the rows of a cell (n) and how often each is drawn (b, n) to a figure in each draw (b,)."""
 
 
-Best = Literal["max", "min"]
+Best = Literal["max", "min"] | None
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class MetricSpec:
         formula: in words or symbols; t is the truth, p the estimate, both in S/m. Of operators, v
             are the model's clean voltages, w the operator's, z and y the same standardised.
         domain: scenarios it is computed for.
-        best: whether the largest or the smallest value is the best.
+        best: whether the largest or the smallest value is the best; None where a certain one is.
         traps: what it hides or rewards.
         form: format specification of its numbers, `TIME` for durations, `SMALL` for numbers of any
             small size.

@@ -16,6 +16,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from eitbench.benchmark.metrics.metric_spec import MetricSpec
@@ -23,6 +24,14 @@ from eitbench.methods.method import DRAWS
 from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.phantoms.contacts import locate
 from eitbench.scenarios.sensors.sensor import Sensor
+
+
+def root_mean_square(rows: pd.DataFrame, counts: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Error over spread (b,) of the rows of a cell, each drawn `counts` (b, n) times."""
+    squares = rows["error_over_spread"].to_numpy(np.float64) ** 2
+    known = np.isfinite(squares)
+    return np.asarray(np.sqrt(counts[:, known] @ squares[known] / counts[:, known].sum(axis=1)))
+
 
 SPREAD = 0.01
 """Pixels are ranked where truth and draws span more than this part of the sensor's data range."""
@@ -59,12 +68,13 @@ UNCERTAINTY = {
                 formula=f"share of pixels whose truth lies within the central {level} % of the "
                 "draws, between the draws of these ranks; equal values share their ranks",
                 domain=_STATED,
-                best="max",
+                best=None,
                 form=".1%",
                 mask="pixels where truth and draws span more than 1 % of the data range",
                 traps=f"{level} % is right, more is too careful. An average: too wide at one place "
                 "makes up for too narrow at another. Wide intervals reach it without knowing "
-                "anything, see Sharpness.",
+                "anything, see Sharpness. Methods that are unsure everywhere are judged on more "
+                "pixels.",
             )
             for level in LEVELS
         ),
@@ -81,11 +91,13 @@ UNCERTAINTY = {
         MetricSpec(
             "error_over_spread",
             "Error / spread",
-            formula="root mean square error of the draws' mean / (sharpness * sqrt(1 + 1 / K))",
+            formula="root mean square error of the draws' mean / (sharpness * sqrt(1 + 1 / K)); of "
+            "a scenario, the root mean square over frames",
             domain=_STATED,
-            best="min",
+            best=None,
+            aggregate=root_mean_square,
             form=".2f",
-            traps="1 is right; more says that errors are larger than stated. A mean of ratios.",
+            traps="1 is right; more says that errors are larger than stated.",
         ),
         MetricSpec(
             "ause",
@@ -96,16 +108,18 @@ UNCERTAINTY = {
             domain=_STATED,
             best="min",
             form=".3f",
-            traps="0 where deviations rank pixels as errors do. Blind to their scale.",
+            traps="0 where deviations rank pixels as errors do. Blind to their scale. Deviations "
+            "are those of the 39 draws.",
         ),
         *(
             MetricSpec(
                 f"place_coverage_{level}",
                 f"Place in {level} %",
                 formula=f"share of frames whose true place is among the {level} % nearest to the "
-                "mean of the places in the draws and the truth itself",
+                "mean of the places in the draws and of itself; draws without a contact are left "
+                "out, and where all are, it counts as 0",
                 domain=_PLACES,
-                best="max",
+                best=None,
                 form=".1%",
                 traps=f"{level} % is right, more is too careful. Places are those of Localisation "
                 "of a single contact; of several contacts it is the place of them all.",
@@ -140,11 +154,13 @@ UNCERTAINTY = {
 
 NAN = np.asarray(np.nan)
 
+SCALARS = ("crps", "sharpness", "error_over_spread", "ause", "uncertainty_ms")
 STORED: dict[str, tuple[int, ...]] = {
-    "crps": (), "sharpness": (), "error_over_spread": (), "ause": (), "uncertainty_ms": (),
+    **dict.fromkeys((*SCALARS, "placed"), ()),
     "ranks": (DRAWS + 1,), "sparsified": (2, len(REMOVED)), "places": (DRAWS, 2),
 }  # fmt: skip
-"""Shapes of what is kept of the draws of a frame, which are too large to keep."""
+"""Shapes of what is kept of the draws of a frame, which are too large to keep. `placed` is 1 where
+draws vary as wholes, so that `places` are theirs."""
 
 
 def normal_draws(images: Array, deviations: Array) -> Array:
@@ -207,10 +223,14 @@ def rank_shares(truth: Array, ordered: Array, least: float) -> Array:
 
 
 def left_over(errors: Array, by: Array) -> Array:
-    """Mean of the `errors` (P,) that are left at each of `REMOVED` when the largest `by` go."""
-    kept = errors[np.argsort(by, kind="stable")]
-    counts = np.maximum(1, np.round((1 - REMOVED) * len(kept)).astype(int))
-    return np.asarray(np.cumsum(kept)[counts - 1] / counts)
+    """Mean of the `errors` (P,) that are left at each of `REMOVED` when the largest `by` go.
+
+    Pixels of equal `by` go in any order: each counts as their mean.
+    """
+    _, which, counts = np.unique(by, return_inverse=True, return_counts=True)
+    kept = np.repeat(np.bincount(which, errors) / counts, counts)
+    left = np.maximum(1, np.round((1 - REMOVED) * len(kept)).astype(int))
+    return np.asarray(np.cumsum(kept)[left - 1] / left)
 
 
 def coverages(ranks: Array) -> dict[str, Array]:
@@ -226,31 +246,27 @@ def coverages(ranks: Array) -> dict[str, Array]:
 def place_figures(places: Array, true: Array) -> dict[str, Array]:
     """Figures of places (n, K, 2) in the draws of frames and their `true` places (n, 2) [m].
 
-    A draw without a contact is farther than any other. NaN where there is no true place, or no
-    draw has a contact.
+    Draws without a contact are left out; where none has one, the true place is not covered and the
+    radius is infinite. NaN where there is no true place.
     """
-    together = np.concatenate([places, true[:, None]], axis=1)
-    known = np.isfinite(true).all(axis=1) & np.isfinite(places[..., 0]).any(axis=1)
     figures = {f"place_coverage_{level}": np.full(len(true), np.nan) for level in LEVELS}
     figures["place_radius_mm"] = np.full(len(true), np.nan)
-    for n in np.flatnonzero(known).tolist():
-        distances = _from_middle(together[n])
-        nearer, not_farther = (distances < distances[-1]).sum(), (distances <= distances[-1]).sum()
-        ranks = np.zeros(len(distances))
-        ranks[nearer:not_farther] = 1 / (not_farther - nearer)
+    for n in np.flatnonzero(np.isfinite(true).all(axis=1)).tolist():
+        drawn = places[n][np.isfinite(places[n]).all(axis=1)]
+        distances = _from_middle(np.concatenate([drawn, true[n, None]]))
+        nearer, upto = (distances < distances[-1]).mean(), (distances <= distances[-1]).mean()
         for level in LEVELS:
-            inside = round(len(ranks) * level / 100)
-            figures[f"place_coverage_{level}"][n] = ranks[:inside].sum()
-        radius = np.quantile(_from_middle(places[n]), 0.95, method="higher")
+            # The rank of the truth lies anywhere between the two ends.
+            share = (level / 100 - nearer) / (upto - nearer)
+            figures[f"place_coverage_{level}"][n] = share.clip(0, 1) if len(drawn) else 0.0
+        radius = np.quantile(_from_middle(drawn), 0.95, method="higher") if len(drawn) else np.inf
         figures["place_radius_mm"][n] = 1e3 * radius
     return figures
 
 
 def _from_middle(places: Array) -> Array:
-    """Distance of `places` (m, 2) from the mean of those that are known; infinite for NaN."""
-    known = np.isfinite(places).all(axis=1)
-    distances = np.hypot(*(places - places[known].mean(axis=0)).T)
-    return np.where(known, distances, np.inf)
+    """Distance of each of `places` (m, 2) from their mean."""
+    return np.asarray(np.hypot(*(places - places.mean(axis=0)).T))
 
 
 def kept_of_draws(
@@ -271,6 +287,7 @@ def kept_of_draws(
         placed: true if the draws vary as wholes, so that each shows a place.
     """
     kept = {name: np.full((len(draws), *shape), np.nan) for name, shape in STORED.items()}
+    kept["placed"][:] = placed
     for n, of in enumerate(draws):
         if placed:
             kept["places"][n] = locate(of.astype(np.float64) - sensor.background, sensor)
@@ -294,8 +311,9 @@ def sample_figures(kept: Mapping[str, Array], places: Array, true: Array) -> dic
         places: those kept, (n, K, 2), in the coordinates of the true ones.
         true: (n, 2) true places [m], NaN where there is none.
     """
-    scalar = {name: kept[name] for name, shape in STORED.items() if not shape}
-    return scalar | coverages(kept["ranks"]) | place_figures(places, true)
+    scalar = {name: kept[name] for name in SCALARS}
+    known = np.where(kept["placed"][:, None] == 1, true, np.nan)
+    return scalar | coverages(kept["ranks"]) | place_figures(places, known)
 
 
 def summary(kept: Mapping[str, Array]) -> str:

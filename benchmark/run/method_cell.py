@@ -42,7 +42,12 @@ from eitbench.benchmark.rundir.run_arrays import Truth
 from eitbench.benchmark.rundir.store import RunStore
 from eitbench.benchmark.tuning.selection import recorded_selection
 from eitbench.benchmark.workers.messages import Cost, Reply, array_in, parsed
-from eitbench.benchmark.workers.method_service import Frames, MethodService, learning_splits
+from eitbench.benchmark.workers.method_service import (
+    BATCH,
+    Frames,
+    MethodService,
+    learning_splits,
+)
 from eitbench.methods.method import DRAWS
 from eitbench.methods.registry import METHOD_REGISTRY, place_methods
 from eitbench.scenarios.arrays import Array, nearest_pixels
@@ -68,7 +73,7 @@ class MethodData(CellData):
             unless only positions or loads are known.
     """
 
-    batch: ClassVar[int] = 32
+    batch: ClassVar[int] = BATCH
     validation: Dataset | None
 
     @classmethod
@@ -262,10 +267,8 @@ class MethodCellTask(FrameTask):
             draws, placed = self._draws(images, said["uncertainty"])
             good &= np.isfinite(draws[..., mask]).all(axis=(1, 2))
             seconds = parsed(_SECONDS, said.get("seconds"), "its uncertainty")
-            known = self.data.test.conductivity
-            truth = None if known is None else nearest_pixels(known[rows], sensor.image_shape)
-            draws[~good] = sensor.background
-            found |= kept_of_draws(truth, draws, images, sensor, placed=placed)
+            draws[~good] = images[~good] = sensor.background
+            found |= kept_of_draws(self._true_images(rows), draws, images, sensor, placed=placed)
             found["uncertainty_ms"] = np.full(len(images), seconds * 1e3 / len(images))
             for name in STORED:
                 found[name][~good] = np.nan
@@ -279,7 +282,9 @@ class MethodCellTask(FrameTask):
         shape = (len(images), DRAWS, *sensor.image_shape) if draws else images.shape
         array = array_in(stated, np.float32, shape, "its uncertainty")
         if not draws:
-            array = normal_draws(images, array).astype(np.float32)
+            array = np.where(array >= 0, array, np.nan)
+            with np.errstate(over="ignore", invalid="ignore"):  # which is reported as such
+                array = normal_draws(images, array).astype(np.float32)
         array[..., ~sensor.mask] = sensor.background
         return array, draws
 
@@ -307,18 +312,36 @@ class MethodCellTask(FrameTask):
         table = evaluate(self.data.test, images, registration, calibration)
         table = table.drop(columns="sample").assign(frame_ms=stored.values["frame_ms"])
         if np.isfinite(stored.values["uncertainty_ms"]).any():
-            places = stored.values["places"]
+            kept = {name: stored.values[name] for name in STORED}
+            self._charge_failed(kept, stored.valid)
+            places = kept["places"]
             if registration is not None:
                 places = registration(places)
-            table = table.assign(**sample_figures(stored.values, places, self._true_places()))
-            whole["uncertainty"] = summary(stored.values)
+            table = table.assign(**sample_figures(kept, places, self._true_places()))
+            whole["uncertainty"] = summary(kept)
         return table, whole
+
+    def _charge_failed(self, kept: dict[str, NDArray[Any]], valid: NDArray[np.bool_]) -> None:
+        """Charge frames without an answer what certainty of an untouched sensor gets."""
+        sensor = self.data.test.sensor
+        placed = bool((kept["placed"] == 1).any())
+        for row in np.flatnonzero(~valid & np.isnan(kept["uncertainty_ms"])).tolist():
+            truth = self._true_images(slice(row, row + 1))
+            image = np.full((1, *sensor.image_shape), sensor.background, np.float32)
+            draws = np.repeat(image[:, None], DRAWS, axis=1)
+            for name, values in kept_of_draws(truth, draws, image, sensor, placed=placed).items():
+                kept[name][row] = values[0]
+
+    def _true_images(self, rows: slice) -> Array | None:
+        """Conductivity (n, H, W) [S/m] on the pixels of estimates; None where it is not known."""
+        known, shape = self.data.test.conductivity, self.data.test.sensor.image_shape
+        return None if known is None else nearest_pixels(known[rows], shape)
 
     def _true_places(self) -> Array:
         """Places (n, 2) [m] of single presses, or in true images as they are found in estimates."""
         test = self.data.test
-        if test.conductivity is not None:
-            truth = nearest_pixels(test.conductivity, test.sensor.image_shape)
+        truth = self._true_images(slice(None))
+        if truth is not None:
             return locate(truth - test.sensor.background, test.sensor)
         if test.truth == "position" and "contacts" not in test.samples:
             return test.samples[["x_m", "y_m"]].to_numpy(np.float64)

@@ -1,5 +1,6 @@
 """Service of a worker: a method, which is fitted and asked for images."""
 
+import math
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import Field, asdict, dataclass, field, replace
@@ -10,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from eitbench.benchmark.workers.messages import Reply
+from eitbench.benchmark.workers.messages import MAX_ARRAYS, Reply
 from eitbench.benchmark.workers.worker import timed_answer
 from eitbench.methods.method import DRAWS, Method
 from eitbench.methods.problem import Problem, Splits
@@ -23,6 +24,8 @@ from eitbench.scenarios.suites.scenario import Scenario
 from eitbench.scenarios.suites.suite import learned_from
 
 Frames = NDArray[np.float64]
+BATCH = 32
+"""Frames that a run asks for at once."""
 
 
 @dataclass(eq=False)
@@ -49,6 +52,11 @@ class MethodService:
     def problem(self) -> Problem:
         """The problem of the method."""
         return Problem(self.sensor, self.reference, self.splits)
+
+    @property
+    def _draws_fit(self) -> bool:
+        """True if the draws of a batch go into one message."""
+        return 4 * BATCH * (DRAWS + 1) * math.prod(self.sensor.image_shape) <= MAX_ARRAYS
 
     def load_plugin(self) -> None:
         """Run the file that the method is registered in; from here on the test split is closed."""
@@ -111,7 +119,7 @@ class MethodService:
                 return reply
             seconds += reply.seconds
             images.append(_single(reply.value))
-            if uncertain and self._method.states_uncertainty():
+            if uncertain and self._method.states_uncertainty() and self._draws_fit:
                 shapes = (n, *whole), (n, DRAWS, *whole)
                 reply = timed_answer(self._method.uncertainty, [frames[rows]], *shapes)
                 if reply.failure is not None:

@@ -1,5 +1,6 @@
 """One-step linear methods: x = R dv with a matrix R that is computed once."""
 
+import zlib
 from abc import abstractmethod
 from dataclasses import dataclass
 
@@ -10,6 +11,9 @@ from eitbench.methods.classical.linearisation import Linearisation, Variable, da
 from eitbench.methods.method import DRAWS, Method
 from eitbench.methods.problem import Problem
 from eitbench.scenarios.arrays import Array
+
+OFFSETS = 400
+"""Draws about the image that are made once; each frame takes `DRAWS` of them."""
 
 
 @dataclass
@@ -71,8 +75,8 @@ class GaussianStep(OneStep):
         gram = jacobian @ shown
         noise = damping(gram, self.weight)
         rng = np.random.default_rng(0)
-        prior = rng.standard_normal((DRAWS, len(variances))) * np.sqrt(variances)
-        measured = prior @ jacobian.T + rng.standard_normal((DRAWS, len(gram))) * np.sqrt(
+        prior = rng.standard_normal((OFFSETS, len(variances))) * np.sqrt(variances)
+        measured = prior @ jacobian.T + rng.standard_normal((OFFSETS, len(gram))) * np.sqrt(
             noise[0, 0]
         )
         matrix = regularised_inverse(jacobian, shown, self.weight)
@@ -85,9 +89,13 @@ class GaussianStep(OneStep):
         data = self._linearisation.data(voltages)
         scale = np.sqrt(np.einsum("nm,mk,nk->n", data, self._precision, data) / data.shape[1])
         mean = self._problem.difference(voltages, self.gain_power) @ self._matrix
-        draws = mean[:, None] + scale[:, None, None] * self._offsets
-        images = self._linearisation.images(draws.reshape(-1, draws.shape[-1]))
-        return images.reshape(len(draws), DRAWS, *images.shape[1:])
+        images = []
+        for frame, s, x in zip(data, scale, mean, strict=True):
+            # Frames have numbers of their own, the same each time.
+            rng = np.random.default_rng(zlib.crc32(frame.astype(np.float32).tobytes()))
+            chosen = rng.choice(OFFSETS, DRAWS, replace=False)
+            images.append(self._linearisation.images(x + s * self._offsets[chosen]))
+        return np.array(images).reshape(-1, DRAWS, *self._problem.mask.shape)
 
 
 def regularised_inverse(jacobian: Array, prior_times_transpose: Array, weight: float) -> Array:

@@ -40,10 +40,10 @@ class DnnConformal(UsesNetwork):
 
     Pixels are grouped by what the image shows at them and nearby, and each group has the quantiles
     of its errors. Pixels of a frame err together, so that these are too narrow for other frames:
-    they are widened by the factor that makes 95 % right on validation samples held out. That holds
-    on the average, and only for frames like those of validation. Pixels are drawn on their own, so
-    that draws say little of places. On recorded skins, of which no true image is known, errors are
-    those of simulated presses.
+    they are widened by the factor, from 1 to 4, that makes 95 % right on validation samples held
+    out. There is no guarantee, and frames have to be like those of validation. Pixels are drawn on
+    their own, so that draws say little of places. On recorded skins, of which no true image is
+    known, errors are those of simulated presses that `dnn` was trained on, which are too small.
 
     Attributes:
         gain_power: of the gains of measurements that are taken out of frames, see `Problem`.

@@ -111,7 +111,9 @@ class NetworkEnsemble(Method):
         self._networks = [of(gain_power=self.gain_power) for of in usable]
         for network in self._networks:
             network.fit(problem)
-        self.train_s = sum(network.train_s for network in self._networks)
+        # Networks that begin with the image of another count its training as theirs.
+        alone = (of.train_s - getattr(of, "begun_train_s", 0.0) for of in self._networks)
+        self.train_s = sum(alone)
         self.trained_on = self._networks[0].trained_on
 
     def reconstruct(self, voltages: Array) -> Array:

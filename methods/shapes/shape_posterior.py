@@ -24,7 +24,7 @@ from eitbench.methods.problem import Problem
 from eitbench.methods.registry import register
 from eitbench.methods.shapes.fit import Fit, FrameModel, fit_frame, fit_image
 from eitbench.methods.shapes.parameters import Parameters
-from eitbench.methods.shapes.posterior import ROUNDING, FamilyPosterior, Sampler, resampled
+from eitbench.methods.shapes.posterior import ROUNDING, FamilyPosterior, Sampler
 from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.errors import DataCorruptError, InputError
 from eitbench.scenarios.phantoms.phantom import draw
@@ -114,36 +114,39 @@ class ShapePosterior(UsesNetwork):
         self._problem = problem
         self._dnn = self.fitted_network(problem, self.gain_power)
         self._model = FrameModel(problem)
-        self._latest: tuple[Array, tuple[Array, Array]] | None = None
+        self._kept: tuple[Array, Array] | None = None
         self._families = [_Family(p) for p in _families(self.trained_on, problem.sensor)]
 
     def reconstruct(self, voltages: Array) -> Array:
         """Absolute conductivity (n, H, W) [S/m] from frames (n, M), within the sensor's range."""
-        return self._found(voltages)[0]
+        means, draws = self._found(voltages)
+        self._kept = voltages.copy(), draws
+        return means
 
     def uncertainty(self, voltages: Array) -> Array:
         """Shapes (n, K, H, W) [S/m] of the posterior of frames (n, M).
 
         Of a frame that is not of the families, all are the image of `dnn`.
         """
+        kept, self._kept = self._kept, None
+        if kept is not None and np.array_equal(kept[0], voltages):
+            return kept[1]
         return self._found(voltages)[1]
 
     def _found(self, voltages: Array) -> tuple[Array, Array]:
-        """Mean images and draws, kept for the question that follows about the same frames."""
+        """Mean images and draws."""
         difference = self._problem.difference(voltages, self._dnn.effective_gain_power)
-        if self._latest is None or not np.array_equal(self._latest[0], difference):
-            low, high = self._problem.sensor.conductivity_range
-            shape, background = self._problem.mask.shape, self._problem.background
-            means = np.empty((len(difference), *shape))
-            draws = np.empty((len(difference), DRAWS, *shape), np.float32)
-            for n, frame in enumerate(difference):
-                # One by one: in batches the network rounds otherwise, and fits may end elsewhere.
-                guess = self._dnn.relative(frame[None])[0].astype(np.float64).clip(low, high)
-                mean, drawn = self._of_one(guess, frame)
-                means[n] = mean.clip(low, high) * background
-                draws[n] = drawn.clip(low, high) * background
-            self._latest = difference, (means, draws)
-        return self._latest[1]
+        low, high = self._problem.sensor.conductivity_range
+        shape, background = self._problem.mask.shape, self._problem.background
+        means = np.empty((len(difference), *shape))
+        draws = np.empty((len(difference), DRAWS, *shape), np.float32)
+        for n, frame in enumerate(difference):
+            # One by one: in batches the network rounds otherwise, and fits may end elsewhere.
+            guess = self._dnn.relative(frame[None])[0].astype(np.float64).clip(low, high)
+            mean, drawn = self._of_one(guess, frame)
+            means[n] = mean.clip(low, high) * background
+            draws[n] = drawn.clip(low, high) * background
+        return means, draws
 
     def _of_one(self, guess: Array, frame: Array) -> tuple[Array, Array]:
         """The mean image (H, W), relative to the background, of a frame's differences (M,).
@@ -187,7 +190,8 @@ class ShapePosterior(UsesNetwork):
             for one, p in zip(found, likely, strict=True)
         ])  # fmt: skip
         images = np.concatenate([one.images for one in found])
-        return np.tensordot(likely, means, axes=1), images[resampled(weights, DRAWS, rng)]
+        chosen = rng.choice(len(weights), DRAWS, p=weights / weights.sum())
+        return np.tensordot(likely, means, axes=1), images[chosen]
 
     def _fits(self, guess: Array, data: Array) -> list[Fit]:
         """Fits to a frame of the families that are not given up, the best one first."""

@@ -31,6 +31,7 @@ DISC = DeclaredFamily(name="disc", shape="circle", sizes={"radius": (0.1, 0.2)})
 SAMPLES = 7
 STATES = """
 import numpy as np
+MOST = {most}
 from eitbench.methods import Method, register
 
 
@@ -61,6 +62,14 @@ class Wild(Sound):
         return np.full((len(voltages), *self.problem.mask.shape), np.inf)
 
 
+@register("refuses")
+class Refuses(Sound):
+    def uncertainty(self, voltages):
+        if len(voltages) > 1 or abs(voltages).sum() > MOST:
+            raise OSError("too hard")
+        return np.full((len(voltages), *self.problem.mask.shape), 0.25)
+
+
 @register("silent")
 class Silent(Sound):
     pass
@@ -86,8 +95,9 @@ SCENARIO = SimulatedScenario(
 def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
     folder = tmp_path_factory.mktemp("u")
     plugin = folder / "states.py"
-    plugin.write_text(STATES)
-    names = ("noser", "greit", "deviates", "fails", "wild", "silent")
+    sums = np.abs(load(SCENARIO, "test").voltages).sum(axis=1)
+    plugin.write_text(STATES.replace("{most}", repr(float(np.median(sums)))))
+    names = ("noser", "greit", "deviates", "fails", "wild", "refuses", "silent")
     suite = Suite(name="n", title="N", methods=names, scenarios=(SCENARIO,))
     plan = make_plan(suite, plugins=[plugin])
     return read_run(start_run(plan, folder / "run").path)
@@ -119,14 +129,14 @@ def test_figures_are_those_of_the_draws_of_each_frame(run: Run) -> None:
 
 def test_only_methods_that_state_something_are_on_the_track(run: Run) -> None:
     found = {one.method: one for one in read_uncertainty(run)}
-    assert found.keys() == {"noser", "deviates"}
+    assert found.keys() == {"noser", "deviates", "refuses"}
     crps = [one.figures["crps"].value for one in read_uncertainty(run)]
     assert crps == sorted(crps)
     assert found["deviates"].figures["sharpness"].value == pytest.approx(0.25, rel=0.02)
     # Independent pixels say nothing of a place.
     assert np.isnan(found["deviates"].figures["place_coverage_95"].value)
     assert 0 <= found["noser"].figures["place_coverage_95"].value <= 1
-    for one in found.values():
+    for one in (found["noser"], found["deviates"]):
         assert one.curves is not None
         stated, observed = one.curves.reliability()
         for level in LEVELS:
@@ -144,6 +154,18 @@ def test_an_uncertainty_that_fails_costs_the_frame(run: Run) -> None:
         assert set(rows["message"]) == {message}
     assert set(run.cell("n", "silent")["status"]) == {"ok"}
     assert run.cell("n", "silent").get("crps", pd.Series(dtype=float)).isna().all()
+
+
+def test_a_frame_that_failed_is_charged_as_certain_of_an_untouched_sensor(run: Run) -> None:
+    rows = run.cell("n", "refuses").sort_values("sample").reset_index(drop=True)
+    failed = rows["status"] != "ok"
+    assert failed.sum() == SAMPLES // 2
+    data = load(SCENARIO, "test")
+    assert data.conductivity is not None
+    error = np.abs(data.conductivity - 1)[:, data.sensor.mask].mean(axis=1)
+    np.testing.assert_allclose(rows["crps"][failed], error[failed], rtol=1e-5)
+    assert (rows["sharpness"][failed] == 0).all()
+    assert (rows["coverage_95"][failed] < 0.1).all()
 
 
 def test_the_ceiling_is_judged_like_a_method(run: Run, records: Path) -> None:

@@ -3,6 +3,7 @@
 import json
 
 import numpy as np
+import pandas as pd
 import pytest
 from scipy import stats
 
@@ -17,6 +18,7 @@ from eitbench.benchmark.metrics.uncertainty import (
     normal_draws,
     place_figures,
     rank_shares,
+    root_mean_square,
     sample_figures,
     summary,
 )
@@ -58,6 +60,17 @@ def test_draws_of_one_image_have_the_absolute_error() -> None:
     assert found["crps"] == pytest.approx(np.abs(truth - 0.25).mean())
     assert found["sharpness"] == 0
     assert np.isnan(found["error_over_spread"])
+
+
+def test_error_over_spread_of_a_right_posterior_is_1_even_of_few_degrees_of_freedom() -> None:
+    """Of images that vary as wholes each frame has one: the mean of its ratio would be 0.8."""
+    rng = np.random.default_rng(10)
+    together = rng.standard_normal((4000, DRAWS + 1, 1)) * np.ones(4)
+    ratios = [figures_of_draws(of[0], of[1:], of[1], 1.0)["error_over_spread"] for of in together]
+    rows = pd.DataFrame({"error_over_spread": np.array(ratios, float)})
+    (found,) = root_mean_square(rows, np.ones((1, len(rows))))
+    few = np.sqrt((DRAWS - 1) / (DRAWS - 3))  # the mean of 1 / s^2 of as many draws
+    assert found == pytest.approx(few, abs=0.03)
 
 
 def test_sharpness_and_error_are_those_stated() -> None:
@@ -111,6 +124,8 @@ def test_sparsification_of_the_right_order_and_of_none() -> None:
     chance = np.random.default_rng(3).random(PIXELS)
     np.testing.assert_allclose(left_over(errors, chance), errors.mean(), rtol=0.05)
     assert len(left_over(np.ones(3), np.ones(3))) == len(REMOVED)
+    equal = np.zeros(PIXELS)  # in whatever order pixels lie
+    np.testing.assert_allclose(left_over(np.sort(errors), equal), errors.mean())
 
 
 def test_places_of_one_more_draw_are_covered_as_stated() -> None:
@@ -126,13 +141,21 @@ def test_places_of_one_more_draw_are_covered_as_stated() -> None:
     )
 
 
-def test_places_that_are_not_known() -> None:
-    places = np.zeros((3, DRAWS, 2))
-    places[0, :2], places[1] = np.nan, np.nan  # two draws without a contact, and all
-    found = place_figures(places, np.array([[0.0, 0.0], [0.0, 0.0], [np.nan, np.nan]]))
-    assert found["place_coverage_95"][0] == pytest.approx(1)  # the two are the farthest
-    assert found["place_radius_mm"][0] == np.inf
-    assert np.isnan(found["place_coverage_95"][1:]).all()
+def test_draws_without_a_contact_are_left_out_and_none_is_a_miss() -> None:
+    rng = np.random.default_rng(9)
+    together = rng.standard_normal((4000, DRAWS + 1, 2))
+    empty = rng.random((4000, DRAWS)) < 0.9  # about four are left, of some frames none
+    places = np.where(empty[..., None], np.nan, together[:, 1:])
+    found = place_figures(places, together[:, 0])
+    some = ~empty.all(axis=1)
+    assert not some.all()
+    for level in LEVELS:
+        coverage = found[f"place_coverage_{level}"]
+        assert coverage[some].mean() == pytest.approx(level / 100, abs=0.025)
+        assert (coverage[~some] == 0).all()
+    assert (np.isinf(found["place_radius_mm"]) == ~some).all()
+    unknown = place_figures(places[:1], np.full((1, 2), np.nan))
+    assert all(np.isnan(values).all() for values in unknown.values())
 
 
 def test_normal_draws_have_the_stated_deviation_about_the_image() -> None:
@@ -162,5 +185,6 @@ def test_what_is_kept_of_frames_becomes_columns() -> None:
     np.testing.assert_allclose(kept["ranks"][[0, 1], ranks], 1)
     assert set(json.loads(summary(kept))) == {"ranks", "sparsified"}
     alone = kept_of_draws(None, draws, images, foam, placed=False)
+    assert (alone.pop("placed") == 0).all()
     assert all(np.isnan(values).all() for values in alone.values())
     assert summary(alone) == ""

@@ -32,7 +32,7 @@ def test_draws_have_the_covariance_of_the_posterior(
     problem: Problem, kind: type[GaussianStep], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Of many draws; (C^-1 + J^T J / w)^-1 by the pixels is what the measurements give."""
-    monkeypatch.setattr(one_step, "DRAWS", 20_000)
+    monkeypatch.setattr(one_step, "OFFSETS", 20_000)
     method = kind(WEIGHT)
     method.fit(problem)
     jacobian = problem.jacobian[:, problem.mask]

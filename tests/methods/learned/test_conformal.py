@@ -35,16 +35,17 @@ def test_intervals_hold_what_they_promise_on_test_frames(scenario: str) -> None:
     problem = Problem(test.sensor, test.references[0], lambda s, limit: load(scenario, s, limit))
     method = DnnConformal()
     method.fit(problem)
-    shares = []
+    shares, half = [], []
     assert test.conductivity is not None
     for k in range(len(test)):
         problem.reference = test.references[k]
         (draws,) = method.uncertainty(test.voltages[k : k + 1])
         truth, drawn = test.conductivity[k], np.sort(draws, axis=0)
-        low, high = np.minimum(drawn[0], truth), np.maximum(drawn[-1], truth)
-        inside = (drawn[0] <= truth) & (truth <= drawn[-1])
-        shares.append(inside[high - low > 0.01].mean())
-    assert np.mean(shares) == pytest.approx(0.95, abs=0.06)
+        counted = np.maximum(drawn[-1], truth) - np.minimum(drawn[0], truth) > 0.01
+        shares.append(((drawn[0] <= truth) & (truth <= drawn[-1]))[counted].mean())
+        half.append(((drawn[9] <= truth) & (truth <= drawn[29]))[counted].mean())
+    assert np.mean(shares) == pytest.approx(0.95, abs=0.04)
+    assert np.mean(half) == pytest.approx(0.5, abs=0.1)
 
 
 def test_on_a_recorded_skin_errors_are_those_of_simulated_presses(recorded_data: Path) -> None:

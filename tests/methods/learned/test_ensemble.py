@@ -5,7 +5,10 @@ import pytest
 from tests.support.small_sensors import no_split
 
 from eitbench.methods import Problem, create
+from eitbench.methods.learned.ensemble import NetworkEnsemble
+from eitbench.methods.learned.image_networks import Dnn
 from eitbench.methods.learned.refined import LearnedGaussNewton
+from eitbench.methods.learned.tank_unet import TankUNet
 from eitbench.scenarios import sensor
 from eitbench.scenarios.physics.forward import forward_model
 
@@ -82,6 +85,21 @@ def test_networks_are_averaged_and_their_distance_is_the_deviation() -> None:
     assert deviation.max() > 0.02  # they do not agree
 
 
-def test_one_network_is_no_ensemble() -> None:
-    tank = sensor("ktc2023")
-    assert "weights" in type(create("network-ensemble")).unusable(tank)
+def test_one_network_is_no_ensemble(monkeypatch: pytest.MonkeyPatch) -> None:
+    foam = sensor("foam16")
+    assert NetworkEnsemble.unusable(foam) == ""
+    monkeypatch.setattr(NetworkEnsemble, "kinds", (Dnn, TankUNet))
+    assert "'tank-unet' has no weights" in NetworkEnsemble.unusable(foam)
+
+
+def test_the_training_of_a_first_image_counts_once() -> None:
+    foam = sensor("foam16")
+    model = forward_model(foam)
+    problem = Problem(foam, model.voltages(model.background), no_split)
+    ensemble, alone = create("network-ensemble"), {}
+    ensemble.fit(problem)
+    for name in ("dnn", "phydnn", "fno", "learned-gn", "learned-proximal"):
+        network = create(name)
+        network.fit(problem)
+        alone[name] = network.train_s
+    assert ensemble.train_s == pytest.approx(sum(alone.values()) - alone["dnn"])
