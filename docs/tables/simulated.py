@@ -186,6 +186,8 @@ _TRAININGS = {
     "dnn-randomised": "continues `dnn` on units with imperfections",
     "learned-proximal": "three unrolled steps",
     "fno": "a Fourier neural operator",
+    "latent-flow": "a conditional normalising flow over principal components of images",
+    "dnn-heteroscedastic": "gives the deviation of each pixel from the image of `dnn`",
 }
 
 

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import math
-
 import torch
 from torch import Tensor, nn
 
 from eitbench.methods.networks.image_network import PatchUNet
 
-BEGUN = 0.03
-"""Deviation, over the background, that a `SpreadNetwork` begins with."""
-LEAST = 1e-4
-"""Least deviation that it gives; the largest is about 1."""
+LEAST, LARGEST = 1e-3, 0.5
+"""Deviations, over the background, that a `SpreadNetwork` gives at least and at most."""
 
 
 class Refiner(nn.Module):
@@ -50,11 +46,11 @@ class Refiner(nn.Module):
 class SpreadNetwork(nn.Module):
     """Standard deviation (n, H, W) of conductivity over background, from an image (n, 1, H, W).
 
-    It begins with one deviation for all pixels.
+    It begins with one for all pixels. The logarithm is kept between two ends by a sigmoid, for most
+    pixels are the untouched background, and the deviations of all would vanish with theirs.
 
     Attributes:
         scale: (1,) what the image's contrast is divided by for the U-Net.
-        level: logarithm of the deviation that it begins with.
     """
 
     scale: Tensor
@@ -62,10 +58,9 @@ class SpreadNetwork(nn.Module):
     def __init__(self, image_shape: tuple[int, int]) -> None:
         super().__init__()
         self.register_buffer("scale", torch.ones(1))
-        self.level = nn.Parameter(torch.tensor(math.log(BEGUN)))
         self.unet = PatchUNet(1, 0, image_shape)
 
     def forward(self, images: Tensor) -> Tensor:
         """Deviations (n, H, W)."""
         found: Tensor = self.unet((images - 1) / self.scale).float()
-        return LEAST + (self.level + found).clamp(max=0.0).exp()
+        return LEAST * (LARGEST / LEAST) ** found.sigmoid()
