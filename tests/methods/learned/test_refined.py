@@ -25,7 +25,7 @@ from eitbench.methods.learned.refined import (
 )
 from eitbench.methods.learned.refiner_training import RefinerTask, SpreadTask
 from eitbench.methods.networks.image_network import ImageNetwork
-from eitbench.methods.networks.refiner import LEAST, Refiner, SpreadNetwork
+from eitbench.methods.networks.refiner import LARGEST, LEAST, Refiner, SpreadNetwork
 from eitbench.methods.training import TrainingInterruptedError, TrainingRequest, train
 from eitbench.methods.training.loop import Data
 from eitbench.methods.training.samples import no_split
