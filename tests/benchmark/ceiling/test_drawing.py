@@ -11,6 +11,7 @@ from eitbench.benchmark.analysis.results import read_run
 from eitbench.benchmark.ceiling import drawing, record
 from eitbench.benchmark.ceiling.drawing import draw_posteriors, told
 from eitbench.benchmark.ceiling.figures import summary, write_record
+from eitbench.benchmark.findings.uncertainty import read_uncertainty
 from eitbench.benchmark.run.runner import make_plan, start_run
 from eitbench.reports.tables.boards import note, printed_boards
 from eitbench.scenarios.suites.scenario import SimulatedScenario, SplitNoise
@@ -77,6 +78,10 @@ def test_a_stopped_run_goes_on_and_the_board_has_the_ceiling(
     # The mean is as good as the posterior says, and better than each frame's noise would allow.
     assert row["psnr_of_mse"] == pytest.approx(row["expected_psnr"], abs=2.5)
     assert abs(row["apart_db"]) < 1
+    # So is what its draws say of pixels and places; 30 frames tell a share to about 10 %.
+    for level in (50, 80, 95):
+        assert frames[f"coverage_{level}"].mean() == pytest.approx(level / 100, abs=0.12)
+        assert frames[f"place_coverage_{level}"].mean() == pytest.approx(level / 100, abs=0.25)
 
     monkeypatch.setattr(record, "RECORDS", tmp_path / "records")
     record._stored.cache_clear()
@@ -93,6 +98,9 @@ def test_a_stopped_run_goes_on_and_the_board_has_the_ceiling(
         assert ranks == {"noser": 1, "ceiling": None}
         assert board.rows[1]["psnr"] == pytest.approx(frames["psnr"].mean(), abs=0.01)
         assert "told the families" in note(rows)
+        first, second = read_uncertainty(read_run(run))
+        assert (first.method, second.method) == ("ceiling", "noser")
+        assert first.figures["crps"].value < 0.5 * second.figures["crps"].value
     finally:
         record._stored.cache_clear()
 

@@ -18,7 +18,7 @@ def flow() -> LatentFlow:
         flow = LatentFlow(80, SHAPE)
         for name, tensor in flow.named_parameters():
             if name.endswith("leave.weight"):
-                torch.nn.init.normal_(tensor, std=0.1)
+                torch.nn.init.normal_(tensor, std=0.3)
         images, frames = torch.randn(400, *SHAPE), torch.randn(400, 80)
         flow.start_from(images, frames)
     return flow.requires_grad_(requires_grad=False)
