@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import torch
 from torch import Tensor, nn
+from torch.nn import functional
 
 from eitbench.methods.networks.image_network import PatchUNet
 
-LEAST, LARGEST = 1e-3, 0.5
-"""Deviations, over the background, that a `SpreadNetwork` gives at least and at most."""
+LEAST = 1e-3
+"""Least deviation, over the background, that a `SpreadNetwork` gives."""
+SOFT = 0.03
+"""Width of the bend of its last function; what is far below it learns no more."""
 
 
 class Refiner(nn.Module):
@@ -46,8 +49,8 @@ class Refiner(nn.Module):
 class SpreadNetwork(nn.Module):
     """Standard deviation (n, H, W) of conductivity over background, from an image (n, 1, H, W).
 
-    It begins with one for all pixels. The logarithm is kept between two ends by a sigmoid, for most
-    pixels are the untouched background, and the deviations of all would vanish with theirs.
+    It begins with one for all pixels. The last function is a softplus in units of deviations: under
+    an exponential or a sigmoid, most pixels being the untouched background, all of them vanished.
 
     Attributes:
         scale: (1,) what the image's contrast is divided by for the U-Net.
@@ -63,4 +66,4 @@ class SpreadNetwork(nn.Module):
     def forward(self, images: Tensor) -> Tensor:
         """Deviations (n, H, W)."""
         found: Tensor = self.unet((images - 1) / self.scale).float()
-        return LEAST * (LARGEST / LEAST) ** found.sigmoid()
+        return LEAST + SOFT * functional.softplus(found / SOFT)
