@@ -9,7 +9,6 @@ from typing import ClassVar
 import numpy as np
 from scipy import ndimage
 
-from eitbench.methods.classical.linearisation import GAINS
 from eitbench.methods.learned.image_networks import Dnn, UsesNetwork
 from eitbench.methods.method import DRAWS, reconstructed
 from eitbench.methods.problem import Problem
@@ -54,7 +53,6 @@ class DnnConformal(UsesNetwork):
         "Gammerman and Shafer, Algorithmic Learning in a Random World (2005), sec. 4.5 (groups)"
     )
     uses: ClassVar = Dnn
-    search: ClassVar = GAINS
 
     gain_power: float = 0.0
 

@@ -98,9 +98,9 @@ def test_a_stopped_run_goes_on_and_the_board_has_the_ceiling(
         assert ranks == {"noser": 1, "ceiling": None}
         assert board.rows[1]["psnr"] == pytest.approx(frames["psnr"].mean(), abs=0.01)
         assert "told the families" in note(rows)
-        first, second = read_uncertainty(read_run(run))
-        assert (first.method, second.method) == ("ceiling", "noser")
-        assert first.figures["crps"].value < 0.5 * second.figures["crps"].value
+        best, other = read_uncertainty(read_run(run))
+        assert (best.method, other.method) == ("ceiling", "noser")
+        assert best.figures["crps"].value < 0.5 * other.figures["crps"].value
     finally:
         record._stored.cache_clear()
 
