@@ -36,6 +36,11 @@ LEFT_OUT = {
     "linear-learned": _LEARNS,
     "linear-touch": _LEARNS,
     **dict.fromkeys(("dip", "inr", "pinn", "cnn-pinn"), "it trains a network for every frame"),
+    **dict.fromkeys(
+        ("dnn-conformal", "dnn-heteroscedastic"), "its images are those of `dnn`, which is tried"
+    ),
+    "latent-flow": "it says how sure it is, and its images are blurred",
+    "network-ensemble": "it runs five networks, which are tried one by one",
     "shape-posterior": "it knows the shapes that simulated touches are drawn from",
     **dict.fromkeys(("pyeit-bp", "pyeit-greit", "pyeit-jac"), _OTHERS),
     **dict.fromkeys(("eidors-greit", "eidors-noser", "eidors-tv-pdipm"), _OTHERS),

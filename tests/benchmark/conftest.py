@@ -64,7 +64,9 @@ def _results(run: Path) -> tuple[pd.DataFrame, pd.DataFrame, dict[str, Any]]:
             for array, values in group.items()
         }
     return (
-        samples.drop(columns=["frame_ms", *MEASURED], errors="ignore").reset_index(drop=True),
+        samples.drop(
+            columns=["frame_ms", "uncertainty_ms", *MEASURED], errors="ignore"
+        ).reset_index(drop=True),
         table.drop(columns=MEASURED, errors="ignore").reset_index(drop=True),
         images,
     )
