@@ -173,7 +173,8 @@ def test_a_method_of_one_image_grid_is_checked_there() -> None:
     assert not report.failed
     skipped = {result.check: result.message for result in report.having("skipped")}
     assert skipped == {
-        "conductive_contact": "the conductivity range of this sensor allows it to fall only."
+        "conductive_contact": "the conductivity range of this sensor allows it to fall only.",
+        "uncertainty": "it states no uncertainty.",
     }
 
 
