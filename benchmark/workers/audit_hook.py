@@ -77,7 +77,9 @@ class Watch:
     def begin(self) -> None:
         """Watch this process, from now to its end."""
         own = self.folder / "own"
-        own.mkdir(exist_ok=True)
+        for place in own_places(self.folder):
+            with suppress(OSError):  # what cannot be made cannot be written to
+                place.mkdir(parents=True, exist_ok=True)
         os.environ.update(dict.fromkeys(TEMPORARY, str(own)))
         tempfile.tempdir = str(own)
         # matplotlib, which many a library imports, makes a list of fonts when it finds none.

@@ -70,9 +70,6 @@ class Confinement:
         self.watch.begin()
         _keep_machine_code(self.folder / "own")
         writable = own_places(self.folder)
-        for place in writable:
-            with suppress(OSError):  # what cannot be made cannot be written to
-                place.mkdir(parents=True, exist_ok=True)
         if self.readable is not None:
             _restrict(writable, (*self.readable, cache_dir() / "weights", *_needed()))
         elif landlock_abi() >= _TRUNCATE_ABI:
