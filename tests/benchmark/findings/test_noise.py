@@ -1,7 +1,6 @@
 """Quality against noise: the ceiling and the untouched sensor beside a method."""
 
 import json
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,7 +9,6 @@ import pandas as pd
 import pytest
 
 from eitbench.benchmark.analysis.results import Run, read_run
-from eitbench.benchmark.ceiling import record
 from eitbench.benchmark.findings.noise import CEILING, UNTOUCHED, noise_curves
 from eitbench.benchmark.run.runner import make_plan, start_run
 from eitbench.reports.findings.noise import findings
@@ -22,15 +20,6 @@ from eitbench.scenarios.suites.suite import Suite
 DISC = DeclaredFamily(name="disc", shape="circle", sizes={"radius": (0.1, 0.2)})
 LEVELS: dict[str, Noise] = {"n-clean": "clean", "n-50": 50.0, "n-30": 30.0}
 SAMPLES = 6
-
-
-@pytest.fixture(autouse=True)
-def records(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    """No records but those that a test writes."""
-    monkeypatch.setattr(record, "RECORDS", tmp_path / "records")
-    record._stored.cache_clear()
-    yield tmp_path / "records"
-    record._stored.cache_clear()
 
 
 @pytest.fixture(scope="module")

@@ -1,7 +1,6 @@
 """The track of stated uncertainty: from a method's answer to the tables, and back."""
 
 import json
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,7 +10,6 @@ import pytest
 
 from eitbench.benchmark.analysis.rescore import rescore
 from eitbench.benchmark.analysis.results import Run, read_run
-from eitbench.benchmark.ceiling import record
 from eitbench.benchmark.findings.noise import CEILING
 from eitbench.benchmark.findings.uncertainty import read_uncertainty
 from eitbench.benchmark.metrics.uncertainty import LEVELS, UNCERTAINTY, figures_of_draws
@@ -74,15 +72,6 @@ class Refuses(Sound):
 class Silent(Sound):
     pass
 """
-
-
-@pytest.fixture(autouse=True)
-def records(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    """No records of the ceiling but those that a test writes."""
-    monkeypatch.setattr(record, "RECORDS", tmp_path / "records")
-    record._stored.cache_clear()
-    yield tmp_path / "records"
-    record._stored.cache_clear()
 
 
 SCENARIO = SimulatedScenario(
