@@ -112,8 +112,7 @@ class NetworkEnsemble(Method):
         for network in self._networks:
             network.fit(problem)
         # Networks that begin with the image of another count its training as theirs.
-        alone = (of.train_s - getattr(of, "begun_train_s", 0.0) for of in self._networks)
-        self.train_s = sum(alone)
+        self.train_s = sum(of.train_s - of.begun_train_s for of in self._networks)
         self.trained_on = self._networks[0].trained_on
 
     def reconstruct(self, voltages: Array) -> Array:

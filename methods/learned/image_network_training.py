@@ -10,15 +10,13 @@ import torch
 from torch import Tensor, nn
 
 from eitbench.methods.learned.linear_maps import Ridge, ridge
-from eitbench.methods.problem import Problem
 from eitbench.methods.registry import operator
 from eitbench.methods.training.augmentation import Augmentation, symmetries
 from eitbench.methods.training.loop import Data, TrainingTask, working_precision
 from eitbench.methods.training.losses import image_loss
-from eitbench.methods.training.samples import images, no_split
+from eitbench.methods.training.samples import images, nominal_problem
 from eitbench.scenarios.data.datasets import load
 from eitbench.scenarios.errors import InputError
-from eitbench.scenarios.physics.forward import forward_model
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -159,9 +157,8 @@ def train_image_network(method: type[ImageNetworkMethod], job: TrainingJob) -> T
     seen = load(scenario, "validation", jobs=request.jobs, progress=request.progress)
     # As many training samples, as measured; those to train on get their noise by augmentation.
     compared = load(scenario, "train", min(count, scenario.validation))
-    nominal = forward_model(sensor)
-    untouched = nominal.voltages(nominal.background)
-    problem = Problem(sensor, untouched, no_split)
+    problem = nominal_problem(scenario)
+    untouched = problem.reference
 
     def differences(data: Dataset) -> Array:
         return problem.differences(data, request.gain_power)

@@ -46,10 +46,13 @@ class TrainedMethod(Trainable, Method):
         gain_power: of the gains of measurements that are taken out of frames, see `Problem`; 0 for
             that which the weights were trained with.
         effective_gain_power: which of the two it is, after `fit`.
+        begun_train_s: the part of `train_s` that weights of another method took, with whose images
+            it begins [s].
     """
 
     search: ClassVar = GAINS
     effective_gain_power = 0.0
+    begun_train_s = 0.0
     weights: str = ""
     gain_power: float = 0.0
 

@@ -9,12 +9,10 @@ import torch
 from torch import Tensor
 
 from eitbench.methods.networks.latent_flow import COMPONENTS, LatentFlow
-from eitbench.methods.problem import Problem
 from eitbench.methods.training.augmentation import Augmentation, symmetries
 from eitbench.methods.training.loop import Data, TrainingTask
-from eitbench.methods.training.samples import images, no_split
+from eitbench.methods.training.samples import images, nominal_problem
 from eitbench.scenarios.data.datasets import load
-from eitbench.scenarios.physics.forward import forward_model
 
 if TYPE_CHECKING:
     from eitbench.methods.training.job import TrainingJob, TrainingResult
@@ -54,9 +52,7 @@ def train_latent_flow(job: TrainingJob) -> TrainingResult:
     with torch.random.fork_rng():
         torch.manual_seed(job.recipe.seed)
         network = LatentFlow(sensor.n_measurements, sensor.image_shape)
-    nominal = forward_model(sensor)
-    untouched = nominal.voltages(nominal.background)
-    problem = Problem(sensor, untouched, no_split)
+    problem = nominal_problem(scenario)
     clean, truth = job.noiseless(count), images(scenario, "train", count) / sensor.background
     difference = torch.from_numpy(problem.differences(clean)).float()
     frame_rms = torch.from_numpy(np.sqrt(np.mean(clean.voltages**2, axis=1))).float()
@@ -65,7 +61,7 @@ def train_latent_flow(job: TrainingJob) -> TrainingResult:
     seen_truth = images(scenario, "validation", scenario.validation) / sensor.background
     validation = (torch.from_numpy(problem.differences(seen)).float(), seen_truth)
     moves = symmetries(sensor, torch.from_numpy(problem.jacobian))
-    rms = float(np.sqrt(np.mean(untouched**2)))
+    rms = float(np.sqrt(np.mean(problem.reference**2)))
     augmentation = Augmentation(scenario.split_noise("train"), moves, rms)
     if job.begun is None:
         with torch.random.fork_rng():

@@ -39,7 +39,6 @@ class RefinementMethod(TrainedMethod):
         n_inputs: images that the network takes, the one to be refined among them.
         baseline: what the network gives before it is trained.
         begun_from: SHA-256 of the weights that the first images need; "" if they need none.
-        begun_train_s: time that these took to train [s].
     """
 
     recipe: ClassVar = Recipe(epochs=30, patience=15)
@@ -47,7 +46,6 @@ class RefinementMethod(TrainedMethod):
     n_inputs: ClassVar[int]
     baseline: ClassVar[str] = "the image that it refines"
     begun_from = ""
-    begun_train_s = 0.0
 
     @classmethod
     def train(cls, job: TrainingJob) -> TrainingResult:

@@ -12,14 +12,12 @@ import torch
 from threadpoolctl import threadpool_limits
 from torch import Tensor, nn
 
-from eitbench.methods.problem import Problem
 from eitbench.methods.training.augmentation import symmetries
 from eitbench.methods.training.loop import Data, TrainingTask, working_precision
 from eitbench.methods.training.losses import image_loss
-from eitbench.methods.training.samples import images, no_split
+from eitbench.methods.training.samples import images, nominal_problem
 from eitbench.scenarios.arrays import Array, Images
 from eitbench.scenarios.data.datasets import load
-from eitbench.scenarios.physics.forward import forward_model
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -84,7 +82,7 @@ class SpreadTask(RefinerTask):
 def train_refiner(method_class: type[RefinementMethod], job: TrainingJob) -> TrainingResult:
     """Train the network of a method; see `eitbench.methods.training.train`."""
     scenario, sensor, count = job.scenario, job.sensor, job.training_count()
-    problem = _nominal_problem(scenario)
+    problem = nominal_problem(scenario)
     method = method_class()
     method.start(problem)
     gain_power = job.request.gain_power
@@ -119,7 +117,7 @@ def _samples(
     """The network's inputs (n, C, H, W), and conductivity over background (n, H, W)."""
     request, scenario = job.request, job.scenario
     data = load(scenario, split, count, jobs=request.jobs, progress=request.progress)
-    difference = _nominal_problem(scenario).differences(data, request.gain_power)
+    difference = nominal_problem(scenario).differences(data, request.gain_power)
     inputs = joblib.Parallel(n_jobs=request.jobs)(
         joblib.delayed(_inputs)(method, scenario, difference[first : first + TOGETHER])
         for first in range(0, count, TOGETHER)
@@ -132,13 +130,8 @@ def _samples(
 def _started(method_class: type[RefinementMethod], scenario: SimulatedScenario) -> RefinementMethod:
     """A method that is ready for differences on the scenario's sensor."""
     method = method_class()
-    method.start(_nominal_problem(scenario))
+    method.start(nominal_problem(scenario))
     return method
-
-
-def _nominal_problem(scenario: SimulatedScenario) -> Problem:
-    model = forward_model(scenario.nominal_sensor)
-    return Problem(scenario.nominal_sensor, model.voltages(model.background), no_split)
 
 
 def _inputs(

@@ -8,10 +8,12 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from eitbench.methods.problem import Problem
 from eitbench.methods.weights.weight_files import sensor_key
 from eitbench.scenarios.data.simulation import phantom
 from eitbench.scenarios.errors import InputError, unknown_name
 from eitbench.scenarios.phantoms.phantom import rasterise
+from eitbench.scenarios.physics.forward import forward_model
 from eitbench.scenarios.suites.scenario import SimulatedScenario
 from eitbench.scenarios.suites.suite import Suite
 
@@ -57,6 +59,12 @@ def training_scenario(suite: Suite, name: str | None = None) -> SimulatedScenari
 def no_split(split: str, limit: int | None) -> Dataset:
     """Refuse to load a split, for problems whose data are read elsewhere."""
     raise RuntimeError(f"The {split} split is read elsewhere.")
+
+
+def nominal_problem(scenario: SimulatedScenario) -> Problem:
+    """The problem of a scenario's nominal sensor, with the model's own reference frame [V/A]."""
+    model = forward_model(scenario.nominal_sensor)
+    return Problem(scenario.nominal_sensor, model.voltages(model.background), no_split)
 
 
 def images(scenario: SimulatedScenario, split: Split, count: int, first: int = 0) -> Tensor:
