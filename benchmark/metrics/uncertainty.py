@@ -164,7 +164,10 @@ draws vary as wholes, so that `places` are theirs."""
 
 
 def normal_draws(images: Array, deviations: Array) -> Array:
-    """Images (n, K, H, W) about `images` (n, H, W), each pixel on its own with its deviation."""
+    """Images (n, K, H, W) about `images` (n, H, W) with `deviations` (n, H, W), all in S/m.
+
+    Each pixel varies on its own.
+    """
     offsets = np.random.default_rng(0).standard_normal((DRAWS, *images.shape[1:]))
     return np.asarray(images[:, None] + deviations[:, None] * offsets)
 
@@ -176,8 +179,8 @@ def figures_of_draws(
 
     Args:
         truth: (P,) true conductivity [S/m], rounded as draws are kept, so that equal values are.
-        draws: (K, P).
-        image: (P,) the estimate.
+        draws: (K, P) [S/m].
+        image: (P,) the estimate [S/m].
         data_range: [S/m].
 
     Returns:
@@ -206,7 +209,9 @@ def figures_of_draws(
 
 
 def rank_shares(truth: Array, ordered: Array, least: float) -> Array:
-    """Share (K + 1,) of pixels by the number of `ordered` draws (K, P) below the `truth` (P,).
+    """Share (K + 1,) of pixels by the number of draws below the `truth` (P,).
+
+    Truth, the draws `ordered` (K, P) by size, and `least` are in S/m.
 
     A truth that equals draws has all ranks between with equal parts. Pixels whose values span no
     more than `least` are left out; NaN where none is left.
@@ -244,7 +249,7 @@ def coverages(ranks: Array) -> dict[str, Array]:
 
 
 def place_figures(places: Array, true: Array) -> dict[str, Array]:
-    """Figures of places (n, K, 2) in the draws of frames and their `true` places (n, 2) [m].
+    """Figures (n,) of places (n, K, 2) [m] in the draws of frames, and of `true` places (n, 2).
 
     Draws without a contact are left out; where none has one, the true place is not covered and the
     radius is infinite. NaN where there is no true place.
