@@ -92,6 +92,22 @@ class Method(Described, ABC):
         """True if it has `uncertainty`."""
         return cls.uncertainty is not Method.uncertainty
 
+    def novelty(self, voltages: Array) -> Array:
+        """How unlike what the method knows these frames are. A method need not have it.
+
+        Frames and failures are as those of `uncertainty`.
+
+        Returns:
+            A score (n,) of each frame, without a unit: the greater, the less its image is to be
+            trusted. Only the order of scores counts.
+        """
+        raise NotImplementedError
+
+    @classmethod
+    def states_novelty(cls) -> bool:
+        """True if it has `novelty`."""
+        return cls.novelty is not Method.novelty
+
 
 def reconstructed(method: Method, problem: Problem, data: Dataset) -> Array:
     """Images (n, H, W) [S/m] of `data` by a method that is fitted to `problem`.

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, TypeAdapter
 
 from eitbench.benchmark.metrics.aggregation import LOAD_COLUMNS
+from eitbench.benchmark.metrics.novelty import SCORES
 from eitbench.benchmark.metrics.specs import METRIC_COLUMNS
 from eitbench.benchmark.metrics.uncertainty import UNCERTAINTY
 from eitbench.benchmark.rundir import manifest
@@ -65,6 +66,8 @@ NUMBERS = (
     *("calibration_ms", "calibration_spread", "load", "cpu_mhz"),
     *METRIC_COLUMNS,
     *UNCERTAINTY,
+    *SCORES,
+    "novelty_ms",
     *LOAD_COLUMNS,
 )
 

@@ -163,7 +163,7 @@ class MethodUnderTest:
             BrokenError: it is neither deviations (n, H, W) nor draws (n, DRAWS, H, W).
         """
         references = _of_each(self.reference, frames)
-        said = answered(self.worker.request("reconstruct_with_uncertainty", frames, references))
+        said = answered(self.worker.request("reconstruct_and_state", frames, references))
         stated: NDArray[np.float32] | None = said["uncertainty"] if isinstance(said, dict) else None
         return stated
 
@@ -253,7 +253,7 @@ class MethodTestService(MethodService):
         other = self._other(gain)
         other.set_up()
         references = _of_each(other.reference[None], frames)
-        return other.reconstruct_with_uncertainty(frames * gain, references)
+        return other.reconstruct_and_state(frames * gain, references)
 
     def with_other_reference(self, frames: Frames, reference: Frames) -> Reply:
         """Return images of `frames` with the `reference` (1, M): measured later, and from the fit.

@@ -104,7 +104,7 @@ def spearman(counts: Array, x: Array, y: Array) -> Array:
     0 where `x` is constant (it tells nothing of `y`); NaN where `y` is.
     """
     size = counts.sum(axis=1, keepdims=True)
-    a, b = (_ranks(counts, values) - (size + 1) / 2 for values in (x, y))
+    a, b = (ranks(counts, values) - (size + 1) / 2 for values in (x, y))
     spread_a, spread_b = ((counts * rank * rank).sum(axis=1) for rank in (a, b))
     norm = np.sqrt(spread_a * spread_b)
     covariance = (counts * a * b).sum(axis=1)
@@ -112,7 +112,7 @@ def spearman(counts: Array, x: Array, y: Array) -> Array:
     return np.where(spread_b > 0, found, np.nan)
 
 
-def _ranks(counts: Array, values: Array) -> Array:
+def ranks(counts: Array, values: Array) -> Array:
     """Mean ranks (b, n) of the samples in each draw, equals sharing theirs."""
     order = np.argsort(values)
     _, first, of = np.unique(values, return_index=True, return_inverse=True)

@@ -4,7 +4,7 @@ import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, Literal, Self
 
 import joblib
 import numpy as np
@@ -20,6 +20,7 @@ from eitbench.benchmark.metrics.evaluation import (
     fit_registration,
     knows_loads,
 )
+from eitbench.benchmark.metrics.novelty import residuals
 from eitbench.benchmark.metrics.uncertainty import (
     STORED,
     kept_of_draws,
@@ -69,11 +70,15 @@ class MethodData(CellData):
     """Frames of a scenario and their truth.
 
     Attributes:
+        familiar: the scenario whose data methods learn and are tuned on, see `Suite.familiar`.
+        judged: true if the novelty of frames is: some are of a condition that methods do not know.
         validation: frames the registration, and the calibration of loads, are fitted on; None
             unless only positions or loads are known.
     """
 
     batch: ClassVar[int] = BATCH
+    familiar: Scenario
+    judged: bool
     validation: Dataset | None
 
     @classmethod
@@ -81,13 +86,16 @@ class MethodData(CellData):
         cls, scenario: Scenario, suite: Suite, limit: int | None, *, jobs: int, progress: bool
     ) -> Self:
         """See `CellData.load`."""
-        if isinstance(scenario, RecordedScenario):
-            limit_s = suite.download_limit_s
-            fetch_recording(scenario.recorded_set, limit_s=limit_s, progress=progress)
+        familiar = suite.familiar(scenario)
+        for needed in (scenario, familiar):
+            if isinstance(needed, RecordedScenario):
+                limit_s = suite.download_limit_s
+                fetch_recording(needed.recorded_set, limit_s=limit_s, progress=progress)
         test = load(scenario, split="test", limit=limit, jobs=jobs, progress=progress)
+        judged = any(suite.familiar(s) == familiar for s in suite.scenarios if s != familiar)
         if test.truth != "position" and not knows_loads(test.samples, test.truth):
-            return cls(scenario, test, None)
-        validation = load(scenario, split="validation", limit=REGISTRATION_FRAMES)
+            return cls(scenario, test, familiar, judged, None)
+        validation = load(familiar, split="validation", limit=REGISTRATION_FRAMES)
         if test.truth == "position" and len(validation) < LEAST_PRESSES:
             # Every fifth press is for validation, the first one among them.
             raise InputError(
@@ -95,7 +103,7 @@ class MethodData(CellData):
                 f"touch), and at least {LEAST_PRESSES} are needed to find how images map to "
                 f"places: record at least {5 * (LEAST_PRESSES - 1) + 1} touches."
             )
-        return cls(scenario, test, validation)
+        return cls(scenario, test, familiar, judged, validation)
 
     @classmethod
     def known(cls) -> Mapping[str, type[Any]]:
@@ -126,7 +134,7 @@ class MethodData(CellData):
 
     def selection(self, name: str, code: str) -> dict[str, Any] | None:
         """See `CellData.selection`."""
-        return recorded_selection(self.scenario, name, code)
+        return recorded_selection(self.familiar, name, code)
 
     def frames(self, split: str) -> tuple[Frames, Frames]:
         """Return the frames (n, M) of "validation", or else of "test", and their references."""
@@ -147,7 +155,7 @@ class MethodSetUp:
 
 
 _SET_UP = TypeAdapter(MethodSetUp)
-_SECONDS = TypeAdapter(Cost)
+_SECONDS = TypeAdapter(dict[Literal["uncertainty", "novelty"], Cost])
 
 
 def definition(plan: CellPlan) -> Callable[[], type[Any]] | None:
@@ -226,7 +234,7 @@ class MethodCellTask(FrameTask):
     def service(self) -> MethodService:
         """Return the method with its problem."""
         plan, test = self.plan, self.data.test
-        splits = partial(learning_splits, self.data.scenario)
+        splits = partial(learning_splits, self.data.familiar)
         return MethodService(
             test.sensor,
             test.references[0],
@@ -238,9 +246,9 @@ class MethodCellTask(FrameTask):
         )
 
     def request(self, split: str, rows: slice) -> tuple[object, ...]:
-        """Return a request for the images of frames, of "test" with their uncertainty."""
+        """Return a request for the images of frames, of "test" with all that is stated of them."""
         frames, references = self.data.frames(split)
-        what = "reconstruct_with_uncertainty" if split == "test" else "reconstruct"
+        what = "reconstruct_and_state" if split == "test" else "reconstruct"
         return what, frames[rows], references[rows]
 
     def blank(self, n: int) -> dict[str, NDArray[Any]]:
@@ -248,12 +256,12 @@ class MethodCellTask(FrameTask):
         shape = (n, *self.data.test.sensor.image_shape)
         return {
             "conductivity": np.full(shape, np.nan, dtype=np.float32),
-            "frame_ms": np.full(n, np.nan),
+            **{name: np.full(n, np.nan) for name in ("frame_ms", "novelty", "novelty_ms")},
             **{name: np.full((n, *shape), np.nan) for name, shape in STORED.items()},
         }
 
     def values(self, split: str, rows: slice, reply: Reply) -> tuple[Values, NDArray[np.bool_]]:
-        """Return the images, the time of each frame, and figures of a stated uncertainty."""
+        """Return the images, the time of each frame, and figures of what is stated of them."""
         sensor = self.data.test.sensor
         shape = (rows.stop - rows.start, *sensor.image_shape)
         said = reply.value if isinstance(reply.value, dict) else {"images": reply.value}
@@ -263,15 +271,18 @@ class MethodCellTask(FrameTask):
         good = np.isfinite(images[:, mask]).all(axis=1)
         times = np.full(len(images), reply.seconds * 1e3 / len(images))
         found: dict[str, NDArray[Any]] = {"conductivity": images, "frame_ms": times}
+        if "novelty" in said:
+            found["novelty"] = array_in(said["novelty"], np.float32, shape[:1], "its novelty")
+            good &= np.isfinite(found["novelty"])
         if "uncertainty" in said:
             draws, placed = self._draws(images, said["uncertainty"])
             good &= np.isfinite(draws[..., mask]).all(axis=(1, 2))
-            seconds = parsed(_SECONDS, said.get("seconds"), "its uncertainty")
             draws[~good] = images[~good] = sensor.background
             found |= kept_of_draws(self._true_images(rows), draws, images, sensor, placed=placed)
-            found["uncertainty_ms"] = np.full(len(images), seconds * 1e3 / len(images))
-            for name in STORED:
-                found[name][~good] = np.nan
+        for name, seconds in parsed(_SECONDS, said.get("seconds", {}), "what it states").items():
+            found[f"{name}_ms"] = np.full(len(images), seconds * 1e3 / len(images))
+        for name in found.keys() & {*STORED, "novelty", "novelty_ms"}:
+            found[name][~good] = np.nan
         images[~good] = np.nan
         return found, good
 
@@ -311,6 +322,10 @@ class MethodCellTask(FrameTask):
         images = stored.values["conductivity"]
         table = evaluate(self.data.test, images, registration, calibration)
         table = table.drop(columns="sample").assign(frame_ms=stored.values["frame_ms"])
+        if np.isfinite(stored.values["novelty"]).any():
+            table = table.assign(**{name: stored.values[name] for name in ("novelty", "novelty_ms")})
+        if self.data.judged:
+            table = table.assign(**residuals(self.data.test, images))
         if np.isfinite(stored.values["uncertainty_ms"]).any():
             kept = {name: stored.values[name] for name in STORED}
             self._charge_failed(kept, stored.valid)

@@ -322,7 +322,8 @@ def _say_outdated(plan: Plan, data: Mapping[str, CellData], progress: RunProgres
     """Say which selected parameters are not used, as the code has changed since."""
     for name in plan.names if plan.suite.ranks == "methods" else ():
         code = plan.code(name)
-        on = [s for s, there in data.items() if outdated_selection(there.scenario, name, code)]
+        known = {name: plan.suite.familiar(there.scenario) for name, there in data.items()}
+        on = [s for s, learned in known.items() if outdated_selection(learned, name, code)]
         if on and name not in plan.parameters:
             progress.say(
                 f"The hyper-parameters of {name!r} that were selected on {', '.join(on)} belong to "

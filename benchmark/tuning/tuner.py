@@ -100,7 +100,8 @@ def tune(
     """
     folder.mkdir(parents=True, exist_ok=True)
     with closed_test_split(), locked(folder):
-        asked = [s for s in plan.suite.scenarios if s.name in plan.scenarios]
+        suite = plan.suite
+        asked = [suite.familiar(s) for s in suite.scenarios if s.name in plan.scenarios]
         truths = {scenario.name: _truth(scenario) for scenario in asked}
         different = {validation_key(s): s for s in reversed(asked) if truths[s.name] != "none"}
         if not different:

@@ -96,21 +96,23 @@ class MethodService:
 
         The method is asked for the frames of one reference frame at once.
         """
-        return self._images(frames, references, uncertain=False)
+        return self._images(frames, references, stating=False)
 
-    def reconstruct_with_uncertainty(self, frames: Frames, references: Frames) -> Reply:
-        """Return the same with what the method states of its uncertainty, if it states any.
+    def reconstruct_and_state(self, frames: Frames, references: Frames) -> Reply:
+        """Return the same with what the method states beside, if it states anything.
 
-        Then the value has the `images`, the `uncertainty` (n, H, W) or (n, DRAWS, H, W) in float32,
-        and the `seconds` that this took.
+        Then the value has the `images`, the `uncertainty` (n, H, W) or (n, DRAWS, H, W), the
+        `novelty` (n,), all in float32, and the `seconds` that each of the latter two took.
         """
-        return self._images(frames, references, uncertain=True)
+        return self._images(frames, references, stating=True)
 
-    def _images(self, frames: Frames, references: Frames, *, uncertain: bool) -> Reply:
+    def _images(self, frames: Frames, references: Frames, *, stating: bool) -> Reply:
         assert self._method is not None
         whole = self.sensor.image_shape
         images, seconds = [np.empty((0, *whole), np.float32)], 0.0
-        stated, more = list[NDArray[np.float32]](), 0.0
+        statements = self._statements() if stating else {}
+        stated: dict[str, list[NDArray[np.float32]]] = {name: [] for name in statements}
+        more = dict.fromkeys(statements, 0.0)
         for rows in same_reference(references):
             self.problem.reference = references[rows.start]
             n = rows.stop - rows.start
@@ -119,19 +121,29 @@ class MethodService:
                 return reply
             seconds += reply.seconds
             images.append(_single(reply.value))
-            if uncertain and self._method.states_uncertainty() and self._draws_fit:
-                shapes = (n, *whole), (n, DRAWS, *whole)
-                reply = timed_answer(self._method.uncertainty, [frames[rows]], *shapes)
+            for name, (state, shapes) in statements.items():
+                reply = timed_answer(state, [frames[rows]], *((n, *shape) for shape in shapes))
                 if reply.failure is not None:
-                    of = replace(reply.failure, message=f"uncertainty {reply.failure.message}")
+                    of = replace(reply.failure, message=f"{name} {reply.failure.message}")
                     return replace(reply, failure=of)
-                more += reply.seconds
-                stated.append(_single(reply.value))
+                more[name] += reply.seconds
+                stated[name].append(_single(reply.value))
         found = np.concatenate(images)
-        if not stated:
+        if not len(frames) or not statements:
             return Reply(found, seconds)
-        said = {"images": found, "uncertainty": np.concatenate(stated), "seconds": more}
-        return Reply(said, seconds)
+        said = {name: np.concatenate(parts) for name, parts in stated.items()}
+        return Reply({"images": found, **said, "seconds": more}, seconds)
+
+    def _statements(self) -> dict[str, tuple[Callable[..., object], tuple[tuple[int, ...], ...]]]:
+        """What is asked for beside images, with the shapes that it may have for each frame."""
+        method, whole = self._method, self.sensor.image_shape
+        assert method is not None
+        found: dict[str, tuple[Callable[..., object], tuple[tuple[int, ...], ...]]] = {}
+        if method.states_uncertainty() and self._draws_fit:
+            found["uncertainty"] = method.uncertainty, (whole, (DRAWS, *whole))
+        if method.states_novelty():
+            found["novelty"] = method.novelty, ((),)
+        return found
 
 
 def _single(values: NDArray[Any]) -> NDArray[np.float32]:

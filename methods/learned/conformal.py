@@ -10,6 +10,7 @@ import numpy as np
 from scipy import ndimage
 
 from eitbench.methods.learned.image_networks import Dnn, UsesNetwork
+from eitbench.methods.learned.novelty import FrameNovelty
 from eitbench.methods.method import DRAWS, reconstructed
 from eitbench.methods.problem import Problem
 from eitbench.methods.registry import register
@@ -43,6 +44,7 @@ class DnnConformal(UsesNetwork):
     out. There is no guarantee, and frames have to be like those of validation. Pixels are drawn on
     their own, so that draws say little of places. On recorded skins, of which no true image is
     known, errors are those of simulated presses that `dnn` was trained on, which are too small.
+    Its novelty is how far a frame is from those of validation, recorded ones, too.
 
     Attributes:
         gain_power: of the gains of measurements that are taken out of frames, see `Problem`.
@@ -65,9 +67,12 @@ class DnnConformal(UsesNetwork):
         self._problem = problem
         self._network = self.fitted_network(problem, self.gain_power)
         first, data = problem.reference, problem.validation(FRAMES + HELD_OUT)
+        images = reconstructed(self._network, problem, data)
+        power = self._network.effective_gain_power
+        self._novelty = FrameNovelty(problem, data, images, power)
         if data.conductivity is None:
             data = problem.training(FRAMES + HELD_OUT)
-        images = reconstructed(self._network, problem, data)
+            images = reconstructed(self._network, problem, data)
         problem.reference = first
         assert data.conductivity is not None  # simulated
         mask = problem.mask
@@ -98,6 +103,10 @@ class DnnConformal(UsesNetwork):
         images = self.reconstruct(voltages)
         # Not kept within the sensor's range: a truth at its end would be beyond all but few draws.
         return images[:, None] + self._quantiles[self._groups(images)[:, None], self._drawn]
+
+    def novelty(self, voltages: Array) -> Array:
+        """Distance (n,) of frames from those of validation, see `FrameNovelty`."""
+        return self._novelty.of(voltages, self.reconstruct(voltages))
 
     def _groups(self, images: Array) -> Index:
         """Group (n, H, W) of every pixel of `images` [S/m]."""

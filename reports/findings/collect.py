@@ -1,4 +1,4 @@
-"""What runs show besides leaderboards: noise, ladders, touches, uncertainty, new skins."""
+"""What runs show besides leaderboards: noise, ladders, touches, uncertainty, novelty, new skins."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from eitbench.reports.findings import (
     challenge,
     ladder,
     noise,
+    novelty,
     touches,
     transfer,
     uncertainty,
@@ -33,7 +34,7 @@ def findings(runs: Sequence[Run]) -> list[Finding]:
     with mpl.rc_context(STYLE):
         makers = (
             challenge.findings, noise.findings, ladder.findings, touches.findings,
-            acuity.findings, uncertainty.findings,
+            acuity.findings, uncertainty.findings, novelty.findings,
         )  # fmt: skip
         of = [(run, one) for run in runs for make in makers for one in make(run)]
         times = Counter(one.stem for _, one in of)

@@ -95,6 +95,9 @@ class SimulatedScenario(Declaration):
         ladder: a rung of the ladder from simulation to reality. Its validation data are of the
             nominal sensor too, and methods are tuned with their noise: all rungs share them.
         calibrated: methods get frames corrected by `calibration`, from reference frames alone.
+        familiar: the scenario of the suite whose frames methods know, where those of this one are
+            of another condition: methods learn and are tuned on its data, and the novelty of a
+            frame is to tell the two apart.
         acuity: the test split is this design instead of drawn phantoms, in its own number.
     """
 
@@ -114,6 +117,7 @@ class SimulatedScenario(Declaration):
     training_imperfections: TrainingImperfections | None = None
     ladder: bool = False
     calibrated: bool = False
+    familiar: str = ""
     acuity: Acuity | None = None
 
     @field_validator("sensor")
@@ -243,7 +247,7 @@ class SimulatedScenario(Declaration):
     def data_hash(self, split: Split) -> str:
         """SHA-256 (hex) of every declared parameter and all that decides the data of `split`."""
         # The declarations in a file count, not its place.
-        apart = {"sensor"} if is_file(self.sensor) else set()
+        apart = {"familiar"} | ({"sensor"} if is_file(self.sensor) else set())
         if split != "train":
             apart |= {"training_imperfections"}
         return content_hash(
@@ -262,12 +266,14 @@ class RecordedScenario(Declaration):
         name: registry name.
         recording: registry name of the recorded set, or the path of a recording of one's own (.h5).
         calibrated: methods get frames corrected by `calibration`, from the reference frame alone.
+        familiar: as of `SimulatedScenario`.
     """
 
     kind: Literal["recorded"] = "recorded"
     name: Name
     recording: str
     calibrated: bool = False
+    familiar: str = ""
 
     @field_validator("recording")
     @classmethod
@@ -297,7 +303,7 @@ class RecordedScenario(Declaration):
         return content_hash(
             {
                 # The content of a recording of one's own counts, not its name.
-                "scenario": _declared(self, {"recording"} if own else set()),
+                "scenario": _declared(self, {"familiar"} | ({"recording"} if own else set())),
                 "files": [[*([] if own else [f.path]), f.sha256] for f in recorded.files],
                 "source": [recorded.repository, recorded.source.commit, recorded.truth],
                 "sensor": self.nominal_sensor.describe(),

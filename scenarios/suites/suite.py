@@ -80,6 +80,10 @@ class Suite(Declaration):
             raise ValueError(f"scenario {twice[0]!r} is declared twice")
         if len({isinstance(scenario, TransferScenario) for scenario in value}) > 1:
             raise ValueError("scenarios of the kind 'transfer' stand in a suite of their own")
+        by_name = {scenario.name: scenario for scenario in value}
+        for scenario in value:
+            if wrong := _unlike_familiar(scenario, by_name):
+                raise ValueError(f"the familiar scenario of {scenario.name!r} {wrong}")
         return value
 
     @property
@@ -89,10 +93,30 @@ class Suite(Declaration):
             return "operators"
         return "places" if isinstance(self.scenarios[0], TransferScenario) else "methods"
 
+    def familiar(self, scenario: Scenario) -> Scenario:
+        """The scenario whose data methods learn and are tuned on: mostly `scenario` itself."""
+        if isinstance(scenario, TransferScenario) or not scenario.familiar:
+            return scenario
+        return next(known for known in self.scenarios if known.name == scenario.familiar)
+
     @property
     def names(self) -> tuple[str, ...]:
         """The methods or operators run when the user names none."""
         return self.methods or self.operators or ()
+
+
+def _unlike_familiar(scenario: Scenario, by_name: Mapping[str, Scenario]) -> str:
+    """What is wrong with the scenario that the frames of `scenario` are told from; "" if nothing."""
+    if isinstance(scenario, TransferScenario) or not scenario.familiar:
+        return ""
+    known = by_name.get(scenario.familiar)
+    if known is None or isinstance(known, TransferScenario):
+        return f"is {scenario.familiar!r}, which the suite does not declare"
+    if known.familiar:
+        return f"is {known.name!r}, which names a familiar one itself"
+    if known.nominal_sensor != scenario.nominal_sensor:
+        return f"is {known.name!r}, which is on another sensor"
+    return ""
 
 
 def suites() -> dict[str, Path]:

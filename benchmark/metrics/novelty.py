@@ -1,0 +1,151 @@
+"""Figures of novelty: how well a score tells frames of a condition that methods do not know.
+
+Scores of a frame are judged alike: the residual of the exact model at the image that a method
+returns, absolute and relative to the touch, the uncertainty that it states, and the novelty that it states (`Method.novelty`). Frames
+without an image have the greatest score: not to answer is right where a frame is not known.
+
+Sources: Hanley and McNeil, Radiology 143(1), 1982 (area under the ROC curve); Hendrycks and Gimpel,
+ICLR 2017 (its use for examples out of distribution).
+"""
+
+import numpy as np
+
+from eitbench.benchmark.metrics.metric_spec import MetricSpec
+from eitbench.benchmark.metrics.statistics import quantile, ranks
+from eitbench.methods.problem import Problem
+from eitbench.scenarios.arrays import Array, Images
+from eitbench.scenarios.data.datasets import Dataset, same_reference
+from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.physics.forward import forward_model
+
+FALSE_ALARMS = 0.05
+"""Share of familiar frames that may be called novel."""
+
+_FRAMES = "frames of suites that declare conditions which methods do not know"
+
+SCORES = {
+    spec.name: spec
+    for spec in (
+        MetricSpec(
+            "residual",
+            "Residual",
+            formula="|(v - v_ref) - g (F(p) - F(untouched))| / |v_ref|, F the exact model, p kept "
+            "within the sensor's range of conductivity, g the gain of the reference frame",
+            domain=_FRAMES,
+            best=None,
+            form=".4f",
+            mask="all measurements",
+            traps="The baseline. A strong regularisation leaves a large residual of every frame. "
+            "What an image explains wrongly leaves none.",
+        ),
+        MetricSpec(
+            "relative_residual",
+            "Relative residual",
+            formula="the same over |v - v_ref|",
+            domain=_FRAMES,
+            best=None,
+            form=".3f",
+            mask="all measurements",
+            traps="A weak touch has much of it, from noise alone.",
+        ),
+        MetricSpec(
+            "sharpness",
+            "Stated uncertainty",
+            formula="root of the mean variance of the draws over pixels",
+            domain=f"{_FRAMES}, by methods that state an uncertainty, where the truth is known",
+            unit="S/m",
+            best=None,
+            form=".4f",
+            traps="It says how far the touch may be from the image, if it is a touch as known.",
+        ),
+        MetricSpec(
+            "novelty",
+            "Stated novelty",
+            formula="the score that the method returns",
+            domain=f"{_FRAMES}, by methods that state it",
+            best=None,
+            form=".3g",
+            mask="as the method likes",
+            traps="Only the order of frames counts; scores of two methods do not compare.",
+        ),
+    )
+}
+"""The scores that are judged, by the name of their column."""
+
+NOVELTY = {
+    spec.name: spec
+    for spec in (
+        MetricSpec(
+            "auroc",
+            "AUROC",
+            formula="share of pairs of a familiar and a novel frame in which the novel one has the "
+            "greater score, equal ones counted half",
+            domain=_FRAMES,
+            best="max",
+            aggregate=None,
+            form=".3f",
+            mask="frames",
+            traps="0.5 is a coin, and less than 0.5 calls the novel frames the more familiar ones. "
+            "No threshold is chosen: see Caught. It depends on how far the novel condition is.",
+        ),
+        MetricSpec(
+            "caught",
+            "Caught",
+            formula=f"share of novel frames with a score above that of all but "
+            f"{FALSE_ALARMS:.0%} of the familiar ones",
+            domain=_FRAMES,
+            best="max",
+            aggregate=None,
+            form=".1%",
+            mask="frames",
+            traps="The threshold is that of the test frames themselves, which a user has not.",
+        ),
+    )
+}
+"""The figures of a score; methods are ranked by the first."""
+
+
+def residuals(data: Dataset, images: Images) -> dict[str, Array]:
+    """The residuals (n,) of `SCORES` of the exact model at `images` (n, H, W) [S/m].
+
+    NaN of images that are not finite.
+    """
+    sensor, model = data.sensor, forward_model(data.sensor)
+    low, high = sensor.conductivity_range
+    problem = Problem(sensor, data.references[0], _no_splits)
+    untouched = model.voltages(model.background)
+    found = {name: np.full(len(data), np.nan) for name in ("residual", "relative_residual")}
+    for rows in same_reference(data.references):
+        problem.reference = data.references[rows.start]
+        for n in range(rows.start, rows.stop):
+            image = np.where(sensor.mask, images[n].astype(np.float64), sensor.background)
+            if np.isfinite(image).all():
+                image = image.clip(low * sensor.background, high * sensor.background)
+                explained = problem.gain * (model.voltages(image) - untouched)
+                seen = data.voltages[n] - problem.reference
+                missing = np.linalg.norm(seen - explained)
+                found["residual"][n] = missing / np.linalg.norm(problem.reference)
+                found["relative_residual"][n] = missing / max(float(np.linalg.norm(seen)), 1e-300)
+    return found
+
+
+def _no_splits(split: str, limit: int | None) -> Dataset:
+    raise InputError("A residual is computed without data to learn from.")
+
+
+def auroc_and_caught(counts: Array, scores: Array, novel: Array) -> Array:
+    """The figures `NOVELTY` (b, 2) of `scores` (n,), drawn `counts` (b, n) times each.
+
+    Args:
+        counts: see `statistics.draw`.
+        scores: NaN counts as greater than all others.
+        novel: (n,) true of frames of the novel condition.
+    """
+    scores = np.where(np.isnan(scores), np.inf, scores)
+    of_novel, of_familiar = counts[:, novel].sum(axis=1), counts[:, ~novel].sum(axis=1)
+    # Mann and Whitney's U from mean ranks among all frames.
+    total = (counts * ranks(counts, scores))[:, novel].sum(axis=1)
+    auroc = (total - of_novel * (of_novel + 1) / 2) / (of_novel * of_familiar)
+    limits = quantile(counts[:, ~novel], scores[~novel], 1 - FALSE_ALARMS)
+    caught = (counts[:, novel] * (scores[novel] > limits[:, None])).sum(axis=1) / of_novel
+    return np.stack([auroc, caught], axis=1)
