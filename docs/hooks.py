@@ -12,6 +12,7 @@ from latex2mathml.converter import convert
 
 from eitbench.benchmark.findings.acuity_specs import ACUITY_SPECS
 from eitbench.benchmark.metrics.metric_spec import MetricSpec
+from eitbench.benchmark.metrics.novelty import NOVELTY, SCORES
 from eitbench.benchmark.metrics.operator_metrics import OPERATOR_COSTS, OPERATOR_METRICS
 from eitbench.benchmark.metrics.specs import METRICS
 from eitbench.benchmark.metrics.uncertainty import UNCERTAINTY
@@ -85,6 +86,7 @@ GENERATED = {
     "metrics of images": lambda: _cards(METRICS.values()),
     "metrics of operators": lambda: _cards(OPERATOR_METRICS.values()),
     "figures of uncertainty": lambda: _cards(UNCERTAINTY.values()),
+    "figures of novelty": lambda: _cards((NOVELTY | SCORES).values()),
     "figures of acuity": lambda: _cards(ACUITY_SPECS.values()),
     "costs of operators": lambda: _cards(OPERATOR_COSTS.values()),
     "command line": _command_line,

@@ -9,6 +9,7 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from eitbench.benchmark.checks.harness import GivenUpError, SkippedError, require
 from eitbench.benchmark.checks.method_under_test import CONTRAST, MethodUnderTest, disc
@@ -333,7 +334,7 @@ def uncertainty(tested: MethodUnderTest) -> str:
 
     A method need not state any.
     """
-    stated = tested.uncertainty(tested.contact)
+    stated = tested.stated("uncertainty", tested.contact)
     if stated is None:
         raise SkippedError("it states no uncertainty.")
     inside = stated[..., tested.sensor.mask]
@@ -344,11 +345,12 @@ def uncertainty(tested: MethodUnderTest) -> str:
     least, most = float(deviations.min()), float(deviations.max())
     require(least >= 0, f"a standard deviation is {least:.3g} S/m; it cannot be negative.")
     require(most > 0, "it is sure of every pixel of a contact: no image is without error.")
-    again = tested.uncertainty(tested.contact)
+    again = tested.stated("uncertainty", tested.contact)
     apart = np.inf if again is None else float(np.max(np.abs(again - stated)))
     allowed = SAME_RUN * tested.sensor.data_range
     require(apart <= allowed, f"stated twice for a frame, it differs by up to {apart:.2g} S/m.")
-    other = tested.uncertainty_in_other_units(tested.contact, GAIN)[..., tested.sensor.mask]
+    other = tested.stated_in_other_units("uncertainty", tested.contact, GAIN)
+    other = other[..., tested.sensor.mask]
     deviations_there = other.std(axis=1) if drawn else other
     ratio = _rms(deviations_there.astype(np.float64)) / _rms(deviations.astype(np.float64))
     require(
@@ -358,6 +360,41 @@ def uncertainty(tested: MethodUnderTest) -> str:
     )
     what = f"{stated.shape[1]} draws" if drawn else "standard deviations"
     return f"{what} with deviations up to {most:.2g} S/m at a contact."
+
+
+def novelty(tested: MethodUnderTest) -> str:
+    """Novelty is finite, the same twice, in a batch and in other units.
+
+    A method need not state any.
+    """
+    frames = tested.frames
+    stated = tested.stated("novelty", frames)
+    if stated is None:
+        raise SkippedError("it states no novelty.")
+    bad = int((~np.isfinite(stated)).sum())
+    require(bad == 0, f"{bad} of {len(stated)} scores are NaN or infinite.")
+
+    def apart(other: Sequence[NDArray[np.float32] | None]) -> float:
+        found = np.concatenate([part for part in other if part is not None])
+        return float(np.max(np.abs(found - stated))) / max(float(np.max(np.abs(stated))), 1e-30)
+
+    moved = apart([tested.stated("novelty", frames)])
+    require(
+        moved <= SAME_RUN, f"stated twice for the same frames, it differs by up to {moved:.2g}."
+    )
+    singly = [tested.stated("novelty", frames[k : k + 1]) for k in range(len(frames))]
+    moved = apart(singly)
+    require(
+        moved <= SAME_FRAME,
+        f"scores of a batch and of its single frames differ by up to {moved:.2g} of the largest.",
+    )
+    moved = apart([tested.stated_in_other_units("novelty", frames, GAIN)])
+    require(
+        moved <= SAME_FRAME,
+        f"scores of the same frames in other units ({GAIN:g} per V/A) differ by up to {moved:.2g} "
+        "of the largest.",
+    )
+    return f"scores of {float(stated.min()):.3g} to {float(stated.max()):.3g}."
 
 
 def memory(tested: MethodUnderTest) -> str:

@@ -10,7 +10,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import cached_property, lru_cache, partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import psutil
@@ -57,6 +57,7 @@ CONTRAST = 0.5
 # which does not depend on what else the computer does, and so much of the clock for what sleeps.
 REPEATS, LEAST_REPEATS, REPEAT_S, WAIT_S = 600, 4, 1.5, 6.0
 
+Statement = Literal["uncertainty", "novelty"]
 Reason = Annotated[str, StringConstraints(strip_whitespace=True, min_length=1)]
 REASONS = TypeAdapter(dict[str, Reason])
 
@@ -156,21 +157,23 @@ class MethodUnderTest:
     def _images(self, frames: Frames, reply: Reply) -> Images:
         return images_of(reply, (len(frames), *self.sensor.image_shape), "reconstruct")
 
-    def uncertainty(self, frames: Frames) -> NDArray[np.float32] | None:
-        """Return what it states of its uncertainty of `frames`; None where it states nothing.
+    def stated(self, what: Statement, frames: Frames) -> NDArray[np.float32] | None:
+        """Return the uncertainty or novelty that it states of `frames`; None where it has none.
 
         Raises:
-            BrokenError: it is neither deviations (n, H, W) nor draws (n, DRAWS, H, W).
+            BrokenError: its shape is wrong, see `Method`.
         """
         references = _of_each(self.reference, frames)
         said = answered(self.worker.request("reconstruct_and_state", frames, references))
-        stated: NDArray[np.float32] | None = said["uncertainty"] if isinstance(said, dict) else None
+        stated: NDArray[np.float32] | None = said.get(what) if isinstance(said, dict) else None
         return stated
 
-    def uncertainty_in_other_units(self, frames: Frames, gain: float) -> NDArray[np.float32]:
+    def stated_in_other_units(
+        self, what: Statement, frames: Frames, gain: float
+    ) -> NDArray[np.float32]:
         """Return what another instance states of `frames`, all of whose units are `gain` larger."""
-        said = answered(self.worker.request("uncertainty_in_other_units", frames, gain))
-        stated: NDArray[np.float32] = said["uncertainty"]
+        said = answered(self.worker.request("state_in_other_units", frames, gain))
+        stated: NDArray[np.float32] = said[what]
         return stated
 
     def refit(
@@ -248,8 +251,8 @@ class MethodTestService(MethodService):
             limit_threads(threads)  # of libraries that fitting loaded
             return other.reconstruct(frames, _of_each(other.reference[None], frames))
 
-    def uncertainty_in_other_units(self, frames: Frames, gain: float) -> Reply:
-        """Return images of `frames` times `gain` with their uncertainty, by another instance."""
+    def state_in_other_units(self, frames: Frames, gain: float) -> Reply:
+        """Return images of `frames` times `gain` with what is stated, by another instance."""
         other = self._other(gain)
         other.set_up()
         references = _of_each(other.reference[None], frames)

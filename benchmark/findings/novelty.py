@@ -60,9 +60,7 @@ def read_novelty(run: Run) -> list[Told]:
     return found
 
 
-def _rows(
-    run: Run, method: str, score: str, scenario: str, familiar: str
-) -> pd.DataFrame | None:
+def _rows(run: Run, method: str, score: str, scenario: str, familiar: str) -> pd.DataFrame | None:
     """The samples of a method on both scenarios; None where it lacks the score on one of them."""
     both = [run.cell(name, method) for name in (familiar, scenario)]
     if any(rows.empty or rows[score].isna().all() for rows in both):

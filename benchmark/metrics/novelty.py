@@ -1,14 +1,15 @@
 """Figures of novelty: how well a score tells frames of a condition that methods do not know.
 
 Scores of a frame are judged alike: the residual of the exact model at the image that a method
-returns, absolute and relative to the touch, the uncertainty that it states, and the novelty that it states (`Method.novelty`). Frames
-without an image have the greatest score: not to answer is right where a frame is not known.
+returns, absolute and relative to the touch, and the uncertainty and the novelty that it states.
+Frames without an image have the greatest score: not to answer is right where a frame is not known.
 
 Sources: Hanley and McNeil, Radiology 143(1), 1982 (area under the ROC curve); Hendrycks and Gimpel,
 ICLR 2017 (its use for examples out of distribution).
 """
 
 import numpy as np
+from numpy.typing import NDArray
 
 from eitbench.benchmark.metrics.metric_spec import MetricSpec
 from eitbench.benchmark.metrics.statistics import quantile, ranks
@@ -133,7 +134,7 @@ def _no_splits(split: str, limit: int | None) -> Dataset:
     raise InputError("A residual is computed without data to learn from.")
 
 
-def auroc_and_caught(counts: Array, scores: Array, novel: Array) -> Array:
+def auroc_and_caught(counts: Array, scores: Array, novel: NDArray[np.bool_]) -> Array:
     """The figures `NOVELTY` (b, 2) of `scores` (n,), drawn `counts` (b, n) times each.
 
     Args:

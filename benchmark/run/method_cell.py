@@ -323,7 +323,9 @@ class MethodCellTask(FrameTask):
         table = evaluate(self.data.test, images, registration, calibration)
         table = table.drop(columns="sample").assign(frame_ms=stored.values["frame_ms"])
         if np.isfinite(stored.values["novelty"]).any():
-            table = table.assign(**{name: stored.values[name] for name in ("novelty", "novelty_ms")})
+            table = table.assign(
+                **{name: stored.values[name] for name in ("novelty", "novelty_ms")}
+            )
         if self.data.judged:
             table = table.assign(**residuals(self.data.test, images))
         if np.isfinite(stored.values["uncertainty_ms"]).any():

@@ -32,6 +32,7 @@ from eitbench.benchmark.analysis.standings import Standing, score_weights, stand
 from eitbench.benchmark.findings.acuity import has_acuity
 from eitbench.benchmark.findings.acuity_specs import ACUITY_SPECS
 from eitbench.benchmark.metrics.aggregation import numbers
+from eitbench.benchmark.metrics.novelty import NOVELTY, SCORES
 from eitbench.benchmark.metrics.specs import ANCHORS, METRIC_COLUMNS, METRICS, anchored
 from eitbench.benchmark.metrics.uncertainty import UNCERTAINTY
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
@@ -162,8 +163,13 @@ def report_data(paths: Sequence[Path]) -> ReportData:
         + [spec.card() for spec in ACUITY_SPECS.values() if any(map(has_acuity, runs))]
         + [
             spec.card()
-            for spec in UNCERTAINTY.values()
+            for spec in (SCORES | UNCERTAINTY).values()
             if any(spec.name in run.samples for run in runs)
+        ]
+        + [
+            spec.card()
+            for spec in NOVELTY.values()
+            if any("residual" in run.samples for run in runs)
         ],
         score_weights=score_weights(),
         claims=_claims(runs, missing),

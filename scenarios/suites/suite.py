@@ -106,7 +106,7 @@ class Suite(Declaration):
 
 
 def _unlike_familiar(scenario: Scenario, by_name: Mapping[str, Scenario]) -> str:
-    """What is wrong with the scenario that the frames of `scenario` are told from; "" if nothing."""
+    """What is wrong with the familiar scenario of `scenario`; "" if nothing is."""
     if isinstance(scenario, TransferScenario) or not scenario.familiar:
         return ""
     known = by_name.get(scenario.familiar)

@@ -243,6 +243,40 @@ class Doubts(Sound):
         return 0.01 + np.abs(self.reconstruct(voltages) - self.problem.background) / 2
 
 
+@register("contract-wary")
+class Wary(Sound):
+    """Keeps every promise, that on its novelty, too."""
+
+    def novelty(self, voltages: Array) -> Array:
+        contrast = np.abs(self.reconstruct(voltages) - self.problem.background)
+        return np.asarray(contrast.mean(axis=(1, 2)))
+
+
+@register("contract-compares")
+class Compares(Sound):
+    """Scores frames by their neighbours in the batch."""
+
+    def novelty(self, voltages: Array) -> Array:
+        return np.argsort(np.argsort(np.linalg.norm(voltages, axis=1))).astype(float)
+
+
+@register("contract-in-volts")
+class InVolts(Sound):
+    """Scores frames by their size, in whatever unit."""
+
+    def novelty(self, voltages: Array) -> Array:
+        return np.asarray(np.linalg.norm(voltages - self.problem.reference, axis=1))
+
+
+@register("contract-speechless")
+class Speechless(Sound):
+    """Has no score of a weak touch."""
+
+    def novelty(self, voltages: Array) -> Array:
+        contrast = np.abs(self.reconstruct(voltages) - self.problem.background)
+        return np.asarray(np.log(contrast.max(axis=(1, 2)) - 0.2))
+
+
 @register("contract-negative")
 class Negative(Sound):
     """States standard deviations with a sign."""

@@ -93,6 +93,7 @@ def test_packaged_suites_are_these() -> None:
         "two-touch",
         "acuity",
         "per-frame",
+        "novelty",
     }
     places = {"new-skin", "few-presses"}
     assert set(suites()) == methods | places | {"operators"}
