@@ -61,15 +61,16 @@ def read_novelty(run: Run) -> list[Told]:
 
 
 def _rows(run: Run, method: str, score: str, scenario: str, familiar: str) -> pd.DataFrame | None:
-    """The samples of a method on both scenarios; None where it lacks the score on one of them."""
-    both = [run.cell(name, method) for name in (familiar, scenario)]
-    if any(rows.empty or rows[score].isna().all() for rows in both):
+    """The samples of a method on both scenarios; None where it lacks the score."""
+    known, novel = (run.cell(name, method) for name in (familiar, scenario))
+    if novel.empty or known[score].isna().all():
         return None
-    return pd.concat(both)
+    return pd.concat([known, novel])
 
 
 def _figures(rows: pd.DataFrame, score: str, scenario: str) -> dict[str, Interval]:
-    scores = rows[score].to_numpy(np.float64)
+    # Whatever a frame that failed is charged: it has no image.
+    scores = rows[score].where(rows["status"] == "ok").to_numpy(np.float64)
     novel = (rows["scenario"] == scenario).to_numpy()
     clusters = (rows["scenario"] + " " + rows["cluster"]).to_numpy()
 

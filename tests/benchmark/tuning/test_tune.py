@@ -202,6 +202,14 @@ def test_one_choice_for_several_scenarios(tmp_path: Path) -> None:
     assert choice.figure == pytest.approx(0.0, abs=1e-6)
 
 
+def test_a_condition_that_methods_do_not_know_is_tuned_on_the_familiar_one(tmp_path: Path) -> None:
+    novel = {"name": "novel", "families": ("ring",), "validation": 0, "familiar": "small"}
+    declared = suite(SMALL, SMALL.model_copy(update=novel))
+    plan = make_plan(declared, methods=["constant"], plugins=[PLUGIN], scenarios=["novel"])
+    ((name, _, _),) = tune(plan, tmp_path)
+    assert name == "small"
+
+
 def test_scenarios_of_unlike_spread_weigh_alike() -> None:
     validation = Validation(SMALL, "noser", None, suite(SMALL), threading.Event())
     validation.standardise()

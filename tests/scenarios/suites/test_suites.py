@@ -68,6 +68,7 @@ recording = "ohmc16"
 """
 
 
+SECOND = 'name = "second"\nfamiliar = '
 SLIT = (
     '{ name = "slit", shape = "rectangle", sizes = { width = [0.4, 0.5], height = [0.05, 0.06] }, '
     "conductivity = [0.2, 0.5], count = 2, gap = 0.05 }]"
@@ -257,6 +258,9 @@ def test_own_suite_by_path(tmp_path: Path) -> None:
         ("", "limit = 0\n", "limit", "greater than or equal to 1"),
         ("", "frame_limit_s = -1\n", "frame_limit_s", "greater than 0"),
         ('name = "second"', 'name = "first"', "scenarios", "declared twice"),
+        ('name = "second"', SECOND + '"frist"', "scenarios", "'frist', which the suite does not"),
+        ('name = "second"', SECOND + '"second"', "scenarios", "names a familiar one itself"),
+        ('name = "second"', SECOND + '"first"\nimage_shape = [9, 9]', "scenarios", "on another"),
         ('["circle", "ring"]', '["circle", "rign"]', "scenarios[1].families", "'ring'"),
         ('["circle", "ring"]', "[]", "scenarios[1].families", "at least 1"),
         ('["circle", "ring"]', "[3]", "scenarios[1].families[0]", "valid string"),

@@ -1,0 +1,161 @@
+"""Scores of frames, from a method's answer to the table of conditions it does not know."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from eitbench.benchmark.analysis.rescore import rescore
+from eitbench.benchmark.analysis.results import Run, read_run
+from eitbench.benchmark.findings.novelty import Told, read_novelty
+from eitbench.benchmark.metrics.novelty import residuals
+from eitbench.benchmark.run.method_cell import MethodData
+from eitbench.benchmark.run.runner import make_plan, start_run
+from eitbench.reports.findings.novelty import by_condition, findings
+from eitbench.scenarios.data.datasets import load
+from eitbench.scenarios.phantoms.families import DeclaredFamily
+from eitbench.scenarios.suites.scenario import SimulatedScenario, SplitNoise
+from eitbench.scenarios.suites.suite import Suite
+
+DISC = DeclaredFamily(name="disc", shape="circle", sizes={"radius": (0.1, 0.2)})
+CONDUCTS = DISC.model_copy(update={"name": "conducts", "conductivity": (1.1, 1.9)})
+SAMPLES = 36
+STATES = """
+import numpy as np
+from eitbench.methods import Method, register
+
+
+class Sees(Method):
+    def fit(self, problem):
+        self.problem = problem
+        self.seen = len(problem.validation())
+
+    def reconstruct(self, voltages):
+        sign = np.sign(self.problem.difference(voltages) @ self.problem.background_voltages)
+        return 1 - 0.1 * sign[:, None, None] * self.problem.mask
+
+    def sign(self, voltages):
+        return (self.problem.difference(voltages) @ self.problem.background_voltages)
+
+
+@register("knows")
+class Knows(Sees):
+    def novelty(self, voltages):
+        return -self.sign(voltages)
+
+
+@register("mistakes")
+class Mistakes(Knows):
+    def novelty(self, voltages):
+        return self.sign(voltages)
+
+
+@register("refuses")
+class Refuses(Sees):
+    def novelty(self, voltages):
+        if (self.sign(voltages) < 0).any():
+            raise OSError("this is no touch")
+        return np.ones(len(voltages))
+
+
+@register("endless")
+class Endless(Sees):
+    def novelty(self, voltages):
+        return np.full(len(voltages), np.inf)
+
+
+@register("silent")
+class Silent(Sees):
+    pass
+"""
+KNOWN = SimulatedScenario(
+    name="known", image_shape=(20, 20), conductivity_range=(0.05, 2.0), families=(DISC,),
+    noise=SplitNoise(test=50.0), train=0, validation=5, test=SAMPLES,
+)  # fmt: skip
+NOVEL = KNOWN.model_copy(
+    update={"name": "novel", "families": (CONDUCTS,), "validation": 0, "familiar": "known"}
+)
+NAMES = ("knows", "mistakes", "refuses", "endless", "silent")
+SUITE = Suite(name="s", title="S", methods=NAMES, scenarios=(KNOWN, NOVEL))
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    folder = tmp_path_factory.mktemp("n")
+    plugin = folder / "states.py"
+    plugin.write_text(STATES)
+    return read_run(start_run(make_plan(SUITE, plugins=[plugin]), folder / "run").path)
+
+
+def told(run: Run) -> dict[tuple[str, str], Told]:
+    return {(one.method, one.score): one for one in read_novelty(run)}
+
+
+def test_a_score_that_knows_is_right_and_one_that_mistakes_is_wrong(run: Run) -> None:
+    found = told(run)
+    for name, value in (("knows", 1.0), ("mistakes", 0.0)):
+        auroc = found[name, "novelty"].figures["auroc"]
+        assert auroc == pytest.approx((value, value, value))
+        assert found[name, "novelty"].figures["caught"].value == value
+        assert found[name, "novelty"].n == 2 * SAMPLES
+    assert {one.scenario for one in found.values()} == {"novel"}
+
+
+def test_who_refuses_what_it_does_not_know_tells_it(run: Run) -> None:
+    found = told(run)["refuses", "residual"].figures
+    assert found["auroc"].value == 1
+    rows = run.cell("novel", "refuses")
+    assert set(rows["message"]) == {"OSError: this is no touch"}
+
+
+def test_a_score_that_is_not_finite_costs_the_frame(run: Run) -> None:
+    assert set(run.cell("known", "endless")["status"]) == {"invalid-output"}
+    assert set(run.cell("known", "silent")["status"]) == {"ok"}
+    assert ("silent", "novelty") not in told(run)
+    assert ("silent", "residual") in told(run)
+
+
+def test_stored_residuals_are_those_of_the_images(run: Run) -> None:
+    rows = run.cell("novel", "silent").sort_values("sample")
+    images = run.estimates("novel", "silent", rows["sample"].tolist())
+    assert images is not None
+    for name, values in residuals(load(NOVEL, "test"), images).items():
+        np.testing.assert_allclose(rows[name], values, rtol=1e-6)
+
+
+def test_methods_learn_and_are_tuned_on_the_familiar_condition(run: Run) -> None:
+    """`novel` declares no validation data, and the methods have read some."""
+    assert (run.cell("novel", "silent")["status"] == "ok").all()
+    data = MethodData.load(NOVEL, SUITE, 3, jobs=1, progress=False)
+    assert (data.familiar, data.judged) == (KNOWN, True)
+    assert MethodData.load(KNOWN, SUITE, 3, jobs=1, progress=False).judged
+    alone = SUITE.model_copy(update={"scenarios": (KNOWN,)})
+    assert not MethodData.load(KNOWN, alone, 3, jobs=1, progress=False).judged
+
+
+def test_without_the_familiar_condition_nothing_is_judged(run: Run) -> None:
+    assert findings(replace(run, samples=run.samples[run.samples["scenario"] == "novel"])) == []
+    assert findings(replace(run, samples=run.samples.drop(columns="residual"))) == []
+
+
+def test_rows_are_ranked_by_their_mean_over_common_conditions(run: Run) -> None:
+    (finding,) = findings(run)
+    wide = by_condition(finding.table)
+    assert wide.index[0] in {("knows", "novelty"), ("refuses", "residual")}
+    assert wide["mean"].is_monotonic_decreasing
+    more = finding.table[finding.table["score"] == "residual"].assign(scenario="other", auroc=0.2)
+    wide = by_condition(finding.table.merge(more, how="outer"))
+    assert wide["mean"].tolist() == wide["novel"].tolist()  # `other` lacks the novelty
+    assert len({len(row) for row in finding.grid}) == 1
+
+
+def test_the_table_and_figure_are_written(run: Run, tmp_path: Path) -> None:
+    (finding,) = findings(run)
+    written = {path.name for path in finding.write(tmp_path, tmp_path)}
+    assert {"novelty.md", "novelty.csv", "novelty.png"} <= written
+
+
+def test_rescoring_leaves_scores_as_they_are(run: Run) -> None:
+    rescore(run.path)
+    assert read_novelty(read_run(run.path)) == read_novelty(run)

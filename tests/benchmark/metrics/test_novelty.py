@@ -1,0 +1,96 @@
+"""Figures of novelty: the area under the ROC curve, and the residual of the exact model."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from eitbench.benchmark.metrics.novelty import FALSE_ALARMS, auroc_and_caught, residuals
+from eitbench.scenarios.data.datasets import Dataset, load
+from eitbench.scenarios.phantoms.families import DeclaredFamily
+from eitbench.scenarios.suites.scenario import SimulatedScenario, SplitNoise
+
+DISC = DeclaredFamily(name="disc", shape="circle", sizes={"radius": (0.1, 0.2)})
+SCENARIO = SimulatedScenario(
+    name="r", image_shape=(20, 20), families=(DISC,), train=0, validation=0, test=4
+)
+
+
+def scores(n: int = 60) -> tuple[np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(5)
+    novel = rng.random(n) < 0.4
+    return np.round(rng.standard_normal(n) + novel, 1), novel  # with ties
+
+
+def test_auroc_is_the_statistic_of_mann_and_whitney() -> None:
+    values, novel = scores()
+    auroc, _ = auroc_and_caught(np.ones((1, 60)), values, novel)[0]
+    u = stats.mannwhitneyu(values[novel], values[~novel]).statistic
+    assert auroc == pytest.approx(u / (novel.sum() * (~novel).sum()))
+    pairs = np.sign(values[novel][:, None] - values[~novel])
+    assert auroc == pytest.approx((pairs.mean() + 1) / 2)
+
+
+def test_a_draw_counts_frames_as_often_as_they_are_drawn() -> None:
+    values, novel = scores()
+    counts = np.random.default_rng(6).integers(0, 4, size=(20, 60)).astype(float)
+    found = auroc_and_caught(counts, values, novel)
+    for of, (auroc, caught) in zip(counts, found, strict=True):
+        rows = np.repeat(np.arange(60), of.astype(int))
+        v, is_novel = values[rows], novel[rows]
+        u = stats.mannwhitneyu(v[is_novel], v[~is_novel]).statistic
+        assert auroc == pytest.approx(u / (is_novel.sum() * (~is_novel).sum()))
+        familiar = np.sort(v[~is_novel])
+        limit = familiar[int(np.ceil((1 - FALSE_ALARMS) * len(familiar) - 1e-9)) - 1]
+        assert (familiar > limit).mean() <= FALSE_ALARMS
+        assert caught == pytest.approx((v[is_novel] > limit).mean())
+
+
+def test_frames_without_an_answer_are_the_most_novel_ones() -> None:
+    novel = np.arange(40) >= 20
+    values = np.ones(40)
+    assert auroc_and_caught(np.ones((1, 40)), values, novel)[0] == pytest.approx([0.5, 0.0])
+    values[novel] = np.nan
+    assert auroc_and_caught(np.ones((1, 40)), values, novel)[0] == pytest.approx([1.0, 1.0])
+    values = np.where(novel, 1.0, np.nan)  # it refuses what it should know
+    assert auroc_and_caught(np.ones((1, 40)), values, novel)[0] == pytest.approx([0.0, 0.0])
+
+
+def known(data: Dataset) -> np.ndarray:
+    assert data.conductivity is not None
+    return np.array(data.conductivity)
+
+
+def test_the_true_image_leaves_no_residual_of_frames_of_the_model() -> None:
+    data = load(SCENARIO, "test")
+    found = residuals(data, known(data).astype(np.float64))
+    assert max(found["residual"]) < 1e-12
+    assert max(found["relative_residual"]) < 1e-9
+
+
+def test_the_untouched_image_leaves_all_of_the_touch() -> None:
+    data = load(SCENARIO, "test")
+    found = residuals(data, np.ones_like(known(data)))
+    touch = np.linalg.norm(data.voltages - data.references, axis=1)
+    np.testing.assert_allclose(found["relative_residual"], 1, rtol=1e-9)
+    size = np.linalg.norm(data.references, axis=1)
+    np.testing.assert_allclose(found["residual"], touch / size, rtol=1e-9)
+
+
+def test_residuals_do_not_depend_on_the_units_of_a_board() -> None:
+    data = load(SCENARIO.model_copy(update={"noise": SplitNoise(test=40.0)}), "test")
+    scaled = replace(data, voltages=1e3 * data.voltages, references=1e3 * data.references)
+    image = known(data)
+    for name, values in residuals(data, image).items():
+        np.testing.assert_allclose(residuals(scaled, image)[name], values, rtol=1e-9)
+        assert (values > 0).all()
+
+
+def test_an_image_that_is_not_finite_or_not_positive_is_no_error() -> None:
+    data = load(SCENARIO, "test")
+    images = known(data)
+    images[0], images[1] = np.nan, -3.0
+    found = residuals(data, images)["residual"]
+    assert np.isnan(found[0])
+    assert np.isfinite(found[1:]).all()
