@@ -1,0 +1,67 @@
+"""What drive patterns are worth by the ceiling: the same touches, seen with other offsets.
+
+`python -m docs.studies.offsets.measure DIR SAMPLES JOBS` draws from the posteriors of the first
+test frames of `noise-40db` as sensors of other patterns (i, i + k) see them, at the same SNR of
+frames and on the same units, into DIR, where a stopped run goes on. It writes the figures of each
+frame to `offsets.csv`, with those of the ceiling's record for the offset 3 of `foam16`, and what
+made them to `offsets.json`.
+"""
+
+import json
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import pandas as pd
+from docs.tables.record import STUDIES
+
+from eitbench.benchmark.ceiling.drawing import draw_posteriors
+from eitbench.benchmark.ceiling.figures import frames_table
+from eitbench.benchmark.ceiling.record import frames_among
+from eitbench.benchmark.rundir.manifest import environment
+from eitbench.scenarios.catalogue import sensor
+from eitbench.scenarios.data.datasets import load
+from eitbench.scenarios.sensors.patterns import offset_pattern
+from eitbench.scenarios.sensors.sensor_file import sensor_to_toml
+from eitbench.scenarios.suites.scenario import SimulatedScenario
+from eitbench.scenarios.suites.suite import scenario_by_name
+
+OUT = STUDIES / "offsets"
+KNOWN, OFFSETS = "noise-40db", (1, 5, 7)
+COLUMNS = [
+    "offset", "sample", "input_hash", "cluster", "family", "touch_snr_db", "mse", "rhat",
+    "effective", "sd_x", "sd_y", "psnr", "localisation_mm",
+]  # fmt: skip
+
+
+def seen_with(offset: int, folder: Path) -> SimulatedScenario:
+    """The scenario `KNOWN` on `foam16` with another pattern; its sensor file goes to `folder`."""
+    known = scenario_by_name(KNOWN)
+    assert isinstance(known, SimulatedScenario)
+    foam = sensor(known.sensor)
+    other = replace(
+        foam, name=f"foam16-offset-{offset}", pattern=offset_pattern(foam.n_electrodes, offset)
+    )
+    path = folder / f"{other.name}.toml"
+    path.write_text(sensor_to_toml(other))
+    return known.model_copy(update={"name": f"offset-{offset}", "sensor": str(path)})
+
+
+def write(folder: Path, samples: int, jobs: int) -> None:
+    """Draw what is missing, and write the record."""
+    folder.mkdir(parents=True, exist_ok=True)
+    scenarios = [seen_with(offset, folder) for offset in OFFSETS]
+    draw_posteriors(scenarios, folder / "draws", samples, jobs=jobs)
+    known = frames_among(KNOWN, load(KNOWN, limit=samples).frame_hashes)
+    tables = [known.assign(offset=3)] + [
+        frames_table(folder / "draws", [scenario], samples).assign(offset=offset)
+        for offset, scenario in zip(OFFSETS, scenarios, strict=True)
+    ]
+    table = pd.concat(tables)[COLUMNS].sort_values(["offset", "sample"])
+    table.to_csv(OUT / "offsets.csv", index=False, float_format="%.6g", lineterminator="\n")
+    about = {"command": f"python -m docs.studies.offsets.measure DIR {samples}", **environment()}
+    (OUT / "offsets.json").write_text(json.dumps(about, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    write(Path(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3]))
