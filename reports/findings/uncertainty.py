@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from eitbench.benchmark.findings.uncertainty import Stated, read_uncertainty
-from eitbench.benchmark.metrics.uncertainty import REMOVED, UNCERTAINTY
+from eitbench.benchmark.metrics.uncertainty import LEVELS, REMOVED, UNCERTAINTY
 from eitbench.reports.figures.style import COLUMN, NOTE, PAGE, line_style, new_figure, plain_label
 from eitbench.reports.findings.finding import Finding
 from eitbench.reports.tables.columns import printable
@@ -33,7 +33,8 @@ _LEGEND = (
 )
 _SHOWS = (
     "Above, the share of truths in central intervals against their level, where the diagonal is "
-    "right; below, the error left when the least sure pixels are left out"
+    "right, with 95 % interval over sessions at three levels; below, the error left when the least "
+    "sure pixels are left out"
 )
 
 
@@ -103,6 +104,9 @@ def draw(found: list[Stated], width: float = PAGE) -> Figure:
             stated, observed = one.curves.reliability()
             style |= {"ms": 3, "lw": 1.2, "markevery": 4}
             above.plot(100 * stated, 100 * observed, label=plain_label(one.method), **style)
+            for level in LEVELS:
+                _, low, high = one.figures[f"coverage_{level}"]
+                above.vlines(level, 100 * low, 100 * high, color=style["color"], lw=0.8)
             by_deviation, _ = np.array(one.curves.sparsified)
             if by_deviation[0] > 0:
                 left = by_deviation / by_deviation[0]

@@ -2,8 +2,9 @@
 
 `python -m docs.studies.ceiling.measure RUN...` reads the record of the ceiling and runs of the
 suite `noise`, writes the distance of every method at every level to `below.csv`, commands and
-versions of the runs to `runs.json`, and draws `docs/ceiling.png` and `docs/ceiling-width.png`.
-Samples that several runs have count once, as the first of the runs has them.
+versions of the runs to `runs.json`, and draws `docs/ceiling.png`, `docs/ceiling-width.png` and
+`docs/ceiling-map.png`; without runs, the latter two alone. Samples that several runs have count
+once, as the first of the runs has them.
 """
 
 import json
@@ -17,6 +18,7 @@ import numpy as np
 import pandas as pd
 from docs.tables.ceiling import frames
 from docs.tables.record import DOCS, STUDIES, about_runs
+from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
 from eitbench.benchmark.analysis.leaderboard import leaderboard_rows
@@ -25,6 +27,7 @@ from eitbench.benchmark.ceiling.record import recorded_frames
 from eitbench.benchmark.findings.noise import noise_curves
 from eitbench.reports.figures.style import PAGE, STYLE, line_style, new_figure, save
 from eitbench.reports.findings.noise import draw
+from eitbench.scenarios.sensors.sensor import foam16
 
 OUT = STUDIES / "ceiling"
 GROUPS = 3
@@ -32,7 +35,12 @@ GROUPS = 3
 
 
 def write(paths: Sequence[Path]) -> None:
-    """Write the record of run directories, and the figures."""
+    """Write the record of run directories, if any, and the figures."""
+    with mpl.rc_context(STYLE):
+        save(widths(frames()), DOCS / "ceiling-width", ("png",))
+        save(width_maps(frames()), DOCS / "ceiling-map", ("png",))
+    if not paths:
+        return
     runs = [read_run(path) for path in paths]
     samples = pd.concat([run.samples for run in runs])
     samples = samples.drop_duplicates(["scenario", "method", "sample"])
@@ -53,7 +61,6 @@ def write(paths: Sequence[Path]) -> None:
     assert curves is not None
     with mpl.rc_context(STYLE):
         save(draw(curves), DOCS / "ceiling", ("png",))
-        save(widths(frames()), DOCS / "ceiling-width", ("png",))
 
 
 def widths(of: pd.DataFrame) -> Figure:
@@ -89,6 +96,36 @@ def widths(of: pd.DataFrame) -> Figure:
     figure.legend(
         *panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=5, frameon=False
     )
+    return figure
+
+
+def width_maps(of: pd.DataFrame) -> Figure:
+    """Width of the place, and of the strength, at the places of touches, a column for each SNR."""
+    foam = foam16()
+    x0, y0, x1, y1 = (1e3 * end for end in foam.outline.bounds)
+    shown = {
+        "place [mm]": 1e3 * np.hypot(of["sd_x"], of["sd_y"]),
+        "strength [%]": 100 * of["sd_strength"] / of["true_strength"].abs(),
+    }
+    levels = sorted(of["snr_db"].unique(), reverse=True)
+    figure = new_figure(PAGE, 4.9)
+    panels = figure.subplots(len(shown), len(levels), sharex=True, sharey=True)
+    electrodes = 1e3 * np.array([foam.outline.point(e.centre) for e in foam.electrodes])
+    for row, (name, width) in zip(panels, shown.items(), strict=True):
+        scale = LogNorm(width.quantile(0.02), width.quantile(0.98))
+        for axes, level in zip(row, levels, strict=True):
+            at = of["snr_db"] == level
+            points = axes.scatter(
+                1e3 * of["true_x"][at], 1e3 * of["true_y"][at], c=width[at], norm=scale,
+                s=16, cmap="viridis_r", edgecolors="0.3", linewidths=0.3,
+            )  # fmt: skip
+            axes.plot(*electrodes.T, "s", color="0.25", ms=3.5, clip_on=False)
+            axes.set(xlim=(x0, x1), ylim=(y0, y1), aspect="equal")
+            axes.set_title(f"{level:g} dB", loc="left")
+        figure.colorbar(points, ax=row, label=f"width of the {name}", format="{x:g}", shrink=0.9)
+        row[0].set_ylabel("y [mm]")
+    for axes in panels[-1]:
+        axes.set_xlabel("x [mm]")
     return figure
 
 
