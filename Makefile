@@ -67,7 +67,7 @@ $(STAMPS)/venv:
 
 $(STAMPS)/demo: $(STAMPS)/venv pyproject.toml constraints.txt
 	@echo "Step 2 of 3: eitbench and its libraries go into .venv (once, some minutes; PyTorch is the largest)"
-	$(BIN)/pip install -c constraints.txt -e .
+	$(BIN)/pip install -c constraints.txt -e '.[all]'
 	@touch $@
 
 $(STAMPS)/test: $(STAMPS)/demo

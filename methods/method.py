@@ -11,6 +11,7 @@ import numpy as np
 from eitbench.methods.problem import Problem
 from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.data.datasets import Dataset, same_reference
+from eitbench.scenarios.extras import missing
 from eitbench.scenarios.sensors.sensor import Sensor
 
 DRAWS = 39
@@ -23,6 +24,7 @@ class Described:
 
     Attributes:
         source: the publication it follows.
+        needs: module of `scenarios.extras` that it needs beyond a base installation; "" for none.
         expected_failures: checks of `eitbench check` that it fails by its nature, and why; one that
             passes nevertheless is a failure.
         search: the values of each parameter that may be chosen on the validation split.
@@ -34,6 +36,7 @@ class Described:
     """
 
     source: ClassVar[str] = ""
+    needs: ClassVar[str] = ""
     expected_failures: ClassVar[Mapping[str, str]] = {}
     search: ClassVar[Mapping[str, Sequence[object]]] = {}
     differs: str = ""
@@ -49,9 +52,9 @@ class Described:
     def unusable(cls, sensor: Sensor) -> str:
         """Return why it cannot be used for `sensor` here, as a sentence; "" if it can.
 
-        Weights for the sensor, or a program that it runs, may be missing.
+        A library, weights for the sensor, or a program that it runs, may be missing.
         """
-        return ""
+        return missing(cls.needs) if cls.needs else ""
 
 
 class Method(Described, ABC):

@@ -6,7 +6,6 @@ reciprocity, scaling. Last what is refused.
 
 from __future__ import annotations
 
-import importlib.util
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -20,6 +19,7 @@ from eitbench.benchmark.checks.operator_under_test import OperatorUnderTest, clo
 from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.docstrings import first_line
 from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.extras import missing
 from eitbench.scenarios.physics.forward import forward_model
 
 # Relative differences: of float64 rounded in another order; of float32 from float64, in the
@@ -122,8 +122,8 @@ def _double_jax() -> Iterator[Any]:
     Raises:
         SkippedError: it is not installed.
     """
-    if importlib.util.find_spec("jax") is None:
-        raise SkippedError("JAX is not installed: pip install 'eitbench[jax]'.")
+    if why := missing("jax"):
+        raise SkippedError(why)
     import jax
 
     config: Any = jax.config

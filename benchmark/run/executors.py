@@ -31,6 +31,7 @@ from eitbench.benchmark.workers.confinement import check_isolation
 from eitbench.benchmark.workers.process import check_guarded
 from eitbench.benchmark.workers.worker import StoppedError
 from eitbench.scenarios.errors import EitbenchError, InputError
+from eitbench.scenarios.extras import missing
 
 if TYPE_CHECKING:
     from distributed import Client, Future
@@ -229,9 +230,7 @@ def executor(jobs: int, scheduler: str | None, isolate: bool) -> Iterator[Execut
     try:
         from distributed import Client
     except ImportError as error:
-        raise InputError(
-            "A cluster needs Dask: pip install -c constraints.txt -e '.[cluster]'."
-        ) from error
+        raise InputError(missing("distributed")) from error
     # What goes wrong is said in our own sentences.
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
     try:

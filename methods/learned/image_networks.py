@@ -50,6 +50,7 @@ class TrainedMethod(Trainable, Method):
             it begins [s].
     """
 
+    needs: ClassVar = "torch"
     search: ClassVar = GAINS
     effective_gain_power = 0.0
     begun_train_s = 0.0
@@ -59,6 +60,8 @@ class TrainedMethod(Trainable, Method):
     @classmethod
     def unusable(cls, sensor: Sensor) -> str:
         """See `Method`."""
+        if why := super().unusable(sensor):
+            return why
         return "" if cls.files.content_hash(sensor) else cls.files.missing(sensor)
 
     def fit(self, problem: Problem) -> None:

@@ -11,7 +11,6 @@ from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache, partial
-from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -112,14 +111,8 @@ class PyEit(Peer):
     """Base of pyEIT's methods; a subclass says which solver it sets up."""
 
     source: ClassVar[str] = "Liu et al. (pyEIT), SoftwareX 7, 2018"
+    needs: ClassVar = "pyeit"
     differs = DIFFERS
-
-    @classmethod
-    def unusable(cls, sensor: Sensor) -> str:
-        """See `Method`."""
-        if find_spec("pyeit") is None:
-            return "pyEIT is not installed: pip install -c constraints.txt -e '.[peers]'."
-        return ""
 
     def prepare(self, problem: Problem) -> None:
         """Make pyEIT's mesh, and the solver on it."""

@@ -33,6 +33,7 @@ class Network(PlaceMethod):
     """
 
     source: ClassVar[str] = "Tobin et al., IROS 2017 (domain randomisation)"
+    needs: ClassVar = "torch"
     simulated: ClassVar[bool] = False
     skins: ClassVar[bool] = False
     presses: int = 1000

@@ -50,6 +50,7 @@ class FittedPerFrame(Method):
         seed: of the network.
     """
 
+    needs: ClassVar = "torch"
     name: ClassVar[str]
     learning_rate: ClassVar[float]
 

@@ -133,6 +133,12 @@ def _guarded(command: Callable[[], object], debug: bool) -> int:
             raise
         from eitbench.scenarios.errors import EitbenchError
 
+        if isinstance(error, ModuleNotFoundError):
+            from eitbench.scenarios.extras import EXTRAS, missing
+
+            module = (error.name or "").partition(".")[0]
+            if module in EXTRAS and (why := missing(module)):
+                fail(why, 1)
         if isinstance(error, EitbenchError):
             fail(str(error), error.exit_code, getattr(error, "__notes__", ()))
         if isinstance(error, OSError) and error.filename is not None:

@@ -9,12 +9,14 @@ from pathlib import Path
 
 import pytest
 
+from eitbench.scenarios.extras import EXTRAS
+
 ROOT = Path(__file__).resolve().parents[2]
 FOLDERS = ("scenarios", "methods", "benchmark", "hardware", "reports", "src/eitbench")
 OURS = {"eitbench", "tests"}
 BY_NAME = {"pytest.importorskip", "files"}  # functions that take the name of a package
-# Uvicorn imports it for the live view, whose tests use it.
-USED_BY_OTHERS = {"websockets"}
+# Uvicorn imports the one for the live view, whose tests use it, pandas the other.
+USED_BY_OTHERS = {"websockets", "openpyxl"}
 # Programs, plugins of pytest, and what the others take.
 PROGRAMS = {"pytest-benchmark", "pytest-timeout", "pytest-xdist", "scikit-image", "playwright"}
 
@@ -24,10 +26,16 @@ def normal(name: str) -> str:
 
 
 def declared(*groups: str) -> set[str]:
+    """Names in groups of dependencies, with those of the groups that they name."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     lists = {"": project["dependencies"], **project["optional-dependencies"]}
-    lines = [line for group in groups for line in lists[group]]
-    return {normal(re.split(r"[\[<>=~! ]", line)[0]) for line in lines}
+    found: set[str] = set()
+    for line in (line for group in groups for line in lists[group]):
+        if named := re.fullmatch(r"eitbench\[(.*)\]", line):
+            found |= declared(*named[1].split(","))
+        else:
+            found.add(normal(re.split(r"[\[<>=~! ]", line)[0]))
+    return found
 
 
 @cache
@@ -50,12 +58,21 @@ def imported(*folders: str) -> set[str]:
 @pytest.mark.slow
 def test_the_package_declares_what_it_imports_and_nothing_else() -> None:
     needed = imported(*FOLDERS)
-    assert needed <= declared("", "cluster", "jax", "peers")
-    assert declared("") - needed <= USED_BY_OTHERS
+    assert needed <= declared("", "all", "jax", "peers")
+    assert declared("", "all") - needed <= USED_BY_OTHERS
+
+
+def test_every_library_of_an_extra_is_known_to_messages() -> None:
+    """By the names of distributions, but for those that differ from their modules'."""
+    modules = {"pyserial": "serial"}
+    for extra in ("cluster", "excel", "jax", "learned", "live", "peers", "report", "tune"):
+        found = {modules.get(name, name) for name in declared(extra)}
+        assert found == {module for module, (_, of) in EXTRAS.items() if of == extra}
+    assert not {normal(module) for module in EXTRAS} & declared("")
 
 
 @pytest.mark.slow
 def test_the_tests_declare_what_they_import_and_nothing_else() -> None:
     needed = imported("tests")
     assert needed <= declared("", "test", "docs", "mutation")
-    assert declared("test") - needed <= PROGRAMS | imported(*FOLDERS)
+    assert declared("test") - needed <= PROGRAMS | USED_BY_OTHERS | imported(*FOLDERS)

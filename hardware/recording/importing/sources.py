@@ -5,7 +5,6 @@ import re
 import zipfile
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +13,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from eitbench.scenarios.errors import DataCorruptError, EitbenchError, InputError, UnreadableError
+from eitbench.scenarios.extras import missing
 from eitbench.scenarios.recordings.files import layout
 from eitbench.scenarios.recordings.files.csv_mat import OURS
 from eitbench.scenarios.recordings.matlab import all_variables, variables
@@ -98,8 +98,8 @@ def read_arrays(path: Path) -> Arrays:
         UnreadableError: the file cannot be read.
         DataCorruptError: something in it is not what it should be.
     """
-    if path.suffix.lower() == ".xlsx" and find_spec("openpyxl") is None:
-        raise InputError("Excel files need openpyxl: pip install 'eitbench[excel]'.")
+    if path.suffix.lower() == ".xlsx" and (why := missing("openpyxl")):
+        raise InputError(f"Excel files cannot be read: {why}")
     try_reading(path, arrays_of, path)
     return arrays_of(path)
 

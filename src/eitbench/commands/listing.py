@@ -3,7 +3,6 @@
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from eitbench.hardware.registry import board_rows
 from eitbench.methods.registry import PLACE_REGISTRY, methods, operators
 from eitbench.scenarios.catalogue import sensors
 from eitbench.scenarios.docstrings import first_line
@@ -21,6 +20,12 @@ def _described(known: Mapping[str, type[Any]], *columns: str) -> list[Row]:
         {"name": name, "description": first_line(cls)} | {c: getattr(cls, c) for c in columns}
         for name, cls in known.items()
     ]
+
+
+def _boards() -> list[Row]:
+    from eitbench.hardware.registry import board_rows  # which needs pySerial
+
+    return board_rows()
 
 
 def _suites() -> list[Row]:
@@ -108,5 +113,5 @@ LISTINGS: dict[str, Callable[[], list[Row]]] = {
     "sensors": _sensors,
     "suites": _suites,
     "recordings": _recordings,
-    "boards": board_rows,
+    "boards": _boards,
 }

@@ -1,6 +1,5 @@
 """The checks of operators find what they claim to find, and nothing else."""
 
-import importlib.util
 from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
@@ -114,7 +113,7 @@ def test_what_comes_with_eitbench_keeps_the_contract(name: str) -> None:
 def test_without_jax_its_checks_are_skipped_with_a_reason(
     monkeypatch: pytest.MonkeyPatch, plugin: None
 ) -> None:
-    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    monkeypatch.setattr("eitbench.scenarios.extras.find_spec", lambda name: None)
     subject = OperatorUnderTest.of(partial(operator, "operator-kept"))
     for result in results(subject, [jax_arrays, jax_transforms]).values():
         assert result.status == "skipped"

@@ -245,11 +245,11 @@ def test_distance_to_the_rim() -> None:
 
 
 def test_without_pyeit_a_method_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("eitbench.methods.peers.pyeit_methods.find_spec", lambda name: None)
+    monkeypatch.setattr("eitbench.scenarios.extras.find_spec", lambda name: None)
     of = coarse("foam16")
     for name in PYEIT:
         why = methods()[name].unusable(of)
-        assert why == "pyEIT is not installed: pip install -c constraints.txt -e '.[peers]'."
+        assert why == "pyEIT is not installed: pip install 'eitbench[peers]'."
         with pytest.raises(InputError, match="\\[peers\\]"):
             create(name).fit(touched(of)[0])
 

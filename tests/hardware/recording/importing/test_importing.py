@@ -531,7 +531,7 @@ def test_files_do_not_unpack_to_more_than_they_may(tmp_path: Path) -> None:
 
 
 def test_a_missing_package_is_named(tmp_path: Path, imported: Import, monkeypatch: Any) -> None:
-    monkeypatch.setattr("eitbench.hardware.recording.importing.sources.find_spec", lambda _: None)
+    monkeypatch.setattr("eitbench.scenarios.extras.find_spec", lambda _: None)
     (tmp_path / "a.xlsx").write_bytes(b"")
     with pytest.raises(InputError, match=r"pip install 'eitbench\[excel\]'"):
         imported("a.xlsx")
