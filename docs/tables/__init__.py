@@ -10,6 +10,7 @@ from pathlib import Path
 from docs.tables import (
     ceiling,
     design,
+    installation,
     latency,
     novelty,
     per_frame,
@@ -29,6 +30,7 @@ TABLES = {
     **recorded.TABLES,
     **wiring.TABLES,
     **design.TABLES,
+    **installation.TABLES,
     **latency.TABLES,
     **per_frame.TABLES,
     **speed.TABLES,

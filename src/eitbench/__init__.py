@@ -17,7 +17,7 @@ _src = _Path(__file__).resolve().parents[1]
 if _src.name == "src" and (_src.parent / "pyproject.toml").is_file():
     __path__.insert(0, str(_src.parent))
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 # The stub beside names what users import; it is imported when it is first used.
 __getattr__, __dir__, __all__ = _lazy_loader.attach_stub(__name__, __file__)
