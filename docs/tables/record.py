@@ -26,11 +26,16 @@ def psnr_of_mean(psnr: pd.Series) -> float:
     return float(-10 * np.log10(np.mean(10 ** (-psnr / 10))))
 
 
+def _command(line: str) -> str:
+    """The command as a user writes it, without folder and processes; `python -c` may have run it."""
+    return re.sub(r" --(out|jobs) \S+", "", re.sub(r"^-c ", "eitbench ", line))
+
+
 def about_runs(runs: Sequence[Run]) -> list[dict[str, object]]:
     """Return command, version and data of stored runs, for a record."""
     return [
         {
-            "command": re.sub(r" --(out|jobs) \S+", "", run.manifest["command_line"]),
+            "command": _command(run.manifest["command_line"]),
             **{name: run.manifest[name] for name in ("git_commit", "versions")},
             "data": {name: data["hash"] for name, data in run.manifest["data"].items()},
         }
