@@ -17,7 +17,15 @@ from pydantic import BaseModel, Field, FiniteFloat, ValidationError
 from eitbench.benchmark.analysis.results import Run
 from eitbench.benchmark.ceiling.record import frames_among
 from eitbench.benchmark.findings.noise import CEILING
-from eitbench.benchmark.metrics.statistics import MIN_CLUSTERS, Interval, bootstrap
+from eitbench.benchmark.metrics.statistics import (
+    MIN_CLUSTERS,
+    Interval,
+    draw,
+    intervals,
+    means,
+    medians,
+    once,
+)
 from eitbench.benchmark.metrics.uncertainty import REMOVED, UNCERTAINTY
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
 from eitbench.methods.method import DRAWS
@@ -98,18 +106,25 @@ def _figures(rows: pd.DataFrame, names: list[str]) -> dict[str, Interval]:
     figures = dict.fromkeys(UNCERTAINTY, Interval(np.nan, np.nan, np.nan))
     for name in names:
         known = rows[rows[name].notna()]
-        aggregate = UNCERTAINTY[name].aggregate
-        if callable(aggregate) and len(known):
-            value = float(aggregate(known, np.ones((1, len(known))))[0])
-            figures[name] = Interval(value, np.nan, np.nan)
-        elif aggregate == "median":
-            figures[name] = Interval(float(known[name].median()), np.nan, np.nan)
-        elif len(known):
-            value = float(known[name].mean())
-            figures[name] = Interval(value, np.nan, np.nan)
-            if "cluster" in known and known["cluster"].nunique() >= MIN_CLUSTERS:
-                (figures[name],) = bootstrap(known[[name]].to_numpy(float), known["cluster"])
+        if len(known):
+            figures[name] = _figure(known, name)
     return figures
+
+
+def _figure(known: pd.DataFrame, name: str) -> Interval:
+    """A figure of the rows that have it; its interval draws sessions, if there are enough."""
+    aggregate, column = UNCERTAINTY[name].aggregate, known[[name]].to_numpy(np.float64)
+
+    def statistic(counts: Array) -> Array:
+        if callable(aggregate):
+            return aggregate(known, counts)[:, None]
+        return (medians if aggregate == "median" else means)(counts, column)
+
+    whole, ends = once(statistic, len(known)), np.full((2, 1), np.nan)
+    clusters = known["cluster"].nunique() if "cluster" in known else 0
+    if clusters >= MIN_CLUSTERS and np.isfinite(column).all():
+        ends = intervals(whole, draw(statistic, known["cluster"]), clusters)
+    return Interval(*map(float, (whole[0], *ends[:, 0])))
 
 
 def _curves(run: Run, scenario: str, method: str) -> Curves | None:

@@ -27,7 +27,7 @@ def psnr_of_mean(psnr: pd.Series) -> float:
 
 
 def _command(line: str) -> str:
-    """The command as a user writes it, without folder and processes; `python -c` may have run it."""
+    """The command as a user writes it, without folder and processes, also if `python -c` ran it."""
     return re.sub(r" --(out|jobs) \S+", "", re.sub(r"^-c ", "eitbench ", line))
 
 

@@ -133,6 +133,24 @@ def test_only_methods_that_state_something_are_on_the_track(run: Run) -> None:
             assert observed[np.isclose(stated, level / 100)] == pytest.approx(value, abs=1e-5)
 
 
+def test_every_figure_has_an_interval_over_sessions(run: Run) -> None:
+    """Of 60 sessions whose figures are drawn alike; of a mean it is that of normal errors."""
+    rng = np.random.default_rng(3)
+    sessions = np.repeat(np.arange(60), 3)
+    drawn = {name: rng.uniform(0.5, 1.5, 60)[sessions] for name in UNCERTAINTY}
+    rows = pd.DataFrame(drawn).assign(
+        scenario="n", method="deviates", cluster=[f"s{k}" for k in sessions], input_hash="h"
+    )
+    (found,) = read_uncertainty(replace(run, samples=rows))
+    for name, (value, low, high) in found.figures.items():
+        assert low < value < high, name
+    error = np.std(drawn["crps"][::3]) / np.sqrt(60)
+    _, low, high = found.figures["crps"]
+    assert (high - low) / 2 == pytest.approx(1.96 * error, rel=0.15)
+    squares = np.mean(drawn["error_over_spread"] ** 2)
+    assert found.figures["error_over_spread"].value == pytest.approx(np.sqrt(squares))
+
+
 def test_an_uncertainty_that_fails_costs_the_frame(run: Run) -> None:
     for name, status, message in (
         ("fails", "error", "OSError: no idea"),
