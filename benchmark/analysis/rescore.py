@@ -59,6 +59,10 @@ def rescored(run: Run) -> Iterator[tuple[Rescored, pd.DataFrame]]:
     """
     if run.kind != METHOD_RUNS:
         raise InputError(f"{run.path} holds no images to score.")
+    if not run.whole:
+        raise InputError(
+            f"{run.path} is a record, with images of few samples: rescore the run it was made of."
+        )
     scenarios = {scenario.name: scenario for scenario in manifests.suite_of(run.manifest).scenarios}
     for (name, method), rows in cells_of(run.samples).items():
         if name not in scenarios:

@@ -39,6 +39,8 @@ GUESS = {
 """Notes on guessing one place, and the figures of a method that they stand beside."""
 NOTES = ("reciprocity_error", "repeat_noise", *GUESS, "guess_force_n", "guess_load_percent")
 NOTES_FILE = "recordings.json"
+SHOWN = "shown"
+"""Entry `images` of the manifest of a record, see `reports.board.records`."""
 _NOTES = TypeAdapter(dict[str, dict[str, float | None]], config=ConfigDict(strict=True))
 
 _FAMILIES = {"same": "the families of the test phantoms", "other": "other families of phantoms"}
@@ -93,6 +95,11 @@ class Run:
     cells: pd.DataFrame
     notes: dict[str, dict[str, float | None]]
     tracks: pd.DataFrame = field(default_factory=pd.DataFrame)
+
+    @property
+    def whole(self) -> bool:
+        """False of a record of the leaderboard, which has images of the samples shown alone."""
+        return self.manifest.get("images") != SHOWN
 
     def scenarios(self) -> list[str]:
         """Return the names of the scenarios that have rows, in the order of the run."""

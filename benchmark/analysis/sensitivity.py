@@ -80,6 +80,8 @@ def sensitivity(methods: Mapping[str, tuple[Run, str]], scenario: str) -> list[S
     Raises:
         DataCorruptError: the images of a run cannot be read.
     """
+    if not all(run.whole for run, _ in methods.values()):
+        return []
     held = [set(run.cell(scenario, name)["sample"]) for run, name in methods.values()]
     known = np.array(sorted(set.intersection(*held)) if held else [], dtype=np.int64)
     if not len(known):

@@ -21,10 +21,6 @@ FILES = (
     "voltages.h5",
     "recordings.json",
     "leaderboard.json",
-    "leaderboard.csv",
-    "leaderboard.md",
-    "ladder.md",
-    "ladder.csv",
 )
 FOLDERS = ("figures", "logs", "parts", "plugins", "report")
 
@@ -72,9 +68,17 @@ def _entries(folder: Path) -> Iterator["os.DirEntry[str]"]:
 
 
 def unknown_entries(run: Path) -> list[str]:
-    """Return the names in the run directory that no run writes, sorted."""
+    """Return the names in the run directory that no run writes, sorted.
+
+    A run also writes tables of what it shows beside the leaderboard, which nobody reads again.
+    """
     known = {*FILES, *FOLDERS}
-    return sorted(entry.name for entry in os.scandir(run) if entry.name not in known)
+    tables = (".csv", ".md")
+    return sorted(
+        entry.name
+        for entry in os.scandir(run)
+        if entry.name not in known and not (entry.name.endswith(tables) and entry.is_file())
+    )
 
 
 def read_json_file(path: Path) -> bytes:

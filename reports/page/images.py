@@ -46,10 +46,7 @@ def packed_images(
         DataCorruptError: the images of a run cannot be read.
     """
     cells = {label: run.cell(scenario, name) for label, (run, name) in methods.items()}
-    table = pd.concat([cell.assign(label=label) for label, cell in cells.items()])
-    whole = table.groupby("sample")["label"].transform("count") == len(cells)
-    table = table[whole]
-    cases = [] if by is None or by not in table else _cases(table, by)
+    table, cases = _together(cells, by)
     if not cases:
         return None
     samples = sorted({case["sample"] for case in cases})
@@ -79,6 +76,23 @@ def packed_images(
         "data": pack(pixels.tobytes()),
         "figures": _figures(table, samples),
     }
+
+
+def shown_samples(run: Run, scenario: str) -> list[int]:
+    """Numbers of the samples whose images a page of this run alone shows."""
+    of = run.samples[run.samples["scenario"] == scenario]
+    cells = {str(name): rows for name, rows in of.groupby("method", sort=False)}
+    by = next((name for name in run.kind.ranked_by if name in of and of[name].notna().any()), None)
+    return sorted({case["sample"] for case in _together(cells, by)[1]})
+
+
+def _together(
+    cells: Mapping[str, pd.DataFrame], by: str | None
+) -> tuple[pd.DataFrame, list[dict[str, Any]]]:
+    """The rows of samples that all cells have, with their `label`, and the cases among them."""
+    table = pd.concat([cell.assign(label=label) for label, cell in cells.items()])
+    table = table[table.groupby("sample")["label"].transform("count") == len(cells)]
+    return table, [] if by is None or by not in table else _cases(table, by)
 
 
 def pack(content: bytes) -> str:

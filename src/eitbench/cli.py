@@ -12,6 +12,7 @@ from typing import Annotated, Any, NoReturn
 
 import typer
 
+from eitbench.commands import board as board_commands
 from eitbench.commands import ceiling as ceiling_commands
 from eitbench.commands import choose as choose_commands
 from eitbench.commands import design as design_commands
@@ -90,6 +91,7 @@ def list_command(
 for commands in (
     run_commands,
     result_commands,
+    board_commands,
     design_commands,
     ceiling_commands,
     choose_commands,

@@ -62,7 +62,7 @@ def test_a_wheel_with_all_extras_runs_reports_trains_and_shows_a_live_view(
     of.run("eitbench", "run", "quick", "--methods", "noser,dnn", *quick)
     of.run("eitbench", "report", "run", "--out", "page")
     assert (tmp_path / "page").is_dir()
-    few = ("--epochs", "1", "--limit", "60", "--install", "never")
+    few = ("--epochs", "1", "--limit", "128", "--install", "never")
     assert "epoch" in of.run("eitbench", "train", "dnn", "--suite", "quick", *few).lower()
     live = subprocess.Popen(
         [str(of.bin / "eitbench"), "live", "--board", "emulator", "--http-port", "0",

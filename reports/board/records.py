@@ -1,0 +1,121 @@
+"""Records of the leaderboard: made from whole runs, small enough to be kept in git."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import h5py
+import numpy as np
+import pandas as pd
+
+from eitbench.benchmark import InputError, atomic_write
+from eitbench.benchmark.analysis.results import SHOWN, Run, read_run
+from eitbench.benchmark.rundir import manifest
+from eitbench.benchmark.rundir.kinds import METHOD_RUNS
+from eitbench.benchmark.rundir.run_arrays import TRUTH
+from eitbench.benchmark.rundir.store import SAMPLES
+from eitbench.reports.page.images import shown_samples
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from eitbench.scenarios.suites.suite import Suite
+
+STEPS = 250
+"""Values of an image over the data range of its sensor: images of records are rounded to these."""
+
+
+def write_record(run_path: Path, out: Path) -> Path:
+    """Keep a whole run of a suite as a record in the new folder `out`.
+
+    Raises:
+        InputError: the run is not one of methods, not finished, limited, or not of all methods and
+            scenarios of its suite; or there is a record already, which is never edited.
+        DataCorruptError: it cannot be read.
+    """
+    check_new(out)
+    run = read_run(run_path)
+    if lacking := _lacking(run):
+        raise InputError(f"{run_path} is no whole run: {lacking}.")
+    staged = out.with_name(f".{out.name}.part")
+    shutil.rmtree(staged, ignore_errors=True)
+    staged.mkdir(parents=True)
+    for name in (SAMPLES, run.kind.table, "recordings.json"):
+        if (run_path / name).is_file():
+            shutil.copyfile(run_path / name, staged / name)
+    content = run.manifest | {"images": SHOWN}
+    text = json.dumps(content, indent=1, allow_nan=False) + "\n"
+    atomic_write(staged / manifest.FILE_NAME, text.encode())
+    shown = {name: shown_samples(run, name) for name in run.scenarios()}
+    _write_images(run, shown, staged / run.kind.arrays)
+    staged.rename(out)
+    return out
+
+
+def check_new(out: Path) -> None:
+    """Check that there is no record in `out`.
+
+    Raises:
+        InputError: there is one.
+    """
+    if out.exists():
+        raise InputError(
+            f"{out} is there already, and records are never edited: give a new --version."
+        )
+
+
+def _lacking(run: Run) -> str:
+    """What a run lacks of its suite, as a part of a sentence; "" if nothing."""
+    suite = manifest.suite_of(run.manifest)
+    if run.kind is not METHOD_RUNS:
+        return "it does not rank methods"
+    if run.manifest.get("plan", {}).get("limit") is not None and suite.limit is None:
+        return "it was limited to some test samples"
+    if missing := [s.name for s in suite.scenarios if s.name not in run.scenarios()]:
+        return f"it lacks the scenario {missing[0]!r}"
+    ran = set(run.cells["method"])
+    left_out = run.manifest.get("skipped", {})
+    for name in suite.names:
+        if name not in ran and not any(cell.endswith(f"/{name}") for cell in left_out):
+            return f"it lacks the method {name!r}"
+    return ""
+
+
+def _write_images(run: Run, shown: Mapping[str, Sequence[int]], path: Path) -> None:
+    """Write truth and images of the `shown` samples of each scenario, rounded to `STEPS`."""
+    array = run.kind.array
+    with h5py.File(run.path / run.kind.arrays, "r") as file, h5py.File(path, "w") as kept:
+        for scenario, samples in shown.items():
+            step = float(file[f"{scenario}/{TRUTH}"].attrs["data_range"]) / STEPS
+            for name, group in file[scenario].items():
+                of = kept.create_group(f"{scenario}/{name}")
+                of.attrs.update(group.attrs)
+                rows = np.flatnonzero(np.isin(group["sample"][:], list(samples)))
+                of["sample"] = group["sample"][:][rows]
+                for key in group.keys() - {"sample", "validation"}:
+                    values = group[key][:] if key == "mask" else group[key][rows]
+                    if values.dtype.kind == "f":
+                        values = (np.round(values / step) * step).astype(np.float16)
+                    layout = {"compression": "gzip", "compression_opts": 9, "shuffle": True}
+                    of.create_dataset(key, data=values, **(layout if values.ndim > 1 else {}))
+                assert name == TRUTH or array in of
+
+
+def cost(suite: Suite, records: Path) -> str:
+    """What a whole run of `suite` cost when it was last recorded in `records`, as a sentence."""
+    found = sorted(records.glob(f"*/{suite.name}/{manifest.FILE_NAME}"))
+    if not found:
+        return f"What {suite.name!r} costs is not known: no version has a record of it."
+    run = read_run(found[-1].parent)
+    seconds = run.samples["frame_ms"].sum() / 1e3 + run.cells["setup_s"].sum()
+    size = sum(path.stat().st_size for path in run.path.iterdir()) / 1e6
+    slowest = run.samples.groupby("method")["frame_ms"].sum().idxmax()
+    frames = pd.Series({name: run.n(name) for name in run.scenarios()}).sum()
+    return (
+        f"{suite.name!r} took its methods {seconds / 60:.0f} minutes on one core for {frames:,} "
+        f"frames in version {found[-1].parents[1].name}, most of it {slowest!r}; its record has "
+        f"{size:.1f} MB."
+    )

@@ -1,0 +1,51 @@
+"""The command that makes the records of the leaderboard."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+app = typer.Typer()
+
+VERSION = "2026.1"
+"""Of the leaderboard that is being made."""
+
+
+@app.command(epilog="Example: eitbench board quick --runs runs/board")
+def board(
+    suite: Annotated[str, typer.Argument(help="A packaged suite (eitbench list suites).")],
+    runs: Annotated[
+        Path, typer.Option(metavar="DIR", help="Where the run goes; a stopped one goes on.")
+    ],
+    version: Annotated[str, typer.Option(help="Of the leaderboard.")] = VERSION,
+    records: Annotated[
+        Path, typer.Option(metavar="DIR", help="The records of all versions.")
+    ] = Path("reports/board"),
+    jobs: Annotated[int, typer.Option(min=1, help="Cells (scenario x method) at a time.")] = 1,
+) -> None:
+    """Run a whole suite and keep it as a record of the leaderboard, small enough for git.
+
+    It says first what the suite cost when it was recorded last. Records are never edited: what
+    changes figures is a new version.
+    """
+    from eitbench.benchmark.run.progress import RunProgress
+    from eitbench.benchmark.run.runner import make_plan, resume_run, start_run
+    from eitbench.benchmark.rundir import manifest
+    from eitbench.commands.console import warn
+    from eitbench.reports.board.records import check_new, cost, write_record
+    from eitbench.scenarios.errors import unknown_name
+    from eitbench.scenarios.suites.suite import load_suite, suites
+
+    if suite not in suites():
+        raise unknown_name("suite", suite, suites())
+    found, out, run = load_suite(suite), records / version / suite, runs / suite
+    check_new(out)
+    typer.echo(cost(found, records))
+    progress = RunProgress()
+    if (run / manifest.FILE_NAME).is_file():
+        result = resume_run(run, suite=found, jobs=jobs, progress=progress)
+    else:
+        result = start_run(make_plan(found), run, jobs=jobs, progress=progress)
+    for sentence in (*result.skipped, *result.refused):
+        warn(sentence)
+    typer.echo(f"Record: {write_record(result.path, out)}")

@@ -1,0 +1,110 @@
+"""Records of the leaderboard: small, whole in their tables, and shown like the runs they are of."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from eitbench.benchmark.analysis.leaderboard import leaderboard_rows
+from eitbench.benchmark.analysis.rescore import rescore
+from eitbench.benchmark.analysis.results import read_run
+from eitbench.benchmark.run.runner import make_plan, start_run
+from eitbench.reports.board.records import STEPS, cost, write_record
+from eitbench.reports.page.images import shown_samples
+from eitbench.reports.page.report_data import report_data
+from eitbench.reports.page.site import write_site
+from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.suites.scenario import SimulatedScenario, SplitNoise
+from eitbench.scenarios.suites.suite import Suite
+
+SCENARIO = SimulatedScenario(
+    name="n", image_shape=(20, 20), families=("circle", "ring"), noise=SplitNoise(test=40.0),
+    train=0, validation=2, test=30,
+)  # fmt: skip
+SUITE = Suite(name="mine", title="Mine", methods=("noser", "greit"), scenarios=(SCENARIO,))
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return start_run(make_plan(SUITE), tmp_path_factory.mktemp("r") / "run").path
+
+
+@pytest.fixture(scope="module")
+def record(run: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_record(run, tmp_path_factory.mktemp("board") / "2026.1" / "mine")
+
+
+def test_every_figure_of_a_record_is_that_of_its_run(run: Path, record: Path) -> None:
+    pd.testing.assert_frame_equal(read_run(record).samples, read_run(run).samples)
+    kept, made = (leaderboard_rows([read_run(path)]) for path in (record, run))
+    for one, other in zip(kept, made, strict=True):
+        assert {**one, "run": ""} == {**other, "run": ""}
+
+
+def test_images_are_those_that_a_page_shows_rounded(run: Path, record: Path) -> None:
+    whole, kept = read_run(run), read_run(record)
+    shown = shown_samples(whole, "n")
+    assert 2 <= len(shown) <= 6
+    for name in ("noser", "greit"):
+        made, left = whole.estimates("n", name, shown), kept.estimates("n", name, shown)
+        assert made is not None
+        assert left is not None
+        np.testing.assert_allclose(left, made, atol=0.5 / STEPS + 1e-3)
+    (board,) = report_data([record])["boards"]
+    assert board["images"] is not None
+    assert board["images"]["samples"] == shown
+    assert board["sensitivity"] == []  # which takes images of other samples
+    assert (record / "reconstructions.h5").stat().st_size < 0.5 * (
+        run / "reconstructions.h5"
+    ).stat().st_size
+
+
+def test_a_site_is_built_from_records_alone(record: Path, tmp_path: Path) -> None:
+    assert write_site(record.parent, tmp_path / "site")
+    assert "noser" in (tmp_path / "site" / "index.html").read_text()
+
+
+def test_a_record_is_never_edited_and_never_rescored(run: Path, record: Path) -> None:
+    with pytest.raises(InputError, match="never edited"):
+        write_record(run, record)
+    with pytest.raises(InputError, match="is a record, with images of few samples"):
+        rescore(record)
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"methods": ("noser", "greit", "tv")}, "it lacks the method 'tv'"),
+        ({"scenarios": (SCENARIO, SCENARIO.model_copy(update={"name": "m"}))}, "the scenario 'm'"),
+    ],
+)
+def test_a_run_of_a_part_of_its_suite_is_no_record(
+    run: Path, tmp_path: Path, change: dict[str, object], says: str
+) -> None:
+    more = SUITE.model_copy(update=change)
+    plan = make_plan(more, methods=["noser", "greit"], scenarios=["n"])
+    part = start_run(plan, tmp_path / "part").path
+    with pytest.raises(InputError, match=says):
+        write_record(part, tmp_path / "record")
+    assert not (tmp_path / "record").exists()
+
+
+def test_a_limited_run_is_no_record(tmp_path: Path) -> None:
+    limited = start_run(make_plan(SUITE, limit=3), tmp_path / "run").path
+    with pytest.raises(InputError, match="limited to some test samples"):
+        write_record(limited, tmp_path / "record")
+
+
+def test_the_cost_of_a_suite_is_that_of_its_last_record(record: Path) -> None:
+    board = record.parents[1]
+    assert "not known" in cost(SUITE.model_copy(update={"name": "other"}), board)
+    said = cost(SUITE, board)
+    assert "for 30 frames in version 2026.1" in said
+    size = sum(path.stat().st_size for path in record.iterdir()) / 1e6
+    assert f"{size:.1f} MB" in said
+
+
+def test_the_manifest_of_a_record_says_what_it_is(record: Path) -> None:
+    assert json.loads((record / "manifest.json").read_text())["images"] == "shown"
