@@ -4,7 +4,7 @@ PYTHON ?= $(firstword $(shell for p in python3 python3.13 python3.12 python3.11;
 BIN := .venv/bin
 STAMPS := .venv/.stamps
 
-.PHONY: help demo test slow nightly bench mutants docs tables lint types audit tune clean
+.PHONY: help demo test slow nightly bench mutants docs site tables lint types audit tune clean
 
 help:  ## what can be made
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/'
@@ -40,6 +40,10 @@ mutants: $(STAMPS)/mutants  ## mutation testing of what scores methods, hours (C
 
 docs: $(STAMPS)/docs  ## the documentation as a site, in build/site; warnings are errors
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
+
+site: $(STAMPS)/docs  ## documentation in build/site, and the leaderboard of the newest version in build/site/board
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
+	$(BIN)/eitbench site $$(ls -d reports/board/2* | tail -n 1) --out build/site/board
 
 tables: $(STAMPS)/test  ## write the tables of the documentation anew, from stored runs and studies
 	$(BIN)/python -m docs.tables

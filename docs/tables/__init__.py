@@ -8,6 +8,7 @@ import re
 from pathlib import Path
 
 from docs.tables import (
+    board,
     ceiling,
     design,
     installation,
@@ -24,6 +25,7 @@ from docs.tables.record import DOCS
 
 TABLES = {
     **simulated.TABLES,
+    **board.TABLES,
     **ceiling.TABLES,
     **uncertainty.TABLES,
     **novelty.TABLES,

@@ -1,0 +1,26 @@
+"""What the records of the leaderboard are, and what they cost."""
+
+from docs.tables.record import DOCS, printed
+
+from eitbench.benchmark.analysis.results import read_run
+
+_BOARD = DOCS.parent / "reports" / "board"
+
+
+def _records() -> str:
+    rows = []
+    for path in sorted(_BOARD.glob("2*/*/manifest.json")):
+        run = read_run(path.parent)
+        frames = sum(run.n(name) for name in run.scenarios())
+        minutes = (run.samples["frame_ms"].sum() / 1e3 + run.cells["setup_s"].sum()) / 60
+        size = sum(file.stat().st_size for file in path.parent.iterdir()) / 1e6
+        rows.append([
+            path.parents[1].name, f"`{path.parent.name}`", str(run.cells["method"].nunique()),
+            f"{frames:,}", f"{minutes:.0f}", f"{size:.1f}", str(run.manifest["started"])[:10],
+            str(run.manifest["git_commit"])[:8],
+        ])  # fmt: skip
+    heads = ["version", "suite", "methods", "frames", "minutes of methods", "MB", "made", "commit"]
+    return printed(heads, rows, [False, False, True, True, True, True, False, False])
+
+
+TABLES = {"records of the leaderboard": _records}

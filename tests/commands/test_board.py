@@ -1,0 +1,44 @@
+"""The command `eitbench board`: a whole run becomes a record, once."""
+
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from eitbench.cli import app
+from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.suites import suite as suites
+from eitbench.scenarios.suites.scenario import SimulatedScenario
+from eitbench.scenarios.suites.suite import Suite
+
+SMALL = SimulatedScenario(
+    name="n", image_shape=(20, 20), families=("circle",), train=0, validation=2, test=4
+)
+SUITE = Suite(name="quick", title="Quick", methods=("noser",), scenarios=(SMALL,))
+
+
+def board(folder: Path, *arguments: str) -> list[str]:
+    return ["board", *arguments, "--runs", str(folder / "runs"), "--records", str(folder / "board")]
+
+
+@pytest.mark.slow
+def test_a_suite_is_run_and_recorded_and_its_cost_is_known_from_then_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(suites, "load_suite", lambda name: SUITE)
+    result = CliRunner().invoke(app, board(tmp_path, "quick"), catch_exceptions=False)
+    assert result.exit_code == 0
+    assert "What 'quick' costs is not known" in result.output
+    assert (tmp_path / "board" / "2026.1" / "quick" / "samples.parquet").is_file()
+    with pytest.raises(InputError, match="never edited: give a new --version"):
+        CliRunner().invoke(app, board(tmp_path, "quick"), catch_exceptions=False)
+    # The run is finished, so that the next version has it at once.
+    again = board(tmp_path, "quick", "--version", "2026.2")
+    result = CliRunner().invoke(app, again, catch_exceptions=False)
+    assert "for 4 frames in version 2026.1" in result.output
+    assert (tmp_path / "board" / "2026.2" / "quick" / "manifest.json").is_file()
+
+
+def test_an_unknown_suite_is_named(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="did you mean 'quick'"):
+        CliRunner().invoke(app, board(tmp_path, "quik"), catch_exceptions=False)
