@@ -1,12 +1,17 @@
 """Tables of the ceiling, from the record that comes with eitbench."""
 
+import numpy as np
 import pandas as pd
 from docs.tables.record import STUDIES, printed
 
 from eitbench.benchmark.ceiling.figures import summary
 from eitbench.benchmark.ceiling.record import recorded_frames
+from eitbench.benchmark.metrics.statistics import bootstrap, means
+from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.suites.suite import load_suite
 
+_SENSOR_OFFSET = 3
+"""Of the drive pattern of `foam16`."""
 _COLUMNS = {
     "n": ("frames", "d"), "psnr_of_mse": ("PSNR of the mean error [dB]", ".2f"),
     "low": ("95 %: from", ".2f"), "high": ("to", ".2f"),
@@ -75,7 +80,42 @@ def _families(level: float) -> str:
     return printed(["truth", *names], rows)
 
 
+def _offsets(same: str) -> str:
+    """Patterns (i, i + k) by the ceiling, paired with k = 3 on the frames that both have."""
+    stored = pd.read_csv(STUDIES / "offsets" / "offsets.csv")
+    stored = stored[stored["same"] == same]
+    errors = stored.pivot_table("mse", "sample", "offset")
+    clusters = stored.drop_duplicates("sample").set_index("sample")["cluster"]
+    signal = stored.pivot_table("touch_snr_db", "sample", "offset")
+    rows = []
+    for offset in errors.columns:
+        both = errors[[offset, _SENSOR_OFFSET]].dropna()
+        both = both.set_axis(["own", "known"], axis=1)
+        (of,) = bootstrap(both.to_numpy(), clusters[both.index], _psnr)
+        row = [f"{offset}", str(len(both)), f"{of.value:.2f}", "", "", ""]
+        if offset != _SENSOR_OFFSET:
+            (gain,) = bootstrap(both.to_numpy(), clusters[both.index], _decibels)
+            row[3:] = [f"{gain.value:+.2f}", f"{gain.low:+.2f}", f"{gain.high:+.2f}"]
+        rows.append([*row, f"{signal[offset].median():.1f}"])
+    heads = [
+        "offset", "frames", "PSNR of the mean error [dB]", "against 3 [dB]", "95 %: from", "to",
+        "median SNR of a touch [dB]",
+    ]  # fmt: skip
+    return printed(heads, rows, [True] * len(heads))
+
+
+def _psnr(counts: Array, errors: Array) -> Array:
+    return np.asarray(-10 * np.log10(means(counts, errors)[:, :1]))
+
+
+def _decibels(counts: Array, errors: Array) -> Array:
+    mean = means(counts, errors)
+    return np.asarray(10 * np.log10(mean[:, 1:] / mean[:, :1]))
+
+
 TABLES = {
+    "ceiling by offset": lambda: _offsets("snr"),
+    "ceiling by offset with the same noise": lambda: _offsets("noise"),
     "ceiling": _figures,
     "ceiling checks": _checks,
     "below the ceiling": _below,
