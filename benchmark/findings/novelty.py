@@ -1,7 +1,8 @@
 """When not to trust an image: how well scores of frames tell conditions that methods do not know.
 
 A scenario may name a `familiar` one, whose condition methods know. Every score of a frame
-(`benchmark.metrics.novelty`) is judged by how well it tells the frames of the two apart.
+(`benchmark.metrics.novelty`) is judged by how well it tells the frames of the two apart, and how
+well it orders images by their errors.
 """
 
 from __future__ import annotations
@@ -10,12 +11,31 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from eitbench.benchmark.analysis.results import Run
-from eitbench.benchmark.metrics.novelty import NOVELTY, SCORES, auroc_and_caught
-from eitbench.benchmark.metrics.statistics import MIN_CLUSTERS, Interval, draw, intervals, once
+from eitbench.benchmark.metrics.novelty import (
+    FRAME,
+    NOVELTY,
+    SCORES,
+    auroc_and_caught,
+)
+from eitbench.benchmark.metrics.statistics import (
+    MIN_CLUSTERS,
+    Interval,
+    draw,
+    intervals,
+    once,
+    spearman,
+)
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
 from eitbench.benchmark.rundir.manifest import suite_of
+from eitbench.scenarios.arrays import Array
+from eitbench.scenarios.suites.scenario import RecordedScenario, Scenario
+
+NOBODY = "frame alone"
+"""Stands in the place of a method: it makes no image."""
+_ERROR = "localisation_mm"
 
 
 @dataclass(frozen=True)
@@ -24,9 +44,12 @@ class Told:
 
     Attributes:
         scenario, familiar: whose frames are to be called novel, and whose are not.
+        method: `NOBODY` for the score of frames themselves.
         score: a name of `SCORES`.
-        figures: of `NOVELTY` by name; the interval is NaN where there are too few sessions.
+        figures: of `NOVELTY` by name; the interval is NaN where there are too few sessions, and of
+            recordings, whose frames are one course of time.
         n: frames of both.
+        failed: of these, frames without an image, which count as the most novel.
     """
 
     scenario: str
@@ -35,54 +58,87 @@ class Told:
     score: str
     figures: dict[str, Interval]
     n: int
+    failed: int
 
 
 def read_novelty(run: Run) -> list[Told]:
-    """All scores of a run, by scenario in its order and by method, the best of a scenario first."""
+    """All scores of a run, by scenario in its order, the best of a scenario first."""
     scores = [name for name in SCORES if name in run.samples]
     if run.kind is not METHOD_RUNS or "residual" not in scores:
         return []
-    pairs = [
-        (scenario.name, known.name)
-        for scenario in suite_of(run.manifest).scenarios
-        if (known := suite_of(run.manifest).familiar(scenario)) != scenario
-        and {scenario.name, known.name} <= set(run.scenarios())
-    ]
-    found = []
-    for scenario, familiar in pairs:
+    suite, found = suite_of(run.manifest), []
+    for scenario in suite.scenarios:
+        familiar = suite.familiar(scenario)
+        if familiar == scenario or not {scenario.name, familiar.name} <= set(run.scenarios()):
+            continue
         of = [
-            Told(scenario, familiar, method, score, _figures(rows, score, scenario), len(rows))
+            _told(scenario, familiar, method, score, rows)
             for method in run.cells["method"].unique().tolist()
             for score in scores
-            if (rows := _rows(run, method, score, scenario, familiar)) is not None
+            if score != FRAME
+            and (rows := _rows(run, method, score, scenario, familiar)) is not None
         ]
+        of.append(_told(scenario, familiar, NOBODY, FRAME, _of_frames(run, scenario, familiar)))
         found += sorted(of, key=lambda one: -one.figures["auroc"].value)
     return found
 
 
-def _rows(run: Run, method: str, score: str, scenario: str, familiar: str) -> pd.DataFrame | None:
-    """The samples of a method on both scenarios; None where it lacks the score."""
-    known, novel = (run.cell(name, method) for name in (familiar, scenario))
-    if novel.empty or known[score].isna().all():
+def _rows(
+    run: Run, method: str, score: str, scenario: Scenario, familiar: Scenario
+) -> pd.DataFrame | None:
+    """The samples of a method on both scenarios; None where an image lacks the score."""
+    rows = pd.concat([run.cell(of.name, method) for of in (familiar, scenario)])
+    answered = rows[rows["status"] == "ok"]
+    if rows["scenario"].nunique() < 2 or answered.empty or answered[score].isna().any():
         return None
-    return pd.concat([known, novel])
+    return rows
 
 
-def _figures(rows: pd.DataFrame, score: str, scenario: str) -> dict[str, Interval]:
+def _of_frames(run: Run, scenario: Scenario, familiar: Scenario) -> pd.DataFrame:
+    """The frames of both scenarios, whatever methods make of them."""
+    among = run.samples["scenario"].isin([scenario.name, familiar.name])
+    rows = run.samples[among & run.samples[FRAME].notna()]
+    rows = rows.drop_duplicates(["scenario", "sample"]).assign(status="ok")
+    return rows[["scenario", "sample", "cluster", "status", FRAME]]
+
+
+def _told(
+    scenario: Scenario, familiar: Scenario, method: str, score: str, rows: pd.DataFrame
+) -> Told:
+    answered = (rows["status"] == "ok").to_numpy()
     # Whatever a frame that failed is charged: it has no image.
-    scores = rows[score].where(rows["status"] == "ok").to_numpy(np.float64)
-    novel = (rows["scenario"] == scenario).to_numpy()
-    clusters = (rows["scenario"] + " " + rows["cluster"]).to_numpy()
+    values = np.where(answered, rows[score].to_numpy(np.float64), np.inf)
+    novel = (rows["scenario"] == scenario.name).to_numpy()
+    errors = _errors(rows)
 
-    def statistic(counts: np.ndarray) -> np.ndarray:
-        return auroc_and_caught(counts, scores, novel)
+    def statistic(counts: Array) -> Array:
+        told = auroc_and_caught(counts, values, novel)
+        ordered = (
+            np.full(len(counts), np.nan) if errors is None else spearman(counts, values, errors)
+        )
+        return np.column_stack([told, ordered])
 
     whole = once(statistic, len(rows))
     ends = np.full((2, len(whole)), np.nan)
-    fewest = min(len(np.unique(clusters[of])) for of in (novel, ~novel))
-    if fewest >= MIN_CLUSTERS:
-        ends = intervals(whole, draw(statistic, clusters), fewest)
-    return {
+    # Sessions of the same number share their unit, and mostly their touches.
+    sessions = [
+        str(of).removeprefix(str(name))
+        for of, name in zip(rows["cluster"], rows["scenario"], strict=True)
+    ]
+    count = len(set(sessions))
+    if count >= MIN_CLUSTERS and not isinstance(scenario, RecordedScenario):
+        ends = intervals(whole, draw(statistic, sessions), count)
+    figures = {
         name: Interval(*map(float, three))
         for name, three in zip(NOVELTY, zip(whole, *ends, strict=True), strict=True)
     }
+    failed = int((~answered).sum())
+    return Told(scenario.name, familiar.name, method, score, figures, len(rows), failed)
+
+
+def _errors(rows: pd.DataFrame) -> NDArray[np.float64] | None:
+    """Error (n,) of each image, by what is known of it; None where it is not of every frame."""
+    for name, sign in (("psnr", -1.0), (_ERROR, 1.0)):
+        if name in rows and rows[name].notna().all():
+            return sign * rows[name].to_numpy(np.float64)
+    return None

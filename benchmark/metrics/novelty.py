@@ -1,8 +1,9 @@
 """Figures of novelty: how well a score tells frames of a condition that methods do not know.
 
-Scores of a frame are judged alike: the residual of the exact model at the image that a method
-returns, absolute and relative to the touch, and the uncertainty and the novelty that it states.
-Frames without an image have the greatest score: not to answer is right where a frame is not known.
+Scores of a frame are judged alike: what it shows without an image, the residual of the exact model
+at the image that a method returns, absolute and relative to the touch, and the uncertainty and the
+novelty that it states. Frames without an image have the greatest score: not to answer is right
+where a frame is not known.
 
 Sources: Hanley and McNeil, Radiology 143(1), 1982 (area under the ROC curve); Hendrycks and Gimpel,
 ICLR 2017 (its use for examples out of distribution).
@@ -24,9 +25,29 @@ FALSE_ALARMS = 0.05
 
 _FRAMES = "frames of suites that declare conditions which methods do not know"
 
+KNOWN_FRAMES = 300
+"""Validation frames that show what is usual."""
+LEAST_SPREAD = 0.01
+"""Of the numbers of a frame: where all familiar frames share a reference, it has none."""
+FRAME = "frame"
+"""Name of the score that needs no image."""
+
 SCORES = {
     spec.name: spec
     for spec in (
+        MetricSpec(
+            FRAME,
+            "Frame",
+            formula="the greatest |z| of three numbers, in standard deviations (0.01 at least) "
+            "from the mean of 300 familiar validation frames: log |v - v_ref| / |v_ref|, the "
+            "correlation of v - v_ref with v_ref, and log |v_ref / g - F(untouched)|",
+            domain=_FRAMES,
+            best=None,
+            form=".2f",
+            mask="all measurements",
+            traps="It needs no image, and says nothing of one. It finds a reference frame that is "
+            "not of the sensor before anybody touches it.",
+        ),
         MetricSpec(
             "residual",
             "Residual",
@@ -36,8 +57,9 @@ SCORES = {
             best=None,
             form=".4f",
             mask="all measurements",
-            traps="The baseline. A strong regularisation leaves a large residual of every frame. "
-            "What an image explains wrongly leaves none.",
+            traps="The baseline. F is on the grid that methods are given. All measurements count "
+            "alike, also for methods that take gains out of them. A strong regularisation leaves a "
+            "large residual of every frame. What an image explains wrongly leaves none.",
         ),
         MetricSpec(
             "relative_residual",
@@ -101,9 +123,46 @@ NOVELTY = {
             mask="frames",
             traps="The threshold is that of the test frames themselves, which a user has not.",
         ),
+        MetricSpec(
+            "ordered",
+            "Orders errors",
+            formula="rank correlation of the score with the error of the image (-PSNR, or that of "
+            "the place), over the frames of both conditions",
+            domain=f"{_FRAMES}, where the truth is known",
+            best="max",
+            aggregate=None,
+            form=".2f",
+            mask="frames",
+            traps="Novel frames may have good images. A faint touch has a small error whatever its "
+            "image is.",
+        ),
     )
 }
 """The figures of a score; methods are ranked by the first."""
+
+
+def frame_scores(data: Dataset, known: Dataset) -> Array:
+    """The score `FRAME` (n,) of frames, by what is usual in `known` frames of the sensor."""
+    usual = _checks(known)
+    apart = (_checks(data) - usual.mean(axis=0)) / np.maximum(usual.std(axis=0), LEAST_SPREAD)
+    return np.asarray(np.abs(apart).max(axis=1))
+
+
+def _checks(data: Dataset) -> Array:
+    """The three numbers (n, 3) of frames, see `FRAME`."""
+    model = forward_model(data.sensor)
+    untouched = model.voltages(model.background)
+    problem = Problem(data.sensor, data.references[0], _no_splits)
+    found = np.empty((len(data), 3))
+    for rows in same_reference(data.references):
+        reference = problem.reference = data.references[rows.start]
+        changes, size = data.voltages[rows] - reference, np.linalg.norm(reference)
+        strengths = np.linalg.norm(changes, axis=1) / size
+        misfit = np.linalg.norm(reference / problem.gain - untouched) / np.linalg.norm(untouched)
+        found[rows, 0] = np.log(np.maximum(strengths, 1e-300))
+        found[rows, 1] = changes @ reference / size**2 / np.maximum(strengths, 1e-300)
+        found[rows, 2] = np.log(max(float(misfit), 1e-300))
+    return found
 
 
 def residuals(data: Dataset, images: Images) -> dict[str, Array]:

@@ -82,7 +82,7 @@ UNCERTAINTY = {
             "sharpness",
             "Sharpness",
             formula="root of the mean variance of the draws over pixels",
-            domain=_STATED,
+            domain="methods that state an uncertainty",
             unit="S/m",
             best="min",
             form=".4f",
@@ -296,10 +296,12 @@ def kept_of_draws(
     for n, of in enumerate(draws):
         if placed:
             kept["places"][n] = locate(of.astype(np.float64) - sensor.background, sensor)
+        inside = of[:, sensor.mask].astype(np.float64)
+        kept["sharpness"][n] = np.sqrt(inside.var(axis=0, ddof=1).mean())
         if truth is not None:
             found = figures_of_draws(
                 truth[n, sensor.mask].astype(np.float32).astype(np.float64),
-                of[:, sensor.mask].astype(np.float64),
+                inside,
                 images[n, sensor.mask].astype(np.float64),
                 sensor.data_range,
             )

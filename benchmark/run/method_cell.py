@@ -20,7 +20,7 @@ from eitbench.benchmark.metrics.evaluation import (
     fit_registration,
     knows_loads,
 )
-from eitbench.benchmark.metrics.novelty import residuals
+from eitbench.benchmark.metrics.novelty import FRAME, KNOWN_FRAMES, frame_scores, residuals
 from eitbench.benchmark.metrics.uncertainty import (
     STORED,
     kept_of_draws,
@@ -71,14 +71,17 @@ class MethodData(CellData):
 
     Attributes:
         familiar: the scenario whose data methods learn and are tuned on, see `Suite.familiar`.
-        judged: true if the novelty of frames is: some are of a condition that methods do not know.
+        reference: (M,) the first reference frame of `familiar`, which methods are fitted with.
+        usual: frames as methods know them, by which the novelty of frames is judged; None where
+            all frames of the suite are.
         validation: frames the registration, and the calibration of loads, are fitted on; None
             unless only positions or loads are known.
     """
 
     batch: ClassVar[int] = BATCH
     familiar: Scenario
-    judged: bool
+    reference: Array
+    usual: Dataset | None
     validation: Dataset | None
 
     @classmethod
@@ -92,9 +95,12 @@ class MethodData(CellData):
                 limit_s = suite.download_limit_s
                 fetch_recording(needed.recorded_set, limit_s=limit_s, progress=progress)
         test = load(scenario, split="test", limit=limit, jobs=jobs, progress=progress)
-        judged = any(suite.familiar(s) == familiar for s in suite.scenarios if s != familiar)
+        first = test if familiar == scenario else load(familiar, split="test", limit=1)
+        reference, usual = first.references[0], None
+        if any(suite.familiar(s) == familiar for s in suite.scenarios if s != familiar):
+            usual = load(familiar, split="validation", limit=KNOWN_FRAMES, jobs=jobs)
         if test.truth != "position" and not knows_loads(test.samples, test.truth):
-            return cls(scenario, test, familiar, judged, None)
+            return cls(scenario, test, familiar, reference, usual, None)
         validation = load(familiar, split="validation", limit=REGISTRATION_FRAMES)
         if test.truth == "position" and len(validation) < LEAST_PRESSES:
             # Every fifth press is for validation, the first one among them.
@@ -103,7 +109,7 @@ class MethodData(CellData):
                 f"touch), and at least {LEAST_PRESSES} are needed to find how images map to "
                 f"places: record at least {5 * (LEAST_PRESSES - 1) + 1} touches."
             )
-        return cls(scenario, test, familiar, judged, validation)
+        return cls(scenario, test, familiar, reference, usual, validation)
 
     @classmethod
     def known(cls) -> Mapping[str, type[Any]]:
@@ -237,7 +243,7 @@ class MethodCellTask(FrameTask):
         splits = partial(learning_splits, self.data.familiar)
         return MethodService(
             test.sensor,
-            test.references[0],
+            self.data.reference,
             splits,
             plan.cell.name,
             plan.parameters,
@@ -326,8 +332,9 @@ class MethodCellTask(FrameTask):
             table = table.assign(
                 **{name: stored.values[name] for name in ("novelty", "novelty_ms")}
             )
-        if self.data.judged:
+        if self.data.usual is not None:
             table = table.assign(**residuals(self.data.test, images))
+            table[FRAME] = frame_scores(self.data.test, self.data.usual)
         if np.isfinite(stored.values["uncertainty_ms"]).any():
             kept = {name: stored.values[name] for name in STORED}
             self._charge_failed(kept, stored.valid)

@@ -10,7 +10,9 @@ from eitbench.reports.findings.novelty import by_condition
 
 _OUT = STUDIES / "novelty"
 _PSNR = ".1f"
-_SHOWN = ("familiar", "conductive", "dead-electrode", "stale-reference", "other-sensor")
+_SHOWN = (
+    "familiar", "conductive", "dead-electrode", "stale-reference", "other-sensor", "untouched",
+)  # fmt: skip
 
 
 def _condition(scenario: str) -> str:
@@ -22,7 +24,7 @@ def _text(value: float, form: str) -> str:
 
 
 def _table(wide: pd.DataFrame, figure: str) -> str:
-    heads = ["Method", "Score", *map(_condition, wide.columns[:-1]), "Mean"]
+    heads = ["Method", "Score", *map(_condition, wide.columns[:-1]), "Mean of the simulated"]
     rows = [
         [f"`{method}`", SCORES[score].title.lower(),
          *(_text(value, NOVELTY[figure].form) for value in values)]
@@ -35,12 +37,12 @@ def _aurocs() -> str:
     return _table(by_condition(pd.read_csv(_OUT / "novelty.csv")), "auroc")
 
 
-def _caught() -> str:
-    """Of the method with the best mean AUROC of each score."""
+def _of_the_best(figure: str) -> str:
+    """Another figure of the method with the best mean AUROC of each score."""
     stored = pd.read_csv(_OUT / "novelty.csv")
     best = by_condition(stored)["mean"].groupby("score", sort=False).idxmax()
-    wide = by_condition(stored.assign(auroc=stored["caught"]))
-    return _table(wide.loc[best.tolist()], "caught")
+    wide = by_condition(stored, figure)
+    return _table(wide.loc[[row for row in best if row in wide.index]], figure)
 
 
 def _images() -> str:
@@ -58,6 +60,7 @@ def _images() -> str:
 
 TABLES = {
     "novelty by condition": _aurocs,
-    "novelty caught": _caught,
+    "novelty caught": lambda: _of_the_best("caught"),
+    "novelty and errors": lambda: _of_the_best("ordered"),
     "images of conditions not known": _images,
 }

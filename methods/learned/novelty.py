@@ -11,8 +11,11 @@ from eitbench.scenarios.data.datasets import Dataset, same_reference
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.sensors.patterns import averaging
 
-FEWEST = 10
-"""Frames below which their sizes have no covariance to speak of."""
+FEWEST = 30
+"""Frames below which they say too little of what is usual."""
+WHITENED = 2 / 3
+"""Part of the frames that the covariance of residuals is of; sizes are those of the others, since
+whitened residuals are small on the frames that made the covariance."""
 SHRINKAGE = 0.1
 """Part of the covariance of residuals that is replaced by its diagonal: frames are few."""
 
@@ -35,7 +38,7 @@ class FrameNovelty:
 
         Args:
             problem: its reference frame is another one afterwards.
-            data: at least 10 frames.
+            data: at least 30 frames.
             images: see above.
             gain_power: of the gains of measurements that are taken out of frames, see `Problem`.
 
@@ -51,11 +54,12 @@ class FrameNovelty:
             problem.reference = data.references[rows.start]
             found.append(self._described(data.voltages[rows], images[rows]))
         residuals, seen = (np.concatenate(parts) for parts in zip(*found, strict=True))
-        covariance = residuals.T @ residuals / len(residuals)
+        first = round(WHITENED * len(residuals))
+        covariance = residuals[:first].T @ residuals[:first] / first
         covariance += SHRINKAGE * (np.diag(np.diag(covariance)) - covariance)
         root = linalg.cholesky(covariance, lower=True)
         self._whitening = linalg.solve_triangular(root, np.eye(len(root)), lower=True)
-        features = _features(residuals @ self._whitening.T, seen)
+        features = _features(residuals[first:] @ self._whitening.T, seen[first:])
         self._mean = features.mean(axis=0)
         self._precision = linalg.inv(np.cov(features.T))
 

@@ -22,10 +22,12 @@ if TYPE_CHECKING:
 _LEGEND = (
     "AUROC of scores of frames: how often a frame of a condition that methods do not know has a "
     "greater score than one that they know; 0.5 is a coin, 1 tells all apart, and less than 0.5 "
-    "takes what is novel for the more familiar. Residuals are those of the exact model at the "
-    "method's image, the baseline; uncertainty and novelty are what the method states. Mean: of "
+    "takes what is novel for the more familiar. Frame: by the frame and its reference alone. "
+    "Residuals are those of the exact model at the method's image, the baseline; uncertainty and "
+    "novelty are what the method states. Mean: of "
     "the conditions for which all rows have a value; rows are sorted by it. The table in the file "
-    f"has intervals, and the share of novel frames caught at {FALSE_ALARMS:.0%} of false alarms."
+    f"has intervals, the share of novel frames caught at {FALSE_ALARMS:.0%} of false alarms, and "
+    "how well scores order images by their errors."
 )
 _SHOWS = "A panel for each condition, a row for each method, a marker for each score"
 _COLUMNS = 3
@@ -46,7 +48,7 @@ def to_table(found: list[Told]) -> pd.DataFrame:
     for one in found:
         row: dict[str, object] = {
             "scenario": one.scenario, "familiar": one.familiar, "method": one.method,
-            "score": one.score, "n": one.n,
+            "score": one.score, "n": one.n, "failed": one.failed,
         }  # fmt: skip
         for name, (value, low, high) in one.figures.items():
             row |= {name: value, f"{name}_low": low, f"{name}_high": high}
@@ -54,14 +56,17 @@ def to_table(found: list[Told]) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def by_condition(table: pd.DataFrame) -> pd.DataFrame:
-    """AUROC by method and score (rows) and condition, with their `mean`, the best row first.
+def by_condition(table: pd.DataFrame, figure: str = "auroc") -> pd.DataFrame:
+    """A figure by method and score (rows) and condition, with their `mean`, the best row first.
 
     Args:
         table: of `to_table`.
+        figure: a name of `NOVELTY`.
     """
     order = table["scenario"].unique()
-    wide = table.pivot_table("auroc", ["method", "score"], "scenario", sort=False)[order]
+    keys = ["method", "score"]
+    wide = table.pivot_table(figure, keys, "scenario", sort=False, dropna=False)[order]
+    wide = wide.dropna(how="all")
     wide["mean"] = wide[wide.columns[wide.notna().all()]].mean(axis=1)
     return wide.sort_values("mean", ascending=False, kind="stable")
 

@@ -20,7 +20,6 @@ from eitbench.reports.figures.style import STYLE, save
 from eitbench.reports.findings.novelty import draw, to_table
 
 OUT = STUDIES / "novelty"
-IMAGES = {"psnr": "mean", "localisation_mm": "median"}
 
 
 def write(paths: Sequence[Path]) -> None:
@@ -31,7 +30,7 @@ def write(paths: Sequence[Path]) -> None:
     found.sort(key=lambda one: order.index(one.scenario))
     samples = pd.concat([run.samples for run in runs])
     images = samples.groupby(["scenario", "method"], sort=False).agg(
-        n=("sample", "size"), **{name: (name, how) for name, how in IMAGES.items()}
+        n=("sample", "size"), psnr=("psnr", "mean")
     )
     for table, name in ((to_table(found), "novelty"), (images.reset_index(), "images")):
         table.to_csv(OUT / f"{name}.csv", index=False, float_format="%.6g", lineterminator="\n")

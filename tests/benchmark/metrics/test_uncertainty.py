@@ -186,5 +186,6 @@ def test_what_is_kept_of_frames_becomes_columns() -> None:
     assert set(json.loads(summary(kept))) == {"ranks", "sparsified"}
     alone = kept_of_draws(None, draws, images, foam, placed=False)
     assert (alone.pop("placed") == 0).all()
+    np.testing.assert_allclose(alone.pop("sharpness"), kept["sharpness"])
     assert all(np.isnan(values).all() for values in alone.values())
     assert summary(alone) == ""

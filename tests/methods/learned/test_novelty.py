@@ -22,7 +22,7 @@ DISC = DeclaredFamily(
 KNOWN = SimulatedScenario(
     name="known", image_shape=(20, 20), conductivity_range=(0.05, 20.0), families=(DISC,),
     noise=SplitNoise(validation=50.0, test=50.0), imperfections=Imperfections(mesh="fine"),
-    train=0, validation=120, test=60,
+    train=0, validation=240, test=90,
 )  # fmt: skip
 
 
@@ -51,15 +51,11 @@ def judge() -> Judge:
     return Judge()
 
 
-def test_familiar_frames_are_as_far_as_those_learned_from(judge: Judge) -> None:
-    """The mean square of Mahalanobis' distance is the number of features, on what it is fitted to.
-
-    Whitening was fitted to 120 frames in 104 directions, so that the size of the residual of new
-    frames is above that of the old ones.
-    """
+def test_a_threshold_of_the_frames_learned_from_holds_on_new_ones(judge: Judge) -> None:
+    """Sizes come from frames that the covariance has not seen: 80 of 240 here."""
     learned, new = (judge.scores(load(KNOWN, split)) for split in ("validation", "test"))
-    assert np.mean(learned**2) == pytest.approx(2, rel=0.02)
-    assert np.median(learned) < np.median(new) < 4
+    limit = np.quantile(learned[160:], 0.95)
+    assert np.mean(new > limit) < 0.15
 
 
 @pytest.mark.parametrize(
@@ -86,5 +82,5 @@ def test_a_frame_without_any_change_is_finite_and_far(judge: Judge) -> None:
 
 
 def test_few_frames_are_refused() -> None:
-    with pytest.raises(InputError, match="at least 10 familiar frames, got 9"):
-        Judge(9)
+    with pytest.raises(InputError, match="at least 30 familiar frames, got 29"):
+        Judge(29)
