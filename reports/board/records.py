@@ -12,7 +12,8 @@ import numpy as np
 import pandas as pd
 
 from eitbench.benchmark import InputError, atomic_write
-from eitbench.benchmark.analysis.results import SHOWN, Run, read_run
+from eitbench.benchmark.analysis.recording_notes import write_notes
+from eitbench.benchmark.analysis.results import NOTES_FILE, SHOWN, Run, read_run
 from eitbench.benchmark.rundir import manifest
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
 from eitbench.benchmark.rundir.run_arrays import TRUTH
@@ -40,10 +41,11 @@ def write_record(run_path: Path, out: Path) -> Path:
     run = read_run(run_path)
     if lacking := _lacking(run):
         raise InputError(f"{run_path} is no whole run: {lacking}.")
+    write_notes(run_path)
     staged = out.with_name(f".{out.name}.part")
     shutil.rmtree(staged, ignore_errors=True)
     staged.mkdir(parents=True)
-    for name in (SAMPLES, run.kind.table, "recordings.json"):
+    for name in (SAMPLES, run.kind.table, NOTES_FILE):
         if (run_path / name).is_file():
             shutil.copyfile(run_path / name, staged / name)
     content = run.manifest | {"images": SHOWN}
