@@ -23,8 +23,6 @@ from eitbench.reports.page.images import shown_samples
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from eitbench.scenarios.suites.suite import Suite
-
 STEPS = 250
 """Values of an image over the data range of its sensor: images of records are rounded to these."""
 
@@ -106,18 +104,18 @@ def _write_images(run: Run, shown: Mapping[str, Sequence[int]], path: Path) -> N
                 assert name == TRUTH or array in of
 
 
-def cost(suite: Suite, records: Path) -> str:
-    """What a whole run of `suite` cost when it was last recorded in `records`, as a sentence."""
-    found = sorted(records.glob(f"*/{suite.name}/{manifest.FILE_NAME}"))
+def cost(suite: str, records: Path) -> str:
+    """What a whole run of a `suite` cost when it was last recorded in `records`, as a sentence."""
+    found = sorted(records.glob(f"*/{suite}/{manifest.FILE_NAME}"))
     if not found:
-        return f"What {suite.name!r} costs is not known: no version has a record of it."
+        return f"What {suite!r} costs is not known: no version has a record of it."
     run = read_run(found[-1].parent)
     seconds = run.samples["frame_ms"].sum() / 1e3 + run.cells["setup_s"].sum()
     size = sum(path.stat().st_size for path in run.path.iterdir()) / 1e6
     slowest = run.samples.groupby("method")["frame_ms"].sum().idxmax()
     frames = pd.Series({name: run.n(name) for name in run.scenarios()}).sum()
     return (
-        f"{suite.name!r} took its methods {seconds / 60:.0f} minutes on one core for {frames:,} "
+        f"{suite!r} took its methods {seconds / 60:.0f} minutes on one core for {frames:,} "
         f"frames in version {found[-1].parents[1].name}, most of it {slowest!r}; its record has "
         f"{size:.1f} MB."
     )

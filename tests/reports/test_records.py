@@ -99,8 +99,8 @@ def test_a_limited_run_is_no_record(tmp_path: Path) -> None:
 
 def test_the_cost_of_a_suite_is_that_of_its_last_record(record: Path) -> None:
     board = record.parents[1]
-    assert "not known" in cost(SUITE.model_copy(update={"name": "other"}), board)
-    said = cost(SUITE, board)
+    assert "not known" in cost("other", board)
+    said = cost("mine", board)
     assert "for 30 frames in version 2026.1" in said
     size = sum(path.stat().st_size for path in record.iterdir()) / 1e6
     assert f"{size:.1f} MB" in said

@@ -8,6 +8,7 @@ writes the figures of each frame to `offsets.csv`, with those of the ceiling's r
 """
 
 import json
+import math
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -53,7 +54,7 @@ def seen_with(offset: int, same: str, folder: Path) -> SimulatedScenario:
     if same == "noise":
         assert isinstance(snr_db, float)
         ratio = _size(other) / _size(foam)
-        name, snr_db = f"{name}-noise", round(snr_db + 20 * np.log10(ratio), 2)
+        name, snr_db = f"{name}-noise", round(snr_db + 20 * math.log10(ratio), 2)
     noise = known.noise.model_copy(update={"test": snr_db})
     return known.model_copy(update={"name": name, "sensor": str(path), "noise": noise})
 

@@ -40,7 +40,7 @@ def board(
         raise unknown_name("suite", suite, suites())
     found, out, run = load_suite(suite), records / version / suite, runs / suite
     check_new(out)
-    typer.echo(cost(found, records))
+    typer.echo(cost(suite, records))
     progress = RunProgress()
     if (run / manifest.FILE_NAME).is_file():
         result = resume_run(run, suite=found, jobs=jobs, progress=progress)

@@ -202,7 +202,9 @@ OTHER: dict[str, Any] = {
 }
 
 
-@pytest.mark.parametrize("field", sorted(set(SimulatedScenario.model_fields) - {"kind"}))
+@pytest.mark.parametrize(
+    "field", sorted(set(SimulatedScenario.model_fields) - {"kind", "familiar"})
+)
 def test_changing_any_declared_parameter_changes_the_data_hash(
     field: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -214,6 +216,11 @@ def test_changing_any_declared_parameter_changes_the_data_hash(
     # Imperfections of training units have no part in the others.
     for split in splits[:1] if field == "training_imperfections" else splits:
         assert changed.data_hash(split) != SCENARIO.data_hash(split)
+
+
+def test_what_a_scenario_is_told_from_has_no_part_in_its_data() -> None:
+    told = SCENARIO.model_copy(update={"familiar": "another"})
+    assert told.data_hash("test") == SCENARIO.data_hash("test")
 
 
 @pytest.mark.parametrize("split", SplitNoise.model_fields)
