@@ -2,12 +2,14 @@
 
 `python -m docs.studies.novelty.measure RUN...` reads runs, writes how well every score tells every
 condition to `novelty.csv`, the figures of images under each condition to `images.csv`, commands and
-versions of the runs to `runs.json`, and draws `docs/novelty.png`.
+versions of the runs to `runs.json`, and draws `docs/novelty.png`. Samples that several runs have
+count once, as the first of the runs has them.
 """
 
 import json
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import matplotlib as mpl
@@ -25,10 +27,10 @@ OUT = STUDIES / "novelty"
 def write(paths: Sequence[Path]) -> None:
     """Write the record of run directories, and the figure."""
     runs = [read_run(path) for path in paths]
-    found = [one for run in runs for one in read_novelty(run)]
-    order = list(dict.fromkeys(one.scenario for one in found))
-    found.sort(key=lambda one: order.index(one.scenario))
     samples = pd.concat([run.samples for run in runs])
+    samples = samples.drop_duplicates(["scenario", "method", "sample"])
+    cells = pd.concat([run.cells for run in runs]).drop_duplicates(["scenario", "method"])
+    found = read_novelty(replace(runs[0], samples=samples, cells=cells))
     images = samples.groupby(["scenario", "method"], sort=False).agg(
         n=("sample", "size"), psnr=("psnr", "mean")
     )
