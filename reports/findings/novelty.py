@@ -97,7 +97,9 @@ def draw(found: list[Told], width: float = PAGE) -> Figure:
         for k, name in enumerate(scores):
             of = [one for one in found if (one.scenario, one.score) == (scenario, name)]
             x = np.array([one.figures["auroc"] for one in of]).reshape(-1, 3)
-            y = np.array([methods.index(one.method) for one in of]) + 0.16 * (k - 1.5)
+            y = np.array([methods.index(one.method) for one in of]) + 0.15 * (
+                k - (len(scores) - 1) / 2
+            )
             axes.hlines(y, x[:, 1], x[:, 2], color=COLOURS[k], lw=0.8, zorder=2)
             axes.plot(
                 x[:, 0], y, ls="", marker=marker(k), ms=3.2, color=COLOURS[k],
