@@ -109,6 +109,8 @@ def open_submission(path: Path, *, jobs: int = 1) -> Submission:
         DataCorruptError: a table of the run is damaged.
     """
     run = read_run(path)
+    if not run.whole:
+        raise InputError(f"{path} is a record, with images of few samples: check its run.")
     if run.kind != METHOD_RUNS:
         raise InputError(f"{path} holds no images: a submission is a run of imaging methods.")
     try:

@@ -7,6 +7,12 @@ from eitbench.benchmark.analysis.results import read_run
 _BOARD = DOCS.parent / "reports" / "board"
 
 
+def _commit(name: str) -> str:
+    """Its first figures, and whether files had changed since."""
+    head, _, changed = name.partition("-")
+    return f"{head[:8]}-{changed}" if changed else head[:8]
+
+
 def _records() -> str:
     rows = []
     for path in sorted(_BOARD.glob("2*/*/manifest.json")):
@@ -16,8 +22,8 @@ def _records() -> str:
         size = sum(file.stat().st_size for file in path.parent.iterdir()) / 1e6
         rows.append([
             path.parents[1].name, f"`{path.parent.name}`", str(run.cells["method"].nunique()),
-            f"{frames:,}", f"{minutes:.0f}", f"{size:.1f}", str(run.manifest["started"])[:10],
-            str(run.manifest["git_commit"])[:8],
+            f"{frames:,}", f"{minutes:.1f}", f"{size:.1f}", str(run.manifest["started"])[:10],
+            _commit(str(run.manifest["git_commit"])),
         ])  # fmt: skip
     heads = ["version", "suite", "methods", "frames", "minutes of methods", "MB", "made", "commit"]
     return printed(heads, rows, [False, False, True, True, True, True, False, False])

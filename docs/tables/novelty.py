@@ -37,12 +37,25 @@ def _aurocs() -> str:
     return _table(by_condition(pd.read_csv(_OUT / "novelty.csv")), "auroc")
 
 
-def _of_the_best(figure: str) -> str:
-    """Another figure of the method with the best mean AUROC of each score."""
+def _caught() -> str:
+    """Of the method with the best mean AUROC of each score."""
     stored = pd.read_csv(_OUT / "novelty.csv")
     best = by_condition(stored)["mean"].groupby("score", sort=False).idxmax()
-    wide = by_condition(stored, figure)
-    return _table(wide.loc[[row for row in best if row in wide.index]], figure)
+    return _table(by_condition(stored, "caught").loc[best.tolist()], "caught")
+
+
+def _ordered() -> str:
+    """Means over the conditions of the simulated sensor, by method and score."""
+    stored = pd.read_csv(_OUT / "novelty.csv")
+    simulated = stored[stored["scenario"].str.startswith("novelty-") & stored["ordered"].notna()]
+    wide = simulated.pivot_table("ordered", "method", "score", sort=False)
+    wide = wide[[name for name in SCORES if name in wide]].sort_values("residual", ascending=False)
+    rows = [
+        [f"`{method}`", *(_text(value, NOVELTY["ordered"].form) for value in values)]
+        for method, values in zip(wide.index, wide.to_numpy(), strict=True)
+    ]
+    heads = ["Method", *(SCORES[name].title for name in wide.columns)]
+    return printed(heads, rows, [False, *[True] * (len(heads) - 1)])
 
 
 def _images() -> str:
@@ -60,7 +73,7 @@ def _images() -> str:
 
 TABLES = {
     "novelty by condition": _aurocs,
-    "novelty caught": lambda: _of_the_best("caught"),
-    "novelty and errors": lambda: _of_the_best("ordered"),
+    "novelty caught": _caught,
+    "novelty and errors": _ordered,
     "images of conditions not known": _images,
 }

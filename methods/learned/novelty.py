@@ -11,7 +11,7 @@ from eitbench.scenarios.data.datasets import Dataset, same_reference
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.sensors.patterns import averaging
 
-FEWEST = 30
+FEWEST = 15
 """Frames below which they say too little of what is usual."""
 WHITENED = 2 / 3
 """Part of the frames that the covariance of residuals is of; sizes are those of the others, since
@@ -38,7 +38,7 @@ class FrameNovelty:
 
         Args:
             problem: its reference frame is another one afterwards.
-            data: at least 30 frames.
+            data: at least 15 frames.
             images: see above.
             gain_power: of the gains of measurements that are taken out of frames, see `Problem`.
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -56,11 +57,18 @@ def write_record(run_path: Path, out: Path) -> Path:
 
 
 def check_new(out: Path) -> None:
-    """Check that there is no record in `out`.
+    """Check that there is no record in `out`, which is `RECORDS/VERSION/SUITE`, and can be one.
 
     Raises:
-        InputError: there is one.
+        InputError: there is one, no such version can be, or a file is in the way.
     """
+    if not re.fullmatch(r"20\d\d\.\d+", out.parent.name):
+        raise InputError(
+            f"A version is a year and a number, such as 2026.1; got {out.parent.name!r}."
+        )
+    in_the_way = [path for path in out.parents if path.exists() and not path.is_dir()]
+    if in_the_way:
+        raise InputError(f"{in_the_way[0]} is a file: name a folder for records with --records.")
     if out.exists():
         raise InputError(
             f"{out} is there already, and records are never edited: give a new --version."
@@ -72,7 +80,9 @@ def _lacking(run: Run) -> str:
     suite = manifest.suite_of(run.manifest)
     if run.kind is not METHOD_RUNS:
         return "it does not rank methods"
-    if run.manifest.get("plan", {}).get("limit") is not None and suite.limit is None:
+    if not run.whole:
+        return "it is a record itself, with images of few samples"
+    if run.manifest.get("plan", {}).get("limit") != suite.limit:
         return "it was limited to some test samples"
     if missing := [s.name for s in suite.scenarios if s.name not in run.scenarios()]:
         return f"it lacks the scenario {missing[0]!r}"
@@ -115,7 +125,7 @@ def cost(suite: str, records: Path) -> str:
     slowest = run.samples.groupby("method")["frame_ms"].sum().idxmax()
     frames = pd.Series({name: run.n(name) for name in run.scenarios()}).sum()
     return (
-        f"{suite!r} took its methods {seconds / 60:.0f} minutes on one core for {frames:,} "
+        f"{suite!r} took its methods {seconds / 60:.1f} minutes on one core for {frames:,} "
         f"frames in version {found[-1].parents[1].name}, most of it {slowest!r}; its record has "
         f"{size:.1f} MB."
     )

@@ -111,11 +111,13 @@ def _unlike_familiar(scenario: Scenario, by_name: Mapping[str, Scenario]) -> str
         return ""
     known = by_name.get(scenario.familiar)
     if known is None or isinstance(known, TransferScenario):
-        return f"is {scenario.familiar!r}, which the suite does not declare"
+        return f"is {scenario.familiar!r}, and the suite declares {', '.join(by_name)}"
+    if known == scenario:
+        return "is the scenario itself"
     if known.familiar:
         return f"is {known.name!r}, which names a familiar one itself"
     if known.nominal_sensor != scenario.nominal_sensor:
-        return f"is {known.name!r}, which is on another sensor"
+        return f"is {known.name!r}, whose sensor, image or range of conductivity is another"
     return ""
 
 

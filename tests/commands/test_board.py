@@ -39,6 +39,26 @@ def test_a_suite_is_run_and_recorded_and_its_cost_is_known_from_then_on(
     assert (tmp_path / "board" / "2026.2" / "quick" / "manifest.json").is_file()
 
 
+@pytest.mark.parametrize("version", ["", "../../out", "2026", "v1"])
+def test_a_version_is_a_year_and_a_number(tmp_path: Path, version: str) -> None:
+    with pytest.raises(InputError, match="A version is a year and a number"):
+        CliRunner().invoke(
+            app, board(tmp_path, "quick", "--version", version), catch_exceptions=False
+        )
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_is_in_the_way_is_named_before_anything_runs(tmp_path: Path) -> None:
+    (tmp_path / "board").write_text("a file")
+    with pytest.raises(InputError, match="is a file: name a folder for records with --records"):
+        CliRunner().invoke(app, board(tmp_path, "quick"), catch_exceptions=False)
+    (tmp_path / "board").unlink()
+    (tmp_path / "runs" / "quick").mkdir(parents=True)
+    (tmp_path / "runs" / "quick" / "notes.txt").write_text("mine")
+    with pytest.raises(InputError, match="holds something that is no run"):
+        CliRunner().invoke(app, board(tmp_path, "quick"), catch_exceptions=False)
+
+
 def test_an_unknown_suite_is_named(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="did you mean 'quick'"):
         CliRunner().invoke(app, board(tmp_path, "quik"), catch_exceptions=False)

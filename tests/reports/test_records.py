@@ -87,14 +87,14 @@ def test_a_run_of_a_part_of_its_suite_is_no_record(
     plan = make_plan(more, methods=["noser", "greit"], scenarios=["n"])
     part = start_run(plan, tmp_path / "part").path
     with pytest.raises(InputError, match=says):
-        write_record(part, tmp_path / "record")
-    assert not (tmp_path / "record").exists()
+        write_record(part, tmp_path / "2026.1" / "record")
+    assert not (tmp_path / "2026.1" / "record").exists()
 
 
 def test_a_limited_run_is_no_record(tmp_path: Path) -> None:
     limited = start_run(make_plan(SUITE, limit=3), tmp_path / "run").path
     with pytest.raises(InputError, match="limited to some test samples"):
-        write_record(limited, tmp_path / "record")
+        write_record(limited, tmp_path / "2026.1" / "record")
 
 
 def test_the_cost_of_a_suite_is_that_of_its_last_record(record: Path) -> None:

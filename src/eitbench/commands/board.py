@@ -33,7 +33,7 @@ def board(
     from eitbench.benchmark.rundir import manifest
     from eitbench.commands.console import warn
     from eitbench.reports.board.records import check_new, cost, write_record
-    from eitbench.scenarios.errors import unknown_name
+    from eitbench.scenarios.errors import InputError, unknown_name
     from eitbench.scenarios.suites.suite import load_suite, suites
 
     if suite not in suites():
@@ -42,7 +42,12 @@ def board(
     check_new(out)
     typer.echo(cost(suite, records))
     progress = RunProgress()
-    if (run / manifest.FILE_NAME).is_file():
+    begun = (run / manifest.FILE_NAME).is_file()
+    if begun and manifest.read(run)["plan"]["suite"]["name"] != suite:
+        raise InputError(f"{run} holds a run of another suite: name another folder with --runs.")
+    if not begun and run.exists() and not (run.is_dir() and not any(run.iterdir())):
+        raise InputError(f"{run} holds something that is no run: name another folder with --runs.")
+    if begun:
         result = resume_run(run, suite=found, jobs=jobs, progress=progress)
     else:
         result = start_run(make_plan(found), run, jobs=jobs, progress=progress)

@@ -82,5 +82,5 @@ def test_a_frame_without_any_change_is_finite_and_far(judge: Judge) -> None:
 
 
 def test_few_frames_are_refused() -> None:
-    with pytest.raises(InputError, match="at least 30 familiar frames, got 29"):
-        Judge(29)
+    with pytest.raises(InputError, match="at least 15 familiar frames, got 14"):
+        Judge(14)
