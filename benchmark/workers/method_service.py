@@ -24,6 +24,8 @@ from eitbench.scenarios.suites.scenario import Scenario
 from eitbench.scenarios.suites.suite import learned_from
 
 Frames = NDArray[np.float64]
+Statement = tuple[Callable[..., object], tuple[tuple[int, ...], ...]]
+"""What states something of frames, and the shapes that it may have for each frame."""
 BATCH = 32
 """Frames that a run asks for at once."""
 
@@ -134,11 +136,11 @@ class MethodService:
         said = {name: np.concatenate(parts) for name, parts in stated.items()}
         return Reply({"images": found, **said, "seconds": more}, seconds)
 
-    def _statements(self) -> dict[str, tuple[Callable[..., object], tuple[tuple[int, ...], ...]]]:
+    def _statements(self) -> dict[str, Statement]:
         """What is asked for beside images, with the shapes that it may have for each frame."""
         method, whole = self._method, self.sensor.image_shape
         assert method is not None
-        found: dict[str, tuple[Callable[..., object], tuple[tuple[int, ...], ...]]] = {}
+        found: dict[str, Statement] = {}
         if method.states_uncertainty() and self._draws_fit:
             found["uncertainty"] = method.uncertainty, (whole, (DRAWS, *whole))
         if method.states_novelty():
