@@ -129,7 +129,7 @@ def _rivals(run: Run, scenario: str) -> int:
 
 def _repeats(entry: Entry, other: Entry) -> bool:
     """True if two entries are one method with the same parameters, code and results."""
-    if _made_with(entry) != _made_with(other):
+    if made_with(entry) != made_with(other):
         return False
     cells = [of.cell.sort_values("sample") for of in (entry, other)]
     if any(list(cells[0][name]) != list(cells[1][name]) for name in ("sample", "status")):
@@ -140,8 +140,8 @@ def _repeats(entry: Entry, other: Entry) -> bool:
     )
 
 
-def _made_with(entry: Entry) -> tuple[Any, ...]:
-    """What a method's results are made with: its name, plugin, track, parameters and weights."""
+def made_with(entry: Entry) -> tuple[Any, ...]:
+    """Return what a method's results are made with: name, track, parameters, weights, plugin."""
     kind, about = entry.run.kind, entry.run.manifest
     name, scenario = entry.row[kind.name], entry.row["scenario"]
     settings = ("variant", "track", "parameters", "weights")

@@ -56,7 +56,7 @@ from eitbench.scenarios.data.datasets import Dataset, load
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.phantoms.contacts import locate
 from eitbench.scenarios.recordings.fetch import fetch_recording
-from eitbench.scenarios.suites.scenario import RecordedScenario, Scenario
+from eitbench.scenarios.suites.scenario import RecordedScenario, Scenario, opened
 from eitbench.scenarios.suites.suite import Suite
 
 WARM_SECONDS = 1.0
@@ -240,7 +240,7 @@ class MethodCellTask(FrameTask):
     def service(self) -> MethodService:
         """Return the method with its problem."""
         plan, test = self.plan, self.data.test
-        splits = partial(learning_splits, self.data.familiar)
+        splits = partial(learning_splits, opened(self.data.familiar))
         return MethodService(
             test.sensor,
             self.data.reference,

@@ -34,7 +34,7 @@ from eitbench.scenarios.errors import (
     counted,
 )
 from eitbench.scenarios.interrupts import termination_interrupts
-from eitbench.scenarios.suites.suite import Suite
+from eitbench.scenarios.suites.suite import Suite, hidden_key
 
 __all__ = [
     "Plan",
@@ -282,6 +282,7 @@ def _new_manifest(plan: Plan, data: dict[str, CellData], lost: Lost, jobs: int) 
         "threads": THREADS,
         "seeds": {"methods": SEED},
         "plan": plan.model_dump(mode="json"),
+        **({"hidden": hidden} if (hidden := hidden_key(plan.suite)) else {}),
         "data": {
             name: {
                 "hash": there.test.data_hash,

@@ -159,6 +159,7 @@ class _Manifest(_Part):
     calibration_ms: _Positive | None = None
     started: _Line | None = None
     git_commit: _Line | None = None
+    hidden: _Line | None = None
 
 
 def read(run: Path) -> Manifest:

@@ -80,6 +80,8 @@ def _lacking(run: Run) -> str:
     suite = manifest.suite_of(run.manifest)
     if run.kind is not METHOD_RUNS:
         return "it does not rank methods"
+    if run.manifest.get("hidden"):
+        return "it holds frames of a hidden set, of which only figures are published"
     if not run.whole:
         return "it is a record itself, with images of few samples"
     if run.manifest.get("plan", {}).get("limit") != suite.limit:

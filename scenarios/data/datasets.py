@@ -256,19 +256,20 @@ def _measured(scenario: SimulatedScenario, split: Split, clean: CleanFrames) -> 
     pattern = scenario.nominal_sensor.pattern
     frames, references = np.empty_like(clean.voltages), np.empty_like(clean.voltages)
     snr_db, touch_snr_db, distance_db = (np.full(len(frames), np.nan) for _ in range(3))
+    key = scenario.key(split)
     modelled = nominal_frames(scenario, split, len(frames)) if split == "test" else None
     for first in range(0, len(frames), TOUCHES):
         session = first // TOUCHES
         board = scenario.split_imperfections(split, session)
         noise = scenario.split_noise(split)
-        level = session_snr_db(noise, scenario=scenario.name, split=split, session=session)
+        level = session_snr_db(noise, scenario=scenario.name, split=split, session=session, key=key)
         rows = slice(first, first + TOUCHES)
         touched, untouched = clean.voltages[rows], clean.untouched[first]
         times = np.arange(first, first + len(touched)) * np.float64(TOUCH_INTERVAL_S)
         analogue = board.analogue(touched, untouched, pattern, times)
         noisy = np.array(
             [
-                measured(frame, level, scenario.name, split, noise, first + k)
+                measured(frame, level, scenario.name, split, noise, first + k, key=key)
                 for k, frame in enumerate(analogue)
             ]
         )
@@ -281,7 +282,8 @@ def _measured(scenario: SimulatedScenario, split: Split, clean: CleanFrames) -> 
             touches, expected = modelled
             gain = expected @ still / (expected @ expected)  # which every method fits
             distance_db[rows] = distance_of_touch(gain * touches[rows], seen)
-        at_rest = measured(at_rest, level, scenario.name, split, noise, "reference", session)
+        axes = (scenario.name, split, noise, "reference", session)
+        at_rest = measured(at_rest, level, *axes, key=key)
         references[rows] = board.digital(at_rest[None], untouched, pattern)
         snr_db[rows] = level
         touch_snr_db[rows] = snr_of_touch(touched - untouched, analogue, level)

@@ -50,7 +50,7 @@ def phantom(scenario: SimulatedScenario, split: Split, sample: int) -> Phantom:
     if designed is not None:
         return designed
     families = scenario.split_families(split)
-    rng = generator("phantom", scenario.phantom_stream, split, sample)
+    rng = generator("phantom", scenario.phantom_stream, split, sample, key=scenario.key(split))
     return draw(families[sample % len(families)], scenario.nominal_sensor, rng)
 
 

@@ -53,25 +53,28 @@ def distance_of_touch(modelled: ArrayLike, seen: ArrayLike) -> Array:
         return np.asarray(10 * np.log10(np.mean(np.square(seen), axis=1) / error))
 
 
-def session_snr_db(noise: Noise, *, scenario: str, split: str, session: int) -> float:
+def session_snr_db(
+    noise: Noise, *, scenario: str, split: str, session: int, key: bytes = b""
+) -> float:
     """SNR [dB] of all that is measured in a session, its reference frame too; NaN if it is clean.
 
-    A mixture is drawn from the key ("noise", scenario, split, "mixture", "session", session).
+    A mixture is drawn from the axes ("noise", scenario, split, "mixture", "session", session), of
+    a hidden set with its secret `key`.
     """
     if noise == "clean":
         return np.nan
     if noise != "mixture":
         return float(noise)
-    rng = generator("noise", scenario, split, noise, "session", session)
+    rng = generator("noise", scenario, split, noise, "session", session, key=key)
     return rng.uniform(*MIXTURE_SNR_DB) if rng.random() < MIXTURE_SHARE else np.nan
 
 
-def measured(frame: ArrayLike, snr_db: float, *axes: Axis) -> Array:
-    """`frame` (M,) as measured at `snr_db`, with noise drawn from the key ("noise", *axes).
+def measured(frame: ArrayLike, snr_db: float, *axes: Axis, key: bytes = b"") -> Array:
+    """`frame` (M,) as measured at `snr_db`, with noise drawn from ("noise", *axes).
 
     Axes name a sample or the reference frame of a session, so that every method sees the same bits
     whatever the number of samples (trust rule 1 of CONTRIBUTING).
     """
     if np.isnan(snr_db):
         return np.array(frame, dtype=np.float64)
-    return add_noise(frame, snr_db, generator("noise", *axes))
+    return add_noise(frame, snr_db, generator("noise", *axes, key=key))

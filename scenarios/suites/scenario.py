@@ -1,5 +1,6 @@
 """Scenarios: simulated or recorded data, declared in full."""
 
+import hashlib
 from dataclasses import asdict, replace
 from functools import lru_cache
 from typing import Annotated, Any, Literal, Self
@@ -8,6 +9,7 @@ from pydantic import (
     BeforeValidator,
     Discriminator,
     Field,
+    PrivateAttr,
     Tag,
     ValidationInfo,
     field_validator,
@@ -29,6 +31,7 @@ from eitbench.scenarios.physics.forward import ForwardModel
 from eitbench.scenarios.physics.mesh import Mesh, build_mesh, mesh_recipe, triangle_mesh
 from eitbench.scenarios.physics.slab import SLAB, SlabModel
 from eitbench.scenarios.recordings import RecordedSet, is_recording, recorded_set
+from eitbench.scenarios.seeds import generator
 from eitbench.scenarios.sensors.sensor import Electrode, Sensor, content_hash
 from eitbench.scenarios.sensors.sensor_file import ConductivityRange, Side
 
@@ -119,6 +122,8 @@ class SimulatedScenario(Declaration):
     calibrated: bool = False
     familiar: str = ""
     acuity: Acuity | None = None
+    # No field: it is in no file and no manifest.
+    _key: bytes = PrivateAttr(b"")
 
     @field_validator("sensor")
     @classmethod
@@ -173,6 +178,25 @@ class SimulatedScenario(Declaration):
         """The sensor that methods know."""
         return _nominal_sensor(self.sensor, self.image_shape, self.conductivity_range)
 
+    def drawn_with(self, key: bytes) -> Self:
+        """The scenario with its test split drawn with a secret `key`; b"" for the open one.
+
+        Phantoms, units of the sensor and noise, reference frames included, are others of the same
+        families, tolerances and levels. The other splits stay as they are.
+        """
+        found = self.model_copy()
+        found._key = key
+        return found
+
+    def key(self, split: Split) -> bytes:
+        """The secret key that `split` is drawn with; b"" without one."""
+        return self._key if split == "test" else b""
+
+    @property
+    def hidden(self) -> str:
+        """SHA-256 (hex) of the secret key of a hidden test split; "" of the open one."""
+        return hashlib.sha256(self._key).hexdigest() if self._key else ""
+
     def data_model(self, split: Split, session: int = 0) -> ForwardModel | SlabModel:
         """The forward model that the data of a session of `split` come from."""
         imperfections = self.split_imperfections(split, session)
@@ -186,6 +210,8 @@ class SimulatedScenario(Declaration):
         if split == "train" or (split == "validation" and self.ladder):
             return Imperfections()
         unit = self.imperfections.unit + session
+        if key := self.key(split):
+            unit = int(generator("unit", unit, key=key).integers(2**63))
         # No unit is in two splits.
         return self.imperfections.model_copy(
             update={"unit": unit if split == "test" else -1 - unit}
@@ -241,6 +267,7 @@ class SimulatedScenario(Declaration):
             "foam": asdict(FOAM),
             "phantoms": self.phantom_stream,
             "split": split,
+            **({"hidden": self.hidden} if self.key(split) else {}),
             **({"acuity": self.acuity.model_dump(mode="json")} if designed and self.acuity else {}),
         }
 
@@ -426,6 +453,11 @@ def _declared(scenario: SimulatedScenario | RecordedScenario, apart: set[str]) -
 Scenario = Annotated[
     SimulatedScenario | RecordedScenario | TransferScenario, Field(discriminator="kind")
 ]
+
+
+def opened(scenario: Scenario) -> Scenario:
+    """The scenario without the secret key of a hidden test split, as methods may have it."""
+    return scenario.drawn_with(b"") if isinstance(scenario, SimulatedScenario) else scenario
 
 
 def _nominal_sensor(

@@ -179,6 +179,30 @@ def on_sensor(suite: Suite, name: str) -> Suite:
     return suite.model_copy(update={"scenarios": tuple(found)})
 
 
+def drawn_with(suite: Suite, key: bytes) -> Suite:
+    """Return the scenarios of `suite` whose test split is drawn, drawn with the secret `key`.
+
+    Raises:
+        InputError: there is none: recordings and designs are what they are.
+    """
+    drawn = tuple(
+        scenario.drawn_with(key)
+        for scenario in suite.scenarios
+        if isinstance(scenario, SimulatedScenario) and scenario.acuity is None
+    )
+    if not drawn:
+        raise InputError(
+            f"Suite {suite.name!r} has no hidden set: its frames are recordings or a design, and "
+            "no key draws them. Name a suite of simulated touches."
+        )
+    return suite.model_copy(update={"scenarios": drawn})
+
+
+def hidden_key(suite: Suite) -> str:
+    """Return the SHA-256 (hex) of the key that a hidden suite is drawn with; "" of an open one."""
+    return next((s.hidden for s in suite.scenarios if isinstance(s, SimulatedScenario)), "")
+
+
 @cache
 def scenarios() -> Mapping[str, SimulatedScenario | RecordedScenario]:
     """Every scenario of the packaged suites by name, but for those of the kind "transfer"."""

@@ -17,6 +17,7 @@ from eitbench.commands import ceiling as ceiling_commands
 from eitbench.commands import choose as choose_commands
 from eitbench.commands import design as design_commands
 from eitbench.commands import hardware as hardware_commands
+from eitbench.commands import hidden as hidden_commands
 from eitbench.commands import latency as latency_commands
 from eitbench.commands import methods as method_commands
 from eitbench.commands import recordings as recording_commands
@@ -101,6 +102,7 @@ for commands in (
 ):
     app.add_typer(commands.app)
 app.add_typer(recording_commands.app, name="recordings")
+app.add_typer(hidden_commands.app, name="hidden")
 
 
 def main() -> None:

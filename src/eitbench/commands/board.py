@@ -9,6 +9,9 @@ app = typer.Typer()
 
 VERSION = "2026.1"
 """Of the leaderboard that is being made."""
+Version = Annotated[str, typer.Option(help="Of the leaderboard.")]
+Records = Annotated[Path, typer.Option(metavar="DIR", help="The records of all versions.")]
+RECORDS = Path("reports/board")
 
 
 @app.command(epilog="Example: eitbench board quick --runs runs/board")
@@ -17,10 +20,8 @@ def board(
     runs: Annotated[
         Path, typer.Option(metavar="DIR", help="Where the run goes; a stopped one goes on.")
     ],
-    version: Annotated[str, typer.Option(help="Of the leaderboard.")] = VERSION,
-    records: Annotated[
-        Path, typer.Option(metavar="DIR", help="The records of all versions.")
-    ] = Path("reports/board"),
+    version: Version = VERSION,
+    records: Records = RECORDS,
     jobs: Annotated[int, typer.Option(min=1, help="Cells (scenario x method) at a time.")] = 1,
 ) -> None:
     """Run a whole suite and keep it as a record of the leaderboard, small enough for git.

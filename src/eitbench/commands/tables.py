@@ -9,6 +9,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from eitbench.benchmark.analysis.comparison import Change, RunComparison
+    from eitbench.benchmark.analysis.hidden import Gap
 
 # Longer than a line; programs get it.
 _HIDDEN = ("citation",)
@@ -98,6 +99,26 @@ def changes_table(comparison: "RunComparison") -> "Table":
             _ratio(change),
             Text(change.verdict, style=_STYLES.get(change.verdict, "")),
         )
+    return shown
+
+
+def gaps_table(gaps: "Sequence[Gap]") -> "Table":
+    """Table of methods on the open and the hidden test split, one line each."""
+    from rich import box
+    from rich.table import Table
+    from rich.text import Text
+
+    from eitbench.reports.tables.columns import printable
+    from eitbench.reports.tables.gaps import HEADS, gap_texts
+
+    shown = Table(*HEADS[:2], box=box.SIMPLE_HEAD)
+    for heading in HEADS[2:-1]:
+        shown.add_column(heading, justify="right", no_wrap=True)
+    shown.add_column(HEADS[-1])
+    for gap in gaps:
+        style = _STYLES["worse"] if gap.falls else ""
+        *texts, verdict = map(printable, gap_texts(gap))
+        shown.add_row(*map(Text, texts), Text(verdict, style=style))
     return shown
 
 

@@ -1,0 +1,50 @@
+"""Methods on the open and the hidden test split, as rows of a table."""
+
+from collections.abc import Sequence
+
+from eitbench.benchmark.analysis.hidden import Gap
+from eitbench.benchmark.metrics.specs import METRICS
+from eitbench.benchmark.metrics.statistics import MIN_CLUSTERS
+from eitbench.reports.tables.columns import METHOD_LAYOUT
+
+HEADS = ("Scenario", "Method", "Figure", "n", "Open", "Hidden", "Difference (95 %)", "p", "Verdict")
+_FORMS = {column.name: column for column in METHOD_LAYOUT.columns}
+
+
+def difference(gap: Gap) -> str:
+    """Return hidden minus open, with its 95 % interval if it has one."""
+    number = _FORMS[gap.figure].number
+    ends = "" if gap.low is None else f" ({number(gap.low)} to {number(gap.high)})"
+    return number(gap.difference) + ends
+
+
+def gap_texts(gap: Gap) -> list[str]:
+    """Return the texts of a row, in the order of `HEADS`."""
+    number, p = _FORMS[gap.figure].number, gap.p
+    return [
+        gap.scenario,
+        gap.method,
+        METRICS[gap.figure].heading,
+        str(gap.n),
+        number(gap.open),
+        number(gap.hidden),
+        difference(gap),
+        "–" if p is None else f"{p:.3f}" if p >= 0.001 else "<0.001",
+        _verdict(gap),
+    ]
+
+
+def _verdict(gap: Gap) -> str:
+    if gap.p is None:
+        return "too few to test"
+    return "falls by more than chance" if gap.falls else "no fall found"
+
+
+def gaps_note(gaps: Sequence[Gap]) -> str:
+    """Return a sentence on how the gaps were tested."""
+    tested = sum(gap.p is not None for gap in gaps)
+    return (
+        f"Difference: hidden minus open. p: of no difference, two-sided, adjusted for the {tested} "
+        "gaps of this table (Holm). The two sets are drawn apart from each other, so both vary by "
+        f"chance; whole sessions are drawn, and fewer than {MIN_CLUSTERS} give no test."
+    )

@@ -1,0 +1,108 @@
+"""Commands of the hidden test sets, which are drawn with a secret key."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from eitbench.commands.board import RECORDS, VERSION, Records, Version
+from eitbench.commands.console import Json, names_in, print_json, print_renderable, warn
+
+app = typer.Typer(
+    help="Hidden test sets: drawn with a secret key whose hash is published.",
+    epilog="Example: eitbench hidden new-key board.key",
+    no_args_is_help=True,
+)
+
+
+@app.command("new-key", epilog="Example: eitbench hidden new-key board.key")
+def new_key(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="New file, to be kept secret.")],
+) -> None:
+    """Make a random key and print its SHA-256, which is published before the key is used."""
+    from eitbench.benchmark.analysis.hidden import KEYS
+    from eitbench.benchmark.analysis.hidden import new_key as made
+
+    sha256 = made(file)
+    typer.echo(f"Key: {file}. Keep it out of every repository.")
+    typer.echo(f"Publish its hash in {RECORDS / KEYS}: sha256 = {sha256!r}")
+
+
+@app.command("run", epilog="Example: eitbench hidden run noise --key board.key --out runs/hidden")
+def run(
+    suite: Annotated[str, typer.Argument(help="A packaged suite (eitbench list suites).")],
+    key: Annotated[Path, typer.Option(metavar="FILE", help="The secret key.")],
+    out: Annotated[Path, typer.Option(metavar="DIR", help="New folder, kept secret like the key.")],
+    methods: Annotated[
+        str | None, typer.Option(metavar="A,B", help="Run these methods only.")
+    ] = None,
+    scenarios: Annotated[
+        str | None, typer.Option(metavar="X,Y", help="Run these scenarios only.")
+    ] = None,
+    plugin: Annotated[
+        list[Path] | None, typer.Option(metavar="FILE.py", help="A file with more methods.")
+    ] = None,
+    jobs: Annotated[int, typer.Option(min=1, help="Cells (scenario x method) at a time.")] = 1,
+    version: Version = VERSION,
+    records: Records = RECORDS,
+) -> None:
+    """Run methods on touches, units of the sensor and noise that nobody else can draw.
+
+    Methods are isolated: they have no network and cannot read the key. Training and validation data
+    are those of the open suite. The run holds the true images, so it stays with the key; `eitbench
+    hidden gap` makes what is published.
+    """
+    from eitbench.benchmark.analysis.hidden import KEYS, hidden_suite, read_key
+    from eitbench.benchmark.run.progress import RunProgress
+    from eitbench.benchmark.run.runner import make_plan, start_run
+    from eitbench.benchmark.workers.confinement import check_isolation
+    from eitbench.scenarios.errors import unknown_name
+    from eitbench.scenarios.suites.suite import load_suite, suites
+
+    if suite not in suites():
+        raise unknown_name("suite", suite, suites())
+    found = hidden_suite(load_suite(suite), version, read_key(key), records / KEYS)
+    check_isolation()
+    plan = make_plan(
+        found,
+        methods=names_in("--methods", methods),
+        scenarios=names_in("--scenarios", scenarios),
+        plugins=plugin or (),
+        isolate=True,
+    )
+    result = start_run(plan, out, jobs=jobs, isolate=True, progress=RunProgress())
+    for sentence in (*result.skipped, *result.refused):
+        warn(sentence)
+    typer.echo(f"Run: {result.path}")
+    typer.echo("It holds the true images: keep it as secret as the key until that is retired.")
+
+
+@app.command("gap", epilog="Example: eitbench hidden gap runs/open runs/hidden")
+def gap(
+    open_run: Annotated[
+        Path, typer.Argument(metavar="OPEN", help="A run of the open suite, or its record.")
+    ],
+    hidden_run: Annotated[
+        Path, typer.Argument(metavar="HIDDEN", help="A run of `eitbench hidden run`.")
+    ],
+    record: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="Keep the figures in this version of the leaderboard."),
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Say what each method loses on the hidden set, and whether that is more than chance."""
+    from eitbench.benchmark.analysis.hidden import hidden_record, write_hidden
+    from eitbench.benchmark.analysis.results import read_run
+    from eitbench.commands.tables import gaps_table
+    from eitbench.reports.tables.gaps import gaps_note
+
+    found = hidden_record(read_run(open_run), read_run(hidden_run))
+    path = None if record is None else write_hidden(found, record)
+    if as_json:
+        print_json(found.model_dump(mode="json"))
+        return
+    print_renderable(gaps_table(found.gaps))
+    typer.echo(gaps_note(found.gaps))
+    if path is not None:
+        typer.echo(f"Record: {path}")
