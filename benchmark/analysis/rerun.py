@@ -12,15 +12,18 @@ import json
 import math
 import tempfile
 import threading
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from random import SystemRandom
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from eitbench.benchmark.analysis.results import NOTES_FILE, describe_actions
+from eitbench.benchmark.analysis.results import NOTES_FILE, ROUNDED, describe_actions
 from eitbench.benchmark.analysis.submission import Check, Submission
+from eitbench.benchmark.checks.method_checks import SAME_FRAME
 from eitbench.benchmark.run.cell import BatchRunner
 from eitbench.benchmark.run.cell_task import CellPlan, StoredSamples
 from eitbench.benchmark.run.method_cell import MethodCellTask, MethodData
@@ -40,6 +43,8 @@ VERIFIED = "verified.json"
 
 ROUNDING = 1e-3
 """Difference of images, as a share of the background, that another processor may cause."""
+FLOAT16 = float(np.finfo(np.float16).eps)
+"""Relative difference of two numbers that are neighbours in float16."""
 
 
 def rerun(submission: Submission, n: int, *, isolate: bool = False) -> list[Check]:
@@ -71,42 +76,99 @@ def _problem(submission: Submission, entry: Mapping[str, Any], n: int, isolate: 
     plan = CellPlan(
         cell, entry["track"], entry["parameters"], entry["spent"], suite, copy, data.batch
     )
-    with tempfile.TemporaryDirectory() as folder:
-        task = MethodCellTask(plan, RunStore.create(Path(folder), METHOD_RUNS), data)
-        runner = BatchRunner(task, lambda done: None, threading.Event(), isolate=isolate)
-        # Nobody can foresee which; a batch of another size has other last bits.
-        tested = [rows for split, rows in runner.pending if split == "test"]
-        drawn = SystemRandom().sample(tested, min(len(tested), _batches(n)))
-        runner.pending = [
-            (split, rows) for split, rows in runner.pending if split != "test" or rows in drawn
-        ]
-        row = runner.run()
-        made = {split: StoredSamples(task, split) for split in task.sizes}
+    # Nobody can foresee which; a batch of another size has other last bits.
+    size = len(data.test)
+    starts = range(0, size, data.batch)
+    drawn = SystemRandom().sample(starts, min(len(starts), _batches(n)))
+    batches = [slice(start, min(start + data.batch, size)) for start in sorted(drawn)]
+    row, made = _made(MethodCellTask, plan, data, batches, isolate)
     samples = np.flatnonzero(made["test"].status != "")
     stored = run.estimates(scenario, name, samples.tolist())
     if stored is None:
         return "It holds no images."
-    allowed = 0.0 if _same_machine(submission) else ROUNDING * data.test.sensor.background
-    pairs = [(stored, made["test"].values["conductivity"][samples])]
-    if data.validation is not None:
+    rounded = run.manifest.get("images") == ROUNDED
+    same, slight = _same_machine(submission), ROUNDING * data.test.sensor.background
+    ours = made["test"].values["conductivity"][samples]
+    away = _away(stored, ours, 0.0 if same else slight, rounded=rounded, exact=same)
+    if data.validation is not None and not away.any():
         images = made["validation"].values["conductivity"]
-        arrays = run.path / METHOD_RUNS.arrays
-        pairs.append((read_validation(arrays, scenario, name, images.shape), images))
-    for theirs, ours in pairs:
-        if not np.allclose(theirs, ours, rtol=0, atol=allowed, equal_nan=True):
-            away = np.abs(theirs - ours).max(axis=(1, 2))
-            reasons = [message for message in made["test"].message if message]
-            return (
-                f"{np.count_nonzero(~(away <= allowed))} of {len(away)} images differ from those "
-                f"that it makes here{f' ({reasons[0]})' if reasons else ''}."
-            )
+        theirs = read_validation(run.path / METHOD_RUNS.arrays, scenario, name, images.shape)
+        away = _away(theirs, images, 0.0 if same else slight, rounded=False, exact=same)
+    if away.any():
+        reasons = [message for message in made["test"].message if message]
+        return (
+            f"{np.count_nonzero(away)} of {len(away)} images differ from those that it makes "
+            f"here{f' ({reasons[0]})' if reasons else ''}."
+        )
+    # Frame by frame, the last one first: a method that learns from the frames that it is shown, or
+    # from those beside a frame, makes other images now.
+    singles = [slice(k, k + 1) for k in samples[::-1].tolist()[:n]]
+    _, alone = _made(_TestFrames, replace(plan, batch=1), data, singles, isolate)
+    tried = np.flatnonzero(alone["test"].status != "")
+    again = alone["test"].values["conductivity"][tried]
+    allowed = SAME_FRAME * data.test.sensor.data_range
+    moved = _away(stored[np.isin(samples, tried)], again, allowed, rounded=rounded, exact=False)
+    if moved.any():
+        return (
+            f"{np.count_nonzero(moved)} of {len(moved)} images are others where each frame is "
+            "asked for alone, the last one first: an image depends on other frames."
+        )
     known = run.cells[(run.cells["scenario"] == scenario) & (run.cells["method"] == name)]
     for column in ("prior_knowledge", "differs"):
         if known[column].tolist() != [row.get(column, "")]:
             what = column.replace("_", " ")
             return f"Its {what}, as noted here, is not what the run directory says."
+    if row.get("overlap", 0.0) > 0:
+        return f"Run again, it learned from {row['overlap']:.0f} of the test samples."
     did = describe_actions(row.get("actions"))
     return f"Run again, it {did}." if did else ""
+
+
+class _TestFrames(MethodCellTask):
+    """A method that is asked for frames of the test split alone."""
+
+    @property
+    def sizes(self) -> Mapping[str, int]:
+        """The test frames."""
+        return {"test": len(self.data.test)}
+
+
+def _made(
+    kind: type[MethodCellTask],
+    plan: CellPlan,
+    data: MethodData,
+    batches: Sequence[slice],
+    isolate: bool,
+) -> tuple[dict[str, Any], dict[str, StoredSamples]]:
+    """Run a method anew on these `batches` of the test split, in this order.
+
+    Returns:
+        The figures of its cell, and the samples of each split.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        task = kind(plan, RunStore.create(Path(folder), METHOD_RUNS), data)
+        runner = BatchRunner(task, lambda done: None, threading.Event(), isolate=isolate)
+        others = [(split, rows) for split, rows in runner.pending if split != "test"]
+        runner.pending = others + [("test", rows) for rows in batches]
+        row = runner.run()
+        return row, {split: StoredSamples(task, split) for split in task.sizes}
+
+
+def _away(
+    theirs: NDArray[Any], ours: NDArray[Any], allowed: float, *, rounded: bool, exact: bool
+) -> NDArray[np.bool_]:
+    """Mask (n,) of images (n, H, W) that differ by more than `allowed` [S/m].
+
+    Args:
+        rounded: true if theirs were rounded to float16.
+        exact: true if ours are the same numbers before that.
+    """
+    if rounded:
+        with np.errstate(over="ignore"):
+            ours = ours.astype(np.float16).astype(np.float32)
+    relative = FLOAT16 if rounded and not exact else 0.0
+    same = np.isclose(theirs, ours, rtol=relative, atol=allowed, equal_nan=True)
+    return np.asarray(~same.all(axis=(1, 2)))
 
 
 def _batches(n: int) -> int:

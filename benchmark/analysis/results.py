@@ -39,8 +39,9 @@ GUESS = {
 """Notes on guessing one place, and the figures of a method that they stand beside."""
 NOTES = ("reciprocity_error", "repeat_noise", *GUESS, "guess_force_n", "guess_load_percent")
 NOTES_FILE = "recordings.json"
-SHOWN = "shown"
-"""Entry `images` of the manifest of a record, see `reports.board.records`."""
+SHOWN, ROUNDED = "shown", "float16"
+"""Entries `images` of a manifest: of a record, and of a submission with rounded images, see
+`reports.board`."""
 _NOTES = TypeAdapter(dict[str, dict[str, float | None]], config=ConfigDict(strict=True))
 
 _FAMILIES = {"same": "the families of the test phantoms", "other": "other families of phantoms"}

@@ -22,17 +22,25 @@ from packaging.version import InvalidVersion, Version
 
 from eitbench.benchmark.analysis.recording_notes import notes_of
 from eitbench.benchmark.analysis.rescore import ROUNDING, rescored
-from eitbench.benchmark.analysis.results import NOTES_FILE, Run, cells_of, read_run
+from eitbench.benchmark.analysis.results import (
+    NOTES_FILE,
+    Run,
+    cells_of,
+    describe_actions,
+    read_run,
+)
 from eitbench.benchmark.analysis.standings import standings
+from eitbench.benchmark.analysis.statement import STATEMENT, read_statement, unfilled
 from eitbench.benchmark.metrics.evaluation import fit_registration
 from eitbench.benchmark.run.method_cell import MethodData
+from eitbench.benchmark.run.prior_knowledge import stated_overlap
 from eitbench.benchmark.run.tracks import cell_entries
 from eitbench.benchmark.rundir import manifest as manifests
 from eitbench.benchmark.rundir.folder import read_json_file, unknown_entries
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
 from eitbench.benchmark.rundir.plan import Plan, plan_of
 from eitbench.benchmark.rundir.run_arrays import read_validation
-from eitbench.benchmark.rundir.store import TRACKS
+from eitbench.benchmark.rundir.store import SAMPLES, TRACKS
 from eitbench.methods.registry import METHOD_REGISTRY, usable_name
 from eitbench.scenarios.errors import EitbenchError, InputError
 from eitbench.scenarios.similarity import Similarity
@@ -40,6 +48,13 @@ from eitbench.scenarios.suites.scenario import RecordedScenario
 from eitbench.scenarios.suites.suite import load_suite, suites
 
 LEADERBOARD = "leaderboard.json"
+FILES = (
+    *(manifests.FILE_NAME, SAMPLES, METHOD_RUNS.table, METHOD_RUNS.arrays),
+    *(NOTES_FILE, LEADERBOARD, STATEMENT),
+)
+"""Of the folder of a submission, beside copies of plugins."""
+FOLDER = "submissions"
+"""In a version of the leaderboard: SUITE/NAME is a submission."""
 
 PLAUSIBLE_PSNR_DB = 45.0
 """The best known method has 31 dB on clean data, and the published ones 33."""
@@ -47,7 +62,7 @@ PLAUSIBLE_PLACE_MM = 0.1
 """A press is placed by a robot that is not more accurate."""
 
 TRUST = (
-    "times and memory",
+    "times and memory (self-reported)",
     "what methods say of their prior knowledge and differences, what they were seen to do, "
     "parameters and weights of plugins",
     "that the images are what the methods make of the frames",
@@ -156,7 +171,18 @@ def _holds_nothing_else(of: Submission) -> str:
             f"The folder 'plugins' holds {min(more)!r}, which does not belong to this run: delete "
             "it."
         )
+    if (of.run.path / STATEMENT).is_file():
+        if more := {path.name for path in of.run.path.iterdir()} - {*FILES, "plugins"}:
+            return f"A submission has no {min(more)!r}: delete it."
+        parents = of.run.path.resolve().parents
+        if parents[1].name == FOLDER and parents[0].name != of.plan.suite.name:
+            return f"It belongs into {FOLDER}/{of.plan.suite.name}, and not {parents[0].name}."
     return ""
+
+
+def _says_who(of: Submission) -> str:
+    # A run that is no submission yet has none: `submission make` writes it.
+    return unfilled(read_statement(of.run.path)) if (of.run.path / STATEMENT).is_file() else ""
 
 
 def _is_packaged(of: Submission) -> str:
@@ -282,6 +308,39 @@ def _rows_of(table: pd.DataFrame) -> dict[tuple[str, str], pd.DataFrame]:
     """Rows of a table by scenario and method."""
     grouped = table.groupby(["scenario", "method"], sort=False)
     return {(str(scenario), str(method)): rows for (scenario, method), rows in grouped}
+
+
+def _learned_apart(of: Submission) -> str:
+    tests = {data.test.data_hash: name for name, data in of.data.items()}
+    for (scenario, method), rows in _rows_of(of.run.cells).items():
+        row, test = rows.iloc[0], of.data[scenario].test
+        known = json.loads(row["prior_knowledge"] or "{}")
+        learned = known.get("trained_on") or {}
+        given = [data["data_hash"] for data in known.get("given", ())]
+        if same := [
+            tests[sha256] for sha256 in (*given, learned.get("train_data")) if sha256 in tests
+        ]:
+            return f"{method!r} says that it learned from the test split of {same[0]!r}."
+        stated = stated_overlap(learned, of.data[scenario].scenario, test)
+        overlap = max(np.nan_to_num([row["overlap"], stated]))
+        if overlap:
+            return (
+                f"{overlap:.0f} of {len(test)} test samples of {scenario!r} are among those that "
+                f"{method!r} learned from."
+            )
+        asked = json.loads(row["actions"] or "{}").get("test data")
+        if asked:
+            return f"{method!r} on {scenario!r} {describe_actions(row['actions'])}."
+    return ""
+
+
+def unknown_training(of: Submission) -> list[str]:
+    """Return the methods whose training data are not known here, so that nothing is checked."""
+    return [
+        f"{method!r} on {scenario!r}"
+        for (scenario, method), rows in _rows_of(of.run.cells).items()
+        if rows["overlap"].isna().any()
+    ]
 
 
 def _frames_are_ours(of: Submission) -> str:
@@ -426,16 +485,25 @@ def _notes_are_ours(of: Submission) -> str:
     return ""
 
 
-FIRST = (_holds_nothing_else, _is_packaged, _is_of_a_release, _names_are_clear, _is_complete)
+FIRST = (
+    _holds_nothing_else,
+    _says_who,
+    _is_packaged,
+    _is_of_a_release,
+    _names_are_clear,
+    _is_complete,
+)
 """What fails one of these is not looked at any further."""
 
 CHECKS: dict[str, Callable[[Submission], str]] = {
     "the directory holds what a run writes": _holds_nothing_else,
+    "its author says what is asked": _says_who,
     "the suite is one of eitbench's": _is_packaged,
     "a released version made it": _is_of_a_release,
     "names are clear": _names_are_clear,
     "every sample of every method has its row": _is_complete,
     "tracks, parameters and weights are ours": _choices_are_ours,
+    "no test samples were learned from": _learned_apart,
     "frames, truth and geometry are ours": _frames_are_ours,
     "registrations are those of the stored images": _registrations_are_ours,
     "figures are those of the stored images": _scores_are_ours,

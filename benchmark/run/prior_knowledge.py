@@ -241,6 +241,29 @@ def _source(training: Training, scenario: Scenario) -> SimulatedScenario | None:
     return None
 
 
+def stated_overlap(trained_on: Mapping[str, Any], scenario: Scenario, test: Dataset) -> float:
+    """Return the number of test samples among the training data that weights state.
+
+    NaN where these are not known here, or none are stated.
+
+    Args:
+        trained_on: as in `prior_knowledge_columns`.
+        scenario, test: the test data.
+    """
+    try:
+        said = {name: trained_on[name] for name in ("scenario", "train_data")}
+        training = _TRAINING.validate_python(
+            said | {"train_samples": int(trained_on["train_samples"])}
+        )
+    except (KeyError, TypeError, ValueError):
+        return NAN
+    source = _source(training, scenario)
+    if source is None:
+        return NAN
+    shown = training_contents(source, training.train_samples, training.train_data)
+    return float(np.isin(contents(test.phantoms, test.voltages), shown).sum())
+
+
 def _families(
     access: AccessRecord, source: SimulatedScenario | None, scenario: Scenario
 ) -> Literal["same", "other"] | None:

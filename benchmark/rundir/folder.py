@@ -21,6 +21,7 @@ FILES = (
     "voltages.h5",
     "recordings.json",
     "leaderboard.json",
+    "submission.json",
 )
 FOLDERS = ("figures", "logs", "parts", "plugins", "report")
 

@@ -23,6 +23,7 @@ from eitbench.commands import methods as method_commands
 from eitbench.commands import recordings as recording_commands
 from eitbench.commands import results as result_commands
 from eitbench.commands import runs as run_commands
+from eitbench.commands import submission as submission_commands
 from eitbench.commands.console import Json, fail, print_json, print_renderable
 
 app = typer.Typer(
@@ -103,6 +104,7 @@ for commands in (
     app.add_typer(commands.app)
 app.add_typer(recording_commands.app, name="recordings")
 app.add_typer(hidden_commands.app, name="hidden")
+app.add_typer(submission_commands.app, name="submission")
 
 
 def main() -> None:

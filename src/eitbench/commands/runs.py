@@ -8,10 +8,8 @@ import typer
 
 from eitbench.commands.console import (
     Json,
-    fail,
     names_in,
     new_folder,
-    print_check,
     print_json,
     print_renderable,
     warn,
@@ -32,12 +30,6 @@ Isolate = Annotated[
 Jobs = Annotated[int, typer.Option(min=1, help="Cells (scenario x method) at a time.")]
 
 app = typer.Typer()
-submission_app = typer.Typer(
-    help="Runs for a public leaderboard.",
-    epilog="Example: eitbench submission check runs/mine",
-    no_args_is_help=True,
-)
-app.add_typer(submission_app, name="submission")
 
 
 @app.command(epilog="Example: eitbench run quick --methods noser,tv --limit 12 --out runs/first")
@@ -324,34 +316,3 @@ def rescore(
     _complete(run)
     changed, total = sum(cell.changed for cell in cells), sum(cell.n for cell in cells)
     typer.echo(f"Scored again: {total} samples, of which {changed} changed.")
-
-
-@submission_app.command("check", epilog="Example: eitbench submission check runs/mine --jobs 2")
-def submission_check(
-    run: Annotated[Path, typer.Argument(metavar="DIR", help="A run directory.")],
-    jobs: Annotated[int, typer.Option(min=1, help="Processes to simulate with.")] = 1,
-    rerun: Annotated[
-        int | None,
-        typer.Option(min=1, metavar="N", help="Run the methods again, plugins too, on N samples."),
-    ] = None,
-    isolate: Isolate = False,
-) -> None:
-    """Check that a run is complete, on our data, and has the figures of its images."""
-    from eitbench.benchmark.analysis.rerun import note_verified
-    from eitbench.benchmark.analysis.rerun import rerun as run_again
-    from eitbench.benchmark.analysis.submission import TRUST, check_submission, open_submission
-
-    submission = open_submission(run, jobs=jobs)
-    checks = check_submission(submission)
-    # A plugin is code of somebody else: it runs only where all that can be read is right.
-    if rerun is not None and not any(check_of.problem for check_of in checks):
-        checks += run_again(submission, rerun, isolate=isolate)
-    for check_of in checks:
-        print_check("failed" if check_of.problem else "passed", check_of.name, check_of.problem)
-    if any(check_of.problem for check_of in checks):
-        fail(f"{run} cannot be accepted as a submission.", 1)
-    if rerun is None:
-        typer.echo(f"Taken on trust: {'; '.join(TRUST)}. --rerun N runs the methods again.")
-    else:
-        typer.echo(f"Taken on trust: {TRUST[0]}. Verified: {note_verified(submission, rerun)}")
-    typer.echo(f"{run} can be submitted.")

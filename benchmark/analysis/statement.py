@@ -1,0 +1,82 @@
+"""The statement of who submits a run: `submission.json`, filled in by its author, read as data."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import Field, StringConstraints, ValidationError
+
+from eitbench.benchmark.rundir.folder import read_json_file
+from eitbench.benchmark.rundir.manifest import first_problem
+from eitbench.scenarios.declaration import Declaration
+from eitbench.scenarios.errors import DataCorruptError
+
+STATEMENT = "submission.json"
+
+# Printed in terminals and on pages: one line, without control characters.
+_Line = Annotated[str, StringConstraints(max_length=200, pattern=r"^[^\x00-\x1f\x7f-\x9f]*\z")]
+_Text = Annotated[str, StringConstraints(max_length=2000, pattern=r"^[^\x00-\x1f\x7f-\x9f]*\z")]
+
+
+class Statement(Declaration):
+    """What the author of a submission says; nothing of it can be checked but its form.
+
+    Attributes:
+        name: of the submission, as a reader cites it.
+        authors: their names.
+        contact: an address that is answered.
+        code: https address of the code.
+        commit: its git commit, 40 or 64 hex digits; "" where a `container` is given.
+        container: image by digest, such as "ghcr.io/me/mine@sha256:..."; "" with a `commit`.
+        licence: of the code, such as "MIT" (SPDX).
+        training_data: all that was trained, fitted or tuned on, in a few sentences, with hashes
+            where there are.
+        test_split_seen: true if any of it touches the test split of the suite; None until answered.
+    """
+
+    name: _Line = ""
+    authors: Annotated[tuple[_Line, ...], Field(max_length=50)] = ()
+    contact: _Line = ""
+    code: Annotated[_Line, StringConstraints(pattern=r"^(https://\S+)?\z")] = ""
+    commit: Annotated[str, StringConstraints(pattern=r"^([0-9a-f]{40}([0-9a-f]{24})?)?\z")] = ""
+    container: Annotated[
+        str, StringConstraints(max_length=300, pattern=r"^([a-z0-9./:_-]+@sha256:[0-9a-f]{64})?\z")
+    ] = ""
+    licence: _Line = ""
+    training_data: _Text = ""
+    test_split_seen: bool | None = None
+
+
+def read_statement(folder: Path) -> Statement:
+    """Read the statement of the submission in `folder`.
+
+    Raises:
+        DataCorruptError: it is not there, or not of this form.
+    """
+    path = folder / STATEMENT
+    try:
+        return Statement.model_validate_json(read_json_file(path), strict=True)
+    except ValidationError as error:
+        where, reason = first_problem(error)
+        raise DataCorruptError(f"{path}: {where or 'it'}: {reason}.") from error
+    except (OSError, ValueError, RecursionError) as error:
+        raise DataCorruptError(f"{path} cannot be read ({type(error).__name__}).") from error
+
+
+def unfilled(statement: Statement) -> str:
+    """What the statement does not say yet, as a sentence; "" if it is complete."""
+    for field in ("name", "authors", "contact", "code", "licence", "training_data"):
+        value = getattr(statement, field)
+        if not (value.strip() if isinstance(value, str) else any(map(str.strip, value))):
+            return f"{STATEMENT} does not say {field!r}: fill it in."
+    if not (statement.commit or statement.container):
+        return (
+            f"{STATEMENT} names neither a 'commit' nor a 'container' by its digest: without one "
+            "nobody can make the images again."
+        )
+    if statement.test_split_seen is None:
+        return f"{STATEMENT} does not say 'test_split_seen': answer true or false."
+    if statement.test_split_seen:
+        return "Its author says that test data were learned from: it is not ranked."
+    return ""

@@ -1,0 +1,117 @@
+"""Submissions: a run as a folder that a pull request can hold, to be checked by anybody."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+from eitbench.benchmark import InputError, atomic_write
+from eitbench.benchmark.analysis.rescore import rescore
+from eitbench.benchmark.analysis.results import NOTES_FILE, ROUNDED
+from eitbench.benchmark.analysis.statement import STATEMENT, Statement
+from eitbench.benchmark.analysis.submission import check_submission, open_submission
+from eitbench.benchmark.rundir import manifest
+from eitbench.benchmark.rundir.kinds import METHOD_RUNS
+from eitbench.benchmark.rundir.run_arrays import TRUTH
+from eitbench.benchmark.rundir.store import SAMPLES
+from eitbench.reports.tables.leaderboard import ranked_rows, write_leaderboard
+
+TOLERANCE = 1e-3
+"""By which rounding images may change a figure of a method, absolute and relative."""
+
+
+@dataclass(frozen=True)
+class Written:
+    """The folder of a submission.
+
+    Attributes:
+        folder: the folder.
+        moved: the figure that rounding moved most beyond `TOLERANCE`, so that images are as they
+            were, as a part of a sentence; "" where they are rounded to float16.
+        size: of all its files [bytes].
+    """
+
+    folder: Path
+    moved: str
+    size: int
+
+
+def write_submission(run: Path, out: Path, *, jobs: int = 1) -> Written:
+    """Write the run directory `run` as a submission into the new folder `out`.
+
+    Images are rounded to float16, and figures computed again from these, where that changes no
+    figure of a method by more than `TOLERANCE`. `submission.json` is to be filled in.
+
+    Raises:
+        InputError: `submission check` would refuse the run, for the same reason; or `out` is there.
+        DataUnavailableError, DataCorruptError: data or the run cannot be read.
+    """
+    if out.exists():
+        raise InputError(f"{out} is there already: name a new folder with --out.")
+    if (run / STATEMENT).is_file():
+        raise InputError(f"{run} is a submission already.")
+    problems = [of.problem for of in check_submission(open_submission(run, jobs=jobs))]
+    if any(problems):
+        raise InputError(next(filter(None, problems)))
+    staged = out.with_name(f".{out.name}.part")
+    shutil.rmtree(staged, ignore_errors=True)
+    staged.mkdir(parents=True)
+    for name in (manifest.FILE_NAME, SAMPLES, METHOD_RUNS.table, NOTES_FILE):
+        if (run / name).is_file():
+            shutil.copyfile(run / name, staged / name)
+    if (run / "plugins").is_dir():
+        shutil.copytree(run / "plugins", staged / "plugins")
+    arrays = METHOD_RUNS.arrays
+    _round_images(run / arrays, staged / arrays)
+    content = manifest.read(run) | {"images": ROUNDED}
+    text = json.dumps(content, indent=1, allow_nan=False) + "\n"
+    atomic_write(staged / manifest.FILE_NAME, text.encode())
+    rescore(staged)
+    if moved := _moved(run, staged):
+        for name in (manifest.FILE_NAME, SAMPLES, arrays):
+            shutil.copyfile(run / name, staged / name)
+    write_leaderboard(ranked_rows([staged]), staged, ("json",))
+    empty = Statement().model_dump_json(indent=1) + "\n"
+    atomic_write(staged / STATEMENT, empty.encode())
+    staged.rename(out)
+    return Written(out, moved, sum(p.stat().st_size for p in out.rglob("*") if p.is_file()))
+
+
+def _round_images(source: Path, target: Path) -> None:
+    """Copy the arrays of a run with images in float16; those that register a method stay whole."""
+    with h5py.File(source, "r") as file, h5py.File(target, "w") as kept:
+        for scenario, groups in file.items():
+            for name, group in groups.items():
+                of = kept.create_group(f"{scenario}/{name}")
+                of.attrs.update(group.attrs)
+                for key, stored in group.items():
+                    values = stored[:]
+                    if name != TRUTH and key == METHOD_RUNS.array:
+                        with np.errstate(over="ignore"):  # then figures change, too
+                            values = values.astype(np.float16)
+                    layout = {
+                        "chunks": stored.chunks, "compression": "gzip", "compression_opts": 9,
+                        "shuffle": True,
+                    }  # fmt: skip
+                    of.create_dataset(key, data=values, **(layout if stored.chunks else {}))
+
+
+def _moved(run: Path, rounded: Path) -> str:
+    """The figure of a method that differs most beyond `TOLERANCE`, in words; "" if none does."""
+    before, after = (ranked_rows([path]) for path in (run, rounded))
+    rows = {(row["scenario"], row["method"]): row for row in after}
+    found = []
+    for row in before:
+        other = rows[row["scenario"], row["method"]]
+        for name in METHOD_RUNS.metrics:
+            one, two = (np.nan if of[name] is None else of[name] for of in (row, other))
+            if not np.isclose(one, two, rtol=TOLERANCE, atol=TOLERANCE, equal_nan=True):
+                change = abs(two - one)
+                said = f"{name} of {row['method']!r} on {row['scenario']!r} by {change:.2g}"
+                found.append((-np.nan_to_num(change, nan=np.inf), said))
+    return min(found)[1] if found else ""
