@@ -363,13 +363,8 @@ def read_hidden(version: Path) -> list[HiddenRecord]:
     return found
 
 
-def gap_of(
-    records: Iterable[HiddenRecord], run: Run, scenario: str, method: str
-) -> tuple[HiddenRecord, Gap] | None:
-    """Return the gap of a method of `run`, if its very code was run on the hidden set of its data.
-
-    With the record that holds it.
-    """
+def gap_of(records: Iterable[HiddenRecord], run: Run, scenario: str, method: str) -> Gap | None:
+    """Return the gap of a method of `run`, if its code was run on the hidden set of its data."""
     plan = run.manifest.get("plan", {})
     plugins = plan.get("plugins", [])
     code = next((file["sha256"] for file in plugins if method in file["names"]), None)
@@ -380,5 +375,5 @@ def gap_of(
             continue
         for gap in record.gaps:
             if (gap.scenario, gap.method, gap.code) == (scenario, method, code):
-                return record, gap
+                return gap
     return None

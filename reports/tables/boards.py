@@ -161,7 +161,8 @@ def notes(board: Sequence[Row]) -> list[str]:
     They tell the noise, why there are no ties and which methods were not tuned, compare with the
     ceiling and the published figures, and name the cost of failures, the overlap of training and
     test samples, differences in software that is not ours, methods that used the network, programs
-    or test data, and times that were measured while other cells ran.
+    or test data, the tiers of records and submissions with the gaps to their hidden sets, and times
+    that were measured while other cells ran.
     """
     return (
         _noise(board)
@@ -174,6 +175,7 @@ def notes(board: Sequence[Row]) -> list[str]:
         + overlaps(board)
         + _by_text(board, "differs")
         + _by_text(board, "actions")
+        + [f"tier of {said}" for said in _by_text(board, "tier")]
         + _shared_times(board)
     )
 

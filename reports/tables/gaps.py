@@ -3,6 +3,9 @@
 from collections.abc import Sequence
 
 from eitbench.benchmark.analysis.hidden import Gap
+from eitbench.benchmark.analysis.leaderboard import Row
+from eitbench.benchmark.analysis.results import Run
+from eitbench.benchmark.analysis.tiers import is_submission, tier
 from eitbench.benchmark.metrics.specs import METRICS
 from eitbench.benchmark.metrics.statistics import MIN_CLUSTERS
 from eitbench.reports.tables.columns import METHOD_LAYOUT
@@ -47,4 +50,22 @@ def gaps_note(gaps: Sequence[Gap]) -> str:
         f"Difference: hidden minus open. p: of no difference, two-sided, adjusted for the {tested} "
         "gaps of this table (Holm). The two sets are drawn apart from each other, so both vary by "
         f"chance; whole sessions are drawn, and fewer than {MIN_CLUSTERS} give no test."
+    )
+
+
+def tier_text(run: Run, row: Row) -> str:
+    """Return the tier of a method of a record or a submission, with its gap; "" of other runs."""
+    if run.whole and not is_submission(run.path):
+        return ""
+    found = tier(run, row["scenario"], row["method"])
+    times = " (its times are self-reported)" if is_submission(run.path) else ""
+    if found.gap is None:
+        on = f" on {found.reproduced_on}" if found.reproduced_on else ""
+        return f"{found.tier}{on}{times}"
+    gap = found.gap
+    fall = ", which is more than chance" if gap.falls else ""
+    number = _FORMS[gap.figure].number
+    return (
+        f"{found.tier}, {METRICS[gap.figure].heading} {number(gap.hidden)} there and "
+        f"{number(gap.open)} here, difference {difference(gap)}{fall}{times}"
     )

@@ -13,6 +13,7 @@ from eitbench.benchmark.analysis.results import read_run
 from eitbench.benchmark.analysis.standings import standings
 from eitbench.reports.tables.columns import layout, shown_columns
 from eitbench.reports.tables.formats import csv_text, to_html, to_latex, to_markdown
+from eitbench.reports.tables.gaps import tier_text
 from eitbench.reports.tables.references import data_keys
 
 
@@ -20,7 +21,8 @@ def ranked_rows(runs: Sequence[Path]) -> list[Row]:
     """Return the ranked rows of run directories, those of a scenario together.
 
     They are plain values for JSON; see `Standing.rows`. `why_not` says why there are no ties,
-    `cites` holds the keys of suite and recording in the bibliography, with commas.
+    `cites` holds the keys of suite and recording in the bibliography, with commas, and `tier` the
+    tier of a record or submission, with the gap to its hidden set, in words; "" of other runs.
 
     Raises:
         InputError: a path is no run directory.
@@ -28,8 +30,11 @@ def ranked_rows(runs: Sequence[Path]) -> list[Row]:
     """
     read = [read_run(path) for path in runs]
     about = {run.path.name: run.manifest for run in read}
+    by_name = {run.path.name: run for run in read}
     return [
-        row | {"why_not": standing.why_not, "cites": data_keys(about[row["run"]], row["scenario"])}
+        row
+        | {"why_not": standing.why_not, "cites": data_keys(about[row["run"]], row["scenario"])}
+        | {"tier": tier_text(by_name[row["run"]], row)}
         for standing in standings(read)
         for row in standing.rows
     ]

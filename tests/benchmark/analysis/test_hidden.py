@@ -275,7 +275,7 @@ def test_a_record_is_kept_once_and_found_for_the_same_code_alone(
     assert record.key in text
     found = gap_of([record], runs[0], "n", "memory")
     assert found is not None
-    assert found[1].falls
+    assert found.falls
     plugin = {"names": ["memory"], "sha256": "0" * 64}
     plan = runs[0].manifest["plan"] | {"plugins": [plugin]}
     edited = replace(runs[0], manifest=runs[0].manifest | {"plan": plan})

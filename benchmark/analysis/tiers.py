@@ -1,0 +1,67 @@
+"""Tiers of results: how far somebody else has made them again."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from eitbench.benchmark.analysis.hidden import Gap, gap_of, read_hidden
+from eitbench.benchmark.analysis.rerun import digest, verified
+from eitbench.benchmark.analysis.results import Run
+from eitbench.benchmark.analysis.statement import STATEMENT
+from eitbench.benchmark.analysis.submission import FOLDER
+
+Tier = Literal["self-reported", "reproduced", "hidden"]
+"""The images are its author's; we made them again from code; we also ran it on a hidden set."""
+
+
+@dataclass(frozen=True)
+class TierOf:
+    """The tier of a method of a run on a scenario.
+
+    Attributes:
+        tier: the highest that it has reached.
+        reproduced_on: what was run again, such as "32 of 36 samples"; "" where nothing was.
+        gap: between the open and the hidden set; None below the tier "hidden".
+    """
+
+    tier: Tier
+    reproduced_on: str
+    gap: Gap | None
+
+
+def is_submission(run: Path) -> bool:
+    """True if the folder of a run is a submission, whose times are its author's in any tier."""
+    return (run / STATEMENT).is_file()
+
+
+def board_of(run: Path) -> Path | None:
+    """Return the version of the leaderboard that the folder of a run is in, if it is in one.
+
+    A record is `VERSION/SUITE`, a submission `VERSION/submissions/SUITE/NAME`.
+    """
+    parents = run.resolve().parents
+    if is_submission(run):
+        return parents[2] if parents[1].name == FOLDER else None
+    return parents[0]
+
+
+def tier(run: Run, scenario: str, method: str) -> TierOf:
+    """Return the tier of a method of `run`, by what lies beside the run.
+
+    A record that `eitbench board` keeps was run by us. What was reproduced of other runs is noted
+    in a file beside their folders, see `rerun`.
+
+    Raises:
+        DataCorruptError: a file beside the run is damaged.
+    """
+    if not run.whole:
+        told = "all samples"
+    else:
+        told = verified(run.path.resolve().parent).get(digest(run.path), "")
+    board = board_of(run.path)
+    found = None if board is None else gap_of(read_hidden(board), run, scenario, method)
+    if found is not None:
+        return TierOf("hidden", told, found)
+    return TierOf("reproduced" if told else "self-reported", told, None)

@@ -1,0 +1,136 @@
+"""The workflow of submissions: one folder of a pull request comes in, and nothing else of it."""
+
+import re
+import shutil
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+WORKFLOW = ROOT / ".github" / "workflows" / "submission.yml"
+FOLDER = "reports/board/2026.1/submissions/quick/mine"
+
+GIT = shutil.which("git") or ""
+
+pytestmark = pytest.mark.skipif(not (GIT and shutil.which("bash")), reason="needs git and bash")
+
+
+def git(folder: Path, *arguments: str) -> None:
+    who = ("-c", "user.name=a", "-c", "user.email=a@b", "-c", "commit.gpgsign=false")
+    subprocess.run([GIT, *who, "-C", str(folder), *arguments], check=True, capture_output=True)
+
+
+def add(folder: Path, name: str, text: str = "{}") -> None:
+    path = folder / name
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text)
+
+
+@pytest.fixture
+def request_of(tmp_path: Path) -> Callable[..., tuple[Path, subprocess.CompletedProcess[str]]]:
+    """Make a pull request of what a function changes, and run the step of the workflow."""
+
+    def run(
+        change: Callable[[Path], None],
+    ) -> tuple[Path, subprocess.CompletedProcess[str]]:
+        theirs, ours = tmp_path / "theirs", tmp_path / "ours"
+        theirs.mkdir()
+        git(theirs, "init", "-b", "main")
+        (theirs / ".ci").mkdir()
+        shutil.copy(ROOT / ".ci" / "submission", theirs / ".ci")
+        add(theirs, "code.py", "ours")
+        add(theirs, FOLDER.replace("mine", "old") + "/submission.json")
+        git(theirs, "add", ".")
+        git(theirs, "commit", "-m", "base")
+        git(tmp_path, "clone", f"file://{theirs}", str(ours))
+        git(theirs, "checkout", "-b", "request")
+        change(theirs)
+        git(theirs, "add", "--all")
+        git(theirs, "commit", "-m", "request")
+        git(theirs, "checkout", "main")
+        add(theirs, "later.py", "of another request, merged meanwhile")
+        git(theirs, "add", ".")
+        git(theirs, "commit", "-m", "later")
+        git(theirs, "merge", "--no-ff", "-m", "merge", "request")
+        git(theirs, "update-ref", "refs/pull/7/merge", "HEAD")
+        command = [str(ours / ".ci" / "submission"), "7"]
+        return ours, subprocess.run(command, check=False, capture_output=True, text=True)
+
+    return run
+
+
+def test_the_folder_comes_in_and_nothing_else(
+    request_of: Callable[..., tuple[Path, subprocess.CompletedProcess[str]]],
+) -> None:
+    ours, done = request_of(lambda theirs: add(theirs, f"{FOLDER}/submission.json", "{1}"))
+    assert done.stdout.strip() == FOLDER
+    assert (ours / FOLDER / "submission.json").read_text() == "{1}"
+    assert not (ours / "later.py").exists()
+
+
+def with_code(theirs: Path) -> None:
+    add(theirs, f"{FOLDER}/submission.json")
+    add(theirs, "code.py", "theirs")
+
+
+def with_verdict(theirs: Path) -> None:
+    add(theirs, f"{FOLDER}/submission.json")
+    add(theirs, "reports/board/2026.1/submissions/quick/verified.json")
+
+
+def two(theirs: Path) -> None:
+    add(theirs, f"{FOLDER}/submission.json")
+    add(theirs, f"{FOLDER}-2/submission.json")
+
+
+def edited(theirs: Path) -> None:
+    add(theirs, FOLDER.replace("mine", "old") + "/submission.json", "{2}")
+
+
+def link(theirs: Path) -> None:
+    (theirs / FOLDER).symlink_to("old")
+
+
+def nothing_said(theirs: Path) -> None:
+    add(theirs, f"{FOLDER}/samples.parquet")
+
+
+def strange(theirs: Path) -> None:
+    add(theirs, FOLDER.replace("mine", "$(touch ran)") + "/submission.json")
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (with_code, "changes nothing else"),
+        (with_verdict, "changes nothing else"),
+        (two, "changes nothing else"),
+        (strange, "changes nothing else"),
+        (edited, "results are never edited"),
+        (link, "holds no submission.json"),
+        (nothing_said, "holds no submission.json"),
+    ],
+)
+def test_another_request_is_refused(
+    request_of: Callable[..., tuple[Path, subprocess.CompletedProcess[str]]],
+    change: Callable[[Path], None],
+    says: str,
+) -> None:
+    ours, done = request_of(change)
+    assert done.returncode == 1
+    assert says in done.stderr
+    assert done.stdout == ""
+    assert (ours / "code.py").read_text() == "ours"
+
+
+def test_it_has_no_secrets_and_no_right_to_write() -> None:
+    text = WORKFLOW.read_text()
+    assert "pull_request_target" not in text
+    assert "secrets" not in re.sub("#.*", "", text)
+    assert re.findall(r"permissions:\n((?:  .*\n)+)", text) == ["  contents: read\n"]
+    assert "base.sha" in text
+    # What a stranger writes reaches the shell through the environment alone.
+    commands = text.partition("run: |")[2]
+    assert "${{" not in commands

@@ -1,0 +1,346 @@
+"""Submissions: folders with the figures of their images, and what their authors have to say."""
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pandas as pd
+import pytest
+
+from eitbench.benchmark.analysis import submission
+from eitbench.benchmark.analysis.hidden import Gap, HiddenRecord, write_hidden
+from eitbench.benchmark.analysis.rerun import note_verified, rerun
+from eitbench.benchmark.analysis.results import read_run
+from eitbench.benchmark.analysis.statement import STATEMENT
+from eitbench.benchmark.analysis.submission import FILES, check_submission, open_submission
+from eitbench.benchmark.analysis.tiers import tier
+from eitbench.benchmark.run import prior_knowledge
+from eitbench.benchmark.run.runner import make_plan, start_run
+from eitbench.reports.board import submissions
+from eitbench.reports.board.records import write_record
+from eitbench.reports.board.submissions import TOLERANCE, write_submission
+from eitbench.reports.tables.boards import notes
+from eitbench.reports.tables.leaderboard import ranked_rows, write_leaderboard
+from eitbench.scenarios.data.datasets import load
+from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.phantoms.phantom import contents
+from eitbench.scenarios.suites.scenario import SimulatedScenario, SplitNoise
+from eitbench.scenarios.suites.suite import Suite
+
+SCENARIO = SimulatedScenario(
+    name="n", image_shape=(40, 40), families=("circle", "ring"), noise=SplitNoise(test=40.0),
+    train=2, validation=2, test=12,
+)  # fmt: skip
+SUITE = Suite(name="mine", title="Mine", methods=("noser",), scenarios=(SCENARIO,))
+MARK = Path("no-plugin-is-run")
+PLUGIN = """
+from pathlib import Path
+from eitbench.methods import create, Method, register
+MARK = Path({mark!r})
+if MARK.is_dir():
+    raise RuntimeError("it was run")
+@register("gentle")
+class Gentle(Method):
+    def fit(self, problem):
+        self.inner = create("noser")
+        self.inner.fit(problem)
+    def reconstruct(self, voltages):
+        return self.inner.reconstruct(voltages)
+"""
+SAID = {
+    "name": "Gentle reconstruction", "authors": ["A. Author"], "contact": "a@example.org",
+    "code": "https://example.org/gentle", "commit": "a" * 40, "container": "", "licence": "MIT",
+    "training_data": "None: it has no parameters that were trained.", "test_split_seen": False,
+}  # fmt: skip
+
+
+@pytest.fixture(autouse=True)
+def packaged(monkeypatch: pytest.MonkeyPatch) -> None:
+    # The checkout that is tested may be changed.
+    monkeypatch.setattr("eitbench.benchmark.rundir.manifest.git_commit", lambda: "a" * 40)
+    monkeypatch.setattr(submission, "suites", lambda: {"mine": None})
+    monkeypatch.setattr(submission, "load_suite", lambda name: SUITE)
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run of a plugin, which fails wherever it is loaded while a folder is there."""
+    folder = tmp_path_factory.mktemp("runs")
+    plugin = folder / "gentle.py"
+    plugin.write_text(PLUGIN.format(mark=str(folder / MARK)))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("eitbench.benchmark.rundir.manifest.git_commit", lambda: "a" * 40)
+        made = start_run(make_plan(SUITE, methods=["gentle"], plugins=[plugin]), folder / "run")
+    write_leaderboard(ranked_rows([made.path]), made.path)
+    return made.path
+
+
+@pytest.fixture(scope="module")
+def blank(run: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What `submission make` writes, before its author has said anything."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(submission, "suites", lambda: {"mine": None})
+        patch.setattr(submission, "load_suite", lambda name: SUITE)
+        out = tmp_path_factory.mktemp("made") / "gentle"
+        written = write_submission(run, out)
+    assert written.folder == out
+    assert written.moved == ""
+    assert written.size == sum(p.stat().st_size for p in out.rglob("*") if p.is_file())
+    return out
+
+
+@pytest.fixture
+def folder(blank: Path, tmp_path: Path) -> Path:
+    out = shutil.copytree(blank, tmp_path / "2026.1" / "submissions" / "mine" / "gentle")
+    (out / STATEMENT).write_text(json.dumps(SAID))
+    return out
+
+
+def problems(path: Path) -> list[str]:
+    return [of.problem for of in check_submission(open_submission(path)) if of.problem]
+
+
+def test_a_submission_passes_and_holds_nothing_but_what_is_checked(run: Path, folder: Path) -> None:
+    assert problems(folder) == []
+    names = {path.name for path in folder.iterdir()}
+    assert names == {*FILES, "plugins"} - {"recordings.json"}
+    arrays = "reconstructions.h5"
+    assert (folder / arrays).stat().st_size < 0.6 * (run / arrays).stat().st_size
+
+
+def test_figures_are_those_of_the_rounded_images_and_near_those_of_the_run(
+    run: Path, folder: Path
+) -> None:
+    with h5py.File(folder / "reconstructions.h5") as file:
+        assert file["n/gentle/conductivity"].dtype == np.float16
+    (before,), (after,) = ranked_rows([run]), ranked_rows([folder])
+    assert after["score"] != before["score"]
+    for name in ("score", "psnr", "ssim", "cc", "rie", "localisation_mm"):
+        assert after[name] == pytest.approx(before[name], rel=TOLERANCE, abs=TOLERANCE)
+
+
+def test_images_stay_whole_where_rounding_moves_a_figure(
+    run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(submissions, "TOLERANCE", 1e-12)
+    written = write_submission(run, tmp_path / "whole")
+    assert "of 'gentle' on 'n' by" in written.moved
+    one, other = (
+        read_run(path).estimates("n", "gentle", range(12)) for path in (run, tmp_path / "whole")
+    )
+    np.testing.assert_array_equal(one, other)
+    pd.testing.assert_frame_equal(
+        pd.read_parquet(tmp_path / "whole" / "samples.parquet"),
+        pd.read_parquet(run / "samples.parquet"),
+    )
+    assert problems(tmp_path / "whole") == ["submission.json does not say 'name': fill it in."]
+
+
+def test_what_check_refuses_is_not_made_and_for_the_same_reason(run: Path, tmp_path: Path) -> None:
+    edited = shutil.copytree(run, tmp_path / "edited")
+    table = pd.read_parquet(edited / "samples.parquet")
+    table.assign(psnr=table["psnr"] + 1).to_parquet(edited / "samples.parquet")
+    (found, *_) = problems(edited)
+    with pytest.raises(InputError) as refused:
+        write_submission(edited, tmp_path / "out")
+    assert str(refused.value) == found
+    assert not list(tmp_path.glob("*out*"))
+    (tmp_path / "there").mkdir()
+    with pytest.raises(InputError, match="is there already"):
+        write_submission(run, tmp_path / "there")
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"name": " "}, "does not say 'name'"),
+        ({"authors": []}, "does not say 'authors'"),
+        ({"authors": [" "]}, "does not say 'authors'"),
+        ({"contact": ""}, "does not say 'contact'"),
+        ({"code": ""}, "does not say 'code'"),
+        ({"licence": ""}, "does not say 'licence'"),
+        ({"training_data": ""}, "does not say 'training_data'"),
+        ({"commit": ""}, "neither a 'commit' nor a 'container'"),
+        ({"test_split_seen": None}, "does not say 'test_split_seen'"),
+        ({"test_split_seen": True}, "test data were learned from"),
+        ({"code": "javascript:alert(1)"}, "code: "),
+        ({"code": "https://a b"}, "code: "),
+        ({"commit": "main"}, "commit: "),
+        ({"container": "ghcr.io/me/mine:latest"}, "container: "),
+        ({"name": "\x1b[2J"}, "name: "),
+        ({"name": "x" * 201}, "name: "),
+        ({"authors": ["x"] * 51}, "authors: "),
+        ({"test_split_seen": "no"}, "test_split_seen: "),
+        ({"tier": "reproduced"}, "tier: "),
+    ],
+)
+def test_its_author_says_what_is_asked_and_nothing_else(
+    folder: Path, change: dict[str, object], says: str
+) -> None:
+    (folder / STATEMENT).write_text(json.dumps(SAID | change))
+    (found,) = problems(folder)
+    assert says in found
+    assert "\x1b" not in found
+
+
+@pytest.mark.parametrize("text", ["", "[]", "[" * 100_000, "null", '{"name": 1e999999}'])
+def test_a_statement_of_another_form_is_a_sentence(folder: Path, text: str) -> None:
+    (folder / STATEMENT).write_text(text)
+    assert len(problems(folder)) == 1
+
+
+def test_a_container_stands_for_a_commit(folder: Path) -> None:
+    image = f"ghcr.io/me/mine@sha256:{'0' * 64}"
+    (folder / STATEMENT).write_text(json.dumps(SAID | {"commit": "", "container": image}))
+    assert problems(folder) == []
+
+
+@pytest.mark.parametrize("name", ["report", "logs", "model.pkl", "leaderboard.md", "conftest.py"])
+def test_a_submission_holds_no_other_files(folder: Path, name: str) -> None:
+    (folder / name).mkdir() if "." not in name else (folder / name).write_text("")
+    (found,) = problems(folder)
+    assert f"{name!r}" in found
+
+
+def test_it_stands_where_its_suite_is(folder: Path) -> None:
+    moved = folder.parents[1] / "other" / "gentle"
+    shutil.copytree(folder, moved)
+    assert problems(moved) == ["It belongs into submissions/mine, and not other."]
+
+
+def test_nothing_of_a_submission_is_run_by_a_check(run: Path, folder: Path) -> None:
+    mark = run.parent / MARK
+    mark.mkdir(exist_ok=True)
+    try:
+        assert problems(folder) == []
+        (found,) = rerun(open_submission(folder), 2)
+        assert "it was run" in found.problem  # so a check would have shown it
+    finally:
+        mark.rmdir()
+    assert [of.problem for of in rerun(open_submission(folder), 2)] == [""]
+
+
+def edit_cells(path: Path, **values: Any) -> None:
+    table = pd.read_parquet(path / "methods.parquet")
+    table.assign(**values).to_parquet(path / "methods.parquet")
+    write_leaderboard(ranked_rows([path]), path, ("json",))
+
+
+def knows(path: Path, change: Callable[[dict[str, Any]], object]) -> None:
+    (text,) = pd.read_parquet(path / "methods.parquet")["prior_knowledge"]
+    known = json.loads(text)
+    change(known)
+    edit_cells(path, prior_knowledge=json.dumps(known))
+
+
+def test_who_learned_from_test_samples_is_refused(folder: Path) -> None:
+    edit_cells(folder, overlap=3.0)
+    assert problems(folder) == [
+        "3 of 12 test samples of 'n' are among those that 'gentle' learned from."
+    ]
+    edit_cells(folder, overlap=0.0, actions=json.dumps({"test data": ["n/test-000.safetensors"]}))
+    assert problems(folder) == ["'gentle' on 'n' asked for test data (n/test-000.safetensors)."]
+
+
+def test_who_states_the_test_split_as_training_data_is_refused(folder: Path) -> None:
+    test = SCENARIO.data_hash("test")
+    given = {"split": "train", "scenario": "n", "samples": 12, "data_hash": test}
+    knows(folder, lambda known: known.update(given=[given]))
+    assert problems(folder) == ["'gentle' says that it learned from the test split of 'n'."]
+    said = {"scenario": "n", "train_data": test, "train_samples": "12"}
+    knows(folder, lambda known: known.update(given=[], trained_on=said))
+    assert problems(folder) == ["'gentle' says that it learned from the test split of 'n'."]
+
+
+def test_training_data_that_weights_state_are_drawn_again_and_compared(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An author may edit the count of the overlap away."""
+    said = {"scenario": "n", "train_data": SCENARIO.data_hash("train"), "train_samples": "2"}
+    knows(folder, lambda known: known.update(trained_on=said))
+    assert problems(folder) == []
+    leaked = contents(load(SCENARIO).phantoms[:2], None)
+    monkeypatch.setattr(prior_knowledge, "training_contents", lambda *args: leaked)
+    assert problems(folder) == [
+        "2 of 12 test samples of 'n' are among those that 'gentle' learned from."
+    ]
+    hostile = said | {"train_data": "../../../etc/passwd"}
+    knows(folder, lambda known: known.update(trained_on=hostile))
+    assert problems(folder) == []  # they are not known here, and `check` says so
+
+
+ADAPTS = """
+import numpy as np
+from eitbench.methods import create, Method, register
+@register("adapts")
+class Adapts(Method):
+    def fit(self, problem):
+        self.inner, self.seen = create("noser"), []
+        self.inner.fit(problem)
+    def reconstruct(self, voltages):
+        images = self.inner.reconstruct(voltages)
+        self.seen += list(images)
+        return images + 0.1 * (np.mean(self.seen, axis=0) - 1)
+"""
+
+
+@pytest.mark.slow
+def test_a_method_that_learns_from_test_frames_is_found_frame_by_frame(tmp_path: Path) -> None:
+    plugin = tmp_path / "adapts.py"
+    plugin.write_text(ADAPTS)
+    plan = make_plan(SUITE, methods=["noser", "adapts"], plugins=[plugin])
+    made = start_run(plan, tmp_path / "run").path
+    write_leaderboard(ranked_rows([made]), made)
+    assert problems(made) == []  # its images and figures are what they are
+    honest, adapting = rerun(open_submission(made), 12)
+    assert honest.problem == ""
+    assert "an image depends on other frames" in adapting.problem
+
+
+def record_of(path: Path, code: str | None) -> HiddenRecord:
+    data = {"n": (read_run(path).manifest["data"]["n"]["hash"], "1" * 64)}
+    gap = Gap(
+        scenario="n", method="gentle", code=code, figure="score", n=12, clusters=4, open=5.0,
+        hidden=4.0, difference=-1.0, low=-1.5, high=-0.5, p=0.001, falls=True,
+    )  # fmt: skip
+    return HiddenRecord(
+        suite="mine", key="2" * 64, made="2026-01-01", eitbench="0.2.0", git_commit=None, data=data,
+        gaps=(gap,),
+    )  # fmt: skip
+
+
+def test_a_submission_rises_from_tier_to_tier(folder: Path) -> None:
+    found = read_run(folder)
+    assert tier(found, "n", "gentle").tier == "self-reported"
+    (told,) = [note for note in notes(ranked_rows([folder])) if "tier" in note]
+    assert told == "tier of gentle: self-reported (its times are self-reported)"
+    note_verified(open_submission(folder), 12)
+    assert tier(found, "n", "gentle").tier == "reproduced"
+    (told,) = [note for note in notes(ranked_rows([folder])) if "tier" in note]
+    assert "reproduced on 12 of 12 samples" in told
+
+    board = folder.parents[2]
+    other = record_of(folder, "0" * 64)  # of other code
+    write_hidden(other, board)
+    assert tier(found, "n", "gentle").tier == "reproduced"
+    (board / "hidden" / "mine.json").unlink()
+    (plugin,) = found.manifest["plan"]["plugins"]
+    write_hidden(record_of(folder, plugin["sha256"]), board)
+    standing = tier(found, "n", "gentle")
+    assert standing.tier == "hidden"
+    assert standing.gap is not None
+    (told,) = [note for note in notes(ranked_rows([folder])) if "tier" in note]
+    assert "hidden, S 4.000 there and 5.000 here, difference -1.000 (-1.500 to -0.500)" in told
+    assert "more than chance" in told
+
+
+def test_a_run_has_no_tier_and_a_record_was_run_by_us(run: Path, tmp_path: Path) -> None:
+    assert not [note for note in notes(ranked_rows([run])) if "tier" in note]
+    whole = start_run(make_plan(SUITE), tmp_path / "run").path
+    record = write_record(whole, tmp_path / "2026.1" / "mine")
+    (told,) = [note for note in notes(ranked_rows([record])) if "tier" in note]
+    assert told == "tier of noser: reproduced on all samples"
