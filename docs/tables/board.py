@@ -2,7 +2,9 @@
 
 from docs.tables.record import DOCS, printed
 
+from eitbench.benchmark.analysis.hidden import read_hidden
 from eitbench.benchmark.analysis.results import read_run
+from eitbench.reports.tables.gaps import HEADS, gap_texts
 
 _BOARD = DOCS.parent / "reports" / "board"
 
@@ -29,4 +31,15 @@ def _records() -> str:
     return printed(heads, rows, [False, False, True, True, True, True, False, False])
 
 
-TABLES = {"records of the leaderboard": _records}
+def _gaps() -> str:
+    rows = []
+    for version in sorted(_BOARD.glob("2*")):
+        for record in read_hidden(version):
+            for gap in record.gaps:
+                texts = [f"`{text}`" if k < 2 else text for k, text in enumerate(gap_texts(gap))]
+                rows.append([version.name, *texts, record.key[:8]])
+    heads = ["version", *map(str.lower, HEADS[:2]), *HEADS[2:], "key"]
+    return printed(heads, rows, [False, False, False, False, *[True] * 5, False, False])
+
+
+TABLES = {"records of the leaderboard": _records, "open and hidden figures": _gaps}

@@ -1,5 +1,7 @@
-"""The leaderboard in the repository: `VERSION/SUITE` are records of whole runs, never edited.
+"""The leaderboard in the repository, by version; nothing of it is ever edited.
 
-A record is a run directory whose tables are whole and whose images are those that reports show; see
-`records`. What the versions are, and how to make them, is said in `docs/board.md`.
+`VERSION/SUITE` are records of whole runs: run directories whose tables are whole and whose images
+are those that reports show, see `records`. `VERSION/submissions/SUITE/NAME` are the runs of others,
+see `submissions`. `VERSION/hidden/SUITE.json` has figures on hidden sets, and `hidden.toml` the
+hashes of the keys that draw them. All is said in `docs/board.md`.
 """

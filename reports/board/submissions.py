@@ -21,8 +21,9 @@ from eitbench.benchmark.rundir.run_arrays import TRUTH
 from eitbench.benchmark.rundir.store import SAMPLES
 from eitbench.reports.tables.leaderboard import ranked_rows, write_leaderboard
 
-TOLERANCE = 1e-3
-"""By which rounding images may change a figure of a method, absolute and relative."""
+TOLERANCE, TOLERANCE_MM = 1e-3, 1e-2
+"""By which rounding images may change a figure of a method, in its unit and in mm; and by as much
+of the figure as the first."""
 
 
 @dataclass(frozen=True)
@@ -31,7 +32,7 @@ class Written:
 
     Attributes:
         folder: the folder.
-        moved: the figure that rounding moved most beyond `TOLERANCE`, so that images are as they
+        moved: the figure that rounding moved most beyond the tolerance, so that images are as they
             were, as a part of a sentence; "" where they are rounded to float16.
         size: of all its files [bytes].
     """
@@ -45,7 +46,7 @@ def write_submission(run: Path, out: Path, *, jobs: int = 1) -> Written:
     """Write the run directory `run` as a submission into the new folder `out`.
 
     Images are rounded to float16, and figures computed again from these, where that changes no
-    figure of a method by more than `TOLERANCE`. `submission.json` is to be filled in.
+    figure of a method by more than is tolerated. `submission.json` is to be filled in.
 
     Raises:
         InputError: `submission check` would refuse the run, for the same reason; or `out` is there.
@@ -102,7 +103,7 @@ def _round_images(source: Path, target: Path) -> None:
 
 
 def _moved(run: Path, rounded: Path) -> str:
-    """The figure of a method that differs most beyond `TOLERANCE`, in words; "" if none does."""
+    """The figure of a method that differs most beyond the tolerance, in words; "" if none does."""
     before, after = (ranked_rows([path]) for path in (run, rounded))
     rows = {(row["scenario"], row["method"]): row for row in after}
     found = []
@@ -110,7 +111,8 @@ def _moved(run: Path, rounded: Path) -> str:
         other = rows[row["scenario"], row["method"]]
         for name in METHOD_RUNS.metrics:
             one, two = (np.nan if of[name] is None else of[name] for of in (row, other))
-            if not np.isclose(one, two, rtol=TOLERANCE, atol=TOLERANCE, equal_nan=True):
+            allowed = TOLERANCE_MM if name.endswith("_mm") else TOLERANCE
+            if not np.isclose(one, two, rtol=TOLERANCE, atol=allowed, equal_nan=True):
                 change = abs(two - one)
                 said = f"{name} of {row['method']!r} on {row['scenario']!r} by {change:.2g}"
                 found.append((-np.nan_to_num(change, nan=np.inf), said))

@@ -57,7 +57,7 @@ def test_formulas_are_drawn_and_metrics_are_those_of_the_code(site: Path) -> Non
 
 def test_every_command_has_its_reference(site: Path) -> None:
     page = (site / "reference/cli.html").read_text()
-    for command in ("run", "leaderboard", "recordings-import", "submission-check"):
+    for command in ("run", "leaderboard", "recordings-import", "submission-check", "hidden-gap"):
         assert f'id="eitbench-{command}"' in page
 
 

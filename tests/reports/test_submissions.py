@@ -126,7 +126,8 @@ def test_figures_are_those_of_the_rounded_images_and_near_those_of_the_run(
 def test_images_stay_whole_where_rounding_moves_a_figure(
     run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(submissions, "TOLERANCE", 1e-12)
+    for name in ("TOLERANCE", "TOLERANCE_MM"):
+        monkeypatch.setattr(submissions, name, 1e-12)
     written = write_submission(run, tmp_path / "whole")
     assert "of 'gentle' on 'n' by" in written.moved
     one, other = (

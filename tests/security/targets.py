@@ -18,6 +18,7 @@ from tests.security.mutations import Mutation
 from eitbench.benchmark.analysis import comparison, submission
 from eitbench.benchmark.analysis.rescore import rescored
 from eitbench.benchmark.analysis.results import NOTES_FILE, read_run
+from eitbench.benchmark.analysis.statement import STATEMENT, Statement, read_statement
 from eitbench.benchmark.findings.ladder import read_ladder
 from eitbench.benchmark.run.runner import start_run
 from eitbench.benchmark.rundir import manifest
@@ -229,7 +230,10 @@ def _runs(folder: Path, run: Path) -> dict[str, Target]:
         check = submission.CHECKS["the leaderboard follows from the figures"]
         check(submission.Submission(spoilt, plan, 1))
 
-    notes = json.dumps({"tiny": {"guess_mm": 3.0, "repeat_noise": None}}).encode()
+    own = {
+        NOTES_FILE: json.dumps({"tiny": {"guess_mm": 3.0, "repeat_noise": None}}).encode(),
+        STATEMENT: Statement(name="A", commit="0" * 40).model_dump_json().encode(),
+    }
     kinds: dict[str, tuple[str, Mutation, Callable[[Path], object], int]] = {
         "samples": (SAMPLES, mutations.parquet, scored, 5),
         "cells": (METHOD_RUNS.table, mutations.parquet, shown, 4),
@@ -239,6 +243,7 @@ def _runs(folder: Path, run: Path) -> dict[str, Target]:
         "reported": (manifest.FILE_NAME, mutations.json_text, reported, 1),
         "notes": (NOTES_FILE, mutations.json_text, shown, 2),
         "submission": (submission.LEADERBOARD, mutations.json_text, submitted, 2),
+        "statement": (STATEMENT, mutations.json_text, lambda p: read_statement(p.parent), 2),
     }
     found = {}
     for name, (file, mutation, read, share) in kinds.items():
@@ -247,7 +252,7 @@ def _runs(folder: Path, run: Path) -> dict[str, Target]:
         for path in run.iterdir():
             if path.is_file() and path.name != file:
                 (place / path.name).write_bytes(path.read_bytes())
-        original = (run / file).read_bytes() if file != NOTES_FILE else notes
+        original = own[file] if file in own else (run / file).read_bytes()
         found[name] = Target(f"{place.name}/{file}", [original], mutation, read, share)
     return found
 

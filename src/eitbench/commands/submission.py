@@ -29,19 +29,17 @@ def make(
 ) -> None:
     """Write a run as a folder for a pull request; what `check` refuses is refused here.
 
-    Images are rounded to float16 where that changes no figure of a method by more than 0.001.
+    Images are rounded to float16 where that changes no figure of a method by more than 0.001 (0.01 mm).
     """
     from eitbench.benchmark.analysis.statement import STATEMENT
-    from eitbench.reports.board.submissions import TOLERANCE, write_submission
+    from eitbench.reports.board.submissions import write_submission
 
     arrays = run / "reconstructions.h5"
     if arrays.is_file():
         typer.echo(f"{run} has {arrays.stat().st_size / 1e6:.1f} MB of images.")
     written = write_submission(run, out, jobs=jobs)
     if written.moved:
-        typer.echo(
-            f"Images stay as they are: rounding moves {written.moved}, more than {TOLERANCE:g}."
-        )
+        typer.echo(f"Images stay as they are: rounding moves {written.moved}.")
     typer.echo(f"Submission: {out}, {written.size / 1e6:.1f} MB")
     typer.echo(f"Fill in {out / STATEMENT}, then: eitbench submission check {out}")
 

@@ -1,0 +1,126 @@
+"""The commands of hidden sets and of submissions, from a key to a gap and from a run to a tier."""
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from eitbench.benchmark.analysis import submission
+from eitbench.benchmark.workers.confinement import check_isolation
+from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.suites import suite as suites
+from eitbench.scenarios.suites.scenario import SimulatedScenario, SplitNoise
+from eitbench.scenarios.suites.suite import Suite
+
+SMALL = SimulatedScenario(
+    name="n", image_shape=(20, 20), families=("circle",), noise=SplitNoise(test=50.0), train=0,
+    validation=2, test=30,
+)  # fmt: skip
+SUITE = Suite(name="quick", title="Quick", methods=("noser",), scenarios=(SMALL,))
+Command = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture(autouse=True)
+def small(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(suites, "load_suite", lambda name: SUITE)
+    monkeypatch.setattr(submission, "load_suite", lambda name: SUITE)
+    monkeypatch.setattr("eitbench.benchmark.rundir.manifest.git_commit", lambda: "a" * 40)
+
+
+def publish(folder: Path, printed: str) -> Path:
+    sha256 = printed.rpartition("sha256 = ")[2].strip().strip("'")
+    (folder / "board").mkdir()
+    (folder / "board" / "hidden.toml").write_text(
+        f'[[keys]]\nversion = "2026.1"\nsuite = "quick"\nsha256 = "{sha256}"\n'
+    )
+    return folder / "board"
+
+
+@pytest.mark.slow
+def test_from_a_key_to_the_gap_of_a_method(eitbench: Command, tmp_path: Path) -> None:
+    try:
+        check_isolation()
+    except InputError as error:
+        pytest.skip(str(error))
+    key = tmp_path / "key"
+    code, printed, _ = eitbench("hidden", "new-key", key)
+    assert code == 0
+    board = publish(tmp_path, printed)
+    assert key.read_text().strip() not in printed
+
+    code, _, err = eitbench("run", "quick", "--out", tmp_path / "open")
+    assert code == 0, err
+    options = ("--records", board, "--key", key)
+    code, out, err = eitbench("hidden", "run", "quick", *options, "--out", tmp_path / "hidden")
+    assert code == 0, err
+    assert "keep it as secret as the key" in out
+    manifest = json.loads((tmp_path / "hidden" / "manifest.json").read_text())
+    assert manifest["hidden"] in (board / "hidden.toml").read_text()
+
+    gap = ("hidden", "gap", tmp_path / "open", tmp_path / "hidden")
+    code, out, err = eitbench(*gap, "--record", board / "2026.1")
+    assert code == 0, err
+    assert "no fall found" in out
+    assert (board / "2026.1" / "hidden" / "quick.json").is_file()
+    code, out, _ = eitbench(*gap, "--json")
+    assert json.loads(out)["gaps"][0]["method"] == "noser"
+    code, _, err = eitbench(*gap, "--record", board / "2026.1")
+    assert code == 2
+    assert "never edited" in err
+
+
+def test_a_key_that_is_not_published_draws_nothing(eitbench: Command, tmp_path: Path) -> None:
+    _, printed, _ = eitbench("hidden", "new-key", tmp_path / "one")
+    board = publish(tmp_path, printed)
+    eitbench("hidden", "new-key", tmp_path / "two")
+    where = ("--records", board, "--key", tmp_path / "two", "--out", tmp_path / "run")
+    code, _, err = eitbench("hidden", "run", "quick", *where)
+    assert code == 2
+    assert "is not the published one" in err
+    assert not (tmp_path / "run").exists()
+    where = ("--records", tmp_path, "--key", tmp_path / "two", "--out", tmp_path / "run")
+    code, _, err = eitbench("hidden", "run", "quick", *where)
+    assert code == 2
+    assert "Cannot read the key file" in err
+    code, _, err = eitbench("hidden", "new-key", tmp_path / "no" / "folder")
+    assert code == 1
+    assert "No such file" in err
+
+
+@pytest.mark.slow
+def test_from_a_run_to_a_submission_that_was_reproduced(eitbench: Command, tmp_path: Path) -> None:
+    run, out = tmp_path / "run", tmp_path / "submissions" / "quick" / "mine"
+    assert eitbench("run", "quick", "--out", run)[0] == 0
+    code, printed, _ = eitbench("submission", "check", run)
+    assert code == 0
+    assert "eitbench submission make" in printed
+    code, printed, err = eitbench("submission", "make", run, "--out", out)
+    assert code == 0, err
+    assert "MB of images" in printed.splitlines()[0]
+    assert f"Fill in {out / 'submission.json'}" in printed
+    code, printed, err = eitbench("submission", "check", out)
+    assert code == 1
+    assert "does not say 'name': fill it in" in printed
+    said = json.loads((out / "submission.json").read_text()) | {
+        "name": "NOSER", "authors": ["A"], "contact": "a@example.org", "commit": "0" * 40,
+        "code": "https://example.org", "licence": "MIT", "training_data": "none",
+        "test_split_seen": False,
+    }  # fmt: skip
+    (out / "submission.json").write_text(json.dumps(said))
+    code, printed, err = eitbench("submission", "check", out)
+    assert code == 0, err
+    assert "Time (self-reported): 'noser' on 'n'" in printed
+    assert "calibration solves" in printed
+    assert "Tier: self-reported" in printed
+    code, printed, err = eitbench("submission", "check", out, "--rerun", "4")
+    assert code == 0, err
+    assert "Tier: reproduced" in printed
+    assert "times and memory (self-reported)" in printed
+    code, printed, _ = eitbench("leaderboard", out)
+    assert "tier of noser: reproduced on 30 of 30 samples (its times are self-" in printed
+    shutil.rmtree(out / "plugins", ignore_errors=True)
+    code, _, err = eitbench("submission", "make", run, "--out", out)
+    assert code == 2
+    assert "is there already" in err
