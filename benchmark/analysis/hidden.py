@@ -44,7 +44,7 @@ KEY_BYTES = 32
 KEYS = "hidden.toml"
 """Beside the versions of the leaderboard: the hashes of all keys."""
 FOLDER = "hidden"
-"""In a version of the leaderboard: a record of figures for each suite."""
+"""In a version of the leaderboard: a record of figures of each run on a hidden set."""
 
 Sha256 = Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{64}\z")]
 _Text = Annotated[str, Field(max_length=200)]
@@ -91,7 +91,7 @@ class Gap(Declaration):
         open, hidden: the figure.
         difference, low, high: hidden minus open, with its 95 % interval; the ends are None of
             fewer than `MIN_CLUSTERS` clusters.
-        p: of no difference, two-sided, adjusted for all gaps of the record (Holm); None as above.
+        p: of no difference, two-sided, adjusted for all gaps of its run (Holm); None as above.
         falls: True if the method is worse on the hidden set by more than chance.
     """
 
@@ -334,22 +334,30 @@ def _tested(found: Sequence[Gap]) -> tuple[Gap, ...]:
 
 
 def write_hidden(record: HiddenRecord, version: Path) -> Path:
-    """Keep the record in the folder of a version of the leaderboard.
+    """Keep the record in the folder of a version of the leaderboard, beside earlier ones.
 
     Raises:
-        InputError: there is one already.
+        InputError: one of its gaps is there already.
     """
-    path = version / FOLDER / f"{record.suite}.json"
-    if path.exists():
-        raise InputError(
-            f"{path} is there already, and records are never edited: make a new version."
-        )
+    there = [of for of in read_hidden(version) if of.suite == record.suite]
+    known = {_of_code(gap) for of in there if of.key == record.key for gap in of.gaps}
+    for gap in record.gaps:
+        if _of_code(gap) in known:
+            raise InputError(
+                f"{version} has a figure of {gap.method!r} on the hidden set of {gap.scenario!r} "
+                "already, and figures are never edited: run other methods, or make a new version."
+            )
+    path = version / FOLDER / f"{record.suite}-{len(there) + 1}.json"
     atomic_write(path, (record.model_dump_json(indent=1) + "\n").encode())
     return path
 
 
+def _of_code(gap: Gap) -> tuple[str, str, str | None]:
+    return gap.scenario, gap.method, gap.code
+
+
 def read_hidden(version: Path) -> list[HiddenRecord]:
-    """Read the records of a version of the leaderboard, by suite; empty where it has none.
+    """Read the records of a version of the leaderboard; empty where it has none.
 
     Raises:
         DataCorruptError: one of them is damaged.
@@ -374,6 +382,6 @@ def gap_of(records: Iterable[HiddenRecord], run: Run, scenario: str, method: str
         if record.suite != suite or record.data.get(scenario, ("", ""))[0] != data:
             continue
         for gap in record.gaps:
-            if (gap.scenario, gap.method, gap.code) == (scenario, method, code):
+            if _of_code(gap) == (scenario, method, code):
                 return gap
     return None

@@ -17,8 +17,9 @@ _FORMS = {column.name: column for column in METHOD_LAYOUT.columns}
 def difference(gap: Gap) -> str:
     """Return hidden minus open, with its 95 % interval if it has one."""
     number = _FORMS[gap.figure].number
-    ends = "" if gap.low is None else f" ({number(gap.low)} to {number(gap.high)})"
-    return number(gap.difference) + ends
+    if gap.low is None or gap.high is None:
+        return number(gap.difference)
+    return f"{number(gap.difference)} ({number(gap.low)} to {number(gap.high)})"
 
 
 def gap_texts(gap: Gap) -> list[str]:

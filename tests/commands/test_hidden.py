@@ -63,7 +63,7 @@ def test_from_a_key_to_the_gap_of_a_method(eitbench: Command, tmp_path: Path) ->
     code, out, err = eitbench(*gap, "--record", board / "2026.1")
     assert code == 0, err
     assert "no fall found" in out
-    assert (board / "2026.1" / "hidden" / "quick.json").is_file()
+    assert (board / "2026.1" / "hidden" / "quick-1.json").is_file()
     code, out, _ = eitbench(*gap, "--json")
     assert json.loads(out)["gaps"][0]["method"] == "noser"
     code, _, err = eitbench(*gap, "--record", board / "2026.1")

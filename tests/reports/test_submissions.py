@@ -328,7 +328,7 @@ def test_a_submission_rises_from_tier_to_tier(folder: Path) -> None:
     other = record_of(folder, "0" * 64)  # of other code
     write_hidden(other, board)
     assert tier(found, "n", "gentle").tier == "reproduced"
-    (board / "hidden" / "mine.json").unlink()
+    (board / "hidden" / "mine-1.json").unlink()
     (plugin,) = found.manifest["plan"]["plugins"]
     write_hidden(record_of(folder, plugin["sha256"]), board)
     standing = tier(found, "n", "gentle")

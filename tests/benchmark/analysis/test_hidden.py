@@ -1,6 +1,7 @@
 """Hidden sets: nobody draws them without the key, and who knows the open frames falls on them."""
 
 import base64
+import hashlib
 import json
 import stat
 import zlib
@@ -37,7 +38,7 @@ from eitbench.scenarios.data.datasets import Dataset, load
 from eitbench.scenarios.errors import DataCorruptError, InputError
 from eitbench.scenarios.imperfections.imperfections import Imperfections
 from eitbench.scenarios.suites.scenario import SimulatedScenario, SplitNoise
-from eitbench.scenarios.suites.suite import Suite, load_suite
+from eitbench.scenarios.suites.suite import Suite, hidden_key, load_suite
 
 KEY, OTHER = bytes(range(32)), bytes(range(1, 33))
 SCENARIO = SimulatedScenario(
@@ -49,7 +50,7 @@ SUITE = Suite(name="mine", title="Mine", methods=("noser",), scenarios=(SCENARIO
 
 
 def published(folder: Path, key: bytes = KEY, more: str = "") -> Path:
-    sha256 = hidden.hashlib.sha256(key).hexdigest()
+    sha256 = hashlib.sha256(key).hexdigest()
     path = folder / "hidden.toml"
     path.write_text(f'[[keys]]\nversion = "2026.1"\nsuite = "mine"\nsha256 = "{sha256}"\n{more}\n')
     return path
@@ -103,6 +104,7 @@ def test_methods_learn_and_are_tuned_on_the_open_data() -> None:
 def test_the_key_is_in_no_file_and_no_worker(tmp_path: Path) -> None:
     suite = hidden_suite(SUITE, "2026.1", KEY, published(tmp_path))
     (scenario,) = suite.scenarios
+    assert isinstance(scenario, SimulatedScenario)
     plan = make_plan(suite, limit=4)
     texts = [suite.model_dump_json(), repr(suite), str(scenario), plan.model_dump_json()]
     assert all(KEY.hex() not in text and repr(KEY) not in text for text in texts)
@@ -124,7 +126,7 @@ def test_the_key_is_in_no_file_and_no_worker(tmp_path: Path) -> None:
 
 def test_a_key_is_random_secret_and_never_overwritten(tmp_path: Path) -> None:
     one, two = tmp_path / "one", tmp_path / "two"
-    assert new_key(one) == hidden.hashlib.sha256(read_key(one)).hexdigest()
+    assert new_key(one) == hashlib.sha256(read_key(one)).hexdigest()
     assert new_key(two) != new_key(tmp_path / "three")
     assert stat.S_IMODE(one.stat().st_mode) == 0o600
     key = read_key(one)
@@ -142,7 +144,7 @@ def test_what_is_no_key_is_refused(tmp_path: Path, text: str) -> None:
 
 def test_only_the_published_key_draws_a_hidden_set(tmp_path: Path) -> None:
     path = published(tmp_path)
-    assert hidden_suite(SUITE, "2026.1", KEY, path).scenarios[0].hidden  # type: ignore[union-attr]
+    assert hidden_key(hidden_suite(SUITE, "2026.1", KEY, path)) in path.read_text()
     with pytest.raises(InputError, match="is not the published one of suite 'mine'"):
         hidden_suite(SUITE, "2026.1", OTHER, path)
     with pytest.raises(InputError, match=r"no key of suite 'mine' in version 2026\.2: publish"):
@@ -281,8 +283,14 @@ def test_a_record_is_kept_once_and_found_for_the_same_code_alone(
     edited = replace(runs[0], manifest=runs[0].manifest | {"plan": plan})
     assert gap_of([record], edited, "n", "memory") is None
     assert gap_of([record], runs[1], "n", "memory") is None  # of other data
-    with pytest.raises(InputError, match="never edited"):
+    with pytest.raises(InputError, match="figures are never edited"):
         write_hidden(record, tmp_path)
+    later = record.gaps[0].model_copy(update={"method": "later"})
+    more = record.model_copy(update={"gaps": (later,)})
+    assert write_hidden(more, tmp_path).name == "mine-2.json"
+    assert read_hidden(tmp_path) == [record, more]
+    with pytest.raises(InputError, match="figures are never edited"):
+        write_hidden(more, tmp_path)
     path.write_text(text.replace('"falls":true', '"falls":7').replace('"falls": true', '"falls":7'))
     with pytest.raises(DataCorruptError, match="is damaged"):
         read_hidden(tmp_path)
