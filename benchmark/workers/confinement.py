@@ -104,6 +104,21 @@ def check_isolation() -> None:
         )
 
 
+def check_unreadable(place: Path) -> None:
+    """Check that isolated workers cannot read what is at `place`.
+
+    Raises:
+        InputError: it lies in a folder that they may read.
+    """
+    given = [Path(name) for name in (os.environ.get("EITBENCH_DATA"),) if name]
+    for folder in (*_needed(), *given):
+        if place.resolve().is_relative_to(folder.resolve()):
+            raise InputError(
+                f"{place} lies in {folder}, which isolated methods may read: name a place outside "
+                "of the checkout, of Python, of recordings and of the system."
+            )
+
+
 def _keep_machine_code(folder: Path) -> None:
     """Let numba compile in memory what is not on the disk; it fails where it cannot write."""
     import numba

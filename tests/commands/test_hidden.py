@@ -89,6 +89,30 @@ def test_a_key_that_is_not_published_draws_nothing(eitbench: Command, tmp_path: 
     assert "No such file" in err
 
 
+@pytest.mark.parametrize("option", ["--key", "--out"])
+def test_nothing_secret_lies_where_isolated_methods_read(
+    eitbench: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, option: str
+) -> None:
+    _, printed, _ = eitbench("hidden", "new-key", tmp_path / "key")
+    board = publish(tmp_path, printed)
+    monkeypatch.setenv("EITBENCH_DATA", str(tmp_path / "recordings"))
+    (tmp_path / "recordings").mkdir()
+    (tmp_path / "recordings" / "key").write_text((tmp_path / "key").read_text())
+    places = {"--key": tmp_path / "key", "--out": tmp_path / "run"}
+    places[option] = tmp_path / "recordings" / places[option].name
+    where = [part for pair in places.items() for part in pair]
+    code, _, err = eitbench("hidden", "run", "quick", "--records", board, *where)
+    assert code == 2
+    assert "which isolated methods may read: name a place outside" in err
+    places[option] = Path(__file__).parent / places[option].name  # in the checkout
+    if option == "--out":
+        where = [part for pair in places.items() for part in pair]
+        code, _, err = eitbench("hidden", "run", "quick", "--records", board, *where)
+        assert code == 2
+        assert "which isolated methods may read" in err
+        assert not places["--out"].exists()
+
+
 @pytest.mark.slow
 def test_from_a_run_to_a_submission_that_was_reproduced(eitbench: Command, tmp_path: Path) -> None:
     run, out = tmp_path / "run", tmp_path / "submissions" / "quick" / "mine"

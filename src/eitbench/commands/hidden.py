@@ -10,12 +10,12 @@ from eitbench.commands.console import Json, names_in, print_json, print_renderab
 
 app = typer.Typer(
     help="Hidden test sets: drawn with a secret key whose hash is published.",
-    epilog="Example: eitbench hidden new-key board.key",
+    epilog="Example: eitbench hidden new-key ../board.key",
     no_args_is_help=True,
 )
 
 
-@app.command("new-key", epilog="Example: eitbench hidden new-key board.key")
+@app.command("new-key", epilog="Example: eitbench hidden new-key ../board.key")
 def new_key(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="New file, to be kept secret.")],
 ) -> None:
@@ -28,7 +28,7 @@ def new_key(
     typer.echo(f"Publish its hash in {RECORDS / KEYS}: sha256 = {sha256!r}")
 
 
-@app.command("run", epilog="Example: eitbench hidden run noise --key board.key --out runs/hidden")
+@app.command("run", epilog="Example: eitbench hidden run noise --key ../board.key --out ../hidden")
 def run(
     suite: Annotated[str, typer.Argument(help="A packaged suite (eitbench list suites).")],
     key: Annotated[Path, typer.Option(metavar="FILE", help="The secret key.")],
@@ -55,13 +55,16 @@ def run(
     from eitbench.benchmark.analysis.hidden import KEYS, hidden_suite, read_key
     from eitbench.benchmark.run.progress import RunProgress
     from eitbench.benchmark.run.runner import make_plan, start_run
-    from eitbench.benchmark.workers.confinement import check_isolation
+    from eitbench.benchmark.workers.confinement import check_isolation, check_unreadable
+    from eitbench.scenarios.data.simulation import split_folder
     from eitbench.scenarios.errors import unknown_name
     from eitbench.scenarios.suites.suite import load_suite, suites
 
     if suite not in suites():
         raise unknown_name("suite", suite, suites())
     found = hidden_suite(load_suite(suite), version, read_key(key), records / KEYS)
+    for place in (key, out, split_folder("test")):
+        check_unreadable(place)
     check_isolation()
     plan = make_plan(
         found,
@@ -77,7 +80,7 @@ def run(
     typer.echo("It holds the true images: keep it as secret as the key until that is retired.")
 
 
-@app.command("gap", epilog="Example: eitbench hidden gap runs/open runs/hidden")
+@app.command("gap", epilog="Example: eitbench hidden gap runs/open ../hidden")
 def gap(
     open_run: Annotated[
         Path, typer.Argument(metavar="OPEN", help="A run of the open suite, or its record.")
