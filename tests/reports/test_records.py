@@ -14,7 +14,7 @@ from eitbench.benchmark.run.runner import make_plan, start_run
 from eitbench.reports.board.records import STEPS, cost, write_record
 from eitbench.reports.page.images import shown_samples
 from eitbench.reports.page.report_data import report_data
-from eitbench.reports.page.site import write_site
+from eitbench.reports.site.site import write_site
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.suites.scenario import SimulatedScenario, SplitNoise
 from eitbench.scenarios.suites.suite import Suite
