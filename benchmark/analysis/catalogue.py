@@ -10,12 +10,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
+from typing import Any
 
 from eitbench.methods.registry import OPERATOR_REGISTRY, place_methods
 from eitbench.scenarios.catalogue import sensors
 from eitbench.scenarios.docstrings import first_line
 from eitbench.scenarios.recordings import RECORDED_SETS
-from eitbench.scenarios.recordings.descriptors import RecordedSet as Recording
+from eitbench.scenarios.recordings.descriptors import RecordedSet
+
+Recording = RecordedSet
+"""The descriptor of a recorded set."""
 
 TRAINING = (
     "scenario", "train_samples", "epochs", "seed", "device", "train_s", "command", "train_data"
@@ -50,7 +54,8 @@ class AboutMethod:
 
 def about_method(name: str) -> AboutMethod | None:
     """What is known of a method or operator; None for one that is not eitbench's."""
-    cls = {**place_methods(), **OPERATOR_REGISTRY.known()}.get(name)
+    known: dict[str, Any] = {**place_methods(), **OPERATOR_REGISTRY.known()}
+    cls = known.get(name)
     if cls is None or not cls.__module__.startswith("eitbench.methods."):
         return None
     return AboutMethod(
@@ -59,7 +64,7 @@ def about_method(name: str) -> AboutMethod | None:
         code=Path(inspect.getfile(cls)).read_text(encoding="utf-8"),
         parameters={
             field.name: repr(field.default)
-            for field in (dataclasses.fields(cls) if dataclasses.is_dataclass(cls) else ())
+            for field in getattr(cls, "__dataclass_fields__", {}).values()
             if field.init and field.default is not dataclasses.MISSING
         },
         search={key: ", ".join(map(str, values)) for key, values in cls.search.items()},

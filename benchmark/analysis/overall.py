@@ -169,6 +169,6 @@ def wins_over_suites(
         if len(means) >= MIN_SCENARIOS:
             ((_, *both),) = bootstrap(means, np.arange(len(means)))
             ends = (both[0], both[1])
-        scenarios = sum(map(len, by_suite.values()))
-        rows.append(WinsRow(name, float(means.mean()), *ends, len(means), scenarios))
+        n = sum(map(len, by_suite.values()))
+        rows.append(WinsRow(name, float(means.mean()), *ends, len(means), n))
     return sorted(rows, key=lambda row: (row.low is None, -row.share, row.method))

@@ -26,10 +26,13 @@ MOST_ANSWERS, MOST_TABLES = 3, 8
 WORST = 5  # scenarios that a method's page lists of those on which it does worst
 
 
+Text = str | Markup
+
+
 class Cell(NamedTuple):
     """A cell of a table, with its class."""
 
-    text: str | Markup
+    text: Text
     kind: str = ""
 
 
@@ -39,7 +42,7 @@ class Table:
 
     title: str
     heads: Sequence[str]
-    rows: Sequence[Sequence[str | Markup | Cell]]
+    rows: Sequence[Sequence[Text | Cell]]
     note: str = ""
 
 
@@ -64,7 +67,7 @@ def overall_table(edition: Edition) -> Table | None:
     }
     rows = []
     for row in edition.wins:
-        cells = [
+        cells: list[Text | Cell] = [
             link(row.method, method_file(row.method)),
             Cell(_share(row), "bar"),
             Cell(str(row.suites), "number"),
@@ -158,7 +161,7 @@ def summary_table(suite: SuitePart) -> Table | None:
     found = suite.report["overall"].get("||")
     if not found:
         return None
-    rows = [
+    rows: list[list[Text | Cell]] = [
         [
             link(row["method"], method_file(row["method"]), "../"),
             Cell(_with_ends(row, "rank", ".2f"), "number"),
@@ -184,7 +187,7 @@ def matrix_table(suite: SuitePart) -> Table | None:
     for board in boards:
         of = {row["label"]: row for row in board["views"][0]["rows"]}
         column = layout(next(iter(of.values()))).column(board["ranked_by"])
-        cells: list[str | Markup | Cell] = [
+        cells: list[Text | Cell] = [
             Markup("{}<small> {}</small>").format(board["scenario"], column.title if column else "")
         ]
         best = board["views"][0]["rows"][0]["group"] or ""
@@ -225,7 +228,7 @@ def board_table(board: BoardData) -> Table:
 def _cell(column: Column, row: Row, rows: Sequence[Row]) -> Cell:
     if column.name in ("method", "operator"):
         return Cell(link(row["label"], method_file(name_of(row)), "../"))
-    text: str | Markup = column.text(row)
+    text: Text = column.text(row)
     if ends := column.ends(row):
         text = Markup("{}<small> {}</small>").format(text, ends)
     values = [other[column.name] for other in rows if other[column.name] is not None]
@@ -317,11 +320,11 @@ def failings(name: str, edition: Edition) -> list[str]:
         for board, row in suite.rows(name):
             rows = board["views"][0]["rows"]
             place = rows.index(row)
-            lost = [p for p in board["pairs"] if p["second"] == place and p["p"] < SIGNIFICANT]
+            lost = sum(p["second"] == place and p["p"] < SIGNIFICANT for p in board["pairs"])
             if lost and row["rank"]:
                 where = f"{suite.name} / {board['scenario']}"
                 share = (row["rank"] - 1) / max(len(rows) - 1, 1)
-                beaten.append((share, where, row, rows, len(lost)))
+                beaten.append((share, where, row, rows, lost))
     beaten.sort(key=lambda of: (-of[0], of[1]))
     for _, where, row, rows, lost in beaten[:WORST]:
         column = layout(row).column(row["ranked_by"])
