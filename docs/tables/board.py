@@ -3,6 +3,7 @@
 from docs.tables.record import DOCS, printed
 
 from eitbench.benchmark.analysis.results import read_run
+from eitbench.reports.board.records import spent_s
 
 _BOARD = DOCS.parent / "reports" / "board"
 
@@ -18,10 +19,10 @@ def _records() -> str:
     for path in sorted(_BOARD.glob("2*/*/manifest.json")):
         run = read_run(path.parent)
         frames = sum(run.n(name) for name in run.scenarios())
-        minutes = (run.samples["frame_ms"].sum() / 1e3 + run.cells["setup_s"].sum()) / 60
+        minutes = spent_s(run).sum() / 60
         size = sum(file.stat().st_size for file in path.parent.iterdir()) / 1e6
         rows.append([
-            path.parents[1].name, f"`{path.parent.name}`", str(run.cells["method"].nunique()),
+            path.parents[1].name, f"`{path.parent.name}`", str(run.cells[run.kind.name].nunique()),
             f"{frames:,}", f"{minutes:.1f}", f"{size:.1f}", str(run.manifest["started"])[:10],
             _commit(str(run.manifest["git_commit"])),
         ])  # fmt: skip

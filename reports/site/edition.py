@@ -15,6 +15,7 @@ from eitbench.benchmark.analysis.rerun import digest, verified
 from eitbench.benchmark.analysis.results import Run, read_run
 from eitbench.benchmark.rundir import manifest
 from eitbench.benchmark.rundir.file_names import file_name
+from eitbench.reports.board.changes import changes, in_words, last_before, reasons, version_key
 from eitbench.reports.page.report import to_page
 from eitbench.reports.page.report_data import (
     BoardData,
@@ -70,6 +71,15 @@ class SuitePart:
     def _declared(self) -> Mapping[str, Any]:
         found: Mapping[str, Any] = self.runs[0].manifest["plan"]["suite"]
         return found
+
+    @property
+    def changed(self) -> list[str]:
+        """What differs from the record of the version before, a sentence each."""
+        record = self.runs[0].path
+        if not VERSION.fullmatch(record.parent.name):
+            return []
+        older = last_before(record)
+        return in_words(changes(older, record), reasons(record.parent)) if older else []
 
     @property
     def file(self) -> str:
@@ -155,7 +165,7 @@ def editions(folder: Path) -> list[Edition]:
         InputError: there is no run directory.
     """
     versions = [path for path in folder.glob("2*") if VERSION.fullmatch(path.name)]
-    versions.sort(key=lambda path: tuple(map(int, path.name.split("."))), reverse=True)
+    versions.sort(key=lambda path: version_key(path.name), reverse=True)
     if versions:
         return [_edition(path, path.name) for path in versions]
     return [_edition(folder, "")]
