@@ -128,9 +128,9 @@ def cost(suite: str, records: Path) -> str:
     slowest = spent_s(run).idxmax()
     frames = pd.Series({name: run.n(name) for name in run.scenarios()}).sum()
     return (
-        f"{suite!r} took its {run.kind.name}s {spent_s(run).sum() / 60:.1f} minutes on one core for {frames:,} "
-        f"frames in version {newest.parents[1].name}, most of it {slowest!r}; its record has "
-        f"{size:.1f} MB."
+        f"{suite!r} took its {run.kind.name}s {spent_s(run).sum() / 60:.1f} minutes on one core "
+        f"for {frames:,} frames in version {newest.parents[1].name}, most of it {slowest!r}; its "
+        f"record has {size:.1f} MB."
     )
 
 
