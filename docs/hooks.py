@@ -90,4 +90,6 @@ GENERATED = {
     "figures of acuity": lambda: _cards(ACUITY_SPECS.values()),
     "costs of operators": lambda: _cards(OPERATOR_COSTS.values()),
     "command line": _command_line,
+    # `make site` puts the documentation below it; where files are read as they are, there is none.
+    "link to the leaderboard": lambda: '<a href="../index.html">The leaderboard of this site</a>',
 }
