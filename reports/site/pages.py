@@ -331,6 +331,7 @@ def failings(name: str, edition: Edition) -> list[str]:
         figure = "" if column is None else f": {column.title} {column.text(row)}, the first has "
         figure += "" if column is None else column.text(rows[0])
         sentences.append(
-            f"{where}{figure}; rank {row['rank']} of {len(rows)}, clearly beaten by {lost}."
+            f"{where}{figure}; rank {row['rank']} of {len(rows)}, clearly beaten by {lost} "
+            f"method{'s' * (lost != 1)}."
         )
     return [printable(sentence) for sentence in sentences]
