@@ -1,11 +1,19 @@
-"""What the records of the leaderboard are, and what they cost."""
+"""Records of the leaderboard: what they are, what they cost, and what is printed of one."""
+
+import io
 
 from docs.tables.record import DOCS, printed
+from rich.console import Console
 
 from eitbench.benchmark.analysis.results import read_run
 from eitbench.reports.board.records import spent_s
+from eitbench.reports.tables.leaderboard import ranked_rows
+from eitbench.reports.tables.terminal import table
 
 _BOARD = DOCS.parent / "reports" / "board"
+_WIDTH = 120
+_SHORT = 7
+"""Methods that the README shows."""
 
 
 def _commit(name: str) -> str:
@@ -30,4 +38,20 @@ def _records() -> str:
     return printed(heads, rows, [False, False, True, True, True, True, False, False])
 
 
-TABLES = {"records of the leaderboard": _records}
+def _boards(suite: str) -> list[str]:
+    """Lines that `eitbench leaderboard` prints of the newest record of a suite."""
+    path = sorted(_BOARD.glob(f"2*/{suite}"))[-1]
+    out = io.StringIO()
+    Console(file=out, width=_WIDTH, highlight=False).print(table(ranked_rows([path]), _WIDTH))
+    return [line.rstrip() for line in out.getvalue().rstrip().splitlines()]
+
+
+def _listing(lines: list[str]) -> str:
+    return "\n".join(["```text", *lines, "```"])
+
+
+TABLES = {
+    "records of the leaderboard": _records,
+    "boards of quick": lambda: _listing(_boards("quick")),
+    "first board of quick": lambda: _listing([*_boards("quick")[2 : 5 + _SHORT], "   …"]),
+}
