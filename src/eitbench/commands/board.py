@@ -7,7 +7,7 @@ import typer
 
 app = typer.Typer()
 
-VERSION = "2026.1"
+VERSION = "2026.2"
 """Of the leaderboard that is being made."""
 
 
