@@ -38,12 +38,11 @@ bench: $(STAMPS)/bench  ## speed, measured beside rivals in one run (docs/speed.
 mutants: $(STAMPS)/mutants  ## mutation testing of what scores methods, hours (CONTRIBUTING.md)
 	$(BIN)/python tests/mutation/mutate.py
 
-docs: $(STAMPS)/docs  ## the documentation as a site, in build/site; warnings are errors
+docs: $(STAMPS)/docs  ## the documentation as a site, in build/site/docs; warnings are errors
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
-site: $(STAMPS)/docs  ## documentation in build/site, and the leaderboard of the newest version in build/site/board
-	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
-	$(BIN)/eitbench site $$(ls -d reports/board/2* | tail -n 1) --out build/site/board
+site: docs  ## the leaderboard in build/site, all versions, with the documentation
+	$(BIN)/eitbench site reports/board --out build/site
 
 tables: $(STAMPS)/test  ## write the tables of the documentation anew, from stored runs and studies
 	$(BIN)/python -m docs.tables

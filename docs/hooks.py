@@ -22,12 +22,16 @@ _ROOT = Path(__file__).resolve().parents[1]
 _FORMULA = re.compile(r'<(span|div) class="arithmatex">\\[(\[](.*?)\\[)\]]</\1>', flags=re.DOTALL)
 _BAR = re.compile(r"<mo>(&#x02016;|&#x0007C;)</mo>")  # would grow as tall as all that follows
 _PLACE = re.compile(r"^<!-- generated: (.*?) -->$", flags=re.MULTILINE)
+_MARK = re.compile(r"<!-- (?:figure: .*?|end) -->")  # see docs/tables/figures.py
 _BEST = {"max": "more is better", "min": "less is better", None: "neither more nor less is better"}
 
 
 def on_page_markdown(markdown: str, **_: Any) -> str:
-    """Put generated Markdown where `<!-- generated: NAME -->` stands alone on a line."""
-    return _PLACE.sub(lambda place: GENERATED[place[1]](), markdown)
+    """Put generated Markdown where `<!-- generated: NAME -->` stands alone on a line.
+
+    The marks of figures are left out.
+    """
+    return _MARK.sub("", _PLACE.sub(lambda place: GENERATED[place[1]](), markdown))
 
 
 def on_page_content(content: str, **_: Any) -> str:
@@ -90,4 +94,6 @@ GENERATED = {
     "figures of acuity": lambda: _cards(ACUITY_SPECS.values()),
     "costs of operators": lambda: _cards(OPERATOR_COSTS.values()),
     "command line": _command_line,
+    # `make site` puts the documentation below it; where files are read as they are, there is none.
+    "link to the leaderboard": lambda: '<a href="../index.html">The leaderboard of this site</a>',
 }

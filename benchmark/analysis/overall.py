@@ -116,3 +116,59 @@ def overall(
         friedman_p=float(stats.friedmanchisquare(*ranks.T).pvalue) if varies else None,
         left_out=[name for name in known if name not in names],
     )
+
+
+@dataclass(frozen=True)
+class WinsRow:
+    """A method over all suites that it took part in.
+
+    Attributes:
+        share, low, high: of its comparisons with another method on a scenario, those that it wins,
+            equals counting half, and the 95 % interval; None for both ends where it took part in
+            fewer than `MIN_SCENARIOS` suites.
+        suites: number of those.
+        scenarios: number of theirs on which it has a figure.
+    """
+
+    method: str
+    share: float
+    low: float | None
+    high: float | None
+    suites: int
+    scenarios: int
+
+
+def wins_over_suites(
+    figures: Mapping[str, Mapping[str, Mapping[str, float]]],
+) -> list[WinsRow]:
+    """Share of comparisons that each method wins, a suite counting as much as any other.
+
+    On a scenario of k methods one with the rank r (1 for the best, equals sharing theirs) wins
+    (k - r) / (k - 1) of its comparisons. The mean over the scenarios of a suite is its share there,
+    the mean over suites its share. Intervals are of a bootstrap over suites, as if these had been
+    drawn from all that there could be. Methods of unlike suites met unlike opponents.
+
+    Args:
+        figures: of each suite, and of each of its scenarios, the ranking figure of each method;
+            more is better.
+
+    Returns:
+        First the methods that took part in `MIN_SCENARIOS` suites, then the others, each by share.
+    """
+    shares: dict[str, dict[str, list[float]]] = {}
+    for suite, scenarios in figures.items():
+        for of in scenarios.values():
+            values = -np.round(np.array(list(of.values())), _DIGITS)
+            won = (len(of) - stats.rankdata(values)) / max(len(of) - 1, 1)
+            for name, share in zip(of, won, strict=True) if len(of) > 1 else ():
+                shares.setdefault(name, {}).setdefault(suite, []).append(float(share))
+    rows = []
+    for name, by_suite in shares.items():
+        means = np.array([[np.mean(of)] for of in by_suite.values()])
+        ends: tuple[float | None, float | None] = (None, None)
+        if len(means) >= MIN_SCENARIOS:
+            ((_, *both),) = bootstrap(means, np.arange(len(means)))
+            ends = (both[0], both[1])
+        n = sum(map(len, by_suite.values()))
+        rows.append(WinsRow(name, float(means.mean()), *ends, len(means), n))
+    return sorted(rows, key=lambda row: (row.low is None, -row.share, row.method))

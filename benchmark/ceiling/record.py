@@ -68,9 +68,13 @@ def below_ceiling(
     if len(np.unique(drawn_with)) < MIN_CLUSTERS:
         return None
     errors = np.stack([10 ** (-psnr[both] / 10), least[both]], axis=1)
-    return bootstrap(errors, drawn_with, _decibels)[0]
+    return bootstrap(errors, drawn_with, decibels)[0]
 
 
-def _decibels(counts: Array, errors: Array) -> Array:
+def decibels(counts: Array, errors: Array) -> Array:
+    """How far the mean of the first of `errors` (n, 2) is above that of the second [dB].
+
+    A statistic of `bootstrap`, for each of its draws of clusters.
+    """
     mean = means(counts, errors)
     return 10 * np.log10(mean[:, :1] / mean[:, 1:])

@@ -5,7 +5,7 @@ import pandas as pd
 from docs.tables.record import STUDIES, printed
 
 from eitbench.benchmark.ceiling.figures import summary
-from eitbench.benchmark.ceiling.record import recorded_frames
+from eitbench.benchmark.ceiling.record import decibels, recorded_frames
 from eitbench.benchmark.metrics.statistics import bootstrap, means
 from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.suites.suite import load_suite
@@ -94,7 +94,7 @@ def _offsets(same: str) -> str:
         (of,) = bootstrap(both.to_numpy(), clusters[both.index], _psnr)
         row = [f"{offset}", str(len(both)), f"{of.value:.2f}", "", "", ""]
         if offset != _SENSOR_OFFSET:
-            (gain,) = bootstrap(both.to_numpy(), clusters[both.index], _decibels)
+            (gain,) = bootstrap(both[["known", "own"]].to_numpy(), clusters[both.index], decibels)
             row[3:] = [f"{gain.value:+.2f}", f"{gain.low:+.2f}", f"{gain.high:+.2f}"]
         rows.append([*row, f"{signal[offset].median():.1f}"])
     heads = [
@@ -106,11 +106,6 @@ def _offsets(same: str) -> str:
 
 def _psnr(counts: Array, errors: Array) -> Array:
     return np.asarray(-10 * np.log10(means(counts, errors)[:, :1]))
-
-
-def _decibels(counts: Array, errors: Array) -> Array:
-    mean = means(counts, errors)
-    return np.asarray(10 * np.log10(mean[:, 1:] / mean[:, :1]))
 
 
 TABLES = {

@@ -12,6 +12,15 @@ from eitbench.reports.tables.formats import markdown_table
 
 DOCS = Path(__file__).resolve().parents[1]
 STUDIES = DOCS / "studies"
+SCENARIOS = {
+    "noise-clean": "clean",
+    "noise-60db": "60 dB",
+    "noise-50db": "50 dB",
+    "noise-40db": "40 dB",
+    "noise-30db": "30 dB",
+    "shapes": "unseen shapes, 50 dB",
+}
+"""Titles of the scenarios of `noise` and `shapes`."""
 
 
 def printed(

@@ -31,10 +31,11 @@ from eitbench.methods.method import Method
 from eitbench.methods.problem import Problem
 from eitbench.methods.registry import register
 from eitbench.scenarios.arrays import Array
+from eitbench.scenarios.sensors.patterns import independent
 from eitbench.scenarios.sensors.symmetry import asymmetry
 
 # ADMM steps between two linearisations; the solver goes on from where it stood.
-TV_ITERATIONS = 30
+TV_ITERATIONS = 45
 # Fractions of a full step that the line search tries.
 STEP_LENGTHS = (1.0, 0.5, 0.25, 0.125)
 
@@ -55,14 +56,24 @@ class GaussNewton(Method):
     gain_power: float = 0.0
     steps: int = 5
 
+    @property
+    def negligible(self) -> float:
+        """Singular value squared of the data, of 1 at most, below which they are left out."""
+        return 1e-12
+
     def fit(self, problem: Problem) -> None:
         """Linearise at the background, which scales data and prior for every later step."""
         self._problem = problem
         self._linearisation = Linearisation(
             problem, self.variable, self.row_exponent, self.gain_power
         )
-        self._compression = self._linearisation.compression()
-        self._expected = self._combined(problem.background_voltages)
+        self._compression = self._linearisation.compression(self.negligible)
+        # Of a model, half of the measurements say it all: reciprocity repeats them exactly.
+        self._measured, owner, sign = independent(problem.sensor.pattern)
+        repeated = np.zeros((len(owner), len(self._measured)))
+        repeated[np.arange(len(owner)), owner] = sign
+        self._combination = self._compression @ self._linearisation.weighted(repeated)
+        self._expected = self._combination @ problem.background_voltages[self._measured]
 
     def reconstruct(self, voltages: Array) -> Array:
         """Absolute conductivity (n, H, W) [S/m] from frames (n, M)."""
@@ -73,16 +84,16 @@ class GaussNewton(Method):
         )
 
     def linearised(self, x: Array, target: Array) -> tuple[Array, Array]:
-        """J_k (m, P) and the data J_k x_k + target - F(x_k) (m,) at the unknown `x` x_k (P,)."""
+        """J_k (m, H, W) and the data J_k x_k + target - F(x_k) (m,) at the unknown `x` x_k (P,)."""
         image = self._linearisation.images(x[None])[0]
-        voltages, sensitivity = self._problem.model.linearise(image)
-        rows = sensitivity[:, self._problem.mask] * self._linearisation.slope(x)
-        jacobian = self._combined(rows)
-        return jacobian, jacobian @ x + target - self._combined(voltages)
-
-    def _combined(self, values: Array) -> Array:
-        """Model voltages or rows (M, ...) as the independent combinations (m, ...) of the data."""
-        return self._compression @ self._linearisation.weighted(values)
+        voltages, sensitivity = self._problem.model.linearise(image, self._measured)
+        unknown, slope = np.zeros(image.shape), np.zeros(image.shape)
+        unknown[self._problem.mask] = x
+        slope[self._problem.mask] = self._linearisation.slope(x)
+        jacobian = self._combination @ sensitivity.reshape(len(sensitivity), -1)
+        jacobian *= slope.ravel()
+        data = jacobian @ unknown.ravel() + target - self._combination @ voltages[self._measured]
+        return jacobian.reshape(-1, *image.shape), data
 
     @abstractmethod
     def _solve(self, target: Array) -> Array:
@@ -109,7 +120,8 @@ class GaussNewtonNoser(GaussNewton):
         x = np.zeros(len(self._covariance))
         cost = self._cost(x, target)
         for _ in range(self.steps):
-            jacobian, data = self.linearised(x, target)
+            sensitivity, data = self.linearised(x, target)
+            jacobian = sensitivity[:, self._problem.mask]
             prior = jacobian * self._covariance
             solved = linalg.solve(prior @ jacobian.T + self._damping, data, assume_a="pos")
             full = np.clip(solved @ prior, *self._linearisation.bounds) - x
@@ -126,7 +138,8 @@ class GaussNewtonNoser(GaussNewton):
     def _cost(self, x: Array, target: Array) -> float:
         """|F(x) - target|^2 / w + x^T C^-1 x, what the steps are to lower."""
         image = self._linearisation.images(x[None])[0]
-        misfit = self._combined(self._problem.model.voltages(image)) - target
+        voltages = self._problem.model.voltages(image)[self._measured]
+        misfit = self._combination @ voltages - target
         return float(misfit @ misfit / self._damping[0, 0] + x @ (x / self._covariance))
 
 
@@ -136,18 +149,30 @@ class GaussNewtonTV(GaussNewton):
     """Nonlinear Gauss-Newton with total variation and bounds."""
 
     source: ClassVar[str] = "Borsic et al., IEEE Trans. Med. Imaging 29(1), 2010"
-    expected_failures: ClassVar = asymmetry(ANISOTROPY, 0.10, 0.10)
+    expected_failures: ClassVar = asymmetry(ANISOTROPY)
     search: ClassVar = {**GAINS, **UNKNOWN, **VARIATION, **ROWS}
-    steps: int = 6
+    steps: int = 4
+
+    @property
+    def negligible(self) -> float:
+        """See `GaussNewton`; the penalties of `TVSolver` are 10,000 times as strong."""
+        return 1e-3 * self.weight
+
+    def fit(self, problem: Problem) -> None:
+        """Linearise at the background, where every frame's first step is taken."""
+        super().fit(problem)
+        untouched = np.zeros(int(problem.mask.sum()))
+        self._first = self._solver(self.linearised(untouched, self._expected)[0])
 
     def _solve(self, target: Array) -> Array:
-        mask, state = self._problem.mask, None
-        x = np.zeros(int(mask.sum()))
-        for _ in range(self.steps):
-            jacobian, data = self.linearised(x, target)
-            rows = np.zeros((len(jacobian), *mask.shape))
-            rows[:, mask] = jacobian
-            solver = TVSolver(rows, self.weight, self._linearisation.bounds)
-            state = solver.run(data[None], state or solver.start(1), TV_ITERATIONS)
-            x = state.image[0, mask]
-        return x
+        solver, data = self._first, target - self._expected
+        state = solver.start(1)
+        for step in range(self.steps):
+            if step:
+                jacobian, data = self.linearised(state.image[0, self._problem.mask], target)
+                solver = self._solver(jacobian)
+            state = solver.run(data[None], state, TV_ITERATIONS)
+        return state.image[0, self._problem.mask]
+
+    def _solver(self, jacobian: Array) -> TVSolver:
+        return TVSolver(jacobian, self.weight, self._linearisation.bounds)

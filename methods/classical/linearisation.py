@@ -72,14 +72,15 @@ class Linearisation:
         """Model voltages or rows (M, ...) under the same weighting."""
         return np.asarray((values.T * self._weights).T)
 
-    def compression(self) -> Array:
+    def compression(self, negligible: float = 1e-12) -> Array:
         """(k, M) combinations of weighted measurements that carry all of the signal.
 
         Measurements repeat one another by reciprocity; the combinations are independent, keep the
-        least-squares problem as it is, and scale the Jacobian's largest singular value to 1.
+        least-squares problem as it is, and scale the Jacobian's largest singular value to 1. Those
+        whose singular value squared is `negligible` are left out.
         """
         energy, vectors = np.linalg.eigh(self.jacobian @ self.jacobian.T)
-        kept = energy > 1e-12 * energy[-1]
+        kept = energy > negligible * energy[-1]
         return np.asarray(vectors[:, kept].T / np.sqrt(energy[-1]))
 
     def images(self, x: Array) -> Array:

@@ -37,7 +37,7 @@ class TotalVariation(Method):
     """
 
     source: ClassVar[str] = "Borsic et al., IEEE Trans. Med. Imaging 29(1), 2010"
-    expected_failures: ClassVar = asymmetry(ANISOTROPY, 0.11, 0.11)
+    expected_failures: ClassVar = asymmetry(ANISOTROPY)
     search: ClassVar = {**GAINS, **UNKNOWN, **VARIATION, **ROWS}
     weight: float = 1e-3
     variable: Variable = "conductivity"

@@ -30,7 +30,7 @@ class Inr(NetworkPerFrame):
     """
 
     source: ClassVar[str] = "Tancik et al., NeurIPS 2020; Tong, Wang and Liu, arXiv 2409.04494"
-    expected_failures: ClassVar = asymmetry("its random frequencies have no symmetry", 0.025, 0.032)
+    expected_failures: ClassVar = asymmetry("its random frequencies have no symmetry")
     name: ClassVar = "inr"
     learning_rate: ClassVar[float] = 0.003
 

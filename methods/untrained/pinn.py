@@ -34,7 +34,7 @@ class Pinn(FittedPerFrame):
     source: ClassVar[str] = (
         "Raissi et al., J. Comput. Phys. 378, 2019; Bar and Sochen, SIAM J. Imaging Sci. 14, 2021"
     )
-    expected_failures: ClassVar = asymmetry("its random frequencies have no symmetry", 0.025, 0.036)
+    expected_failures: ClassVar = asymmetry("its random frequencies have no symmetry")
     name: ClassVar = "pinn"
     learning_rate: ClassVar[float] = 0.003
 

@@ -19,10 +19,14 @@ from eitbench.benchmark.rundir import manifest
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
 from eitbench.benchmark.rundir.run_arrays import TRUTH
 from eitbench.benchmark.rundir.store import SAMPLES
+from eitbench.reports.board.changes import version_key
 from eitbench.reports.page.images import shown_samples
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
+
+TIMES = ("frame_ms", "uncertainty_ms", "novelty_ms", "forward_ms", "grad_ms")
+"""Columns of samples with what a method or operator took."""
 
 STEPS = 250
 """Values of an image over the data range of its sensor: images of records are rounded to these."""
@@ -32,7 +36,7 @@ def write_record(run_path: Path, out: Path) -> Path:
     """Keep a whole run of a suite as a record in the new folder `out`.
 
     Raises:
-        InputError: the run is not one of methods, not finished, limited, or not of all methods and
+        InputError: the run is not finished, limited, or not of all methods (or operators) and
             scenarios of its suite; or there is a record already, which is never edited.
         DataCorruptError: it cannot be read.
     """
@@ -50,8 +54,9 @@ def write_record(run_path: Path, out: Path) -> Path:
     content = run.manifest | {"images": SHOWN}
     text = json.dumps(content, indent=1, allow_nan=False) + "\n"
     atomic_write(staged / manifest.FILE_NAME, text.encode())
-    shown = {name: shown_samples(run, name) for name in run.scenarios()}
-    _write_images(run, shown, staged / run.kind.arrays)
+    if run.kind is METHOD_RUNS:  # operators have no images
+        shown = {name: shown_samples(run, name) for name in run.scenarios()}
+        _write_images(run, shown, staged / run.kind.arrays)
     staged.rename(out)
     return out
 
@@ -78,8 +83,6 @@ def check_new(out: Path) -> None:
 def _lacking(run: Run) -> str:
     """What a run lacks of its suite, as a part of a sentence; "" if nothing."""
     suite = manifest.suite_of(run.manifest)
-    if run.kind is not METHOD_RUNS:
-        return "it does not rank methods"
     if run.manifest.get("hidden"):
         return "it holds frames of a hidden set, of which only figures are published"
     if not run.whole:
@@ -88,11 +91,11 @@ def _lacking(run: Run) -> str:
         return "it was limited to some test samples"
     if missing := [s.name for s in suite.scenarios if s.name not in run.scenarios()]:
         return f"it lacks the scenario {missing[0]!r}"
-    ran = set(run.cells["method"])
+    ran = set(run.cells[run.kind.name])
     left_out = run.manifest.get("skipped", {})
     for name in suite.names:
         if name not in ran and not any(cell.endswith(f"/{name}") for cell in left_out):
-            return f"it lacks the method {name!r}"
+            return f"it lacks the {run.kind.name} {name!r}"
     return ""
 
 
@@ -118,16 +121,24 @@ def _write_images(run: Run, shown: Mapping[str, Sequence[int]], path: Path) -> N
 
 def cost(suite: str, records: Path) -> str:
     """What a whole run of a `suite` cost when it was last recorded in `records`, as a sentence."""
-    found = sorted(records.glob(f"*/{suite}/{manifest.FILE_NAME}"))
+    found = list(records.glob(f"2*/{suite}/{manifest.FILE_NAME}"))
     if not found:
         return f"What {suite!r} costs is not known: no version has a record of it."
-    run = read_run(found[-1].parent)
-    seconds = run.samples["frame_ms"].sum() / 1e3 + run.cells["setup_s"].sum()
+    newest = max(found, key=lambda path: version_key(path.parents[1].name))
+    run = read_run(newest.parent)
     size = sum(path.stat().st_size for path in run.path.iterdir()) / 1e6
-    slowest = run.samples.groupby("method")["frame_ms"].sum().idxmax()
+    slowest = spent_s(run).idxmax()
     frames = pd.Series({name: run.n(name) for name in run.scenarios()}).sum()
     return (
-        f"{suite!r} took its methods {seconds / 60:.1f} minutes on one core for {frames:,} "
-        f"frames in version {found[-1].parents[1].name}, most of it {slowest!r}; its record has "
-        f"{size:.1f} MB."
+        f"{suite!r} took its {run.kind.name}s {spent_s(run).sum() / 60:.1f} minutes on one core "
+        f"for {frames:,} frames in version {newest.parents[1].name}, most of it {slowest!r}; its "
+        f"record has {size:.1f} MB."
     )
+
+
+def spent_s(run: Run) -> pd.Series:
+    """Time [s] of each method or operator of a run, frames and set-up together."""
+    name = run.kind.name
+    times = [column for column in TIMES if column in run.samples]
+    frames = run.samples.groupby(name)[times].sum().sum(axis=1) / 1e3
+    return frames.add(run.cells.groupby(name)["setup_s"].sum(), fill_value=0)

@@ -197,26 +197,36 @@ def overall_views(boards: Sequence[BoardData]) -> dict[str, dict[str, Any]]:
     choices = product(("", "untrained"), ("", "fast"), dict.fromkeys(["", *sensors]))
     for untrained, fast, sensor in choices:
         figures, guesses = {}, {}
-        for board in _largest(boards):
-            by = board["ranked_by"]
-            sign = METRICS[by].sign if by in METRICS else 1.0
+        for board in largest(boards):
             if not sensor or board["sensor"] == sensor:
-                if by == "localisation_mm" and (guess := board["views"][0]["rows"][0]["guess_mm"]):
+                rows = board["views"][0]["rows"]
+                if board["ranked_by"] == "localisation_mm" and (guess := rows[0]["guess_mm"]):
                     guesses[board["name"]] = guess
-                figures[board["name"]] = {
-                    row["label"]: sign * row[by]
-                    for row in board["views"][0]["rows"]
-                    if row.get(by) is not None
-                    and is_whole(row)
-                    and not (untrained and row["training"] != "")
+                kept = {
+                    row["label"]
+                    for row in rows
+                    if not (untrained and row["training"] != "")
                     and not (fast and not (row["frame_ms_p50"] or FAST_MS) < FAST_MS)
                 }
+                known = ranking_figures(board)
+                figures[board["name"]] = {name: known[name] for name in known if name in kept}
         if found := overall(figures, guesses):
             views[f"{untrained}|{fast}|{sensor}"] = asdict(found)
     return views
 
 
-def _largest(boards: Sequence[BoardData]) -> list[BoardData]:
+def ranking_figures(board: BoardData) -> dict[str, float]:
+    """The figure that ranks each method with all samples, by label; more is better."""
+    by = board["ranked_by"]
+    sign = METRICS[by].sign if by in METRICS else 1.0
+    return {
+        row["label"]: sign * row[by]
+        for row in board["views"][0]["rows"]
+        if row.get(by) is not None and is_whole(row)
+    }
+
+
+def largest(boards: Sequence[BoardData]) -> list[BoardData]:
     """Return the board with the most samples of each scenario."""
     largest: dict[tuple[str, str], BoardData] = {}
     for board in boards:
@@ -229,7 +239,7 @@ def _largest(boards: Sequence[BoardData]) -> list[BoardData]:
 def counted_data(boards: Sequence[BoardData]) -> str:
     """Say which data sets count over all scenarios; "" where each scenario has but one."""
     methods = [board for board in boards if board["kind"] == "method"]
-    named = [board["name"] for board in _largest(methods) if board["apart"]]
+    named = [board["name"] for board in largest(methods) if board["apart"]]
     if not named:
         return ""
     return (

@@ -75,11 +75,16 @@ SELF = "eitbench"
 def reference(method: str) -> str:
     """What a method comes from in words: authors, title, journal and year; "" where unknown."""
     entry = entries().get(KEYS.get(method, ""), "")
-    fields = dict(re.findall(r"^  (\w+) = \{(.*)\},?$", entry, re.MULTILINE))
-    first, *others = fields.get("author", "").split(" and ")
+    first, *others = entry_field(entry, "author").split(" and ")
     author = f"{first.split(',')[0]} et al." if others else first.split(",")[0]
-    where = (fields.get(name) for name in ("title", "journal", "booktitle", "year"))
+    where = (entry_field(entry, name) for name in ("title", "journal", "booktitle", "year"))
     return re.sub(r"[{}\\]", "", ", ".join(part for part in (author, *where) if part))
+
+
+def entry_field(entry: str, name: str) -> str:
+    """A field of an entry as it is written there; "" without one."""
+    match = re.search(rf"^  {name} = \{{(.*)\}},?$", entry, re.MULTILINE)
+    return match[1] if match else ""
 
 
 def entry_key(kind: str, name: str) -> str:

@@ -6,6 +6,7 @@ import pytest
 from typer.testing import CliRunner
 
 from eitbench.cli import app
+from eitbench.commands.board import VERSION
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.suites import suite as suites
 from eitbench.scenarios.suites.scenario import SimulatedScenario
@@ -29,14 +30,14 @@ def test_a_suite_is_run_and_recorded_and_its_cost_is_known_from_then_on(
     result = CliRunner().invoke(app, board(tmp_path, "quick"), catch_exceptions=False)
     assert result.exit_code == 0
     assert "What 'quick' costs is not known" in result.output
-    assert (tmp_path / "board" / "2026.1" / "quick" / "samples.parquet").is_file()
+    assert (tmp_path / "board" / VERSION / "quick" / "samples.parquet").is_file()
     with pytest.raises(InputError, match="never edited: give a new --version"):
         CliRunner().invoke(app, board(tmp_path, "quick"), catch_exceptions=False)
     # The run is finished, so that the next version has it at once.
-    again = board(tmp_path, "quick", "--version", "2026.2")
+    again = board(tmp_path, "quick", "--version", "2099.1")
     result = CliRunner().invoke(app, again, catch_exceptions=False)
-    assert "for 4 frames in version 2026.1" in result.output
-    assert (tmp_path / "board" / "2026.2" / "quick" / "manifest.json").is_file()
+    assert f"for 4 frames in version {VERSION}" in result.output
+    assert (tmp_path / "board" / "2099.1" / "quick" / "manifest.json").is_file()
 
 
 @pytest.mark.parametrize("version", ["", "../../out", "2026", "v1"])

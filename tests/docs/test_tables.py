@@ -5,7 +5,11 @@ import re
 from pathlib import Path
 
 import pandas as pd
+import pytest
 from docs.tables import TABLES, filled, pages
+from docs.tables.figures import with_figures
+
+from eitbench.scenarios.errors import InputError
 
 DOCS = Path(__file__).parents[2] / "docs"
 
@@ -27,6 +31,64 @@ def test_a_figure_that_was_typed_is_put_right() -> None:
     assert filled(typed) == text
 
 
+def test_a_typed_figure_of_a_sentence_is_put_right() -> None:
+    text = (DOCS / "results" / "data.md").read_text()
+    figure = r"(generator=2 scenario=noise-50db .*? -->)38<"
+    typed = re.sub(figure, r"\g<1>83<", text)
+    assert typed != text
+    assert filled(typed) == text
+
+
+@pytest.mark.parametrize(
+    ("asked", "printed"),
+    [
+        ("loss/loss.csv psnr .2f loss=mse seed=1", "22.25"),
+        ("loss/loss.csv eitbench s loss=mse seed=1", "0.1.0"),
+        ("size/summary.json rows.psnr .1f samples=750 backbone=unet", "21.9"),
+        ("size/summary.json training_hours g", "0.3"),
+        ("claims/claims.json claims.figures.0.interval.1 .3f id=real-presses", "0.425"),
+        ("scenarios/suites/scenario.py GENERATOR_VERSION d", "2"),
+    ],
+)
+def test_a_figure_is_that_of_its_record(asked: str, printed: str) -> None:
+    """Against the files as they were when this was written."""
+    text = f"It is <!-- figure: {asked} -->?<!-- end --> here."
+    assert with_figures(text) == text.replace("?", printed)
+
+
+@pytest.mark.parametrize(
+    ("asked", "why"),
+    [
+        ("loss/lost.csv psnr .2f", "Python file 'loss/lost.csv'"),
+        ("loss/measure.txt x d", "Python file 'loss/measure.txt'"),
+        ("loss/loss.csv psnr .2f loss=l1", "No rows fit"),
+        ("loss/loss.csv psnr .2f loss=mse", "3 rows fit"),
+        ("loss/loss.csv psnr .2f seeds=1", "no column 'seeds'"),
+        ("loss/loss.csv pnsr .2f loss=mse seed=1", "no 'pnsr'"),
+        ("size/summary.json hours .2f", "no 'hours'"),
+        ("scenarios/suites/scenario.py GENERATION d", "no 'GENERATION'"),
+        ("loss/loss.csv eitbench .2f loss=mse seed=1", "is not printed as '.2f'"),
+        ("loss/loss.csv psnr", "A figure is SOURCE NAME FORMAT"),
+    ],
+)
+def test_a_figure_without_a_record_is_refused(asked: str, why: str) -> None:
+    with pytest.raises(InputError, match=re.escape(why)):
+        with_figures(f"It is <!-- figure: {asked} -->1<!-- end -->.")
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        ("It is\n<!-- figure: x.csv y d -->1<!-- end -->.", "begins a line"),
+        ("- <!-- figure: x.csv y d -->1<!-- end --> of them.", "begins a line"),
+        ("It is <!-- figure: loss/loss.csv psnr d -->1 dB.", "has no `<!-- end -->`"),
+    ],
+)
+def test_a_figure_that_would_spoil_its_page_is_refused(text: str, why: str) -> None:
+    with pytest.raises(InputError, match=re.escape(why)):
+        with_figures(text)
+
+
 def test_runs_behind_the_tables_are_as_large_as_pages_say() -> None:
     for name, n in (
         ("generator/generators", 120),
@@ -37,6 +99,12 @@ def test_runs_behind_the_tables_are_as_large_as_pages_say() -> None:
         ("peers/quick", 36),
     ):
         assert (pd.read_csv(DOCS / "studies" / f"{name}.csv")["n"] == n).all()
+
+
+def test_the_sweep_finds_the_best_as_the_page_on_tuning_says() -> None:
+    rules = pd.read_csv(DOCS / "studies" / "tuning" / "rules.csv")
+    assert (rules["sweep_worst"] == 0).all()
+    assert (rules[["tpe", "tpe_after_5"]] > 0).all(axis=None)
 
 
 def test_bounds_beside_real_skins_are_as_the_page_says() -> None:

@@ -1,24 +1,28 @@
 """Records of the leaderboard: small, whole in their tables, and shown like the runs they are of."""
 
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
+from tests.support.made_runs import edited_manifest
 
 from eitbench.benchmark.analysis.leaderboard import leaderboard_rows
 from eitbench.benchmark.analysis.rescore import rescore
 from eitbench.benchmark.analysis.results import read_run
 from eitbench.benchmark.run.runner import make_plan, start_run
+from eitbench.reports.board.changes import REASONS, changes, last_before, reasons
 from eitbench.reports.board.records import STEPS, cost, write_record
 from eitbench.reports.page.images import shown_samples
 from eitbench.reports.page.report_data import report_data
-from eitbench.reports.page.site import write_site
+from eitbench.reports.site.site import write_site
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.suites.scenario import SimulatedScenario, SplitNoise
 from eitbench.scenarios.suites.suite import Suite
 
+BOARD = Path(__file__).parents[2] / "reports" / "board"
 SCENARIO = SimulatedScenario(
     name="n", image_shape=(20, 20), families=("circle", "ring"), noise=SplitNoise(test=40.0),
     train=0, validation=2, test=30,
@@ -108,3 +112,47 @@ def test_the_cost_of_a_suite_is_that_of_its_last_record(record: Path) -> None:
 
 def test_the_manifest_of_a_record_says_what_it_is(record: Path) -> None:
     assert json.loads((record / "manifest.json").read_text())["images"] == "shown"
+
+
+def later(record: Path, version: str) -> Path:
+    """A copy of a record in another version."""
+    return Path(shutil.copytree(record, record.parents[1] / version / record.name))
+
+
+def test_what_changed_is_found_to_the_last_bit(record: Path, tmp_path: Path) -> None:
+    first = Path(shutil.copytree(record, tmp_path / "2026.9" / "mine"))
+    newer = later(first, "2026.10")
+    table = pd.read_parquet(newer / "samples.parquet")
+    table.loc[table["method"] == "greit", "frame_ms"] *= 2  # a time is no figure of that kind
+    (row,) = table.index[(table["method"] == "noser") & (table["sample"] == 7)]
+    table.loc[row, "psnr"] = np.nextafter(table.loc[row, "psnr"], np.inf)
+    table.to_parquet(newer / "samples.parquet")
+    assert last_before(first) is None
+    assert last_before(newer) == first
+    found = changes(first, newer)
+    assert (found.exact, found.kept) == (True, ["greit"])
+    assert found.changed == {"noser": "1 of 30 samples of n"}
+    with edited_manifest(newer) as content:
+        content["machine"]["cpu"] = "another"
+    elsewhere = changes(first, newer)
+    assert (elsewhere.exact, elsewhere.kept, elsewhere.changed) == (False, ["greit", "noser"], {})
+    with edited_manifest(newer) as content:
+        content["data"]["n"]["hash"] = "0" * 64
+    assert changes(first, newer).unlike == ["n"]
+
+
+def test_reasons_are_texts_by_method(tmp_path: Path) -> None:
+    assert reasons(tmp_path) == {}
+    (tmp_path / REASONS).write_text('tv = "it stops later"')
+    assert reasons(tmp_path) == {"tv": "it stops later"}
+    (tmp_path / REASONS).write_text("tv = 3")
+    with pytest.raises(InputError, match="should hold lines such as"):
+        reasons(tmp_path)
+
+
+def test_every_change_of_the_leaderboard_has_its_reason() -> None:
+    """Methods that nobody changed keep their figures, to the last bit on one kind of machine."""
+    for manifest in BOARD.glob("2*/*/manifest.json"):
+        if (older := last_before(manifest.parent)) is not None:
+            found = changes(older, manifest.parent)
+            assert found.changed.keys() <= reasons(manifest.parents[1]).keys()

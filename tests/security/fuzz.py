@@ -24,6 +24,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from random import Random
 
+import pandas as pd
 from tests.security.mutations import pick
 from tests.security.targets import Target, targets
 
@@ -232,10 +233,11 @@ def main() -> int:
 
 
 def report(seed: int, out: Path) -> int:
-    """Print a line for each target and its findings; return 1 if there is any."""
+    """Print a line for each target and its findings, and write `fuzz.csv`; 1 if there is any."""
     found = 0
     print("target         files   taken  ms each slowest s  most MB")
     files = 0
+    rows = []
     for stored in sorted(out.glob(f"*-{seed}.json")):
         tally = Tally(**json.loads(stored.read_text()))
         name, each = stored.stem.removesuffix(f"-{seed}"), 1e3 * tally.seconds / max(tally.files, 1)
@@ -245,11 +247,17 @@ def report(seed: int, out: Path) -> int:
         )
         files += tally.files
         found += len(tally.findings)
+        rows.append({
+            "target": name, "files": tally.files, "taken": tally.taken, "findings":
+            len(tally.findings), "slowest_s": tally.slowest_s, "most_mb": tally.most_mb,
+        })  # fmt: skip
         alike = Counter(problem for _, problem in tally.findings)
         first = {problem: k for k, problem in reversed(tally.findings)}
         for problem, count in alike.most_common(40):
             print(f"    {count} x file {first[problem]}: {problem}")
     print(f"{files} files, {found} findings")
+    table = pd.DataFrame(rows)
+    table.to_csv(out / "fuzz.csv", index=False, float_format="%.3g", lineterminator="\n")
     return int(found > 0)
 
 

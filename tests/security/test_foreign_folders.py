@@ -23,7 +23,7 @@ from eitbench.benchmark.rundir.store import SAMPLES
 from eitbench.benchmark.rundir.tables import write_parquet
 from eitbench.hardware.recording.exchange import import_recording
 from eitbench.reports.page.report import write_report
-from eitbench.reports.page.site import write_site
+from eitbench.reports.site.site import write_site
 from eitbench.reports.tables.leaderboard import write_leaderboard
 from eitbench.scenarios.errors import DataCorruptError, EitbenchError, UnreadableError
 from eitbench.scenarios.recordings.files.recording_file import read_file

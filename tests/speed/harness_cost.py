@@ -51,10 +51,17 @@ class Clock:
                 self.fixed[self._here.name] += reply.seconds
             return reply
 
-        def timed_cell(task: CellTask, progress: Advance, stop: threading.Event) -> None:
+        def timed_cell(
+            task: CellTask,
+            progress: Advance,
+            stop: threading.Event,
+            core: int | None = None,
+            *,
+            isolate: bool = False,
+        ) -> None:
             self._here.name = task.plan.cell.name
             start = time.perf_counter()
-            run_cell(task, progress, stop)
+            run_cell(task, progress, stop, core, isolate=isolate)
             self.cell[self._here.name] += time.perf_counter() - start
 
         with (

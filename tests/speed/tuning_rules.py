@@ -2,9 +2,9 @@
 
 Every set of parameters is evaluated once (minutes for each method), so that the loss of a rule is
 known: the distance of its choice from the best of all sets. Run by hand, with a folder for the
-figures:
+figures of all sets and a file for the losses:
 
-    python tests/speed/tuning_rules.py runs/rules noser tikhonov laplacian tv
+    python tests/speed/tuning_rules.py runs/rules docs/studies/tuning/rules.csv noser tikhonov
 """
 
 import itertools
@@ -12,10 +12,12 @@ import json
 import sys
 import threading
 import warnings
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import optuna
+import pandas as pd
 from optuna.samplers import BaseSampler, TPESampler
 
 from eitbench.benchmark.tuning.selection import TuningBudget
@@ -69,27 +71,30 @@ def best_found(space: SearchSpace, evaluated: Grid, sampler: BaseSampler) -> flo
     return max(figures(study, space).values())
 
 
-def main(folder: Path, names: list[str]) -> None:
-    """Print the losses on both scenarios of `quick`, in units of the figure."""
+def main(folder: Path, out: str, names: list[str]) -> None:
+    """Write the losses on both scenarios of `quick`, in units of the figure."""
     optuna.logging.set_verbosity(optuna.logging.WARNING)
     warnings.filterwarnings("ignore", category=optuna.exceptions.ExperimentalWarning)
-    print("| scenario | method | sets | best | sweep, then TPE | TPE alone | TPE after 5 |")
-    print("| --- | --- | ---: | ---: | ---: | ---: | ---: |")
+    rows = []
     for name, scenario in itertools.product(names, load_suite("quick").scenarios):
         space = search_space(name)
         evaluated = grid(scenario, name, space, folder)
         best = max(evaluated.values())
-        rules = (
-            lambda seed, space=space: SweepSampler(space, str(seed)),
-            lambda seed: TPESampler(seed=seed, multivariate=True),
-            lambda seed: TPESampler(seed=seed, multivariate=True, n_startup_trials=5),
-        )
-        losses = []
-        for rule in rules:
-            lost = [best - best_found(space, evaluated, rule(seed)) for seed in range(SEEDS)]
-            losses.append(f"{np.mean(lost):.3f} ({np.max(lost):.3f})")
-        print(f"| {scenario.name} | {name} | {space.size} | {best:.3f} | {' | '.join(losses)} |")
+        rules: dict[str, Callable[..., BaseSampler]] = {
+            "sweep": lambda seed, space=space: SweepSampler(space, str(seed)),
+            "tpe": lambda seed: TPESampler(seed=seed, multivariate=True),
+            "tpe_after_5": lambda seed: TPESampler(
+                seed=seed, multivariate=True, n_startup_trials=5
+            ),
+        }
+        row = {"scenario": scenario.name, "method": name, "sets": space.size, "best": best}
+        for rule, sampler in rules.items():
+            lost = [best - best_found(space, evaluated, sampler(seed)) for seed in range(SEEDS)]
+            row |= {rule: np.mean(lost), f"{rule}_worst": np.max(lost)}
+        print(row, flush=True)
+        rows.append(row)
+    pd.DataFrame(rows).to_csv(out, index=False, float_format="%.5g", lineterminator="\n")
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]), sys.argv[2:])
+    main(Path(sys.argv[1]), sys.argv[2], sys.argv[3:])

@@ -7,7 +7,7 @@ import typer
 
 app = typer.Typer()
 
-VERSION = "2026.1"
+VERSION = "2026.2"
 """Of the leaderboard that is being made."""
 Version = Annotated[str, typer.Option(help="Of the leaderboard.")]
 Records = Annotated[Path, typer.Option(metavar="DIR", help="The records of all versions.")]
@@ -33,13 +33,14 @@ def board(
     from eitbench.benchmark.run.runner import make_plan, resume_run, start_run
     from eitbench.benchmark.rundir import manifest
     from eitbench.commands.console import warn
+    from eitbench.reports.board.changes import REASONS, changes, in_words, last_before, reasons
     from eitbench.reports.board.records import check_new, cost, write_record
     from eitbench.scenarios.errors import InputError, unknown_name
     from eitbench.scenarios.suites.suite import load_suite, suites
 
     if suite not in suites():
         raise unknown_name("suite", suite, suites())
-    found, out, run = load_suite(suite), records / version / suite, runs / suite
+    declared, out, run = load_suite(suite), records / version / suite, runs / suite
     check_new(out)
     typer.echo(cost(suite, records))
     progress = RunProgress()
@@ -49,9 +50,15 @@ def board(
     if not begun and run.exists() and not (run.is_dir() and not any(run.iterdir())):
         raise InputError(f"{run} holds something that is no run: name another folder with --runs.")
     if begun:
-        result = resume_run(run, suite=found, jobs=jobs, progress=progress)
+        result = resume_run(run, suite=declared, jobs=jobs, progress=progress)
     else:
-        result = start_run(make_plan(found), run, jobs=jobs, progress=progress)
+        result = start_run(make_plan(declared), run, jobs=jobs, progress=progress)
     for sentence in (*result.skipped, *result.refused):
         warn(sentence)
     typer.echo(f"Record: {write_record(result.path, out)}")
+    if (older := last_before(out)) is not None:
+        found, why = changes(older, out), reasons(out.parent)
+        for sentence in in_words(found, why):
+            typer.echo(sentence)
+        if unsaid := found.changed.keys() - why.keys():
+            warn(f"Say in {out.parent / REASONS} why {min(unsaid)!r} changed: tests ask for it.")

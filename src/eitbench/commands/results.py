@@ -68,7 +68,7 @@ def site(
     out: Annotated[Path, typer.Option(metavar="DIR", help="Its folder.")],
 ) -> None:
     """Build a static leaderboard from many runs: one page a suite, one a method, all versions."""
-    from eitbench.reports.page.site import write_site
+    from eitbench.reports.site.site import write_site
 
     written = write_site(runs, out)
     typer.echo(f"Site: {written[0]} and {len(written) - 1} more pages")

@@ -26,7 +26,7 @@ from eitbench.reports.page.paper import (
 )
 from eitbench.reports.page.report import to_page, write_report
 from eitbench.reports.page.report_data import counted_data, name_kinds, overall_views, report_data
-from eitbench.reports.page.site import write_site
+from eitbench.reports.site.site import write_site
 from eitbench.scenarios.errors import DataCorruptError, InputError
 
 NASTY = "<img src=x onerror=alert(1)>"

@@ -1,0 +1,94 @@
+"""What eitbench itself says of a method or a recording: description, code, training, files."""
+
+from __future__ import annotations
+
+import dataclasses
+import inspect
+import json
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from eitbench.methods.registry import OPERATOR_REGISTRY, place_methods
+from eitbench.scenarios.catalogue import sensors
+from eitbench.scenarios.docstrings import first_line
+from eitbench.scenarios.recordings import RECORDED_SETS
+from eitbench.scenarios.recordings.descriptors import RecordedSet
+
+Recording = RecordedSet
+"""The descriptor of a recorded set."""
+
+TRAINING = (
+    "scenario", "train_samples", "epochs", "seed", "device", "train_s", "command", "train_data"
+)  # fmt: skip
+"""What is shown of the training behind packaged weights."""
+
+
+@dataclass(frozen=True)
+class AboutMethod:
+    """A method or operator of eitbench.
+
+    Attributes:
+        description: its first sentence.
+        module: the path of its code in the repository.
+        code: that code.
+        parameters: their names and defaults, as text.
+        search: the values that tuning tries, by parameter, as text.
+        failures: checks of `eitbench check` that it fails by its nature, and why.
+        states: what it says beside its images, such as "uncertainty".
+        trained: by sensor, entries `TRAINING` of its packaged weights, those that are known.
+    """
+
+    description: str
+    module: str
+    code: str
+    parameters: Mapping[str, str]
+    search: Mapping[str, str]
+    failures: Mapping[str, str]
+    states: tuple[str, ...]
+    trained: Mapping[str, Mapping[str, str]]
+
+
+def about_method(name: str) -> AboutMethod | None:
+    """What is known of a method or operator; None for one that is not eitbench's."""
+    known: dict[str, Any] = {**place_methods(), **OPERATOR_REGISTRY.known()}
+    cls = known.get(name)
+    if cls is None or not cls.__module__.startswith("eitbench.methods."):
+        return None
+    return AboutMethod(
+        description=first_line(cls),
+        module=cls.__module__.removeprefix("eitbench.").replace(".", "/") + ".py",
+        code=Path(inspect.getfile(cls)).read_text(encoding="utf-8"),
+        parameters={
+            field.name: repr(field.default)
+            for field in getattr(cls, "__dataclass_fields__", {}).values()
+            if field.init and field.default is not dataclasses.MISSING
+        },
+        search={key: ", ".join(map(str, values)) for key, values in cls.search.items()},
+        failures=dict(cls.expected_failures),
+        states=tuple(
+            what
+            for what in ("uncertainty", "novelty")
+            if getattr(cls, f"states_{what}", lambda: False)()
+        ),
+        trained=_trained(name),
+    )
+
+
+def _trained(name: str) -> dict[str, dict[str, str]]:
+    """Entries of the metadata of packaged weights, by the name of their sensor."""
+    found = {}
+    for file in files("eitbench.methods.weights").iterdir():
+        match = re.fullmatch(rf"{re.escape(name)}-(.+)-[0-9a-f]{{12}}\.json", file.name)
+        if match and match[1] in sensors():
+            about = json.loads(file.read_text(encoding="utf-8"))
+            found[match[1]] = {key: str(about[key]) for key in TRAINING if key in about}
+    return dict(sorted(found.items()))
+
+
+def about_recording(name: str) -> Recording | None:
+    """The descriptor of a public recorded set; None for a recording of one's own."""
+    return RECORDED_SETS.get(name)

@@ -1,0 +1,50 @@
+"""Tables of the page on a real skin: gains of measurements, and models of the skin."""
+
+import pandas as pd
+from docs.tables.record import STUDIES, printed
+
+
+def _gains() -> str:
+    """Return the error of presses without and with gains of measurements, by method."""
+    stored = pd.read_csv(STUDIES / "gains" / "presses.csv")
+    errors = stored.pivot_table(index="method", columns="gains", values="localisation_mm")
+    errors = errors.loc[errors["learned"].fillna(errors["with"]).sort_values().index]
+    rows = [
+        [
+            f"`{name}`",
+            *(
+                "" if pd.isna(row[gains]) else f"{row[gains]:.1f}"
+                for gains in ("without", "with", "learned")
+            ),
+        ]
+        for name, row in errors.iterrows()
+    ]
+    heads = ["median error [mm]", "without", "with gains", "and learned with them"]
+    return printed(heads, rows)
+
+
+def _skin_model() -> str:
+    """Return misfit and error of presses of models of a skin, by order of the map."""
+    stored = pd.read_csv(STUDIES / "skin-model" / "errors.csv")
+    rows = []
+    for (name, order), part in stored.groupby(["skin", "order"], sort=False):
+        error = part.set_index("gain_power")["error_mm"]
+        shown = [f"{error[p]:.1f}" if p in error else "" for p in (0.0, 1.0)]
+        least = part["least_misfit"].iloc[0]
+        rows.append(
+            [
+                name,
+                "homogeneous" if order == 0 else f"contacts and a map of order {order}",
+                f"{part['misfit'].iloc[0]:.3f}",
+                "" if pd.isna(least) else f"{least:.3f}",
+                *shown,
+            ]
+        )
+    heads = ["skin", "model", "misfit", "least of any skin", "NOSER [mm]", "NOSER, with gains [mm]"]
+    return printed(heads, rows, [False, False, True, True, True, True])
+
+
+TABLES = {
+    "gains": _gains,
+    "skin model": _skin_model,
+}

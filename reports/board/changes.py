@@ -1,0 +1,145 @@
+"""What differs between a record and that of the version before, sample by sample.
+
+A method that nobody changed keeps its figures to the last bit on the same kind of machine. Those
+that changed are named, with the reason, in the file `REASONS` of the newer version.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+from pydantic import TypeAdapter, ValidationError
+
+from eitbench.benchmark import InputError
+from eitbench.benchmark.analysis.leaderboard import SAME
+from eitbench.benchmark.analysis.results import Run, read_run
+from eitbench.benchmark.metrics.novelty import SCORES
+from eitbench.benchmark.metrics.uncertainty import UNCERTAINTY
+from eitbench.benchmark.rundir import manifest
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+REASONS = "changed.toml"
+"""In the folder of a version: by the name of a method, why its figures changed."""
+_REASONS = TypeAdapter(dict[str, str])
+
+
+@dataclass(frozen=True)
+class Changes:
+    """How a record differs from an older one of the same suite.
+
+    Attributes:
+        older: the version of the older one.
+        exact: the same kind of machine made both, so that figures are compared to the last bit;
+            else they may differ by `SAME`, the rounding of another processor.
+        kept: the methods all of whose figures are the same.
+        changed: of each other method that is in both, what changed, in words.
+        unlike: scenarios whose data are others, which are not compared.
+    """
+
+    older: str
+    exact: bool
+    kept: list[str]
+    changed: dict[str, str]
+    unlike: list[str]
+
+
+def changes(older: Path, newer: Path) -> Changes:
+    """Compare the record `newer` with the record `older`, both VERSION/SUITE.
+
+    Raises:
+        InputError, DataCorruptError: one of them is no run, or damaged.
+    """
+    before, after = read_run(older), read_run(newer)
+    exact = _machine(before) == _machine(after)
+    allowed = 0.0 if exact else SAME
+    data = [run.manifest["data"] for run in (before, after)]
+    both = [name for name in after.scenarios() if name in data[0]]
+    same = [name for name in both if data[0][name]["hash"] == data[1][name]["hash"]]
+    kind = after.kind
+    figures = [
+        name
+        for name in (*kind.metrics, *UNCERTAINTY, *SCORES)
+        if name in before.samples and name in after.samples
+    ]
+    differing: dict[str, list[str]] = {}
+    for scenario in same:
+        tables = [_by_method(run, scenario) for run in (before, after)]
+        for method in tables[0].keys() & tables[1].keys():
+            one, other = (table[method][figures].to_numpy(float) for table in tables)
+            differing.setdefault(method, [])
+            if one.shape != other.shape:
+                differing[method].append(f"{len(one)} samples became {len(other)} ({scenario})")
+            else:
+                equal = np.isclose(one, other, rtol=allowed, atol=allowed, equal_nan=True)
+                if n := int((~equal.all(axis=1)).sum()):
+                    differing[method].append(f"{n} of {len(one)} samples of {scenario}")
+    return Changes(
+        older=older.parent.name,
+        exact=exact,
+        kept=sorted(name for name, says in differing.items() if not says),
+        changed={name: ", ".join(says) for name, says in sorted(differing.items()) if says},
+        unlike=[name for name in both if name not in same],
+    )
+
+
+def last_before(newer: Path) -> Path | None:
+    """The newest record of the same suite in a version before that of `newer`, VERSION/SUITE."""
+    version = version_key(newer.parent.name)
+    found = [
+        path.parent
+        for path in newer.parents[1].glob(f"2*/{newer.name}/{manifest.FILE_NAME}")
+        if version_key(path.parents[1].name) < version
+    ]
+    return max(found, key=lambda path: version_key(path.parent.name), default=None)
+
+
+def version_key(version: str) -> tuple[int, ...]:
+    """What sorts versions: 2026.10 comes after 2026.9."""
+    return tuple(map(int, version.split(".")))
+
+
+def reasons(version: Path) -> dict[str, str]:
+    """Why figures of methods changed in a version, by name; none without the file.
+
+    Raises:
+        InputError: the file does not hold texts by name.
+    """
+    file = version / REASONS
+    if not file.is_file():
+        return {}
+    try:
+        return _REASONS.validate_python(tomllib.loads(file.read_text(encoding="utf-8")))
+    except (UnicodeDecodeError, tomllib.TOMLDecodeError, ValidationError) as error:
+        raise InputError(f'{file} should hold lines such as tv = "it stops later".') from error
+
+
+def in_words(found: Changes, why: Mapping[str, str]) -> list[str]:
+    """What changed, a sentence each."""
+    sure = "to the last bit" if found.exact else "to the rounding of another processor"
+    count = f"{len(found.kept)} method{'s' * (len(found.kept) != 1)}"
+    said = [f"Against {found.older}, {count} kept all figures {sure}."] if found.kept else []
+    for name, what in found.changed.items():
+        reason = why.get(name, "why is not said")
+        said.append(f"Against {found.older}, {name} changed ({what}): {reason.rstrip('.')}.")
+    if found.unlike:
+        said.append(f"Data of {', '.join(found.unlike)} are others, and not compared.")
+    return said
+
+
+def _machine(run: Run) -> Any:
+    """What decides the last bits of figures: the processor and the libraries."""
+    versions = {k: v for k, v in run.manifest["versions"].items() if k != "eitbench"}
+    return run.manifest["machine"].get("cpu"), versions
+
+
+def _by_method(run: Run, scenario: str) -> dict[str, pd.DataFrame]:
+    rows = run.samples[run.samples["scenario"] == scenario]
+    grouped = rows.groupby(run.kind.name, sort=False)
+    return {str(name): of.sort_values("sample") for name, of in grouped}

@@ -1,0 +1,204 @@
+"""What the site shows: one version of the leaderboard, read from records or runs in a folder."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from eitbench.benchmark import InputError
+from eitbench.benchmark.analysis.overall import WinsRow, wins_over_suites
+from eitbench.benchmark.analysis.rerun import digest, verified
+from eitbench.benchmark.analysis.results import Run, read_run
+from eitbench.benchmark.rundir import manifest
+from eitbench.benchmark.rundir.file_names import file_name
+from eitbench.reports.board.changes import changes, in_words, last_before, reasons, version_key
+from eitbench.reports.page.report import to_page
+from eitbench.reports.page.report_data import (
+    BoardData,
+    ReportData,
+    largest,
+    ranking_figures,
+    report_data,
+)
+from eitbench.reports.tables.columns import printable
+
+if TYPE_CHECKING:
+    from eitbench.benchmark.analysis.leaderboard import Row
+
+SELF_REPORTED = "self-reported"
+VERSION = re.compile(r"20\d\d\.\d+")
+
+
+@dataclass(frozen=True, eq=False)
+class SuitePart:
+    """The runs of one suite.
+
+    Attributes:
+        name: of the suite.
+        runs: as they were read, the files of each in its `path`.
+        report: what a report of them shows.
+        checked: by the name of a run, whether its methods were run again.
+    """
+
+    name: str
+    runs: Sequence[Run]
+    report: ReportData
+    checked: Mapping[str, str]
+
+    @property
+    def title(self) -> str:
+        """Its title, as the first run has it; its name where it has none."""
+        return printable(str(self._declared.get("title") or self.name))
+
+    @property
+    def description(self) -> str:
+        """What it is for, in a few sentences."""
+        return printable(" ".join(str(self._declared.get("description", "")).split()))
+
+    @property
+    def recordings(self) -> set[str]:
+        """Names of the recorded sets that its scenarios use."""
+        used: set[str] = set()
+        for scenario in self._declared.get("scenarios", ()):
+            used |= {scenario.get("recording"), *(scenario.get("others") or ())} - {None}
+        return used
+
+    @property
+    def _declared(self) -> Mapping[str, Any]:
+        found: Mapping[str, Any] = self.runs[0].manifest["plan"]["suite"]
+        return found
+
+    @property
+    def changed(self) -> list[str]:
+        """What differs from the record of the version before, a sentence each."""
+        record = self.runs[0].path
+        if not VERSION.fullmatch(record.parent.name):
+            return []
+        older = last_before(record)
+        return in_words(changes(older, record), reasons(record.parent)) if older else []
+
+    @property
+    def file(self) -> str:
+        """The path of its page, from the front page."""
+        return f"suites/{file_name(self.name)}.html"
+
+    @property
+    def report_file(self) -> str:
+        """The path of its full report, from the front page."""
+        return f"reports/{file_name(self.name)}/index.html"
+
+    @property
+    def boards(self) -> list[BoardData]:
+        """One board for each scenario, that with the most samples."""
+        return largest(self.report["boards"])
+
+    @cached_property
+    def figures(self) -> dict[str, dict[str, float]]:
+        """By scenario and method, the figure that ranks; more is better."""
+        return {board["scenario"]: ranking_figures(board) for board in self.boards}
+
+    def rows(self, method: str) -> list[tuple[BoardData, Row]]:
+        """The rows of a method, with their boards."""
+        return [
+            (board, row)
+            for board in self.boards
+            for row in board["views"][0]["rows"]
+            if name_of(row) == method
+        ]
+
+
+@dataclass(frozen=True, eq=False)
+class Edition:
+    """One version of the leaderboard.
+
+    Attributes:
+        version: such as "2026.1"; "" for runs in a folder.
+        suites: by name.
+        left_out: a sentence for each run that could not be read.
+    """
+
+    version: str
+    suites: Sequence[SuitePart]
+    left_out: Sequence[str]
+
+    @cached_property
+    def methods(self) -> list[str]:
+        """Names of all methods and operators."""
+        found = {
+            name_of(row)
+            for suite in self.suites
+            for board in suite.report["boards"]
+            for row in board["views"][0]["rows"]
+        }
+        return sorted(found)
+
+    @cached_property
+    def wins(self) -> list[WinsRow]:
+        """Methods over all suites of methods."""
+        return wins_over_suites(
+            {
+                suite.name: suite.figures
+                for suite in self.suites
+                if suite.report["boards"][0]["kind"] == "method"
+            }
+        )
+
+
+def name_of(row: Row) -> str:
+    """The method or operator of a row."""
+    return str(row.get("operator") or row["method"])
+
+
+def method_file(name: str) -> str:
+    """The path of the page of a method, from the front page."""
+    return f"methods/{file_name(name)}.html"
+
+
+def editions(folder: Path) -> list[Edition]:
+    """Read the versions in a folder of records, the newest first, or the runs of a folder.
+
+    Raises:
+        InputError: there is no run directory.
+    """
+    versions = [path for path in folder.glob("2*") if VERSION.fullmatch(path.name)]
+    versions.sort(key=lambda path: version_key(path.name), reverse=True)
+    if versions:
+        return [_edition(path, path.name) for path in versions]
+    return [_edition(folder, "")]
+
+
+def _edition(folder: Path, version: str) -> Edition:
+    paths = sorted(path.parent for path in folder.glob(f"*/{manifest.FILE_NAME}"))
+    if not paths:
+        raise InputError(f"There is no run directory in {folder}: name the folder that holds them.")
+    known = verified(folder)
+    by_suite: dict[str, dict[Path, ReportData]] = {}
+    left_out = []
+    for path in paths:
+        if path.is_symlink():
+            left_out.append(f"{path.name} is left out: it is a link")
+            continue
+        try:
+            report = report_data([path])
+            to_page(report)
+            suite = str(manifest.read(path)["plan"]["suite"]["name"])
+        # One run, whatever is wrong with it, does not take the site down.
+        except Exception as error:
+            reason = printable(str(error) or type(error).__name__)
+            left_out.append(f"{path.name} is left out: {reason}")
+            continue
+        by_suite.setdefault(suite, {})[path] = report
+    suites = []
+    for suite, reports in sorted(by_suite.items()):
+        same = list(reports)
+        told = {path.name: known.get(digest(path)) for path in same}
+        checked = {run: f"verified on {n}" if n else SELF_REPORTED for run, n in told.items()}
+        report = reports[same[0]] if len(same) == 1 else report_data(same)
+        for path, run in zip(same, report["runs"], strict=True):
+            run["checked"] = checked[path.name]
+        suites.append(SuitePart(suite, [read_run(path) for path in same], report, checked))
+    return Edition(version, suites, left_out)

@@ -1,0 +1,337 @@
+"""What the pages of the site say: rows and sentences, which the templates lay out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, NamedTuple
+from urllib.parse import quote
+
+from markupsafe import Markup
+
+from eitbench.benchmark.analysis.overall import MIN_SCENARIOS
+from eitbench.benchmark.analysis.results import failures
+from eitbench.benchmark.analysis.standings import SIGNIFICANT
+from eitbench.reports.page.answer import answer
+from eitbench.reports.site.edition import SELF_REPORTED, Edition, SuitePart, method_file, name_of
+from eitbench.reports.tables.columns import Column, layout, printable
+
+if TYPE_CHECKING:
+    from eitbench.benchmark.analysis.leaderboard import Row
+    from eitbench.benchmark.analysis.overall import WinsRow
+    from eitbench.reports.page.report_data import BoardData
+
+MOST_ANSWERS, MOST_TABLES = 3, 8
+"""Suites of more scenarios are summed up; a page of all their tables would be slow to open."""
+WORST = 5  # scenarios that a method's page lists of those on which it does worst
+
+
+Text = str | Markup
+
+
+class Cell(NamedTuple):
+    """A cell of a table, with its class."""
+
+    text: Text
+    kind: str = ""
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table with its caption; a number in a cell is text already."""
+
+    title: str
+    heads: Sequence[str]
+    rows: Sequence[Sequence[Text | Cell]]
+    note: str = ""
+
+
+def link(text: str, file: str, home: str = "") -> Markup:
+    """A link to a file of the site, from a page whose way to the front page is `home`."""
+    # What is quoted in a file's name is quoted once more.
+    return Markup('<a href="{}">{}</a>').format(home + quote(file), printable(text))
+
+
+def overall_table(edition: Edition) -> Table | None:
+    """All methods over all suites: what they win, and their mean rank in each suite."""
+    if not edition.wins:
+        return None
+    suites = [suite for suite in edition.suites if suite.report["boards"][0]["kind"] == "method"]
+    ranks = {suite.name: mean_ranks(suite) for suite in suites}
+    heads = ["Method", "Comparisons won", "Suites", "Training", *(s.name for s in suites)]
+    trained = {
+        row["label"]: row["training"]
+        for suite in suites
+        for board in suite.boards
+        for row in board["views"][0]["rows"]
+    }
+    rows = []
+    for row in edition.wins:
+        cells: list[Text | Cell] = [
+            link(row.method, method_file(row.method)),
+            Cell(_share(row), "bar"),
+            Cell(str(row.suites), "number"),
+            "yes" if trained.get(row.method) else "no",
+        ]
+        for suite in suites:
+            of = ranks[suite.name].get(row.method)
+            cells.append(Cell("–", "number") if of is None else _rank_cell(*of))
+        rows.append(cells)
+    note = (
+        "A method is compared with every other one on each scenario, by the figure that ranks "
+        "there. A suite counts as much as any other, and figures of different scenarios are never "
+        "averaged. Intervals (95 %) are of a bootstrap over suites. Methods on fewer than "
+        f"{MIN_SCENARIOS} suites stand below the others, without an interval: they met few "
+        "opponents. Columns of suites hold the mean rank over their scenarios and the number of "
+        "methods there."
+    )
+    return Table("Over all suites", heads, rows, note)
+
+
+def mean_ranks(suite: SuitePart) -> dict[str, tuple[float, int]]:
+    """Mean rank of each method over the scenarios of a suite, and the number of methods there.
+
+    Methods without a figure on one of the scenarios are left out.
+    """
+    boards = suite.boards
+    found: dict[str, list[int]] = {}
+    for board in boards:
+        for row in board["views"][0]["rows"]:
+            if row["label"] in suite.figures[board["scenario"]]:
+                found.setdefault(row["label"], []).append(row["rank"])
+    most = max(len(board["views"][0]["rows"]) for board in boards)
+    return {name: (sum(of) / len(of), most) for name, of in found.items() if len(of) == len(boards)}
+
+
+def _rank_cell(rank: float, most: int) -> Cell:
+    text = Markup("{}<small> of {}</small>").format(f"{rank:.3g}", most)
+    third = (rank - 1) / max(most - 1, 1)
+    return Cell(text, "number " + ("good" if third <= 1 / 3 else "poor" if third > 2 / 3 else ""))
+
+
+def _share(row: WinsRow) -> Markup:
+    ends = "" if row.low is None else f" ({row.low:.0%} to {row.high:.0%})"
+    return Markup('<span style="--share:{}">{}<small>{}</small></span>').format(
+        f"{row.share:.3f}", f"{row.share:.0%}", ends
+    )
+
+
+def brief_answers(suite: SuitePart) -> list[str]:
+    """Who is first, in a line for each scenario, or in one for the suite where there are many."""
+    if len(suite.boards) > MOST_ANSWERS:
+        return answers(suite)
+    lines = []
+    for board in suite.boards:
+        rows = board["views"][0]["rows"]
+        column = layout(rows[0]).column(board["ranked_by"])
+        if column is None or rows[0].get(board["ranked_by"]) is None:
+            continue
+        tied = [p for p in board["pairs"] if p["first"] == 0 and p["p"] >= SIGNIFICANT]
+        others = "method" if len(tied) == 1 else "methods"
+        apart = f", not told apart from {len(tied)} other {others}" if tied else ""
+        lines.append(
+            printable(
+                f"{board['scenario']}: {rows[0]['label']}, {column.title} "
+                f"{column.whole_text(rows[0])}{apart}."
+            )
+        )
+    return lines
+
+
+def answers(suite: SuitePart) -> list[str]:
+    """The answer of each scenario, or that of the suite where there are many."""
+    boards = suite.report["boards"]
+    if len(boards) <= MOST_ANSWERS:
+        return [answer(board, boards) for board in boards]
+    rows = suite.report["overall"].get("||", {"rows": []})["rows"]
+    if not rows:
+        return []
+    first = rows[0]
+    return [
+        printable(
+            f"Over {len(suite.boards)} scenarios, {first['method']} has the best mean rank, "
+            f"{_with_ends(first, 'rank', '.2f')} of {len(rows)}, and it is the best on "
+            f"{first['wins']:.0%} of them."
+        )
+    ]
+
+
+def summary_table(suite: SuitePart) -> Table | None:
+    """Mean rank and wins over the scenarios of a suite; None for a single one."""
+    found = suite.report["overall"].get("||")
+    if not found:
+        return None
+    rows: list[list[Text | Cell]] = [
+        [
+            link(row["method"], method_file(row["method"]), "../"),
+            Cell(_with_ends(row, "rank", ".2f"), "number"),
+            Cell(_with_ends(row, "wins", ".0%"), "number"),
+        ]
+        for row in found["rows"]
+    ]
+    left_out = ", ".join(found["left_out"])
+    note = f"Not on all scenarios, and left out: {left_out}." if left_out else ""
+    title = f"Over the {len(found['scenarios'])} scenarios"
+    return Table(title, ["Method", "Mean rank", "Best on"], rows, note)
+
+
+def matrix_table(suite: SuitePart) -> Table | None:
+    """What ranks, of each method on each scenario; None for a single scenario."""
+    boards = suite.boards
+    if len(boards) < 2:
+        return None
+    names = list(dict.fromkeys(
+        row["label"] for board in boards for row in board["views"][0]["rows"]
+    ))  # fmt: skip
+    rows = []
+    for board in boards:
+        of = {row["label"]: row for row in board["views"][0]["rows"]}
+        column = layout(next(iter(of.values()))).column(board["ranked_by"])
+        cells: list[Text | Cell] = [
+            Markup("{}<small> {}</small>").format(board["scenario"], column.title if column else "")
+        ]
+        best = board["views"][0]["rows"][0]["group"] or ""
+        for name in names:
+            text = column.text(of[name]) if column and name in of else "–"
+            equal = name in of and set(best) & set(of[name]["group"] or "")
+            kind = "number best" if equal else "number"
+            cells.append(Cell(text, kind))
+        rows.append(cells)
+    note = "Green: the best, and methods that cannot be told apart from it."
+    return Table("What ranks, by scenario", ["Scenario", *names], rows, note)
+
+
+def board_table(board: BoardData) -> Table:
+    """The leaderboard of one scenario, with the columns of a table in a paper."""
+    rows = board["views"][0]["rows"]
+    shown = layout(rows[0])
+    columns = [
+        column
+        for found in board["columns"]
+        if (column := Column(**found)).name in shown.paper and column.name not in ("run", "n")
+    ]
+    table = [[_cell(column, row, rows) for column in columns] for row in rows]
+    about = [f"{board['n']:,} samples"]
+    if board["sensor"]:
+        about.append(f"sensor {board['sensor']}")
+    if board["snr_db"] is not None:
+        clean = isinstance(board["snr_db"], str)
+        about.append("clean frames" if clean else f"{board['snr_db']:g} dB")
+    about.append("a recording" if board["recorded"] else "simulated")
+    if board["inverse_crime"]:
+        about.append("data from the mesh that methods invert with")
+    title = board["scenario"] + (f" ({board['apart']})" if board["apart"] else "")
+    heads = [f"{column.title} {column.arrow}".strip() for column in columns]
+    return Table(title, heads, table, printable(", ".join(about)) + ".")
+
+
+def _cell(column: Column, row: Row, rows: Sequence[Row]) -> Cell:
+    if column.name in ("method", "operator"):
+        return Cell(link(row["label"], method_file(name_of(row)), "../"))
+    text: Text = column.text(row)
+    if ends := column.ends(row):
+        text = Markup("{}<small> {}</small>").format(text, ends)
+    values = [other[column.name] for other in rows if other[column.name] is not None]
+    best = column.best and values and row[column.name] is not None
+    first = best and row[column.name] == (max(values) if column.best == "max" else min(values))
+    return Cell(text, ("number" if column.form else "") + (" best" if first else ""))
+
+
+def _with_ends(row: Row, name: str, form: str) -> str:
+    """A figure of `OverallRow` with its 95 % interval, if it has one; "–" where it is not known."""
+    if row[name] is None:
+        return "–"
+    low, high = row[f"{name}_low"], row[f"{name}_high"]
+    ends = "" if low is None else f" ({format(low, form)} to {format(high, form)})"
+    return format(row[name], form) + ends
+
+
+def results_table(name: str, edition: Edition) -> Table:
+    """Every result of a method, with the command that makes it again."""
+    heads = ["Suite", "Scenario", "Rank", "Ties", "Figure", "Frame", "Checked", "Command"]
+    rows = []
+    for suite in edition.suites:
+        for board in suite.report["boards"]:
+            for row in board["views"][0]["rows"]:
+                if name_of(row) != name:
+                    continue
+                column = layout(row).column(board["ranked_by"])
+                figure = "–" if column is None else f"{column.title} {column.whole_text(row)}"
+                scenario = row["scenario"] + (f" ({board['apart']})" if board["apart"] else "")
+                rank = f"{row['rank']} of {len(board['views'][0]['rows'])}"
+                time = row.get("frame_ms_p50")
+                runs = [row["run"], *(row["repeats"] or "").split(", ")]
+                for run in filter(None, runs):
+                    command = Markup("<code>{}</code>").format(row["command"])
+                    rows.append([
+                        link(suite.name, suite.file, "../"), scenario, Cell(rank, "number"),
+                        row["group"] or "–", Cell(printable(figure), "number"),
+                        Cell("–" if time is None else f"{time:.3g} ms", "number"),
+                        suite.checked.get(run, SELF_REPORTED), command,
+                    ])  # fmt: skip
+    return Table("Every result", heads, rows)
+
+
+def told(name: str, edition: Edition) -> list[tuple[str, str]]:
+    """What a method was told, and on which scenarios."""
+    found: dict[str, list[str]] = {}
+    for suite in edition.suites:
+        for board, row in suite.rows(name):
+            if says := row.get("prior_knowledge"):
+                found.setdefault(says, []).append(f"{suite.name} / {board['scenario']}")
+    return [(says, _listed(where)) for says, where in found.items()]
+
+
+def chosen_parameters(name: str, edition: Edition) -> list[tuple[str, str]]:
+    """Parameters that tuning chose for a method, and on which scenarios."""
+    found: dict[str, list[str]] = {}
+    for suite in edition.suites:
+        for run in suite.report["runs"]:
+            for cell in run["cells"] or ():
+                chosen = cell.get("parameters")
+                if cell.get("name") == name and not cell.get("variant") and chosen:
+                    pairs = ", ".join(f"{k} = {_short(v)}" for k, v in chosen.items())
+                    where = f"{suite.name} / {cell.get('scenario')}"
+                    found.setdefault(pairs, []).append(where)
+    return [(pairs, _listed(dict.fromkeys(where))) for pairs, where in found.items()]
+
+
+def _short(value: Any) -> str:
+    return f"{value:.3g}" if isinstance(value, float) else str(value)
+
+
+def _listed(names: Any, most: int = 4) -> str:
+    names = list(names)
+    more = f" and {len(names) - most} more" if len(names) > most else ""
+    return printable(", ".join(names[:most]) + more)
+
+
+def failings(name: str, edition: Edition) -> list[str]:
+    """Where a method fails: samples without an image, and scenarios on which it does worst."""
+    sentences = [
+        f"{suite.name}: {sentence}."
+        for suite in edition.suites
+        for run in suite.runs
+        for sentence in failures(run)
+        if sentence.startswith(f"{name!r} ")
+    ]
+    beaten = []
+    for suite in edition.suites:
+        for board, row in suite.rows(name):
+            rows = board["views"][0]["rows"]
+            place = rows.index(row)
+            lost = sum(p["second"] == place and p["p"] < SIGNIFICANT for p in board["pairs"])
+            if lost and row["rank"]:
+                where = f"{suite.name} / {board['scenario']}"
+                share = (row["rank"] - 1) / max(len(rows) - 1, 1)
+                beaten.append((share, where, row, rows, lost))
+    beaten.sort(key=lambda of: (-of[0], of[1]))
+    for _, where, row, rows, lost in beaten[:WORST]:
+        column = layout(row).column(row["ranked_by"])
+        figure = "" if column is None else f": {column.title} {column.text(row)}, the first has "
+        figure += "" if column is None else column.text(rows[0])
+        sentences.append(
+            f"{where}{figure}; rank {row['rank']} of {len(rows)}, clearly beaten by {lost} "
+            f"method{'s' * (lost != 1)}."
+        )
+    return [printable(sentence) for sentence in sentences]

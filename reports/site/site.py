@@ -1,0 +1,383 @@
+"""A public leaderboard: static pages that work from a disk, and under any address.
+
+The front page shows all suites; every suite, method and recording has a page, and the full report
+of each suite lies beside them. Pages hold no scripts, and nothing is loaded from elsewhere.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from eitbench import __version__
+from eitbench.benchmark import EitbenchError, atomic_write
+from eitbench.benchmark.analysis.catalogue import about_method, about_recording
+from eitbench.benchmark.analysis.results import NOTES_FILE
+from eitbench.benchmark.rundir import manifest
+from eitbench.benchmark.rundir.file_names import file_name
+from eitbench.benchmark.rundir.kinds import RUN_KINDS
+from eitbench.benchmark.rundir.store import SAMPLES
+from eitbench.reports.findings.collect import findings
+from eitbench.reports.page.rendering import asset, render
+from eitbench.reports.page.report import to_page
+from eitbench.reports.site import images
+from eitbench.reports.site.croissant import LICENCE, recording_card, suite_card
+from eitbench.reports.site.edition import Edition, SuitePart, editions, method_file
+from eitbench.reports.site.pages import (
+    MOST_TABLES,
+    answers,
+    board_table,
+    brief_answers,
+    chosen_parameters,
+    failings,
+    matrix_table,
+    overall_table,
+    results_table,
+    summary_table,
+    told,
+)
+from eitbench.reports.tables.columns import layout, printable
+from eitbench.reports.tables.references import (
+    KEYS,
+    RECORDINGS,
+    SELF,
+    entries,
+    entry_field,
+    reference,
+)
+
+if TYPE_CHECKING:
+    from eitbench.benchmark.analysis.catalogue import Recording
+
+ARCHIVE = "archive"
+_DOCUMENTATION = "docs/index.html"
+_TRUTHS = {
+    "position": "the place of each press",
+    "classes": "which parts conduct better or worse",
+    "none": "none",
+}
+_NAMES_OF_TRAINING = {
+    "scenario": "Trained on", "train_samples": "Samples", "epochs": "Epochs", "seed": "Seed",
+    "device": "Device", "train_s": "Time [s]", "command": "Command",
+    "train_data": "Hash of the data",
+}  # fmt: skip
+
+
+def write_site(folder: Path, out: Path) -> list[Path]:
+    """Write the site of the records, or of the run directories, in `folder` into `out`.
+
+    `folder` holds versions of the leaderboard, see `reports.board`, or runs. The newest version is
+    at the top, those before it under `archive/`. Runs that cannot be read are left out, with a
+    sentence on the front page.
+
+    Returns:
+        The pages, the front page first.
+
+    Raises:
+        InputError: there is no run directory in `folder`.
+        EitbenchError: the pages cannot be written.
+    """
+    found = editions(folder)
+    versions = [(of.version, f"{ARCHIVE}/{of.version}/" if k else "") for k, of in enumerate(found)]
+    written = []
+    try:
+        for edition, (_, place) in zip(found, versions, strict=True):
+            site = _Site(edition, out, place, versions)
+            for name, content in site.files():
+                path = out / place / name
+                atomic_write(path, content)
+                if path.suffix == ".html":
+                    written.append(path)
+            site.copy_records()
+    except OSError as error:
+        raise EitbenchError(f"Could not write the site into {out}: {error.strerror}.") from error
+    return written
+
+
+class _Site:
+    """The pages of one edition; `place` is its way from the front of the newest one."""
+
+    def __init__(
+        self, edition: Edition, out: Path, place: str, versions: list[tuple[str, str]]
+    ) -> None:
+        self.edition, self.out, self.place, self.versions = edition, out, place, versions
+        top = "../" * place.count("/")
+        self._newest = f"{top}index.html" if place else ""
+        self._docs = top + _DOCUMENTATION if (out / _DOCUMENTATION).is_file() else ""
+        self._strips: dict[str, bytes] = {}
+
+    def files(self) -> Iterator[tuple[str, bytes]]:
+        """Yield the name of each file and its content, the front page first."""
+        edition = self.edition
+        yield "index.html", self._front()
+        title = "How to submit a run"
+        yield "submit.html", self._page("submit", title, home="")
+        for suite in edition.suites:
+            yield suite.file, self._suite(suite)
+            found = findings(list(suite.runs))
+            yield suite.report_file, to_page(suite.report, found=found).encode()
+            yield self._card_of(suite), _json(self._suite_card(suite))
+        for name in edition.methods:
+            yield method_file(name), self._method(name)
+            if about := about_method(name):
+                yield _code_file(about.module), about.code.encode()
+        for name, recording in self.recordings().items():
+            yield _recording_file(name), self._recording(recording)
+            yield _card_file(name), _json(recording_card(recording))
+        # Pages name their pictures, so that these are known when all pages are made.
+        yield from self._strips.items()
+
+    def copy_records(self) -> None:
+        """Copy manifests and tables of runs, which the pages of suites link to."""
+        for suite in self.edition.suites:
+            for run in suite.runs:
+                folder = self.out / self.place / _record_folder(run.path.name)
+                folder.mkdir(parents=True, exist_ok=True)
+                for name in _kept(run.path):
+                    shutil.copyfile(run.path / name, folder / name)
+
+    def recordings(self) -> dict[str, Recording]:
+        """The public recorded sets of all suites, by name."""
+        names = sorted(set[str]().union(*(suite.recordings for suite in self.edition.suites)))
+        return {name: found for name in names if (found := about_recording(name))}
+
+    def _page(self, template: str, title: str, home: str, **values: Any) -> bytes:
+        here = values.pop("here", None)
+        tabs = [{"name": "Overall", "file": "index.html", "here": here == ""}]
+        tabs += [
+            {"name": s.name, "file": s.file, "here": here == s.name} for s in self.edition.suites
+        ]
+        return render(
+            f"site/{template}.html.jinja",
+            title=title,
+            home=home,
+            version=self.edition.version,
+            newest=self._newest,
+            docs=self._docs,
+            tabs=tabs,
+            made_by=__version__,
+            css=asset("site/site.css"),
+            **values,
+        ).encode()
+
+    def _front(self) -> bytes:
+        edition = self.edition
+        frames = sum(board["n"] for suite in edition.suites for board in suite.boards)
+        lead = (
+            "Methods of electrical impedance tomography for touch, compared: "
+            f"{len(edition.methods)} methods on {len(edition.suites)} suites with {frames:,} test "
+            "frames. Every figure is read from a stored run."
+        )
+        suites = [
+            {
+                "name": suite.name,
+                "file": suite.file,
+                "title": suite.title,
+                "size": _size(suite),
+                "answers": brief_answers(suite),
+            }
+            for suite in edition.suites
+        ]
+        top = "../" * self.place.count("/")
+        return self._page(
+            "front",
+            "Leaderboard",
+            home="",
+            here="",
+            lead=lead,
+            overall=overall_table(edition),
+            suites=suites,
+            methods=[(printable(name), _quoted(method_file(name))) for name in edition.methods],
+            recordings=[(name, _recording_file(name)) for name in self.recordings()],
+            versions=[(name, f"{top}{place}index.html") for name, place in self.versions],
+            left_out=edition.left_out,
+        )
+
+    def _suite(self, suite: SuitePart) -> bytes:
+        boards = suite.report["boards"]
+        few = len(boards) <= MOST_TABLES
+        runs = []
+        for run, origin in zip(suite.runs, suite.report["runs"], strict=True):
+            about = [
+                str(origin["started"] or "")[:10],
+                f"eitbench {(origin['versions'] or {}).get('eitbench', '')}".strip(),
+                f"commit {origin['git_commit']}"[:17] if origin["git_commit"] else "",
+                str((origin["machine"] or {}).get("cpu") or ""),
+                suite.checked[run.path.name],
+            ]
+            folder = _record_folder(run.path.name)
+            files = [(name, _quoted(f"../{folder}/{name}")) for name in _kept(run.path)]
+            runs.append(
+                {
+                    "name": run.path.name,
+                    "about": printable(", ".join(filter(None, about))),
+                    "files": files,
+                }
+            )
+        return self._page(
+            "suite",
+            printable(suite.name),
+            home="../",
+            here=suite.name,
+            suite=suite,
+            answers=answers(suite),
+            report=_quoted(f"../{suite.report_file}"),
+            above=[of for of in (summary_table(suite), matrix_table(suite)) if of],
+            boards=[board_table(board) for board in boards] if few else [],
+            runs=runs,
+            licence=LICENCE,
+            recordings=[
+                (name, f"../{_recording_file(name)}")
+                for name in self.recordings()
+                if name in suite.recordings
+            ],
+            card=_quoted(f"../{self._card_of(suite)}"),
+            citation=entries()[SELF],
+        )
+
+    def _card_of(self, suite: SuitePart) -> str:
+        """The path of the card of a suite, beside the table that it describes."""
+        return f"{_record_folder(suite.runs[0].path.name)}/croissant.json"
+
+    def _suite_card(self, suite: SuitePart) -> dict[str, Any]:
+        run, date = suite.runs[0], _date(suite)
+        table = run.path / SAMPLES
+        return suite_card(
+            suite.name,
+            suite.title,
+            suite.description,
+            self.edition.version,
+            date,
+            table,
+            run.samples,
+        )
+
+    def _method(self, name: str) -> bytes:
+        edition, about = self.edition, about_method(name)
+        entry = entries().get(KEYS.get(name, ""), "")
+        stated = {
+            k: v
+            for s in edition.suites
+            for run in s.report["runs"]
+            for k, v in run["sources"].items()
+        }
+        wins = next((row for row in edition.wins if row.method == name), None)
+        code = [(about.module, f"../{_code_file(about.module)}")] if about else []
+        return self._page(
+            "method",
+            printable(name),
+            home="../",
+            about=about,
+            source=printable(reference(name) or stated.get(name, "")),
+            doi=entry_field(entry, "doi"),
+            code=code,
+            wins=wins
+            and f"{wins.share:.0%} of its comparisons, on {wins.suites} suites "
+            f"({wins.scenarios} scenarios)",
+            chosen=chosen_parameters(name, edition),
+            told=told(name, edition),
+            names_of_training=_NAMES_OF_TRAINING,
+            noise=list(self._noise(name)),
+            strips=list(self._images(name)),
+            failings=failings(name, edition),
+            results=results_table(name, edition),
+        )
+
+    def _noise(self, name: str) -> Iterator[tuple[str, str]]:
+        for suite in self.edition.suites:
+            if drawn := images.over_noise(suite.boards, name):
+                file = f"images/{file_name(suite.name)}/{file_name(name)}-noise.svg"
+                self._strips[file] = drawn
+                yield suite.name, _quoted(f"../{file}")
+
+    def _images(self, name: str) -> Iterator[Mapping[str, Any]]:
+        for suite in self.edition.suites:
+            shown = (
+                (b, found)
+                for b, row in suite.rows(name)
+                if (found := images.extremes(b, row["label"]))
+            )
+            board, positions = next(shown, (None, (0, 0)))
+            if board is None or board["images"] is None:
+                continue
+            label = next(row["label"] for b, row in suite.rows(name) if b is board)
+            file = f"images/{file_name(suite.name)}/{file_name(name)}.png"
+            self._strips[file] = images.strip(board["images"], label, positions)
+            height, width = board["images"]["shape"]
+            panels = 4 if board["images"]["has_truth"] else 2
+            order = "truth and image, best and worst" if panels == 4 else "best and worst"
+            by = board["ranked_by"]
+            column = layout(board["views"][0]["rows"][0]).column(by)
+            reached = [board["images"]["figures"][label][k][by] for k in positions]
+            figures = column and f"; {column.title} {' and '.join(map(column.number, reached))}"
+            yield {
+                "file": _quoted(f"../{file}"),
+                "width": panels * width + (panels - 1) * images.GAP,
+                "height": height,
+                "alt": f"Images of {printable(name)} on {board['scenario']}: {order}",
+                "caption": printable(f"{suite.name} / {board['scenario']}: {order}{figures or ''}"),
+            }
+
+    def _recording(self, recording: Recording) -> bytes:
+        entry = entries().get(RECORDINGS.get(recording.name, ""), "")
+        suites = [
+            (suite.name, _quoted(f"../{suite.file}"))
+            for suite in self.edition.suites
+            if recording.name in suite.recordings
+        ]
+        return self._page(
+            "recording",
+            recording.name,
+            home="../",
+            of=recording,
+            truth=_TRUTHS[recording.truth],
+            doi=entry_field(entry, "doi"),
+            suites=suites,
+            card=f"../{_card_file(recording.name)}",
+        )
+
+
+def _size(suite: SuitePart) -> str:
+    boards = suite.boards
+    rows = {row["label"] for board in boards for row in board["views"][0]["rows"]}
+    scenarios = "1 scenario" if len(boards) == 1 else f"{len(boards)} scenarios"
+    frames = sum(board["n"] for board in boards)
+    return f"{scenarios}, {len(rows)} methods, {frames:,} frames, run on {_date(suite)}"
+
+
+def _date(suite: SuitePart) -> str:
+    return str(suite.report["runs"][0]["started"] or "")[:10]
+
+
+def _json(value: Mapping[str, Any]) -> bytes:
+    return (json.dumps(value, indent=1, allow_nan=False) + "\n").encode()
+
+
+def _quoted(path: str) -> str:
+    """A path as an address: what is quoted in a file's name is quoted once more."""
+    return path.replace("%", "%25")
+
+
+def _code_file(module: str) -> str:
+    # A browser shows text, and downloads what it takes for a program.
+    return f"code/{module}.txt"
+
+
+def _recording_file(name: str) -> str:
+    return f"data/{file_name(name)}.html"
+
+
+def _card_file(name: str) -> str:
+    return f"data/{file_name(name)}.croissant.json"
+
+
+def _record_folder(run: str) -> str:
+    return f"records/{file_name(run)}"
+
+
+def _kept(run: Path) -> list[str]:
+    names = (manifest.FILE_NAME, SAMPLES, *(kind.table for kind in RUN_KINDS.values()), NOTES_FILE)
+    return [name for name in dict.fromkeys(names) if (run / name).is_file()]
