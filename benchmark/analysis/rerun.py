@@ -38,7 +38,7 @@ from eitbench.benchmark.workers.confinement import check_isolation
 from eitbench.scenarios.errors import DataCorruptError
 from eitbench.scenarios.storage.atomic_write import atomic_write
 
-VERIFIED = "verified.json"
+REPRODUCED = "reproduced.json"
 """Beside the run directories: what was run again, by digest."""
 
 ROUNDING = 1e-3
@@ -201,7 +201,7 @@ def digest(run: Path) -> str:
     return hashlib.sha256("".join(map(sha256, paths)).encode()).hexdigest()
 
 
-def note_verified(submission: Submission, n: int) -> Path:
+def note_reproduced(submission: Submission, n: int) -> Path:
     """Note beside the run directory that `n` samples of each scenario were run again.
 
     Returns:
@@ -210,19 +210,19 @@ def note_verified(submission: Submission, n: int) -> Path:
     run = submission.run.path
     total = max(len(data.test) for data in submission.data.values())
     told = f"{min(total, MethodData.batch * _batches(n))} of {total} samples"
-    file = run.resolve().parent / VERIFIED
-    known = verified(file.parent) | {digest(run): told}
+    file = run.resolve().parent / REPRODUCED
+    known = reproduced(file.parent) | {digest(run): told}
     atomic_write(file, (json.dumps(known, indent=1) + "\n").encode())
     return file
 
 
-def verified(runs: Path) -> dict[str, str]:
+def reproduced(runs: Path) -> dict[str, str]:
     """Return what was run again of the runs in the folder `runs`, by digest.
 
     Raises:
         DataCorruptError: the file is damaged.
     """
-    file = runs / VERIFIED
+    file = runs / REPRODUCED
     if not file.is_file():
         return {}
     try:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Literal
 
 from eitbench.benchmark.analysis.hidden import Gap, gap_of, read_hidden
-from eitbench.benchmark.analysis.rerun import digest, verified
+from eitbench.benchmark.analysis.rerun import digest, reproduced
 from eitbench.benchmark.analysis.results import Run
 from eitbench.benchmark.analysis.statement import STATEMENT
 from eitbench.benchmark.analysis.submission import FOLDER
@@ -56,12 +56,20 @@ def tier(run: Run, scenario: str, method: str) -> TierOf:
     Raises:
         DataCorruptError: a file beside the run is damaged.
     """
-    if not run.whole:
-        told = "all samples"
-    else:
-        told = verified(run.path.resolve().parent).get(digest(run.path), "")
+    told = reproduced_on(run)
     board = board_of(run.path)
     found = None if board is None else gap_of(read_hidden(board), run, scenario, method)
     if found is not None:
         return TierOf("hidden", told, found)
     return TierOf("reproduced" if told else "self-reported", told, None)
+
+
+def reproduced_on(run: Run) -> str:
+    """Return what was run again of a run, such as "32 of 36 samples"; "" where nothing was.
+
+    Raises:
+        DataCorruptError: the file beside the run is damaged.
+    """
+    if not run.whole:
+        return "all samples"
+    return reproduced(run.path.resolve().parent).get(digest(run.path), "")

@@ -59,8 +59,8 @@ def changes(older: Path, newer: Path) -> Changes:
     before, after = read_run(older), read_run(newer)
     exact = _machine(before) == _machine(after)
     allowed = 0.0 if exact else SAME
-    data = [run.manifest["data"] for run in (before, after)]
-    both = [name for name in after.scenarios() if name in data[0]]
+    data = [run.manifest.get("data") or {} for run in (before, after)]
+    both = [name for name in after.scenarios() if name in data[0] and name in data[1]]
     same = [name for name in both if data[0][name]["hash"] == data[1][name]["hash"]]
     kind = after.kind
     figures = [
@@ -135,8 +135,9 @@ def in_words(found: Changes, why: Mapping[str, str]) -> list[str]:
 
 def _machine(run: Run) -> Any:
     """What decides the last bits of figures: the processor and the libraries."""
-    versions = {k: v for k, v in run.manifest["versions"].items() if k != "eitbench"}
-    return run.manifest["machine"].get("cpu"), versions
+    told = run.manifest
+    versions = {k: v for k, v in (told.get("versions") or {}).items() if k != "eitbench"}
+    return (told.get("machine") or {}).get("cpu"), versions
 
 
 def _by_method(run: Run, scenario: str) -> dict[str, pd.DataFrame]:

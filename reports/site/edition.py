@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 from eitbench.benchmark import InputError
 from eitbench.benchmark.analysis.overall import WinsRow, wins_over_suites
-from eitbench.benchmark.analysis.rerun import digest, verified
 from eitbench.benchmark.analysis.results import Run, read_run
+from eitbench.benchmark.analysis.submission import FOLDER as SUBMISSIONS
 from eitbench.benchmark.rundir import manifest
 from eitbench.benchmark.rundir.file_names import file_name
 from eitbench.reports.board.changes import changes, in_words, last_before, reasons, version_key
@@ -25,11 +25,11 @@ from eitbench.reports.page.report_data import (
     report_data,
 )
 from eitbench.reports.tables.columns import printable
+from eitbench.reports.tables.gaps import run_tier
 
 if TYPE_CHECKING:
     from eitbench.benchmark.analysis.leaderboard import Row
 
-SELF_REPORTED = "self-reported"
 VERSION = re.compile(r"20\d\d\.\d+")
 
 
@@ -41,13 +41,15 @@ class SuitePart:
         name: of the suite.
         runs: as they were read, the files of each in its `path`.
         report: what a report of them shows.
-        checked: by the name of a run, whether its methods were run again.
     """
 
     name: str
     runs: Sequence[Run]
     report: ReportData
-    checked: Mapping[str, str]
+
+    def run(self, name: str) -> Run:
+        """The run of a name."""
+        return next(run for run in self.runs if run.path.name == name)
 
     @property
     def title(self) -> str:
@@ -172,10 +174,12 @@ def editions(folder: Path) -> list[Edition]:
 
 
 def _edition(folder: Path, version: str) -> Edition:
-    paths = sorted(path.parent for path in folder.glob(f"*/{manifest.FILE_NAME}"))
+    below = ("*", f"{SUBMISSIONS}/*/*")  # records or runs, and submissions
+    paths = sorted(
+        path.parent for where in below for path in folder.glob(f"{where}/{manifest.FILE_NAME}")
+    )
     if not paths:
         raise InputError(f"There is no run directory in {folder}: name the folder that holds them.")
-    known = verified(folder)
     by_suite: dict[str, dict[Path, ReportData]] = {}
     left_out = []
     for path in paths:
@@ -195,10 +199,9 @@ def _edition(folder: Path, version: str) -> Edition:
     suites = []
     for suite, reports in sorted(by_suite.items()):
         same = list(reports)
-        told = {path.name: known.get(digest(path)) for path in same}
-        checked = {run: f"verified on {n}" if n else SELF_REPORTED for run, n in told.items()}
         report = reports[same[0]] if len(same) == 1 else report_data(same)
-        for path, run in zip(same, report["runs"], strict=True):
-            run["checked"] = checked[path.name]
-        suites.append(SuitePart(suite, [read_run(path) for path in same], report, checked))
+        runs = [read_run(path) for path in same]
+        for run, origin in zip(runs, report["runs"], strict=True):
+            origin["checked"] = run_tier(run)
+        suites.append(SuitePart(suite, runs, report))
     return Edition(version, suites, left_out)

@@ -9,12 +9,14 @@ from urllib.parse import quote
 
 from markupsafe import Markup
 
+from eitbench.benchmark.analysis.hidden import read_hidden
 from eitbench.benchmark.analysis.overall import MIN_SCENARIOS
 from eitbench.benchmark.analysis.results import failures
 from eitbench.benchmark.analysis.standings import SIGNIFICANT
 from eitbench.reports.page.answer import answer
-from eitbench.reports.site.edition import SELF_REPORTED, Edition, SuitePart, method_file, name_of
+from eitbench.reports.site.edition import Edition, SuitePart, method_file, name_of
 from eitbench.reports.tables.columns import Column, layout, printable
+from eitbench.reports.tables.gaps import HEADS, gap_texts, gaps_note, run_tier, tier_text
 
 if TYPE_CHECKING:
     from eitbench.benchmark.analysis.leaderboard import Row
@@ -201,6 +203,23 @@ def matrix_table(suite: SuitePart) -> Table | None:
     return Table("What ranks, by scenario", ["Scenario", *names], rows, note)
 
 
+def hidden_table(suite: SuitePart) -> Table | None:
+    """Methods on the open and on a hidden test set; None where none was drawn."""
+    gaps = [
+        gap
+        for record in read_hidden(suite.runs[0].path.resolve().parent)
+        if record.suite == suite.name
+        for gap in record.gaps
+    ]
+    if not gaps:
+        return None
+    rows: list[list[Text | Cell]] = [
+        [Cell(text, "number" if k > 2 else "") for k, text in enumerate(gap_texts(gap))]
+        for gap in gaps
+    ]
+    return Table("On a hidden test set", HEADS, rows, gaps_note(gaps))
+
+
 def board_table(board: BoardData) -> Table:
     """The leaderboard of one scenario, with the columns of a table in a paper."""
     rows = board["views"][0]["rows"]
@@ -248,7 +267,7 @@ def _with_ends(row: Row, name: str, form: str) -> str:
 
 def results_table(name: str, edition: Edition) -> Table:
     """Every result of a method, with the command that makes it again."""
-    heads = ["Suite", "Scenario", "Rank", "Ties", "Figure", "Frame", "Checked", "Command"]
+    heads = ["Suite", "Scenario", "Rank", "Ties", "Figure", "Frame", "Tier", "Command"]
     rows = []
     for suite in edition.suites:
         for board in suite.report["boards"]:
@@ -267,7 +286,7 @@ def results_table(name: str, edition: Edition) -> Table:
                         link(suite.name, suite.file, "../"), scenario, Cell(rank, "number"),
                         row["group"] or "–", Cell(printable(figure), "number"),
                         Cell("–" if time is None else f"{time:.3g} ms", "number"),
-                        suite.checked.get(run, SELF_REPORTED), command,
+                        tier_text(suite.run(run), row) or run_tier(suite.run(run)), command,
                     ])  # fmt: skip
     return Table("Every result", heads, rows)
 

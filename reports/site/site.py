@@ -33,6 +33,7 @@ from eitbench.reports.site.pages import (
     brief_answers,
     chosen_parameters,
     failings,
+    hidden_table,
     matrix_table,
     overall_table,
     results_table,
@@ -40,6 +41,7 @@ from eitbench.reports.site.pages import (
     told,
 )
 from eitbench.reports.tables.columns import layout, printable
+from eitbench.reports.tables.gaps import run_tier
 from eitbench.reports.tables.references import (
     KEYS,
     RECORDINGS,
@@ -206,7 +208,7 @@ class _Site:
                 f"eitbench {(origin['versions'] or {}).get('eitbench', '')}".strip(),
                 f"commit {origin['git_commit']}"[:17] if origin["git_commit"] else "",
                 str((origin["machine"] or {}).get("cpu") or ""),
-                suite.checked[run.path.name],
+                run_tier(run),
             ]
             folder = _record_folder(run.path.name)
             files = [(name, _quoted(f"../{folder}/{name}")) for name in _kept(run.path)]
@@ -226,7 +228,10 @@ class _Site:
             answers=answers(suite),
             report=_quoted(f"../{suite.report_file}"),
             above=[of for of in (summary_table(suite), matrix_table(suite)) if of],
-            boards=[board_table(board) for board in boards] if few else [],
+            boards=[
+                *((board_table(board) for board in boards) if few else ()),
+                *filter(None, [hidden_table(suite)]),
+            ],
             runs=runs,
             licence=LICENCE,
             recordings=[

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from eitbench.benchmark.analysis.hidden import Gap
 from eitbench.benchmark.analysis.leaderboard import Row
 from eitbench.benchmark.analysis.results import Run
-from eitbench.benchmark.analysis.tiers import is_submission, tier
+from eitbench.benchmark.analysis.tiers import is_submission, reproduced_on, tier
 from eitbench.benchmark.metrics.specs import METRICS
 from eitbench.benchmark.metrics.statistics import MIN_CLUSTERS
 from eitbench.reports.tables.columns import METHOD_LAYOUT
@@ -70,3 +70,9 @@ def tier_text(run: Run, row: Row) -> str:
         f"{found.tier}, {METRICS[gap.figure].heading} {number(gap.hidden)} there and "
         f"{number(gap.open)} here, difference {difference(gap)}{fall}{times}"
     )
+
+
+def run_tier(run: Run) -> str:
+    """Return what was run again of a run, for all of its methods; "self-reported" if nothing."""
+    told = reproduced_on(run)
+    return f"reproduced on {told}" if told else "self-reported"

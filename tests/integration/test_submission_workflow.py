@@ -77,7 +77,7 @@ def with_code(theirs: Path) -> None:
 
 def with_verdict(theirs: Path) -> None:
     add(theirs, f"{FOLDER}/submission.json")
-    add(theirs, "reports/board/2026.1/submissions/quick/verified.json")
+    add(theirs, "reports/board/2026.1/submissions/quick/reproduced.json")
 
 
 def two(theirs: Path) -> None:

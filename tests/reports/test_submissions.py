@@ -13,7 +13,7 @@ import pytest
 
 from eitbench.benchmark.analysis import submission
 from eitbench.benchmark.analysis.hidden import Gap, HiddenRecord, write_hidden
-from eitbench.benchmark.analysis.rerun import note_verified, rerun
+from eitbench.benchmark.analysis.rerun import note_reproduced, rerun
 from eitbench.benchmark.analysis.results import read_run
 from eitbench.benchmark.analysis.statement import STATEMENT
 from eitbench.benchmark.analysis.submission import FILES, check_submission, open_submission
@@ -319,7 +319,7 @@ def test_a_submission_rises_from_tier_to_tier(folder: Path) -> None:
     assert tier(found, "n", "gentle").tier == "self-reported"
     (told,) = [note for note in notes(ranked_rows([folder])) if "tier" in note]
     assert told == "tier of gentle: self-reported (its times are self-reported)"
-    note_verified(open_submission(folder), 12)
+    note_reproduced(open_submission(folder), 12)
     assert tier(found, "n", "gentle").tier == "reproduced"
     (told,) = [note for note in notes(ranked_rows([folder])) if "tier" in note]
     assert "reproduced on 12 of 12 samples" in told

@@ -61,7 +61,7 @@ def check(
 
     Nothing that it holds is run or unpickled, unless --rerun asks for its plugins to be run.
     """
-    from eitbench.benchmark.analysis.rerun import note_verified
+    from eitbench.benchmark.analysis.rerun import note_reproduced
     from eitbench.benchmark.analysis.rerun import rerun as run_again
     from eitbench.benchmark.analysis.statement import STATEMENT
     from eitbench.benchmark.analysis.submission import TRUST, check_submission, open_submission
@@ -80,7 +80,7 @@ def check(
         typer.echo(f"Taken on trust: {'; '.join(TRUST)}. --rerun N runs the methods again.")
         typer.echo("Tier: self-reported")
     else:
-        typer.echo(f"Taken on trust: {TRUST[0]}. Noted in {note_verified(submission, rerun)}")
+        typer.echo(f"Taken on trust: {TRUST[0]}. Noted in {note_reproduced(submission, rerun)}")
         typer.echo("Tier: reproduced")
     if (run / STATEMENT).is_file():
         typer.echo(f"{run} can be submitted.")

@@ -12,7 +12,7 @@ import pandas as pd
 import pytest
 
 from eitbench.benchmark.analysis import submission
-from eitbench.benchmark.analysis.rerun import digest, note_verified, rerun, verified
+from eitbench.benchmark.analysis.rerun import digest, note_reproduced, reproduced, rerun
 from eitbench.benchmark.analysis.rescore import rescore
 from eitbench.benchmark.analysis.submission import CHECKS, check_submission, open_submission
 from eitbench.benchmark.run import method_cell
@@ -317,13 +317,13 @@ def test_methods_are_run_again_plugins_from_the_directory(with_plugin: Path) -> 
     assert [check.problem for check in checks] == ["", ""]
     assert "'mine'" in checks[1].name
 
-    noted = note_verified(submission, 2)
-    assert noted == with_plugin.parent / "verified.json"
-    assert verified(with_plugin.parent) == {digest(with_plugin): "5 of 5 samples"}
+    noted = note_reproduced(submission, 2)
+    assert noted == with_plugin.parent / "reproduced.json"
+    assert reproduced(with_plugin.parent) == {digest(with_plugin): "5 of 5 samples"}
     # Another content is not what was verified.
     table = pd.read_parquet(with_plugin / "methods.parquet")
     table.assign(memory_mb=1.0).to_parquet(with_plugin / "methods.parquet")
-    assert digest(with_plugin) not in verified(with_plugin.parent)
+    assert digest(with_plugin) not in reproduced(with_plugin.parent)
 
 
 @pytest.mark.slow

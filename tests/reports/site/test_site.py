@@ -142,13 +142,13 @@ def test_a_folder_without_runs_is_refused(tmp_path: Path) -> None:
 
 
 def test_runs_whose_methods_were_run_again_say_so(runs: Path, tmp_path: Path) -> None:
-    (runs / "verified.json").write_text(json.dumps({digest(runs / "first"): "32 of 36 samples"}))
+    (runs / "reproduced.json").write_text(json.dumps({digest(runs / "first"): "32 of 36 samples"}))
     with edited_manifest(runs / "second") as content:
         for cell in content["cells"]:
             cell["parameters"] = {"weight": 1.0}  # else it repeats the first
     write_site(runs, tmp_path / "site")
     page = (tmp_path / "site" / "methods" / "noser.html").read_text()
     checked = [row[6] for row in cells(page, "Every result")]
-    assert sorted(checked) == ["self-reported", "verified on 32 of 36 samples"]
+    assert sorted(checked) == ["reproduced on 32 of 36 samples", "self-reported"]
     report = (tmp_path / "site" / "reports" / "bench" / "index.html").read_text()
-    assert "verified on 32 of 36 samples" in report
+    assert "reproduced on 32 of 36 samples" in report
