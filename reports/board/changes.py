@@ -62,11 +62,10 @@ def changes(older: Path, newer: Path) -> Changes:
     data = [run.manifest.get("data") or {} for run in (before, after)]
     both = [name for name in after.scenarios() if name in data[0] and name in data[1]]
     same = [name for name in both if data[0][name]["hash"] == data[1][name]["hash"]]
-    kind = after.kind
     figures = [
         name
-        for name in (*kind.metrics, *UNCERTAINTY, *SCORES)
-        if name in before.samples and name in after.samples
+        for name, spec in (dict(after.kind.metrics) | UNCERTAINTY | SCORES).items()
+        if spec.unit != "ms" and name in before.samples and name in after.samples
     ]
     differing: dict[str, list[str]] = {}
     for scenario in same:
