@@ -64,17 +64,16 @@ class Misfit:
             self._untouched = operator.voltages(untouched)
         self._model_error = math.hypot(MESH_ERROR, self._operator_error())
 
+    def predicted(self, sigma: Tensor) -> Tensor:
+        """The differences p (n, M) [V/A] of images (n, H, W) [S/m].
+
+        The exact operator rounds an image on its own otherwise than in a batch, which a fit of many
+        steps magnifies: it is given twice, so that a frame has the same fit whatever is beside it.
+        """
+        batch = sigma.to(self._precision).expand(max(len(sigma), 2), -1, -1)
+        return (self._operator.voltages(batch) - self._untouched)[: len(sigma)]
+
     def of(self, difference: Array) -> Callable[[Tensor], Tensor]:
-        """The misfit () of images (H, W) [S/m] to the `difference` (M,) of one frame [V/A]."""
-        misfit = self.of_differences(difference)
-
-        def of_image(sigma: Tensor) -> Tensor:
-            voltages = self._operator.voltages(sigma[None].to(self._precision))
-            return misfit((voltages - self._untouched)[0])
-
-        return of_image
-
-    def of_differences(self, difference: Array) -> Callable[[Tensor], Tensor]:
         """The misfit () of predicted differences p (M,) to the `difference` (M,) of one frame."""
         d = torch.from_numpy(difference @ self._averaging)
         covariance = self._expected + np.diag(self._error_variances(difference))

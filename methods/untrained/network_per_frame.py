@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from abc import abstractmethod
 from collections import deque
@@ -18,6 +19,7 @@ from eitbench.scenarios.errors import InputError
 
 if TYPE_CHECKING:
     from torch import Tensor, nn
+    from torch.optim import Optimizer
 
     from eitbench.methods.problem import Problem
 
@@ -32,8 +34,26 @@ SMOOTHING = 0.01
 """The total variation is rounded where the relative conductivity changes by less than this."""
 
 
+BATCH = 8
+"""Frames that are fitted side by side: the exact operator solves eight images at once."""
+
 Objective = Callable[["nn.Module", "Tensor"], "Tensor"]
-"""A loss () of a network and of its image (H, W), conductivity over background."""
+"""A loss () of a network and of what `FittedPerFrame.together` makes of its image."""
+
+
+@dataclass
+class Fit:
+    """A network that is being fitted to one frame.
+
+    Attributes:
+        first: (H, W) the image that it begins with, conductivity over background.
+    """
+
+    network: nn.Module
+    optimiser: Optimizer
+    objective: Objective
+    first: Tensor
+    stopping: MovingVariance
 
 
 @dataclass
@@ -69,6 +89,13 @@ class FittedPerFrame(Method):
         `first` (H, W) is the image to begin with, conductivity over background.
         """
 
+    def together(self, relative: Tensor) -> Tensor:
+        """Return what objectives look at (n, ...), of images (n, H, W) over the background.
+
+        Here these images; what costs less for several images at once is computed here, too.
+        """
+        return relative
+
     def first(self, difference: Array) -> Array:
         """Return the image (H, W) to begin with, conductivity over background; 1 everywhere."""
         del difference
@@ -100,35 +127,57 @@ class FittedPerFrame(Method):
 
     def reconstruct(self, voltages: Array) -> Array:
         """Absolute conductivity (n, H, W) [S/m] from frames (n, M), within the sensor's range."""
-        relative = [self._fitted(frame) for frame in self._problem.difference(voltages)]
-        shape = (-1, *self._problem.mask.shape)
-        return np.asarray(relative).reshape(shape) * self._problem.background
+        differences = self._problem.difference(voltages)
+        relative = np.empty((len(differences), *self._problem.mask.shape))
+        waiting = ((image, self._begun(d)) for image, d in zip(relative, differences, strict=True))
+        running: list[tuple[Array, Fit]] = []
+        # A frame that is done makes room for the next.
+        while running := running + list(itertools.islice(waiting, BATCH - len(running))):
+            done = self._step([fit for _, fit in running])
+            for image, fit in itertools.compress(running, done):
+                image[:] = fit.stopping.image
+            running = [pair for pair, over in zip(running, done, strict=True) if not over]
+        return relative * self._problem.background
 
-    def _fitted(self, difference: Array) -> Array:
-        """Conductivity over background (H, W) for one frame's `difference` (M,) [V/A]."""
+    def _begun(self, difference: Array) -> Fit:
+        """The beginning of the fit to one frame's `difference` (M,) [V/A]."""
         import torch
 
         first = self.first(difference)
-        objective, begun = self.objective(difference, first), torch.from_numpy(first).float()
-        mask = torch.from_numpy(self._problem.mask)
         # Every frame has the same network, so that it does not matter which others come with it.
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(self.seed)
             network = self.network()
-        optimiser = torch.optim.Adam(network.parameters(), self.learning_rate, fused=True)
-        stopping = MovingVariance(WINDOW, PATIENCE)
-        for _ in range(self.steps):
-            with torch.enable_grad():
-                relative = torch.where(mask, self.image(network(), begun), 1.0)
-                loss = objective(network, relative)
-                if self.tv > 0:
-                    loss = loss + self.tv * self._variation(relative)
-                optimiser.zero_grad()
-                torch.autograd.backward(loss)
-            if stopping.stops(relative.detach().double().numpy()):
-                break
-            optimiser.step()
-        return stopping.image
+        return Fit(
+            network,
+            torch.optim.Adam(network.parameters(), self.learning_rate, fused=True),
+            self.objective(difference, first),
+            torch.from_numpy(first).float(),
+            MovingVariance(WINDOW, PATIENCE),
+        )
+
+    def _step(self, fits: list[Fit]) -> list[bool]:
+        """Take a step of every fit; return True for those that are done."""
+        import torch
+
+        mask = torch.from_numpy(self._problem.mask)
+        with torch.enable_grad():
+            # One by one, so that not even the rounding of an image depends on what is beside it.
+            images = [torch.where(mask, self.image(f.network(), f.first), 1.0) for f in fits]
+            seen = self.together(torch.stack(images))
+            losses = [f.objective(f.network, of) for f, of in zip(fits, seen, strict=True)]
+            if self.tv > 0:
+                losses += [self.tv * self._variation(image) for image in images]
+            for fit in fits:
+                fit.optimiser.zero_grad()
+            torch.autograd.backward(losses)
+        done = []
+        for fit, image in zip(fits, images, strict=True):
+            still = fit.stopping.stops(image.detach().double().numpy())
+            done.append(still or fit.stopping.seen == self.steps)
+            if not done[-1]:
+                fit.optimiser.step()
+        return done
 
     def _variation(self, relative: Tensor) -> Tensor:
         """Total variation () inside the sensor, in sides of it: 1 for a step of 1 across it."""
@@ -166,10 +215,14 @@ class NetworkPerFrame(FittedPerFrame):
         self._misfit = Misfit(problem, OPERATOR_REGISTRY.create(self.operator, problem.sensor))
 
     def objective(self, difference: Array, first: Array) -> Objective:
-        """See `FittedPerFrame`; the misfit of the operator's voltages."""
+        """See `FittedPerFrame`; the misfit of the differences that the operator predicts."""
         del first
-        misfit, background = self._misfit.of(difference), self._problem.background
-        return lambda _, relative: misfit(relative * background)
+        misfit = self._misfit.of(difference)
+        return lambda _, predicted: misfit(predicted)
+
+    def together(self, relative: Tensor) -> Tensor:
+        """See `FittedPerFrame`; the differences (n, M) [V/A] that the operator predicts."""
+        return self._misfit.predicted(relative * self._problem.background)
 
 
 class MovingVariance:
@@ -186,6 +239,7 @@ class MovingVariance:
         image: (H, W) the mean over the best window so far, over all images while there is no full
             window yet.
         position: number of images seen when that window was complete.
+        seen: number of images.
     """
 
     image: Array
@@ -195,7 +249,7 @@ class MovingVariance:
         self._window, self._patience = window, patience
         self._images: deque[Array] = deque()
         self._least = np.inf
-        self._seen = 0
+        self.seen = 0
 
     def stops(self, image: Array) -> bool:
         """Take in the next image (H, W); return True if it is time to stop."""
@@ -204,7 +258,7 @@ class MovingVariance:
         self._images.append(image)
         self._total += image
         self._squares += float(np.vdot(image, image))
-        self._seen += 1
+        self.seen += 1
         if len(self._images) > self._window:
             oldest = self._images.popleft()
             self._total -= oldest
@@ -213,6 +267,6 @@ class MovingVariance:
         full = len(self._images) == self._window
         variance = self._squares / len(self._images) - float(np.vdot(mean, mean))
         if not full or variance < self._least:
-            self.image, self.position = mean, self._seen
+            self.image, self.position = mean, self.seen
             self._least = variance if full else np.inf
-        return self._seen - self.position >= self._patience
+        return self.seen - self.position >= self._patience

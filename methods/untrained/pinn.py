@@ -82,7 +82,7 @@ class Pinn(FittedPerFrame):
 
         The network of potentials adds to those of the first image, so that the two agree at first.
         """
-        misfit, equations = self._misfit.of_differences(difference), self._equations
+        misfit, equations = self._misfit.of(difference), self._equations
         begun = equations.potentials(first * self._problem.background)
 
         def loss(network: nn.Module, relative: Tensor) -> Tensor:
