@@ -3,7 +3,6 @@
 `make bench` runs it and prints the ratios (see `ratios.py`).
 """
 
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -13,7 +12,6 @@ from numpy.typing import NDArray
 from pytest_benchmark.fixture import BenchmarkFixture
 from scipy import sparse
 from scipy.sparse.linalg import splu
-from threadpoolctl import threadpool_limits
 
 from eitbench.methods import operator
 from eitbench.scenarios.catalogue import sensor
@@ -133,16 +131,6 @@ def images() -> Array:
     assert isinstance(scenario, SimulatedScenario)
     foam = scenario.nominal_sensor
     return np.array([rasterise(phantom(scenario, "test", k), foam) for k in range(BATCH)])
-
-
-@pytest.fixture(autouse=True)
-def one_thread() -> Iterator[None]:
-    """Give every solver the one core that ours has."""
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    with threadpool_limits(1):
-        yield
-    torch.set_num_threads(before)
 
 
 @pytest.mark.parametrize("ordering", ORDERINGS)

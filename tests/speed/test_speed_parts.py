@@ -4,6 +4,7 @@
 scikit-image called image by image; the aim for standings is 10 s on one core.
 """
 
+from functools import partial
 from itertools import count
 from pathlib import Path
 from typing import Any
@@ -45,6 +46,17 @@ def test_one_frame(benchmark: BenchmarkFixture, name: str) -> None:
         Problem(data.sensor, data.references[0], lambda split, n: load("paper-50db", split, n))
     )
     benchmark(method.reconstruct, data.voltages)
+
+
+@pytest.mark.benchmark(group="dip, foam16 at 50 dB")
+@pytest.mark.parametrize("frames", [1, 8])
+def test_frames_side_by_side(benchmark: BenchmarkFixture, frames: int) -> None:
+    """One round: a fit takes seconds."""
+    data = load("paper-50db", limit=1)
+    method = create("dip")
+    method.fit(Problem(data.sensor, data.references[0], partial(load, "paper-50db")))
+    benchmark.extra_info["samples"] = frames
+    benchmark.pedantic(method.reconstruct, (data.voltages.repeat(frames, axis=0),))
 
 
 # Without annotations of its own.
