@@ -172,7 +172,7 @@ class GaussNewtonTV(GaussNewton):
                 jacobian, data = self.linearised(state.image[0, self._problem.mask], target)
                 solver = self._solver(jacobian)
             state = solver.run(data[None], state, TV_ITERATIONS)
-        return state.image[0, self._problem.mask]
+        return np.asarray(state.image[0, self._problem.mask])
 
     def _solver(self, jacobian: Array) -> TVSolver:
         return TVSolver(jacobian, self.weight, self._linearisation.bounds)
