@@ -1,4 +1,4 @@
-"""Cost of the harness beside the methods: where the time of a run goes, and how much a sample takes.
+"""Cost of the harness beside the methods: where the time of a run goes.
 
     python tests/speed/harness_cost.py quick
     python tests/speed/harness_cost.py noise --scenarios noise-50db --methods noser,tv --limit 300
@@ -9,6 +9,8 @@ them, single frames timed among them), and what the harness took beside it by it
 that for each sample and as a share. Data are simulated before the clock starts. `--json FILE` keeps
 the figures; the tables of docs/running.md are made of such files.
 """
+
+from __future__ import annotations
 
 import argparse
 import json
@@ -23,15 +25,16 @@ from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
-from eitbench.benchmark.run import cell, executors, timing
-from eitbench.benchmark.run.cell_task import CellTask
-from eitbench.benchmark.run.runner import Plan, make_plan, start_run
-from eitbench.benchmark.rundir.manifest import cpu_model
-from eitbench.benchmark.rundir.store import RunStore
-from eitbench.benchmark.workers.messages import Reply
-from eitbench.benchmark.workers.worker import Worker
-from eitbench.scenarios.data.datasets import load
-from eitbench.scenarios.suites.suite import load_suite
+if __name__ == "__main__":  # each worker imports this file, and needs nothing of it
+    from eitbench.benchmark.run import cell, executors, timing
+    from eitbench.benchmark.run.cell_task import CellTask
+    from eitbench.benchmark.run.runner import Plan, make_plan, start_run
+    from eitbench.benchmark.rundir.manifest import cpu_model
+    from eitbench.benchmark.rundir.store import RunStore
+    from eitbench.benchmark.workers.messages import Reply
+    from eitbench.benchmark.workers.worker import Worker
+    from eitbench.scenarios.data.datasets import load
+    from eitbench.scenarios.suites.suite import load_suite
 
 PARTS = ("start", "set-up", "batches", "timing", "solves", "scoring", "storing", "other")
 """Start and end of processes; imports and the like in set-up; messages and what is done with their
@@ -46,7 +49,7 @@ class Clock:
     Attributes:
         own: of methods.
         fixed: of methods, but of their set-up and of single frames that are timed.
-        parts: of the harness, by method and part; a part does not count what another one in it does.
+        parts: of the harness, by method and part; none counts what another one in it does.
     """
 
     def __init__(self) -> None:
