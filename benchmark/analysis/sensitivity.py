@@ -71,11 +71,13 @@ class Sensitivity:
     ssim_tau: float
 
 
-def sensitivity(methods: Mapping[str, tuple[Run, str]], scenario: str) -> list[Sensitivity]:
+def sensitivity(
+    methods: Mapping[str, tuple[Run, str]], scenario: str, samples: int = SAMPLES
+) -> list[Sensitivity]:
     """Mean figures for each of `METRIC_VARIANTS`; nothing without a true conductivity.
 
     `methods` holds the run and the name of each method, by what it is to be called; the runs are of
-    the same data.
+    the same data. The figures are of so many `samples`, spread over all.
 
     Raises:
         DataCorruptError: the images of a run cannot be read.
@@ -86,7 +88,7 @@ def sensitivity(methods: Mapping[str, tuple[Run, str]], scenario: str) -> list[S
     known = np.array(sorted(set.intersection(*held)) if held else [], dtype=np.int64)
     if not len(known):
         return []
-    chosen = known[np.unique(np.linspace(0, len(known) - 1, SAMPLES).astype(int))].tolist()
+    chosen = known[np.unique(np.linspace(0, len(known) - 1, samples).astype(int))].tolist()
     scene = next(iter(methods.values()))[0].scene(scenario, chosen)
     if scene.truth is None or scene.has_classes:
         return []
