@@ -50,6 +50,9 @@ PRESSES = 150
 IMAGES = 2000
 """That a page may hold, 2 kB each; where there would be more, families are left out."""
 
+MOST_SINGLE = 12
+"""Boards of a report that has figures of each as files: those of more would take minutes."""
+
 VARIED_SAMPLES, LEAST_VARIED = 600, 12
 """Samples of all boards whose figures are computed in other ways, and the fewest of a board."""
 
@@ -158,6 +161,12 @@ def report_data(paths: Sequence[Path]) -> ReportData:
     name_kinds(boards)
     for run in runs:
         missing += _incomplete(run)
+    if len(boards) > MOST_SINGLE:
+        missing.append(
+            f"Files of figures of single scenarios (`frontier`, `comparison`, `maps`): a report of "
+            f"more than {MOST_SINGLE} writes none, and this one has {len(boards)}. A run has those "
+            "of its images in its folder `figures`."
+        )
     if not boards:
         raise InputError(
             f"There are no results in {', '.join(map(str, paths))}: nothing to report."
