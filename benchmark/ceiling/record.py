@@ -60,8 +60,8 @@ def below_ceiling(
         psnr: (n,) [dB] of the method.
         clusters: (n,) see `bootstrap`.
     """
-    errors = _stored()[2].get(scenario, pd.Series(dtype=np.float64))
-    least = errors.reindex(list(hashes)).to_numpy(np.float64)
+    known = _stored()[2].get(scenario, pd.Series(dtype=np.float64))
+    least = known.reindex(list(hashes)).to_numpy(np.float64)
     both = np.isfinite(least) & np.isfinite(psnr)
     drawn_with = np.asarray(clusters)[both]
     if len(np.unique(drawn_with)) < MIN_CLUSTERS:

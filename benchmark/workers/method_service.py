@@ -40,7 +40,7 @@ class FrameService:
         before one that fails; where that is the first, its reply is returned.
         """
         found, spent = list[float](), 0.0
-        while len(found) < most and spent < seconds:
+        while not found or (len(found) < most and spent < seconds):
             row = len(found) % len(inputs[0])
             seed_everything()
             reply: Reply = getattr(self, request)(*(array[row : row + 1] for array in inputs))

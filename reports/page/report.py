@@ -39,13 +39,12 @@ from eitbench.reports.tables.columns import printable
 from eitbench.reports.tables.references import reference
 
 PAGE = "index.html"
-DATA = "report.json"
 _MAP_STEPS = 256
 _DIGEST = re.compile("[0-9a-f]{64}")
 
 
 def write_report(runs: Sequence[Path], out: Path) -> list[Path]:
-    """Write the report of run directories into `out`: the page, its data, and files for a paper.
+    """Write the report of run directories into `out`: the page, and files for a paper.
 
     Raises:
         InputError, DataCorruptError: as for `report_data`.
@@ -54,11 +53,10 @@ def write_report(runs: Sequence[Path], out: Path) -> list[Path]:
     report = report_data(runs)
     found = findings([read_run(run) for run in runs])
     try:
-        written = [out / PAGE, out / DATA]
+        written = [out / PAGE]
         links = _code_links(report, runs, out)
         page = to_page(report, links, found)
         atomic_write(written[0], page.encode())
-        atomic_write(written[1], (json.dumps(report, allow_nan=False) + "\n").encode())
         written += write_paper(report, out)
         for finding in found:
             written += finding.write(out / "tables", out / "figures")
@@ -139,17 +137,14 @@ def _for_script(board: BoardData) -> dict[str, Any]:
     """Return what the script shows of a board."""
     names = {*_KEPT, *(column["name"] for column in board["columns"])}
     names |= {f"{name}_{end}" for name in names for end in ("low", "high")}
-    views = [
-        view
-        | {
-            "rows": [
-                {name: value for name, value in row.items() if name in names and value is not None}
-                for row in view["rows"]
-            ]
-        }
-        for view in map(dict, board["views"])
-    ]
-    return board | {"views": views, "maps": None}
+    views = []
+    for view in board["views"]:
+        rows = [
+            {name: value for name, value in row.items() if name in names and value is not None}
+            for row in view["rows"]
+        ]
+        views.append(view | {"rows": rows})
+    return {**board, "views": views, "maps": None}
 
 
 def _packed(value: Any) -> str:
@@ -159,12 +154,12 @@ def _packed(value: Any) -> str:
 
 
 def _rounded(value: Any) -> Any:
-    """Return plain data with numbers of 6 digits: more than any that is shown."""
+    """Return plain data with numbers of 5 digits: as many as are shown at most."""
     if isinstance(value, dict):
         return {name: _rounded(inner) for name, inner in value.items()}
     if isinstance(value, list | tuple):
         return [_rounded(inner) for inner in value]
-    return float(f"{value:.6g}") if isinstance(value, float) else value
+    return float(f"{value:.5g}") if isinstance(value, float) else value
 
 
 def _fewer_families(report: ReportData) -> str:

@@ -1,7 +1,6 @@
 """The data of a report as plain values: statistics and images of runs, read once.
 
-The page, the tables and the figures are made of these alone, so that they can be made again without
-reading the runs. `report.json` holds them, and the page's script reads the boards.
+The page, the tables and the figures are made of these alone.
 """
 
 from __future__ import annotations

@@ -7,7 +7,7 @@
 prints for each method the seconds that it took itself (`fit`, its images and what it states of
 them, single frames timed among them), and what the harness took beside it by its parts, then all of
 that for each sample and as a share. Data are simulated before the clock starts. `--json FILE` keeps
-the figures; the tables of docs/running.md are made of such files.
+the figures.
 """
 
 from __future__ import annotations
@@ -141,22 +141,24 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=1, help="also measure with so many jobs")
     parser.add_argument("--json", type=Path)
     given = parser.parse_args()
-    chosen = {
-        name: [one for one in getattr(given, name).split(",") if one]
-        for name in ("scenarios", "methods")
-    }
-    plan = make_plan(load_suite(given.suite), limit=given.limit, **chosen)
-    scenarios = [each for each in plan.suite.scenarios if each.name in plan.scenarios]
-    frames = sum(len(load(each, split="test", limit=plan.limit)) for each in scenarios)
-    methods, clock = plan.names, Clock()
+    scenarios, methods = (
+        [one for one in given_names.split(",") if one]
+        for given_names in (given.scenarios, given.methods)
+    )
+    plan = make_plan(
+        load_suite(given.suite), methods=methods, scenarios=scenarios, limit=given.limit
+    )
+    ran = [each for each in plan.suite.scenarios if each.name in plan.scenarios]
+    frames = sum(len(load(each, split="test", limit=plan.limit)) for each in ran)
+    clock = Clock()
     seconds = clock.run(plan, 1)
-    rows = []
-    for name in (*methods, RUN):
+    rows: list[dict[str, Any]] = []
+    for name in (*plan.names, RUN):
         parts = {part: clock.parts[name][part] for part in PARTS}
         harness, own = sum(parts.values()), clock.own[name]
         rows.append(
             {"method": name, "own_s": own, "harness_s": harness, "parts_s": parts}
-            | {"cells": len(scenarios), "samples": frames}
+            | {"cells": len(ran), "samples": frames}
             | {"own_ms_a_sample": 1e3 * (own - clock.fixed[name]) / frames}
             | {"harness_ms_a_sample": 1e3 * harness / frames}
             | {"share": harness / (own + harness)}
@@ -171,7 +173,7 @@ def main() -> None:
             + "".join(f"{row['parts_s'][part]:9.3f}" for part in PARTS)
         )
     own = sum(clock.own.values())
-    a_sample = 1e3 * (seconds - own) / frames / len(methods)
+    a_sample = 1e3 * (seconds - own) / frames / len(plan.names)
     print(
         f"{seconds:.1f} s, of which {seconds - own:.1f} s ({100 * (seconds - own) / seconds:.1f} %)"
         f" in the harness: {a_sample:.2f} ms for a sample of a method"

@@ -298,7 +298,7 @@ def test_files_for_a_paper(many: Path, tmp_path: Path) -> None:
         f"figures/{kind}-bench-conductivity-set" for kind in ("frontier", "comparison")
     )
     assert written == {
-        "index.html", "report.json", f"{frontier}.pdf", f"{frontier}.svg", "references.bib",
+        "index.html", f"{frontier}.pdf", f"{frontier}.svg", "references.bib",
         f"{grid}.pdf", f"{grid}.svg",
         "tables/leaderboard.csv", "tables/leaderboard.md", "tables/leaderboard.tex",
     }  # fmt: skip
