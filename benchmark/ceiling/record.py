@@ -21,29 +21,29 @@ RECORDS = Path(__file__).parent / "records"
 
 
 @lru_cache(maxsize=1)
-def _stored() -> tuple[pd.DataFrame, dict[str, str]]:
-    """All recorded frames, and the hash of the data of each scenario."""
-    tables: list[pd.DataFrame] = []
+def _stored() -> tuple[pd.DataFrame, dict[str, str], dict[str, pd.Series]]:
+    """All recorded frames, the hash of the data, and the `mse` by frame, of each scenario."""
+    tables = [pd.DataFrame(columns=["scenario", "sample", "input_hash", "mse"])]
     data: dict[str, str] = {}
     for path in sorted(RECORDS.glob("*.json")):
         data |= json.loads(path.read_text())["data"]
         tables.append(pd.read_csv(path.with_suffix(".csv")))
-    if not tables:
-        return pd.DataFrame(columns=["scenario", "sample", "input_hash", "mse"]), data
-    frames = pd.concat(tables, ignore_index=True)
-    return frames.drop_duplicates(["scenario", "input_hash"], keep="last"), data
+    frames = pd.concat(tables[1:] or tables, ignore_index=True)
+    frames = frames.drop_duplicates(["scenario", "input_hash"], keep="last")
+    by_frame = frames.set_index("input_hash").groupby("scenario")["mse"]
+    return frames, data, {str(scenario): errors for scenario, errors in by_frame}
 
 
 def recorded_frames(scenario: str, data_hash: str | None) -> pd.DataFrame:
     """The recorded frames of a scenario with test data of this hash; no rows where it has none."""
-    frames, data = _stored()
+    frames, data, _ = _stored()
     known = data_hash is not None and data.get(scenario) == data_hash
     return frames[(frames["scenario"] == scenario) & known]
 
 
 def frames_among(scenario: str, hashes: Sequence[str]) -> pd.DataFrame:
     """The recorded frames of a scenario that are among the frames with these `hashes`."""
-    frames, _ = _stored()
+    frames, _, _ = _stored()
     return frames[(frames["scenario"] == scenario) & frames["input_hash"].isin(hashes)]
 
 
@@ -60,9 +60,8 @@ def below_ceiling(
         psnr: (n,) [dB] of the method.
         clusters: (n,) see `bootstrap`.
     """
-    frames, _ = _stored()
-    of = frames[frames["scenario"] == scenario].set_index("input_hash")
-    least = of["mse"].reindex(list(hashes)).to_numpy(np.float64)
+    known = _stored()[2].get(scenario, pd.Series(dtype=np.float64))
+    least = known.reindex(list(hashes)).to_numpy(np.float64)
     both = np.isfinite(least) & np.isfinite(psnr)
     drawn_with = np.asarray(clusters)[both]
     if len(np.unique(drawn_with)) < MIN_CLUSTERS:

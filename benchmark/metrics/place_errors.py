@@ -10,6 +10,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
+from eitbench.benchmark.metrics.aggregation import numbers
 from eitbench.benchmark.metrics.metric_spec import CellStatistic
 from eitbench.benchmark.metrics.statistics import means, quantile
 from eitbench.scenarios.arrays import Array
@@ -68,9 +69,9 @@ def local_errors(error: Array, places: Array) -> Array:
 def _presses(cell: pd.DataFrame) -> tuple[NDArray[np.bool_], Array, Array]:
     """Rows (n,) of single presses with known places, their errors (n,) [mm] and places (n, 2)."""
     names = ["localisation_mm", "expected_x_m", "expected_y_m"]
-    known = np.zeros(len(cell), dtype=np.bool_)
+    values = np.full((len(cell), 3), np.nan)
     several = "farthest_contact_mm" in cell and bool(cell["farthest_contact_mm"].notna().any())
     if set(names) <= set(cell) and not several:
-        known = cell[names].notna().all(axis=1).to_numpy()
-    values = cell.loc[known, names].to_numpy(np.float64) if known.any() else np.empty((0, 3))
-    return known, values[:, 0], values[:, 1:]
+        values = np.stack([numbers(cell, name) for name in names], axis=1)
+    known = ~np.isnan(values).any(axis=1)
+    return known, values[known, 0], values[known, 1:]

@@ -278,10 +278,7 @@ class BatchRunner:
                 self._worker.start()
             self._run_pending()
             with calibrated(self._core) as measured:
-                measured |= self.task.warm(
-                    lambda what, rows: self._ask("timing", rows, what),
-                    pinned=self._core is not None,
-                )
+                measured |= self.task.warm(self._send, pinned=self._core is not None)
             measured |= self._prior_knowledge()
         except WorkerLostError as lost:
             state.failure = lost.failure
@@ -394,7 +391,10 @@ class BatchRunner:
     def _ask(self, split: str, rows: slice, what: str) -> Reply:
         """Ask for some samples; raises `WorkerLostError` if that costs the worker."""
         limit = self.plan.suite.frame_limit_s * (rows.stop - rows.start)
-        reply = self._worker.ask(*self.task.request(split, rows), limit=limit, what=what)
+        return self._send(*self.task.request(split, rows), limit=limit, what=what)
+
+    def _send(self, *request: object, limit: float, what: str) -> Reply:
+        reply = self._worker.ask(*request, limit=limit, what=what)
         if reply.failure is not None:
             self._note_trace(reply.failure)
         return reply

@@ -2,10 +2,10 @@
 
 import os
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, Protocol, Self
 
 import numpy as np
 import pandas as pd
@@ -14,14 +14,20 @@ from numpy.typing import NDArray
 from eitbench.benchmark.rundir.cells import Cell, Values
 from eitbench.benchmark.rundir.run_arrays import Truth
 from eitbench.benchmark.rundir.store import RunStore
-from eitbench.benchmark.workers.messages import Reply, WorkerLostError
+from eitbench.benchmark.workers.messages import Reply
 from eitbench.scenarios.data.datasets import Dataset
 from eitbench.scenarios.recordings import is_recording
 from eitbench.scenarios.suites.scenario import Scenario
 from eitbench.scenarios.suites.suite import Suite
 
 NAN = float("nan")
-Ask = Callable[[str, slice], Reply]
+
+
+class Ask(Protocol):
+    """Sends a request to the worker of a cell; raises `WorkerLostError` if that costs it."""
+
+    def __call__(self, *request: object, limit: float, what: str) -> Reply:
+        """Return the answer, which may take `limit` seconds; `what` was asked for is said."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,7 +159,7 @@ class CellTask(ABC):
 
     @abstractmethod
     def request(self, split: str, rows: slice) -> tuple[object, ...]:
-        """Return the request for some samples of a split; "timing" is "test" once more, timed."""
+        """Return the request for some samples of a split."""
 
     @abstractmethod
     def blank(self, n: int) -> dict[str, NDArray[Any]]:
@@ -208,23 +214,3 @@ class StoredSamples:
     def valid(self) -> NDArray[np.bool_]:
         """Mask (n,) of the samples that have a valid answer."""
         return np.asarray(self.status == "ok")
-
-
-def warm_replies(
-    ask: Ask, what: str, rows: Sequence[slice], enough: Callable[[int, float], bool]
-) -> list[Reply]:
-    """Return the answers to some of the `rows`, in turn, until one fails or there are enough.
-
-    Args:
-        enough: given the number of answers and the seconds they took, True if they suffice.
-    """
-    found: list[Reply] = []
-    while rows and not enough(len(found), sum(reply.seconds for reply in found)):
-        try:
-            reply = ask(what, rows[len(found) % len(rows)])
-        except WorkerLostError:  # every sample is stored by now
-            break
-        if reply.failure is not None:
-            break
-        found.append(reply)
-    return found

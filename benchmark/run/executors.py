@@ -28,7 +28,7 @@ from eitbench.benchmark.rundir.kinds import RUN_KINDS
 from eitbench.benchmark.rundir.run_arrays import TRUTH
 from eitbench.benchmark.rundir.store import Files, RunStore
 from eitbench.benchmark.workers.confinement import check_isolation
-from eitbench.benchmark.workers.process import check_guarded
+from eitbench.benchmark.workers.process import check_guarded, process_context
 from eitbench.benchmark.workers.worker import StoppedError
 from eitbench.scenarios.errors import EitbenchError, InputError
 from eitbench.scenarios.extras import missing
@@ -221,6 +221,7 @@ def executor(jobs: int, scheduler: str | None, isolate: bool) -> Iterator[Execut
         if scheduler is not None:
             raise InputError("--isolate is for this machine: leave out --scheduler.")
     if scheduler is None:
+        process_context()  # what workers are forked from loads eitbench while data are loaded
         yield Executor(jobs, isolate)
         return
     if not re.search(r":\d+$", scheduler):

@@ -1,16 +1,17 @@
 """Methods in the cells of a run: asked for images, which are scored by the known truth."""
 
 import json
+from abc import abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, ClassVar, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 import joblib
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from pydantic import TypeAdapter
+from pydantic import Field, TypeAdapter
 
 from eitbench.benchmark.metrics.evaluation import (
     LEAST_PRESSES,
@@ -35,14 +36,20 @@ from eitbench.benchmark.run.cell_task import (
     CellPlan,
     CellTask,
     StoredSamples,
-    warm_replies,
 )
 from eitbench.benchmark.run.prior_knowledge import prior_knowledge_columns, read_report
 from eitbench.benchmark.rundir.cells import Values
 from eitbench.benchmark.rundir.run_arrays import Truth
 from eitbench.benchmark.rundir.store import RunStore
 from eitbench.benchmark.tuning.selection import recorded_selection
-from eitbench.benchmark.workers.messages import Cost, Reply, array_in, parsed
+from eitbench.benchmark.workers.messages import (
+    Cost,
+    Reply,
+    Seconds,
+    WorkerLostError,
+    array_in,
+    parsed,
+)
 from eitbench.benchmark.workers.method_service import (
     BATCH,
     Frames,
@@ -60,9 +67,12 @@ from eitbench.scenarios.suites.scenario import RecordedScenario, Scenario, opene
 from eitbench.scenarios.suites.suite import Suite
 
 WARM_SECONDS = 1.0
-"""Time of warm single frames [s]."""
+"""Time of warm single frames [s], and of those that are asked for in one message."""
 TAIL_FRAMES, TAIL_SECONDS = 1000, 20.0
 """Frames that a 99th percentile needs, and how long they may take on a core of their own [s]."""
+
+
+Rows = slice | NDArray[np.intp]
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,6 +171,7 @@ class MethodSetUp:
 
 
 _SET_UP = TypeAdapter(MethodSetUp)
+_TIMES = TypeAdapter(Annotated[list[Seconds], Field(min_length=1)])
 _SECONDS = TypeAdapter(dict[Literal["uncertainty", "novelty"], Cost])
 
 
@@ -192,6 +203,10 @@ class FrameTask(CellTask):
         **dict.fromkeys(("frame_ms_p50", "frame_ms_p95", "frame_ms_p99"), NAN),
     }
 
+    @abstractmethod
+    def request(self, split: str, rows: Rows) -> tuple[object, ...]:
+        """Return the request for some samples of a split; "timing" is "test" once more, timed."""
+
     def set_up(self, value: object) -> dict[str, Any]:
         """Return its `parameters` as JSON, and what it says of its training and software."""
         answer: MethodSetUp = parsed(_SET_UP, value, "set-up")
@@ -201,28 +216,37 @@ class FrameTask(CellTask):
         """Return times of single valid frames; p99 is NaN below `TAIL_FRAMES` of them.
 
         p95 is of all frames that were timed; of few it is near the slowest.
-        The first frame, which was timed before, is asked for last.
+        The first frame, which was timed before, is asked for last. Many go in one message, which
+        takes longer than a fast method; the worker asks for them one by one.
         """
         if self.plan.cell.variant:
             return {}  # the parameters that are ranked are those that are timed
-        valid = np.flatnonzero(StoredSamples(self).valid).tolist()
-        good = [slice(k, k + 1) for k in valid]
+        # A last frame that is as slow as it may be, and what lies between frames.
+        limit = self.plan.suite.frame_limit_s + 10 * WARM_SECONDS
+        good, times = np.roll(np.flatnonzero(StoredSamples(self).valid), -1), np.empty(0)
 
         def enough(n: int, spent: float) -> bool:
             in_time = pinned and spent * TAIL_FRAMES <= n * TAIL_SECONDS
             return n >= TAIL_FRAMES or (n > 0 and spent >= WARM_SECONDS and not in_time)
 
-        replies = warm_replies(
-            ask,
-            "a single frame",
-            good[1:] + good[:1],
-            enough,
-        )
-        times = [reply.seconds * 1e3 for reply in replies]
+        while len(good) and not enough(len(times), times.sum()):
+            most, next_ones = TAIL_FRAMES - len(times), np.roll(good, -len(times))
+            request = "times", most, WARM_SECONDS, *self.request("timing", next_ones[:most])
+            try:
+                reply = ask(*request, limit=limit, what="single frames")
+                if reply.failure is None:
+                    found: list[float] = parsed(_TIMES, reply.value, "single frames")
+            except WorkerLostError:  # every sample is stored by now
+                break
+            if reply.failure is not None:
+                break
+            times = np.append(times, found)
         return {
-            "frame_ms_p50": float(np.median(times)) if times else NAN,
-            "frame_ms_p95": float(np.percentile(times, 95)) if times else NAN,
-            "frame_ms_p99": float(np.percentile(times, 99)) if len(times) >= TAIL_FRAMES else NAN,
+            "frame_ms_p50": 1e3 * float(np.median(times)) if len(times) else NAN,
+            "frame_ms_p95": 1e3 * float(np.percentile(times, 95)) if len(times) else NAN,
+            "frame_ms_p99": 1e3 * float(np.percentile(times, 99))
+            if len(times) >= TAIL_FRAMES
+            else NAN,
         }
 
 
@@ -251,7 +275,7 @@ class MethodCellTask(FrameTask):
             definition(plan),
         )
 
-    def request(self, split: str, rows: slice) -> tuple[object, ...]:
+    def request(self, split: str, rows: Rows) -> tuple[object, ...]:
         """Return a request for the images of frames, of "test" with all that is stated of them."""
         frames, references = self.data.frames(split)
         what = "reconstruct_and_state" if split == "test" else "reconstruct"

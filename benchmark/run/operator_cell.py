@@ -25,12 +25,18 @@ from eitbench.benchmark.run.cell_task import (
     CellPlan,
     CellTask,
     StoredSamples,
-    warm_replies,
 )
 from eitbench.benchmark.rundir.cells import Cell, Values
 from eitbench.benchmark.rundir.run_arrays import TOUCHES_KEPT, TRUTH, Truth
 from eitbench.benchmark.rundir.store import RunStore
-from eitbench.benchmark.workers.messages import Cost, Reply, Seconds, array_in, parsed
+from eitbench.benchmark.workers.messages import (
+    Cost,
+    Reply,
+    Seconds,
+    WorkerLostError,
+    array_in,
+    parsed,
+)
 from eitbench.benchmark.workers.operator_service import OperatorService, ReferenceModelService
 from eitbench.methods.registry import OPERATOR_REGISTRY
 from eitbench.scenarios.arrays import Array
@@ -265,13 +271,19 @@ class OperatorCellTask(CellTask):
             for start in range(0, len(self.data.clean) - size + 1, size)
             if valid[start : start + size].all()
         ]
-        replies = warm_replies(
-            ask,
-            "a warm batch",
-            batches,
-            lambda n, spent: n >= WARM_BATCHES and (spent >= WARM_SECONDS or n >= ENOUGH_BATCHES),
-        )
-        found = [evaluation(reply) for reply in replies]
+        limit, found, spent = self.plan.suite.frame_limit_s * size, list[Evaluation](), 0.0
+        while batches and not (
+            len(found) >= WARM_BATCHES and (spent >= WARM_SECONDS or len(found) >= ENOUGH_BATCHES)
+        ):
+            request = self.request("test", batches[len(found) % len(batches)])
+            try:
+                reply = ask(*request, limit=limit, what="a warm batch")
+            except WorkerLostError:  # every sample is stored by now
+                break
+            if reply.failure is not None:
+                break
+            found.append(evaluation(reply))
+            spent += reply.seconds
         if not found:
             return {}
         return {

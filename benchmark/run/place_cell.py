@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from eitbench.benchmark.metrics.specs import METRIC_COLUMNS
 from eitbench.benchmark.metrics.tactile import diameter
 from eitbench.benchmark.run.cell_task import CellData, CellPlan, StoredSamples
-from eitbench.benchmark.run.method_cell import FrameTask, definition
+from eitbench.benchmark.run.method_cell import FrameTask, Rows, definition
 from eitbench.benchmark.run.prior_knowledge import place_knowledge
 from eitbench.benchmark.rundir.cells import Values
 from eitbench.benchmark.rundir.run_arrays import Truth
@@ -125,7 +125,7 @@ class PlaceCellTask(FrameTask):
             definition(plan),
         )
 
-    def request(self, split: str, rows: slice) -> tuple[object, ...]:
+    def request(self, split: str, rows: Rows) -> tuple[object, ...]:
         """Return a request for the places of presses."""
         return "locate", self.data.differences(split)[rows]
 

@@ -21,11 +21,11 @@ from threadpoolctl import threadpool_limits
 from eitbench.benchmark.rundir.kinds import PINNED, SHARED
 from eitbench.scenarios.arrays import Array
 
-SOLVES = 5
+SOLVES = 3
 """Solves before, and as many after, what is timed."""
 
 
-LOOK_S = 0.2
+LOOK_S = 0.05
 """How long cores are watched for the idlest one [s]."""
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eitbench.benchmark.workers.messages import MAX_ARRAYS, Reply
-from eitbench.benchmark.workers.worker import timed_answer
+from eitbench.benchmark.workers.worker import seed_everything, timed_answer
 from eitbench.methods.method import DRAWS, Method
 from eitbench.methods.problem import Problem, Splits
 from eitbench.methods.registry import create, load_plugin, register
@@ -30,8 +30,31 @@ BATCH = 32
 """Frames that a run asks for at once."""
 
 
+class FrameService:
+    """Times the frames of a request one by one, whatever the method that answers."""
+
+    def times(self, most: int, seconds: float, request: str, *inputs: Frames) -> Reply:
+        """Return the times [s] of a `request` with single rows of its `inputs` (n, ...), in turn.
+
+        It ends after `most` of them, or with the one that makes them as long as `seconds`, or
+        before one that fails; where that is the first, its reply is returned.
+        """
+        found, spent = list[float](), 0.0
+        while not found or (len(found) < most and spent < seconds):
+            row = len(found) % len(inputs[0])
+            seed_everything()
+            reply: Reply = getattr(self, request)(*(array[row : row + 1] for array in inputs))
+            if reply.failure is not None and not found:
+                return reply
+            if reply.failure is not None:
+                break
+            found.append(reply.seconds)
+            spent += reply.seconds
+        return Reply(found, spent)
+
+
 @dataclass(eq=False)
-class MethodService:
+class MethodService(FrameService):
     """Makes and fits a method for a problem, and reconstructs images.
 
     Attributes:

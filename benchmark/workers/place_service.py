@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from eitbench.benchmark.workers.messages import Reply
-from eitbench.benchmark.workers.method_service import Frames, known_parameters
+from eitbench.benchmark.workers.method_service import Frames, FrameService, known_parameters
 from eitbench.benchmark.workers.worker import timed_answer
 from eitbench.methods.place_method import PlaceMethod, PlaceProblem
 from eitbench.methods.places.by_image import create_place_method
@@ -26,7 +26,7 @@ from eitbench.scenarios.suites.suite import learned_from
 
 
 @dataclass(eq=False)
-class PlaceService:
+class PlaceService(FrameService):
     """Makes and fits a method of places, and locates presses.
 
     Attributes:

@@ -36,8 +36,8 @@ from eitbench.scenarios.sensors.symmetry import asymmetry
 
 # ADMM steps between two linearisations; the solver goes on from where it stood.
 TV_ITERATIONS = 45
-# An image that changes by less than this share of its contrast needs no further linearisation. Three
-# are enough for most frames; strong contrasts take more.
+# An image that changes by less than this share of its contrast needs no further linearisation.
+# Three are enough for most frames; strong contrasts take more.
 STILL = 0.05
 # Fractions of a full step that the line search tries.
 STEP_LENGTHS = (1.0, 0.5, 0.25, 0.125)

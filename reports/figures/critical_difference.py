@@ -86,5 +86,5 @@ def _short(name: str) -> str:
 def to_png(figure: Figure) -> str:
     """Return a figure as a `data:` address, for a page."""
     content = io.BytesIO()
-    figure.savefig(content, format="png", dpi=220)
+    figure.savefig(content, format="png", dpi=160)
     return f"data:image/png;base64,{base64.b64encode(content.getvalue()).decode()}"

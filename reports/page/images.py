@@ -16,13 +16,17 @@ from eitbench.benchmark.metrics.aggregation import numbers
 from eitbench.benchmark.metrics.specs import METRICS
 from eitbench.benchmark.rundir.run_arrays import TRUTH, Scene
 
-_MOST_FAMILIES = 6
+MOST_FAMILIES = 6
 _OUTSIDE = 255
-_STEPS = 254
+STEPS, FEW_STEPS = 254, 31
+"""Of the scale; of as many images as a page can hold, few steps take a quarter of its bytes."""
 
 
 def packed_images(
-    methods: Mapping[str, tuple[Run, str]], scenario: str, by: str | None
+    methods: Mapping[str, tuple[Run, str]],
+    scenario: str,
+    by: str | None,
+    families: int = MOST_FAMILIES,
 ) -> dict[str, Any] | None:
     """Pack the images of the best, the median and the worst case of each family, by all methods.
 
@@ -33,14 +37,16 @@ def packed_images(
         methods: the run and the name of each method, by its label; the runs are of the same data.
         scenario: its name.
         by: a figure of samples.
+        families: number of those that are shown, the first ones. Where some are left out, images
+            have `FEW_STEPS`.
 
     Returns:
         A row of `names` by `samples` images of `shape` pixels, as bytes whose text is `data` (see
-        `pack`): 0 to 254 are values between `low` and `high` [S/m], 255 is outside the sensor, or
-        no image. With `has_truth`, the first name is the truth. `cases` name the sample, its family
-        and its kind. `bounds` is (x_min, y_min, x_max, y_max) [m], and `background` is in S/m.
+        `pack`): 0 to `steps` are values between `low` and `high` [S/m], 255 is outside the sensor,
+        or no image. With `has_truth`, the first name is the truth. `cases` name the sample, its
+        family and its kind. `bounds` is (x_min, y_min, x_max, y_max) [m], `background` is in S/m.
         `figures` holds, by method and then for each of `samples`, the status and the metrics of the
-        image.
+        image. `families` is the number of all families.
 
     Raises:
         DataCorruptError: the images of a run cannot be read.
@@ -49,6 +55,8 @@ def packed_images(
     table, cases = _together(cells, by)
     if not cases:
         return None
+    names = list(dict.fromkeys(case["family"] for case in cases))
+    cases = [case for case in cases if case["family"] in names[:families]]
     samples = sorted({case["sample"] for case in cases})
     scene = next(iter(methods.values()))[0].scene(scenario, samples)
     stacks: dict[str, NDArray[np.float64]] = {}
@@ -60,7 +68,8 @@ def packed_images(
             stacks[label] = estimates.astype(np.float64)
     low, high = _limits(stacks, scene)
     values = np.stack(list(stacks.values()))
-    scaled = np.clip(np.round((values - low) / (high - low) * _STEPS), 0, _STEPS)
+    steps = STEPS if families >= len(names) else FEW_STEPS
+    scaled = np.clip(np.round((values - low) / (high - low) * steps), 0, steps)
     known = np.isfinite(values) & scene.mask
     pixels = np.where(known, np.nan_to_num(scaled), _OUTSIDE).astype(np.uint8)
     return {
@@ -68,6 +77,8 @@ def packed_images(
         "has_truth": TRUTH in stacks,
         "samples": samples,
         "cases": cases,
+        "families": len(names),
+        "steps": steps,
         "shape": list(scene.mask.shape),
         "bounds": list(scene.bounds),
         "background": scene.background,
@@ -104,7 +115,9 @@ def unpacked(images: Mapping[str, Any]) -> NDArray[np.float64]:
     """Return the images (names, samples, H, W) [S/m] of `packed_images`, NaN without a value."""
     pixels = np.frombuffer(zlib.decompress(base64.b64decode(images["data"])), dtype=np.uint8)
     shape = (len(images["names"]), len(images["samples"]), *images["shape"])
-    values = images["low"] + pixels.reshape(shape) / _STEPS * (images["high"] - images["low"])
+    values = images["low"] + pixels.reshape(shape) / images["steps"] * (
+        images["high"] - images["low"]
+    )
     return np.where(pixels.reshape(shape) == _OUTSIDE, np.nan, values)
 
 
@@ -126,7 +139,7 @@ def _cases(table: pd.DataFrame, by: str) -> list[dict[str, Any]]:
     better = mean if METRICS[by].best == "max" else -mean
     if "family" in table and table["family"].notna().any():
         family_of = table.drop_duplicates("sample").set_index("sample")["family"]
-        families = list(dict.fromkeys(family_of.dropna()))[:_MOST_FAMILIES]
+        families = list(dict.fromkeys(family_of.dropna()))[:MOST_FAMILIES]
         groups = {str(name): better[family_of[better.index] == name] for name in families}
     else:
         groups = {"": better}

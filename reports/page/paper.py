@@ -30,7 +30,7 @@ from eitbench.reports.figures.style import (
 )
 from eitbench.reports.page.bibliography import bibliography
 from eitbench.reports.page.images import unpacked
-from eitbench.reports.page.report_data import PAGE_COLUMNS, rows_of
+from eitbench.reports.page.report_data import MOST_SINGLE, PAGE_COLUMNS, rows_of
 from eitbench.reports.tables.columns import layout, printable
 from eitbench.reports.tables.leaderboard import write_leaderboard
 from eitbench.reports.tables.references import data_keys
@@ -80,7 +80,7 @@ def write_paper(report: ReportData, out: Path) -> list[Path]:
 
 def paper_figures(boards: Sequence[BoardData]) -> Iterator[tuple[str, Figure]]:
     """The figures with the stems of their files."""
-    for board in boards:
+    for board in boards if len(boards) <= MOST_SINGLE else ():
         data = re.sub(r"\W+", "-", board["apart"])
         name = "-".join(filter(None, (board["suite"], board["scenario"], data)))
         rows = rows_of([board])

@@ -25,21 +25,26 @@ from eitbench.reports.figures.style import COLOURS, CONDUCTIVITY_MAP, CONTRAST_M
 from eitbench.reports.findings.collect import findings
 from eitbench.reports.findings.finding import Finding
 from eitbench.reports.page.answer import answer
-from eitbench.reports.page.images import pack
+from eitbench.reports.page.images import FEW_STEPS, pack
 from eitbench.reports.page.paper import board_maps, overall_figure, write_paper
 from eitbench.reports.page.rendering import asset, render
-from eitbench.reports.page.report_data import FAST_MS, ReportData, counted_data, report_data
+from eitbench.reports.page.report_data import (
+    FAST_MS,
+    BoardData,
+    ReportData,
+    counted_data,
+    report_data,
+)
 from eitbench.reports.tables.columns import printable
 from eitbench.reports.tables.references import reference
 
 PAGE = "index.html"
-DATA = "report.json"
 _MAP_STEPS = 256
 _DIGEST = re.compile("[0-9a-f]{64}")
 
 
 def write_report(runs: Sequence[Path], out: Path) -> list[Path]:
-    """Write the report of run directories into `out`: the page, its data, and files for a paper.
+    """Write the report of run directories into `out`: the page, and files for a paper.
 
     Raises:
         InputError, DataCorruptError: as for `report_data`.
@@ -48,11 +53,10 @@ def write_report(runs: Sequence[Path], out: Path) -> list[Path]:
     report = report_data(runs)
     found = findings([read_run(run) for run in runs])
     try:
-        written = [out / PAGE, out / DATA]
+        written = [out / PAGE]
         links = _code_links(report, runs, out)
         page = to_page(report, links, found)
         atomic_write(written[0], page.encode())
-        atomic_write(written[1], (json.dumps(report, allow_nan=False) + "\n").encode())
         written += write_paper(report, out)
         for finding in found:
             written += finding.write(out / "tables", out / "figures")
@@ -87,7 +91,7 @@ def to_page(
     methods = _methods(report)
     suites = dict.fromkeys(board["suite"] for board in report["boards"])
     read_by_script = {
-        "boards": report["boards"],
+        "boards": [_for_script(board) for board in report["boards"]],
         "overall": report["overall"],
         "fast_ms": FAST_MS,
         "methods": [method["name"] for method in methods],
@@ -106,6 +110,8 @@ def to_page(
         methods=methods,
         counted_data=counted_data(report["boards"]),
         code_links=code_links,
+        image_steps=FEW_STEPS,
+        fewer_families=_fewer_families(report),
         critical_difference=_critical_difference(report),
         board_maps=_board_maps(report),
         fast_ms=FAST_MS,
@@ -115,8 +121,57 @@ def to_page(
         css=asset("report.css"),
         js=asset("report.js"),
         plotly=_plotly(),
-        data=_json_in_script(read_by_script),
+        data=Markup(_packed(read_by_script)),
     )
+
+
+_KEPT = (
+    *("label", "method", "operator", "track", "training", "anchored", "rank", "weights_won", "n"),
+    *("frame_ms_p50", "frame_solves", "forward_ms"),
+    *("score", "ssim", "cc", "rie", "psnr", "localisation_mm"),
+)  # fmt: skip
+"""Figures of rows that the script reads beside those of its columns."""
+
+
+def _for_script(board: BoardData) -> dict[str, Any]:
+    """Return what the script shows of a board."""
+    names = {*_KEPT, *(column["name"] for column in board["columns"])}
+    names |= {f"{name}_{end}" for name in names for end in ("low", "high")}
+    views = []
+    for view in board["views"]:
+        rows = [
+            {name: value for name, value in row.items() if name in names and value is not None}
+            for row in view["rows"]
+        ]
+        views.append(view | {"rows": rows})
+    return {**board, "views": views, "maps": None}
+
+
+def _packed(value: Any) -> str:
+    """Return plain data as packed JSON."""
+    text = json.dumps(_rounded(value), separators=(",", ":"), allow_nan=False)
+    return pack(text.encode())
+
+
+def _rounded(value: Any) -> Any:
+    """Return plain data with numbers of 5 digits: as many as are shown at most."""
+    if isinstance(value, dict):
+        return {name: _rounded(inner) for name, inner in value.items()}
+    if isinstance(value, list | tuple):
+        return [_rounded(inner) for inner in value]
+    return float(f"{value:.5g}") if isinstance(value, float) else value
+
+
+def _fewer_families(report: ReportData) -> str:
+    """Say how many families of a board have images here; "" where all of each board have."""
+    counts = [
+        (len({case["family"] for case in images["cases"]}), images["families"])
+        for board in report["boards"]
+        if (images := board["images"]) is not None
+    ]
+    shown = max((few for few, all_of in counts if few < all_of), default=0)
+    most = max((all_of for few, all_of in counts if few < all_of), default=0)
+    return f"first {shown} of up to {most} families of each scenario" if shown else ""
 
 
 def _methods(report: ReportData) -> list[dict[str, Any]]:
@@ -159,12 +214,6 @@ def _board_maps(report: ReportData) -> list[tuple[str, str]]:
 def _plotly() -> Markup:
     """Return Plotly's own bundle, packed to a third of its size, so that nothing is downloaded."""
     return Markup(pack(files("plotly").joinpath("package_data", "plotly.min.js").read_bytes()))
-
-
-def _json_in_script(value: Any) -> Markup:
-    """Return JSON that can stand in a script element: nothing in it can close one."""
-    text = json.dumps(value, allow_nan=False)
-    return Markup(text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e"))
 
 
 def _colour_maps() -> dict[str, str]:

@@ -1,7 +1,6 @@
 """The data of a report as plain values: statistics and images of runs, read once.
 
-The page, the tables and the figures are made of these alone, so that they can be made again without
-reading the runs. `report.json` holds them, and the page's script reads the boards.
+The page, the tables and the figures are made of these alone.
 """
 
 from __future__ import annotations
@@ -40,12 +39,21 @@ from eitbench.reports.claims.claim import Verdict
 from eitbench.reports.claims.evidence import Evidence
 from eitbench.reports.claims.published_claims import CLAIMS
 from eitbench.reports.page.error_maps import error_maps
-from eitbench.reports.page.images import packed_images
+from eitbench.reports.page.images import MOST_FAMILIES, packed_images
 from eitbench.reports.tables.boards import notes, prior_knowledge, told_apart, tracks_table
 from eitbench.reports.tables.columns import printable, shown_columns
 
 PRESSES = 150
 """Drawn of a recorded scenario; more would hide each other."""
+
+IMAGES = 2000
+"""That a page may hold, 2 kB each; where there would be more, families are left out."""
+
+MOST_SINGLE = 12
+"""Boards of a report that has figures of each as files: those of more would take minutes."""
+
+VARIED_SAMPLES, LEAST_VARIED = 600, 12
+"""Samples of all boards whose figures are computed in other ways, and the fewest of a board."""
 
 PAGE_COLUMNS = ("command", "label", "anchored", "training", "code")
 """Columns that the rows of a view have beside those of `Standing.rows`: the command that makes the
@@ -139,15 +147,25 @@ def report_data(paths: Sequence[Path]) -> ReportData:
     """
     missing: list[str] = []
     runs = [_with_all_columns(read_run(path), missing) for path in paths]
-    boards = [
-        _board(standing, apart, of_kind, missing)
+    found = [
+        (standing, apart, of_kind)
         for kind in ("method", "operator")
         if (of_kind := [run for run in runs if run.kind.name == kind])
         for standing, apart in _told_apart(standings(of_kind))
     ]
+    columns = sum(len(standing.rows) + 1 for standing, _, _ in found)  # of images, with the truth
+    families = max(1, min(MOST_FAMILIES, IMAGES // max(1, 3 * columns)))
+    varied = max(LEAST_VARIED, min(SAMPLES, VARIED_SAMPLES // max(1, len(found))))
+    boards = [_board(*of, missing, families, varied) for of in found]
     name_kinds(boards)
     for run in runs:
         missing += _incomplete(run)
+    if len(boards) > MOST_SINGLE:
+        missing.append(
+            f"Files of figures of single scenarios (`frontier`, `comparison`, `maps`): a report of "
+            f"more than {MOST_SINGLE} writes none, and this one has {len(boards)}. A run has those "
+            "of its images in its folder `figures`."
+        )
     if not boards:
         raise InputError(
             f"There are no results in {', '.join(map(str, paths))}: nothing to report."
@@ -323,7 +341,14 @@ def _told_apart(found: Sequence[Standing]) -> list[tuple[Standing, str]]:
     return list(zip(found, told_apart([of.rows[0] for of in found]), strict=True))
 
 
-def _board(standing: Standing, apart: str, runs: Sequence[Run], missing: list[str]) -> BoardData:
+def _board(
+    standing: Standing,
+    apart: str,
+    runs: Sequence[Run],
+    missing: list[str],
+    families: int,
+    varied: int,
+) -> BoardData:
     first = standing.rows[0]
     scenario, kind = first["scenario"], "operator" if "operator" in first else "method"
     view = _view("all samples", standing, runs)
@@ -378,12 +403,15 @@ def _board(standing: Standing, apart: str, runs: Sequence[Run], missing: list[st
         row["anchored"] = _anchored(cells[row["label"]])
     with_images = {label: of for label, of in methods.items() if _has_images(of[0], missing)}
     try:
-        board["sensitivity"] = [vars(choice) for choice in sensitivity(with_images, scenario)]
+        board["sensitivity"] = [
+            vars(choice) for choice in sensitivity(with_images, scenario, varied)
+        ]
         if with_images:
-            board["images"] = packed_images(with_images, scenario, first["ranked_by"])
+            by = first["ranked_by"]
+            board["images"] = packed_images(with_images, scenario, by, families)
     except DataCorruptError as error:
         missing.append(str(error))
-    board["sensitivity_samples"] = min(SAMPLES, first["n"])
+    board["sensitivity_samples"] = min(varied, first["n"])
     return board
 
 

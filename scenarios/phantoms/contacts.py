@@ -125,7 +125,9 @@ def locate(contrast: ArrayLike, sensor: Sensor) -> Array:
     contrast is constant. Errors as those of `contacts`.
     """
     _, magnitude, peak = _standing_out(contrast, sensor)
-    weight = np.maximum(magnitude - AMPLITUDE_FRACTION * peak[:, None, None], 0.0)
+    weight = magnitude  # in place: new arrays of many images take longer than what is done to them
+    weight -= AMPLITUDE_FRACTION * peak[:, None, None]
+    np.maximum(weight, 0.0, out=weight)
     weight[peak == 0] = 0.0
     total = weight.sum(axis=(1, 2))
     place = np.stack([np.tensordot(weight, c, axes=2) for c in sensor.pixel_centres], axis=-1)
@@ -150,5 +152,6 @@ def _standing_out(contrast: ArrayLike, sensor: Sensor) -> tuple[Array, Array, Ar
 def is_constant(images: ArrayLike, mask: Mask | None = None) -> Mask:
     """True (n,) for `images` (n, H, W) that have one value on all pixels of the mask."""
     stack = np.asarray(images)
-    pixels = stack.reshape(len(stack), -1) if mask is None else stack[:, mask]
-    return np.asarray(pixels.min(axis=1) == pixels.max(axis=1))
+    inside = np.ones(stack.shape[1:], dtype=bool) if mask is None else np.asarray(mask)
+    one = stack[(slice(None), *np.argwhere(inside)[0])]
+    return np.asarray(((stack == one[:, None, None]) | ~inside).all(axis=(1, 2)))

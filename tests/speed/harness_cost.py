@@ -1,108 +1,199 @@
-"""Cost of the harness beside the methods, gain of a second core, and an estimate for large runs.
+"""Cost of the harness beside the methods: where the time of a run goes.
 
-    python tests/speed/harness_cost.py paper --limit 120
+    python tests/speed/harness_cost.py quick
+    python tests/speed/harness_cost.py noise --scenarios noise-50db --methods noser,tv --limit 300
+    python tests/speed/harness_cost.py paper --limit 60 --jobs 2
 
-runs a suite with one job and with two, and prints for each method the seconds that it took itself,
-the seconds of its cell, and what follows for large runs. Data are simulated before the clock
-starts.
+prints for each method the seconds that it took itself (`fit`, its images and what it states of
+them, single frames timed among them), and what the harness took beside it by its parts, then all of
+that for each sample and as a share. Data are simulated before the clock starts. `--json FILE` keeps
+the figures.
 """
 
+from __future__ import annotations
+
 import argparse
+import json
+import platform
 import tempfile
 import threading
 import time
 from collections import defaultdict
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from typing import Any
 from unittest.mock import patch
 
-import numpy as np
+if __name__ == "__main__":  # each worker imports this file, and needs nothing of it
+    from eitbench.benchmark.run import cell, executors, timing
+    from eitbench.benchmark.run.cell_task import CellTask
+    from eitbench.benchmark.run.runner import Plan, make_plan, start_run
+    from eitbench.benchmark.rundir.manifest import cpu_model
+    from eitbench.benchmark.rundir.store import RunStore
+    from eitbench.benchmark.workers.messages import Reply
+    from eitbench.benchmark.workers.worker import Worker
+    from eitbench.scenarios.data.datasets import load
+    from eitbench.scenarios.suites.suite import load_suite
 
-from eitbench.benchmark.run import cell
-from eitbench.benchmark.run import executors as execution
-from eitbench.benchmark.run.cell_task import CellTask
-from eitbench.benchmark.run.progress import Advance
-from eitbench.benchmark.run.runner import make_plan, start_run
-from eitbench.benchmark.workers.messages import Reply
-from eitbench.benchmark.workers.worker import Worker
-from eitbench.scenarios.data.datasets import load
-from eitbench.scenarios.suites.suite import load_suite
-
-SAMPLES, METHODS = 1_000_000, 50
+PARTS = ("start", "set-up", "batches", "timing", "solves", "scoring", "storing", "other")
+"""Start and end of processes; imports and the like in set-up; messages and what is done with their
+answers, of batches and of single frames that are timed; the calibration solves and the look for an
+idle core; metrics; files; the rest of a cell."""
+RUN = "the run"
 
 
 class Clock:
-    """Seconds in methods and in cells, by method, while `run` runs."""
+    """Seconds of the methods themselves and of each part of the harness, by method.
+
+    Attributes:
+        own: of methods.
+        fixed: of methods, but of their set-up and of single frames that are timed.
+        parts: of the harness, by method and part; none counts what another one in it does.
+    """
 
     def __init__(self) -> None:
-        self.method: dict[str, float] = defaultdict(float)
+        self.own: dict[str, float] = defaultdict(float)
         self.fixed: dict[str, float] = defaultdict(float)
-        self.cell: dict[str, float] = defaultdict(float)
+        self.parts: dict[str, dict[str, float]] = defaultdict(lambda: defaultdict(float))
         self._here = threading.local()
 
-    def run(self, suite: str, methods: list[str], limit: int, jobs: int) -> float:
-        """Wall time of a run [s]."""
-        plan = make_plan(load_suite(suite), methods=methods, limit=limit)
+    @contextmanager
+    def _part(self, name: str) -> Iterator[None]:
+        """Count the seconds of the block, but those of parts in it."""
+        inside, self._here.inside = getattr(self._here, "inside", 0.0), 0.0
+        start = time.perf_counter()
+        try:
+            yield
+        finally:
+            seconds = time.perf_counter() - start
+            self.parts[getattr(self._here, "name", RUN)][name] += seconds - self._here.inside
+            self._here.inside = inside + seconds
+
+    def _counted(self, name: str, function: Callable[..., Any]) -> Callable[..., Any]:
+        def counted(*args: Any, **more: Any) -> Any:
+            with self._part(name):
+                return function(*args, **more)
+
+        return counted
+
+    def _own_seconds(self, what: str, seconds: float) -> None:
+        self.own[self._here.name] += seconds
+        if what in ("set-up", "timing"):  # do not grow with the number of samples
+            self.fixed[self._here.name] += seconds
+        self._here.inside += seconds
+
+    def run(self, plan: Plan, jobs: int) -> float:
+        """Return the wall time of a run [s]."""
         ask, run_cell = Worker.ask, cell.run_cell
 
         def timed_ask(worker: Worker, *request: object, limit: float, what: str) -> Reply:
-            reply = ask(worker, *request, limit=limit, what=what)
-            self.method[self._here.name] += reply.seconds
-            if what in ("set-up", "a single frame"):  # do not grow with the number of samples
-                self.fixed[self._here.name] += reply.seconds
-            return reply
+            part = "timing" if "single frame" in what else "batches"
+            part = "set-up" if what == "set-up" else part
+            with self._part(part):
+                reply = ask(worker, *request, limit=limit, what=what)
+                beside = reply.value.get("seconds", {}) if isinstance(reply.value, dict) else {}
+                self._own_seconds(part, reply.seconds + sum(beside.values()))
+                return reply
 
-        def timed_cell(
-            task: CellTask,
-            progress: Advance,
-            stop: threading.Event,
-            core: int | None = None,
-            *,
-            isolate: bool = False,
-        ) -> None:
+        def timed_cell(task: CellTask, *args: Any, **more: Any) -> None:
             self._here.name = task.plan.cell.name
-            start = time.perf_counter()
-            run_cell(task, progress, stop, core, isolate=isolate)
-            self.cell[self._here.name] += time.perf_counter() - start
+            try:
+                with self._part("other"):
+                    run_cell(task, *args, **more)
+            finally:
+                del self._here.name
 
-        with (
-            patch.object(Worker, "ask", timed_ask),
-            patch.object(execution, "run_cell", timed_cell),
-            tempfile.TemporaryDirectory() as folder,
-        ):
+        with ExitStack() as patches, tempfile.TemporaryDirectory() as folder:
+            patches.enter_context(patch.object(Worker, "ask", timed_ask))
+            patches.enter_context(patch.object(executors, "run_cell", timed_cell))
+            for owner, name, part in (
+                (Worker, "__init__", "start"),
+                (Worker, "close", "start"),
+                (executors, "core_to_pin", "solves"),
+                (timing, "calibration_solves", "solves"),
+                (cell, "score_cell", "scoring"),
+                (RunStore, "save_batch", "storing"),
+                (RunStore, "save_cell", "storing"),
+                (RunStore, "assemble", "storing"),
+            ):
+                counted = self._counted(part, getattr(owner, name))
+                patches.enter_context(patch.object(owner, name, counted))
             start = time.perf_counter()
-            start_run(plan, Path(folder) / "run", jobs=jobs)
-            return time.perf_counter() - start
+            with self._part("other"):
+                start_run(plan, Path(folder) / "run", jobs=jobs)
+            seconds = time.perf_counter() - start
+        if jobs == 1:  # what other threads did is no part of what this one waited for
+            of_cells = sum(self.own.values()) + sum(
+                sum(parts.values()) for name, parts in self.parts.items() if name != RUN
+            )
+            self.parts[RUN]["other"] -= of_cells
+        return seconds
 
 
 def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("suite")
-    parser.add_argument("--limit", type=int, default=120)
+    parser.add_argument("--scenarios", default="")
     parser.add_argument("--methods", default="")
+    parser.add_argument("--limit", type=int)
+    parser.add_argument("--jobs", type=int, default=1, help="also measure with so many jobs")
+    parser.add_argument("--json", type=Path)
     given = parser.parse_args()
-    suite = load_suite(given.suite)
-    methods = [name for name in given.methods.split(",") if name] or list(suite.names)
-    for scenario in suite.scenarios:
-        load(scenario, limit=given.limit, jobs=2)
-    one = Clock()
-    walls = [
-        clock.run(given.suite, methods, given.limit, jobs)
-        for jobs, clock in enumerate((one, Clock()), 1)
-    ]
-    frames = given.limit * len(suite.scenarios)
-    print(f"{'':20s}  method s   cell s  method ms/frame  harness ms/frame")
-    for name in methods:
-        own, whole = one.method[name], one.cell[name]
-        a_frame = 1e3 * np.array([own - one.fixed[name], whole - own]) / frames
-        print(f"{name:20s}  {own:8.2f} {whole:8.2f}  {a_frame[0]:15.2f}  {a_frame[1]:16.2f}")
-    own = sum(one.method.values())
-    print(f"harness beside the methods' own time: {100 * (walls[0] - own) / own:.1f} %")
-    print(
-        f"one job {walls[0]:.1f} s, two {walls[1]:.1f} s: {walls[0] / walls[1]:.2f} times as fast"
+    scenarios, methods = (
+        [one for one in given_names.split(",") if one]
+        for given_names in (given.scenarios, given.methods)
     )
-    hours = walls[0] / frames / len(methods) * SAMPLES * METHODS / 3600
-    print(f"{SAMPLES:,} samples x {METHODS} methods like these: {hours:,.0f} core hours")
+    plan = make_plan(
+        load_suite(given.suite), methods=methods, scenarios=scenarios, limit=given.limit
+    )
+    ran = [each for each in plan.suite.scenarios if each.name in plan.scenarios]
+    frames = sum(len(load(each, split="test", limit=plan.limit)) for each in ran)
+    clock = Clock()
+    seconds = clock.run(plan, 1)
+    rows: list[dict[str, Any]] = []
+    for name in (*plan.names, RUN):
+        parts = {part: clock.parts[name][part] for part in PARTS}
+        harness, own = sum(parts.values()), clock.own[name]
+        rows.append(
+            {"method": name, "own_s": own, "harness_s": harness, "parts_s": parts}
+            | {"cells": len(ran), "samples": frames}
+            | {"own_ms_a_sample": 1e3 * (own - clock.fixed[name]) / frames}
+            | {"harness_ms_a_sample": 1e3 * harness / frames}
+            | {"share": harness / (own + harness)}
+        )
+    print(
+        f"{'':20s}   own s  harness s  ms a sample   share  " + "".join(f"{p:>9s}" for p in PARTS)
+    )
+    for row in rows:
+        print(
+            f"{row['method']:20s} {row['own_s']:7.2f} {row['harness_s']:10.2f} "
+            f"{row['harness_ms_a_sample']:12.2f} {100 * row['share']:6.1f} %  "
+            + "".join(f"{row['parts_s'][part]:9.3f}" for part in PARTS)
+        )
+    own = sum(clock.own.values())
+    a_sample = 1e3 * (seconds - own) / frames / len(plan.names)
+    print(
+        f"{seconds:.1f} s, of which {seconds - own:.1f} s ({100 * (seconds - own) / seconds:.1f} %)"
+        f" in the harness: {a_sample:.2f} ms for a sample of a method"
+    )
+    jobs_s = Clock().run(plan, given.jobs) if given.jobs > 1 else None
+    if jobs_s is not None:
+        print(f"{given.jobs} jobs {jobs_s:.1f} s: {seconds / jobs_s:.2f} times as fast")
+    if given.json:
+        record = {
+            "machine": f"{cpu_model()}, Python {platform.python_version()}",
+            "suite": given.suite,
+            "seconds": seconds,
+            "own_s": own,
+            "share": (seconds - own) / seconds,
+            "ms_a_sample": a_sample,
+            "jobs": given.jobs,
+            "jobs_s": jobs_s,
+            "rows": rows,
+        }
+        given.json.write_text(json.dumps(record, indent=1) + "\n")
 
 
 if __name__ == "__main__":

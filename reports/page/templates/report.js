@@ -1,12 +1,12 @@
 "use strict";
 const $ = (id) => document.getElementById(id);
-const data = JSON.parse($("data").textContent);
+const data = JSON.parse(new TextDecoder().decode(await bytes($("data").textContent)));
 const state = { board: 0, part: 0, track: "", search: "", sort: null, chosen: null };
 // Colour-blind readers tell them apart (reports/figures/style.py); symbols and dashes for grey print.
 const COLOURS = data.colours;
 const SYMBOLS = ["circle", "square", "diamond", "cross", "triangle-up", "star", "x", "hexagon"];
 const DASHES = ["solid", "dash", "dot", "dashdot"];
-const OUTSIDE = 255, STEPS = 254;
+const OUTSIDE = 255;
 
 function el(tag, attributes, ...children) {
   const node = document.createElement(tag);
@@ -187,7 +187,7 @@ function drawNoise() {
   const figure = $("noise-figure").value, x = of.map((b) => b.snr_db === "clean" ? "clean" : `${b.snr_db} dB${b.touch_snr_db === null ? "" : ` (${b.touch_snr_db.toFixed(0)} dB)`}`);
   const traces = names.flatMap((name, k) => {
     const rows = of.map((b) => b.views[0].rows.find((row) => nameOf(row) === name));
-    const get = (end) => rows.map((row) => row ? row[figure + end] : null);
+    const get = (end) => rows.map((row) => row ? row[figure + end] ?? null : null);
     const of_line = { color: COLOURS[k % COLOURS.length], dash: DASHES[Math.floor(k / COLOURS.length) % DASHES.length], width: 2 };
     const band = get("_low").some((v) => v === null) ? [] : [{ x: [...x, ...[...x].reverse()], y: [...get("_high"), ...get("_low").reverse()], fill: "toself", mode: "none", fillcolor: COLOURS[k % COLOURS.length] + "22", hoverinfo: "skip", showlegend: false }];
     return [...band, { x, y: get(""), name: escaped(name), mode: "lines+markers", line: of_line, marker: { symbol: symbol(k), size: 7 } }];
@@ -241,7 +241,7 @@ function lookup(map, value) {
 function values(name, sample) {
   const of = board().images, size = of.shape[0] * of.shape[1];
   const start = (of.names.indexOf(name) * of.samples.length + of.samples.indexOf(sample)) * size;
-  const scale = (of.high - of.low) / STEPS;
+  const scale = (of.high - of.low) / of.steps;
   return Array.from(pixels.subarray(start, start + size), (byte) => byte === OUTSIDE ? NaN : of.low + scale * byte);
 }
 

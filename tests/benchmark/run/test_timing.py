@@ -14,12 +14,16 @@ import pytest
 from eitbench.benchmark.run import method_cell, timing
 from eitbench.benchmark.run.method_cell import MethodCellTask
 from eitbench.benchmark.run.runner import make_plan, start_run
-from eitbench.benchmark.workers.messages import Reply
+from eitbench.benchmark.workers.messages import Failure, Reply
+from eitbench.benchmark.workers.method_service import FrameService
+from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.suites.suite import Suite
 
 PINNABLE = pytest.mark.skipif(
     not hasattr(os, "sched_getaffinity"), reason="needs to pin a process to a core: run on Linux"
 )
+
+FRAME_LIMIT_S = 5.0
 
 
 def times_of(seconds: float, *, pinned: bool, monkeypatch: pytest.MonkeyPatch) -> dict[str, float]:
@@ -29,16 +33,31 @@ def times_of(seconds: float, *, pinned: bool, monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setattr(
         method_cell, "StoredSamples", lambda task: type("", (), {"valid": np.ones(7, dtype=bool)})
     )
-    asked: list[slice] = []
+    asked: list[int] = []
 
-    def ask(what: str, rows: slice) -> Reply:
-        asked.append(rows)
-        return Reply(None, seconds * (1 + (len(asked) % 10 == 0)))
+    class Service(FrameService):
+        def reconstruct(self, frames: Array, references: Array) -> Reply:
+            assert len(frames) == len(references) == 1
+            asked.append(int(frames[0, 0]))
+            return Reply(None, seconds * (1 + (len(asked) % 10 == 0)))
 
-    plan: Any = type("", (), {"cell": type("", (), {"variant": ""})})
+    def ask(*request: Any, limit: float, what: str) -> Reply:
+        asked_for, *inputs = request
+        assert asked_for == "times"
+        assert limit > FRAME_LIMIT_S
+        messages.append(what)
+        return Service().times(*inputs)
+
+    messages: list[str] = []
+    suite = type("", (), {"frame_limit_s": FRAME_LIMIT_S})
+    plan: Any = type("", (), {"cell": type("", (), {"variant": ""}), "suite": suite})
+    frames = np.arange(7.0)[:, None]
+    data: Any = type("", (), {"frames": lambda self, split: (frames, frames)})()
     nothing: Any = None
-    task = MethodCellTask(plan, nothing, nothing)
-    return task.warm(ask, pinned=pinned) | {"frames": len(asked)}
+    found = MethodCellTask(plan, nothing, data).warm(ask, pinned=pinned)
+    # In turn; the first frame was timed before and comes last.
+    assert asked == [(k + 1) % 7 for k in range(len(asked))]
+    return found | {"frames": len(asked), "messages": len(messages)}
 
 
 @pytest.mark.parametrize(
@@ -55,11 +74,32 @@ def test_a_99th_percentile_is_of_a_thousand_frames(
 ) -> None:
     found = times_of(seconds, pinned=pinned, monkeypatch=monkeypatch)
     assert found["frames"] == pytest.approx(frames, abs=1)
+    assert found["messages"] <= 1 + 1.1 * seconds * frames
     assert found["frame_ms_p50"] == pytest.approx(1e3 * seconds)
     # The slowest tenth takes twice as long: p90 is neither p95 nor p99.
     assert found["frame_ms_p95"] == pytest.approx(2e3 * seconds)
     expected = 2e3 * seconds if p99 else np.nan
     assert found["frame_ms_p99"] == pytest.approx(expected, nan_ok=True)
+
+
+class Fragile(FrameService):
+    """Answers until the frame `bad` comes."""
+
+    def __init__(self, bad: int) -> None:
+        self.bad = bad
+
+    def reconstruct(self, frames: Array) -> Reply:
+        """Reply with a time, or with a failure."""
+        failure = Failure("error", "no more") if frames[0, 0] == self.bad else None
+        return Reply(None, 0.01, failure)
+
+
+def test_frames_before_one_that_fails_are_timed_and_its_failure_is_said() -> None:
+    frames = np.arange(5.0)[:, None]
+    reply = Fragile(bad=3).times(100, 1.0, "reconstruct", frames)
+    assert (reply.value, reply.failure) == ([0.01, 0.01, 0.01], None)
+    failed = Fragile(bad=0).times(100, 1.0, "reconstruct", frames)
+    assert failed.failure == Failure("error", "no more")
 
 
 @pytest.mark.slow

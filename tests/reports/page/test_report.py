@@ -1,9 +1,11 @@
 """The report as data, page and files for a paper; `test_report_in_a_browser.py` opens it."""
 
+import base64
 import json
 import re
 import shutil
 import subprocess
+import zlib
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +18,7 @@ from tests.support.made_runs import edited_manifest
 from eitbench.benchmark.analysis.results import read_run
 from eitbench.reports.figures.style import STYLE
 from eitbench.reports.page.answer import answer
-from eitbench.reports.page.images import packed_images, unpacked
+from eitbench.reports.page.images import FEW_STEPS, STEPS, packed_images, unpacked
 from eitbench.reports.page.paper import (
     comparison,
     fastest_for_quality,
@@ -262,11 +264,23 @@ def test_methods_are_shown_with_what_they_were_told_source_and_code(
 def test_names_are_data_in_the_page(many: Path) -> None:
     page = to_page(report_data([many]))
     assert "<img" not in page
-    data = re.search(r'<script type="application/json" id="data">(.*?)</script>', page, re.DOTALL)
+    data = re.search(r'<script type="text/plain" id="data">([A-Za-z0-9+/=]*)</script>', page)
     assert data is not None
-    assert not set("<>&") & set(data[1])
-    names = {row["method"] for row in json.loads(data[1])["boards"][0]["views"][0]["rows"]}
+    content = json.loads(zlib.decompress(base64.b64decode(data[1])))
+    names = {row["method"] for row in content["boards"][0]["views"][0]["rows"]}
     assert NASTY in names
+
+
+def test_a_page_that_would_be_large_leaves_out_families_and_says_so(
+    full_run: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    said = "it shows only the first 1 of up to"
+    assert said not in to_page(report_data([full_run]))
+    monkeypatch.setattr("eitbench.reports.page.report_data.IMAGES", 1)
+    report = report_data([full_run])
+    assert said in to_page(report)
+    shown = [board["images"] for board in report["boards"] if board["images"]]
+    assert all(len({case["family"] for case in images["cases"]}) == 1 for images in shown)
 
 
 def test_the_page_needs_nothing_else(many: Path) -> None:
@@ -284,7 +298,7 @@ def test_files_for_a_paper(many: Path, tmp_path: Path) -> None:
         f"figures/{kind}-bench-conductivity-set" for kind in ("frontier", "comparison")
     )
     assert written == {
-        "index.html", "report.json", f"{frontier}.pdf", f"{frontier}.svg", "references.bib",
+        "index.html", f"{frontier}.pdf", f"{frontier}.svg", "references.bib",
         f"{grid}.pdf", f"{grid}.svg",
         "tables/leaderboard.csv", "tables/leaderboard.md", "tables/leaderboard.tex",
     }  # fmt: skip
@@ -346,12 +360,17 @@ def test_a_comparison_holds_all_methods_and_is_legible_in_a_column(
     assert (low == pytest.approx(-high)) == (scenario == "position-set")  # contrast
 
 
-def test_packed_images_are_those_of_the_run(full_run: Path) -> None:
+@pytest.mark.parametrize(("families", "steps"), [(6, STEPS), (1, FEW_STEPS)])
+def test_packed_images_are_those_of_the_run(full_run: Path, families: int, steps: int) -> None:
     run = read_run(full_run)
-    images = packed_images({"sharp": (run, "sharp")}, "conductivity-set", "score")
+    images = packed_images({"sharp": (run, "sharp")}, "conductivity-set", "score", families)
     assert images is not None
+    assert (images["steps"], len({case["family"] for case in images["cases"]})) == (
+        steps,
+        min(families, images["families"]),
+    )
     stored = run.estimates("conductivity-set", "sharp", images["samples"])
-    step = (images["high"] - images["low"]) / 254
+    step = (images["high"] - images["low"]) / steps
     found = unpacked(images)[images["names"].index("sharp")]
     inside = ~np.isnan(found)
     assert inside.any()
