@@ -162,9 +162,9 @@ def report_data(paths: Sequence[Path]) -> ReportData:
         missing += _incomplete(run)
     if len(boards) > MOST_SINGLE:
         missing.append(
-            f"Files of figures of single scenarios (`frontier`, `comparison`, `maps`): a report of "
+            f"Files of figures of single scenarios (frontier, comparison, maps): a report of "
             f"more than {MOST_SINGLE} writes none, and this one has {len(boards)}. A run has those "
-            "of its images in its folder `figures`."
+            "of its images in its folder figures."
         )
     if not boards:
         raise InputError(

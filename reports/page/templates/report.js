@@ -509,7 +509,7 @@ async function openBoard() {
   if (b.images) {
     const families = [...new Set(b.images.cases.map((c) => c.family))];
     options($("family"), families.map((f) => [f, f || "all"]), families[0]);
-    $("family").closest("label").hidden = families.length < 2;
+    $("family").closest("label").hidden = b.images.families < 2;
     $("shown").closest("label").hidden = !b.images.has_truth;
   }
   drawImages();

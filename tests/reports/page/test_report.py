@@ -451,7 +451,7 @@ def test_without_images_the_rest_is_shown(many: Path, tmp_path: Path) -> None:
     (missing,) = found["missing"]
     assert "reconstructions.h5" in missing
     assert missing in to_page(found)
-    assert len(write_report([many], tmp_path / "report")) == 8
+    assert len(write_report([many], tmp_path / "report")) == 7
 
 
 def test_an_unfinished_run_says_so(many: Path) -> None:
