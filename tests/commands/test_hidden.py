@@ -9,6 +9,7 @@ import pytest
 
 from eitbench.benchmark.analysis import submission
 from eitbench.benchmark.workers.confinement import check_isolation
+from eitbench.commands.board import VERSION
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.suites import suite as suites
 from eitbench.scenarios.suites.scenario import SimulatedScenario, SplitNoise
@@ -33,7 +34,7 @@ def publish(folder: Path, printed: str) -> Path:
     sha256 = printed.rpartition("sha256 = ")[2].strip().strip("'")
     (folder / "board").mkdir()
     (folder / "board" / "hidden.toml").write_text(
-        f'[[keys]]\nversion = "2026.1"\nsuite = "quick"\nsha256 = "{sha256}"\n'
+        f'[[keys]]\nversion = "{VERSION}"\nsuite = "quick"\nsha256 = "{sha256}"\n'
     )
     return folder / "board"
 
@@ -60,13 +61,13 @@ def test_from_a_key_to_the_gap_of_a_method(eitbench: Command, tmp_path: Path) ->
     assert manifest["hidden"] in (board / "hidden.toml").read_text()
 
     gap = ("hidden", "gap", tmp_path / "open", tmp_path / "hidden")
-    code, out, err = eitbench(*gap, "--record", board / "2026.1")
+    code, out, err = eitbench(*gap, "--record", board / VERSION)
     assert code == 0, err
     assert "no fall found" in out
-    assert (board / "2026.1" / "hidden" / "quick-1.json").is_file()
+    assert (board / VERSION / "hidden" / "quick-1.json").is_file()
     code, out, _ = eitbench(*gap, "--json")
     assert json.loads(out)["gaps"][0]["method"] == "noser"
-    code, _, err = eitbench(*gap, "--record", board / "2026.1")
+    code, _, err = eitbench(*gap, "--record", board / VERSION)
     assert code == 2
     assert "never edited" in err
 
