@@ -14,6 +14,7 @@ from eitbench.benchmark.analysis.overall import MIN_SCENARIOS
 from eitbench.benchmark.analysis.results import failures
 from eitbench.benchmark.analysis.standings import SIGNIFICANT
 from eitbench.reports.page.answer import answer
+from eitbench.reports.page.report_data import counted_data
 from eitbench.reports.site.edition import Edition, SuitePart, method_file, name_of
 from eitbench.reports.tables.columns import Column, layout, printable
 from eitbench.reports.tables.gaps import HEADS, gap_texts, gaps_note, run_tier, tier_text
@@ -172,7 +173,11 @@ def summary_table(suite: SuitePart) -> Table | None:
         for row in found["rows"]
     ]
     left_out = ", ".join(found["left_out"])
-    note = f"Not on all scenarios, and left out: {left_out}." if left_out else ""
+    notes = [
+        f"Not on all scenarios, and left out: {printable(left_out)}." if left_out else "",
+        counted_data(suite.report["boards"]),
+    ]
+    note = " ".join(filter(None, notes))
     title = f"Over the {len(found['scenarios'])} scenarios"
     return Table(title, ["Method", "Mean rank", "Best on"], rows, note)
 

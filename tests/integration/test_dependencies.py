@@ -18,7 +18,9 @@ BY_NAME = {"pytest.importorskip", "files"}  # functions that take the name of a 
 # Uvicorn imports the one for the live view, whose tests use it, pandas the other.
 USED_BY_OTHERS = {"websockets", "openpyxl"}
 # Programs, plugins of pytest, and what the others take.
-PROGRAMS = {"pytest-benchmark", "pytest-timeout", "pytest-xdist", "scikit-image", "playwright"}
+PROGRAMS = {
+    "mlcroissant", "playwright", "pytest-benchmark", "pytest-timeout", "pytest-xdist", "scikit-image",
+}  # fmt: skip
 
 
 def normal(name: str) -> str:

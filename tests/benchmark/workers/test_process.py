@@ -169,7 +169,7 @@ def test_a_server_that_is_killed_costs_no_row(
     ask = Worker.ask
 
     def asked(self: Worker, operation: str, *request: object, **options: Any) -> Any:
-        if operation == "reconstruct" and not killed:
+        if operation in ("times", "reconstruct_and_state") and not killed:
             process = server()
             process.kill()
             wait_for(lambda: has_ended(process.pid))
