@@ -19,7 +19,8 @@ BY_NAME = {"pytest.importorskip", "files"}  # functions that take the name of a 
 USED_BY_OTHERS = {"websockets", "openpyxl"}
 # Programs, plugins of pytest, and what the others take.
 PROGRAMS = {
-    "mlcroissant", "playwright", "pytest-benchmark", "pytest-timeout", "pytest-xdist", "scikit-image",
+    "mlcroissant", "playwright", "pytest-benchmark", "pytest-timeout", "pytest-xdist",
+    "scikit-image",
 }  # fmt: skip
 
 
