@@ -16,6 +16,7 @@ from pandas.api.types import is_float_dtype
 from eitbench.benchmark import InputError, atomic_write
 from eitbench.benchmark.analysis.recording_notes import write_notes
 from eitbench.benchmark.analysis.results import NOTES_FILE, SHOWN, Run, read_run
+from eitbench.benchmark.findings.acuity import has_acuity
 from eitbench.benchmark.rundir import manifest
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
 from eitbench.benchmark.rundir.run_arrays import TRUTH
@@ -106,6 +107,8 @@ def _lacking(run: Run) -> str:
         return "it holds frames of a hidden set, of which only figures are published"
     if not run.whole:
         return "it is a record itself, with images of few samples"
+    if has_acuity(run):
+        return "its figures are computed from all images, of which records keep few"
     if run.manifest.get("plan", {}).get("limit") != suite.limit:
         return "it was limited to some test samples"
     if missing := [s.name for s in suite.scenarios if s.name not in run.scenarios()]:

@@ -101,6 +101,15 @@ def test_a_limited_run_is_no_record(tmp_path: Path) -> None:
         write_record(limited, tmp_path / "2026.1" / "record")
 
 
+def test_a_run_whose_figures_need_all_images_is_no_record(run: Path, tmp_path: Path) -> None:
+    copied = Path(shutil.copytree(run, tmp_path / "run"))
+    with edited_manifest(copied) as content:
+        content["plan"]["suite"]["scenarios"][0]["acuity"] = {}
+    with pytest.raises(InputError, match="computed from all images"):
+        write_record(copied, tmp_path / "2026.1" / "record")
+    assert not (tmp_path / "2026.1" / "record").exists()
+
+
 def test_the_cost_of_a_suite_is_that_of_its_last_record(record: Path) -> None:
     board = record.parents[1]
     assert "not known" in cost("other", board)
