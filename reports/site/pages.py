@@ -61,7 +61,7 @@ def overall_table(edition: Edition) -> Table | None:
         return None
     suites = [suite for suite in edition.suites if suite.report["boards"][0]["kind"] == "method"]
     ranks = {suite.name: mean_ranks(suite) for suite in suites}
-    heads = ["Method", "Comparisons won", "Suites", "Training", *(s.name for s in suites)]
+    heads = ["Method", "Comparisons won", "Suites", "Simulated training", *(s.name for s in suites)]
     trained = {
         row["label"]: row["training"]
         for suite in suites
