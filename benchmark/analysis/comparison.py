@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 from scipy import special
 
-from eitbench.benchmark.analysis.results import cells_of, checked_table
+from eitbench.benchmark.analysis.results import BUSY, cells_of, checked_table, fastest_solves
 from eitbench.benchmark.analysis.standings import SIGNIFICANT
 from eitbench.benchmark.metrics.aggregation import aggregate, figure_of, numbers
 from eitbench.benchmark.metrics.metric_spec import MetricSpec
@@ -46,9 +46,6 @@ ChangeVerdict = Literal[
 
 _NEEDED = ("scenario", "method", "sample", "cluster", "input_hash", "status")
 _NEEDED_OF_CELL = ("scenario", "method", "frame_ms_p50", "calibration_ms", "machine", "timed")
-
-BUSY = 1.25
-"""Beside what is timed, the calibration solve may take so many times the machine's fastest."""
 
 NEGLIGIBLE = 1e-3
 """Share of the standard deviation between clusters: what the rounding of another machine's
@@ -170,20 +167,15 @@ def _read_results(path: Path) -> Results:
         raise InputError(
             f"{table} has several rows for one sample of a method: run the suite again."
         )
-    cells, times = table.with_name(METHOD_RUNS.table), {}
-    if cells.is_file():
-        for row in checked_table(cells, METHOD_RUNS, _NEEDED_OF_CELL).to_dict("records"):
+    path_of_cells, times, cells = table.with_name(METHOD_RUNS.table), {}, pd.DataFrame()
+    if path_of_cells.is_file():
+        cells = checked_table(path_of_cells, METHOD_RUNS, _NEEDED_OF_CELL)
+        for row in cells.to_dict("records"):
             solve, frame = row["calibration_ms"], row["frame_ms_p50"]
             if solve and frame and np.isfinite(frame / solve):
                 key = str(row["scenario"]), str(row["method"])
                 times[key] = FrameTime(frame, solve, row["machine"], row["timed"] != PINNED)
-    fastest: dict[str, float] = {}
-    for timed in times.values():
-        fastest[timed.machine] = min(timed.solve_ms, fastest.get(timed.machine, np.inf))
-    own = about.get("machine", {}).get("cpu")
-    if own in fastest and about.get("calibration_ms"):
-        fastest[own] = min(fastest[own], about["calibration_ms"])
-    return Results(path, samples, times, fastest)
+    return Results(path, samples, times, fastest_solves(cells, about))
 
 
 def figure_called(name: str) -> str:

@@ -90,8 +90,10 @@ def ranked_boards(runs: Sequence[Run]) -> list[list[Entry]]:
     entries = []
     for run in runs:
         names = ["suite", "scenario", run.kind.name, *run.kind.labels]
+        known = _known(run)
         for values, cell in () if run.samples.empty else run.samples.groupby(names, sort=False):
-            row = _row(run, dict(zip(names, map(str, values), strict=True)), cell)
+            keys = dict(zip(names, map(str, values), strict=True))
+            row = _row(run, keys, cell, known.get(tuple(keys.values())[1:], {}))
             entries.append(Entry(run, row, cell, (run.path.name,), _rivals(run, row["scenario"])))
     ranked = []
     for data in dict.fromkeys(_data_of(entry.row) for entry in entries):
@@ -129,7 +131,7 @@ def _rivals(run: Run, scenario: str) -> int:
 
 def _repeats(entry: Entry, other: Entry) -> bool:
     """True if two entries are one method with the same parameters, code and results."""
-    if made_with(entry) != made_with(other):
+    if entry.run is other.run or made_with(entry) != made_with(other):
         return False
     cells = [of.cell.sort_values("sample") for of in (entry, other)]
     if any(list(cells[0][name]) != list(cells[1][name]) for name in ("sample", "status")):
@@ -165,7 +167,15 @@ def _data_of(row: Row) -> tuple[Any, ...]:
     return tuple(row[name] for name in ("suite", "scenario", "data_hash", "data_n"))
 
 
-def _row(run: Run, keys: Row, cell: pd.DataFrame) -> Row:
+def _known(run: Run) -> dict[tuple[str, ...], Row]:
+    """What is known of each cell as a whole, by scenario, method (or operator) and labels."""
+    keys = ["scenario", run.kind.name, *run.kind.labels]
+    shown = run.cells[run.cells["scenario"].isin(run.scenarios())]
+    # Of several rows the first one counts.
+    return {tuple(str(row[key]) for key in keys): row for row in shown.to_dict("records")[::-1]}
+
+
+def _row(run: Run, keys: Row, cell: pd.DataFrame, known: Row) -> Row:
     kind = run.kind
     valid = cell[cell["status"] == "ok"]
     data = run.manifest.get("data", {}).get(keys["scenario"], {})
@@ -176,10 +186,6 @@ def _row(run: Run, keys: Row, cell: pd.DataFrame) -> Row:
         "coverage": len(valid) / len(cell),
         "rank": None,
     }
-    of = run.cells
-    for name in ("scenario", kind.name, *kind.labels):
-        of = of[of[name] == keys[name]]
-    known: Row = dict(of.iloc[0]) if len(of) else {}
     # Failed samples of methods hold what an image of the untouched sensor gets.
     counted = cell if kind.name == "method" and len(valid) else valid
     specs = tuple(kind.metrics.values())
@@ -209,6 +215,7 @@ def _row(run: Run, keys: Row, cell: pd.DataFrame) -> Row:
             row[f"snr_db_{end}"] = _plain(cell["snr_db"].agg(end) if "snr_db" in cell else None)
         row["prior_knowledge"] = describe_prior_knowledge(known.get("prior_knowledge"))
         row["overlap"] = _plain(known.get("overlap"))
+        row["busy"] = known.get("busy") is True
         row["actions"] = describe_actions(known.get("actions"))
         row |= _below_ceiling(keys["scenario"], counted)
     return row

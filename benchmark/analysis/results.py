@@ -75,6 +75,10 @@ NUMBERS = (
 )
 
 
+BUSY = 1.25
+"""Beside what is timed, the calibration solve may take so many times the machine's fastest."""
+
+
 @dataclass(frozen=True, eq=False)
 class Run:
     """A run directory.
@@ -185,6 +189,23 @@ def _read_run(path: Path) -> Run:
         if (path / TRACKS).is_file()
         else pd.DataFrame(),
     )
+
+
+def fastest_solves(cells: pd.DataFrame, about: Mapping[str, Any]) -> dict[str, float]:
+    """The fastest calibration solve that is known of each machine of a run, by its name [ms].
+
+    Args:
+        cells: of the run; those that have no `calibration_ms` do not count.
+        about: its manifest.
+    """
+    fastest: dict[str, float] = {}
+    if {"machine", "calibration_ms"} <= set(cells):
+        solves = cells[cells["calibration_ms"] > 0].groupby("machine")["calibration_ms"].min()
+        fastest = {str(machine): float(solve) for machine, solve in solves.items()}
+    own, solve = about.get("machine", {}).get("cpu"), about.get("calibration_ms")
+    if own and solve:
+        fastest[own] = min(fastest.get(own, np.inf), solve)
+    return fastest
 
 
 def cells_of(samples: pd.DataFrame) -> dict[tuple[str, str], pd.DataFrame]:

@@ -11,7 +11,7 @@ intervals drawn over sessions; fewer than `MIN_CLUSTERS` sessions give none.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -214,7 +214,9 @@ def _real(
 ) -> dict[tuple[str, str], Real]:
     if not scenarios:
         return {}
-    rows = {(row["scenario"], row["method"]): row for row in leaderboard_rows([run])}
+    names = {*(scenario.name for scenario in scenarios), *twins.values()}
+    shown = replace(run, samples=run.samples[run.samples["scenario"].isin(names)])
+    rows = {(row["scenario"], row["method"]): row for row in leaderboard_rows([shown])}
     found = {}
     for scenario in (s for s in scenarios if not s.calibrated):
         for (name, method), row in rows.items():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import re
 import shutil
@@ -15,8 +16,14 @@ from pandas.api.types import is_float_dtype
 
 from eitbench.benchmark import InputError, atomic_write
 from eitbench.benchmark.analysis.recording_notes import write_notes
-from eitbench.benchmark.analysis.results import NOTES_FILE, SHOWN, Run, read_run
-from eitbench.benchmark.findings.acuity import has_acuity
+from eitbench.benchmark.analysis.results import (
+    BUSY,
+    NOTES_FILE,
+    SHOWN,
+    Run,
+    fastest_solves,
+    read_run,
+)
 from eitbench.benchmark.rundir import manifest
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
 from eitbench.benchmark.rundir.run_arrays import TRUTH
@@ -27,8 +34,16 @@ from eitbench.reports.page.images import shown_samples
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from eitbench.scenarios.suites.suite import Suite
+
+SUMS = "SHA256SUMS"
+"""Of all records of a version: shows that nobody changed them, with `sha256sum -c SHA256SUMS`."""
+
 TIMES = ("frame_ms", "uncertainty_ms", "novelty_ms", "forward_ms", "grad_ms")
 """Columns of samples with what a method or operator took."""
+
+FRAME_TIMES = ["frame_ms_p50", "frame_ms_p95", "frame_ms_p99"]
+"""Columns of cells that the load of the machine changes."""
 
 STEPS = 250
 """Values of an image over the data range of its sensor: images of records are rounded to these."""
@@ -42,17 +57,17 @@ def write_record(run_path: Path, out: Path) -> Path:
             scenarios of its suite; or there is a record already, which is never edited.
         DataCorruptError: it cannot be read.
     """
-    check_new(out)
     run = read_run(run_path)
+    check_new(manifest.suite_of(run.manifest), out)
     if lacking := _lacking(run):
         raise InputError(f"{run_path} is no whole run: {lacking}.")
     write_notes(run_path)
     staged = out.with_name(f".{out.name}.part")
     shutil.rmtree(staged, ignore_errors=True)
     staged.mkdir(parents=True)
-    for name in (run.kind.table, NOTES_FILE):
-        if (run_path / name).is_file():
-            shutil.copyfile(run_path / name, staged / name)
+    if (run_path / NOTES_FILE).is_file():
+        shutil.copyfile(run_path / NOTES_FILE, staged / NOTES_FILE)
+    _without_busy_times(run, out).to_parquet(staged / run.kind.table, index=False)
     _write_samples(run.samples, staged / SAMPLES)
     content = run.manifest | {"images": SHOWN}
     text = json.dumps(content, indent=1, allow_nan=False) + "\n"
@@ -61,7 +76,17 @@ def write_record(run_path: Path, out: Path) -> Path:
         shown = {name: shown_samples(run, name) for name in run.scenarios()}
         _write_images(run, shown, staged / run.kind.arrays)
     staged.rename(out)
+    with (out.parent / SUMS).open("a") as sums:
+        sums.writelines(sums_of(out))
     return out
+
+
+def sums_of(record: Path) -> list[str]:
+    """Lines of the SHA-256 of the files of a record, as `sha256sum` writes and checks them."""
+    return [
+        f"{hashlib.sha256(path.read_bytes()).hexdigest()}  {record.name}/{path.name}\n"
+        for path in sorted(record.iterdir())
+    ]
 
 
 def _write_samples(samples: pd.DataFrame, path: Path) -> None:
@@ -81,12 +106,37 @@ def _write_samples(samples: pd.DataFrame, path: Path) -> None:
     )
 
 
-def check_new(out: Path) -> None:
+def _without_busy_times(run: Run, out: Path) -> pd.DataFrame:
+    """The cells of a run without those times that were measured beside something else.
+
+    There the calibration solve took much longer than the fastest that this run and other records
+    know of the same machine. A ratio of the two would mislead, too: the load changes meanwhile.
+    """
+    cells = run.cells.copy()
+    if "calibration_ms" not in cells:  # of places and operators
+        return cells
+    records = sorted(out.parents[1].glob(f"2*/*/{manifest.FILE_NAME}"))
+    others = [read_run(path.parent) for path in records]
+    fastest: dict[str, float] = {}
+    for of in (run, *others):
+        for machine, solve in fastest_solves(of.cells, of.manifest).items():
+            fastest[machine] = min(solve, fastest.get(machine, np.inf))
+    cells["busy"] = cells["calibration_ms"] > BUSY * cells["machine"].map(fastest)
+    cells.loc[cells["busy"], FRAME_TIMES] = np.nan
+    return cells
+
+
+def check_new(suite: Suite, out: Path) -> None:
     """Check that there is no record in `out`, which is `RECORDS/VERSION/SUITE`, and can be one.
 
     Raises:
-        InputError: there is one, no such version can be, or a file is in the way.
+        InputError: there is one, no such version can be, a file is in the way, or the suite has
+            figures that records do not tell.
     """
+    if any(getattr(scenario, "acuity", None) is not None for scenario in suite.scenarios):
+        raise InputError(
+            f"Figures of {suite.name!r} are computed from all images, of which records keep few."
+        )
     if not re.fullmatch(r"20\d\d\.\d+", out.parent.name):
         raise InputError(
             f"A version is a year and a number, such as 2026.1; got {out.parent.name!r}."
@@ -107,8 +157,6 @@ def _lacking(run: Run) -> str:
         return "it holds frames of a hidden set, of which only figures are published"
     if not run.whole:
         return "it is a record itself, with images of few samples"
-    if has_acuity(run):
-        return "its figures are computed from all images, of which records keep few"
     if run.manifest.get("plan", {}).get("limit") != suite.limit:
         return "it was limited to some test samples"
     if missing := [s.name for s in suite.scenarios if s.name not in run.scenarios()]:

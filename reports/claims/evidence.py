@@ -68,8 +68,8 @@ class Evidence:
         self._rows = [
             (run, row)
             for run in runs
+            if run.samples["suite"].isin(SUITES[run.kind.name]).any()
             for row in leaderboard_rows([run])
-            if row["suite"] in SUITES[run.kind.name]
         ]
 
     def curves(self) -> Mapping[str, pd.DataFrame]:

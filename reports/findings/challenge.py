@@ -12,7 +12,9 @@ from eitbench.reports.tables.columns import printable
 
 def findings(run: Run) -> list[Finding]:
     """The scores summed over all targets beside published ones; none of other runs."""
-    rows = challenge_rows(leaderboard_rows([run])) if run.kind == METHOD_RUNS else []
+    judged = run.kind == METHOD_RUNS and "ktc_score" in run.samples
+    judged = judged and run.samples["ktc_score"].notna().any()
+    rows = challenge_rows(leaderboard_rows([run])) if judged else []
     if not rows:
         return []
     heads, *body = challenge_table(rows)

@@ -161,8 +161,8 @@ def notes(board: Sequence[Row]) -> list[str]:
     They tell the noise, why there are no ties and which methods were not tuned, compare with the
     ceiling and the published figures, and name the cost of failures, the overlap of training and
     test samples, differences in software that is not ours, methods that used the network, programs
-    or test data, the tiers of records and submissions with the gaps to their hidden sets, and times
-    that were measured while other cells ran.
+    or test data, the tiers of records and submissions with the gaps to their hidden sets, times
+    that were measured while other cells ran, and those left out, as the machine was busy.
     """
     return (
         _noise(board)
@@ -177,6 +177,7 @@ def notes(board: Sequence[Row]) -> list[str]:
         + _by_text(board, "actions")
         + [f"tier of {said}" for said in _by_text(board, "tier")]
         + _shared_times(board)
+        + _busy(board)
     )
 
 
@@ -233,6 +234,14 @@ def _noise(board: Sequence[Row]) -> list[str]:
             "(median)"
         )
     return parts
+
+
+def _busy(board: Sequence[Row]) -> list[str]:
+    """A part of a sentence on times that are left out; empty where none is."""
+    names = [row["method"] for row in board if row.get("busy") and "method" in row]
+    if not names:
+        return []
+    return [f"no time of {', '.join(names)}: the machine was busy with something else"]
 
 
 def _shared_times(board: Sequence[Row]) -> list[str]:

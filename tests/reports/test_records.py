@@ -8,16 +8,19 @@ import numpy as np
 import pandas as pd
 import pytest
 from tests.support.made_runs import edited_manifest
+from typer.testing import CliRunner
 
 from eitbench.benchmark.analysis.leaderboard import leaderboard_rows
 from eitbench.benchmark.analysis.rescore import rescore
 from eitbench.benchmark.analysis.results import read_run
 from eitbench.benchmark.run.runner import make_plan, start_run
+from eitbench.commands.board import app
 from eitbench.reports.board.changes import REASONS, changes, last_before, reasons
-from eitbench.reports.board.records import STEPS, cost, write_record
+from eitbench.reports.board.records import STEPS, SUMS, cost, sums_of, write_record
 from eitbench.reports.page.images import shown_samples
 from eitbench.reports.page.report_data import report_data
 from eitbench.reports.site.site import write_site
+from eitbench.reports.tables.boards import notes
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.suites.scenario import SimulatedScenario, SplitNoise
 from eitbench.scenarios.suites.suite import Suite
@@ -30,9 +33,24 @@ SCENARIO = SimulatedScenario(
 SUITE = Suite(name="mine", title="Mine", methods=("noser", "greit"), scenarios=(SCENARIO,))
 
 
+IDLE_MS = 20.0
+"""Calibration solve of a machine that does nothing else."""
+
+
+def with_solves(run: Path, solves: dict[str, float]) -> Path:
+    """The run, as if the calibration solve had taken so long [ms] beside these methods."""
+    cells = pd.read_parquet(run / "methods.parquet")
+    cells["calibration_ms"] = [solves.get(name, IDLE_MS) for name in cells["method"]]
+    cells.to_parquet(run / "methods.parquet", index=False)
+    with edited_manifest(run) as content:
+        content["calibration_ms"] = IDLE_MS
+    return run
+
+
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return start_run(make_plan(SUITE), tmp_path_factory.mktemp("r") / "run").path
+    made = start_run(make_plan(SUITE), tmp_path_factory.mktemp("r") / "run").path
+    return with_solves(made, {})
 
 
 @pytest.fixture(scope="module")
@@ -77,6 +95,46 @@ def test_a_record_is_never_edited_and_never_rescored(run: Path, record: Path) ->
         rescore(record)
 
 
+def test_times_beside_something_else_are_left_out(run: Path, record: Path, tmp_path: Path) -> None:
+    busy = with_solves(Path(shutil.copytree(run, tmp_path / "run")), {"noser": 1.3 * IDLE_MS})
+    kept = write_record(busy, tmp_path / "2026.1" / "mine")
+    rows = {row["method"]: row for row in leaderboard_rows([read_run(kept)])}
+    times = ("frame_ms_p50", "frame_ms_p95", "frame_solves")
+    assert {name: rows["noser"][name] for name in times} == dict.fromkeys(times)
+    whole = {row["method"]: row for row in leaderboard_rows([read_run(record)])}
+    assert rows["greit"] == {**whole["greit"], "run": rows["greit"]["run"]}
+    assert rows["noser"]["score"] == whole["noser"]["score"]
+    (said,) = [note for note in notes(list(rows.values())) if "busy" in note]
+    assert said.startswith("no time of noser:")
+
+
+def test_a_slower_machine_alone_is_not_busy(run: Path, tmp_path: Path) -> None:
+    slow = Path(shutil.copytree(run, tmp_path / "run"))
+    with_solves(slow, {"noser": 2 * IDLE_MS, "greit": 2 * IDLE_MS})
+    assert pd.read_parquet(write_record(slow, tmp_path / "2026.1" / "a") / "methods.parquet")[
+        "busy"
+    ].all()  # the manifest knows a faster solve of it
+    with edited_manifest(slow) as content:
+        content["calibration_ms"] = 2 * IDLE_MS
+    kept = pd.read_parquet(write_record(slow, tmp_path / "b" / "2026.1" / "a") / "methods.parquet")
+    assert not kept["busy"].any()
+    # Another record tells what the machine can do.
+    write_record(run, tmp_path / "c" / "2026.1" / "first")
+    kept = pd.read_parquet(write_record(slow, tmp_path / "c" / "2026.2" / "a") / "methods.parquet")
+    assert kept["busy"].all()
+
+
+def test_nobody_changed_a_file_of_a_record(record: Path) -> None:
+    for version in {*(path.parents[1] for path in BOARD.glob("2*/*/manifest.json")), record.parent}:
+        lines = [
+            line
+            for of in sorted(version.iterdir())
+            if (of / "manifest.json").is_file()
+            for line in sums_of(of)
+        ]
+        assert sorted((version / SUMS).read_text().splitlines(keepends=True)) == sorted(lines)
+
+
 @pytest.mark.parametrize(
     ("change", "says"),
     [
@@ -101,13 +159,11 @@ def test_a_limited_run_is_no_record(tmp_path: Path) -> None:
         write_record(limited, tmp_path / "2026.1" / "record")
 
 
-def test_a_run_whose_figures_need_all_images_is_no_record(run: Path, tmp_path: Path) -> None:
-    copied = Path(shutil.copytree(run, tmp_path / "run"))
-    with edited_manifest(copied) as content:
-        content["plan"]["suite"]["scenarios"][0]["acuity"] = {}
-    with pytest.raises(InputError, match="computed from all images"):
-        write_record(copied, tmp_path / "2026.1" / "record")
-    assert not (tmp_path / "2026.1" / "record").exists()
+def test_a_suite_whose_figures_need_all_images_is_not_begun(tmp_path: Path) -> None:
+    given = ["acuity", "--runs", str(tmp_path / "runs"), "--records", str(tmp_path / "records")]
+    done = CliRunner().invoke(app, given)
+    assert "computed from all images" in str(done.exception)
+    assert not list(tmp_path.iterdir())
 
 
 def test_the_cost_of_a_suite_is_that_of_its_last_record(record: Path) -> None:

@@ -41,7 +41,7 @@ def board(
     if suite not in suites():
         raise unknown_name("suite", suite, suites())
     declared, out, run = load_suite(suite), records / version / suite, runs / suite
-    check_new(out)
+    check_new(declared, out)
     typer.echo(cost(suite, records))
     progress = RunProgress()
     begun = (run / manifest.FILE_NAME).is_file()
