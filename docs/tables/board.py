@@ -1,7 +1,10 @@
 """Records of the leaderboard: what they are, what they cost, and what is printed of one."""
 
 import io
+from datetime import datetime
+from typing import Any
 
+import numpy as np
 from docs.tables.record import DOCS, printed
 from rich.console import Console
 
@@ -25,20 +28,35 @@ def _commit(name: str) -> str:
     return f"{head[:8]}-{changed}" if changed else head[:8]
 
 
+def _minutes(about: dict[str, Any]) -> str:
+    """From the beginning to the end of a run; "" where it was stopped in between."""
+    ends = [datetime.fromisoformat(about[name]) for name in ("started", "finished")]
+    return "" if about["resumed"] else f"{(ends[1] - ends[0]).total_seconds() / 60:.1f}"
+
+
 def _records() -> str:
     rows = []
-    for path in sorted(_BOARD.glob("2*/*/manifest.json")):
-        run = read_run(path.parent)
-        frames = sum(run.n(name) for name in run.scenarios())
-        minutes = spent_s(run).sum() / 60
-        size = sum(file.stat().st_size for file in path.parent.iterdir()) / 1e6
-        rows.append([
-            path.parents[1].name, f"`{path.parent.name}`", str(run.cells[run.kind.name].nunique()),
-            f"{frames:,}", f"{minutes:.1f}", f"{size:.1f}", str(run.manifest["started"])[:10],
-            _commit(str(run.manifest["git_commit"])),
-        ])  # fmt: skip
-    heads = ["version", "suite", "methods", "frames", "minutes of methods", "MB", "made", "commit"]
-    return printed(heads, rows, [False, False, True, True, True, True, False, False])
+    for version in sorted(_BOARD.glob("2*"), key=lambda path: version_key(path.name)):
+        whole = np.zeros(3)
+        for path in sorted(version.glob("*/manifest.json")):
+            run = read_run(path.parent)
+            frames = sum(run.n(name) for name in run.scenarios())
+            minutes = spent_s(run).sum() / 60
+            size = sum(file.stat().st_size for file in path.parent.iterdir()) / 1e6
+            whole += frames, minutes, size
+            methods = run.cells[run.kind.name].nunique()
+            rows.append([
+                version.name, f"`{path.parent.name}`", str(methods), f"{frames:,}",
+                f"{minutes:.1f}", _minutes(run.manifest), f"{size:.1f}",
+                str(run.manifest["started"])[:10], _commit(str(run.manifest["git_commit"])),
+            ])  # fmt: skip
+        frames, minutes, size = whole
+        total = [f"{frames:,.0f}", f"{minutes:.1f}", "", f"{size:.1f}"]
+        rows.append([version.name, "all", "", *total, "", ""])
+    counts = ["methods", "frames", "minutes of methods", "in all", "MB"]
+    heads = ["version", "suite", *counts, "made", "commit"]
+    right = [False, False, *[True] * len(counts), False, False]
+    return printed(heads, rows, right)
 
 
 def _gaps() -> str:
