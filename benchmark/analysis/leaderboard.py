@@ -90,11 +90,11 @@ def ranked_boards(runs: Sequence[Run]) -> list[list[Entry]]:
     entries = []
     for run in runs:
         names = ["suite", "scenario", run.kind.name, *run.kind.labels]
-        known = _known(run)
+        known, rivals = _known(run), _rivals(run)
         for values, cell in () if run.samples.empty else run.samples.groupby(names, sort=False):
             keys = dict(zip(names, map(str, values), strict=True))
             row = _row(run, keys, cell, known.get(tuple(keys.values())[1:], {}))
-            entries.append(Entry(run, row, cell, (run.path.name,), _rivals(run, row["scenario"])))
+            entries.append(Entry(run, row, cell, (run.path.name,), rivals[row["scenario"]]))
     ranked = []
     for data in dict.fromkeys(_data_of(entry.row) for entry in entries):
         board = _without_repeats([entry for entry in entries if _data_of(entry.row) == data])
@@ -123,10 +123,14 @@ def _without_repeats(entries: Sequence[Entry]) -> list[Entry]:
     return found
 
 
-def _rivals(run: Run, scenario: str) -> int:
-    held = run.samples.loc[run.samples["scenario"] == scenario, run.kind.name].nunique()
+def _rivals(run: Run) -> dict[str, int]:
+    """Number of methods among which those of each scenario are compared, see `Entry`."""
+    if run.samples.empty:
+        return {}
     suite = (run.manifest.get("plan") or {}).get("suite") or {}
-    return max(held, len(suite.get(f"{run.kind.name}s") or ()))
+    listed = len(suite.get(f"{run.kind.name}s") or ())
+    held = run.samples.groupby("scenario")[run.kind.name].nunique()
+    return {str(name): max(int(count), listed) for name, count in held.items()}
 
 
 def _repeats(entry: Entry, other: Entry) -> bool:

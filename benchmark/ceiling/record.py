@@ -60,7 +60,9 @@ def below_ceiling(
         psnr: (n,) [dB] of the method.
         clusters: (n,) see `bootstrap`.
     """
-    known = _stored()[2].get(scenario, pd.Series(dtype=np.float64))
+    known = _stored()[2].get(scenario)
+    if known is None:
+        return None
     least = known.reindex(list(hashes)).to_numpy(np.float64)
     both = np.isfinite(least) & np.isfinite(psnr)
     drawn_with = np.asarray(clusters)[both]

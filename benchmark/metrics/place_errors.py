@@ -70,8 +70,9 @@ def _presses(cell: pd.DataFrame) -> tuple[NDArray[np.bool_], Array, Array]:
     """Rows (n,) of single presses with known places, their errors (n,) [mm] and places (n, 2)."""
     names = ["localisation_mm", "expected_x_m", "expected_y_m"]
     values = np.full((len(cell), 3), np.nan)
-    several = "farthest_contact_mm" in cell and bool(cell["farthest_contact_mm"].notna().any())
-    if set(names) <= set(cell) and not several:
+    if set(names) <= set(cell):
         values = np.stack([numbers(cell, name) for name in names], axis=1)
     known = ~np.isnan(values).any(axis=1)
+    if known.any() and "farthest_contact_mm" in cell and cell["farthest_contact_mm"].notna().any():
+        known[:] = False  # several contacts
     return known, values[known, 0], values[known, 1:]

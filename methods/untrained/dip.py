@@ -25,6 +25,9 @@ class Dip(NetworkPerFrame):
     expected_failures: ClassVar = asymmetry("its random network has no symmetry")
     name: ClassVar = "dip"
     learning_rate: ClassVar[float] = 0.01
+    window: ClassVar[int] = 75
+
+    steps: int = 150
 
     def network(self) -> nn.Module:
         """Return a decoder with a fixed random input."""

@@ -24,9 +24,6 @@ if TYPE_CHECKING:
     from eitbench.methods.problem import Problem
 
 
-WINDOW, PATIENCE = 100, 100
-"""Of the early stopping, in steps."""
-
 NEAREST = 0.05
 """Least distance of the first conductivity from the ends of its range, as a fraction of it."""
 
@@ -73,6 +70,8 @@ class FittedPerFrame(Method):
     needs: ClassVar = "torch"
     name: ClassVar[str]
     learning_rate: ClassVar[float]
+    window: ClassVar[int] = 100
+    """Of `MovingVariance`, and its patience [steps]."""
 
     steps: int = 400
     tv: float = 0.1
@@ -153,7 +152,7 @@ class FittedPerFrame(Method):
             torch.optim.Adam(network.parameters(), self.learning_rate, fused=True),
             self.objective(difference, first),
             torch.from_numpy(first).float(),
-            MovingVariance(WINDOW, PATIENCE),
+            MovingVariance(self.window, self.window),
         )
 
     def _step(self, fits: list[Fit]) -> list[bool]:
