@@ -5,7 +5,7 @@ from datetime import datetime
 from typing import Any
 
 import numpy as np
-from docs.tables.record import DOCS, printed
+from docs.tables.record import BOARD, printed, recorded
 from rich.console import Console
 
 from eitbench.benchmark.analysis.hidden import read_hidden
@@ -13,10 +13,8 @@ from eitbench.benchmark.analysis.results import read_run
 from eitbench.reports.board.changes import version_key
 from eitbench.reports.board.records import spent_s
 from eitbench.reports.tables.gaps import HEADS, gap_texts
-from eitbench.reports.tables.leaderboard import ranked_rows
 from eitbench.reports.tables.terminal import table
 
-_BOARD = DOCS.parent / "reports" / "board"
 _WIDTH = 120
 _SHORT = 7
 """Methods that the README shows."""
@@ -36,7 +34,7 @@ def _minutes(about: dict[str, Any]) -> str:
 
 def _records() -> str:
     rows = []
-    for version in sorted(_BOARD.glob("2*"), key=lambda path: version_key(path.name)):
+    for version in sorted(BOARD.glob("2*"), key=lambda path: version_key(path.name)):
         whole = np.zeros(3)
         for path in sorted(version.glob("*/manifest.json")):
             run = read_run(path.parent)
@@ -61,7 +59,7 @@ def _records() -> str:
 
 def _gaps() -> str:
     rows = []
-    for version in sorted(_BOARD.glob("2*")):
+    for version in sorted(BOARD.glob("2*")):
         for record in read_hidden(version):
             for gap in record.gaps:
                 texts = [f"`{text}`" if k < 2 else text for k, text in enumerate(gap_texts(gap))]
@@ -72,9 +70,8 @@ def _gaps() -> str:
 
 def _boards(suite: str) -> list[str]:
     """Lines that `eitbench leaderboard` prints of the newest record of a suite."""
-    path = max(_BOARD.glob(f"2*/{suite}"), key=lambda path: version_key(path.parent.name))
     out = io.StringIO()
-    Console(file=out, width=_WIDTH, highlight=False).print(table(ranked_rows([path]), _WIDTH))
+    Console(file=out, width=_WIDTH, highlight=False).print(table(recorded(suite), _WIDTH))
     return [line.rstrip() for line in out.getvalue().rstrip().splitlines()]
 
 

@@ -2,8 +2,7 @@
 
 import json
 
-import pandas as pd
-from docs.tables.record import STUDIES, printed
+from docs.tables.record import STUDIES, printed, recorded
 
 
 def _claims() -> str:
@@ -22,10 +21,9 @@ def _objects() -> str:
         "localisation_mm": ("Localisation [mm]", ".1f"), "iou": ("IoU", ".2f"),
         "edge": ("Edge", ".2f"), "artefacts": ("Artefacts", ".2f"),
     }  # fmt: skip
-    stored = pd.read_csv(STUDIES / "objects" / "objects.csv")
     rows = [
         [f"`{row['method']}`", *(format(row[name], form) for name, (_, form) in columns.items())]
-        for row in stored.to_dict("records")
+        for row in recorded("objects")
     ]
     return printed(["", *(heading for heading, _ in columns.values())], rows)
 

@@ -7,8 +7,11 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from eitbench.benchmark.analysis.leaderboard import Row
 from eitbench.benchmark.analysis.results import Run
+from eitbench.reports.board.changes import version_key
 from eitbench.reports.tables.formats import markdown_table
+from eitbench.reports.tables.leaderboard import ranked_rows
 
 DOCS = Path(__file__).resolve().parents[1]
 STUDIES = DOCS / "studies"
@@ -21,6 +24,16 @@ SCENARIOS = {
     "shapes": "unseen shapes, 50 dB",
 }
 """Titles of the scenarios of `noise` and `shapes`."""
+
+
+BOARD = DOCS.parent / "reports" / "board"
+
+
+def recorded(suite: str) -> list[Row]:
+    """Rows of the leaderboards of a suite in its newest record."""
+    records = BOARD.glob(f"2*/{suite}/manifest.json")
+    newest = max(records, key=lambda path: version_key(path.parents[1].name))
+    return ranked_rows([newest.parent])
 
 
 def printed(

@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 import pandas as pd
-from docs.tables.record import STUDIES, printed
+from docs.tables.record import STUDIES, printed, recorded
 
 from eitbench.benchmark.analysis.results import GUESS
 from eitbench.benchmark.findings.transfer import SkinError, over_skins
@@ -111,8 +111,7 @@ def _explained() -> str:
 
 
 def _challenge() -> str:
-    stored = json.loads((STUDIES / "ktc2023" / "ktc2023.json").read_text())
-    heads, *body = challenge_table(challenge_rows(stored["rows"]))
+    heads, *body = challenge_table(challenge_rows(recorded("ktc2023")))
     rows = [
         [name if track == "published" else f"`{name}`", track, *scores]
         for name, track, *scores in body

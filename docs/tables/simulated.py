@@ -1,7 +1,7 @@
 """Tables of pages with one table: simulated data, priors, acuity, operators, peers."""
 
 import pandas as pd
-from docs.tables.record import SCENARIOS, STUDIES, printed
+from docs.tables.record import SCENARIOS, STUDIES, printed, recorded
 
 from eitbench.reports.studies.priors import priors_table
 from eitbench.reports.tables.published import TABLE_I
@@ -27,7 +27,6 @@ def _acuity(name: str = "acuity") -> str:
 
 
 def _operators() -> str:
-    stored = pd.read_csv(STUDIES / "operators" / "operators.csv")
     names = {"paper": "same mesh", "paper-finer": "finer mesh"}
     rows = [
         [
@@ -38,7 +37,7 @@ def _operators() -> str:
             f"{100 * row['rel_error']:.2g} %",
             f"{row['grad_cosine']:.3f}",
         ]
-        for row in stored.to_dict("records")
+        for row in recorded("operators")
     ]
     for name, title in (("surrogate", "learned operator"), ("jacobian", "Jacobian")):
         table = TABLE_I[name]

@@ -282,7 +282,7 @@ def _by_text(board: Sequence[Row], column: str) -> list[str]:
     methods: dict[str, list[str]] = {}
     for row in board:
         if text := row.get(column):
-            methods.setdefault(text, []).append(row["method"])
+            methods.setdefault(text, []).append(row.get("method") or row["operator"])
     return [f"{', '.join(dict.fromkeys(names))}: {text}" for text, names in methods.items()]
 
 

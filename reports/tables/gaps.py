@@ -58,7 +58,7 @@ def tier_text(run: Run, row: Row) -> str:
     """Return the tier of a method of a record or a submission, with its gap; "" of other runs."""
     if run.whole and not is_submission(run.path):
         return ""
-    found = tier(run, row["scenario"], row["method"])
+    found = tier(run, row["scenario"], row[run.kind.name])
     times = " (its times are self-reported)" if is_submission(run.path) else ""
     if found.gap is None:
         on = f" on {found.reproduced_on}" if found.reproduced_on else ""

@@ -15,6 +15,7 @@ from eitbench.benchmark.analysis.rescore import rescore
 from eitbench.benchmark.analysis.results import read_run
 from eitbench.benchmark.run.runner import make_plan, start_run
 from eitbench.commands.board import app
+from eitbench.commands.results import app as results
 from eitbench.reports.board.changes import REASONS, changes, last_before, reasons
 from eitbench.reports.board.records import STEPS, SUMS, cost, sums_of, write_record
 from eitbench.reports.page.images import shown_samples
@@ -222,3 +223,14 @@ def test_every_change_of_the_leaderboard_has_its_reason() -> None:
         if (older := last_before(manifest.parent)) is not None:
             found = changes(older, manifest.parent)
             assert found.changed.keys() <= reasons(manifest.parents[1]).keys()
+
+
+@pytest.mark.parametrize(
+    "record",
+    sorted(path.parent for path in BOARD.glob("2*/*/manifest.json")),
+    ids=lambda path: f"{path.parent.name}-{path.name}",
+)
+def test_every_record_has_a_board_that_prints(record: Path) -> None:
+    done = CliRunner().invoke(results, ["leaderboard", str(record), "--format", "md"])
+    assert done.exception is None
+    assert "reproduced" in done.stdout
