@@ -4,6 +4,7 @@ import json
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
+from itertools import islice
 from pathlib import Path
 from typing import Any, Literal
 
@@ -17,9 +18,9 @@ from eitbench.benchmark.metrics.novelty import SCORES
 from eitbench.benchmark.metrics.specs import METRIC_COLUMNS
 from eitbench.benchmark.metrics.uncertainty import UNCERTAINTY
 from eitbench.benchmark.rundir import manifest
-from eitbench.benchmark.rundir.folder import read_json_file
+from eitbench.benchmark.rundir.folder import MOST_ENTRIES, read_json_file
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS, RUN_KINDS, RunKind
-from eitbench.benchmark.rundir.run_arrays import Scene, read_estimates, read_scene
+from eitbench.benchmark.rundir.run_arrays import Scene, names_in, read_estimates, read_scene
 from eitbench.benchmark.rundir.store import SAMPLES, TRACKS
 from eitbench.benchmark.rundir.tables import read_parquet, wrong_kind
 from eitbench.benchmark.workers.messages import plain_trace
@@ -151,6 +152,9 @@ def read_run(path: Path) -> Run:
 def _try_run(path: Path) -> None:
     """Read a run, and look at all of its images, as far as a parser could stumble over them."""
     run = _read_run(path)
+    with suppress(DataCorruptError):
+        for _ in islice(names_in(path / run.kind.arrays), MOST_ENTRIES):
+            pass
     for scenario, method in cells_of(run.samples) if run.kind == METHOD_RUNS else ():
         with suppress(DataCorruptError):  # who asks for these images is told
             run.scene(scenario, [])
