@@ -151,7 +151,7 @@ def skip_a_method(run: Path) -> None:
     edit_json(lambda m: m["skipped"].update({"tiny/my-noser": "no time"}))(run)
 
 
-def set_in_cells(name: str, value: object) -> Edit:
+def set_in_cells(name: str, value: str | float) -> Edit:
     def edit(run: Path) -> None:
         table = pd.read_parquet(run / "methods.parquet")
         table[name] = value
