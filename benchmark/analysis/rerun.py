@@ -21,7 +21,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from eitbench.benchmark.analysis.results import NOTES_FILE, ROUNDED, describe_actions
+from eitbench.benchmark.analysis.results import (
+    NOTES_FILE,
+    ROUNDED,
+    describe_actions,
+    rounded_images,
+)
 from eitbench.benchmark.analysis.submission import Check, Submission
 from eitbench.benchmark.checks.method_checks import SAME_FRAME
 from eitbench.benchmark.run.cell import BatchRunner
@@ -43,8 +48,9 @@ REPRODUCED = "reproduced.json"
 
 ROUNDING = 1e-3
 """Difference of images, as a share of the background, that another processor may cause."""
-FLOAT16 = float(np.finfo(np.float16).eps)
-"""Relative difference of two numbers that are neighbours in float16."""
+NEIGHBOURS = 2
+"""Steps of a rounded image that a value moves at most where the image changes slightly: one, or two
+where its largest contrast crosses a power of 2 and the steps double."""
 
 
 def rerun(submission: Submission, n: int, *, isolate: bool = False) -> list[Check]:
@@ -86,14 +92,15 @@ def _problem(submission: Submission, entry: Mapping[str, Any], n: int, isolate: 
     stored = run.estimates(scenario, name, samples.tolist())
     if stored is None:
         return "It holds no images."
-    rounded = run.manifest.get("images") == ROUNDED
-    same, slight = _same_machine(submission), ROUNDING * data.test.sensor.background
+    background = data.test.sensor.background
+    rounded_on = background if run.manifest.get("images") == ROUNDED else None
+    same, slight = _same_machine(submission), ROUNDING * background
     ours = made["test"].values["conductivity"][samples]
-    away = _away(stored, ours, 0.0 if same else slight, rounded=rounded, exact=same)
+    away = _away(stored, ours, 0.0 if same else slight, rounded_on=rounded_on, exact=same)
     if data.validation is not None and not away.any():
         images = made["validation"].values["conductivity"]
         theirs = read_validation(run.path / METHOD_RUNS.arrays, scenario, name, images.shape)
-        away = _away(theirs, images, 0.0 if same else slight, rounded=False, exact=same)
+        away = _away(theirs, images, 0.0 if same else slight, rounded_on=None, exact=same)
     if away.any():
         reasons = [message for message in made["test"].message if message]
         return (
@@ -107,7 +114,9 @@ def _problem(submission: Submission, entry: Mapping[str, Any], n: int, isolate: 
     tried = np.flatnonzero(alone["test"].status != "")
     again = alone["test"].values["conductivity"][tried]
     allowed = SAME_FRAME * data.test.sensor.data_range
-    moved = _away(stored[np.isin(samples, tried)], again, allowed, rounded=rounded, exact=False)
+    moved = _away(
+        stored[np.isin(samples, tried)], again, allowed, rounded_on=rounded_on, exact=False
+    )
     if moved.any():
         return (
             f"{np.count_nonzero(moved)} of {len(moved)} images are others where each frame is "
@@ -155,19 +164,24 @@ def _made(
 
 
 def _away(
-    theirs: NDArray[Any], ours: NDArray[Any], allowed: float, *, rounded: bool, exact: bool
+    theirs: NDArray[Any],
+    ours: NDArray[Any],
+    allowed: float,
+    *,
+    rounded_on: float | None,
+    exact: bool,
 ) -> NDArray[np.bool_]:
     """Mask (n,) of images (n, H, W) that differ by more than `allowed` [S/m].
 
     Args:
-        rounded: true if theirs were rounded to float16.
+        rounded_on: the background [S/m] where theirs were rounded, see `rounded_images`; else None.
         exact: true if ours are the same numbers before that.
     """
-    if rounded:
-        with np.errstate(over="ignore"):
-            ours = ours.astype(np.float16).astype(np.float32)
-    relative = FLOAT16 if rounded and not exact else 0.0
-    same = np.isclose(theirs, ours, rtol=relative, atol=allowed, equal_nan=True)
+    slack: NDArray[Any] = np.full((len(ours), 1, 1), allowed)
+    if rounded_on is not None:
+        ours, steps = rounded_images(ours, rounded_on)
+        slack = slack if exact else slack + NEIGHBOURS * steps
+    same = (np.abs(theirs - ours) <= slack) | (theirs == ours) | (np.isnan(theirs) & np.isnan(ours))
     return np.asarray(~same.all(axis=(1, 2)))
 
 

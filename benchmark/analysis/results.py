@@ -4,6 +4,7 @@ import json
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
+from itertools import islice
 from pathlib import Path
 from typing import Any, Literal
 
@@ -17,9 +18,9 @@ from eitbench.benchmark.metrics.novelty import SCORES
 from eitbench.benchmark.metrics.specs import METRIC_COLUMNS
 from eitbench.benchmark.metrics.uncertainty import UNCERTAINTY
 from eitbench.benchmark.rundir import manifest
-from eitbench.benchmark.rundir.folder import read_json_file
+from eitbench.benchmark.rundir.folder import MOST_ENTRIES, read_json_file
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS, RUN_KINDS, RunKind
-from eitbench.benchmark.rundir.run_arrays import Scene, read_estimates, read_scene
+from eitbench.benchmark.rundir.run_arrays import Scene, names_in, read_estimates, read_scene
 from eitbench.benchmark.rundir.store import SAMPLES, TRACKS
 from eitbench.benchmark.rundir.tables import read_parquet, wrong_kind
 from eitbench.benchmark.workers.messages import plain_trace
@@ -39,9 +40,11 @@ GUESS = {
 """Notes on guessing one place, and the figures of a method that they stand beside."""
 NOTES = ("reciprocity_error", "repeat_noise", *GUESS, "guess_force_n", "guess_load_percent")
 NOTES_FILE = "recordings.json"
-SHOWN, ROUNDED = "shown", "float16"
+SHOWN, ROUNDED = "shown", "rounded"
 """Entries `images` of a manifest: of a record, and of a submission with rounded images, see
 `reports.board`."""
+STEPS = 1024
+"""Into at least so many the largest contrast of an image is divided where it is rounded."""
 _NOTES = TypeAdapter(dict[str, dict[str, float | None]], config=ConfigDict(strict=True))
 
 _FAMILIES = {"same": "the families of the test phantoms", "other": "other families of phantoms"}
@@ -153,6 +156,9 @@ def read_run(path: Path) -> Run:
 def _try_run(path: Path) -> None:
     """Read a run, and look at all of its images, as far as a parser could stumble over them."""
     run = _read_run(path)
+    with suppress(DataCorruptError):
+        for _ in islice(names_in(path / run.kind.arrays), MOST_ENTRIES):
+            pass
     for scenario, method in cells_of(run.samples) if run.kind == METHOD_RUNS else ():
         with suppress(DataCorruptError):  # who asks for these images is told
             run.scene(scenario, [])
@@ -206,6 +212,25 @@ def fastest_solves(cells: pd.DataFrame, about: Mapping[str, Any]) -> dict[str, f
     if own and solve:
         fastest[own] = min(fastest.get(own, np.inf), solve)
     return fastest
+
+
+def rounded_images(
+    images: NDArray[np.float32], background: float
+) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
+    """Round conductivity (n, H, W) [S/m] to steps of a share of each image's largest contrast.
+
+    A step is the largest power of 2 that is at most 1 / `STEPS` of that contrast: a touch that
+    changes little keeps as many levels as a strong one.
+
+    Returns:
+        The images, and their steps (n, 1, 1) [S/m].
+    """
+    contrast = images.astype(np.float64) - background
+    largest = np.abs(contrast).max(
+        axis=(1, 2), keepdims=True, where=np.isfinite(contrast), initial=0
+    )
+    steps = np.ldexp(1.0, np.frexp(largest)[1] - 1) / STEPS
+    return (background + np.round(contrast / steps) * steps).astype(np.float32), steps
 
 
 def cells_of(samples: pd.DataFrame) -> dict[tuple[str, str], pd.DataFrame]:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import unicodedata
 from pathlib import Path
 from typing import Annotated
 
-from pydantic import Field, StringConstraints, ValidationError
+from pydantic import AfterValidator, Field, StringConstraints, ValidationError
 
 from eitbench.benchmark.rundir.folder import read_json_file
 from eitbench.benchmark.rundir.manifest import first_problem
@@ -14,9 +15,26 @@ from eitbench.scenarios.errors import DataCorruptError
 
 STATEMENT = "submission.json"
 
-# Printed in terminals and on pages: one line, without control characters.
-_Line = Annotated[str, StringConstraints(max_length=200, pattern=r"^[^\x00-\x1f\x7f-\x9f]*\z")]
-_Text = Annotated[str, StringConstraints(max_length=2000, pattern=r"^[^\x00-\x1f\x7f-\x9f]*\z")]
+
+def _visible(text: str) -> str:
+    # Printed in terminals and on pages, where such characters move the cursor or turn text around.
+    for character in text:
+        if unicodedata.category(character) in ("Cc", "Cf", "Zl", "Zp"):
+            raise ValueError(
+                f"it holds the invisible character U+{ord(character):04X}, leave it out"
+            )
+    return text
+
+
+def _address(text: str) -> str:
+    if marks := [mark for mark in "\"'<>" if mark in text]:
+        raise ValueError(f"an address has no {marks[0]}, leave it out")
+    return text
+
+
+_Line = Annotated[str, StringConstraints(max_length=200), AfterValidator(_visible)]
+_Text = Annotated[str, StringConstraints(max_length=2000), AfterValidator(_visible)]
+_Address = Annotated[_Line, AfterValidator(_address)]
 
 
 class Statement(Declaration):
@@ -37,8 +55,8 @@ class Statement(Declaration):
 
     name: _Line = ""
     authors: Annotated[tuple[_Line, ...], Field(max_length=50)] = ()
-    contact: _Line = ""
-    code: Annotated[_Line, StringConstraints(pattern=r"^(https://\S+)?\z")] = ""
+    contact: _Address = ""
+    code: Annotated[_Address, StringConstraints(pattern=r"^(https://\S+)?\z")] = ""
     commit: Annotated[str, StringConstraints(pattern=r"^([0-9a-f]{40}([0-9a-f]{24})?)?\z")] = ""
     container: Annotated[
         str, StringConstraints(max_length=300, pattern=r"^([a-z0-9./:_-]+@sha256:[0-9a-f]{64})?\z")
@@ -59,7 +77,8 @@ def read_statement(folder: Path) -> Statement:
         return Statement.model_validate_json(read_json_file(path), strict=True)
     except ValidationError as error:
         where, reason = first_problem(error)
-        raise DataCorruptError(f"{path}: {where or 'it'}: {reason}.") from error
+        said = reason.removeprefix("Value error, ")
+        raise DataCorruptError(f"{path}: {where or 'it'}: {said}.") from error
     except (OSError, ValueError, RecursionError) as error:
         raise DataCorruptError(f"{path} cannot be read ({type(error).__name__}).") from error
 

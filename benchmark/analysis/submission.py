@@ -21,7 +21,7 @@ import pandas as pd
 from packaging.version import InvalidVersion, Version
 
 from eitbench.benchmark.analysis.recording_notes import notes_of
-from eitbench.benchmark.analysis.rescore import ROUNDING, rescored
+from eitbench.benchmark.analysis.rescore import FIGURES, ROUNDING, rescored
 from eitbench.benchmark.analysis.results import (
     NOTES_FILE,
     Run,
@@ -32,15 +32,18 @@ from eitbench.benchmark.analysis.results import (
 from eitbench.benchmark.analysis.standings import standings
 from eitbench.benchmark.analysis.statement import STATEMENT, read_statement, unfilled
 from eitbench.benchmark.metrics.evaluation import fit_registration
+from eitbench.benchmark.metrics.novelty import SCORES
+from eitbench.benchmark.metrics.uncertainty import UNCERTAINTY
 from eitbench.benchmark.run.method_cell import MethodData
 from eitbench.benchmark.run.prior_knowledge import stated_overlap
 from eitbench.benchmark.run.tracks import cell_entries
 from eitbench.benchmark.rundir import manifest as manifests
 from eitbench.benchmark.rundir.folder import read_json_file, unknown_entries
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
-from eitbench.benchmark.rundir.plan import Plan, plan_of
-from eitbench.benchmark.rundir.run_arrays import read_validation
+from eitbench.benchmark.rundir.plan import Plan, plan_of, sha256
+from eitbench.benchmark.rundir.run_arrays import TRUTH, names_in, read_validation
 from eitbench.benchmark.rundir.store import SAMPLES, TRACKS
+from eitbench.benchmark.rundir.tables import columns_of
 from eitbench.methods.registry import METHOD_REGISTRY, usable_name
 from eitbench.scenarios.errors import EitbenchError, InputError
 from eitbench.scenarios.similarity import Similarity
@@ -56,6 +59,23 @@ FILES = (
 FOLDER = "submissions"
 """In a version of the leaderboard: SUITE/NAME is a submission."""
 
+CONDITIONS = ("calibration_ms", "calibration_spread", "load", "cpu_mhz")
+TIMES = ("frame_ms", "uncertainty_ms", "novelty_ms")
+MOST_MEASURED = 1e9
+"""Of times, memory and rates, in their units: 11 days of milliseconds, 31 years of seconds."""
+
+CELL_COLUMNS = {
+    *("scenario", "method", *METHOD_RUNS.labels, "source", "coverage", "machine", "n"),
+    *("parameters", "registration", "load_calibration", "prior_knowledge", "overlap"),
+    *("actions", "trace", "uncertainty", *METHOD_RUNS.facts, *METHOD_RUNS.costs, *CONDITIONS),
+}
+"""Columns of the table of methods."""
+SAMPLE_COLUMNS = {
+    *("suite", "scenario", "method", *METHOD_RUNS.labels, "sample", "input_hash", "status"),
+    *("message", *FIGURES, *TIMES, *UNCERTAINTY, *SCORES),
+}
+"""Columns of the table of samples, beside those of our data."""
+
 PLAUSIBLE_PSNR_DB = 45.0
 """The best known method has 31 dB on clean data, and the published ones 33."""
 PLAUSIBLE_PLACE_MM = 0.1
@@ -63,6 +83,7 @@ PLAUSIBLE_PLACE_MM = 0.1
 
 TRUST = (
     "times and memory (self-reported)",
+    "that its version of eitbench was not changed",
     "what methods say of their prior knowledge and differences, what they were seen to do, "
     "parameters and weights of plugins",
     "that the images are what the methods make of the frames",
@@ -171,9 +192,18 @@ def _holds_nothing_else(of: Submission) -> str:
             f"The folder 'plugins' holds {min(more)!r}, which does not belong to this run: delete "
             "it."
         )
+    for plugin in of.plan.plugins:
+        copy = of.run.path / plugin.kept
+        if not copy.is_file() or sha256(copy) != plugin.sha256:
+            return (
+                f"The copy {plugin.kept.as_posix()} of a plugin is missing or was changed: send "
+                "what the run wrote."
+            )
     if (of.run.path / STATEMENT).is_file():
-        if more := {path.name for path in of.run.path.iterdir()} - {*FILES, "plugins"}:
-            return f"A submission has no {min(more)!r}: delete it."
+        folders = {"plugins"} if copies else set()
+        for path in of.run.path.iterdir():
+            if path.name not in (folders if path.is_dir() else FILES):
+                return f"A submission has no {path.name!r}: delete it."
         parents = of.run.path.resolve().parents
         if parents[1].name == FOLDER and parents[0].name != of.plan.suite.name:
             return f"It belongs into {FOLDER}/{of.plan.suite.name}, and not {parents[0].name}."
@@ -200,7 +230,7 @@ def _is_packaged(of: Submission) -> str:
     return ""
 
 
-def _is_of_a_release(of: Submission) -> str:
+def _names_its_version(of: Submission) -> str:
     stated, ours = of.run.manifest["versions"]["eitbench"], manifests.versions()["eitbench"]
     try:
         newer = Version(stated) > Version(str(ours))
@@ -211,21 +241,36 @@ def _is_of_a_release(of: Submission) -> str:
     commit = of.run.manifest["git_commit"]
     if commit is not None and not re.fullmatch("[0-9a-f]{40}", commit):
         return f"It was made with changed code (git commit {commit}): run it from a clean checkout."
+    # Nothing here lists the versions that were released.
+    if commit is None and stated != ours:
+        return (
+            f"Eitbench {stated} made it, with no git commit, and nobody can tell here whether that "
+            f"was ever released: run it with {ours}, or from a clean checkout."
+        )
     return ""
 
 
 def _names_are_clear(of: Submission) -> str:
-    built_in, own = METHOD_REGISTRY.known(), of.plan.origins
-    known = {folded(name): name for name in built_in}
+    registered = METHOD_REGISTRY.known()
+    known = {folded(name): name for name in registered}
     for name in of.plan.names:
         if not usable_name(name):
             return f"{name!r} cannot name a method."
         if not name.isascii():
             return f"{name!r} is not ASCII: on a public board names are, so that none looks alike."
-        if name in own and name in built_in:
-            return f"{name!r} is a method of eitbench and cannot come from a plugin."
+        # Without a rerun nobody would see that somebody spoilt its images.
+        if name in registered and registered[name].__module__.startswith("eitbench."):
+            return (
+                f"{name!r} is a method of eitbench, which the board has already: run the suite "
+                "with your method alone (--methods)."
+            )
         if known.setdefault(folded(name), name) != name:
             return f"{name!r} looks like {known[folded(name)]!r}: choose another name."
+        if name not in registered and name not in of.plan.origins:
+            return (
+                f"{name!r} comes from a package that is not installed here: install it, or run "
+                "the suite with --plugin."
+            )
     return ""
 
 
@@ -274,6 +319,40 @@ def _is_complete(of: Submission) -> str:
         n = len(of.data[where].test)
         if sorted(of_cell["sample"]) != list(range(n)):
             return f"{name!r} on {where!r} should have one row for each sample, 0 to {n - 1}."
+    return ""
+
+
+def _files_hold_nothing_else(of: Submission) -> str:
+    run, names = of.run, set[str]()
+    described = {column for data in of.data.values() for column in data.test.samples}
+    for table, known in ((SAMPLES, SAMPLE_COLUMNS | described), (METHOD_RUNS.table, CELL_COLUMNS)):
+        if more := columns_of(run.path / table) - known:
+            return f"{table} has a column {min(more)!r}, which no run writes: delete it."
+    for scenario, data in of.data.items():
+        attributes, arrays = data.truth()
+        truth = f"{scenario}/{TRUTH}"
+        names |= {scenario, truth, *(f"{truth}/{name}" for name in arrays)}
+        names |= {f"{truth}/@{name}" for name in attributes}
+    for entry in run.manifest["cells"]:
+        cell = f"{entry['scenario']}/{entry['name']}"
+        names |= {cell, f"{cell}/sample", f"{cell}/{METHOD_RUNS.array}"}
+        if of.data[entry["scenario"]].validation is not None:
+            names.add(f"{cell}/validation")
+    for name in names_in(run.path / METHOD_RUNS.arrays):
+        if name not in names:
+            return f"{METHOD_RUNS.arrays} holds {name!r}, which no run writes: delete it."
+    return ""
+
+
+def _measured_is_possible(of: Submission) -> str:
+    for table in (of.run.cells, of.run.samples):
+        for column in (*METHOD_RUNS.costs, *CONDITIONS, *TIMES):
+            for value in table[column].dropna() if column in table else ():
+                if not 0 <= value <= MOST_MEASURED:
+                    return (
+                        f"The column {column!r} holds {value:g}: what is measured is 0 or more, "
+                        "and empty where it was not measured."
+                    )
     return ""
 
 
@@ -489,7 +568,7 @@ FIRST = (
     _holds_nothing_else,
     _says_who,
     _is_packaged,
-    _is_of_a_release,
+    _names_its_version,
     _names_are_clear,
     _is_complete,
 )
@@ -499,9 +578,11 @@ CHECKS: dict[str, Callable[[Submission], str]] = {
     "the directory holds what a run writes": _holds_nothing_else,
     "its author says what is asked": _says_who,
     "the suite is one of eitbench's": _is_packaged,
-    "a released version made it": _is_of_a_release,
+    "it names its version of eitbench": _names_its_version,
     "names are clear": _names_are_clear,
     "every sample of every method has its row": _is_complete,
+    "tables and images hold what a run writes": _files_hold_nothing_else,
+    "times and memory are possible": _measured_is_possible,
     "tracks, parameters and weights are ours": _choices_are_ours,
     "no test samples were learned from": _learned_apart,
     "frames, truth and geometry are ours": _frames_are_ours,

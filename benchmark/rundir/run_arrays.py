@@ -191,6 +191,32 @@ def read_validation(
         return np.asarray(stored[:], dtype=np.float32)
 
 
+def names_in(path: Path) -> Iterator[str]:
+    """Yield the names of all that the file at `path` holds, as far down as a run writes.
+
+    A group or dataset is "SCENARIO", "SCENARIO/NAME" or "SCENARIO/NAME/ARRAY", and an attribute is
+    "@ATTRIBUTE" in its place, such as "SCENARIO/NAME/@ATTRIBUTE".
+
+    Raises:
+        DataCorruptError: the file is damaged.
+    """
+    try:
+        with h5py.File(path, "r") as file:
+            yield from _names_in(file, "", 3)
+    # HDF5 fails in whatever way the damage leads to.
+    except Exception as error:
+        raise DataCorruptError(f"{path} cannot be read: resume the run.") from error
+
+
+def _names_in(part: h5py.Group | h5py.Dataset, prefix: str, levels: int) -> Iterator[str]:
+    for name in part.attrs:
+        yield f"{prefix}@{name}"
+    for name in part if isinstance(part, h5py.Group) else ():
+        yield prefix + name
+        if levels and isinstance(part.get(name, getlink=True), h5py.HardLink):
+            yield from _names_in(part[name], f"{prefix}{name}/", levels - 1)
+
+
 TOUCHES_KEPT = 200
 """Images of touches in a run of operators: all of them would be large."""
 

@@ -9,6 +9,7 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from eitbench.benchmark.rundir.parquet_footer import codecs
+from eitbench.scenarios.errors import DataCorruptError
 from eitbench.scenarios.storage.limits import SPARE, most_bytes
 
 MOST_COLUMNS = 500
@@ -52,6 +53,18 @@ def read_parquet(path: Path, most_rows: int | None = None) -> pd.DataFrame:
         raise ValueError("its texts are longer than those of a run")
     # Without its checksums a flipped bit would be another figure.
     return pd.read_parquet(path, page_checksum_verification=True)
+
+
+def columns_of(path: Path) -> set[str]:
+    """Return the names of all columns in the file at `path`, those that pandas takes as index too.
+
+    Raises:
+        DataCorruptError: it cannot be read.
+    """
+    try:
+        return set(pq.read_schema(path).names)
+    except (OSError, ValueError) as error:  # pyarrow's own errors are of these kinds
+        raise DataCorruptError(f"{path} cannot be read: run the suite again.") from error
 
 
 def _is_text(kind: pa.DataType) -> bool:

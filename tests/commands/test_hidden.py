@@ -23,6 +23,18 @@ SUITE = Suite(name="quick", title="Quick", methods=("noser",), scenarios=(SMALL,
 Command = Callable[..., tuple[int, str, str]]
 
 
+MINE = """
+from eitbench.methods import create, Method, register
+@register("mine")
+class Mine(Method):
+    def fit(self, problem):
+        self.inner = create("noser")
+        self.inner.fit(problem)
+    def reconstruct(self, voltages):
+        return self.inner.reconstruct(voltages)
+"""
+
+
 @pytest.fixture(autouse=True)
 def small(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(suites, "load_suite", lambda name: SUITE)
@@ -117,7 +129,16 @@ def test_nothing_secret_lies_where_isolated_methods_read(
 @pytest.mark.slow
 def test_from_a_run_to_a_submission_that_was_reproduced(eitbench: Command, tmp_path: Path) -> None:
     run, out = tmp_path / "run", tmp_path / "submissions" / "quick" / "mine"
-    assert eitbench("run", "quick", "--out", run)[0] == 0
+    plugin = tmp_path / "mine.py"
+    plugin.write_text(MINE)
+    both = tmp_path / "both"
+    assert eitbench("run", "quick", "--plugin", plugin, "--out", both)[0] == 0
+    code, _, err = eitbench("submission", "make", both, "--out", out)
+    assert code == 2
+    assert "'noser' is a method of eitbench" in err
+    assert not out.exists()
+    alone = ("--plugin", plugin, "--methods", "mine")
+    assert eitbench("run", "quick", *alone, "--out", run)[0] == 0
     code, printed, _ = eitbench("submission", "check", run)
     assert code == 0
     assert "eitbench submission make" in printed
@@ -129,14 +150,14 @@ def test_from_a_run_to_a_submission_that_was_reproduced(eitbench: Command, tmp_p
     assert code == 1
     assert "does not say 'name': fill it in" in printed
     said = json.loads((out / "submission.json").read_text()) | {
-        "name": "NOSER", "authors": ["A"], "contact": "a@example.org", "commit": "0" * 40,
+        "name": "Mine", "authors": ["A"], "contact": "a@example.org", "commit": "0" * 40,
         "code": "https://example.org", "licence": "MIT", "training_data": "none",
         "test_split_seen": False,
     }  # fmt: skip
     (out / "submission.json").write_text(json.dumps(said))
     code, printed, err = eitbench("submission", "check", out)
     assert code == 0, err
-    assert "Time (self-reported): 'noser' on 'n'" in printed
+    assert "Time (self-reported): 'mine' on 'n'" in printed
     assert "calibration solves" in printed
     assert "Tier: self-reported" in printed
     code, printed, err = eitbench("submission", "check", out, "--rerun", "4")
@@ -144,7 +165,7 @@ def test_from_a_run_to_a_submission_that_was_reproduced(eitbench: Command, tmp_p
     assert "Tier: reproduced" in printed
     assert "times and memory (self-reported)" in printed
     code, printed, _ = eitbench("leaderboard", out)
-    assert "tier of noser: reproduced on 30 of 30 samples (its times are self-" in printed
+    assert "tier of mine: reproduced on 30 of 30 samples (its times are self-" in printed
     shutil.rmtree(out / "plugins", ignore_errors=True)
     code, _, err = eitbench("submission", "make", run, "--out", out)
     assert code == 2

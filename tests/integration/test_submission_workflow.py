@@ -85,8 +85,34 @@ def two(theirs: Path) -> None:
     add(theirs, f"{FOLDER}-2/submission.json")
 
 
+OLD = FOLDER.replace("mine", "old")
+
+
 def edited(theirs: Path) -> None:
-    add(theirs, FOLDER.replace("mine", "old") + "/submission.json", "{2}")
+    add(theirs, f"{OLD}/submission.json", "{2}")
+
+
+def added_to_another(theirs: Path) -> None:
+    add(theirs, f"{OLD}/recordings.json")
+
+
+def moved(theirs: Path) -> None:
+    """The same content under another path: git calls it a rename and names the new path alone."""
+    add(theirs, f"{FOLDER}/submission.json", "{1}")
+    (theirs / "code.py").rename(theirs / FOLDER / "manifest.json")
+
+
+def moved_within_the_board(theirs: Path) -> None:
+    (theirs / OLD).rename(theirs / FOLDER)
+
+
+def with_deletion(theirs: Path) -> None:
+    add(theirs, f"{FOLDER}/submission.json", "{1}")
+    (theirs / "code.py").unlink()
+
+
+def deleted(theirs: Path) -> None:
+    shutil.rmtree(theirs / OLD)
 
 
 def link(theirs: Path) -> None:
@@ -108,7 +134,12 @@ def strange(theirs: Path) -> None:
         (with_verdict, "changes nothing else"),
         (two, "changes nothing else"),
         (strange, "changes nothing else"),
-        (edited, "results are never edited"),
+        (edited, "changes nothing else"),
+        (moved, "changes nothing else"),
+        (moved_within_the_board, "changes nothing else"),
+        (with_deletion, "changes nothing else"),
+        (deleted, "changes nothing else"),
+        (added_to_another, "results are never edited"),
         (link, "holds no submission.json"),
         (nothing_said, "holds no submission.json"),
     ],

@@ -1,6 +1,7 @@
 """Submissions: folders with the figures of their images, and what their authors have to say."""
 
 import json
+import re
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -29,7 +30,7 @@ from eitbench.scenarios.data.datasets import load
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.phantoms.phantom import contents
 from eitbench.scenarios.suites.scenario import SimulatedScenario, SplitNoise
-from eitbench.scenarios.suites.suite import Suite
+from eitbench.scenarios.suites.suite import Suite, load_suite, suites
 
 SCENARIO = SimulatedScenario(
     name="n", image_shape=(40, 40), families=("circle", "ring"), noise=SplitNoise(test=40.0),
@@ -108,15 +109,23 @@ def test_a_submission_passes_and_holds_nothing_but_what_is_checked(run: Path, fo
     assert problems(folder) == []
     names = {path.name for path in folder.iterdir()}
     assert names == {*FILES, "plugins"} - {"recordings.json"}
-    arrays = "reconstructions.h5"
-    assert (folder / arrays).stat().st_size < 0.6 * (run / arrays).stat().st_size
+    sizes = []
+    for path in (run, folder):
+        with h5py.File(path / "reconstructions.h5") as file:
+            sizes.append(file["n/gentle/conductivity"].id.get_storage_size())
+    assert sizes[1] < 0.6 * sizes[0]
 
 
 def test_figures_are_those_of_the_rounded_images_and_near_those_of_the_run(
     run: Path, folder: Path
 ) -> None:
-    with h5py.File(folder / "reconstructions.h5") as file:
-        assert file["n/gentle/conductivity"].dtype == np.float16
+    one, other = (read_run(path).estimates("n", "gentle", range(12)) for path in (run, folder))
+    assert one is not None
+    assert other is not None
+    largest = np.abs(one - 1).max(axis=(1, 2))
+    moved = np.abs(one - other).max(axis=(1, 2))
+    assert (moved > 0).all()
+    assert (moved <= largest / 2048 + 1e-7).all()
     (before,), (after,) = ranked_rows([run]), ranked_rows([folder])
     assert after["score"] != before["score"]
     for name in ("score", "psnr", "ssim", "cc", "rie", "localisation_mm"):
@@ -139,6 +148,27 @@ def test_images_stay_whole_where_rounding_moves_a_figure(
         pd.read_parquet(run / "samples.parquet"),
     )
     assert problems(tmp_path / "whole") == ["submission.json does not say 'name': fill it in."]
+
+
+@pytest.mark.parametrize(
+    ("changed", "moved"),
+    [
+        ({"score": 5.0005}, ""),
+        ({"score": 5.01}, "score of 'm' on 'n' by 0.01"),
+        ({"localisation_mm": 3.05}, ""),
+        ({"localisation_mm": 3.2}, "localisation_mm of 'm' on 'n' by 0.2"),
+        ({"score": 5.01, "localisation_mm": 3.2}, "localisation_mm of 'm' on 'n' by 0.2"),
+        ({"within_5_mm": 0.78, "contact_count_error": 0.53}, ""),  # one of 36 frames
+    ],
+)
+def test_what_ranks_decides_whether_images_are_rounded(
+    monkeypatch: pytest.MonkeyPatch, changed: dict[str, float], moved: str
+) -> None:
+    figures = {"score": 5.0, "localisation_mm": 3.0, "within_5_mm": 0.75, "ktc_score": None}
+    row = {"scenario": "n", "method": "m", "cc": None, "repeatability_db": None, **figures}
+    rows = {"run": row, "rounded": row | changed}
+    monkeypatch.setattr(submissions, "ranked_rows", lambda paths: [rows[str(paths[0])]])
+    assert submissions._moved(Path("run"), Path("rounded")) == moved
 
 
 def test_what_check_refuses_is_not_made_and_for_the_same_reason(run: Path, tmp_path: Path) -> None:
@@ -172,7 +202,15 @@ def test_what_check_refuses_is_not_made_and_for_the_same_reason(run: Path, tmp_p
         ({"code": "https://a b"}, "code: "),
         ({"commit": "main"}, "commit: "),
         ({"container": "ghcr.io/me/mine:latest"}, "container: "),
-        ({"name": "\x1b[2J"}, "name: "),
+        ({"name": "\x1b[2J"}, "name: it holds the invisible character U+001B, leave it out."),
+        ({"name": "\u202egpj.exe"}, "name: it holds the invisible character U+202E, leave it out."),
+        ({"authors": ["A", "B\u200b"]}, "authors.1: it holds the invisible character U+200B"),
+        ({"contact": "a@b\x85"}, "contact: it holds the invisible character U+0085"),
+        ({"licence": "MIT\u2028"}, "licence: it holds the invisible character U+2028"),
+        ({"training_data": "no\u2066ne"}, "training_data: it holds the invisible character U+2066"),
+        ({"code": 'https://x"><script>'}, 'code: an address has no ", leave it out.'),
+        ({"code": "https://x/<script>"}, "code: an address has no <, leave it out."),
+        ({"contact": "A <a@b.org>"}, "contact: an address has no <, leave it out."),
         ({"name": "x" * 201}, "name: "),
         ({"authors": ["x"] * 51}, "authors: "),
         ({"test_split_seen": "no"}, "test_split_seen: "),
@@ -194,17 +232,55 @@ def test_a_statement_of_another_form_is_a_sentence(folder: Path, text: str) -> N
     assert len(problems(folder)) == 1
 
 
+def test_names_are_written_in_any_script(folder: Path) -> None:
+    said = SAID | {"name": "Méthode d’Été", "authors": ["王小明", "Ольга И."]}
+    (folder / STATEMENT).write_text(json.dumps(said))
+    assert problems(folder) == []
+
+
 def test_a_container_stands_for_a_commit(folder: Path) -> None:
     image = f"ghcr.io/me/mine@sha256:{'0' * 64}"
     (folder / STATEMENT).write_text(json.dumps(SAID | {"commit": "", "container": image}))
     assert problems(folder) == []
 
 
-@pytest.mark.parametrize("name", ["report", "logs", "model.pkl", "leaderboard.md", "conftest.py"])
+@pytest.mark.parametrize(
+    "name", ["report", "logs", "recordings.json/", "model.pkl", "leaderboard.md", "conftest.py"]
+)
 def test_a_submission_holds_no_other_files(folder: Path, name: str) -> None:
-    (folder / name).mkdir() if "." not in name else (folder / name).write_text("")
+    """Git has empty folders, too: what it adds as a submodule."""
+    folder_wanted = "." not in name or name.endswith("/")
+    name = name.strip("/")
+    (folder / name).mkdir() if folder_wanted else (folder / name).write_text("")
     (found,) = problems(folder)
     assert f"{name!r}" in found
+
+
+@pytest.mark.parametrize("content", [None, "", "import os", PLUGIN])
+def test_the_copy_of_a_plugin_is_the_one_that_was_run(folder: Path, content: str | None) -> None:
+    (copy,) = (folder / "plugins").iterdir()
+    copy.unlink() if content is None else copy.write_text(content)
+    assert problems(folder) == [
+        f"The copy plugins/{copy.name} of a plugin is missing or was changed: send what the run "
+        "wrote."
+    ]
+
+
+def test_a_run_without_plugins_has_no_folder_of_them(folder: Path) -> None:
+    path = folder / "manifest.json"
+    content = json.loads(path.read_text())
+    content["plan"]["plugins"] = []
+    path.write_text(json.dumps(content))
+    shutil.rmtree(folder / "plugins")
+    (folder / "plugins").mkdir()
+    assert problems(folder) == ["A submission has no 'plugins': delete it."]
+
+
+def test_the_documentation_names_the_suites_that_take_no_submissions() -> None:
+    text = (Path(__file__).parents[2] / "docs" / "board.md").read_text()
+    (names,) = re.findall(r"Suites that rank images take submissions\. Those of (.*) rank", text)
+    none = {name for name in suites() if load_suite(name).ranks != "methods"}
+    assert set(re.findall("`(.*?)`", names)) == none
 
 
 def test_it_stands_where_its_suite_is(folder: Path) -> None:
@@ -274,9 +350,10 @@ def test_training_data_that_weights_state_are_drawn_again_and_compared(
     assert problems(folder) == []  # they are not known here, and `check` says so
 
 
-ADAPTS = """
+ADAPTS = (
+    PLUGIN
+    + """
 import numpy as np
-from eitbench.methods import create, Method, register
 @register("adapts")
 class Adapts(Method):
     def fit(self, problem):
@@ -287,13 +364,14 @@ class Adapts(Method):
         self.seen += list(images)
         return images + 0.1 * (np.mean(self.seen, axis=0) - 1)
 """
+)
 
 
 @pytest.mark.slow
 def test_a_method_that_learns_from_test_frames_is_found_frame_by_frame(tmp_path: Path) -> None:
     plugin = tmp_path / "adapts.py"
-    plugin.write_text(ADAPTS)
-    plan = make_plan(SUITE, methods=["noser", "adapts"], plugins=[plugin])
+    plugin.write_text(ADAPTS.format(mark=str(tmp_path / MARK)))
+    plan = make_plan(SUITE, methods=["gentle", "adapts"], plugins=[plugin])
     made = start_run(plan, tmp_path / "run").path
     write_leaderboard(ranked_rows([made]), made)
     assert problems(made) == []  # its images and figures are what they are

@@ -29,8 +29,8 @@ def make(
 ) -> None:
     """Write a run as a folder for a pull request; what `check` refuses is refused here.
 
-    Images are rounded to float16 where that moves no figure of a method by more than 0.001 or, of a
-    length, 0.01 mm.
+    Images are rounded to 1/1024 of their largest contrast or finer, where that moves no figure that
+    ranks a method by more than 0.001 or, of a length, 0.1 mm.
     """
     from eitbench.benchmark.analysis.statement import STATEMENT
     from eitbench.reports.board.submissions import write_submission

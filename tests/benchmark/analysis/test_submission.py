@@ -1,8 +1,9 @@
 """A run as it is passes; whatever is edited in it is found."""
 
+import hashlib
 import json
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -17,11 +18,24 @@ from eitbench.benchmark.analysis.rescore import rescore
 from eitbench.benchmark.analysis.submission import CHECKS, check_submission, open_submission
 from eitbench.benchmark.run import method_cell
 from eitbench.benchmark.run.runner import make_plan, start_run
+from eitbench.methods.registry import METHOD_REGISTRY
 from eitbench.reports.tables.leaderboard import ranked_rows, write_leaderboard
 from eitbench.scenarios.data.datasets import Dataset
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.suites.scenario import RecordedScenario, Split
 from eitbench.scenarios.suites.suite import Suite
+
+
+@pytest.fixture(scope="module", autouse=True)
+def installed() -> Iterator[None]:
+    """Two methods as an installed package offers them; those of eitbench cannot be submitted."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(METHOD_REGISTRY, "_registered", METHOD_REGISTRY.known())
+        for name in ("noser", "tikhonov"):
+            METHOD_REGISTRY.register(f"my-{name}")(type("Mine", (METHOD_REGISTRY.known()[name],), {
+                "__module__": __name__
+            }))  # fmt: skip
+        yield
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +44,7 @@ def submitted(tmp_path_factory: pytest.TempPathFactory, tiny: Suite) -> Path:
     with pytest.MonkeyPatch.context() as patch:
         # The checkout that is tested may be changed.
         patch.setattr("eitbench.benchmark.rundir.manifest.git_commit", lambda: "a" * 40)
-        run = start_run(make_plan(tiny, methods=["noser", "tikhonov"]), out).path
+        run = start_run(make_plan(tiny, methods=["my-noser", "my-tikhonov"]), out).path
     write_leaderboard(ranked_rows([run]), run)
     return run
 
@@ -81,8 +95,8 @@ def copy_image(source: str, target: str) -> Edit:
 
 
 def drop_a_method(run: Path) -> None:
-    edit_samples(lambda table: table[table["method"] != "noser"])(run)
-    edit_json(lambda m: m.update(cells=[c for c in m["cells"] if c["name"] != "noser"]))(run)
+    edit_samples(lambda table: table[table["method"] != "my-noser"])(run)
+    edit_json(lambda m: m.update(cells=[c for c in m["cells"] if c["name"] != "my-noser"]))(run)
 
 
 def add_a_figure(run: Path) -> None:
@@ -101,12 +115,15 @@ FIGURES = "figures are those of the stored images"
 FAILURES = "failures are reported"
 BOARD = "the leaderboard follows from the figures"
 CHOICES = "tracks, parameters and weights are ours"
-RELEASE = "a released version made it"
+RELEASE = "it names its version of eitbench"
 NAMES = "names are clear"
 FOLDER = "the directory holds what a run writes"
 PLAUSIBLE = "figures are plausible"
+CONTENT = "tables and images hold what a run writes"
+MEASURED = "times and memory are possible"
 REGISTRATIONS = "registrations are those of the stored images"
-A_PLUGIN = {"path": "/a.py", "sha256": "0" * 64, "names": ["noser"], "sources": [""]}
+EMPTY = hashlib.sha256(b"").hexdigest()
+A_PLUGIN = {"path": "/a.py", "sha256": EMPTY, "names": ["noser"], "sources": [""]}
 
 
 def problem(run: Path, name: str) -> str:
@@ -131,10 +148,10 @@ def blank_the_mask(run: Path) -> None:
 
 def skip_a_method(run: Path) -> None:
     drop_a_method(run)
-    edit_json(lambda m: m["skipped"].update({"tiny/noser": "no time"}))(run)
+    edit_json(lambda m: m["skipped"].update({"tiny/my-noser": "no time"}))(run)
 
 
-def set_in_cells(name: str, value: str) -> Edit:
+def set_in_cells(name: str, value: str | float) -> Edit:
     def edit(run: Path) -> None:
         table = pd.read_parquet(run / "methods.parquet")
         table[name] = value
@@ -143,14 +160,37 @@ def set_in_cells(name: str, value: str) -> Edit:
     return edit
 
 
+def add_to_arrays(name: str, change: Callable[[h5py.File], object]) -> Any:
+    """A foreign part of the file of arrays, and what the check says of it."""
+
+    def edit(run: Path) -> None:
+        with h5py.File(run / "reconstructions.h5", "a") as file:
+            change(file)
+
+    return pytest.param(
+        edit, CONTENT, f"reconstructions.h5 holds {name!r}, which no run writes", id=name
+    )
+
+
+def with_an_index(table: pd.DataFrame) -> pd.DataFrame:
+    """Pandas hides the column that it keeps an index in."""
+    return table.set_axis([f"text {k}" for k in table.index])
+
+
 def another_name(name: str) -> Edit:
     return edit_json(lambda m: m["plan"]["names"].append(name))
 
 
-def copy_the_truth(run: Path) -> None:
+def add_a_plugin_called_noser(run: Path) -> None:
+    edit_json(lambda m: m["plan"].update(names=["my-noser", "noser"], plugins=[A_PLUGIN]))(run)
+    (run / "plugins").mkdir()
+    (run / "plugins" / f"{EMPTY[:16]}.py").touch()
+
+
+def copy_the_truth(run: Path, method: str = "my-noser") -> None:
     """Images that no method made, with the figures that they really have."""
     with h5py.File(run / "reconstructions.h5", "a") as file:
-        file["tiny/noser/conductivity"][:] = file["tiny/truth/conductivity"][:]
+        file[f"tiny/{method}/conductivity"][:] = file["tiny/truth/conductivity"][:]
     rescore(run)
     write_leaderboard(ranked_rows([run]), run)
 
@@ -161,22 +201,26 @@ def copy_the_truth(run: Path) -> None:
         (
             set_in_a_row("psnr", 60.0),
             FIGURES,
-            "1 of 5 samples of 'noser' on 'tiny' have other figures",
+            "1 of 5 samples of 'my-noser' on 'tiny' have other figures",
         ),
-        (set_in_a_row("input_hash", "0"), FRAMES, "'noser' was given other frames of 'tiny'"),
-        (set_in_a_row("phantom", "another"), FRAMES, "The column 'phantom' of 'noser' on 'tiny'"),
+        (set_in_a_row("input_hash", "0"), FRAMES, "'my-noser' was given other frames of 'tiny'"),
+        (
+            set_in_a_row("phantom", "another"),
+            FRAMES,
+            "The column 'phantom' of 'my-noser' on 'tiny'",
+        ),
         (
             edit_samples(lambda table: table.drop(index=3)),
             ROWS,
-            "'noser' on 'tiny' should have one row for each sample, 0 to 4",
+            "'my-noser' on 'tiny' should have one row for each sample, 0 to 4",
         ),
         # An image as good as the truth, without the figures of one.
         (
-            copy_image("truth", "noser"),
+            copy_image("truth", "my-noser"),
             FIGURES,
             "other figures than their stored images give: ssim",
         ),
-        (copy_image("noser", "truth"), FRAMES, "The truth that is stored of 'tiny' is not ours"),
+        (copy_image("my-noser", "truth"), FRAMES, "The truth that is stored of 'tiny' is not ours"),
         (
             edit_json(
                 lambda rows: rows[1].update(score=rows[1]["score"] + 0.001), "leaderboard.json"
@@ -203,7 +247,7 @@ def copy_the_truth(run: Path) -> None:
             ROWS,
             "lacks an entry that every run writes ('variant')",
         ),
-        (drop_a_method, ROWS, "'noser' was not run on 'tiny'"),
+        (drop_a_method, ROWS, "'my-noser' was not run on 'tiny'"),
         (set_in_a_row("status", "error"), FAILURES, "does not say which of its images are whole"),
         (add_a_figure, BOARD, ""),
         # What was accepted once, see CHANGELOG.
@@ -211,15 +255,19 @@ def copy_the_truth(run: Path) -> None:
         (set_attribute("data_range", 9.0), FRAMES, "another 'data_range' than ours"),
         (set_attribute("bounds", [0.0, 0.0, 9.0, 9.0]), FRAMES, "another 'bounds' than ours"),
         (blank_the_mask, FRAMES, "cannot be read"),
-        (skip_a_method, ROWS, "'noser' was not run on 'tiny'"),
-        (set_in_cells("track", "oracle"), CHOICES, "The track of 'noser'"),
+        (skip_a_method, ROWS, "'my-noser' was not run on 'tiny'"),
+        (set_in_cells("track", "oracle"), CHOICES, "The track of 'my-noser'"),
         (edit_samples(lambda t: t.assign(suite="paper")), CHOICES, "of another suite"),
         (
             edit_json(lambda m: m["cells"][0].update(parameters={"weight": 3.0})),
             CHOICES,
-            "The parameters of 'noser' on 'tiny' are not those that come with eitbench",
+            "The parameters of 'my-noser' on 'tiny' are not those that come with eitbench",
         ),
-        (edit_json(lambda m: m["cells"][0].update(weights="0")), CHOICES, "The weights of 'noser'"),
+        (
+            edit_json(lambda m: m["cells"][0].update(weights="0")),
+            CHOICES,
+            "The weights of 'my-noser'",
+        ),
         (
             edit_json(lambda m: m["versions"].update(eitbench="999.0.0")),
             RELEASE,
@@ -227,12 +275,23 @@ def copy_the_truth(run: Path) -> None:
         ),
         (edit_json(lambda m: m["versions"].update(eitbench="best")), RELEASE, "is no version"),
         (edit_json(lambda m: m.update(git_commit="ab-dirty")), RELEASE, "changed code"),
+        (
+            edit_json(
+                lambda m: (m.update(git_commit=None), m["versions"].update(eitbench="0.0.1"))
+            ),
+            RELEASE,
+            "nobody can tell here whether that was ever released",
+        ),
+        (edit_json(lambda m: m["versions"].update(eitbench="0.0.1")), RELEASE, ""),
+        (edit_json(lambda m: m.update(git_commit=None)), RELEASE, ""),
         (another_name("n0ser"), NAMES, "'n0ser' looks like 'noser'"),
         (another_name("n\u043eser"), NAMES, "is not ASCII"),
+        (another_name("noser"), NAMES, "'noser' is a method of eitbench"),
+        (another_name("theirs"), NAMES, "'theirs' comes from a package that is not installed"),
         (another_name("a/b"), NAMES, "cannot name a method"),
         (edit_json(lambda m: m["plan"]["names"].pop()), ROWS, "but not in the plan"),
         (
-            edit_json(lambda m: m["plan"]["plugins"].append(A_PLUGIN)),
+            add_a_plugin_called_noser,
             NAMES,
             "'noser' is a method of eitbench",
         ),
@@ -254,6 +313,36 @@ def copy_the_truth(run: Path) -> None:
         ),
         (edit_json(lambda m: m["cells"][1].update(variant="x")), ROWS, "cells of other tracks"),
         (copy_the_truth, PLAUSIBLE, "better than frames allow"),
+        (
+            edit_samples(lambda t: t.assign(junk=1.0)),
+            CONTENT,
+            "samples.parquet has a column 'junk', which no run writes",
+        ),
+        (edit_samples(with_an_index), CONTENT, "has a column '__index_level_0__'"),
+        (set_in_cells("junk", "a"), CONTENT, "methods.parquet has a column 'junk'"),
+        add_to_arrays("junk", lambda file: file.create_dataset("junk", data=[0.0])),
+        add_to_arrays("tiny/junk", lambda file: file.create_group("tiny/junk")),
+        add_to_arrays(
+            "tiny/my-noser/validation",
+            lambda file: file.create_dataset("tiny/my-noser/validation", data=[0.0]),
+        ),
+        add_to_arrays(
+            "tiny/link", lambda file: file["tiny"].update(link=h5py.SoftLink("/tiny/truth"))
+        ),
+        add_to_arrays("@junk", lambda file: file.attrs.update(junk="a")),
+        add_to_arrays("tiny/truth/@junk", lambda file: file["tiny/truth"].attrs.update(junk="a")),
+        add_to_arrays(
+            "tiny/my-noser/conductivity/@junk",
+            lambda file: file["tiny/my-noser/conductivity"].attrs.update(junk="a"),
+        ),
+        (set_in_cells("frame_ms_p50", -3.0), MEASURED, "The column 'frame_ms_p50' holds -3"),
+        (set_in_cells("frame_ms_p95", 1e300), MEASURED, "The column 'frame_ms_p95' holds 1e+300"),
+        (set_in_cells("load", -1.0), MEASURED, "The column 'load' holds -1"),
+        (set_in_cells("memory_mb", -5.0), MEASURED, "The column 'memory_mb' holds -5"),
+        (set_in_cells("cpu_mhz", float("inf")), MEASURED, "The column 'cpu_mhz' holds inf"),
+        (set_in_cells("train_s", float("nan")), MEASURED, ""),
+        (set_in_a_row("frame_ms", float("inf")), MEASURED, "The column 'frame_ms' holds inf"),
+        (set_in_a_row("frame_ms", -0.1), MEASURED, "The column 'frame_ms' holds -0.1"),
     ],
 )
 def test_what_was_edited_is_found(
@@ -342,7 +431,7 @@ def test_all_samples_can_be_run_again_and_those_of_a_part_are_drawn(
 
 @pytest.mark.slow
 def test_images_that_no_method_made_are_found(with_plugin: Path) -> None:
-    copy_the_truth(with_plugin)
+    copy_the_truth(with_plugin, "noser")
     found = rerun(open_submission(with_plugin), 2)
     assert "5 of 5 images differ from those that it makes here" in found[0].problem
     assert found[1].problem == ""
@@ -375,7 +464,7 @@ def test_a_registration_is_fitted_again(
     skin = RecordedScenario(name="skin", recording="ohmc16")
     suite = tiny.model_copy(update={"scenarios": (skin,)})
     monkeypatch.setattr(submission, "load_suite", lambda name: suite)
-    run = start_run(make_plan(suite), tmp_path / "run").path
+    run = start_run(make_plan(suite, methods=["my-noser"]), tmp_path / "run").path
     assert problem(run, REGISTRATIONS) == ""
     cells = pd.read_parquet(run / "methods.parquet")
     scale, turn, shift = json.loads(cells["registration"][0])
