@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from eitbench.benchmark import InputError
-from eitbench.benchmark.analysis.overall import WinsRow, wins_over_suites
+from eitbench.benchmark.analysis.overall import DataFigures, WinsRow, wins_over_suites
 from eitbench.benchmark.analysis.results import Run, read_run
 from eitbench.benchmark.analysis.submission import FOLDER as SUBMISSIONS
 from eitbench.benchmark.rundir import manifest
@@ -140,14 +140,28 @@ class Edition:
 
     @cached_property
     def wins(self) -> list[WinsRow]:
-        """Methods over all suites of methods."""
+        """Methods over all suites of methods, every data set counting once."""
         return wins_over_suites(
-            {
-                suite.name: suite.figures
-                for suite in self.suites
-                if suite.report["boards"][0]["kind"] == "method"
-            }
+            DataFigures(suite.name, data_of(board), suite.figures[board["scenario"]])
+            for suite in self.suites
+            for board in suite.boards
+            if board["kind"] == "method"
         )
+
+    @property
+    def frames(self) -> int:
+        """Number of test frames of all suites; those of a data set count once."""
+        most: dict[str, int] = {}
+        for suite in self.suites:
+            for board in suite.boards:
+                data = data_of(board)
+                most[data] = max(board["n"], most.get(data, 0))
+        return sum(most.values())
+
+
+def data_of(board: BoardData) -> str:
+    """The hash of the data of a board; its name where that is not known."""
+    return board["data_hash"] or board["name"]
 
 
 def name_of(row: Row) -> str:

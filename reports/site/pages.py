@@ -81,12 +81,13 @@ def overall_table(edition: Edition) -> Table | None:
             cells.append(Cell("–", "number") if of is None else _rank_cell(*of))
         rows.append(cells)
     note = (
-        "A method is compared with every other one on each scenario, by the figure that ranks "
-        "there. A suite counts as much as any other, and figures of different scenarios are never "
-        "averaged. Intervals (95 %) are of a bootstrap over suites. Methods on fewer than "
-        f"{MIN_SCENARIOS} suites stand below the others, without an interval: they met few "
-        "opponents. Columns of suites hold the mean rank over their scenarios and the number of "
-        "methods there."
+        "A method is compared with every other one on each data set, by the figure that ranks "
+        "there. A data set that several suites use counts once, in the suite that has the most "
+        "methods on it. A suite counts as much as any other, and figures of different data sets "
+        "are never averaged. Intervals (95 %) are of a bootstrap over suites. Methods on fewer "
+        f"than {MIN_SCENARIOS} suites stand below the others, without an interval: they met few "
+        "opponents. Columns of suites hold the mean rank over all of their own scenarios and the "
+        "number of methods there."
     )
     return Table("Over all suites", heads, rows, note)
 

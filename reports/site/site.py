@@ -167,11 +167,10 @@ class _Site:
 
     def _front(self) -> bytes:
         edition = self.edition
-        frames = sum(board["n"] for suite in edition.suites for board in suite.boards)
         lead = (
             "Methods of electrical impedance tomography for touch, compared: "
-            f"{len(edition.methods)} methods on {len(edition.suites)} suites with {frames:,} test "
-            "frames. Every figure is read from a stored run."
+            f"{len(edition.methods)} methods on {len(edition.suites)} suites with "
+            f"{edition.frames:,} test frames. Every figure is read from a stored run."
         )
         suites = [
             {
@@ -281,7 +280,7 @@ class _Site:
             code=code,
             wins=wins
             and f"{wins.share:.0%} of its comparisons, on {wins.suites} suites "
-            f"({wins.scenarios} scenarios)",
+            f"({wins.data_sets} data sets)",
             chosen=chosen_parameters(name, edition),
             told=told(name, edition),
             names_of_training=_NAMES_OF_TRAINING,

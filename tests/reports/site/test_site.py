@@ -98,6 +98,19 @@ def test_the_front_counts_what_methods_win(build: Any, dataset_of: Any, tmp_path
     assert cells(page, "Over the 2 scenarios") == [["good", "1.00", "100%"], ["poor", "2.00", "0%"]]
 
 
+def test_data_that_suites_share_count_once(
+    run_builder: Any, dataset_of: Any, tmp_path: Path
+) -> None:
+    few, more = {"good": 0.9, "poor": 0.2}, {"good": 0.7, "poor": 0.8, "worst": 0.1}
+    for suite, shares in (("a", few), ("b", few), ("c", more)):
+        build = run_builder(tmp_path / "runs" / suite, suite)
+        build.add_scaled(dataset_of("conductivity", 12, f"of-{suite}"), shares).write()
+    (front, *_) = write_site(tmp_path / "runs", tmp_path / "site")
+    assert "3 methods on 3 suites with 12 test frames" in front.read_text()
+    rows = [row[:3] for row in cells(front.read_text(), "Over all suites")]
+    assert rows == [["poor", "100%", "1"], ["good", "50%", "1"], ["worst", "0%", "1"]]
+
+
 def test_an_older_version_stands_beside_the_newest(
     build: Any, dataset_of: Any, tmp_path: Path
 ) -> None:
