@@ -59,9 +59,18 @@ def tier(run: Run, scenario: str, method: str) -> TierOf:
     told = reproduced_on(run)
     board = board_of(run.path)
     found = None if board is None else gap_of(read_hidden(board), run, scenario, method)
-    if found is not None:
+    if told and found is not None:
         return TierOf("hidden", told, found)
     return TierOf("reproduced" if told else "self-reported", told, None)
+
+
+def is_ranked(run: Run) -> bool:
+    """False of a submission that is self-reported: nobody but its author has seen its method run.
+
+    Raises:
+        DataCorruptError: a file beside the run is damaged.
+    """
+    return not is_submission(run.path) or bool(reproduced_on(run))
 
 
 def reproduced_on(run: Run) -> str:

@@ -13,6 +13,7 @@ from eitbench.benchmark.analysis.hidden import read_hidden
 from eitbench.benchmark.analysis.overall import MIN_SCENARIOS
 from eitbench.benchmark.analysis.results import failures
 from eitbench.benchmark.analysis.standings import SIGNIFICANT
+from eitbench.benchmark.analysis.tiers import is_ranked, tier
 from eitbench.reports.page.answer import answer
 from eitbench.reports.page.report_data import counted_data
 from eitbench.reports.site.edition import Edition, SuitePart, method_file, name_of
@@ -63,7 +64,7 @@ def overall_table(edition: Edition) -> Table | None:
     ranks = {suite.name: mean_ranks(suite) for suite in suites}
     heads = ["Method", "Comparisons won", "Suites", "Simulated training", *(s.name for s in suites)]
     trained = {
-        row["label"]: row["training"]
+        name_of(row): row["training"]
         for suite in suites
         for board in suite.boards
         for row in board["views"][0]["rows"]
@@ -97,14 +98,13 @@ def mean_ranks(suite: SuitePart) -> dict[str, tuple[float, int]]:
 
     Methods without a figure on one of the scenarios are left out.
     """
-    boards = suite.boards
-    found: dict[str, list[int]] = {}
-    for board in boards:
-        for row in board["views"][0]["rows"]:
-            if row["label"] in suite.figures[board["scenario"]]:
-                found.setdefault(row["label"], []).append(row["rank"])
-    most = max(len(board["views"][0]["rows"]) for board in boards)
-    return {name: (sum(of) / len(of), most) for name, of in found.items() if len(of) == len(boards)}
+    scenarios = list(suite.figures.values())
+    most = max(map(len, scenarios))
+    return {
+        name: (sum(1 + sum(v > of[name] for v in of.values()) for of in scenarios) / n, most)
+        for name in scenarios[0]
+        if (n := sum(name in of for of in scenarios)) == len(scenarios)
+    }
 
 
 def _rank_cell(rank: float, most: int) -> Cell:
@@ -165,9 +165,12 @@ def summary_table(suite: SuitePart) -> Table | None:
     found = suite.report["overall"].get("||")
     if not found:
         return None
+    names = {
+        row["label"]: name_of(row) for board in suite.boards for row in board["views"][0]["rows"]
+    }
     rows: list[list[Text | Cell]] = [
         [
-            link(row["method"], method_file(row["method"]), "../"),
+            link(row["method"], method_file(names[row["method"]]), "../"),
             Cell(_with_ends(row, "rank", ".2f"), "number"),
             Cell(_with_ends(row, "wins", ".0%"), "number"),
         ]
@@ -226,8 +229,34 @@ def hidden_table(suite: SuitePart) -> Table | None:
     return Table("On a hidden test set", HEADS, rows, gaps_note(gaps))
 
 
-def board_table(board: BoardData) -> Table:
-    """The leaderboard of one scenario, with the columns of a table in a paper."""
+def self_reported_table(suite: SuitePart) -> Table | None:
+    """Submissions that are not ranked; None without any."""
+    if suite.self_reported is None:
+        return None
+    rows: list[list[Text | Cell]] = []
+    for board in suite.self_reported.report["boards"]:
+        for row in board["views"][0]["rows"]:
+            column = layout(row).column(board["ranked_by"])
+            rows.append([
+                row["scenario"] + (f" ({board['apart']})" if board["apart"] else ""),
+                Cell(link(name_of(row), method_file(name_of(row)), "../")),
+                printable(row["run"]),
+                Cell(f"{column.title} {column.whole_text(row)}" if column else "–", "number"),
+                "self-reported",
+            ])  # fmt: skip
+    note = (
+        "Nobody but their authors has made these images. They count in no rank, no answer and no "
+        "comparison until they are made again from code (tier reproduced)."
+    )
+    heads = ["Scenario", "Method", "Submission", "Figure", "Tier"]
+    return Table("Self-reported, not ranked", heads, rows, note)
+
+
+def board_table(board: BoardData, suite: SuitePart) -> Table:
+    """The leaderboard of one scenario, with the columns of a table in a paper.
+
+    Where the suite has submissions, every row has its tier.
+    """
     rows = board["views"][0]["rows"]
     shown = layout(rows[0])
     columns = [
@@ -235,7 +264,9 @@ def board_table(board: BoardData) -> Table:
         for found in board["columns"]
         if (column := Column(**found)).name in shown.paper and column.name not in ("run", "n")
     ]
-    table = [[_cell(column, row, rows) for column in columns] for row in rows]
+    table: list[list[Text | Cell]] = [
+        [_cell(column, row, rows) for column in columns] for row in rows
+    ]
     about = [f"{board['n']:,} samples"]
     if board["sensor"]:
         about.append(f"sensor {board['sensor']}")
@@ -247,6 +278,10 @@ def board_table(board: BoardData) -> Table:
         about.append("data from the mesh that methods invert with")
     title = board["scenario"] + (f" ({board['apart']})" if board["apart"] else "")
     heads = [f"{column.title} {column.arrow}".strip() for column in columns]
+    if suite.has_submissions:
+        heads.append("Tier")
+        for row, texts in zip(rows, table, strict=True):
+            texts.append(tier(suite.run(row["run"]), row["scenario"], name_of(row)).tier)
     return Table(title, heads, table, printable(", ".join(about)) + ".")
 
 
@@ -274,36 +309,43 @@ def _with_ends(row: Row, name: str, form: str) -> str:
 def results_table(name: str, edition: Edition) -> Table:
     """Every result of a method, with the command that makes it again."""
     heads = ["Suite", "Scenario", "Rank", "Ties", "Figure", "Frame", "Tier", "Command"]
-    rows = []
-    for suite in edition.suites:
-        for board in suite.report["boards"]:
-            for row in board["views"][0]["rows"]:
-                if name_of(row) != name:
-                    continue
-                column = layout(row).column(board["ranked_by"])
-                figure = "–" if column is None else f"{column.title} {column.whole_text(row)}"
-                scenario = row["scenario"] + (f" ({board['apart']})" if board["apart"] else "")
-                rank = f"{row['rank']} of {len(board['views'][0]['rows'])}"
-                time = row.get("frame_ms_p50")
-                runs = [row["run"], *(row["repeats"] or "").split(", ")]
-                for run in filter(None, runs):
-                    command = Markup("<code>{}</code>").format(row["command"])
-                    rows.append([
-                        link(suite.name, suite.file, "../"), scenario, Cell(rank, "number"),
-                        row["group"] or "–", Cell(printable(figure), "number"),
-                        Cell("–" if time is None else f"{time:.3g} ms", "number"),
-                        tier_text(suite.run(run), row) or run_tier(suite.run(run)), command,
-                    ])  # fmt: skip
+    rows = [
+        cells
+        for part in edition.parts
+        for board in part.report["boards"]
+        for row in board["views"][0]["rows"]
+        if name_of(row) == name
+        for cells in _results(part, board, row)
+    ]
     return Table("Every result", heads, rows)
+
+
+def _results(part: SuitePart, board: BoardData, row: Row) -> list[list[Text | Cell]]:
+    """A row of `results_table` for each run that holds a result of a method."""
+    column = layout(row).column(board["ranked_by"])
+    figure = "–" if column is None else f"{column.title} {column.whole_text(row)}"
+    scenario = row["scenario"] + (f" ({board['apart']})" if board["apart"] else "")
+    rank, time = f"{row['rank']} of {len(board['views'][0]['rows'])}", row.get("frame_ms_p50")
+    runs = [part.run(run) for run in (row["run"], *(row["repeats"] or "").split(", ")) if run]
+    return [
+        [
+            link(part.name, part.file, "../"), scenario,
+            Cell(rank if is_ranked(run) else "not ranked", "number"),
+            row["group"] or "–", Cell(printable(figure), "number"),
+            Cell("–" if time is None else f"{time:.3g} ms", "number"),
+            tier_text(run, row) or run_tier(run), Markup("<code>{}</code>").format(row["command"]),
+        ]
+        for run in runs
+    ]  # fmt: skip
 
 
 def told(name: str, edition: Edition) -> list[tuple[str, str]]:
     """What a method was told, and on which scenarios."""
     found: dict[str, list[str]] = {}
-    for suite in edition.suites:
-        for board, row in suite.rows(name):
+    for part in edition.parts:
+        for board, row in part.rows(name):
             if says := row.get("prior_knowledge"):
-                found.setdefault(says, []).append(f"{suite.name} / {board['scenario']}")
+                found.setdefault(says, []).append(f"{part.name} / {board['scenario']}")
     return [(says, _listed(where)) for says, where in found.items()]
 
 
