@@ -17,6 +17,7 @@ from eitbench.scenarios.catalogue import sensors
 from eitbench.scenarios.docstrings import first_line
 from eitbench.scenarios.recordings import RECORDED_SETS
 from eitbench.scenarios.recordings.descriptors import RecordedSet
+from eitbench.scenarios.suites.suite import suites
 
 Recording = RecordedSet
 """The descriptor of a recorded set."""
@@ -90,6 +91,11 @@ def _trained(name: str) -> dict[str, dict[str, str]]:
             about = json.loads(file.read_text(encoding="utf-8"))
             found[match[1]] = {key: str(about[key]) for key in TRAINING if key in about}
     return dict(sorted(found.items()))
+
+
+def packaged_suites() -> list[str]:
+    """Names of the suites that come with eitbench."""
+    return sorted(suites())
 
 
 def about_recording(name: str) -> Recording | None:

@@ -173,10 +173,10 @@ def wins_over_suites(figures: Iterable[DataFigures]) -> list[WinsRow]:
         if len(of.figures) > len(largest.setdefault(of.data, of).figures):
             largest[of.data] = of
     shares: dict[str, dict[str, list[float]]] = {}
-    for suite, _, of in largest.values():
-        values = -np.round(np.array(list(of.values())), _DIGITS)
-        won = (len(of) - stats.rankdata(values)) / max(len(of) - 1, 1)
-        for name, share in zip(of, won, strict=True) if len(of) > 1 else ():
+    for suite, _, known in largest.values():
+        values = -np.round(np.array(list(known.values())), _DIGITS)
+        won = (len(known) - stats.rankdata(values)) / max(len(known) - 1, 1)
+        for name, share in zip(known, won, strict=True) if len(known) > 1 else ():
             shares.setdefault(name, {}).setdefault(suite, []).append(float(share))
     rows = []
     for name, by_suite in shares.items():

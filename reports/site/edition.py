@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from eitbench.benchmark import InputError
+from eitbench.benchmark.analysis.hidden import PublishedKey, published_keys
 from eitbench.benchmark.analysis.overall import DataFigures, WinsRow, wins_over_suites
 from eitbench.benchmark.analysis.results import Run, read_run
 from eitbench.benchmark.analysis.statement import read_statement
@@ -119,11 +120,11 @@ class SuitePart:
         Of several runs of a method the first counts: a record comes before submissions.
         """
         order = [run.path.name for run in self.runs]
-        found = {}
+        found: dict[str, dict[str, float]] = {}
         for board in self.boards:
             known = ranking_figures(board)
             rows = sorted(board["views"][0]["rows"], key=lambda row: order.index(row["run"]))
-            of: dict[str, float] = found.setdefault(board["scenario"], {})
+            of = found.setdefault(board["scenario"], {})
             for row in rows:
                 if row["label"] in known:
                     of.setdefault(name_of(row), known[row["label"]])
@@ -147,11 +148,13 @@ class Edition:
         version: such as "2026.1"; "" for runs in a folder.
         suites: by name.
         left_out: a sentence for each run that could not be read.
+        keys: of its hidden sets.
     """
 
     version: str
     suites: Sequence[SuitePart]
     left_out: Sequence[str]
+    keys: Sequence[PublishedKey]
 
     @cached_property
     def methods(self) -> list[str]:
@@ -270,7 +273,8 @@ def _edition(folder: Path, version: str) -> Edition:
             f"{suite} that it could stand below"
             for run, _ in of[False]
         ]
-    return Edition(version, suites, left_out)
+    keys = [key for key in published_keys(folder) if key.version == version]
+    return Edition(version, suites, left_out, keys)
 
 
 def _part(suite: str, found: Sequence[tuple[Run, ReportData]]) -> SuitePart:

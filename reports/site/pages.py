@@ -9,7 +9,7 @@ from urllib.parse import quote
 
 from markupsafe import Markup
 
-from eitbench.benchmark.analysis.hidden import read_hidden
+from eitbench.benchmark.analysis.hidden import is_retired, published_keys, read_hidden
 from eitbench.benchmark.analysis.overall import MIN_SCENARIOS
 from eitbench.benchmark.analysis.results import failures
 from eitbench.benchmark.analysis.standings import SIGNIFICANT
@@ -88,7 +88,7 @@ def overall_table(edition: Edition) -> Table | None:
         "are never averaged. Intervals (95 %) are of a bootstrap over suites. Methods on fewer "
         f"than {MIN_SCENARIOS} suites stand below the others, without an interval: they met few "
         "opponents. Columns of suites hold the mean rank over all of their own scenarios and the "
-        "number of methods there."
+        "number of methods there. Green: in the first third of them; red: in the last third."
     )
     return Table("Over all suites", heads, rows, note)
 
@@ -201,10 +201,10 @@ def matrix_table(suite: SuitePart) -> Table | None:
         cells: list[Text | Cell] = [
             Markup("{}<small> {}</small>").format(board["scenario"], column.title if column else "")
         ]
-        best = board["views"][0]["rows"][0]["group"] or ""
+        best = board["views"][0]["rows"][0].get("group") or ""
         for name in names:
             text = column.text(of[name]) if column and name in of else "–"
-            equal = name in of and set(best) & set(of[name]["group"] or "")
+            equal = name in of and set(best) & set(of[name].get("group") or "")
             kind = "number best" if equal else "number"
             cells.append(Cell(text, kind))
         rows.append(cells)
@@ -214,19 +214,42 @@ def matrix_table(suite: SuitePart) -> Table | None:
 
 def hidden_table(suite: SuitePart) -> Table | None:
     """Methods on the open and on a hidden test set; None where none was drawn."""
-    gaps = [
-        gap
-        for record in read_hidden(suite.runs[0].path.resolve().parent)
+    version = suite.runs[0].path.resolve().parent
+    keys = published_keys(version)
+    found = [
+        (gap, "key published" if is_retired(keys, record.key) else "key secret")
+        for record in read_hidden(version)
         if record.suite == suite.name
         for gap in record.gaps
     ]
-    if not gaps:
+    if not found:
         return None
     rows: list[list[Text | Cell]] = [
-        [Cell(text, "number" if k > 2 else "") for k, text in enumerate(gap_texts(gap))]
-        for gap in gaps
+        [*(Cell(text, "number" if k > 2 else "") for k, text in enumerate(gap_texts(gap))), key]
+        for gap, key in found
     ]
-    return Table("On a hidden test set", HEADS, rows, gaps_note(gaps))
+    note = gaps_note([gap for gap, _ in found])
+    if any(key == "key published" for _, key in found):
+        note += (
+            " Key published: the key was secret when these methods ran. It is published now, so "
+            "that anybody can draw the set; methods that come later need a new key."
+        )
+    return Table("On a hidden test set", [*HEADS, "Key"], rows, note)
+
+
+def hidden_keys(edition: Edition) -> str:
+    """Say which hidden sets of a version have a secret key, and which one that is published."""
+    published = sorted({of.suite for of in edition.keys if of.retired})
+    secret = sorted({of.suite for of in edition.keys} - set(published))
+    sentences = []
+    if secret:
+        sentences.append(f"The key of {', '.join(secret)} is secret.")
+    if published:
+        sentences.append(
+            f"The key of {', '.join(published)} is published since its runs were made: anybody can "
+            "draw these sets, so they are no test of a method that comes later. It needs a new key."
+        )
+    return printable(" ".join(sentences))
 
 
 def self_reported_table(suite: SuitePart) -> Table | None:
@@ -261,8 +284,8 @@ def board_table(board: BoardData, suite: SuitePart) -> Table:
     shown = layout(rows[0])
     columns = [
         column
-        for found in board["columns"]
-        if (column := Column(**found)).name in shown.paper and column.name not in ("run", "n")
+        for of in board["columns"]
+        if (column := Column(**of)).name in shown.paper and column.name not in ("run", "n")
     ]
     table: list[list[Text | Cell]] = [
         [_cell(column, row, rows) for column in columns] for row in rows
@@ -281,7 +304,8 @@ def board_table(board: BoardData, suite: SuitePart) -> Table:
     if suite.has_submissions:
         heads.append("Tier")
         for row, texts in zip(rows, table, strict=True):
-            texts.append(tier(suite.run(row["run"]), row["scenario"], name_of(row)).tier)
+            found = tier(suite.run(row["run"]), row["scenario"], name_of(row))
+            texts.append(found.tier + (" (key published)" if found.key_published else ""))
     return Table(title, heads, table, printable(", ".join(about)) + ".")
 
 
@@ -331,7 +355,7 @@ def _results(part: SuitePart, board: BoardData, row: Row) -> list[list[Text | Ce
         [
             link(part.name, part.file, "../"), scenario,
             Cell(rank if is_ranked(run) else "not ranked", "number"),
-            row["group"] or "–", Cell(printable(figure), "number"),
+            row.get("group") or "–", Cell(printable(figure), "number"),
             Cell("–" if time is None else f"{time:.3g} ms", "number"),
             tier_text(run, row) or run_tier(run), Markup("<code>{}</code>").format(row["command"]),
         ]

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from eitbench import __version__
 from eitbench.benchmark import EitbenchError, atomic_write
-from eitbench.benchmark.analysis.catalogue import about_method, about_recording
+from eitbench.benchmark.analysis.catalogue import about_method, about_recording, packaged_suites
 from eitbench.benchmark.analysis.results import NOTES_FILE, Run, plugin_file
 from eitbench.benchmark.analysis.statement import read_statement
 from eitbench.benchmark.analysis.submission import FOLDER as SUBMISSIONS
@@ -37,6 +37,7 @@ from eitbench.reports.site.pages import (
     brief_answers,
     chosen_parameters,
     failings,
+    hidden_keys,
     hidden_table,
     matrix_table,
     overall_table,
@@ -121,7 +122,7 @@ class _Site:
         edition = self.edition
         yield "index.html", self._front()
         title = "How to submit a run"
-        yield "submit.html", self._page("submit", title, home="")
+        yield "submit.html", self._page("submit", title, home="", keys=hidden_keys(edition))
         for suite in edition.suites:
             yield suite.file, self._suite(suite)
             found = findings(list(suite.runs))
@@ -177,6 +178,10 @@ class _Site:
             f"{len(edition.ranked)} methods on {len(edition.suites)} suites with "
             f"{edition.frames:,} test frames. Every figure is read from a stored run."
         )
+        if edition.version and not self._newest:  # older versions had other suites
+            known = packaged_suites()
+            recorded = sum(suite.name in known for suite in edition.suites)
+            lead += f" There is a record of {recorded} of {len(known)} suites."
         suites = [
             {
                 "name": suite.name,

@@ -12,11 +12,13 @@ import pandas as pd
 import pytest
 from tests.support.made_runs import edited_manifest
 
+from eitbench.benchmark.analysis.hidden import Gap, HiddenRecord, write_hidden
 from eitbench.benchmark.analysis.rerun import digest
 from eitbench.benchmark.analysis.results import SHOWN
 from eitbench.reports.site.site import write_site
 from eitbench.reports.tables.leaderboard import FORMATS, ranked_rows
 from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.suites.suite import suites
 
 pytestmark = pytest.mark.slow
 
@@ -109,13 +111,16 @@ def test_data_that_suites_share_count_once(
     run_builder: Any, dataset_of: Any, tmp_path: Path
 ) -> None:
     few, more = {"good": 0.9, "poor": 0.2}, {"good": 0.7, "poor": 0.8, "worst": 0.1}
-    for suite, shares in (("a", few), ("b", few), ("c", more)):
+    for suite, shares in (("a", few), ("b", few), ("c", more), ("d", few)):
         build = run_builder(tmp_path / "runs" / suite, suite)
         build.add_scaled(dataset_of("conductivity", 12, f"of-{suite}"), shares).write()
     (front, *_) = write_site(tmp_path / "runs", tmp_path / "site")
-    assert "3 methods on 3 suites with 12 test frames" in front.read_text()
+    assert "3 methods on 4 suites with 12 test frames" in front.read_text()
     rows = [row[:3] for row in cells(front.read_text(), "Over all suites")]
     assert rows == [["poor", "100%", "1"], ["good", "50%", "1"], ["worst", "0%", "1"]]
+    # What the table is, and that it goes on, is said beside it.
+    assert "column for each of 4 suites: scroll it sideways" in front.read_text()
+    assert "Green: in the first third of them; red: in the last third." in front.read_text()
 
 
 def test_an_older_version_stands_beside_the_newest(
@@ -153,6 +158,57 @@ def test_times_of_several_machines_are_shown_in_calibration_solves(runs: Path) -
     assert "p99" not in text
     solves = {row["run"]: row["frame_solves"] for row in several if row["method"] == "noser"}
     assert solves["first"] == pytest.approx(2 * solves["second"])
+
+
+def test_operators_have_pages_too(build_operators: Any, tmp_path: Path) -> None:
+    build_operators({"fem": 0.1, "jacobian": 0.3}, n=12)
+    (front, *_) = write_site(tmp_path, tmp_path / "site")
+    results = cells((front.parent / "methods" / "fem.html").read_text(), "Every result")
+    assert [row[:3] for row in results] == [["operators", "paper", "1 of 2"]]
+
+
+def test_the_front_says_of_how_many_suites_there_is_a_record(board: Path, tmp_path: Path) -> None:
+    shutil.copytree(board / "bench", board / "quick")
+    with edited_manifest(board / "quick") as content:
+        content["plan"]["suite"]["name"] = "quick"
+    (front, *_) = write_site(board.parent, tmp_path / "site")
+    assert f"There is a record of 1 of {len(suites())} suites." in front.read_text()
+
+
+def test_hidden_figures_say_if_their_key_is_published(board: Path, tmp_path: Path) -> None:
+    secret, retired = (bytes([k]) * 32 for k in (1, 2))
+    gap = Gap(
+        scenario="conductivity-set", method="good", code=None, figure="score", n=12, clusters=4,
+        open=5.0, hidden=4.0, difference=-1.0, low=-1.5, high=-0.5, p=0.001, falls=True,
+    )  # fmt: skip
+    keys = ""
+    for k, (suite, key) in enumerate({"bench": retired, "other": secret}.items()):
+        sha256 = hashlib.sha256(key).hexdigest()
+        keys += f'[[keys]]\nversion = "2026.1"\nsuite = "{suite}"\nsha256 = "{sha256}"\n'
+        keys += f'retired = "{key.hex()}"\n' if key == retired else ""
+        method = ("good", "poor")[k]
+        write_hidden(
+            HiddenRecord(
+                suite="bench", key=sha256, made="2026-01-01", eitbench="0.2.0", git_commit=None,
+                data={"conductivity-set": ("3f2a1b9c", "1" * 64)},
+                gaps=(gap.model_copy(update={"method": method}),),
+            ),
+            board,
+        )  # fmt: skip
+    (board.parent / "hidden.toml").write_text(keys)
+    (front, *_) = write_site(board.parent, tmp_path / "site")
+    page = (front.parent / "suites" / "bench.html").read_text()
+    assert [(row[1], row[-1]) for row in cells(page, "On a hidden test set")] == [
+        ("good", "key published"), ("poor", "key secret"),
+    ]  # fmt: skip
+    assert [(row[1], row[-1]) for row in cells(page, "conductivity-set")] == [
+        ("good", "hidden (key published)"), ("poor", "hidden"),
+    ]  # fmt: skip
+    results = cells((front.parent / "methods" / "good.html").read_text(), "Every result")
+    assert results[0][6].startswith("hidden (key published), S 4.000 there")
+    submit = (front.parent / "submit.html").read_text()
+    assert "The key of other is secret. The key of bench is published" in submit
+    assert "nobody has seen" not in submit
 
 
 def test_a_folder_without_runs_is_refused(tmp_path: Path) -> None:
