@@ -119,7 +119,7 @@ def test_data_that_suites_share_count_once(
     rows = [row[:3] for row in cells(front.read_text(), "Over all suites")]
     assert rows == [["poor", "100%", "1"], ["good", "50%", "1"], ["worst", "0%", "1"]]
     # What the table is, and that it goes on, is said beside it.
-    assert "column for each of 4 suites: scroll it sideways" in front.read_text()
+    assert "column for each of 4 suites. Where it is cut, scroll it sideways." in front.read_text()
     assert "Green: in the first third of them; red: in the last third." in front.read_text()
 
 
