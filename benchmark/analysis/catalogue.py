@@ -17,6 +17,7 @@ from eitbench.scenarios.catalogue import sensors
 from eitbench.scenarios.docstrings import first_line
 from eitbench.scenarios.recordings import RECORDED_SETS
 from eitbench.scenarios.recordings.descriptors import RecordedSet
+from eitbench.scenarios.suites.suite import suites
 
 Recording = RecordedSet
 """The descriptor of a recorded set."""
@@ -35,7 +36,7 @@ class AboutMethod:
         description: its first sentence.
         module: the path of its code in the repository.
         code: that code.
-        parameters: their names and defaults, as text.
+        parameters: their names and defaults, as text: what `eitbench run --parameters` takes.
         search: the values that tuning tries, by parameter, as text.
         failures: checks of `eitbench check` that it fails by its nature, and why.
         states: what it says beside its images, such as "uncertainty".
@@ -64,11 +65,14 @@ def about_method(name: str) -> AboutMethod | None:
         code=Path(inspect.getfile(cls)).read_text(encoding="utf-8"),
         parameters={
             field.name: repr(field.default)
-            for field in getattr(cls, "__dataclass_fields__", {}).values()
+            for field in (dataclasses.fields(cls) if dataclasses.is_dataclass(cls) else ())
             if field.init and field.default is not dataclasses.MISSING
         },
-        search={key: ", ".join(map(str, values)) for key, values in cls.search.items()},
-        failures=dict(cls.expected_failures),
+        # Operators have neither.
+        search={
+            key: ", ".join(map(str, values)) for key, values in getattr(cls, "search", {}).items()
+        },
+        failures=dict(getattr(cls, "expected_failures", {})),
         states=tuple(
             what
             for what in ("uncertainty", "novelty")
@@ -87,6 +91,11 @@ def _trained(name: str) -> dict[str, dict[str, str]]:
             about = json.loads(file.read_text(encoding="utf-8"))
             found[match[1]] = {key: str(about[key]) for key in TRAINING if key in about}
     return dict(sorted(found.items()))
+
+
+def packaged_suites() -> list[str]:
+    """Names of the suites that come with eitbench."""
+    return sorted(suites())
 
 
 def about_recording(name: str) -> Recording | None:

@@ -333,6 +333,21 @@ def _tested(found: Sequence[Gap]) -> tuple[Gap, ...]:
     return tuple(tested)
 
 
+def published_keys(version: Path) -> tuple[PublishedKey, ...]:
+    """Read the hashes of keys beside the folder of a version; empty where there is no such file.
+
+    Raises:
+        InputError: the file declares something wrong.
+    """
+    path = version.resolve().parent / KEYS
+    return read_declaration("Key", path, PublishedKeys).keys if path.is_file() else ()
+
+
+def is_retired(keys: Iterable[PublishedKey], sha256: str) -> bool:
+    """True if the key of this SHA-256 is published itself: anybody can draw its hidden set."""
+    return any(of.sha256 == sha256 and of.retired for of in keys)
+
+
 def write_hidden(record: HiddenRecord, version: Path) -> Path:
     """Keep the record in the folder of a version of the leaderboard, beside earlier ones.
 

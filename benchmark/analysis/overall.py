@@ -8,9 +8,10 @@ method beats another is told by their paired differences on each scenario, see `
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
+from typing import NamedTuple
 
 import numpy as np
 from scipy import stats
@@ -118,16 +119,30 @@ def overall(
     )
 
 
+class DataFigures(NamedTuple):
+    """The methods on one data set.
+
+    Attributes:
+        suite: its name.
+        data: hash of the data set.
+        figures: the ranking figure of each method; more is better.
+    """
+
+    suite: str
+    data: str
+    figures: Mapping[str, float]
+
+
 @dataclass(frozen=True)
 class WinsRow:
     """A method over all suites that it took part in.
 
     Attributes:
-        share, low, high: of its comparisons with another method on a scenario, those that it wins,
+        share, low, high: of its comparisons with another method on a data set, those that it wins,
             equals counting half, and the 95 % interval; None for both ends where it took part in
             fewer than `MIN_SCENARIOS` suites.
         suites: number of those.
-        scenarios: number of theirs on which it has a figure.
+        data_sets: number of theirs on which it has a figure.
     """
 
     method: str
@@ -135,33 +150,34 @@ class WinsRow:
     low: float | None
     high: float | None
     suites: int
-    scenarios: int
+    data_sets: int
 
 
-def wins_over_suites(
-    figures: Mapping[str, Mapping[str, Mapping[str, float]]],
-) -> list[WinsRow]:
+def wins_over_suites(figures: Iterable[DataFigures]) -> list[WinsRow]:
     """Share of comparisons that each method wins, a suite counting as much as any other.
 
-    On a scenario of k methods one with the rank r (1 for the best, equals sharing theirs) wins
-    (k - r) / (k - 1) of its comparisons. The mean over the scenarios of a suite is its share there,
-    the mean over suites its share. Intervals are of a bootstrap over suites, as if these had been
-    drawn from all that there could be. Methods of unlike suites met unlike opponents.
+    A data set counts once, in the suite that has the most methods on it (of equals, the first):
+    methods that only other suites have on it win and lose nothing there.
 
-    Args:
-        figures: of each suite, and of each of its scenarios, the ranking figure of each method;
-            more is better.
+    On a data set of k methods one with the rank r (1 for the best, equals sharing theirs) wins
+    (k - r) / (k - 1) of its comparisons. The mean over the data sets of a suite is its share there,
+    the mean over suites its share. Intervals are of a bootstrap over suites, none of which shares
+    data with another one, as if these had been drawn from all that there could be. Methods of
+    unlike suites met unlike opponents.
 
     Returns:
         First the methods that took part in `MIN_SCENARIOS` suites, then the others, each by share.
     """
+    largest: dict[str, DataFigures] = {}
+    for of in figures:
+        if len(of.figures) > len(largest.setdefault(of.data, of).figures):
+            largest[of.data] = of
     shares: dict[str, dict[str, list[float]]] = {}
-    for suite, scenarios in figures.items():
-        for of in scenarios.values():
-            values = -np.round(np.array(list(of.values())), _DIGITS)
-            won = (len(of) - stats.rankdata(values)) / max(len(of) - 1, 1)
-            for name, share in zip(of, won, strict=True) if len(of) > 1 else ():
-                shares.setdefault(name, {}).setdefault(suite, []).append(float(share))
+    for suite, _, known in largest.values():
+        values = -np.round(np.array(list(known.values())), _DIGITS)
+        won = (len(known) - stats.rankdata(values)) / max(len(known) - 1, 1)
+        for name, share in zip(known, won, strict=True) if len(known) > 1 else ():
+            shares.setdefault(name, {}).setdefault(suite, []).append(float(share))
     rows = []
     for name, by_suite in shares.items():
         means = np.array([[np.mean(of)] for of in by_suite.values()])

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from eitbench.benchmark.analysis.hidden import Gap, gap_of, read_hidden
+from eitbench.benchmark.analysis.hidden import Gap, gap_of, is_retired, published_keys, read_hidden
 from eitbench.benchmark.analysis.rerun import digest, reproduced
 from eitbench.benchmark.analysis.results import Run
 from eitbench.benchmark.analysis.statement import STATEMENT
@@ -24,11 +24,13 @@ class TierOf:
         tier: the highest that it has reached.
         reproduced_on: what was run again, such as "32 of 36 samples"; "" where nothing was.
         gap: between the open and the hidden set; None below the tier "hidden".
+        key_published: True if the key of that hidden set is retired, so that anybody can draw it.
     """
 
     tier: Tier
     reproduced_on: str
     gap: Gap | None
+    key_published: bool = False
 
 
 def is_submission(run: Path) -> bool:
@@ -58,10 +60,21 @@ def tier(run: Run, scenario: str, method: str) -> TierOf:
     """
     told = reproduced_on(run)
     board = board_of(run.path)
-    found = None if board is None else gap_of(read_hidden(board), run, scenario, method)
-    if found is not None:
-        return TierOf("hidden", told, found)
+    if told and board is not None:
+        for record in read_hidden(board):
+            if gap := gap_of([record], run, scenario, method):
+                retired = is_retired(published_keys(board), record.key)
+                return TierOf("hidden", told, gap, retired)
     return TierOf("reproduced" if told else "self-reported", told, None)
+
+
+def is_ranked(run: Run) -> bool:
+    """False of a submission that is self-reported: nobody but its author has seen its method run.
+
+    Raises:
+        DataCorruptError: a file beside the run is damaged.
+    """
+    return not is_submission(run.path) or bool(reproduced_on(run))
 
 
 def reproduced_on(run: Run) -> str:

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from eitbench.benchmark import InputError
-from eitbench.benchmark.analysis.overall import WinsRow, wins_over_suites
+from eitbench.benchmark.analysis.hidden import PublishedKey, published_keys
+from eitbench.benchmark.analysis.overall import DataFigures, WinsRow, wins_over_suites
 from eitbench.benchmark.analysis.results import Run, read_run
+from eitbench.benchmark.analysis.statement import read_statement
 from eitbench.benchmark.analysis.submission import FOLDER as SUBMISSIONS
+from eitbench.benchmark.analysis.tiers import is_ranked, is_submission
 from eitbench.benchmark.rundir import manifest
 from eitbench.benchmark.rundir.file_names import file_name
 from eitbench.reports.board.changes import changes, in_words, last_before, reasons, version_key
@@ -41,11 +44,23 @@ class SuitePart:
         name: of the suite.
         runs: as they were read, the files of each in its `path`.
         report: what a report of them shows.
+        self_reported: the submissions that are not ranked, see `is_ranked`; None without any.
     """
 
     name: str
     runs: Sequence[Run]
     report: ReportData
+    self_reported: SuitePart | None = None
+
+    @property
+    def parts(self) -> list[SuitePart]:
+        """What is ranked, and what is self-reported if there is anything."""
+        return [self] if self.self_reported is None else [self, self.self_reported]
+
+    @property
+    def has_submissions(self) -> bool:
+        """True if a run is a submission, ranked or not."""
+        return any(is_submission(run.path) for part in self.parts for run in part.runs)
 
     def run(self, name: str) -> Run:
         """The run of a name."""
@@ -100,8 +115,20 @@ class SuitePart:
 
     @cached_property
     def figures(self) -> dict[str, dict[str, float]]:
-        """By scenario and method, the figure that ranks; more is better."""
-        return {board["scenario"]: ranking_figures(board) for board in self.boards}
+        """By scenario and method, the figure that ranks; more is better.
+
+        Of several runs of a method the first counts: a record comes before submissions.
+        """
+        order = [run.path.name for run in self.runs]
+        found: dict[str, dict[str, float]] = {}
+        for board in self.boards:
+            known = ranking_figures(board)
+            rows = sorted(board["views"][0]["rows"], key=lambda row: order.index(row["run"]))
+            of = found.setdefault(board["scenario"], {})
+            for row in rows:
+                if row["label"] in known:
+                    of.setdefault(name_of(row), known[row["label"]])
+        return found
 
     def rows(self, method: str) -> list[tuple[BoardData, Row]]:
         """The rows of a method, with their boards."""
@@ -121,33 +148,62 @@ class Edition:
         version: such as "2026.1"; "" for runs in a folder.
         suites: by name.
         left_out: a sentence for each run that could not be read.
+        keys: of its hidden sets.
     """
 
     version: str
     suites: Sequence[SuitePart]
     left_out: Sequence[str]
+    keys: Sequence[PublishedKey]
 
     @cached_property
     def methods(self) -> list[str]:
-        """Names of all methods and operators."""
-        found = {
-            name_of(row)
-            for suite in self.suites
-            for board in suite.report["boards"]
-            for row in board["views"][0]["rows"]
-        }
-        return sorted(found)
+        """Names of all methods and operators, also of those that are not ranked."""
+        return _names(self.parts)
+
+    @property
+    def parts(self) -> list[SuitePart]:
+        """What is ranked of each suite, and what is self-reported."""
+        return [part for suite in self.suites for part in suite.parts]
+
+    @property
+    def ranked(self) -> list[str]:
+        """Names of the methods and operators that are ranked on a suite."""
+        return _names(self.suites)
 
     @cached_property
     def wins(self) -> list[WinsRow]:
-        """Methods over all suites of methods."""
+        """Methods over all suites of methods, every data set counting once."""
         return wins_over_suites(
-            {
-                suite.name: suite.figures
-                for suite in self.suites
-                if suite.report["boards"][0]["kind"] == "method"
-            }
+            DataFigures(suite.name, data_of(board), suite.figures[board["scenario"]])
+            for suite in self.suites
+            for board in suite.boards
+            if board["kind"] == "method"
         )
+
+    @property
+    def frames(self) -> int:
+        """Number of test frames of all suites; those of a data set count once."""
+        most: dict[str, int] = {}
+        for suite in self.suites:
+            for board in suite.boards:
+                data = data_of(board)
+                most[data] = max(board["n"], most.get(data, 0))
+        return sum(most.values())
+
+
+def data_of(board: BoardData) -> str:
+    """The hash of the data of a board; its name where that is not known."""
+    return board["data_hash"] or board["name"]
+
+
+def _names(parts: Iterable[SuitePart]) -> list[str]:
+    return sorted({
+        name_of(row)
+        for part in parts
+        for board in part.report["boards"]
+        for row in board["views"][0]["rows"]
+    })  # fmt: skip
 
 
 def name_of(row: Row) -> str:
@@ -180,7 +236,7 @@ def _edition(folder: Path, version: str) -> Edition:
     )
     if not paths:
         raise InputError(f"There is no run directory in {folder}: name the folder that holds them.")
-    by_suite: dict[str, dict[Path, ReportData]] = {}
+    by_suite: dict[str, dict[bool, list[tuple[Run, ReportData]]]] = {}
     left_out = []
     for path in paths:
         if path.is_symlink():
@@ -190,18 +246,40 @@ def _edition(folder: Path, version: str) -> Edition:
             report = report_data([path])
             to_page(report)
             suite = str(manifest.read(path)["plan"]["suite"]["name"])
+            run = read_run(path)
+            if is_submission(path):
+                read_statement(path)
+            ranked = is_ranked(run)
         # One run, whatever is wrong with it, does not take the site down.
         except Exception as error:
             reason = printable(str(error) or type(error).__name__)
             left_out.append(f"{path.name} is left out: {reason}")
             continue
-        by_suite.setdefault(suite, {})[path] = report
+        same = by_suite.setdefault(suite, {True: [], False: []})[ranked]
+        if path.name in [other.path.name for other, _ in same]:
+            left_out.append(
+                f"{path.name} is left out: suite {suite} has another folder of this name; rename it"
+            )
+            continue
+        same.append((run, report))
     suites = []
-    for suite, reports in sorted(by_suite.items()):
-        same = list(reports)
-        report = reports[same[0]] if len(same) == 1 else report_data(same)
-        runs = [read_run(path) for path in same]
-        for run, origin in zip(runs, report["runs"], strict=True):
-            origin["checked"] = run_tier(run)
-        suites.append(SuitePart(suite, runs, report))
-    return Edition(version, suites, left_out)
+    for suite, of in sorted(by_suite.items()):
+        if of[True]:
+            self_reported = _part(suite, of[False]) if of[False] else None
+            suites.append(replace(_part(suite, of[True]), self_reported=self_reported))
+            continue
+        left_out += [
+            f"{run.path.name} is left out: it is self-reported, and there is no record of suite "
+            f"{suite} that it could stand below"
+            for run, _ in of[False]
+        ]
+    keys = [key for key in published_keys(folder) if key.version == version]
+    return Edition(version, suites, left_out, keys)
+
+
+def _part(suite: str, found: Sequence[tuple[Run, ReportData]]) -> SuitePart:
+    runs = [run for run, _ in found]
+    report = found[0][1] if len(found) == 1 else report_data([run.path for run in runs])
+    for run, origin in zip(runs, report["runs"], strict=True):
+        origin["checked"] = run_tier(run)
+    return SuitePart(suite, runs, report)

@@ -9,10 +9,11 @@ from urllib.parse import quote
 
 from markupsafe import Markup
 
-from eitbench.benchmark.analysis.hidden import read_hidden
+from eitbench.benchmark.analysis.hidden import is_retired, published_keys, read_hidden
 from eitbench.benchmark.analysis.overall import MIN_SCENARIOS
 from eitbench.benchmark.analysis.results import failures
 from eitbench.benchmark.analysis.standings import SIGNIFICANT
+from eitbench.benchmark.analysis.tiers import is_ranked, tier
 from eitbench.reports.page.answer import answer
 from eitbench.reports.page.report_data import counted_data
 from eitbench.reports.site.edition import Edition, SuitePart, method_file, name_of
@@ -63,7 +64,7 @@ def overall_table(edition: Edition) -> Table | None:
     ranks = {suite.name: mean_ranks(suite) for suite in suites}
     heads = ["Method", "Comparisons won", "Suites", "Simulated training", *(s.name for s in suites)]
     trained = {
-        row["label"]: row["training"]
+        name_of(row): row["training"]
         for suite in suites
         for board in suite.boards
         for row in board["views"][0]["rows"]
@@ -81,12 +82,13 @@ def overall_table(edition: Edition) -> Table | None:
             cells.append(Cell("–", "number") if of is None else _rank_cell(*of))
         rows.append(cells)
     note = (
-        "A method is compared with every other one on each scenario, by the figure that ranks "
-        "there. A suite counts as much as any other, and figures of different scenarios are never "
-        "averaged. Intervals (95 %) are of a bootstrap over suites. Methods on fewer than "
-        f"{MIN_SCENARIOS} suites stand below the others, without an interval: they met few "
-        "opponents. Columns of suites hold the mean rank over their scenarios and the number of "
-        "methods there."
+        "A method is compared with every other one on each data set, by the figure that ranks "
+        "there. A data set that several suites use counts once, in the suite that has the most "
+        "methods on it. A suite counts as much as any other, and figures of different data sets "
+        "are never averaged. Intervals (95 %) are of a bootstrap over suites. Methods on fewer "
+        f"than {MIN_SCENARIOS} suites stand below the others, without an interval: they met few "
+        "opponents. Columns of suites hold the mean rank over all of their own scenarios and the "
+        "number of methods there. Green: in the first third of them; red: in the last third."
     )
     return Table("Over all suites", heads, rows, note)
 
@@ -96,14 +98,13 @@ def mean_ranks(suite: SuitePart) -> dict[str, tuple[float, int]]:
 
     Methods without a figure on one of the scenarios are left out.
     """
-    boards = suite.boards
-    found: dict[str, list[int]] = {}
-    for board in boards:
-        for row in board["views"][0]["rows"]:
-            if row["label"] in suite.figures[board["scenario"]]:
-                found.setdefault(row["label"], []).append(row["rank"])
-    most = max(len(board["views"][0]["rows"]) for board in boards)
-    return {name: (sum(of) / len(of), most) for name, of in found.items() if len(of) == len(boards)}
+    scenarios = list(suite.figures.values())
+    most = max(map(len, scenarios))
+    return {
+        name: (sum(1 + sum(v > of[name] for v in of.values()) for of in scenarios) / n, most)
+        for name in scenarios[0]
+        if (n := sum(name in of for of in scenarios)) == len(scenarios)
+    }
 
 
 def _rank_cell(rank: float, most: int) -> Cell:
@@ -164,9 +165,12 @@ def summary_table(suite: SuitePart) -> Table | None:
     found = suite.report["overall"].get("||")
     if not found:
         return None
+    names = {
+        row["label"]: name_of(row) for board in suite.boards for row in board["views"][0]["rows"]
+    }
     rows: list[list[Text | Cell]] = [
         [
-            link(row["method"], method_file(row["method"]), "../"),
+            link(row["method"], method_file(names[row["method"]]), "../"),
             Cell(_with_ends(row, "rank", ".2f"), "number"),
             Cell(_with_ends(row, "wins", ".0%"), "number"),
         ]
@@ -197,10 +201,10 @@ def matrix_table(suite: SuitePart) -> Table | None:
         cells: list[Text | Cell] = [
             Markup("{}<small> {}</small>").format(board["scenario"], column.title if column else "")
         ]
-        best = board["views"][0]["rows"][0]["group"] or ""
+        best = board["views"][0]["rows"][0].get("group") or ""
         for name in names:
             text = column.text(of[name]) if column and name in of else "–"
-            equal = name in of and set(best) & set(of[name]["group"] or "")
+            equal = name in of and set(best) & set(of[name].get("group") or "")
             kind = "number best" if equal else "number"
             cells.append(Cell(text, kind))
         rows.append(cells)
@@ -210,31 +214,82 @@ def matrix_table(suite: SuitePart) -> Table | None:
 
 def hidden_table(suite: SuitePart) -> Table | None:
     """Methods on the open and on a hidden test set; None where none was drawn."""
-    gaps = [
-        gap
-        for record in read_hidden(suite.runs[0].path.resolve().parent)
+    version = suite.runs[0].path.resolve().parent
+    keys = published_keys(version)
+    found = [
+        (gap, "key published" if is_retired(keys, record.key) else "key secret")
+        for record in read_hidden(version)
         if record.suite == suite.name
         for gap in record.gaps
     ]
-    if not gaps:
+    if not found:
         return None
     rows: list[list[Text | Cell]] = [
-        [Cell(text, "number" if k > 2 else "") for k, text in enumerate(gap_texts(gap))]
-        for gap in gaps
+        [*(Cell(text, "number" if k > 2 else "") for k, text in enumerate(gap_texts(gap))), key]
+        for gap, key in found
     ]
-    return Table("On a hidden test set", HEADS, rows, gaps_note(gaps))
+    note = gaps_note([gap for gap, _ in found])
+    if any(key == "key published" for _, key in found):
+        note += (
+            " Key published: the key was secret when these methods ran. It is published now, so "
+            "that anybody can draw the set; methods that come later need a new key."
+        )
+    return Table("On a hidden test set", [*HEADS, "Key"], rows, note)
 
 
-def board_table(board: BoardData) -> Table:
-    """The leaderboard of one scenario, with the columns of a table in a paper."""
+def hidden_keys(edition: Edition) -> str:
+    """Say which hidden sets of a version have a secret key, and which one that is published."""
+    published = sorted({of.suite for of in edition.keys if of.retired})
+    secret = sorted({of.suite for of in edition.keys} - set(published))
+    sentences = []
+    if secret:
+        sentences.append(f"The key of {', '.join(secret)} is secret.")
+    if published:
+        sentences.append(
+            f"The key of {', '.join(published)} is published since its runs were made: anybody can "
+            "draw these sets, so they are no test of a method that comes later. It needs a new key."
+        )
+    return printable(" ".join(sentences))
+
+
+def self_reported_table(suite: SuitePart) -> Table | None:
+    """Submissions that are not ranked; None without any."""
+    if suite.self_reported is None:
+        return None
+    rows: list[list[Text | Cell]] = []
+    for board in suite.self_reported.report["boards"]:
+        for row in board["views"][0]["rows"]:
+            column = layout(row).column(board["ranked_by"])
+            rows.append([
+                row["scenario"] + (f" ({board['apart']})" if board["apart"] else ""),
+                Cell(link(name_of(row), method_file(name_of(row)), "../")),
+                printable(row["run"]),
+                Cell(f"{column.title} {column.whole_text(row)}" if column else "–", "number"),
+                "self-reported",
+            ])  # fmt: skip
+    note = (
+        "Nobody but their authors has made these images. They count in no rank, no answer and no "
+        "comparison until they are made again from code (tier reproduced)."
+    )
+    heads = ["Scenario", "Method", "Submission", "Figure", "Tier"]
+    return Table("Self-reported, not ranked", heads, rows, note)
+
+
+def board_table(board: BoardData, suite: SuitePart) -> Table:
+    """The leaderboard of one scenario, with the columns of a table in a paper.
+
+    Where the suite has submissions, every row has its tier.
+    """
     rows = board["views"][0]["rows"]
     shown = layout(rows[0])
     columns = [
         column
-        for found in board["columns"]
-        if (column := Column(**found)).name in shown.paper and column.name not in ("run", "n")
+        for of in board["columns"]
+        if (column := Column(**of)).name in shown.paper and column.name not in ("run", "n")
     ]
-    table = [[_cell(column, row, rows) for column in columns] for row in rows]
+    table: list[list[Text | Cell]] = [
+        [_cell(column, row, rows) for column in columns] for row in rows
+    ]
     about = [f"{board['n']:,} samples"]
     if board["sensor"]:
         about.append(f"sensor {board['sensor']}")
@@ -246,6 +301,11 @@ def board_table(board: BoardData) -> Table:
         about.append("data from the mesh that methods invert with")
     title = board["scenario"] + (f" ({board['apart']})" if board["apart"] else "")
     heads = [f"{column.title} {column.arrow}".strip() for column in columns]
+    if suite.has_submissions:
+        heads.append("Tier")
+        for row, texts in zip(rows, table, strict=True):
+            found = tier(suite.run(row["run"]), row["scenario"], name_of(row))
+            texts.append(found.tier + (" (key published)" if found.key_published else ""))
     return Table(title, heads, table, printable(", ".join(about)) + ".")
 
 
@@ -273,36 +333,43 @@ def _with_ends(row: Row, name: str, form: str) -> str:
 def results_table(name: str, edition: Edition) -> Table:
     """Every result of a method, with the command that makes it again."""
     heads = ["Suite", "Scenario", "Rank", "Ties", "Figure", "Frame", "Tier", "Command"]
-    rows = []
-    for suite in edition.suites:
-        for board in suite.report["boards"]:
-            for row in board["views"][0]["rows"]:
-                if name_of(row) != name:
-                    continue
-                column = layout(row).column(board["ranked_by"])
-                figure = "–" if column is None else f"{column.title} {column.whole_text(row)}"
-                scenario = row["scenario"] + (f" ({board['apart']})" if board["apart"] else "")
-                rank = f"{row['rank']} of {len(board['views'][0]['rows'])}"
-                time = row.get("frame_ms_p50")
-                runs = [row["run"], *(row["repeats"] or "").split(", ")]
-                for run in filter(None, runs):
-                    command = Markup("<code>{}</code>").format(row["command"])
-                    rows.append([
-                        link(suite.name, suite.file, "../"), scenario, Cell(rank, "number"),
-                        row["group"] or "–", Cell(printable(figure), "number"),
-                        Cell("–" if time is None else f"{time:.3g} ms", "number"),
-                        tier_text(suite.run(run), row) or run_tier(suite.run(run)), command,
-                    ])  # fmt: skip
+    rows = [
+        cells
+        for part in edition.parts
+        for board in part.report["boards"]
+        for row in board["views"][0]["rows"]
+        if name_of(row) == name
+        for cells in _results(part, board, row)
+    ]
     return Table("Every result", heads, rows)
+
+
+def _results(part: SuitePart, board: BoardData, row: Row) -> list[list[Text | Cell]]:
+    """A row of `results_table` for each run that holds a result of a method."""
+    column = layout(row).column(board["ranked_by"])
+    figure = "–" if column is None else f"{column.title} {column.whole_text(row)}"
+    scenario = row["scenario"] + (f" ({board['apart']})" if board["apart"] else "")
+    rank, time = f"{row['rank']} of {len(board['views'][0]['rows'])}", row.get("frame_ms_p50")
+    runs = [part.run(run) for run in (row["run"], *(row["repeats"] or "").split(", ")) if run]
+    return [
+        [
+            link(part.name, part.file, "../"), scenario,
+            Cell(rank if is_ranked(run) else "not ranked", "number"),
+            row.get("group") or "–", Cell(printable(figure), "number"),
+            Cell("–" if time is None else f"{time:.3g} ms", "number"),
+            tier_text(run, row) or run_tier(run), Markup("<code>{}</code>").format(row["command"]),
+        ]
+        for run in runs
+    ]  # fmt: skip
 
 
 def told(name: str, edition: Edition) -> list[tuple[str, str]]:
     """What a method was told, and on which scenarios."""
     found: dict[str, list[str]] = {}
-    for suite in edition.suites:
-        for board, row in suite.rows(name):
+    for part in edition.parts:
+        for board, row in part.rows(name):
             if says := row.get("prior_knowledge"):
-                found.setdefault(says, []).append(f"{suite.name} / {board['scenario']}")
+                found.setdefault(says, []).append(f"{part.name} / {board['scenario']}")
     return [(says, _listed(where)) for says, where in found.items()]
 
 

@@ -7,6 +7,7 @@ of each suite lies beside them. Pages hold no scripts, and nothing is loaded fro
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -14,8 +15,11 @@ from typing import TYPE_CHECKING, Any
 
 from eitbench import __version__
 from eitbench.benchmark import EitbenchError, atomic_write
-from eitbench.benchmark.analysis.catalogue import about_method, about_recording
-from eitbench.benchmark.analysis.results import NOTES_FILE
+from eitbench.benchmark.analysis.catalogue import about_method, about_recording, packaged_suites
+from eitbench.benchmark.analysis.results import NOTES_FILE, Run, plugin_file
+from eitbench.benchmark.analysis.statement import read_statement
+from eitbench.benchmark.analysis.submission import FOLDER as SUBMISSIONS
+from eitbench.benchmark.analysis.tiers import is_submission
 from eitbench.benchmark.rundir import manifest
 from eitbench.benchmark.rundir.file_names import file_name
 from eitbench.benchmark.rundir.kinds import RUN_KINDS
@@ -33,10 +37,12 @@ from eitbench.reports.site.pages import (
     brief_answers,
     chosen_parameters,
     failings,
+    hidden_keys,
     hidden_table,
     matrix_table,
     overall_table,
     results_table,
+    self_reported_table,
     summary_table,
     told,
 )
@@ -116,7 +122,7 @@ class _Site:
         edition = self.edition
         yield "index.html", self._front()
         title = "How to submit a run"
-        yield "submit.html", self._page("submit", title, home="")
+        yield "submit.html", self._page("submit", title, home="", keys=hidden_keys(edition))
         for suite in edition.suites:
             yield suite.file, self._suite(suite)
             found = findings(list(suite.runs))
@@ -134,12 +140,12 @@ class _Site:
 
     def copy_records(self) -> None:
         """Copy manifests and tables of runs, which the pages of suites link to."""
-        for suite in self.edition.suites:
-            for run in suite.runs:
-                folder = self.out / self.place / _record_folder(run.path.name)
+        for part in self.edition.parts:
+            for run in part.runs:
+                folder = self.out / self.place / _folder(part, run)
                 folder.mkdir(parents=True, exist_ok=True)
-                for name in _kept(run.path):
-                    shutil.copyfile(run.path / name, folder / name)
+                for name, shown in _kept(run).items():
+                    shutil.copyfile(run.path / name, folder / shown)
 
     def recordings(self) -> dict[str, Recording]:
         """The public recorded sets of all suites, by name."""
@@ -167,12 +173,15 @@ class _Site:
 
     def _front(self) -> bytes:
         edition = self.edition
-        frames = sum(board["n"] for suite in edition.suites for board in suite.boards)
         lead = (
             "Methods of electrical impedance tomography for touch, compared: "
-            f"{len(edition.methods)} methods on {len(edition.suites)} suites with {frames:,} test "
-            "frames. Every figure is read from a stored run."
+            f"{len(edition.ranked)} methods on {len(edition.suites)} suites with "
+            f"{edition.frames:,} test frames. Every figure is read from a stored run."
         )
+        if edition.version and not self._newest:  # older versions had other suites
+            known = packaged_suites()
+            recorded = sum(suite.name in known for suite in edition.suites)
+            lead += f" There is a record of {recorded} of {len(known)} suites."
         suites = [
             {
                 "name": suite.name,
@@ -202,7 +211,9 @@ class _Site:
         boards = suite.report["boards"]
         few = len(boards) <= MOST_TABLES
         runs = []
-        for run, origin in zip(suite.runs, suite.report["runs"], strict=True):
+        for run, origin in (
+            of for part in suite.parts for of in zip(part.runs, part.report["runs"], strict=True)
+        ):
             about = [
                 str(origin["started"] or "")[:10],
                 f"eitbench {(origin['versions'] or {}).get('eitbench', '')}".strip(),
@@ -210,13 +221,12 @@ class _Site:
                 str((origin["machine"] or {}).get("cpu") or ""),
                 run_tier(run),
             ]
-            folder = _record_folder(run.path.name)
-            files = [(name, _quoted(f"../{folder}/{name}")) for name in _kept(run.path)]
             runs.append(
                 {
-                    "name": run.path.name,
+                    "name": printable(run.path.name),
                     "about": printable(", ".join(filter(None, about))),
-                    "files": files,
+                    "files": _files(suite, run),
+                    "said": read_statement(run.path) if is_submission(run.path) else None,
                 }
             )
         return self._page(
@@ -229,8 +239,8 @@ class _Site:
             report=_quoted(f"../{suite.report_file}"),
             above=[of for of in (summary_table(suite), matrix_table(suite)) if of],
             boards=[
-                *((board_table(board) for board in boards) if few else ()),
-                *filter(None, [hidden_table(suite)]),
+                *((board_table(board, suite) for board in boards) if few else ()),
+                *filter(None, [self_reported_table(suite), hidden_table(suite)]),
             ],
             runs=runs,
             licence=LICENCE,
@@ -245,7 +255,7 @@ class _Site:
 
     def _card_of(self, suite: SuitePart) -> str:
         """The path of the card of a suite, beside the table that it describes."""
-        return f"{_record_folder(suite.runs[0].path.name)}/croissant.json"
+        return f"{_folder(suite, suite.runs[0])}/croissant.json"
 
     def _suite_card(self, suite: SuitePart) -> dict[str, Any]:
         run, date = suite.runs[0], _date(suite)
@@ -265,8 +275,8 @@ class _Site:
         entry = entries().get(KEYS.get(name, ""), "")
         stated = {
             k: v
-            for s in edition.suites
-            for run in s.report["runs"]
+            for part in edition.parts
+            for run in part.report["runs"]
             for k, v in run["sources"].items()
         }
         wins = next((row for row in edition.wins if row.method == name), None)
@@ -276,12 +286,22 @@ class _Site:
             printable(name),
             home="../",
             about=about,
+            submissions=[
+                {
+                    "name": printable(f"{part.name} / {run.path.name}"),
+                    "said": read_statement(run.path),
+                    "files": _files(part, run),
+                }
+                for part in edition.parts
+                for run in part.runs
+                if is_submission(run.path) and name in set(run.cells[run.kind.name])
+            ],
             source=printable(reference(name) or stated.get(name, "")),
             doi=entry_field(entry, "doi"),
             code=code,
             wins=wins
             and f"{wins.share:.0%} of its comparisons, on {wins.suites} suites "
-            f"({wins.scenarios} scenarios)",
+            f"({wins.data_sets} data sets)",
             chosen=chosen_parameters(name, edition),
             told=told(name, edition),
             names_of_training=_NAMES_OF_TRAINING,
@@ -379,10 +399,25 @@ def _card_file(name: str) -> str:
     return f"data/{file_name(name)}.croissant.json"
 
 
-def _record_folder(run: str) -> str:
-    return f"records/{file_name(run)}"
+def _folder(suite: SuitePart, run: Run) -> str:
+    """The folder of the files of a run, from the front page; no two runs of an edition share it."""
+    kind = SUBMISSIONS if is_submission(run.path) else "records"
+    return f"{kind}/{file_name(suite.name)}/{file_name(run.path.name)}"
 
 
-def _kept(run: Path) -> list[str]:
+def _files(suite: SuitePart, run: Run) -> list[tuple[str, str]]:
+    """The names of the files of a run, and their addresses from a page of a suite or a method."""
+    folder = _folder(suite, run)
+    return [(name, _quoted(f"../{folder}/{shown}")) for name, shown in _kept(run).items()]
+
+
+def _kept(run: Run) -> dict[str, str]:
+    """The files of a run that the site holds, with their names there."""
     names = (manifest.FILE_NAME, SAMPLES, *(kind.table for kind in RUN_KINDS.values()), NOTES_FILE)
-    return [name for name in dict.fromkeys(names) if (run / name).is_file()]
+    kept = {name: name for name in names if (run.path / name).is_file()}
+    for plugin in run.manifest["plan"].get("plugins", ()):
+        code = plugin_file(plugin)
+        # What a manifest names may lie elsewhere.
+        if (run.path / code).is_file() and re.fullmatch("[0-9a-f]{64}", plugin["sha256"]):
+            kept[code] = f"{Path(code).name}.txt"
+    return kept

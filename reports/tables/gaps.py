@@ -63,11 +63,11 @@ def tier_text(run: Run, row: Row) -> str:
     if found.gap is None:
         on = f" on {found.reproduced_on}" if found.reproduced_on else ""
         return f"{found.tier}{on}{times}"
-    gap = found.gap
+    gap, published = found.gap, " (key published)" if found.key_published else ""
     fall = ", which is more than chance" if gap.falls else ""
     number = _FORMS[gap.figure].number
     return (
-        f"{found.tier}, {METRICS[gap.figure].heading} {number(gap.hidden)} there and "
+        f"{found.tier}{published}, {METRICS[gap.figure].heading} {number(gap.hidden)} there and "
         f"{number(gap.open)} here, difference {difference(gap)}{fall}{times}"
     )
 

@@ -412,9 +412,12 @@ def test_a_submission_rises_from_tier_to_tier(folder: Path) -> None:
     standing = tier(found, "n", "gentle")
     assert standing.tier == "hidden"
     assert standing.gap is not None
+    assert standing.reproduced_on == "12 of 12 samples"
     (told,) = [note for note in notes(ranked_rows([folder])) if "tier" in note]
     assert "hidden, S 4.000 there and 5.000 here, difference -1.000 (-1.500 to -0.500)" in told
     assert "more than chance" in told
+    (folder.parent / "reproduced.json").unlink()
+    assert tier(found, "n", "gentle").tier == "self-reported"  # its open images are still unknown
 
 
 def test_a_run_has_no_tier_and_a_record_was_run_by_us(run: Path, tmp_path: Path) -> None:

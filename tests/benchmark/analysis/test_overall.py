@@ -4,7 +4,12 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from eitbench.benchmark.analysis.overall import MIN_SCENARIOS, overall
+from eitbench.benchmark.analysis.overall import (
+    MIN_SCENARIOS,
+    DataFigures,
+    overall,
+    wins_over_suites,
+)
 
 TABLE = {"one": {"a": 3.0, "b": 2.0, "c": 1.0}, "two": {"a": -4.0, "b": -4.0, "c": -9.0}}
 
@@ -74,3 +79,28 @@ def test_the_ratio_to_a_guess_is_the_median_over_scenarios() -> None:
     lacking = overall(errors, {"s1": 10.0})
     assert lacking is not None
     assert {row.ratio for row in lacking.rows} == {None}
+
+
+def test_wins_count_each_data_set_once_in_the_suite_with_the_most_methods() -> None:
+    shared = {"a": 1.0, "b": 2.0}
+    fields = [DataFigures("s1", "x", shared), DataFigures("s2", "x", {**shared, "c": 3.0})]
+    fields += [DataFigures(f"s{k}", "x", shared) for k in (3, 4, 5)]
+    rows = {row.method: row for row in wins_over_suites(fields)}
+    assert {name: row.share for name, row in rows.items()} == {"a": 0.0, "b": 0.5, "c": 1.0}
+    assert {(row.suites, row.data_sets, row.low) for row in rows.values()} == {(1, 1, None)}
+
+
+def test_a_suite_counts_as_much_as_any_other_by_the_data_that_are_its_own() -> None:
+    fields = [DataFigures("one", f"x{k}", {"a": 2.0, "b": 1.0}) for k in range(3)]
+    fields += [DataFigures("two", data, {"a": 1.0, "b": 2.0}) for data in ("x0", "x1", "y")]
+    rows = {row.method: row for row in wins_over_suites(fields)}
+    assert [rows["a"].share, rows["a"].suites, rows["a"].data_sets] == [0.5, 2, 4]
+
+
+def test_suites_that_share_their_data_make_no_interval_narrower() -> None:
+    fields = [
+        DataFigures(f"s{k}", f"x{k}", {"a": float(k % 2), "b": 0.5}) for k in range(MIN_SCENARIOS)
+    ]
+    again = [DataFigures(f"t{k}", "x1", {"a": 1.0, "b": 0.5}) for k in range(20)]
+    assert wins_over_suites(fields + again) == wins_over_suites(fields)
+    assert all(row.low is not None for row in wins_over_suites(fields))

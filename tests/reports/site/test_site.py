@@ -1,5 +1,6 @@
 """The site: pages whose links lead somewhere, and which say what stored runs say."""
 
+import hashlib
 import json
 import re
 import shutil
@@ -11,13 +12,21 @@ import pandas as pd
 import pytest
 from tests.support.made_runs import edited_manifest
 
+from eitbench.benchmark.analysis.hidden import Gap, HiddenRecord, write_hidden
 from eitbench.benchmark.analysis.rerun import digest
+from eitbench.benchmark.analysis.results import SHOWN
 from eitbench.reports.site.site import write_site
 from eitbench.reports.tables.leaderboard import FORMATS, ranked_rows
 from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.suites.suite import suites
 
 pytestmark = pytest.mark.slow
 
+SAID = {
+    "name": "Mine of 2026", "authors": ["A. Author", "B. Other"], "contact": "a@example.org",
+    "code": "https://example.org/mine", "commit": "c" * 40, "container": "", "licence": "MIT",
+    "training_data": "Nothing <b>at all</b>.", "test_split_seen": False,
+}  # fmt: skip
 NASTY = "<img src=x>/..%2F"
 
 
@@ -98,6 +107,22 @@ def test_the_front_counts_what_methods_win(build: Any, dataset_of: Any, tmp_path
     assert cells(page, "Over the 2 scenarios") == [["good", "1.00", "100%"], ["poor", "2.00", "0%"]]
 
 
+def test_data_that_suites_share_count_once(
+    run_builder: Any, dataset_of: Any, tmp_path: Path
+) -> None:
+    few, more = {"good": 0.9, "poor": 0.2}, {"good": 0.7, "poor": 0.8, "worst": 0.1}
+    for suite, shares in (("a", few), ("b", few), ("c", more), ("d", few)):
+        build = run_builder(tmp_path / "runs" / suite, suite)
+        build.add_scaled(dataset_of("conductivity", 12, f"of-{suite}"), shares).write()
+    (front, *_) = write_site(tmp_path / "runs", tmp_path / "site")
+    assert "3 methods on 4 suites with 12 test frames" in front.read_text()
+    rows = [row[:3] for row in cells(front.read_text(), "Over all suites")]
+    assert rows == [["poor", "100%", "1"], ["good", "50%", "1"], ["worst", "0%", "1"]]
+    # What the table is, and that it goes on, is said beside it.
+    assert "column for each of 4 suites. Where it is cut, scroll it sideways." in front.read_text()
+    assert "Green: in the first third of them; red: in the last third." in front.read_text()
+
+
 def test_an_older_version_stands_beside_the_newest(
     build: Any, dataset_of: Any, tmp_path: Path
 ) -> None:
@@ -135,6 +160,57 @@ def test_times_of_several_machines_are_shown_in_calibration_solves(runs: Path) -
     assert solves["first"] == pytest.approx(2 * solves["second"])
 
 
+def test_operators_have_pages_too(build_operators: Any, tmp_path: Path) -> None:
+    build_operators({"fem": 0.1, "jacobian": 0.3}, n=12)
+    (front, *_) = write_site(tmp_path, tmp_path / "site")
+    results = cells((front.parent / "methods" / "fem.html").read_text(), "Every result")
+    assert [row[:3] for row in results] == [["operators", "paper", "1 of 2"]]
+
+
+def test_the_front_says_of_how_many_suites_there_is_a_record(board: Path, tmp_path: Path) -> None:
+    shutil.copytree(board / "bench", board / "quick")
+    with edited_manifest(board / "quick") as content:
+        content["plan"]["suite"]["name"] = "quick"
+    (front, *_) = write_site(board.parent, tmp_path / "site")
+    assert f"There is a record of 1 of {len(suites())} suites." in front.read_text()
+
+
+def test_hidden_figures_say_if_their_key_is_published(board: Path, tmp_path: Path) -> None:
+    secret, retired = (bytes([k]) * 32 for k in (1, 2))
+    gap = Gap(
+        scenario="conductivity-set", method="good", code=None, figure="score", n=12, clusters=4,
+        open=5.0, hidden=4.0, difference=-1.0, low=-1.5, high=-0.5, p=0.001, falls=True,
+    )  # fmt: skip
+    keys = ""
+    for k, (suite, key) in enumerate({"bench": retired, "other": secret}.items()):
+        sha256 = hashlib.sha256(key).hexdigest()
+        keys += f'[[keys]]\nversion = "2026.1"\nsuite = "{suite}"\nsha256 = "{sha256}"\n'
+        keys += f'retired = "{key.hex()}"\n' if key == retired else ""
+        method = ("good", "poor")[k]
+        write_hidden(
+            HiddenRecord(
+                suite="bench", key=sha256, made="2026-01-01", eitbench="0.2.0", git_commit=None,
+                data={"conductivity-set": ("3f2a1b9c", "1" * 64)},
+                gaps=(gap.model_copy(update={"method": method}),),
+            ),
+            board,
+        )  # fmt: skip
+    (board.parent / "hidden.toml").write_text(keys)
+    (front, *_) = write_site(board.parent, tmp_path / "site")
+    page = (front.parent / "suites" / "bench.html").read_text()
+    assert [(row[1], row[-1]) for row in cells(page, "On a hidden test set")] == [
+        ("good", "key published"), ("poor", "key secret"),
+    ]  # fmt: skip
+    assert [(row[1], row[-1]) for row in cells(page, "conductivity-set")] == [
+        ("good", "hidden (key published)"), ("poor", "hidden"),
+    ]  # fmt: skip
+    results = cells((front.parent / "methods" / "good.html").read_text(), "Every result")
+    assert results[0][6].startswith("hidden (key published), S 4.000 there")
+    submit = (front.parent / "submit.html").read_text()
+    assert "The key of other is secret. The key of bench is published" in submit
+    assert "nobody has seen" not in submit
+
+
 def test_a_folder_without_runs_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no run directory"):
         write_site(tmp_path, tmp_path / "site")
@@ -152,3 +228,144 @@ def test_runs_whose_methods_were_run_again_say_so(runs: Path, tmp_path: Path) ->
     assert sorted(checked) == ["reproduced on 32 of 36 samples", "self-reported"]
     report = (tmp_path / "site" / "reports" / "bench" / "index.html").read_text()
     assert "reproduced on 32 of 36 samples" in report
+
+
+@pytest.fixture
+def board(run_builder: Any, dataset_of: Any, tmp_path: Path) -> Path:
+    """A record with two methods, two submissions of a third, one that has the record's name."""
+    folder = tmp_path / "records" / "2026.1"
+    data = dataset_of("conductivity", 12)
+    record = run_builder(folder / "bench").add_scaled(data, {"good": 0.7, "poor": 0.2}).write()
+    with edited_manifest(record) as content:
+        content["images"] = SHOWN
+    for name, share in (("bench", 0.9), ("tank", 0.8)):
+        run = run_builder(folder / "submissions" / "bench" / name)
+        path = run.add_scaled(data, {"mine": share}).write()
+        sha256 = digest_of(name)
+        plugin = {"path": "mine.py", "sha256": sha256, "names": ["mine"], "sources": [""]}
+        (path / "plugins").mkdir()
+        (path / "plugins" / f"{sha256[:16]}.py").write_text(f"# {name} <code>")
+        with edited_manifest(path) as content:
+            content["plan"]["plugins"] = [plugin]
+        (path / "submission.json").write_text(json.dumps(SAID | {"licence": f"of {name}"}))
+    return folder
+
+
+def digest_of(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def reproduced(board: Path, *names: str) -> None:
+    folder = board / "submissions" / "bench"
+    told = {digest(folder / name): "8 of 12 samples" for name in names}
+    (folder / "reproduced.json").write_text(json.dumps(told))
+
+
+def test_self_reported_submissions_are_shown_but_count_nowhere(board: Path, tmp_path: Path) -> None:
+    out = tmp_path / "site"
+    (front, *_) = write_site(board.parent, out)
+    assert [row[:2] for row in cells(front.read_text(), "Over all suites")] == [
+        ["good", "100%"], ["poor", "0%"],
+    ]  # fmt: skip
+    assert "2 methods on 1 suites" in front.read_text()
+    assert 'href="methods/mine.html"' in front.read_text()
+    page = (out / "suites" / "bench.html").read_text()
+    assert "good is the best" in page
+    assert [(row[1], row[-1]) for row in cells(page, "conductivity-set")] == [
+        ("good", "reproduced"), ("poor", "reproduced"),
+    ]  # fmt: skip
+    table = cells(page, "Self-reported, not ranked")
+    assert [row[:3] + row[4:] for row in table] == [
+        ["conductivity-set", "mine", name, "self-reported"] for name in ("bench", "tank")
+    ]
+    results = cells((out / "methods" / "mine.html").read_text(), "Every result")
+    assert [row[2] for row in results] == ["not ranked", "not ranked"]
+    results = cells((out / "methods" / "good.html").read_text(), "Every result")
+    assert [row[2] for row in results] == ["1 of 2"]
+
+
+def test_a_method_has_one_row_over_all_suites_whatever_runs_hold_it(
+    board: Path, tmp_path: Path
+) -> None:
+    shutil.move(board / "submissions" / "bench" / "bench", board / "submissions" / "bench" / "a")
+    reproduced(board, "a", "tank")
+    out = tmp_path / "site"
+    (front, *_) = write_site(board.parent, out)
+    assert cells(front.read_text(), "Over all suites") == [
+        ["mine", "100%", "1", "no", "1 of 3"],
+        ["good", "50%", "1", "no", "2 of 3"],
+        ["poor", "0%", "1", "no", "3 of 3"],
+    ]
+    page = (out / "suites" / "bench.html").read_text()
+    assert [(row[1], row[-1]) for row in cells(page, "conductivity-set")] == [
+        ("mine (a)", "reproduced"), ("mine (tank)", "reproduced"),
+        ("good", "reproduced"), ("poor", "reproduced"),
+    ]  # fmt: skip
+    assert "Self-reported, not ranked" not in page
+    assert "100% of its comparisons" in (out / "methods" / "mine.html").read_text()
+
+
+def test_a_reproduced_submission_does_not_replace_a_record_of_its_name(
+    board: Path, tmp_path: Path
+) -> None:
+    reproduced(board, "bench")
+    (front, *_) = write_site(board.parent, tmp_path / "site")
+    assert "bench is left out: suite bench has another folder of this name" in front.read_text()
+    assert "good is the best" in (front.parent / "suites" / "bench.html").read_text()
+
+
+def test_a_submission_without_a_record_to_stand_below_is_left_out(
+    board: Path, tmp_path: Path
+) -> None:
+    shutil.copytree(board / "bench", board / "other")
+    with edited_manifest(board / "other") as content:
+        content["plan"]["suite"]["name"] = "other"
+    shutil.rmtree(board / "bench")
+    (front, *_) = write_site(board.parent, tmp_path / "site")
+    assert "tank is left out: it is self-reported" in front.read_text()
+    assert not (front.parent / "suites" / "bench.html").exists()
+
+
+def test_no_run_takes_the_place_of_another_one(board: Path, tmp_path: Path) -> None:
+    out = tmp_path / "site"
+    for page in write_site(board.parent, out):
+        if page.parent.parent.name != "reports":
+            for link in links(page):
+                assert (page.parent / unquote(link)).is_file(), link
+    copies = {path.parent.relative_to(out): path for path in out.rglob("samples.parquet")}
+    for where, source in {
+        "records/bench/bench": board / "bench",
+        "submissions/bench/bench": board / "submissions" / "bench" / "bench",
+        "submissions/bench/tank": board / "submissions" / "bench" / "tank",
+    }.items():
+        original = source / "samples.parquet"
+        assert copies.pop(Path(where)).read_bytes() == original.read_bytes()
+    assert not copies
+
+
+def test_what_an_author_states_stands_by_the_run_and_by_the_method(
+    board: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "site"
+    write_site(board.parent, out)
+    for page in ("suites/bench.html", "methods/mine.html"):
+        text = (out / page).read_text()
+        for said in (
+            "Mine of 2026", "A. Author, B. Other", "cccccccccc", "of tank", "of bench",
+            'href="https://example.org/mine"', "Nothing &lt;b&gt;at all&lt;/b&gt;.",
+        ):  # fmt: skip
+            assert said in text, said
+        assert "a@example.org" not in text  # an address would be found by machines
+        for name in ("bench", "tank"):
+            copy = f"submissions/bench/{name}/{digest_of(name)[:16]}.py.txt"
+            assert f'href="../{copy}"' in text
+            assert (out / copy).read_text() == f"# {name} <code>"
+    assert "Mine of 2026" not in (out / "methods" / "good.html").read_text()
+
+
+def test_no_file_outside_a_submission_is_shown_as_its_plugin(board: Path, tmp_path: Path) -> None:
+    (board / "submissions" / "bench" / "s.py").write_text("secret")
+    with edited_manifest(board / "submissions" / "bench" / "tank") as content:
+        content["plan"]["plugins"][0]["sha256"] = "../../s"
+    write_site(board.parent, tmp_path / "site")
+    assert not list((tmp_path / "site").rglob("s.py*"))

@@ -21,10 +21,11 @@ FIRST_VIEW = 300_000  # bytes before images
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The site of two records of the leaderboard, under a path of its host."""
+    """The site of records of the leaderboard, under a path of its host."""
     root = tmp_path_factory.mktemp("host")
     for name in ("quick", "imperfect"):
         shutil.copytree(RECORDS / "2026.1" / name, root / "records" / "2026.1" / name)
+    shutil.copytree(RECORDS / "2026.2" / "few-presses", root / "records" / "2026.1" / "few-presses")
     return write_site(root / "records", root / "some" / "path")[0].parent
 
 
@@ -37,6 +38,7 @@ def address(site: Path) -> Iterator[str]:
         server.shutdown()
 
 
+REPORT = "reports/few-presses/index.html"  # it has figures that are wider than a phone
 PAGES = ("index.html", "suites/quick.html", "methods/dnn.html", "data/ohmc16.html", "submit.html")
 
 
@@ -66,7 +68,7 @@ def test_a_page_is_small_and_has_no_faults_of_access(name: str, site: Path, brow
     opened.page.close()
 
 
-@pytest.mark.parametrize("name", PAGES)
+@pytest.mark.parametrize("name", [*PAGES, REPORT])
 def test_a_phone_shows_a_page_without_scrolling_sideways(
     name: str, site: Path, browser: Any
 ) -> None:
@@ -81,8 +83,8 @@ def test_the_keyboard_leads_to_a_suite_and_back(site: Path, browser: Any) -> Non
     page.keyboard.press("Tab")
     assert page.evaluate("document.activeElement.textContent") == "To the content"
     tabs = page.locator("nav.tabs a")
-    assert tabs.all_inner_texts() == ["Overall", "imperfect", "quick"]
-    tabs.nth(2).focus()
+    assert tabs.all_inner_texts() == ["Overall", "few-presses", "imperfect", "quick"]
+    tabs.nth(3).focus()
     page.keyboard.press("Enter")
     page.wait_for_url("**/suites/quick.html")
     assert page.locator("nav.tabs [aria-current=page]").inner_text() == "quick"
