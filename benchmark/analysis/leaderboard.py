@@ -92,8 +92,8 @@ def ranked_boards(runs: Sequence[Run]) -> list[list[Entry]]:
         names = ["suite", "scenario", run.kind.name, *run.kind.labels]
         known, rivals = _known(run), _rivals(run)
         for values, cell in () if run.samples.empty else run.samples.groupby(names, sort=False):
-            keys = dict(zip(names, map(str, values), strict=True))
-            row = _row(run, keys, cell, known.get(tuple(keys.values())[1:], {}))
+            of = dict(zip(names, map(str, values), strict=True))
+            row = _row(run, of, cell, known.get(tuple(of.values())[1:], {}))
             entries.append(Entry(run, row, cell, (run.path.name,), rivals[row["scenario"]]))
     ranked = []
     for data in dict.fromkeys(_data_of(entry.row) for entry in entries):
@@ -176,7 +176,8 @@ def _known(run: Run) -> dict[tuple[str, ...], Row]:
     keys = ["scenario", run.kind.name, *run.kind.labels]
     shown = run.cells[run.cells["scenario"].isin(run.scenarios())]
     # Of several rows the first one counts.
-    return {tuple(str(row[key]) for key in keys): row for row in shown.to_dict("records")[::-1]}
+    rows = [{str(name): value for name, value in row.items()} for row in shown.to_dict("records")]
+    return {tuple(str(row[key]) for key in keys): row for row in rows[::-1]}
 
 
 def _row(run: Run, keys: Row, cell: pd.DataFrame, known: Row) -> Row:

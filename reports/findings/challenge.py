@@ -12,8 +12,9 @@ from eitbench.reports.tables.columns import printable
 
 def findings(run: Run) -> list[Finding]:
     """The scores summed over all targets beside published ones; none of other runs."""
-    judged = run.kind == METHOD_RUNS and "ktc_score" in run.samples
-    judged = judged and run.samples["ktc_score"].notna().any()
+    if run.kind != METHOD_RUNS or "ktc_score" not in run.samples:
+        return []
+    judged = run.samples["ktc_score"].notna().any()
     rows = challenge_rows(leaderboard_rows([run])) if judged else []
     if not rows:
         return []
