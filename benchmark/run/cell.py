@@ -178,11 +178,9 @@ class BatchResult:
         self._status += status
         self._message += message
 
-    def answer(self, values: Values, good: NDArray[np.bool_]) -> None:
-        """Add answered samples, of which those that are not `good` hold no valid output."""
-        status = ["ok" if valid else "invalid-output" for valid in good]
-        message = ["" if valid else "returned values that are not finite" for valid in good]
-        self.add(values, status, message)
+    def answer(self, values: Values, wrong: NDArray[np.str_]) -> None:
+        """Add answered samples with what is `wrong` with each, "" where nothing is."""
+        self.add(values, ["invalid-output" if of else "ok" for of in wrong], wrong.tolist())
 
     def fail(self, count: int, failure: Failure) -> None:
         """Add `count` samples that were lost to `failure`."""

@@ -166,8 +166,11 @@ class CellTask(ABC):
         """Return the stored arrays of `n` samples without an answer."""
 
     @abstractmethod
-    def values(self, split: str, rows: slice, reply: Reply) -> tuple[Values, NDArray[np.bool_]]:
-        """Return the stored arrays of an answer, and a mask (k,) of valid samples."""
+    def values(self, split: str, rows: slice, reply: Reply) -> tuple[Values, NDArray[np.str_]]:
+        """Return the stored arrays of an answer, and what is wrong with each sample (k,).
+
+        That is "" of valid ones, see `not_finite`.
+        """
 
     def warm(self, ask: Ask, *, pinned: bool) -> dict[str, float]:
         """Return times of the warm task, measured on valid samples of the test split.
@@ -188,6 +191,11 @@ class CellTask(ABC):
     def figures(self, stored: "StoredSamples") -> tuple[pd.DataFrame, dict[str, Any]]:
         """Return figures of every test sample, and of the cell as a whole."""
         return pd.DataFrame(), {}
+
+
+def not_finite(finite: NDArray[np.bool_], what: str = "values that are") -> NDArray[np.str_]:
+    """What is wrong with samples (k,) of which some are not `finite`; "" of the others."""
+    return np.where(finite, "", f"returned {what} not finite")
 
 
 class StoredSamples:

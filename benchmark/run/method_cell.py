@@ -36,6 +36,7 @@ from eitbench.benchmark.run.cell_task import (
     CellPlan,
     CellTask,
     StoredSamples,
+    not_finite,
 )
 from eitbench.benchmark.run.prior_knowledge import prior_knowledge_columns, read_report
 from eitbench.benchmark.rundir.cells import Values
@@ -290,7 +291,7 @@ class MethodCellTask(FrameTask):
             **{name: np.full((n, *shape), np.nan) for name, shape in STORED.items()},
         }
 
-    def values(self, split: str, rows: slice, reply: Reply) -> tuple[Values, NDArray[np.bool_]]:
+    def values(self, split: str, rows: slice, reply: Reply) -> tuple[Values, NDArray[np.str_]]:
         """Return the images, the time of each frame, and figures of what is stated of them."""
         sensor = self.data.test.sensor
         shape = (rows.stop - rows.start, *sensor.image_shape)
@@ -298,23 +299,26 @@ class MethodCellTask(FrameTask):
         mask, images = sensor.mask, array_in(said.get("images"), np.float32, shape, "images")
         # Pixels outside the sensor do not count.
         images[:, ~mask] = sensor.background
-        good = np.isfinite(images[:, mask]).all(axis=1)
+        wrong = not_finite(np.isfinite(images[:, mask]).all(axis=1))
         times = np.full(len(images), reply.seconds * 1e3 / len(images))
         found: dict[str, NDArray[Any]] = {"conductivity": images, "frame_ms": times}
         if "novelty" in said:
             found["novelty"] = array_in(said["novelty"], np.float32, shape[:1], "its novelty")
-            good &= np.isfinite(found["novelty"])
+            known = np.isfinite(found["novelty"])
+            wrong = np.where(wrong == "", not_finite(known, "a novelty that is"), wrong)
         if "uncertainty" in said:
             draws, placed = self._draws(images, said["uncertainty"])
-            good &= np.isfinite(draws[..., mask]).all(axis=(1, 2))
+            known = np.asarray(np.isfinite(draws[..., mask]).all(axis=(1, 2)))
+            wrong = np.where(wrong == "", not_finite(known, "an uncertainty that is"), wrong)
+            good = wrong == ""
             draws[~good] = images[~good] = sensor.background
             found |= kept_of_draws(self._true_images(rows), draws, images, sensor, placed=placed)
         for name, seconds in parsed(_SECONDS, said.get("seconds", {}), "what it states").items():
             found[f"{name}_ms"] = np.full(len(images), seconds * 1e3 / len(images))
         for name in found.keys() & {*STORED, "novelty", "novelty_ms"}:
-            found[name][~good] = np.nan
-        images[~good] = np.nan
-        return found, good
+            found[name][wrong != ""] = np.nan
+        images[wrong != ""] = np.nan
+        return found, wrong
 
     def _draws(self, images: Frames, stated: object) -> tuple[NDArray[np.float32], bool]:
         """Draws (n, DRAWS, H, W) of a stated uncertainty, and True if the method drew them."""

@@ -25,6 +25,7 @@ from eitbench.benchmark.run.cell_task import (
     CellPlan,
     CellTask,
     StoredSamples,
+    not_finite,
 )
 from eitbench.benchmark.rundir.cells import Cell, Values
 from eitbench.benchmark.rundir.run_arrays import TOUCHES_KEPT, TRUTH, Truth
@@ -166,9 +167,9 @@ class ReferenceModelTask(CellTask):
         shape = (n, *self.data.test.sensor.image_shape)
         return {"gradient": np.full(shape, np.nan, dtype=np.float32)}
 
-    def values(self, split: str, rows: slice, reply: Reply) -> tuple[Values, NDArray[np.bool_]]:
+    def values(self, split: str, rows: slice, reply: Reply) -> tuple[Values, NDArray[np.str_]]:
         """Return the gradients."""
-        return {"gradient": reply.value}, np.isfinite(reply.value).all(axis=(1, 2))
+        return {"gradient": reply.value}, not_finite(np.isfinite(reply.value).all(axis=(1, 2)))
 
 
 @dataclass(frozen=True)
@@ -235,7 +236,7 @@ class OperatorCellTask(CellTask):
             **{name: np.full(n, np.nan) for name in ("grad_cosine", "forward_ms", "grad_ms")},
         }
 
-    def values(self, split: str, rows: slice, reply: Reply) -> tuple[Values, NDArray[np.bool_]]:
+    def values(self, split: str, rows: slice, reply: Reply) -> tuple[Values, NDArray[np.str_]]:
         """Return voltages, cosines of gradients with the model's, and the time of each sample."""
         found, n, sensor = evaluation(reply), rows.stop - rows.start, self.data.test.sensor
         shapes = (n, sensor.n_measurements), (n, *sensor.image_shape)
@@ -253,7 +254,7 @@ class OperatorCellTask(CellTask):
             "forward_ms": np.full(n, found.forward_s * 1e3 / n),
             "grad_ms": np.full(n, found.grad_s * 1e3 / n),
         }
-        return values, good
+        return values, not_finite(good)
 
     def _model_gradients(self, rows: slice) -> Array:
         """Return the model's gradients (k, H, W) of `rows`, which all lie in one batch."""

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from eitbench.benchmark.metrics.specs import METRIC_COLUMNS
 from eitbench.benchmark.metrics.tactile import diameter
-from eitbench.benchmark.run.cell_task import CellData, CellPlan, StoredSamples
+from eitbench.benchmark.run.cell_task import CellData, CellPlan, StoredSamples, not_finite
 from eitbench.benchmark.run.method_cell import FrameTask, Rows, definition
 from eitbench.benchmark.run.prior_knowledge import place_knowledge
 from eitbench.benchmark.rundir.cells import Values
@@ -133,13 +133,13 @@ class PlaceCellTask(FrameTask):
         """Return places and times of NaN."""
         return {"place": np.full((n, 2), np.nan), "frame_ms": np.full(n, np.nan)}
 
-    def values(self, split: str, rows: slice, reply: Reply) -> tuple[Values, NDArray[np.bool_]]:
+    def values(self, split: str, rows: slice, reply: Reply) -> tuple[Values, NDArray[np.str_]]:
         """Return the places and the time of each press."""
         n = rows.stop - rows.start
         places = array_in(reply.value, np.float64, (n, 2), "answer")
         good = np.isfinite(places).all(axis=1)
         places[~good] = np.nan
-        return {"place": places, "frame_ms": np.full(n, reply.seconds * 1e3 / n)}, good
+        return {"place": places, "frame_ms": np.full(n, reply.seconds * 1e3 / n)}, not_finite(good)
 
     def prior_knowledge(self, value: object) -> dict[str, Any]:
         """Return the columns of `place_knowledge`."""

@@ -136,7 +136,9 @@ def test_sessions_of_one_unit_are_drawn_together() -> None:
 
 
 def test_a_score_that_is_not_finite_costs_the_frame(run: Run) -> None:
-    assert set(run.cell("known", "endless")["status"]) == {"invalid-output"}
+    endless = run.cell("known", "endless")
+    assert set(endless["status"]) == {"invalid-output"}
+    assert set(endless["message"]) == {"returned a novelty that is not finite"}
     assert set(run.cell("known", "silent")["status"]) == {"ok"}
     assert ("silent", "novelty") not in told(run)
     assert ("silent", "residual") in told(run)

@@ -154,7 +154,7 @@ def test_every_figure_has_an_interval_over_sessions(run: Run) -> None:
 def test_an_uncertainty_that_fails_costs_the_frame(run: Run) -> None:
     for name, status, message in (
         ("fails", "error", "OSError: no idea"),
-        ("wild", "invalid-output", "returned values that are not finite"),
+        ("wild", "invalid-output", "returned an uncertainty that is not finite"),
     ):
         rows = run.cell("n", name)
         assert set(rows["status"]) == {status}
