@@ -208,7 +208,8 @@ def matrix_table(suite: SuitePart) -> Table | None:
             kind = "number best" if equal else "number"
             cells.append(Cell(text, kind))
         rows.append(cells)
-    note = "Green: the best, and methods that cannot be told apart from it."
+    tested = any(board["clusters"] for board in boards)
+    note = "Green: the best, and methods that cannot be told apart from it." if tested else ""
     return Table("What ranks, by scenario", ["Scenario", *names], rows, note)
 
 
