@@ -173,6 +173,8 @@ def _data_of(row: Row) -> tuple[Any, ...]:
 
 def _known(run: Run) -> dict[tuple[str, ...], Row]:
     """What is known of each cell as a whole, by scenario, method (or operator) and labels."""
+    if run.cells.empty:
+        return {}
     keys = ["scenario", run.kind.name, *run.kind.labels]
     shown = run.cells[run.cells["scenario"].isin(run.scenarios())]
     # Of several rows the first one counts.

@@ -24,6 +24,7 @@ from eitbench.benchmark.analysis.results import (
     fastest_solves,
     read_run,
 )
+from eitbench.benchmark.findings.acuity import has_acuity
 from eitbench.benchmark.rundir import manifest
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
 from eitbench.benchmark.rundir.run_arrays import TRUTH
@@ -33,9 +34,6 @@ from eitbench.reports.page.images import shown_samples
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
-
-    from eitbench.scenarios.suites.suite import Suite
-
 SUMS = "SHA256SUMS"
 """Of all records of a version: shows that nobody changed them, with `sha256sum -c SHA256SUMS`."""
 
@@ -58,7 +56,7 @@ def write_record(run_path: Path, out: Path) -> Path:
         DataCorruptError: it cannot be read.
     """
     run = read_run(run_path)
-    check_new(manifest.suite_of(run.manifest), out)
+    check_new(out)
     if lacking := _lacking(run):
         raise InputError(f"{run_path} is no whole run: {lacking}.")
     write_notes(run_path)
@@ -126,17 +124,12 @@ def _without_busy_times(run: Run, out: Path) -> pd.DataFrame:
     return cells
 
 
-def check_new(suite: Suite, out: Path) -> None:
+def check_new(out: Path) -> None:
     """Check that there is no record in `out`, which is `RECORDS/VERSION/SUITE`, and can be one.
 
     Raises:
-        InputError: there is one, no such version can be, a file is in the way, or the suite has
-            figures that records do not tell.
+        InputError: there is one, no such version can be, or a file is in the way.
     """
-    if any(getattr(scenario, "acuity", None) is not None for scenario in suite.scenarios):
-        raise InputError(
-            f"Figures of {suite.name!r} are computed from all images, of which records keep few."
-        )
     if not re.fullmatch(r"20\d\d\.\d+", out.parent.name):
         raise InputError(
             f"A version is a year and a number, such as 2026.1; got {out.parent.name!r}."
@@ -157,6 +150,8 @@ def _lacking(run: Run) -> str:
         return "it holds frames of a hidden set, of which only figures are published"
     if not run.whole:
         return "it is a record itself, with images of few samples"
+    if has_acuity(run):
+        return "its figures are computed from all images, of which records keep few"
     if run.manifest.get("plan", {}).get("limit") != suite.limit:
         return "it was limited to some test samples"
     if missing := [s.name for s in suite.scenarios if s.name not in run.scenarios()]:
