@@ -211,6 +211,7 @@ def _row(run: Run, keys: Row, cell: pd.DataFrame, known: Row) -> Row:
     row |= {"inverse_crime": data.get("inverse_crime"), "sensor": data.get("sensor")}
     machine = known.get("machine")
     row["machine"] = machine if isinstance(machine, str) and machine else None
+    row["busy"] = known.get("busy") is True
     if kind.name == "method":
         solve = known.get("calibration_ms")
         frame = row["frame_ms_p50"]
@@ -222,7 +223,6 @@ def _row(run: Run, keys: Row, cell: pd.DataFrame, known: Row) -> Row:
             row[f"snr_db_{end}"] = _plain(cell["snr_db"].agg(end) if "snr_db" in cell else None)
         row["prior_knowledge"] = describe_prior_knowledge(known.get("prior_knowledge"))
         row["overlap"] = _plain(known.get("overlap"))
-        row["busy"] = known.get("busy") is True
         row["actions"] = describe_actions(known.get("actions"))
         row |= _below_ceiling(keys["scenario"], counted)
     return row

@@ -21,12 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from eitbench.benchmark.analysis.results import (
-    NOTES_FILE,
-    ROUNDED,
-    describe_actions,
-    rounded_images,
-)
+from eitbench.benchmark.analysis.results import NOTES_FILE, ROUNDED, describe_actions
 from eitbench.benchmark.analysis.submission import Check, Submission
 from eitbench.benchmark.checks.method_checks import SAME_FRAME
 from eitbench.benchmark.run.cell import BatchRunner
@@ -37,7 +32,7 @@ from eitbench.benchmark.rundir.cells import Cell
 from eitbench.benchmark.rundir.folder import read_json_file
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
 from eitbench.benchmark.rundir.plan import sha256
-from eitbench.benchmark.rundir.run_arrays import read_validation
+from eitbench.benchmark.rundir.run_arrays import read_validation, rounded_images
 from eitbench.benchmark.rundir.store import SAMPLES, TRACKS, RunStore
 from eitbench.benchmark.workers.confinement import check_isolation
 from eitbench.scenarios.errors import DataCorruptError

@@ -43,8 +43,6 @@ NOTES_FILE = "recordings.json"
 SHOWN, ROUNDED = "shown", "rounded"
 """Entries `images` of a manifest: of a record, and of a submission with rounded images, see
 `reports.board`."""
-STEPS = 1024
-"""Into at least so many the largest contrast of an image is divided where it is rounded."""
 _NOTES = TypeAdapter(dict[str, dict[str, float | None]], config=ConfigDict(strict=True))
 
 _FAMILIES = {"same": "the families of the test phantoms", "other": "other families of phantoms"}
@@ -212,25 +210,6 @@ def fastest_solves(cells: pd.DataFrame, about: Mapping[str, Any]) -> dict[str, f
     if own and solve:
         fastest[own] = min(fastest.get(own, np.inf), solve)
     return fastest
-
-
-def rounded_images(
-    images: NDArray[np.float32], background: float
-) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
-    """Round conductivity (n, H, W) [S/m] to steps of a share of each image's largest contrast.
-
-    A step is the largest power of 2 that is at most 1 / `STEPS` of that contrast: a touch that
-    changes little keeps as many levels as a strong one.
-
-    Returns:
-        The images, and their steps (n, 1, 1) [S/m].
-    """
-    contrast = images.astype(np.float64) - background
-    largest = np.abs(contrast).max(
-        axis=(1, 2), keepdims=True, where=np.isfinite(contrast), initial=0
-    )
-    steps = np.ldexp(1.0, np.frexp(largest)[1] - 1) / STEPS
-    return (background + np.round(contrast / steps) * steps).astype(np.float32), steps
 
 
 def cells_of(samples: pd.DataFrame) -> dict[tuple[str, str], pd.DataFrame]:

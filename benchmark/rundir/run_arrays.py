@@ -191,6 +191,29 @@ def read_validation(
         return np.asarray(stored[:], dtype=np.float32)
 
 
+STEPS = 1024
+"""Into at least so many the largest contrast of an image is divided where it is rounded."""
+
+
+def rounded_images(
+    images: NDArray[np.float32], background: float
+) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
+    """Round conductivity (n, H, W) [S/m] to steps of a share of each image's largest contrast.
+
+    A step is the largest power of 2 that is at most 1 / `STEPS` of that contrast: a touch that
+    changes little keeps as many levels as a strong one.
+
+    Returns:
+        The images, and their steps (n, 1, 1) [S/m].
+    """
+    contrast = images.astype(np.float64) - background
+    largest = np.abs(contrast).max(
+        axis=(1, 2), keepdims=True, where=np.isfinite(contrast), initial=0
+    )
+    steps = np.ldexp(1.0, np.frexp(largest)[1] - 1) / STEPS
+    return (background + np.round(contrast / steps) * steps).astype(np.float32), steps
+
+
 def names_in(path: Path) -> Iterator[str]:
     """Yield the names of all that the file at `path` holds, as far down as a run writes.
 

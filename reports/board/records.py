@@ -24,7 +24,6 @@ from eitbench.benchmark.analysis.results import (
     fastest_solves,
     read_run,
 )
-from eitbench.benchmark.findings.acuity import has_acuity
 from eitbench.benchmark.rundir import manifest
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
 from eitbench.benchmark.rundir.run_arrays import TRUTH
@@ -34,14 +33,18 @@ from eitbench.reports.page.images import shown_samples
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
+
 SUMS = "SHA256SUMS"
 """Of all records of a version: shows that nobody changed them, with `sha256sum -c SHA256SUMS`."""
 
 TIMES = ("frame_ms", "uncertainty_ms", "novelty_ms", "forward_ms", "grad_ms")
 """Columns of samples with what a method or operator took."""
 
-FRAME_TIMES = ["frame_ms_p50", "frame_ms_p95", "frame_ms_p99"]
-"""Columns of cells that the load of the machine changes."""
+SPEEDS = (
+    *("frame_ms_p50", "frame_ms_p95", "frame_ms_p99"),
+    *("first_frame_ms", "forward_ms", "grad_ms", "batch_fps"),
+)
+"""Columns of cells with a speed of a method or operator, which the load of the machine changes."""
 
 STEPS = 250
 """Values of an image over the data range of its sensor: images of records are rounded to these."""
@@ -55,8 +58,8 @@ def write_record(run_path: Path, out: Path) -> Path:
             scenarios of its suite; or there is a record already, which is never edited.
         DataCorruptError: it cannot be read.
     """
-    run = read_run(run_path)
     check_new(out)
+    run = read_run(run_path)
     if lacking := _lacking(run):
         raise InputError(f"{run_path} is no whole run: {lacking}.")
     write_notes(run_path)
@@ -111,7 +114,7 @@ def _without_busy_times(run: Run, out: Path) -> pd.DataFrame:
     know of the same machine. A ratio of the two would mislead, too: the load changes meanwhile.
     """
     cells = run.cells.copy()
-    if "calibration_ms" not in cells:  # of places and operators
+    if "calibration_ms" not in cells:  # of places
         return cells
     records = sorted(out.parents[1].glob(f"2*/*/{manifest.FILE_NAME}"))
     others = [read_run(path.parent) for path in records]
@@ -120,7 +123,7 @@ def _without_busy_times(run: Run, out: Path) -> pd.DataFrame:
         for machine, solve in fastest_solves(of.cells, of.manifest).items():
             fastest[machine] = min(solve, fastest.get(machine, np.inf))
     cells["busy"] = cells["calibration_ms"] > BUSY * cells["machine"].map(fastest)
-    cells.loc[cells["busy"], FRAME_TIMES] = np.nan
+    cells.loc[cells["busy"], [name for name in SPEEDS if name in cells]] = np.nan
     return cells
 
 
@@ -150,8 +153,6 @@ def _lacking(run: Run) -> str:
         return "it holds frames of a hidden set, of which only figures are published"
     if not run.whole:
         return "it is a record itself, with images of few samples"
-    if has_acuity(run):
-        return "its figures are computed from all images, of which records keep few"
     if run.manifest.get("plan", {}).get("limit") != suite.limit:
         return "it was limited to some test samples"
     if missing := [s.name for s in suite.scenarios if s.name not in run.scenarios()]:

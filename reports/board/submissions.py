@@ -12,12 +12,12 @@ import numpy as np
 
 from eitbench.benchmark import InputError, atomic_write
 from eitbench.benchmark.analysis.rescore import rescore
-from eitbench.benchmark.analysis.results import NOTES_FILE, ROUNDED, rounded_images
+from eitbench.benchmark.analysis.results import NOTES_FILE, ROUNDED
 from eitbench.benchmark.analysis.statement import STATEMENT, Statement
 from eitbench.benchmark.analysis.submission import check_submission, open_submission
 from eitbench.benchmark.rundir import manifest
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
-from eitbench.benchmark.rundir.run_arrays import TRUTH
+from eitbench.benchmark.rundir.run_arrays import TRUTH, rounded_images
 from eitbench.benchmark.rundir.store import SAMPLES
 from eitbench.reports.tables.leaderboard import ranked_rows, write_leaderboard
 

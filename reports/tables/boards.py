@@ -238,7 +238,7 @@ def _noise(board: Sequence[Row]) -> list[str]:
 
 def _busy(board: Sequence[Row]) -> list[str]:
     """A part of a sentence on times that are left out; empty where none is."""
-    names = [row["method"] for row in board if row.get("busy") and "method" in row]
+    names = [row.get("method") or row["operator"] for row in board if row.get("busy")]
     if not names:
         return []
     return [f"no time of {', '.join(names)}: the machine was busy with something else"]

@@ -14,10 +14,11 @@ from eitbench.benchmark.analysis.leaderboard import leaderboard_rows
 from eitbench.benchmark.analysis.rescore import rescore
 from eitbench.benchmark.analysis.results import read_run
 from eitbench.benchmark.run.runner import make_plan, start_run
+from eitbench.benchmark.rundir.kinds import RUN_KINDS, RunKind
 from eitbench.commands.board import app
 from eitbench.commands.results import app as results
 from eitbench.reports.board.changes import REASONS, changes, last_before, reasons
-from eitbench.reports.board.records import STEPS, SUMS, cost, sums_of, write_record
+from eitbench.reports.board.records import SPEEDS, STEPS, SUMS, cost, sums_of, write_record
 from eitbench.reports.page.images import shown_samples
 from eitbench.reports.page.report_data import report_data
 from eitbench.reports.site.site import write_site
@@ -100,7 +101,7 @@ def test_times_beside_something_else_are_left_out(run: Path, record: Path, tmp_p
     busy = with_solves(Path(shutil.copytree(run, tmp_path / "run")), {"noser": 1.3 * IDLE_MS})
     kept = write_record(busy, tmp_path / "2026.1" / "mine")
     rows = {row["method"]: row for row in leaderboard_rows([read_run(kept)])}
-    times = ("frame_ms_p50", "frame_ms_p95", "frame_solves")
+    times = ("first_frame_ms", "frame_ms_p50", "frame_ms_p95", "frame_solves", "batch_fps")
     assert {name: rows["noser"][name] for name in times} == dict.fromkeys(times)
     whole = {row["method"]: row for row in leaderboard_rows([read_run(record)])}
     assert rows["greit"] == {**whole["greit"], "run": rows["greit"]["run"]}
@@ -123,6 +124,19 @@ def test_a_slower_machine_alone_is_not_busy(run: Path, tmp_path: Path) -> None:
     write_record(run, tmp_path / "c" / "2026.1" / "first")
     kept = pd.read_parquet(write_record(slow, tmp_path / "c" / "2026.2" / "a") / "methods.parquet")
     assert kept["busy"].all()
+
+
+@pytest.mark.parametrize("kind", RUN_KINDS.values(), ids=lambda kind: kind.name)
+def test_no_record_has_a_speed_of_a_busy_machine(kind: RunKind) -> None:
+    for path in BOARD.glob(f"2*/*/{kind.table}"):
+        cells = pd.read_parquet(path)
+        speeds = [name for name in SPEEDS if name in cells]
+        assert set(speeds) <= set(kind.costs), path
+        if "busy" in cells:
+            assert cells.loc[cells["busy"], speeds].isna().all(axis=None), path
+            # Where it was idle, they are there, but for what a short run does not measure.
+            idle = cells.loc[~cells["busy"], [name for name in speeds if "p9" not in name]]
+            assert idle.notna().any().all() or idle.empty, path
 
 
 def test_nobody_changed_a_file_of_a_record(record: Path) -> None:

@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 from eitbench.benchmark.analysis.leaderboard import leaderboard_rows
-from eitbench.benchmark.analysis.results import read_run, rounded_images
+from eitbench.benchmark.analysis.results import read_run
 from eitbench.scenarios.errors import DataCorruptError, InputError
 
 
@@ -156,22 +156,3 @@ def test_what_is_known_of_recorded_data_is_in_their_rows(full_run: Path, tmp_pat
     for row in leaderboard_rows([read_run(path)]):
         known = (row["guess_mm"], row["reciprocity_error"], row["repeat_noise"])
         assert known == ((35.5, None, 1e-3) if row["scenario"] == "position-set" else (None,) * 3)
-
-
-def test_rounded_images_keep_as_many_levels_of_a_weak_touch_as_of_a_strong_one() -> None:
-    shape = np.random.default_rng(0).uniform(-1, 1, (1, 30, 30))
-    contrast = np.array([0.6, 0.004, 0.0])[:, None, None] * shape
-    images = (0.7 + contrast).astype(np.float32)
-    images[0, 0, 0] = np.nan
-    rounded, steps = rounded_images(images, 0.7)
-    assert np.isnan(rounded[0, 0, 0])
-    for k, largest in enumerate(np.nanmax(np.abs(images - 0.7), axis=(1, 2))[:2]):
-        away = np.abs(rounded[k] - images[k])
-        assert largest / 2048 <= steps[k, 0, 0] <= largest / 1024
-        assert 0 < np.nanmax(away) <= steps[k, 0, 0] / 2 + 1e-7  # what float32 rounds comes on top
-    np.testing.assert_array_equal(rounded[2], images[2])
-    # Float16 would keep but some ten levels of the weak one.
-    assert (
-        np.abs(images[1].astype(np.float16) - images[1]).max()
-        > 50 * np.abs(rounded[1] - images[1]).max()
-    )
